@@ -1,0 +1,1 @@
+"""Objects, units, provenance and errors; numpy only."""

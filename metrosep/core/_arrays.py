@@ -1,0 +1,41 @@
+"""Private helpers: arrays that cannot be changed, and checks on their content."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from metrosep.core.errors import InvalidSamplesError, TooFewSamplesError
+
+FloatArray = NDArray[np.float64]
+
+
+def frozen_float(values: ArrayLike, *, name: str, ndim: int, min_size: int = 1) -> FloatArray:
+    """Return a private, non-writeable float64 copy; infinities are refused, NaN kept."""
+    try:
+        array = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError) as exc:
+        raise InvalidSamplesError(
+            f"{name} must hold real numbers in SI, got {type(values).__name__}: {exc}"
+        ) from None
+    if array.ndim != ndim:
+        raise InvalidSamplesError(f"{name} must have {ndim} dimension(s), got shape {array.shape}")
+    if array.size < min_size:
+        raise TooFewSamplesError(f"{name} needs at least {min_size} sample(s), got {array.size}")
+    if np.isinf(array).any():
+        first = tuple(int(i) for i in np.argwhere(np.isinf(array))[0])
+        raise InvalidSamplesError(
+            f"{name} is infinite at index {first}; write NaN where nothing was measured"
+        )
+    array.setflags(write=False)
+    return array
+
+
+def same_length(**arrays: NDArray[Any]) -> None:
+    """Refuse arrays of unequal length, naming them."""
+    sizes = {name: a.size for name, a in arrays.items()}
+    if len(set(sizes.values())) > 1:
+        text = ", ".join(f"{n} has {s}" for n, s in sizes.items())
+        raise InvalidSamplesError(f"arrays must be equally long: {text}")

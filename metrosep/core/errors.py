@@ -1,0 +1,201 @@
+"""The tree of errors that metrosep raises; each message says what, where, why and what to do.
+
+::
+
+    MetrosepError
+    |-- ReadError                     a file cannot become a measurement
+    |   |-- UnknownFormatError        no reader knows the content
+    |   |-- AmbiguousFormatError      two readers are sure
+    |   |-- FormatMismatchError       the content is not what the caller declared
+    |   |-- CorruptFileError          bytes that do not fit (path, offset, field, expected, found)
+    |   `-- UnsupportedFeatureError   a legal file that this version does not read
+    |-- WriteError                    a result cannot be written; nothing half-written is left
+    |-- DataError (ValueError)        numbers that cannot be used
+    |   |-- NotUniformError
+    |   |-- TooFewSamplesError
+    |   |-- InvalidSamplesError
+    |   `-- UnitError
+    |-- FitError
+    |   |-- DegenerateFitError
+    |   `-- NotConvergedError
+    |-- SeparationError
+    |   `-- NotSeparableError
+    |-- TableError
+    |   |-- LimitError
+    |   `-- SignCheckFailedError      the dry-run did not shrink the error
+    `-- RecipeError                   key and line of a recipe
+"""
+
+from __future__ import annotations
+
+__all__ = [
+    "AmbiguousFormatError",
+    "CorruptFileError",
+    "DataError",
+    "DegenerateFitError",
+    "FitError",
+    "FormatMismatchError",
+    "InvalidSamplesError",
+    "LimitError",
+    "MetrosepError",
+    "NotConvergedError",
+    "NotSeparableError",
+    "NotUniformError",
+    "ReadError",
+    "RecipeError",
+    "SeparationError",
+    "SignCheckFailedError",
+    "TableError",
+    "TooFewSamplesError",
+    "UnitError",
+    "UnknownFormatError",
+    "UnsupportedFeatureError",
+    "WriteError",
+]
+
+
+class MetrosepError(Exception):
+    """Base of every error that metrosep raises on purpose."""
+
+
+class ReadError(MetrosepError):
+    """A file cannot be turned into a measurement."""
+
+
+class UnknownFormatError(ReadError):
+    """No reader recognises the content of the file."""
+
+
+class AmbiguousFormatError(ReadError):
+    """More than one reader is sure of the content; name one with ``format=``."""
+
+
+class FormatMismatchError(ReadError):
+    """The content is not what the caller declared (a column, a unit, a format)."""
+
+
+class CorruptFileError(ReadError):
+    """Bytes do not fit their own format.
+
+    Parameters
+    ----------
+    path : str
+        The file.
+    reason : str
+        One clause that says what is wrong.
+    offset : int, optional
+        Byte (or line, for text) at which it was noticed.
+    field : str, optional
+        Name of the field in the format's description.
+    expected, found : object, optional
+        What the format demands and what the file holds.
+    hint : str, optional
+        What the user can do.
+    """
+
+    def __init__(
+        self,
+        path: object,
+        reason: str,
+        *,
+        offset: int | None = None,
+        field: str | None = None,
+        expected: object = None,
+        found: object = None,
+        hint: str = "re-export the file from the instrument or copy it again",
+    ) -> None:
+        self.path = str(path)
+        self.reason = reason
+        self.offset = offset
+        self.field = field
+        self.expected = expected
+        self.found = found
+        parts = [f"{self.path}: {reason}"]
+        if field is not None:
+            parts.append(f"field {field}")
+        if offset is not None:
+            parts.append(f"at offset {offset}")
+        if expected is not None:
+            parts.append(f"expected {expected}")
+        if found is not None:
+            parts.append(f"found {found}")
+        super().__init__(", ".join(parts) + f"; {hint}")
+
+
+class UnsupportedFeatureError(ReadError):
+    """The file is legal, but uses something this version does not read."""
+
+
+class WriteError(MetrosepError):
+    """A result cannot be written; no half-written file is left behind."""
+
+
+class DataError(MetrosepError, ValueError):
+    """Numbers that cannot be used as they are."""
+
+
+class NotUniformError(DataError):
+    """A uniform grid is needed and the positions are not uniform."""
+
+
+class TooFewSamplesError(DataError):
+    """Fewer samples than the method needs."""
+
+
+class InvalidSamplesError(DataError):
+    """Samples are NaN, infinite, out of order or inconsistent."""
+
+
+class UnitError(DataError):
+    """A unit is missing, unknown or of the wrong dimension."""
+
+
+class FitError(MetrosepError):
+    """A fit has no trustworthy answer."""
+
+
+class DegenerateFitError(FitError):
+    """The data do not determine the parameters."""
+
+
+class NotConvergedError(FitError):
+    """The iteration ended before its criterion was met."""
+
+
+class SeparationError(MetrosepError):
+    """An error separation cannot be carried out."""
+
+
+class NotSeparableError(SeparationError):
+    """The readings cannot tell the parts from each other."""
+
+
+class TableError(MetrosepError):
+    """A compensation table cannot be made, read or written."""
+
+
+class LimitError(TableError):
+    """A table exceeds a limit of its controller or machine."""
+
+
+class SignCheckFailedError(TableError):
+    """The dry-run of a table did not shrink the measured error."""
+
+
+class RecipeError(MetrosepError):
+    """A recipe is wrong.
+
+    Parameters
+    ----------
+    message : str
+        What is wrong and what would be right.
+    key : str, optional
+        The key in the recipe.
+    line : int, optional
+        Its line, from 1.
+    """
+
+    def __init__(self, message: str, *, key: str | None = None, line: int | None = None) -> None:
+        self.key = key
+        self.line = line
+        super().__init__(message)

@@ -1,0 +1,247 @@
+"""`Profile`: heights z along positions x."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from html import escape
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from metrosep.core._arrays import FloatArray, frozen_float, same_length
+from metrosep.core.errors import InvalidSamplesError, NotUniformError, TooFewSamplesError
+from metrosep.core.provenance import Step, freeze_mapping
+from metrosep.core.units import format_length
+
+__all__ = ["Profile"]
+
+_UNIFORM_RTOL = 1e-6
+"""Largest deviation of a step from the mean step, relative, for a grid to count as uniform."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Profile:
+    """Heights along a line; frozen, SI, NaN = not measured.
+
+    Parameters
+    ----------
+    x : array_like, shape (n,), m
+        Positions, finite and strictly monotonic; descending positions are turned round together
+        with `z`.
+    z : array_like, shape (n,), m
+        Heights, out of the material; NaN where not measured.
+    metadata : mapping, optional
+        What the file said.
+    history : tuple of Step, optional
+        Where it came from.
+
+    Raises
+    ------
+    InvalidSamplesError
+        If the lengths differ, a position is not finite, or positions are not strictly monotonic.
+    TooFewSamplesError
+        If there is no sample.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> Profile(np.linspace(0, 1e-3, 5), [0, 1e-9, np.nan, 0, 0])
+    Profile(5 samples, 1 mm, step 250 um, z 0 m ... 1 nm, 1 not measured)
+    """
+
+    x: FloatArray
+    z: FloatArray
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+    history: tuple[Step, ...] = ()
+
+    def __init__(
+        self,
+        x: ArrayLike,
+        z: ArrayLike,
+        *,
+        metadata: Mapping[str, Any] | None = None,
+        history: tuple[Step, ...] = (),
+    ) -> None:
+        xs = frozen_float(x, name="x", ndim=1)
+        zs = frozen_float(z, name="z", ndim=1)
+        same_length(x=xs, z=zs)
+        if np.isnan(xs).any():
+            raise InvalidSamplesError(
+                f"position x is NaN at index {int(np.flatnonzero(np.isnan(xs))[0])}; a height "
+                "without a position cannot be used: drop the sample"
+            )
+        steps = np.diff(xs)
+        if steps.size and (steps < 0).all():
+            xs, zs = (
+                frozen_float(xs[::-1], name="x", ndim=1),
+                frozen_float(zs[::-1], name="z", ndim=1),
+            )
+        elif steps.size and not (steps > 0).all():
+            i = int(np.flatnonzero(steps <= 0)[0] if (steps > 0).sum() > 0 else 0)
+            raise InvalidSamplesError(
+                f"positions x are not strictly monotonic: x[{i}] = {xs[i]:.9g} m, "
+                f"x[{i + 1}] = {xs[i + 1]:.9g} m; split the run at its turning points or remove "
+                "the repeated encoder counts"
+            )
+        object.__setattr__(self, "x", xs)
+        object.__setattr__(self, "z", zs)
+        object.__setattr__(self, "metadata", freeze_mapping(metadata))
+        object.__setattr__(self, "history", tuple(history))
+
+    def __len__(self) -> int:
+        return int(self.x.size)
+
+    @property
+    def n_invalid(self) -> int:
+        """Number of samples that were not measured."""
+        return int(np.isnan(self.z).sum())
+
+    @property
+    def is_uniform(self) -> bool:
+        """Whether the step is the same everywhere, to 1e-6 of the mean step."""
+        steps = np.diff(self.x)
+        if steps.size == 0:
+            return False
+        mean = (self.x[-1] - self.x[0]) / steps.size
+        return bool(np.abs(steps - mean).max() <= _UNIFORM_RTOL * mean)
+
+    @property
+    def dx(self) -> float:
+        """Step in m of a uniform profile.
+
+        Raises
+        ------
+        NotUniformError
+            If the positions are not uniform.
+        """
+        if not self.is_uniform:
+            raise NotUniformError("the profile has no single step dx; resample it first")
+        return float((self.x[-1] - self.x[0]) / (self.x.size - 1))
+
+    def crop(self, start: float, stop: float) -> Profile:
+        """Return the part with ``start <= x <= stop``.
+
+        Parameters
+        ----------
+        start, stop : float, m
+            Limits, ``start < stop``.
+
+        Returns
+        -------
+        Profile
+            The samples inside.
+
+        Raises
+        ------
+        TooFewSamplesError
+            If no sample lies inside.
+        """
+        keep = (self.x >= start) & (self.x <= stop)
+        if not keep.any():
+            raise TooFewSamplesError(
+                f"no sample between {format_length(start)} and {format_length(stop)}; the profile "
+                f"spans {format_length(float(self.x[0]))} to {format_length(float(self.x[-1]))}"
+            )
+        step = Step("crop", {"start_m": start, "stop_m": stop})
+        return Profile(
+            self.x[keep], self.z[keep], metadata=self.metadata, history=(*self.history, step)
+        )
+
+    def remove_line(self) -> Profile:
+        """Return the profile without its least-squares line.
+
+        Returns
+        -------
+        Profile
+            Residual from the line through the valid samples.
+
+        Raises
+        ------
+        TooFewSamplesError
+            If fewer than two samples are valid.
+        """
+        valid = ~np.isnan(self.z)
+        if valid.sum() < 2:
+            raise TooFewSamplesError(f"a line needs 2 valid samples, got {int(valid.sum())}")
+        centre = self.x[valid].mean()
+        scale = max(float(np.ptp(self.x[valid])), np.finfo(float).tiny)
+        basis = np.column_stack([np.ones(self.x.size), (self.x - centre) / scale])
+        coefficients = np.linalg.lstsq(basis[valid], self.z[valid], rcond=None)[0]
+        step = Step("remove_line", {"slope_rad": float(coefficients[1] / scale)})
+        return Profile(
+            self.x,
+            self.z - basis @ coefficients,
+            metadata=self.metadata,
+            history=(*self.history, step),
+        )
+
+    def peak_to_valley(self) -> float:
+        """Return the largest minus the smallest valid height, nothing removed or filtered.
+
+        Returns
+        -------
+        float
+            P-V in m; NaN when nothing is valid.
+        """
+        valid = self.z[~np.isnan(self.z)]
+        return float(np.ptp(valid)) if valid.size else float("nan")
+
+    def rms(self) -> float:
+        """Return the root mean square of the valid heights about their mean.
+
+        Returns
+        -------
+        float
+            RMS in m; NaN when nothing is valid.
+        """
+        valid = self.z[~np.isnan(self.z)]
+        return float(valid.std()) if valid.size else float("nan")
+
+    def __repr__(self) -> str:
+        valid = self.z[~np.isnan(self.z)]
+        span = f"{format_length(float(np.ptp(self.x)))}"
+        step = f"step {format_length(self.dx)}" if self.is_uniform else "step not uniform"
+        heights = (
+            f"z {format_length(float(valid.min()))} ... {format_length(float(valid.max()))}"
+            if valid.size
+            else "nothing measured"
+        )
+        gaps = f", {self.n_invalid} not measured" if self.n_invalid else ""
+        return f"Profile({self.x.size} samples, {span}, {step}, {heights}{gaps})"
+
+    def _repr_html_(self) -> str:
+        """Return a small table for notebooks."""
+        rows = {
+            "samples": str(len(self)),
+            "from": format_length(float(self.x[0])),
+            "to": format_length(float(self.x[-1])),
+            "P-V (nothing removed)": format_length(self.peak_to_valley()),
+            "RMS about the mean": format_length(self.rms()),
+            "not measured": str(self.n_invalid),
+            "history": " → ".join(s.name for s in self.history) or "made in memory",
+        }
+        return html_table("Profile", rows)
+
+
+def html_table(title: str, rows: Mapping[str, str]) -> str:
+    """Return a two-column HTML table.
+
+    Parameters
+    ----------
+    title : str
+        Caption.
+    rows : mapping of str to str
+        Label and text of each row; both are escaped.
+
+    Returns
+    -------
+    str
+        HTML fragment.
+    """
+    body = "".join(
+        f"<tr><th style='text-align:left'>{escape(k)}</th><td>{escape(v)}</td></tr>"
+        for k, v in rows.items()
+    )
+    return f"<table><caption><b>{escape(title)}</b></caption>{body}</table>"

@@ -1,0 +1,72 @@
+"""A number that may leave the package: value, unit, definition and standard uncertainty."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from metrosep.core.errors import DataError
+from metrosep.core.units import format_engineering
+
+__all__ = ["Quantity"]
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """A value in SI with unit, definition and standard uncertainty.
+
+    Parameters
+    ----------
+    value : float
+        In SI; NaN where it could not be determined.
+    unit : str
+        SI unit, ``"1"`` for a pure number.
+    definition : str
+        What the number is, with standard and region where they apply.
+    u : float or None, optional
+        Standard uncertainty (GUM), same unit; ``None`` where it is not known.
+    symbol : str, optional
+        Symbol of the field, such as ``"PV"``.
+
+    Raises
+    ------
+    DataError
+        If ``u`` is negative.
+    """
+
+    value: float
+    unit: str
+    definition: str
+    u: float | None = None
+    symbol: str = ""
+
+    def __post_init__(self) -> None:
+        if self.u is not None and self.u < 0.0:
+            raise DataError(
+                f"the standard uncertainty of {self.definition} is {self.u}, below zero"
+            )
+
+    def __format__(self, spec: str) -> str:
+        return str(self)
+
+    def __str__(self) -> str:
+        text = format_engineering(self.value, self.unit)
+        if self.u is not None and math.isfinite(self.u):
+            text += f" (u = {format_engineering(self.u, self.unit, digits=2)})"
+        return text
+
+    def to_dict(self) -> dict[str, float | str | None]:
+        """Return the fields as plain values; NaN becomes None.
+
+        Returns
+        -------
+        dict
+            Keys ``value``, ``unit``, ``u``, ``definition``, ``symbol``.
+        """
+        return {
+            "value": None if math.isnan(self.value) else self.value,
+            "unit": self.unit,
+            "u": None if self.u is None or math.isnan(self.u) else self.u,
+            "definition": self.definition,
+            "symbol": self.symbol,
+        }

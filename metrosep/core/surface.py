@@ -1,0 +1,157 @@
+"""`Surface`: heights z on a rectangular grid."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from metrosep.core._arrays import FloatArray, frozen_float
+from metrosep.core.errors import InvalidSamplesError
+from metrosep.core.profile import html_table
+from metrosep.core.provenance import Step, freeze_mapping
+from metrosep.core.units import format_length
+
+__all__ = ["Surface"]
+
+
+def _checked_step(value: float | None, name: str) -> float | None:
+    if value is None:
+        return None
+    step = float(value)
+    if not math.isfinite(step) or step <= 0.0:
+        raise InvalidSamplesError(
+            f"{name} is {step} m; a lateral step must be positive and finite, or None when the "
+            "instrument is not laterally calibrated"
+        )
+    return step
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Surface:
+    """Heights on a grid; frozen, SI, NaN = not measured.
+
+    Row index grows with y and column index with x, z points out of the material: ``z[0, 0]`` is
+    the corner of smallest x and y. Readers turn files that store the top row first and record the
+    file's own order in ``metadata["row_order_in_file"]``.
+
+    Parameters
+    ----------
+    z : array_like, shape (n_y, n_x), m
+        Heights; NaN where not measured.
+    dx, dy : float or None, m
+        Lateral steps, > 0; ``None`` where the instrument was not calibrated. ``dy=None`` with a
+        given ``dx`` means not calibrated in y: square pixels are never assumed.
+    origin : tuple of (float, float), m, optional
+        Position of ``z[0, 0]``.
+    metadata : mapping, optional
+        What the file said.
+    history : tuple of Step, optional
+        Where it came from.
+
+    Raises
+    ------
+    InvalidSamplesError
+        If z is not two-dimensional, is infinite somewhere, or a step is not positive.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> Surface([[0, 1e-9], [np.nan, 2e-9]], dx=1e-6, dy=2e-6)
+    Surface(2 x 2, 1 um x 2 um steps, z 0 m ... 2 nm, 25.0 % not measured)
+    """
+
+    z: FloatArray
+    dx: float | None = None
+    dy: float | None = None
+    origin: tuple[float, float] = (0.0, 0.0)
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+    history: tuple[Step, ...] = ()
+
+    def __init__(
+        self,
+        z: ArrayLike,
+        dx: float | None = None,
+        dy: float | None = None,
+        *,
+        origin: tuple[float, float] = (0.0, 0.0),
+        metadata: Mapping[str, Any] | None = None,
+        history: tuple[Step, ...] = (),
+    ) -> None:
+        object.__setattr__(self, "z", frozen_float(z, name="z", ndim=2))
+        object.__setattr__(self, "dx", _checked_step(dx, "dx"))
+        object.__setattr__(self, "dy", _checked_step(dy, "dy"))
+        object.__setattr__(self, "origin", (float(origin[0]), float(origin[1])))
+        object.__setattr__(self, "metadata", freeze_mapping(metadata))
+        object.__setattr__(self, "history", tuple(history))
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns, ``(n_y, n_x)``."""
+        return (int(self.z.shape[0]), int(self.z.shape[1]))
+
+    @property
+    def n_invalid(self) -> int:
+        """Number of pixels that were not measured."""
+        return int(np.isnan(self.z).sum())
+
+    def peak_to_valley(self) -> float:
+        """Return the largest minus the smallest valid height, nothing removed or filtered.
+
+        Returns
+        -------
+        float
+            P-V in m; NaN when nothing is valid.
+        """
+        valid = self.z[~np.isnan(self.z)]
+        return float(np.ptp(valid)) if valid.size else float("nan")
+
+    def rms(self) -> float:
+        """Return the root mean square of the valid heights about their mean.
+
+        Returns
+        -------
+        float
+            RMS in m; NaN when nothing is valid.
+        """
+        valid = self.z[~np.isnan(self.z)]
+        return float(valid.std()) if valid.size else float("nan")
+
+    def __repr__(self) -> str:
+        valid = self.z[~np.isnan(self.z)]
+        steps = (
+            "lateral steps not calibrated"
+            if self.dx is None and self.dy is None
+            else f"{format_length(self.dx)} x {format_length(self.dy)} steps"
+        )
+        heights = (
+            f"z {format_length(float(valid.min()))} ... {format_length(float(valid.max()))}"
+            if valid.size
+            else "nothing measured"
+        )
+        gaps = (
+            f", {100.0 * self.n_invalid / self.z.size:.1f} % not measured"
+            if self.n_invalid
+            else ""
+        )
+        rows, columns = self.shape
+        return f"Surface({rows} x {columns}, {steps}, {heights}{gaps})"
+
+    def _repr_html_(self) -> str:
+        """Return a small table for notebooks."""
+        rows, columns = self.shape
+        return html_table(
+            "Surface",
+            {
+                "shape (rows y, columns x)": f"{rows} × {columns}",
+                "dx, dy": f"{format_length(self.dx)}, {format_length(self.dy)}",
+                "P-V (nothing removed)": format_length(self.peak_to_valley()),
+                "Sq about the mean": format_length(self.rms()),
+                "not measured": f"{self.n_invalid} of {self.z.size}",
+                "history": " → ".join(s.name for s in self.history) or "made in memory",
+            },
+        )

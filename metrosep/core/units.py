@@ -1,0 +1,387 @@
+"""Units at the edge: text with a unit in, SI floats inside, text with a unit out.
+
+Inside metrosep a number has no unit of its own: it is in m, rad, s, V, Hz, K or 1 (SI). Here
+live the only table of unit names and the only functions that read or print them. Both micro
+signs (U+00B5 and U+03BC) are accepted and printed as "u".
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import NamedTuple
+
+from metrosep.core.errors import UnitError
+
+__all__ = [
+    "Unit",
+    "column_unit",
+    "format_engineering",
+    "format_length",
+    "parse_quantity",
+    "parse_sensitivity",
+    "parse_unit",
+]
+
+
+class Unit(NamedTuple):
+    """A unit: its name, its dimension and the factor to SI.
+
+    Parameters
+    ----------
+    name : str
+        Canonical spelling.
+    dimension : str
+        One of ``length``, ``angle``, ``time``, ``speed``, ``voltage``, ``frequency``,
+        ``sensitivity`` (m/V), ``number``.
+    factor : float
+        Value in SI of one such unit.
+    """
+
+    name: str
+    dimension: str
+    factor: float
+
+
+_INCH = 0.0254
+_DEGREE = math.pi / 180.0
+
+_TABLE: dict[str, tuple[str, float]] = {
+    "pm": ("length", 1e-12),
+    "angstrom": ("length", 1e-10),
+    "nm": ("length", 1e-9),
+    "um": ("length", 1e-6),
+    "mm": ("length", 1e-3),
+    "cm": ("length", 1e-2),
+    "m": ("length", 1.0),
+    "in": ("length", _INCH),
+    "mil": ("length", _INCH * 1e-3),
+    "uin": ("length", _INCH * 1e-6),
+    "rad": ("angle", 1.0),
+    "mrad": ("angle", 1e-3),
+    "urad": ("angle", 1e-6),
+    "nrad": ("angle", 1e-9),
+    "deg": ("angle", _DEGREE),
+    "arcmin": ("angle", _DEGREE / 60.0),
+    "arcsec": ("angle", _DEGREE / 3600.0),
+    "ns": ("time", 1e-9),
+    "us": ("time", 1e-6),
+    "ms": ("time", 1e-3),
+    "s": ("time", 1.0),
+    "min": ("time", 60.0),
+    "h": ("time", 3600.0),
+    "Hz": ("frequency", 1.0),
+    "kHz": ("frequency", 1e3),
+    "MHz": ("frequency", 1e6),
+    "m/s": ("speed", 1.0),
+    "mm/s": ("speed", 1e-3),
+    "um/s": ("speed", 1e-6),
+    "m/min": ("speed", 1.0 / 60.0),
+    "mm/min": ("speed", 1e-3 / 60.0),
+    "in/min": ("speed", _INCH / 60.0),
+    "V": ("voltage", 1.0),
+    "mV": ("voltage", 1e-3),
+    "uV": ("voltage", 1e-6),
+    "1": ("number", 1.0),
+    "%": ("number", 0.01),
+}
+
+_ALIASES = {
+    "micron": "um",
+    "microns": "um",
+    "micrometer": "um",
+    "micrometers": "um",
+    "micrometre": "um",
+    "micrometres": "um",
+    "mu": "um",
+    "nanometer": "nm",
+    "nanometers": "nm",
+    "nanometre": "nm",
+    "nanometres": "nm",
+    "millimeter": "mm",
+    "millimeters": "mm",
+    "millimetre": "mm",
+    "millimetres": "mm",
+    "meter": "m",
+    "meters": "m",
+    "metre": "m",
+    "metres": "m",
+    "inch": "in",
+    "inches": "in",
+    '"': "in",
+    "uinch": "uin",
+    "microinch": "uin",
+    "degree": "deg",
+    "degrees": "deg",
+    "°": "deg",
+    "asec": "arcsec",
+    "sec": "s",
+    "second": "s",
+    "seconds": "s",
+    "msec": "ms",
+    "volt": "V",
+    "volts": "V",
+    "v": "V",
+    "mv": "mV",
+    "hz": "Hz",
+    "khz": "kHz",
+    "mm_min": "mm/min",
+    "mm_per_min": "mm/min",
+    "mmpm": "mm/min",
+    "mm/minute": "mm/min",
+    "mm_s": "mm/s",
+    "mm_per_s": "mm/s",
+    "um_s": "um/s",
+    "um_per_s": "um/s",
+    "m_s": "m/s",
+    "m_per_s": "m/s",
+    "m_min": "m/min",
+    "m_per_min": "m/min",
+    "in_min": "in/min",
+    "in_per_min": "in/min",
+    "ipm": "in/min",
+    "å": "angstrom",
+    "Å": "angstrom",
+    "-": "1",
+}
+
+_NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+_QUANTITY = re.compile(rf"^\s*({_NUMBER})\s*(.*?)\s*$")
+_BRACKETED = re.compile(r"^(.*?)\s*[\[\(]\s*([^\[\]\(\)]+?)\s*[\]\)]\s*$")
+
+
+def _canonical(text: str) -> str:
+    name = text.strip().replace("µ", "u").replace("μ", "u")
+    if name in _TABLE:
+        return name
+    for candidate in (name, name.lower()):
+        if candidate in _ALIASES:
+            return _ALIASES[candidate]
+    lowered = name.lower()
+    return lowered if lowered in _TABLE else name
+
+
+def parse_unit(text: str, *, dimension: str | None = None) -> Unit:
+    """Return the unit that a text names.
+
+    Parameters
+    ----------
+    text : str
+        Such as ``"um"``, ``"mm/min"``, ``"arcsec"``; case matters only where it must (``m``/``M``).
+    dimension : str, optional
+        Required dimension; any if omitted.
+
+    Returns
+    -------
+    Unit
+        Name, dimension and factor to SI.
+
+    Raises
+    ------
+    UnitError
+        If the unit is unknown or of another dimension.
+
+    Examples
+    --------
+    >>> parse_unit("µm").factor
+    1e-06
+    """
+    name = _canonical(text)
+    if name not in _TABLE:
+        known = ", ".join(n for n, (d, _) in _TABLE.items() if dimension in (None, d))
+        raise UnitError(f"unknown unit {text!r}; known are {known}")
+    unit = Unit(name, *_TABLE[name])
+    if dimension is not None and unit.dimension != dimension:
+        raise UnitError(
+            f"unit {text!r} is a {unit.dimension}, but a {dimension} is needed here, "
+            f"such as {_example(dimension)}"
+        )
+    return unit
+
+
+def _example(dimension: str) -> str:
+    return ", ".join(repr(n) for n, (d, _) in list(_TABLE.items()) if d == dimension) or "none"
+
+
+def parse_quantity(value: str | float, *, dimension: str, name: str = "value") -> float:
+    """Return a quantity in SI from text such as ``"1.2 mm"``.
+
+    Parameters
+    ----------
+    value : str or float
+        Text with a number and a unit. A bare float is taken to be SI already (the Python
+        convention); a bare number in text is refused, since a person typed it.
+    dimension : str
+        Required dimension, such as ``"length"``.
+    name : str, optional
+        What the quantity is, for the message.
+
+    Returns
+    -------
+    float
+        Value in SI.
+
+    Raises
+    ------
+    UnitError
+        If the text has no unit, an unknown one, one of another dimension, or the number is not
+        finite.
+
+    Examples
+    --------
+    >>> parse_quantity("250 um", dimension="length")
+    0.00025
+    """
+    if not isinstance(value, str):
+        number = float(value)
+        if not math.isfinite(number):
+            raise UnitError(f"{name} is {number}; a finite {dimension} is needed")
+        return number
+    match = _QUANTITY.match(value)
+    if match is None:
+        raise UnitError(
+            f"{name} {value!r} is not a number with a unit; write it like '1.2 mm' "
+            f"(units: {_example(dimension)})"
+        )
+    digits, unit_text = match.groups()
+    if not unit_text:
+        raise UnitError(
+            f"{name} {value!r} has no unit; write it with one of {_example(dimension)}"
+        )
+    number = float(digits) * parse_unit(unit_text, dimension=dimension).factor
+    if not math.isfinite(number):
+        raise UnitError(f"{name} {value!r} is not finite")
+    return number
+
+
+def parse_sensitivity(text: str) -> float:
+    """Return a sensor's sensitivity in m/V from text such as ``"2.5 um/V"``.
+
+    Parameters
+    ----------
+    text : str
+        A length per voltage; a negative sign is kept (a probe that reads down as the gap grows).
+
+    Returns
+    -------
+    float
+        Sensitivity in m/V.
+
+    Raises
+    ------
+    UnitError
+        If the text is not a length per voltage, or zero.
+
+    Examples
+    --------
+    >>> parse_sensitivity("-2.5 um/V")
+    -2.5e-06
+    """
+    match = _QUANTITY.match(text)
+    if match is None or match.group(2).count("/") != 1:
+        raise UnitError(
+            f"sensitivity {text!r} is not a length per voltage; write it like '2.5 um/V'"
+        )
+    numerator, denominator = match.group(2).split("/")
+    factor = (
+        parse_unit(numerator, dimension="length").factor
+        / parse_unit(denominator, dimension="voltage").factor
+    )
+    value = float(match.group(1)) * factor
+    if value == 0.0 or not math.isfinite(value):
+        raise UnitError(f"sensitivity {text!r} must be finite and not zero")
+    return value
+
+
+def column_unit(header: str) -> tuple[str, Unit | None]:
+    """Return the bare name of a column and the unit that its header declares.
+
+    Parameters
+    ----------
+    header : str
+        Such as ``"x_mm"``, ``"z [um]"``, ``"Height (nm)"``, ``"feed_mm_min"`` or ``"probe1"``.
+
+    Returns
+    -------
+    tuple of (str, Unit or None)
+        Name without the unit; ``None`` where the header declares none.
+
+    Examples
+    --------
+    >>> column_unit("feed_mm_min")
+    ('feed', Unit(name='mm/min', dimension='speed', factor=1.6666666666666667e-05))
+    >>> column_unit("probe1")
+    ('probe1', None)
+    """
+    text = header.strip()
+    match = _BRACKETED.match(text)
+    if match is not None and _canonical(match.group(2)) in _TABLE:
+        return match.group(1).strip(" _"), parse_unit(match.group(2))
+    pieces = text.split("_")
+    for n_suffix in (3, 2, 1):
+        if len(pieces) > n_suffix:
+            suffix = "_".join(pieces[-n_suffix:])
+            if _canonical(suffix) in _TABLE and suffix not in {"1", "-"}:
+                return "_".join(pieces[:-n_suffix]), parse_unit(suffix)
+    return text, None
+
+
+_LENGTH_STEPS = ((1e-9, "pm", 1e-12), (1e-6, "nm", 1e-9), (1e-3, "um", 1e-6), (1.0, "mm", 1e-3))
+
+
+def format_length(value: float | None, *, digits: int = 4) -> str:
+    """Return a length in m as text with a readable unit.
+
+    Parameters
+    ----------
+    value : float or None, m
+        ``None`` or NaN prints as ``"not known"``.
+    digits : int, optional
+        Significant digits.
+
+    Returns
+    -------
+    str
+        Such as ``"1.25 um"``.
+
+    Examples
+    --------
+    >>> format_length(1.25e-6)
+    '1.25 um'
+    """
+    if value is None or math.isnan(value):
+        return "not known"
+    size = abs(value)
+    if size == 0.0:
+        return "0 m"
+    for limit, name, factor in _LENGTH_STEPS:
+        if size < limit:
+            return f"{value / factor:.{digits}g} {name}"
+    return f"{value:.{digits}g} m"
+
+
+def format_engineering(value: float, unit: str, *, digits: int = 4) -> str:
+    """Return a value with its unit name; lengths get a readable prefix.
+
+    Parameters
+    ----------
+    value : float
+        Value in SI.
+    unit : str
+        SI unit name, ``"m"`` for a length.
+    digits : int, optional
+        Significant digits.
+
+    Returns
+    -------
+    str
+        Text for a person.
+
+    Examples
+    --------
+    >>> format_engineering(0.5, "V")
+    '0.5 V'
+    """
+    if unit == "m":
+        return format_length(value, digits=digits)
+    return f"{value:.{digits}g} {unit}".rstrip()
