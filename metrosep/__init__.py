@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from metrosep import (
         compensation as compensation,
         controllers as controllers,
+        errors as errors,
         io as io,
         parameters as parameters,
         plot as plot,
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
         separation as separation,
         spectral as spectral,
     )
-    from metrosep.core import errors as errors
     from metrosep.core.profile import Profile as Profile
     from metrosep.core.quantity import Quantity as Quantity
     from metrosep.core.recording import Recording as Recording
@@ -41,7 +41,6 @@ _OBJECTS = {
     "Run": "metrosep.core.runset",
     "RunSet": "metrosep.core.runset",
     "Surface": "metrosep.core.surface",
-    "errors": "metrosep.core.errors",
     "read": "metrosep.io.read",
     "read_runs": "metrosep.io.runs",
     "write": "metrosep.io.write",
@@ -50,6 +49,7 @@ _OBJECTS = {
 _PACKAGES = (
     "compensation",
     "controllers",
+    "errors",
     "io",
     "parameters",
     "plot",
@@ -66,7 +66,7 @@ def __getattr__(name: str) -> Any:
         return importlib.import_module(f"metrosep.{name}")
     if name in _OBJECTS:
         module = importlib.import_module(_OBJECTS[name])
-        value = module if name == "errors" else getattr(module, name)
+        value = getattr(module, name)
         globals()[name] = value
         return value
     raise AttributeError(f"module 'metrosep' has no attribute {name!r}")

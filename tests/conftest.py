@@ -1,5 +1,6 @@
 """Fixtures shared by all tests."""
 
+import importlib.util
 import os
 from pathlib import Path
 
@@ -28,3 +29,28 @@ def repository() -> Path:
 def rng() -> np.random.Generator:
     """Seeded random generator."""
     return np.random.default_rng(20260101)
+
+
+@pytest.fixture(scope="session")
+def contract_machine():
+    """The module with the machine simulator that shares no code with metrosep."""
+    path = REPOSITORY / "tests" / "contracts" / "machine.py"
+    spec = importlib.util.spec_from_file_location("contract_machine", path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="session")
+def as_runset():
+    """Turn the runs of the contract simulator into a RunSet (mm, um, mm/s to SI)."""
+    from metrosep import Run, RunSet
+
+    def convert(*machines):
+        return RunSet(
+            Run(x * 1e-3, z * 1e-6, t=t, feed=v * 1e-3, run_id=f"{m}.{i}")
+            for m, machine in enumerate(machines)
+            for i, (x, z, t, v) in enumerate(machine.runs)
+        )
+
+    return convert

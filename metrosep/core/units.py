@@ -274,8 +274,8 @@ def parse_sensitivity(text: str) -> float:
 
     Examples
     --------
-    >>> parse_sensitivity("-2.5 um/V")
-    -2.5e-06
+    >>> round(parse_sensitivity("-2.5 um/V") * 1e6, 9)
+    -2.5
     """
     match = _QUANTITY.match(text)
     if match is None or match.group(2).count("/") != 1:

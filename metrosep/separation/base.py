@@ -1,0 +1,387 @@
+"""`ErrorEstimate`: what a separation of repeated runs returns, whatever the method.
+
+Sign: the estimate is the error ``e = actual - nominal`` of the axis, so the correction to add to
+the command is ``-e``. The least-squares line over the evaluation range (alignment of artefact and
+axis, eq. 1 of motion-error-fourier) is removed from `evaluate` and reported apart as `slope`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from metrosep.core.errors import DataError
+from metrosep.core.profile import Profile, html_table
+from metrosep.core.provenance import Step, freeze_mapping, history_as_dicts
+from metrosep.core.quantity import Quantity
+from metrosep.core.units import format_length
+from metrosep.separation.curves import Curve, SampledCurve, curve_from_dict
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["DirectionEstimate", "ErrorEstimate"]
+
+FloatArray = NDArray[np.float64]
+Columns = Mapping[str, list[Any]]
+
+_NAMES = {1: "forward", -1: "reverse"}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DirectionEstimate:
+    """Error and standard uncertainty of one direction of travel.
+
+    Parameters
+    ----------
+    error : FourierCurve or SampledCurve
+        Error in m, line removed over the evaluation range.
+    uncertainty : SampledCurve
+        Standard uncertainty in m.
+    """
+
+    error: Curve
+    uncertainty: SampledCurve
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class ErrorEstimate:
+    """Repeatable geometric error of an axis with its uncertainty, spectrum and audit.
+
+    Parameters
+    ----------
+    method : str
+        ``"joint"``, ``"kono"`` or ``"mean"``.
+    start, stop : float, m
+        Evaluation range.
+    fit_range : tuple of (float, float), m
+        Travel that was modelled; what lies outside the evaluation range is guard zone.
+    directions_data : mapping of int to DirectionEstimate
+        Keys +1 (forward), -1 (reverse) and/or 0 (the direction was not distinguished).
+    slope : Quantity
+        Alignment that was removed, rad.
+    lost_motion : Quantity or None
+        Mean reverse minus forward offset, m; only where both directions were run.
+    spectrum_data, feed_spectra_data, residual_psd_data : mapping of str to list
+        Columns of the tables of the same names.
+    residual_rms : float, m
+        RMS of the readings about the estimate, all runs.
+    lag, lag_sd : float, s
+        Delay of the reading against the position, and its standard uncertainty (NaN if it was
+        given, not fitted).
+    audit : mapping
+        What was done: plain values, keys with unit suffixes.
+    messages : tuple of str
+        What the user should know, in plain words.
+    history : tuple of Step
+        From the files on.
+    """
+
+    method: str
+    start: float
+    stop: float
+    fit_range: tuple[float, float]
+    directions_data: Mapping[int, DirectionEstimate]
+    slope: Quantity
+    spectrum_data: Columns
+    feed_spectra_data: Columns
+    residual_psd_data: Columns
+    residual_rms: float
+    lost_motion: Quantity | None = None
+    lag: float = 0.0
+    lag_sd: float = math.nan
+    audit: Mapping[str, Any] = field(default_factory=dict)
+    messages: tuple[str, ...] = ()
+    history: tuple[Step, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "directions_data", freeze_mapping_int(self.directions_data))
+        object.__setattr__(self, "audit", freeze_mapping(self.audit))
+
+    @property
+    def directions(self) -> tuple[int, ...]:
+        """Directions that were estimated apart: (-1, 1), (1,), (-1,)."""
+        return tuple(sorted(d for d in self.directions_data if d != 0)) or (0,)
+
+    def _chosen(self, direction: int | None) -> list[DirectionEstimate]:
+        if direction is not None and direction not in (-1, 1):
+            raise DataError(f"direction is +1 (forward), -1 (reverse) or None, got {direction!r}")
+        if direction is not None and direction in self.directions_data:
+            return [self.directions_data[direction]]
+        return list(self.directions_data.values())
+
+    def evaluate(self, x: ArrayLike, *, direction: int | None = None) -> FloatArray:
+        """Return the error ``actual - nominal`` at positions.
+
+        Parameters
+        ----------
+        x : array_like, shape (n,), m
+            Positions.
+        direction : {1, -1}, optional
+            Forward or reverse where both were estimated; their mean if omitted. Ignored where
+            the runs had one direction only.
+
+        Returns
+        -------
+        ndarray, shape (n,), m
+            Error without the line over the evaluation range; NaN outside the measured travel.
+
+        Raises
+        ------
+        DataError
+            If `direction` is none of 1, -1, None.
+        """
+        parts = self._chosen(direction)
+        return np.asarray(np.mean([p.error(x) for p in parts], axis=0))
+
+    def sd(self, x: ArrayLike, *, direction: int | None = None) -> FloatArray:
+        """Return the standard uncertainty of `evaluate`, pointwise.
+
+        Parameters
+        ----------
+        x : array_like, shape (n,), m
+            Positions.
+        direction : {1, -1}, optional
+            As for `evaluate`.
+
+        Returns
+        -------
+        ndarray, shape (n,), m
+            Standard uncertainty of the repeatable part as the readings determine it (type A).
+            The artefact's own form, sensor linearity and temperature are not in it.
+
+        Raises
+        ------
+        DataError
+            If `direction` is none of 1, -1, None.
+        """
+        parts = self._chosen(direction)
+        squares = [p.uncertainty(x) ** 2 for p in parts]
+        return np.asarray(np.sqrt(np.sum(squares, axis=0)) / len(parts))
+
+    def to_profile(self, *, n_points: int = 501, direction: int | None = None) -> Profile:
+        """Return the estimate over the evaluation range as a profile.
+
+        Parameters
+        ----------
+        n_points : int, optional
+            Number of positions.
+        direction : {1, -1}, optional
+            As for `evaluate`.
+
+        Returns
+        -------
+        Profile
+            Error over position.
+        """
+        x = np.linspace(self.start, self.stop, n_points)
+        return Profile(x, self.evaluate(x, direction=direction), history=self.history)
+
+    def peak_to_valley(self) -> Quantity:
+        """Return the P-V of the estimate over the evaluation range, line removed.
+
+        Returns
+        -------
+        Quantity
+            In m; u combines the uncertainties at the two extremes as if independent.
+        """
+        x = np.linspace(self.start, self.stop, 2001)
+        z, sd = self.evaluate(x), self.sd(x)
+        high, low = int(np.nanargmax(z)), int(np.nanargmin(z))
+        return Quantity(
+            float(z[high] - z[low]),
+            "m",
+            "P-V of the estimated repeatable error over the evaluation range, least-squares line "
+            "removed, no filter",
+            u=float(np.hypot(sd[high], sd[low])),
+            symbol="PV",
+        )
+
+    @property
+    def spectrum(self) -> pd.DataFrame:
+        """Wavelengths: amplitude, phase at `start`, sd, snr, p, whether selected, and why."""
+        import pandas as pd
+
+        return pd.DataFrame(dict(self.spectrum_data))
+
+    @property
+    def feed_spectra(self) -> pd.DataFrame:
+        """Amplitude against wavelength, one series for each feedrate."""
+        import pandas as pd
+
+        return pd.DataFrame(dict(self.feed_spectra_data))
+
+    @property
+    def residual_psd(self) -> pd.DataFrame:
+        """Residual PSD in time: measured and, where there is one, the noise model."""
+        import pandas as pd
+
+        return pd.DataFrame(dict(self.residual_psd_data))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return everything as plain values for JSON (NaN as None).
+
+        Returns
+        -------
+        dict
+            Readable by `from_dict`.
+        """
+        return {
+            "method": self.method,
+            "start_m": self.start,
+            "stop_m": self.stop,
+            "fit_range_m": list(self.fit_range),
+            "directions": {
+                str(d): {"error": p.error.to_dict(), "uncertainty": p.uncertainty.to_dict()}
+                for d, p in self.directions_data.items()
+            },
+            "slope": self.slope.to_dict(),
+            "lost_motion": None if self.lost_motion is None else self.lost_motion.to_dict(),
+            "spectrum": _without_nan(self.spectrum_data),
+            "feed_spectra": _without_nan(self.feed_spectra_data),
+            "residual_psd": _without_nan(self.residual_psd_data),
+            "residual_rms_m": _plain(self.residual_rms),
+            "lag_s": self.lag,
+            "lag_sd_s": _plain(self.lag_sd),
+            "audit": dict(self.audit),
+            "messages": list(self.messages),
+            "history": history_as_dicts(self.history),
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> ErrorEstimate:
+        """Return the estimate that `to_dict` wrote.
+
+        Parameters
+        ----------
+        data : mapping
+            The ``estimate`` part of a result.json.
+
+        Returns
+        -------
+        ErrorEstimate
+            Evaluates to the same numbers.
+
+        Raises
+        ------
+        DataError
+            If a key is missing or of the wrong kind.
+        """
+        try:
+            return cls(
+                method=str(data["method"]),
+                start=float(data["start_m"]),
+                stop=float(data["stop_m"]),
+                fit_range=(float(data["fit_range_m"][0]), float(data["fit_range_m"][1])),
+                directions_data={
+                    int(d): DirectionEstimate(
+                        curve_from_dict(p["error"]), _sampled(curve_from_dict(p["uncertainty"]))
+                    )
+                    for d, p in data["directions"].items()
+                },
+                slope=_quantity(data["slope"]),
+                lost_motion=None
+                if data["lost_motion"] is None
+                else _quantity(data["lost_motion"]),
+                spectrum_data=_with_nan(data["spectrum"]),
+                feed_spectra_data=_with_nan(data["feed_spectra"]),
+                residual_psd_data=_with_nan(data["residual_psd"]),
+                residual_rms=_number(data["residual_rms_m"]),
+                lag=float(data["lag_s"]),
+                lag_sd=_number(data["lag_sd_s"]),
+                audit=data["audit"],
+                messages=tuple(data["messages"]),
+                history=tuple(
+                    Step(s["step"], s["parameters"], s["version"]) for s in data["history"]
+                ),
+            )
+        except (KeyError, TypeError, ValueError, AttributeError, IndexError) as exc:
+            raise DataError(
+                f"this is not a stored estimate ({type(exc).__name__}: {exc}); expected the "
+                "'estimate' part of a result.json that this version wrote"
+            ) from exc
+
+    def __repr__(self) -> str:
+        ways = ", ".join(_NAMES.get(d, "direction not distinguished") for d in self.directions)
+        x = np.linspace(self.start, self.stop, 501)
+        return (
+            f"ErrorEstimate({self.method}, {format_length(self.start)} ... "
+            f"{format_length(self.stop)}, {ways}, P-V {self.peak_to_valley()}, mean sd "
+            f"{format_length(float(np.nanmean(self.sd(x))), digits=2)})"
+        )
+
+    def _repr_html_(self) -> str:
+        """Return a small table for notebooks."""
+        rows = {
+            "method": self.method,
+            "range": f"{format_length(self.start)} … {format_length(self.stop)}",
+            "P-V, line removed": str(self.peak_to_valley()),
+            "alignment slope": str(self.slope),
+            "residual RMS of the readings": format_length(self.residual_rms),
+        }
+        rows.update({f"message {i + 1}": m for i, m in enumerate(self.messages)})
+        return html_table("ErrorEstimate", rows)
+
+
+def freeze_mapping_int(items: Mapping[int, DirectionEstimate]) -> Mapping[int, DirectionEstimate]:
+    """Return a read-only copy, refusing an empty one.
+
+    Parameters
+    ----------
+    items : mapping of int to DirectionEstimate
+        Estimates by direction.
+
+    Returns
+    -------
+    mapping
+        Read-only copy.
+
+    Raises
+    ------
+    DataError
+        If it is empty or a key is not -1, 0 or 1.
+    """
+    from types import MappingProxyType
+
+    if not items or not set(items) <= {-1, 0, 1}:
+        raise DataError(f"an estimate needs directions out of -1, 0, 1, got {list(items)}")
+    return MappingProxyType(dict(items))
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.generic):
+        value = value.item()
+    return None if isinstance(value, float) and math.isnan(value) else value
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else float(value)
+
+
+def _without_nan(columns: Columns) -> dict[str, list[Any]]:
+    return {k: [_plain(v) for v in values] for k, values in columns.items()}
+
+
+def _with_nan(columns: Columns) -> dict[str, list[Any]]:
+    return {k: [math.nan if v is None else v for v in values] for k, values in columns.items()}
+
+
+def _sampled(curve: Curve) -> SampledCurve:
+    if not isinstance(curve, SampledCurve):
+        raise TypeError("the uncertainty must be a sampled curve")
+    return curve
+
+
+def _quantity(data: Mapping[str, Any]) -> Quantity:
+    return Quantity(
+        _number(data["value"]),
+        str(data["unit"]),
+        str(data["definition"]),
+        u=None if data["u"] is None else float(data["u"]),
+        symbol=str(data.get("symbol", "")),
+    )

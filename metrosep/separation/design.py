@@ -1,0 +1,180 @@
+"""Private to separation: runs made ready for a linear model in position and time.
+
+Scales the heights to unit variance and positions to the travel, thins very long records by block
+averages (the basis is averaged with them, so nothing is biased), and groups runs that share a
+sampling interval, since an autoregressive model in time belongs to one interval.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.core.errors import InvalidSamplesError, NotUniformError, TooFewSamplesError
+from metrosep.core.runset import Run, RunSet
+from metrosep.core.units import format_length
+
+__all__ = ["PreparedRun", "evaluation_range", "prepare_runs"]
+
+FloatArray = NDArray[np.float64]
+
+_MAX_ROWS = 40_000
+"""More samples than this, all runs together, are averaged in blocks."""
+
+_JITTER_RTOL = 0.25
+"""Largest deviation of a time step from the median step, relative."""
+
+_TRAVEL_RTOL = 0.02
+"""Ends of the runs may differ by this share of the travel before the range must be stated."""
+
+_RANGE_RTOL = 1e-6
+"""Rounding by which a stated range may pass the measured travel, relative."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PreparedRun:
+    """One run, thinned where necessary.
+
+    Parameters
+    ----------
+    x, z : ndarray, shape (n,), m
+        Positions and readings in the order of time.
+    velocity : float, m/s
+        Signed mean velocity.
+    time_step : float, s
+        Sampling interval after thinning.
+    block : int
+        Samples averaged into one.
+    block_length : float, m
+        Travel over which one sample averages, 0 without thinning.
+    run_id : str
+        Name of the run.
+    """
+
+    x: FloatArray
+    z: FloatArray
+    velocity: float
+    time_step: float
+    block: int
+    block_length: float
+    run_id: str
+
+
+def prepare_runs(runs: RunSet) -> list[PreparedRun]:
+    """Return the runs checked for time, thinned so that the model stays affordable.
+
+    Parameters
+    ----------
+    runs : RunSet
+        Runs with time.
+
+    Returns
+    -------
+    list of PreparedRun
+        Same order.
+
+    Raises
+    ------
+    InvalidSamplesError
+        If a run has no time.
+    NotUniformError
+        If time steps vary by more than 25 %.
+    TooFewSamplesError
+        If a run has fewer than 32 valid samples.
+    """
+    block = max(1, -(-sum(len(r) for r in runs) // _MAX_ROWS))
+    return [_prepare(run, block) for run in runs]
+
+
+def _prepare(run: Run, block: int) -> PreparedRun:
+    name = run.run_id
+    if run.t is None or run.feed is None:
+        raise InvalidSamplesError(
+            f"run {name!r} has no time; the joint method needs time to tell vibration from "
+            "geometry: give a time column, the sampling rate or the feed (or use method='mean')"
+        )
+    steps = np.diff(run.t)
+    median = float(np.median(steps))
+    if np.abs(steps / median - 1.0).max() > _JITTER_RTOL:
+        i = int(np.abs(steps / median - 1.0).argmax())
+        raise NotUniformError(
+            f"run {name!r}: time steps vary, {steps[i] * 1e3:.4g} ms at sample {i} against "
+            f"{median * 1e3:.4g} ms elsewhere; samples were lost or the clock is irregular: insert "
+            "the lost samples as NaN or resample to a uniform clock"
+        )
+    if (~np.isnan(run.z)).sum() < 32 * block:
+        raise TooFewSamplesError(
+            f"run {name!r} has {int((~np.isnan(run.z)).sum())} valid samples, the joint method needs "
+            f"at least {32 * block} in each run; use method='mean' or leave the run out"
+        )
+    velocity = float(run.x[-1] - run.x[0]) / float(run.t[-1] - run.t[0])
+    n = len(run) // block * block
+    x = run.x[:n].reshape(-1, block).mean(axis=1)
+    z = run.z[:n].reshape(-1, block).mean(axis=1)
+    pitch = abs(float(run.x[n - 1] - run.x[0])) / max(n - 1, 1)
+    return PreparedRun(
+        x=x,
+        z=z,
+        velocity=velocity,
+        time_step=median * block,
+        block=block,
+        block_length=pitch * block if block > 1 else 0.0,
+        run_id=name,
+    )
+
+
+def evaluation_range(
+    runs: RunSet, *, start: float | None, length: float | None
+) -> tuple[float, float]:
+    """Return start and stop of the evaluation range.
+
+    Parameters
+    ----------
+    runs : RunSet
+        The runs.
+    start, length : float or None, m
+        As the user stated them. Without a length the common travel; without a start the range is
+        centred in the common travel.
+
+    Returns
+    -------
+    tuple of (float, float), m
+        Start and stop.
+
+    Raises
+    ------
+    InvalidSamplesError
+        If the range is not covered by every run, or if none was stated and the runs have
+        different travels.
+    """
+    low, high = runs.common_travel
+    widest_low, widest_high = runs.full_travel
+    travel = high - low
+    if length is None and start is None:
+        uneven = max(low - widest_low, widest_high - high)
+        if uneven > _TRAVEL_RTOL * travel:
+            raise InvalidSamplesError(
+                f"the runs have different travels: all of them cover {format_length(low)} ... "
+                f"{format_length(high)}, some reach {format_length(widest_low)} ... "
+                f"{format_length(widest_high)}; state start and length inside the common part, or "
+                "leave out the run that differs"
+            )
+        return low, high
+    if length is None:
+        assert start is not None  # noqa: S101  (the case of neither was handled above)
+        first, last = start, high
+    else:
+        if not length > 0.0:
+            raise InvalidSamplesError(f"length must be positive, got {length} m")
+        first = low + (travel - length) / 2.0 if start is None else start
+        last = first + length
+    margin = _RANGE_RTOL * travel
+    if first < low - margin or last > high + margin or last <= first:
+        raise InvalidSamplesError(
+            f"the evaluation range {format_length(first)} ... {format_length(last)} is not covered "
+            f"by every run: they share {format_length(low)} ... {format_length(high)}; shorten it "
+            "or measure further"
+        )
+    return max(first, low), min(last, high)

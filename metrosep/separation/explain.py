@@ -1,0 +1,218 @@
+"""What a separation wants the user to know, in plain words.
+
+Each function returns sentences with a number, a unit and, where something can be done, what to
+do. Nothing here changes a result.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.core.runset import RunSet
+from metrosep.separation.solver import Solution
+from metrosep.spectral.autoregressive import AutoregressiveModel
+
+__all__ = ["explain_disturbances", "explain_lag", "explain_resolution", "noise_peaks"]
+
+FloatArray = NDArray[np.float64]
+
+_PEAK_RATIO = 6.0
+"""A resonance stands this much above the median of the noise model's spectrum around it."""
+
+_PEAK_SHARE = 0.02
+"""Least share of the noise variance in a resonance that is worth a sentence."""
+
+_MM_PER_MIN = 6e4
+"""mm/min in one m/s."""
+
+
+def noise_peaks(model: AutoregressiveModel, *, n_max: int = 4) -> list[float]:
+    """Return the frequencies of the strongest resonances of a noise model.
+
+    Parameters
+    ----------
+    model : AutoregressiveModel
+        Noise of the runs.
+    n_max : int, optional
+        Most that are returned.
+
+    Returns
+    -------
+    list of float, Hz
+        Strongest first; empty for noise without resonances.
+    """
+    if model.order < 2:
+        return []
+    nyquist = 0.5 / model.time_step
+    frequency = np.linspace(0.0, nyquist, 4097)[1:-1]
+    density = model.psd(frequency)
+    step = frequency[1] - frequency[0]
+    inner = np.flatnonzero((density[1:-1] > density[:-2]) & (density[1:-1] >= density[2:])) + 1
+    background = float(np.median(density))
+    found: list[tuple[float, float]] = []
+    for i in inner:
+        if density[i] < _PEAK_RATIO * background:
+            continue
+        above = density > density[i] / 10.0
+        left = i - int(np.argmin(above[i::-1])) if not above[: i + 1].all() else 0
+        right = i + int(np.argmin(above[i:])) if not above[i:].all() else density.size
+        share = float(density[left:right].sum() * step)
+        if share > _PEAK_SHARE * float(density.sum() * step):
+            found.append((share, float(frequency[i])))
+    return [f for _, f in sorted(found, reverse=True)[:n_max]]
+
+
+def explain_disturbances(
+    solution: Solution, runs: RunSet, spectrum: Mapping[str, list[Any]]
+) -> tuple[str, ...]:
+    """Name vibrations that fall onto a wavelength of the geometry at some feedrate.
+
+    Parameters
+    ----------
+    solution : Solution
+        With the noise models.
+    runs : RunSet
+        For feeds and travel.
+    spectrum : mapping of str to list
+        Columns of the spectrum.
+
+    Returns
+    -------
+    tuple of str
+        One sentence for each vibration that collides.
+    """
+    low, high = runs.full_travel
+    travel = high - low
+    waves = [
+        w * 1e-3 for w, s in zip(spectrum["wavelength_mm"], spectrum["selected"], strict=True) if s
+    ]
+    sentences = []
+    frequencies = sorted({round(f, 1) for m in solution.noise for f in noise_peaks(m)})
+    for frequency in frequencies:
+        hit = _collisions(frequency, runs.feeds, waves, travel)
+        if hit:
+            sentences.append(_collision_sentence(frequency, hit, runs.feeds, waves, travel))
+    return tuple(sentences)
+
+
+def _collisions(
+    frequency: float, feeds: tuple[float, ...], waves: list[float], travel: float
+) -> list[float]:
+    """Return the feeds at which the vibration lies within one resolution cell of a wavelength."""
+    return [
+        v
+        for v in feeds
+        if any(abs(frequency / v - 1.0 / w) * travel < 1.0 for w in waves if w < travel)
+    ]
+
+
+def _collision_sentence(
+    frequency: float,
+    hit: list[float],
+    feeds: tuple[float, ...],
+    waves: list[float],
+    travel: float,
+) -> str:
+    maps = ", ".join(f"{v / frequency * 1e3:.1f} mm at {v * _MM_PER_MIN:.0f} mm/min" for v in hit)
+    clean = [v for v in feeds if v not in hit]
+    sentence = f"{frequency:.1f} Hz disturbance maps onto {maps}"
+    if len(clean) >= 2:
+        others = " and ".join(f"{v * _MM_PER_MIN:.0f}" for v in clean)
+        return f"{sentence}; the runs at {others} mm/min tell it from the geometry"
+    better = _better_feed(frequency, feeds, waves, travel)
+    if better is None:
+        return f"{sentence}; no other feedrate in this range avoids it: remove the disturbance"
+    return f"{sentence}; add a run at {better * _MM_PER_MIN:.0f}"
+
+
+def _better_feed(
+    frequency: float, feeds: tuple[float, ...], waves: list[float], travel: float
+) -> float | None:
+    """Return the round feed, in and a little around the range, farthest from any collision."""
+    near, far = 0.6 * min(feeds) * _MM_PER_MIN, 1.4 * max(feeds) * _MM_PER_MIN
+    step = 10.0 ** math.floor(math.log10(max(near, 1e-6)))
+    best: tuple[float, float] | None = None
+    for value in np.arange(math.ceil(near / step) * step, far, step):
+        feed = float(value) / _MM_PER_MIN
+        if any(abs(feed / v - 1.0) < 0.1 for v in feeds):
+            continue
+        distance = min(abs(frequency / feed - 1.0 / w) * travel for w in waves)
+        if distance > 2.0 and (best is None or distance > best[0]):
+            best = (distance, feed)
+    return None if best is None else best[1]
+
+
+def explain_lag(solution: Solution, *, fitted: bool) -> tuple[str, ...]:
+    """Say what the fitted lag is and whether the data determine it.
+
+    Parameters
+    ----------
+    solution : Solution
+        With lag and its uncertainty.
+    fitted : bool
+        Whether the lag was fitted.
+
+    Returns
+    -------
+    tuple of str
+        Nothing where it was stated.
+    """
+    if not fitted:
+        return ()
+    value, sd = solution.lag * 1e3, solution.lag_sd * 1e3
+    if sd > 2.0:
+        return (
+            (
+                f"the lag is not determined by these runs ({value:.2f} ms, sd {sd:.2f} ms): the error has "
+                "too little short-wave content; state the lag instead"
+            ),
+        )
+    return (f"readings lag the position by {value:.3f} ms (sd {sd:.3f} ms)",)
+
+
+def explain_resolution(
+    solution: Solution, *, limit: str, travel: float, runs: RunSet, n_selected: int
+) -> tuple[str, ...]:
+    """Say when the shortest wavelength was bounded by something other than evidence.
+
+    Parameters
+    ----------
+    solution : Solution
+        With the chosen number of harmonics.
+    limit : {"stated", "sampling", "cost"}
+        What bounded the wavelengths that were considered.
+    travel : float, m
+        Length of the runs.
+    runs : RunSet
+        For the feeds.
+    n_selected : int
+        Wavelengths that repeat beyond chance.
+
+    Returns
+    -------
+    tuple of str
+        Sentences, often none.
+    """
+    sentences = []
+    considered = solution.amplitude.size
+    if limit == "cost" and solution.n_harmonics > 0.9 * considered:
+        sentences.append(
+            f"wavelengths below {solution.period / considered * 1e3:.3g} mm were not considered "
+            "although there is evidence down to this limit; state shortest= to go further"
+        )
+    if len(runs.feeds) == 1:
+        sentences.append(
+            f"one feedrate only ({runs.feeds[0] * _MM_PER_MIN:.0f} mm/min): a vibration that starts "
+            "in phase with the run cannot be told from geometry; add runs at another feedrate"
+        )
+    if n_selected == 0:
+        sentences.append(
+            f"no wavelength up to the travel of {travel * 1e3:.4g} mm repeats beyond chance: there is "
+            "nothing to compensate that these runs could show"
+        )
+    return tuple(sentences)

@@ -1,0 +1,221 @@
+"""`separate`: one name for every method that separates repeated runs, and both directions."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Literal
+
+import numpy as np
+
+from metrosep.core.errors import DataError
+from metrosep.core.provenance import Step
+from metrosep.core.quantity import Quantity
+from metrosep.core.runset import RunSet
+from metrosep.separation.average import separate_mean
+from metrosep.separation.base import ErrorEstimate
+from metrosep.separation.fourier import separate_kono
+from metrosep.separation.joint import separate_joint
+
+__all__ = ["separate"]
+
+_OPTIONS = {
+    "joint": ("min_feeds", "false_discovery_rate"),
+    "kono": (
+        "sigma_t",
+        "p_t",
+        "norm",
+        "taper_fraction",
+        "taper",
+        "rule",
+        "modelling_length",
+        "values",
+        "feed",
+    ),
+    "mean": ("feed",),
+}
+
+_NAMES = {1: "forward", -1: "reverse"}
+
+
+def separate(
+    runs: RunSet,
+    *,
+    method: Literal["joint", "kono", "mean"] = "joint",
+    length: float | None = None,
+    start: float | None = None,
+    shortest: float | None = None,
+    lag: float | Literal["fit"] = 0.0,
+    **options: Any,
+) -> ErrorEstimate:
+    """Return the repeatable geometric error of an axis from repeated runs.
+
+    Parameters
+    ----------
+    runs : RunSet
+        Runs at one or, better, several feedrates, in one or both directions.
+    method : {"joint", "kono", "mean"}, optional
+        Joint generalised least squares over all runs; Kono's Fourier method to the letter; or
+        the plain mean.
+    length, start : float, m, optional
+        Evaluation range: its length and where it begins. The common travel (for "kono" its flat
+        part under the window) if both are omitted; centred in it if only the length is given.
+    shortest : float, m, optional
+        Shortest wavelength of the model; chosen from the data if omitted.
+    lag : float or "fit", s, optional
+        Delay of the reading against the position; "joint" can fit it.
+    **options
+        Of the method: "joint" min_feeds, false_discovery_rate (`separate_joint`); "kono"
+        sigma_t, p_t, norm, taper_fraction, taper, rule, modelling_length, values, feed
+        (`separate_kono`); "mean" feed.
+
+    Returns
+    -------
+    ErrorEstimate
+        Error, uncertainty, spectrum, residual, audit and messages. Where the runs go both ways,
+        each direction is estimated apart and `lost_motion` is their mean offset.
+
+    Raises
+    ------
+    DataError
+        If the method or an option is unknown, or a lag is stated for a method without time.
+    NotSeparableError
+        If the runs cannot tell geometry from vibration (one feedrate only).
+    InvalidSamplesError, NotUniformError, TooFewSamplesError, UnitError
+        If the runs or the ranges cannot be used.
+
+    Examples
+    --------
+    >>> from metrosep.separation import machine_axis, separate
+    >>> axis = machine_axis(seed=1, disturbance="none")
+    >>> estimate = separate(axis.runs, start=axis.start, length=axis.stop - axis.start)
+    >>> bool(abs(estimate.evaluate([20e-3]) - axis.truth([20e-3]) < 60e-9))
+    True
+    """
+    if method not in _OPTIONS:
+        raise DataError(f"unknown method {method!r}; there are 'joint', 'kono' and 'mean'")
+    unknown = sorted(set(options) - set(_OPTIONS[method]))
+    if unknown:
+        known = ", ".join(_OPTIONS[method])
+        raise DataError(f"method {method!r} has no option {unknown[0]!r}; it knows {known}")
+    if method != "joint" and lag != 0.0:
+        raise DataError(f"method {method!r} works in space and has no lag; use method='joint'")
+    if method == "mean" and shortest is not None:
+        raise DataError("method 'mean' does not filter, so it has no shortest wavelength")
+    parts = {
+        d: _separate_one(
+            runs.select(direction=d), method, length, start, shortest, lag, dict(options)
+        )
+        for d in runs.directions
+    }
+    step = Step(
+        "separate",
+        {
+            "method": method,
+            "length_m": length,
+            "start_m": start,
+            "shortest_m": shortest,
+            "lag_s": lag,
+            **options,
+        },
+    )
+    history = (*runs.history, step)
+    if len(parts) == 1:
+        direction, part = next(iter(parts.items()))
+        return _renamed(part, {direction: part}, runs, history)
+    return _renamed(parts[1], parts, runs, history)
+
+
+def _separate_one(
+    runs: RunSet,
+    method: str,
+    length: float | None,
+    start: float | None,
+    shortest: float | None,
+    lag: float | Literal["fit"],
+    options: dict[str, Any],
+) -> ErrorEstimate:
+    if method == "joint":
+        return separate_joint(
+            runs, length=length, start=start, shortest=shortest, lag=lag, **options
+        )
+    if method == "kono":
+        return separate_kono(runs, length=length, start=start, shortest=shortest, **options)
+    return separate_mean(runs, length=length, start=start, **options)
+
+
+def _renamed(
+    main: ErrorEstimate, parts: dict[int, ErrorEstimate], runs: RunSet, history: tuple[Step, ...]
+) -> ErrorEstimate:
+    """Return one estimate that holds those of all directions."""
+    from dataclasses import replace
+
+    messages = [
+        m if len(parts) == 1 else f"{_NAMES[d]}: {m}" for d, p in parts.items() for m in p.messages
+    ]
+    audit = dict(main.audit)
+    if len(parts) > 1:
+        audit = {_NAMES[d]: dict(p.audit) for d, p in parts.items()}
+    total = [
+        (p.residual_rms, sum(len(r) for r in runs.select(direction=d))) for d, p in parts.items()
+    ]
+    rms = math.sqrt(sum(r * r * n for r, n in total) / sum(n for _, n in total))
+    return replace(
+        main,
+        start=max(p.start for p in parts.values()),
+        stop=min(p.stop for p in parts.values()),
+        fit_range=(
+            max(p.fit_range[0] for p in parts.values()),
+            min(p.fit_range[1] for p in parts.values()),
+        ),
+        directions_data={d: p.directions_data[0] for d, p in parts.items()},
+        slope=_mean_slope(parts),
+        lost_motion=_lost_motion(runs, parts) if len(parts) > 1 else None,
+        spectrum_data=_joined(parts, "spectrum_data"),
+        feed_spectra_data=_joined(parts, "feed_spectra_data"),
+        residual_rms=rms,
+        lag=float(np.mean([p.lag for p in parts.values()])),
+        lag_sd=float(np.linalg.norm([p.lag_sd for p in parts.values()]) / len(parts)),
+        audit=audit,
+        messages=tuple(messages),
+        history=history,
+    )
+
+
+def _mean_slope(parts: dict[int, ErrorEstimate]) -> Quantity:
+    slopes = [p.slope for p in parts.values()]
+    known = [s.u for s in slopes if s.u is not None]
+    u = float(np.linalg.norm(known)) / len(slopes) if len(known) == len(slopes) else None
+    return Quantity(float(np.mean([s.value for s in slopes])), "rad", slopes[0].definition, u=u)
+
+
+def _joined(parts: dict[int, ErrorEstimate], name: str) -> dict[str, list[Any]]:
+    """Stack the tables of both directions, with a column that says which."""
+    tables = {d: getattr(p, name) for d, p in parts.items()}
+    if len(tables) == 1:
+        return dict(next(iter(tables.values())))
+    columns: dict[str, list[Any]] = {"direction": []}
+    for d, table in tables.items():
+        columns["direction"] += [_NAMES[d]] * len(next(iter(table.values()), []))
+        for key, values in table.items():
+            columns.setdefault(key, []).extend(values)
+    return columns
+
+
+def _lost_motion(runs: RunSet, parts: dict[int, ErrorEstimate]) -> Quantity:
+    """Return mean offset of the reverse runs minus that of the forward runs."""
+    offsets: dict[int, list[float]] = {1: [], -1: []}
+    for run in runs:
+        rest = run.z - parts[run.direction].evaluate(run.x)
+        rest = rest - parts[run.direction].slope.value * (run.x - runs.common_travel[0])
+        offsets[run.direction].append(float(np.nanmean(rest)))
+    forward, reverse = np.array(offsets[1]), np.array(offsets[-1])
+    u: float | None = None
+    if min(forward.size, reverse.size) > 1:
+        u = math.sqrt(forward.var(ddof=1) / forward.size + reverse.var(ddof=1) / reverse.size)
+    return Quantity(
+        float(reverse.mean() - forward.mean()),
+        "m",
+        "mean reading of the reverse runs minus that of the forward runs, estimates removed; it "
+        "holds lost motion only as far as the sensor did not drift between the runs",
+        u=u,
+    )

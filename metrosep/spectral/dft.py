@@ -1,0 +1,97 @@
+"""Fourier coefficients at exact wavelengths on positions that need not be uniform.
+
+Runs at different feedrates have different sample pitches; an FFT index would mean another
+wavelength in each of them. Here the wavelength is given and the sum runs over the positions.
+Convention: ``e(x) = sum a_k cos(2 pi k (x - x0)/l) + b_k sin(...)``, eq. 4 of motion-error-fourier.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from metrosep.core.errors import DataError
+
+__all__ = ["fourier_basis", "fourier_coefficients"]
+
+FloatArray = NDArray[np.float64]
+
+
+def fourier_basis(x: ArrayLike, *, origin: float, period: float, n_harmonics: int) -> FloatArray:
+    """Return cosines, then sines, of the harmonics 1 ... K at the positions.
+
+    Parameters
+    ----------
+    x : array_like, shape (n,), m
+        Positions.
+    origin : float, m
+        Position of zero phase.
+    period : float, m
+        Longest wavelength, > 0.
+    n_harmonics : int
+        K, >= 0.
+
+    Returns
+    -------
+    ndarray, shape (n, 2 K)
+        ``cos(2 pi k (x - origin)/period)`` for k = 1 ... K, then the sines.
+    """
+    phase = (2.0 * np.pi / period) * np.outer(
+        np.asarray(x, dtype=np.float64) - origin, np.arange(1, n_harmonics + 1)
+    )
+    return np.hstack([np.cos(phase), np.sin(phase)])
+
+
+def fourier_coefficients(
+    x: ArrayLike,
+    z: ArrayLike,
+    *,
+    origin: float,
+    period: float,
+    n_harmonics: int,
+    weights: ArrayLike | None = None,
+) -> NDArray[np.complex128]:
+    """Return ``a_k + i b_k`` of weighted data by direct summation at exact wavelengths.
+
+    Parameters
+    ----------
+    x : array_like, shape (n,), m
+        Positions, monotonic, covering the period.
+    z : array_like, shape (n,), m
+        Heights without NaN.
+    origin : float, m
+        Position of zero phase.
+    period : float, m
+        Length l of the modelling; harmonic k has the wavelength l/k.
+    n_harmonics : int
+        K, >= 1.
+    weights : array_like, shape (n,), optional
+        Taper; 1 if omitted. It is not divided out.
+
+    Returns
+    -------
+    ndarray of complex, shape (K,), m
+        ``a_k = (2/l) sum f z cos dx`` and likewise b_k, with dx the local pitch.
+
+    Raises
+    ------
+    DataError
+        If a height is NaN or there are fewer than three samples.
+
+    Notes
+    -----
+    On a uniform grid that fills the period these are the coefficients of the discrete Fourier
+    transform. Cost O(n K).
+    """
+    xs = np.asarray(x, dtype=np.float64)
+    zs = np.asarray(z, dtype=np.float64)
+    if xs.size < 3:
+        raise DataError(f"a Fourier sum needs at least 3 samples, got {xs.size}")
+    if np.isnan(zs).any():
+        raise DataError("a Fourier sum cannot hold NaN; drop the samples that were not measured")
+    cell = np.abs(np.gradient(xs))
+    cell /= cell.sum()
+    weighted = zs * cell if weights is None else zs * cell * np.asarray(weights, dtype=np.float64)
+    basis = fourier_basis(xs, origin=origin, period=period, n_harmonics=n_harmonics)
+    sums = 2.0 * (weighted @ basis)
+    return np.asarray(sums[:n_harmonics] + 1j * sums[n_harmonics:], dtype=np.complex128)

@@ -1,0 +1,285 @@
+"""The joint separator against truth simulated by other code."""
+
+import numpy as np
+import pytest
+
+from metrosep import Run, RunSet
+from metrosep.errors import DegenerateFitError, NotSeparableError, UnitError
+from metrosep.separation import separate
+from metrosep.separation.joint import benjamini_hochberg
+
+NM = 1.0
+"""Scores of the contract machine are in nm."""
+
+
+def joint(runs, machine, **options):
+    return separate(runs, start=0.0, length=machine.length * 1e-3, **options)
+
+
+def test_noise_free_waves_come_back(contract_machine, as_runset):
+    machine = contract_machine.Machine(1, case="none", noise=1e-4)
+
+    estimate = joint(as_runset(machine), machine)
+
+    assert machine.rms_nm(estimate) < 0.05 * NM
+
+
+@pytest.mark.parametrize(
+    ("case", "waves", "limit"),
+    [
+        ("sine", "STANDARD", 3.5),
+        ("locked", "LONG_ONLY", 3.5),
+        ("modal", "STANDARD", 9.0),
+        ("floor", "STANDARD", 16.0),
+        ("modal", "WITH_SHORT", 10.0),
+    ],
+)
+def test_required_columns_on_three_seeds(contract_machine, as_runset, case, waves, limit):
+    """Goals S3 to S6; 20 seeds are in test_monte_carlo.py."""
+    scores = []
+    for seed in (11, 12, 13):
+        machine = contract_machine.Machine(seed, case=case, waves=getattr(contract_machine, waves))
+        scores.append(machine.rms_nm(joint(as_runset(machine), machine)))
+
+    assert np.mean(scores) <= limit
+
+
+def test_sign_and_place_of_a_one_sided_wave_packet(as_runset):
+    """A bump up at 10 mm and nothing at 35 mm: neither mirrored nor negated."""
+    rng = np.random.default_rng(5)
+    runs = []
+    for v in (0.08, 0.12, 0.16):
+        t = np.arange(int(0.05 / v * 1000)) * 1e-3
+        x = v * t
+        z = 1e-6 * np.exp(-(((x - 10e-3) / 2e-3) ** 2)) + 5e-9 * rng.standard_normal(x.size)
+        runs.append(Run(x, z, t=t, feed=v))
+
+    estimate = separate(RunSet(runs))
+    at = estimate.evaluate([10e-3, 35e-3])
+
+    assert at[0] - at[1] == pytest.approx(1e-6, rel=0.15)
+
+
+def test_result_scales_with_the_unit(contract_machine, as_runset):
+    """Heights a million times larger: the same estimate, a million times larger."""
+    machine = contract_machine.Machine(4)
+    runs = as_runset(machine)
+    scaled = RunSet(Run(r.x, r.z * 1e6, t=r.t, feed=r.feed) for r in runs)
+    x = machine.grid(60) * 1e-3
+
+    a = joint(runs, machine).evaluate(x)
+    b = joint(scaled, machine).evaluate(x)
+
+    np.testing.assert_allclose(b * 1e-6, a, atol=1e-14, rtol=0)
+
+
+def test_result_moves_with_the_origin(contract_machine, as_runset):
+    machine = contract_machine.Machine(4)
+    runs = as_runset(machine)
+    moved = RunSet(Run(r.x + 0.3, r.z, t=r.t, feed=r.feed) for r in runs)
+    x = machine.grid(60) * 1e-3
+
+    a = joint(runs, machine).evaluate(x)
+    b = separate(moved, start=0.3, length=45e-3).evaluate(x + 0.3)
+
+    np.testing.assert_allclose(b, a, atol=1e-12, rtol=0)
+
+
+def test_offset_and_slope_of_the_artefact_are_reported_apart(contract_machine, as_runset):
+    """A tilted flat changes `slope`, not the estimate."""
+    machine = contract_machine.Machine(6)
+    runs = as_runset(machine)
+    tilted = RunSet(Run(r.x, r.z + 2e-4 * r.x + 1e-5, t=r.t, feed=r.feed) for r in runs)
+    x = machine.grid(60) * 1e-3
+
+    plain, leaning = joint(runs, machine), joint(tilted, machine)
+
+    assert leaning.slope.value - plain.slope.value == pytest.approx(2e-4, abs=2e-8)
+    np.testing.assert_allclose(leaning.evaluate(x), plain.evaluate(x), atol=1e-9, rtol=0)
+
+
+def test_twelve_hertz_on_the_lead_is_named(contract_machine, as_runset):
+    machine = contract_machine.Machine(102, case="floor")
+
+    messages = " ".join(joint(as_runset(machine), machine).messages)
+
+    assert "mm at 7200 mm/min" in messages
+    assert "Hz disturbance maps onto" in messages
+
+
+def test_message_asks_for_a_run_where_too_few_feeds_are_clean(contract_machine, as_runset):
+    machine = contract_machine.Machine(102, case="floor", feeds=(118.0, 122.0), n_repeats=5)
+
+    messages = " ".join(joint(as_runset(machine), machine).messages)
+
+    assert "add a run at" in messages
+
+
+def test_lag_is_found_with_its_sign(contract_machine, as_runset):
+    """Goal S8: within 0.4 ms."""
+    for lag in (1e-3, -2e-3):
+        machine = contract_machine.Machine(31, lag=lag)
+
+        estimate = joint(as_runset(machine), machine, lag="fit")
+
+        assert estimate.lag == pytest.approx(lag, abs=0.4e-3)
+        assert abs(estimate.lag - lag) < 4 * estimate.lag_sd
+        assert machine.rms_nm(estimate) <= 11.0 * NM
+
+
+def test_stated_lag_is_used_and_the_wrong_sign_hurts(contract_machine, as_runset):
+    machine = contract_machine.Machine(32, lag=2e-3, waves=contract_machine.WITH_SHORT)
+    runs = as_runset(machine)
+
+    right = machine.rms_nm(joint(runs, machine, lag=2e-3))
+    none = machine.rms_nm(joint(runs, machine))
+    wrong = machine.rms_nm(joint(runs, machine, lag=-2e-3))
+
+    assert right < 10.0 * NM
+    assert right < none < wrong
+
+
+def test_gaps_are_not_bridged_by_invention(contract_machine, as_runset):
+    """A tenth of each run is missing: the score stays, and the band widens in a common gap."""
+    machine = contract_machine.Machine(8)
+    runs = []
+    for run in as_runset(machine):
+        z = run.z.copy()
+        z[(run.x > 20e-3) & (run.x < 21.5e-3)] = np.nan
+        runs.append(Run(run.x, z, t=run.t, feed=run.feed))
+
+    estimate = joint(RunSet(runs), machine)
+
+    assert machine.rms_nm(estimate) <= 9.0 * NM
+    assert estimate.sd([20.75e-3])[0] > 1.1 * estimate.sd([16e-3])[0]
+
+
+def test_more_runs_shrink_the_uncertainty(contract_machine, as_runset):
+    x = np.linspace(2e-3, 43e-3, 100)
+    sd = []
+    for n in (2, 8):
+        machine = contract_machine.Machine(9, n_repeats=n)
+        sd.append(np.median(joint(as_runset(machine), machine).sd(x)))
+
+    assert sd[0] / sd[1] == pytest.approx(2.0, rel=0.35)
+
+
+def test_short_wave_is_kept_and_its_amplitude_is_right(contract_machine, as_runset):
+    """Goal S6: 1.6 mm within 5 %."""
+    machine = contract_machine.Machine(14, waves=contract_machine.WITH_SHORT)
+    estimate = joint(as_runset(machine), machine)
+    x = np.linspace(0, 44.8e-3, 1793)[:-1]
+
+    z = estimate.evaluate(x) * 1e6
+    truth = machine.truth(x * 1e3)
+    wave = np.exp(-2j * np.pi * x / 1.6e-3)
+
+    assert abs(z @ wave) / abs(truth @ wave) == pytest.approx(1.0, abs=0.05)
+
+
+def test_pure_noise_selects_little_and_estimates_little(contract_machine, as_runset):
+    """Goal S9 on five sets; 200 are in test_monte_carlo.py."""
+    n_selected = 0
+    for seed in range(5):
+        machine = contract_machine.Machine(seed, waves={})
+        estimate = joint(as_runset(machine), machine)
+        n_selected += int(estimate.spectrum["selected"].sum())
+        assert machine.rms_nm(estimate) <= 7.0 * NM
+
+    assert n_selected <= 2
+
+
+def test_nothing_to_compensate_is_said():
+    rng = np.random.default_rng(3)
+    x = np.linspace(0, 0.05, 500)
+    runs = RunSet(
+        Run(x, 1e-8 * rng.standard_normal(500), feed=v) for v in (0.05, 0.1) for _ in range(2)
+    )
+
+    assert "nothing to compensate" in " ".join(separate(runs).messages)
+
+
+def test_runs_logged_at_different_rates_are_accepted(contract_machine, as_runset):
+    """An encoder-triggered logger has another sampling interval at each feed."""
+    slow = contract_machine.Machine(21, feeds=(80.0,), rate=1000.0)
+    fast = contract_machine.Machine(21, feeds=(160.0,), rate=2000.0)
+    fast.phase = slow.phase
+    again = contract_machine.Machine(21, feeds=(160.0,), rate=2000.0)
+    assert again.phase == slow.phase
+
+    estimate = joint(as_runset(slow, again), slow)
+
+    assert len(estimate.audit["noise_model"]) == 2
+    assert slow.rms_nm(estimate) <= 16.0 * NM
+
+
+def test_long_records_are_averaged_without_bias(contract_machine, as_runset):
+    machine = contract_machine.Machine(
+        22, case="none", rate=20_000.0, waves=contract_machine.WITH_SHORT, noise=0.05
+    )
+
+    estimate = joint(as_runset(machine), machine)
+
+    assert estimate.audit["averaged_samples"] > 1
+    assert machine.rms_nm(estimate) <= 2.0 * NM
+
+
+def test_one_feedrate_is_refused_unless_accepted(contract_machine, as_runset):
+    machine = contract_machine.Machine(3, feeds=(120.0,), n_repeats=9)
+    runs = as_runset(machine)
+
+    with pytest.raises(NotSeparableError, match=r"1 feedrate.*7200 mm/min.*add runs"):
+        joint(runs, machine)
+    estimate = joint(runs, machine, min_feeds=1)
+
+    assert "one feedrate only" in " ".join(estimate.messages)
+
+
+def test_lag_from_one_feedrate_is_refused(contract_machine, as_runset):
+    machine = contract_machine.Machine(3, feeds=(120.0,), n_repeats=3)
+
+    with pytest.raises(NotSeparableError, match="lag cannot be fitted"):
+        joint(as_runset(machine), machine, min_feeds=1, lag="fit")
+
+
+def test_constant_readings_are_refused():
+    x = np.linspace(0, 0.05, 500)
+    runs = RunSet(Run(x, np.zeros(500), feed=v) for v in (0.05, 0.1))
+
+    with pytest.raises(DegenerateFitError, match="constant"):
+        separate(runs)
+
+
+@pytest.mark.parametrize("shortest", [1.2, 1e-9])
+def test_shortest_in_the_wrong_unit_is_refused(contract_machine, as_runset, shortest):
+    machine = contract_machine.Machine(3)
+
+    with pytest.raises(UnitError, match="shortest"):
+        joint(as_runset(machine), machine, shortest=shortest)
+
+
+def test_phase_refers_to_the_start(contract_machine, as_runset):
+    """One wave that fits the basis: A cos(2 pi (x - start)/lambda + phase)."""
+    period = 1.25 * 56e-3
+    x0 = 4e-3
+    runs = []
+    rng = np.random.default_rng(0)
+    for v in (0.08, 0.16):
+        t = np.arange(round(56e-3 / v * 1000) + 1) * 1e-3
+        x = v * t
+        z = 2e-7 * np.cos(2 * np.pi * (x - x0) / (period / 9) + 0.7)
+        runs.append(Run(x, z + 1e-10 * rng.standard_normal(x.size), t=t, feed=v))
+    estimate = separate(RunSet(runs), start=x0, length=40e-3)
+    table = estimate.spectrum
+
+    row = table.iloc[(table["wavelength_mm"] - period / 9 * 1e3).abs().argmin()]
+
+    assert row["amplitude_nm"] == pytest.approx(200, rel=0.05)
+    assert row["phase_rad"] == pytest.approx(0.7, abs=0.05)
+
+
+def test_benjamini_hochberg_against_the_definition():
+    p = np.array([0.01, 0.012, 0.03, 0.04, 0.5])
+
+    assert benjamini_hochberg(p, rate=0.05).tolist() == [True, True, True, True, False]
+    assert benjamini_hochberg(p, rate=0.02).tolist() == [False, False, False, False, False]
