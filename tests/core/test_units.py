@@ -1,0 +1,106 @@
+"""Units: factors, refusals, headers."""
+
+import math
+
+import pytest
+
+from metrosep.core.units import (
+    column_unit,
+    format_length,
+    parse_quantity,
+    parse_sensitivity,
+    parse_unit,
+)
+from metrosep.errors import UnitError
+
+ROUNDING = 1e-15
+
+
+@pytest.mark.parametrize(
+    ("text", "dimension", "si"),
+    [
+        ("1.2 mm", "length", 1.2e-3),
+        ("250um", "length", 250e-6),
+        ("3 µm", "length", 3e-6),
+        ("3 μm", "length", 3e-6),
+        ("-4e2 nm", "length", -4e-7),
+        ("1 in", "length", 0.0254),
+        ("2 uin", "length", 5.08e-8),
+        ("7200 mm/min", "speed", 0.12),
+        ("1 arcsec", "angle", math.pi / 648000),
+        ("1 deg", "angle", math.pi / 180),
+        ("2 ms", "time", 2e-3),
+        ("10 kHz", "frequency", 1e4),
+    ],
+)
+def test_quantities(text, dimension, si):
+    assert parse_quantity(text, dimension=dimension) == pytest.approx(si, rel=ROUNDING)
+
+
+@pytest.mark.parametrize("text", ["1.2", "mm", "", "1,2 mm", "one mm", "1.2 furlong"])
+def test_text_without_a_known_unit_is_refused(text):
+    with pytest.raises(UnitError):
+        parse_quantity(text, dimension="length")
+
+
+def test_wrong_dimension_names_what_is_needed():
+    with pytest.raises(UnitError, match=r"'s' is a time, but a length is needed"):
+        parse_quantity("1 s", dimension="length")
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_bare_numbers_must_be_finite(value):
+    with pytest.raises(UnitError, match="finite"):
+        parse_quantity(value, dimension="length", name="start")
+
+
+def test_case_tells_metre_from_mega():
+    assert parse_unit("mV").factor == 1e-3
+    with pytest.raises(UnitError):
+        parse_unit("MM/hour")
+
+
+def test_sensitivity_keeps_its_sign():
+    assert parse_sensitivity("-2.5 um/V") == pytest.approx(-2.5e-6, rel=ROUNDING)
+    assert parse_sensitivity("1.66 um/V") == pytest.approx(1.66e-6, rel=ROUNDING)
+    assert parse_sensitivity("2 nm/mV") == pytest.approx(2e-6, rel=ROUNDING)
+
+
+@pytest.mark.parametrize("text", ["2.5 um", "2.5 V/um", "0 um/V", "um/V", "2.5"])
+def test_sensitivity_must_be_length_per_voltage(text):
+    with pytest.raises(UnitError):
+        parse_sensitivity(text)
+
+
+@pytest.mark.parametrize(
+    ("header", "name", "unit"),
+    [
+        ("x_mm", "x", "mm"),
+        ("feed_mm_min", "feed", "mm/min"),
+        ("feed_mm_per_min", "feed", "mm/min"),
+        ("Height (nm)", "Height", "nm"),
+        ("z [µm]", "z", "um"),
+        ("probe1", "probe1", None),
+        ("X_(microns)", "X", "um"),
+        ("y1", "y1", None),
+        ("mm", "mm", None),
+    ],
+)
+def test_headers(header, name, unit):
+    found, declared = column_unit(header)
+
+    assert found == name
+    assert (declared.name if declared else None) == unit
+
+
+def test_lengths_print_with_a_readable_prefix():
+    assert [format_length(v) for v in (0.0, 3e-10, 2.5e-7, -1e-6, 45e-3, 1.5)] == [
+        "0 m",
+        "300 pm",
+        "250 nm",
+        "-1 um",
+        "45 mm",
+        "1.5 m",
+    ]
+    assert format_length(None) == "not known"
+    assert format_length(math.nan) == "not known"
