@@ -1,1 +1,7 @@
-"""The controllers layer."""
+"""Controllers' table files: one dialect per controller, each with writer, reader and simulator."""
+
+from __future__ import annotations
+
+from metrosep.controllers.files import describe, names, read, simulate, write
+
+__all__ = ["describe", "names", "read", "simulate", "write"]

@@ -1,0 +1,233 @@
+"""What a machine or a controller allows, and whether a table stays inside it.
+
+Each check returns findings (level, problem, fix); the caller decides whether to refuse. Source:
+controllers notes, section 8, checks 5 to 9, and the dead zone of LinuxCNC in section 1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.core.units import format_length
+
+__all__ = ["Finding", "Limits", "check_limits", "dead_zone"]
+
+FloatArray = NDArray[np.float64]
+
+_STEEP = 1e-3
+"""Slope of a correction beyond which it is no longer metrology."""
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing that is wrong or doubtful.
+
+    Parameters
+    ----------
+    level : {"error", "warning"}
+        Errors refuse a table, warnings are recorded.
+    problem : str
+        What, with numbers.
+    fix : str
+        What to do.
+    """
+
+    level: Literal["error", "warning"]
+    problem: str
+    fix: str
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Limits of a machine and its controller, SI; None means not checked.
+
+    Parameters
+    ----------
+    max_points : int, optional
+        Entries the controller takes.
+    stroke : float, m, optional
+        Largest correction the actuator or controller allows, absolute.
+    feed : float, m/s, optional
+        Largest feed of the looked-up axis.
+    velocity_share : float, m/s, optional
+        Speed of the corrected axis that the correction may use.
+    acceleration_share : float, m/s^2, optional
+        Acceleration that the correction may use.
+    reversal_jump : float, m, optional
+        Largest step of the correction at a reversal (following-error limit).
+    acceleration : float, m/s^2, optional
+        LinuxCNC's MAX_ACCELERATION of the joint, for its dead zone.
+    servo_period : float, s, optional
+        LinuxCNC's servo period, for its dead zone.
+    """
+
+    max_points: int | None = None
+    stroke: float | None = None
+    feed: float | None = None
+    velocity_share: float | None = None
+    acceleration_share: float | None = None
+    reversal_jump: float | None = None
+    acceleration: float | None = None
+    servo_period: float | None = None
+
+
+def dead_zone(acceleration: float, servo_period: float) -> tuple[float, float]:
+    """Return the steps of a correction that LinuxCNC never executes from rest.
+
+    Parameters
+    ----------
+    acceleration : float, m/s^2
+        MAX_ACCELERATION of the joint.
+    servo_period : float, s
+        Servo period T.
+
+    Returns
+    -------
+    tuple of (float, float), m
+        A step s with ``0.25 a T^2 < s <= 0.5 a T^2`` stays where it is.
+
+    Notes
+    -----
+    The correction is ramped with half the acceleration of the joint; a step in this window puts
+    the ramp into its constant-velocity branch at velocity zero. Seen on LinuxCNC 2.9: a = 1 m/s^2,
+    T = 1 ms: 0.2 um applied, 0.4 and 0.5 um stuck, 0.6 um applied.
+
+    Examples
+    --------
+    >>> [round(v * 1e6, 6) for v in dead_zone(1.0, 1e-3)]
+    [0.25, 0.5]
+    """
+    product = acceleration * servo_period**2
+    return 0.25 * product, 0.5 * product
+
+
+def check_limits(
+    positions: FloatArray,
+    forward: FloatArray,
+    reverse: FloatArray | None,
+    limits: Limits,
+    *,
+    on_axis: bool,
+) -> tuple[Finding, ...]:
+    """Return what is wrong or doubtful about corrections.
+
+    Parameters
+    ----------
+    positions, forward : ndarray, shape (n,), m
+        Entries.
+    reverse : ndarray or None, shape (n,), m
+        Entries of the reverse direction.
+    limits : Limits
+        What is allowed.
+    on_axis : bool
+        Whether the corrected axis is the looked-up one.
+
+    Returns
+    -------
+    tuple of Finding
+        Empty if nothing is wrong.
+    """
+    columns = [forward] if reverse is None else [forward, reverse]
+    findings: list[Finding] = []
+    if limits.max_points is not None and positions.size > limits.max_points:
+        findings.append(
+            Finding(
+                "error",
+                f"{positions.size} points, the controller takes {limits.max_points}",
+                "use a coarser spacing",
+            )
+        )
+    stroke = max(float(np.abs(c).max()) for c in columns)
+    if limits.stroke is not None and stroke > limits.stroke:
+        findings.append(
+            Finding(
+                "error",
+                f"the largest correction is {format_length(stroke)}, the stroke {format_length(limits.stroke)}",
+                "remove alignment from the error or use an axis with more stroke",
+            )
+        )
+    findings += _slopes(positions, columns, limits, on_axis=on_axis)
+    if reverse is not None:
+        findings += _reversal(forward, reverse, limits)
+    return tuple(findings)
+
+
+def _slopes(
+    positions: FloatArray, columns: list[FloatArray], limits: Limits, *, on_axis: bool
+) -> list[Finding]:
+    steps = np.diff(positions)
+    slopes = [np.diff(c) / steps for c in columns]
+    slope = max(float(np.abs(s).max()) for s in slopes)
+    found = []
+    if on_axis and min(float(s.min()) for s in slopes) <= -1.0:
+        found.append(
+            Finding(
+                "error",
+                f"the correction falls by {slope:.3g} m per m: the corrected command turns back",
+                "check the units of position and error",
+            )
+        )
+    elif slope > _STEEP:
+        found.append(
+            Finding(
+                "warning",
+                f"the correction changes by {slope:.3g} m per m",
+                "check the units; a geometric error is rarely steeper than 1e-3",
+            )
+        )
+    if limits.feed is not None and limits.velocity_share is not None:
+        speed = slope * limits.feed
+        if speed > limits.velocity_share:
+            found.append(
+                Finding(
+                    "error",
+                    f"at {limits.feed * 6e4:.4g} mm/min the correction moves with "
+                    f"{speed * 6e4:.4g} mm/min, allowed are {limits.velocity_share * 6e4:.4g}",
+                    "drive slower or drop the shortest wavelengths (shortest=)",
+                )
+            )
+    if limits.feed is not None and limits.acceleration_share is not None and steps.size > 1:
+        middle = 0.5 * (steps[1:] + steps[:-1])
+        curvature = max(float(np.abs(np.diff(s) / middle).max()) for s in slopes)
+        acceleration = curvature * limits.feed**2
+        if acceleration > limits.acceleration_share:
+            found.append(
+                Finding(
+                    "error",
+                    f"at {limits.feed * 6e4:.4g} mm/min the correction accelerates with "
+                    f"{acceleration:.3g} m/s2, allowed are {limits.acceleration_share:.3g}",
+                    "drive slower or drop the shortest wavelengths (shortest=)",
+                )
+            )
+    return found
+
+
+def _reversal(forward: FloatArray, reverse: FloatArray, limits: Limits) -> list[Finding]:
+    jumps = np.abs(forward - reverse)
+    found = []
+    if limits.reversal_jump is not None and float(jumps.max()) > limits.reversal_jump:
+        found.append(
+            Finding(
+                "error",
+                f"the correction jumps by {format_length(float(jumps.max()))} at a reversal, allowed are "
+                f"{format_length(limits.reversal_jump)}",
+                "put the lost motion into the controller's backlash parameter",
+            )
+        )
+    if limits.acceleration is not None and limits.servo_period is not None:
+        low, high = dead_zone(limits.acceleration, limits.servo_period)
+        stuck = int(((jumps > low) & (jumps <= high)).sum())
+        if stuck:
+            found.append(
+                Finding(
+                    "warning",
+                    f"at {stuck} of {jumps.size} positions the step at reversal lies between "
+                    f"{format_length(low)} and {format_length(high)}, which LinuxCNC never executes from rest",
+                    "raise MAX_ACCELERATION of the joint, which moves the window",
+                )
+            )
+    return found

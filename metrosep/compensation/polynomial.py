@@ -1,0 +1,435 @@
+"""Polynomial fits of an error: degree by evidence, covariance from between-run scatter.
+
+The fit runs in Legendre polynomials on the domain scaled to [-1, 1], so that any degree and any
+unit of length is well conditioned; it is printed in Horner form in the unit the controller wants,
+with the range where it is valid. A polynomial through drifting runs is not as certain as its
+residual suggests: with several runs each run is fitted apart and the covariance is that of their
+mean (papers notes, section 2: never from single-sample least squares).
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.polynomial import Polynomial, legendre
+from numpy.typing import ArrayLike, NDArray
+
+from metrosep.core.errors import DataError, DegenerateFitError, TooFewSamplesError
+from metrosep.core.profile import Profile
+from metrosep.core.provenance import Step
+from metrosep.core.runset import RunSet
+from metrosep.core.units import format_length, parse_unit
+from metrosep.separation.base import ErrorEstimate
+
+__all__ = ["PolynomialFit", "fit_polynomial"]
+
+FloatArray = NDArray[np.float64]
+Quantity = Literal["error", "compensation"]
+
+_MAX_AUTO_DEGREE = 12
+_ESTIMATE_POINTS = 401
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PolynomialFit:
+    """A polynomial of position, valid on its domain only.
+
+    Parameters
+    ----------
+    legendre_coefficients : ndarray, shape (degree + 1,), m
+        In Legendre polynomials of the scaled position.
+    cov : ndarray or None, shape (degree + 1, degree + 1), m^2
+        Their covariance; None where nothing tells it.
+    cov_source : str
+        Where the covariance comes from.
+    domain : tuple of (float, float), m
+        Where it is valid.
+    quantity : {"error", "compensation"}
+        What it gives: the error e, or the correction -e.
+    residual_rms : float, m
+        RMS of what is left.
+    scores : tuple of dict
+        AICc, residual and F-test of every degree that was tried.
+    chosen_by : str
+        How the degree was chosen.
+    history : tuple of Step
+        From the files on.
+    """
+
+    legendre_coefficients: FloatArray
+    cov: FloatArray | None
+    cov_source: str
+    domain: tuple[float, float]
+    quantity: Quantity
+    residual_rms: float
+    scores: tuple[dict[str, float], ...] = ()
+    chosen_by: str = "user"
+    history: tuple[Step, ...] = ()
+
+    @property
+    def degree(self) -> int:
+        """Highest power."""
+        return int(self.legendre_coefficients.size - 1)
+
+    @property
+    def coefficients(self) -> FloatArray:
+        """Coefficients of 1, x, x^2, ... in SI (m, 1, 1/m, ...)."""
+        return self._power(1.0, 1.0)
+
+    def _scaled(self, x: ArrayLike, *, clamp: bool) -> FloatArray:
+        low, high = self.domain
+        xs = np.atleast_1d(np.asarray(x, dtype=np.float64))
+        inside = np.clip(xs, low, high)
+        if not clamp:
+            margin = 1e-9 * (high - low)
+            inside = np.where((xs < low - margin) | (xs > high + margin), np.nan, inside)
+        return np.asarray((2.0 * inside - low - high) / (high - low))
+
+    def evaluate(self, x: ArrayLike, *, clamp: bool = False) -> FloatArray:
+        """Return the polynomial at positions.
+
+        Parameters
+        ----------
+        x : array_like, shape (n,), m
+            Positions.
+        clamp : bool, optional
+            Hold the end values outside the domain, as the printed form for a controller does.
+
+        Returns
+        -------
+        ndarray, shape (n,), m
+            NaN outside the domain unless clamped.
+        """
+        return np.asarray(
+            legendre.legval(self._scaled(x, clamp=clamp), self.legendre_coefficients)
+        )
+
+    def sd(self, x: ArrayLike) -> FloatArray:
+        """Return the standard uncertainty of the polynomial at positions.
+
+        Parameters
+        ----------
+        x : array_like, shape (n,), m
+            Positions.
+
+        Returns
+        -------
+        ndarray, shape (n,), m
+            NaN outside the domain and where no covariance is known.
+        """
+        basis = legendre.legvander(self._scaled(x, clamp=False), self.degree)
+        if self.cov is None:
+            return np.full(basis.shape[0], np.nan)
+        variance = np.einsum("ij,jk,ik->i", basis, self.cov, basis)
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
+
+    def _power(self, x_factor: float, y_factor: float) -> FloatArray:
+        """Coefficients of 1, x, x^2 ... with x and y in other units."""
+        low, high = self.domain
+        series = legendre.Legendre(self.legendre_coefficients, domain=[low, high])
+        powers = series.convert(kind=Polynomial, domain=[-1, 1], window=[-1, 1]).coef
+        full = np.zeros(self.degree + 1)
+        full[: powers.size] = powers
+        return np.asarray(full * x_factor ** np.arange(full.size) / y_factor)
+
+    def horner(self, *, x_unit: str = "mm", y_unit: str = "um", digits: int = 9) -> str:
+        """Return the polynomial in Horner form for a controller, with units and range.
+
+        Parameters
+        ----------
+        x_unit, y_unit : str, optional
+            Units of position and value.
+        digits : int, optional
+            Significant digits of each coefficient, 3 to 17.
+
+        Returns
+        -------
+        str
+            Two comment lines and one line ``y = c0 + x*(c1 + x*(...))``.
+
+        Raises
+        ------
+        DataError
+            If `digits` is out of range.
+        """
+        numbers = self._printed(x_unit, y_unit, digits)
+        text = numbers[-1]
+        for number in reversed(numbers[:-1]):
+            text = f"{number} + x*({text})"
+        low, high = (v / parse_unit(x_unit, dimension="length").factor for v in self.domain)
+        meaning = (
+            "error e = actual - nominal (subtract it)"
+            if self.quantity == "error"
+            else "correction c = -e (add it to the command)"
+        )
+        worst = self.printing_error(x_unit=x_unit, y_unit=y_unit, digits=digits)
+        return (
+            f"# {meaning}; x in {x_unit}, y in {y_unit}\n"
+            f"# valid for {low:.9g} <= x <= {high:.9g}: clamp x to it; printed digits cost at most "
+            f"{format_length(worst, digits=2)}\n"
+            f"y = {text}"
+        )
+
+    def _printed(self, x_unit: str, y_unit: str, digits: int) -> list[str]:
+        if not 3 <= digits <= 17:
+            raise DataError(f"digits must be 3 to 17, got {digits}")
+        x_factor = parse_unit(x_unit, dimension="length").factor
+        y_factor = parse_unit(y_unit, dimension="length").factor
+        return [f"{c:.{digits}g}" for c in self._power(x_factor, y_factor)]
+
+    def printing_error(self, *, x_unit: str = "mm", y_unit: str = "um", digits: int = 9) -> float:
+        """Return the largest deviation when only the printed digits are used.
+
+        Parameters
+        ----------
+        x_unit, y_unit, digits : str, str, int, optional
+            As for `horner`.
+
+        Returns
+        -------
+        float, m
+            Over the domain.
+
+        Raises
+        ------
+        DataError
+            If `digits` is out of range.
+        """
+        x = np.linspace(*self.domain, 2001)
+        numbers = [float(n) for n in self._printed(x_unit, y_unit, digits)]
+        y = (
+            np.polynomial.polynomial.polyval(
+                x / parse_unit(x_unit, dimension="length").factor, numbers
+            )
+            * parse_unit(y_unit, dimension="length").factor
+        )
+        return float(np.abs(y - self.evaluate(x)).max())
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values with units in the keys.
+
+        Returns
+        -------
+        dict
+            For results and reports.
+        """
+        return {
+            "degree": self.degree,
+            "quantity": self.quantity,
+            "domain_m": list(self.domain),
+            "coefficients_si": self.coefficients.tolist(),
+            "legendre_coefficients_m": self.legendre_coefficients.tolist(),
+            "legendre_covariance_m2": None if self.cov is None else self.cov.tolist(),
+            "covariance_from": self.cov_source,
+            "residual_rms_m": self.residual_rms,
+            "degree_chosen_by": self.chosen_by,
+            "scores": [dict(s) for s in self.scores],
+            "horner": self.horner(),
+        }
+
+
+def fit_polynomial(
+    data: ErrorEstimate | RunSet | Profile,
+    *,
+    degree: int | Literal["aicc", "f-test"] = "aicc",
+    quantity: Quantity = "error",
+    domain: tuple[float, float] | None = None,
+    max_degree: int = 6,
+) -> PolynomialFit:
+    """Fit a polynomial to an error over position.
+
+    Parameters
+    ----------
+    data : ErrorEstimate, RunSet or Profile
+        Error e = actual - nominal. Runs are fitted one by one and averaged.
+    degree : int or {"aicc", "f-test"}, optional
+        Degree, or how to choose it.
+    quantity : {"error", "compensation"}, optional
+        Whether to give e or -e; never inferred.
+    domain : tuple of (float, float), m, optional
+        Positions to fit over; all of the data if omitted.
+    max_degree : int, optional
+        Highest degree to try, up to 12.
+
+    Returns
+    -------
+    PolynomialFit
+        With covariance from the scatter between runs, or from the estimate's band.
+
+    Raises
+    ------
+    DataError
+        If an option is not one of its choices.
+    TooFewSamplesError
+        If there are too few samples for the degree.
+    DegenerateFitError
+        If the domain is empty.
+    """
+    if quantity not in ("error", "compensation"):
+        raise DataError(
+            f"quantity={quantity!r}; state 'error' or 'compensation': the sign follows"
+        )
+    curves = _curves(data, domain)
+    low = min(float(x.min()) for x, _ in curves) if domain is None else domain[0]
+    high = max(float(x.max()) for x, _ in curves) if domain is None else domain[1]
+    if not high > low:
+        raise DegenerateFitError(f"the domain {low} ... {high} m has no length")
+    chosen, scores, how = _choose(curves, (low, high), degree, max_degree)
+    fits = np.array([_fit(x, z, (low, high), chosen) for x, z in curves])
+    coefficients = fits.mean(axis=0)
+    cov, source = _covariance(fits, data, (low, high), chosen)
+    residual = [
+        z - legendre.legval(_unit(x, (low, high)), f)
+        for (x, z), f in zip(curves, fits, strict=True)
+    ]
+    sign = -1.0 if quantity == "compensation" else 1.0
+    return PolynomialFit(
+        legendre_coefficients=sign * coefficients,
+        cov=cov,
+        cov_source=source,
+        domain=(low, high),
+        quantity=quantity,
+        residual_rms=float(np.sqrt(np.mean(np.concatenate(residual) ** 2))),
+        scores=tuple(scores),
+        chosen_by=how,
+        history=(*data.history, Step("polynomial", {"degree": chosen, "quantity": quantity})),
+    )
+
+
+def _curves(
+    data: ErrorEstimate | RunSet | Profile, domain: tuple[float, float] | None
+) -> list[tuple[FloatArray, FloatArray]]:
+    if isinstance(data, ErrorEstimate):
+        x = np.linspace(data.start, data.stop, _ESTIMATE_POINTS)
+        pairs = [(x, data.evaluate(x))]
+    elif isinstance(data, RunSet):
+        pairs = [(r.x, r.z) for r in data]
+    elif isinstance(data, Profile):
+        pairs = [(data.x, data.z)]
+    else:
+        raise DataError(f"pass an ErrorEstimate, a RunSet or a Profile, got {type(data).__name__}")
+    kept = []
+    for x, z in pairs:
+        keep = ~np.isnan(z)
+        if domain is not None:
+            keep &= (x >= domain[0]) & (x <= domain[1])
+        if not keep.any():
+            raise TooFewSamplesError("no valid sample lies in the domain of the polynomial")
+        kept.append((x[keep], z[keep]))
+    return kept
+
+
+def _unit(x: FloatArray, domain: tuple[float, float]) -> FloatArray:
+    return np.asarray((2.0 * x - domain[0] - domain[1]) / (domain[1] - domain[0]))
+
+
+def _fit(x: FloatArray, z: FloatArray, domain: tuple[float, float], degree: int) -> FloatArray:
+    if x.size < degree + 2:
+        raise TooFewSamplesError(
+            f"a polynomial of degree {degree} needs {degree + 2} samples, got {x.size}"
+        )
+    basis = legendre.legvander(_unit(x, domain), degree)
+    scale = float(np.abs(z).max()) or 1.0
+    solution, _, rank, _ = np.linalg.lstsq(basis, z / scale, rcond=None)
+    if rank <= degree:
+        raise DegenerateFitError(
+            f"degree {degree} is not determined by these positions (rank {rank}); lower the degree"
+        )
+    return np.asarray(solution * scale)
+
+
+def _choose(
+    curves: list[tuple[FloatArray, FloatArray]],
+    domain: tuple[float, float],
+    degree: int | str,
+    max_degree: int,
+) -> tuple[int, list[dict[str, float]], str]:
+    if isinstance(degree, int) and not isinstance(degree, bool):
+        if not 0 <= degree <= 60:
+            raise DataError(f"degree must be 0 to 60, got {degree}")
+        return degree, [], "user"
+    if degree not in ("aicc", "f-test"):
+        raise DataError(f"degree={degree!r}; use a number, 'aicc' or 'f-test'")
+    top = min(max_degree, _MAX_AUTO_DEGREE, min(x.size for x, _ in curves) // 3)
+    scores = [_score(curves, domain, d) for d in range(top + 1)]
+    for low, high in itertools.pairwise(scores):
+        high["p_of_f_test"] = _f_test(low, high)
+    if degree == "aicc":
+        best = int(np.argmin([s["aicc"] for s in scores]))
+        return best, scores, "AICc"
+    best = 0
+    for d in range(1, top + 1):
+        if scores[d]["p_of_f_test"] < 0.01:
+            best = d
+    return best, scores, "F-test, 1 %"
+
+
+def _score(
+    curves: list[tuple[FloatArray, FloatArray]], domain: tuple[float, float], degree: int
+) -> dict[str, float]:
+    """AICc of one mean polynomial; each run has its own offset and slope beside it.
+
+    Samples of one run are not independent: their number is taken as the number of independent
+    ones, from the lag-one correlation r of the residual, n (1 - r)/(1 + r).
+    """
+    squares, n_effective, n = 0.0, 0.0, 0
+    for x, z in curves:
+        rest = z - legendre.legval(_unit(x, domain), _fit(x, z, domain, degree))
+        squares += float(rest @ rest)
+        n += rest.size
+        norm = float(rest @ rest)
+        r = float(rest[1:] @ rest[:-1]) / norm if norm > 0.0 else 0.0
+        n_effective += rest.size * (1.0 - max(r, 0.0)) / (1.0 + max(r, 0.0))
+    m = max(n_effective, degree + 4.0)
+    k = degree + 2
+    floor = (1e-15 * max(float(np.abs(z).max()) for _, z in curves)) ** 2 * n + 1e-300
+    aicc = (
+        m * math.log(max(squares, floor) / n) + 2.0 * k + 2.0 * k * (k + 1) / max(m - k - 1, 1.0)
+    )
+    return {
+        "degree": degree,
+        "aicc": aicc,
+        "residual_rms_m": math.sqrt(squares / n),
+        "independent_samples": m,
+    }
+
+
+def _f_test(low: dict[str, float], high: dict[str, float]) -> float:
+    from scipy.special import fdtrc
+
+    freedom = high["independent_samples"] - high["degree"] - 1.0
+    if freedom < 1.0:
+        return 1.0
+    rest = high["residual_rms_m"] ** 2
+    gain = low["residual_rms_m"] ** 2 - rest
+    if rest <= 0.0:
+        return 0.0 if gain > 0.0 else 1.0
+    return float(fdtrc(1.0, freedom, max(gain, 0.0) / rest * freedom))
+
+
+def _covariance(
+    fits: FloatArray,
+    data: ErrorEstimate | RunSet | Profile,
+    domain: tuple[float, float],
+    degree: int,
+) -> tuple[FloatArray | None, str]:
+    n = fits.shape[0]
+    if n > 1:
+        return np.atleast_2d(np.cov(fits, rowvar=False)) / n, f"scatter of {n} runs"
+    if isinstance(data, ErrorEstimate):
+        x = np.linspace(*domain, _ESTIMATE_POINTS)
+        basis = legendre.legvander(_unit(x, domain), degree)
+        pinv = np.linalg.pinv(basis)
+        band = data.sd(x)
+        if np.isfinite(band).all():
+            # the band says nothing of correlation: a triangle a quarter of the domain wide
+            width = 0.25 * (domain[1] - domain[0])
+            block = np.maximum(1.0 - np.abs(x[:, None] - x) / width, 0.0)
+            return np.asarray(
+                pinv @ (np.outer(band, band) * block) @ pinv.T
+            ), "band of the estimate"
+    return None, "unknown: one run tells no scatter"
