@@ -1,1 +1,1 @@
-"""The cli layer."""
+"""The command line: parse, call, print. Nothing heavy is imported before a command runs."""

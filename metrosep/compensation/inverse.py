@@ -44,7 +44,8 @@ def exact_correction(
     Raises
     ------
     TableError
-        If the error is so steep that the axis would turn back, ``|de/dx| >= 1``.
+        If the error is so steep that the axis would turn back, ``|de/dx| >= 1``, or not finite
+        where it is looked up.
     NotConvergedError
         If the fixed point does not settle to 0.1 pm.
 
@@ -54,18 +55,18 @@ def exact_correction(
     >>> bool(abs(exact_correction(lambda x: 0.01 * x, np.array([1.0]))[0] + 0.01 / 1.01) < 1e-13)
     True
     """
-    correction = -error(positions)
+    correction = -_finite(error, positions)
     for _ in range(_MAX_STEPS):
-        update = -error(positions + correction)
-        change = float(np.nanmax(np.abs(update - correction)))
+        update = -_finite(error, positions + correction)
+        change = float(np.abs(update - correction).max(initial=0.0))
         correction = update
         if change < _TOLERANCE:
             return correction
-        if not np.isfinite(change) or change > 1e3:
+        if change > 1e3:
             break
     steep = (
-        float(np.nanmax(np.abs(np.diff(error(positions)) / np.diff(positions))))
-        if (positions.size > 1)
+        float(np.abs(np.diff(error(positions)) / np.diff(positions)).max())
+        if positions.size > 1
         else float("nan")
     )
     if steep >= 1.0:
@@ -77,3 +78,14 @@ def exact_correction(
         f"the exact inverse did not settle to 0.1 pm (largest slope {steep:.3g}); smooth the error "
         "or use exact=False"
     )
+
+
+def _finite(error: Callable[[FloatArray], FloatArray], places: FloatArray) -> FloatArray:
+    values = np.asarray(error(places), dtype=np.float64)
+    bad = np.flatnonzero(~np.isfinite(values))
+    if bad.size:
+        raise TableError(
+            f"the error is not finite at {places[int(bad[0])] * 1e3:.9g} mm ({bad.size} of "
+            f"{places.size} places): narrow the positions to what was measured"
+        )
+    return values

@@ -163,11 +163,12 @@ def _slopes(
     slopes = [np.diff(c) / steps for c in columns]
     slope = max(float(np.abs(s).max()) for s in slopes)
     found = []
-    if on_axis and min(float(s.min()) for s in slopes) <= -1.0:
+    fall = -min(float(s.min()) for s in slopes)
+    if on_axis and fall >= 1.0:
         found.append(
             Finding(
                 "error",
-                f"the correction falls by {slope:.3g} m per m: the corrected command turns back",
+                f"the correction falls by {fall:.3g} m per m: the corrected command turns back",
                 "check the units of position and error",
             )
         )

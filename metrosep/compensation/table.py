@@ -7,31 +7,25 @@ Between entries the correction is linear, outside constant, as controllers do.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Literal, cast
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.compensation.inverse import exact_correction
 from metrosep.compensation.limits import Finding, Limits, check_limits
+from metrosep.compensation.sampling import Direction, ErrorSource, column, sample_error
 from metrosep.compensation.verify import Against, Removed, Verification, dry_run
 from metrosep.core.errors import DataError, LimitError, TableError
-from metrosep.core.profile import Profile, html_table
+from metrosep.core.profile import html_table
 from metrosep.core.provenance import Step, history_as_dicts
-from metrosep.core.units import format_length, parse_quantity
+from metrosep.core.units import format_length
 from metrosep.separation.base import ErrorEstimate
 
 __all__ = ["CompensationTable"]
 
 FloatArray = NDArray[np.float64]
-ErrorFunction = Callable[[FloatArray], FloatArray]
-Direction = Literal["auto", "both", "split", "forward", "reverse"]
-
-_DENSE = 20
-"""Positions between two entries at which the interpolation error is looked for."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -88,7 +82,7 @@ class CompensationTable:
     history: tuple[Step, ...] = ()
 
     def __post_init__(self) -> None:
-        positions = _column(self.positions, "positions")
+        positions = column(self.positions, "positions")
         if positions.size < 2:
             raise TableError(f"a table needs at least 2 positions, got {positions.size}")
         bad = np.flatnonzero(np.diff(positions) <= 0)
@@ -102,12 +96,12 @@ class CompensationTable:
         for name in ("forward", "reverse", "u"):
             values = getattr(self, name)
             if values is not None:
-                column = _column(values, name)
-                if column.size != positions.size:
+                checked = column(values, name)
+                if checked.size != positions.size:
                     raise TableError(
-                        f"{name} has {column.size} entries, there are {positions.size} positions"
+                        f"{name} has {checked.size} entries, there are {positions.size} positions"
                     )
-                object.__setattr__(self, name, column)
+                object.__setattr__(self, name, checked)
         for name in ("axis", "compensates"):
             if not str(getattr(self, name)).strip():
                 raise TableError(f"{name} must name an axis, such as 'X'")
@@ -131,14 +125,14 @@ class CompensationTable:
     @classmethod
     def from_error(
         cls,
-        error: ErrorEstimate | Profile | ErrorFunction,
+        error: ErrorSource,
         *,
         positions: ArrayLike | str | int,
         axis: str,
         compensates: str | None = None,
         direction: Direction = "auto",
         reference: float | None = None,
-        reverse: ErrorEstimate | Profile | ErrorFunction | None = None,
+        reverse: ErrorSource | None = None,
         exact: bool = True,
         source_sha256: tuple[str, ...] = (),
     ) -> CompensationTable:
@@ -175,32 +169,31 @@ class CompensationTable:
         Raises
         ------
         TableError
-            If the positions leave the measured range or the error is too steep to invert.
+            If the positions leave the measured range or lie in a gap of it, or the error is too
+            steep to invert.
         DataError
             If `direction` is unknown or asks for what the error does not have.
         """
-        forward_error, reverse_error = _error_functions(error, reverse, direction)
-        p = _positions(positions, error)
-        _check_coverage(p, error)
-        zero = _reference(p, reference)
+        sampled = sample_error(
+            error, reverse, direction=direction, positions=positions, reference=reference
+        )
         target = compensates or axis
         invert = exact and target == axis
-        offset = float(forward_error(np.array([zero]))[0])
-        shifted = _minus(forward_error, offset)
         make = exact_correction if invert else (lambda e, x: -e(x))
-        shifted_reverse = None if reverse_error is None else _minus(reverse_error, offset)
+        p, zero = sampled.positions, sampled.reference
         return cls(
             positions=p,
-            forward=_zeroed(make(_clipped(shifted, p), p), p, zero),
-            reverse=None if shifted_reverse is None else make(_clipped(shifted_reverse, p), p),
+            # an exact zero at the reference, where rounding leaves 1e-23
+            forward=np.where(p == zero, 0.0, make(sampled.forward, p)),
+            reverse=None if sampled.reverse is None else make(sampled.reverse, p),
             axis=axis,
             compensates=target,
             reference=zero,
-            u=_uncertainty(error, p),
-            interpolation_error=_interpolation_error([shifted, shifted_reverse], p),
+            u=sampled.u,
+            interpolation_error=sampled.interpolation_error,
             removed="line" if isinstance(error, ErrorEstimate) else "offset",
             is_exact_inverse=invert,
-            offset_removed=offset,
+            offset_removed=sampled.offset,
             source_sha256=source_sha256 or _hashes(error),
             history=(
                 *getattr(error, "history", ()),
@@ -397,158 +390,8 @@ class CompensationTable:
         )
 
 
-def _column(values: ArrayLike, name: str) -> FloatArray:
-    column = np.array(values, dtype=np.float64)
-    if column.ndim != 1:
-        raise TableError(f"{name} must be one-dimensional, got shape {column.shape}")
-    if not np.isfinite(column).all():
-        i = int(np.flatnonzero(~np.isfinite(column))[0])
-        raise TableError(
-            f"{name}[{i}] is {column[i]}: a table must be finite everywhere; narrow the positions to "
-            "what was measured"
-        )
-    column.setflags(write=False)
-    return column
-
-
-def _function(
-    error: ErrorEstimate | Profile | ErrorFunction, direction: int | None
-) -> ErrorFunction:
-    if isinstance(error, ErrorEstimate):
-        return lambda x: error.evaluate(x, direction=direction)
-    if isinstance(error, Profile):
-        valid = ~np.isnan(error.z)
-        return lambda x: np.interp(x, error.x[valid], error.z[valid])
-    if callable(error):
-        return lambda x: np.asarray(error(x), dtype=np.float64)
-    raise DataError(
-        f"the error is a {type(error).__name__}; pass an ErrorEstimate, a Profile or a function"
-    )
-
-
-def _error_functions(
-    error: ErrorEstimate | Profile | ErrorFunction,
-    reverse: ErrorEstimate | Profile | ErrorFunction | None,
-    direction: str,
-) -> tuple[ErrorFunction, ErrorFunction | None]:
-    if direction not in ("auto", "both", "split", "forward", "reverse"):
-        raise DataError(f"direction={direction!r}; use auto, both, split, forward or reverse")
-    if reverse is not None:
-        return _function(error, 1), _function(reverse, -1)
-    has_both = isinstance(error, ErrorEstimate) and error.directions == (-1, 1)
-    if direction == "split" and not has_both:
-        raise DataError(
-            "direction='split' needs runs in both directions (or reverse=); this error has one "
-            "direction: use direction='both'"
-        )
-    if has_both and direction in ("auto", "split"):
-        assert isinstance(error, ErrorEstimate)  # noqa: S101  (has_both says so)
-        lost = 0.0 if error.lost_motion is None else error.lost_motion.value
-        u = 0.0 if error.lost_motion is None else (error.lost_motion.u or 0.0)
-        significant = lost if abs(lost) > 2.0 * u else 0.0
-        return _function(error, 1), _minus(_function(error, -1), -significant)
-    return _function(error, {"forward": 1, "reverse": -1}.get(direction)), None
-
-
-def _minus(error: ErrorFunction, offset: float) -> ErrorFunction:
-    return lambda x: error(x) - offset
-
-
-def _clipped(error: ErrorFunction, p: FloatArray) -> ErrorFunction:
-    """Hold the end values for the lookup p + c just outside the table."""
-    return lambda x: error(np.clip(x, p[0], p[-1]))
-
-
-def _zeroed(values: FloatArray, p: FloatArray, zero: float) -> FloatArray:
-    """Write an exact zero at the reference where it is an entry (rounding left 1e-23)."""
-    return np.where(p == zero, 0.0, values)
-
-
-def _range(error: ErrorEstimate | Profile | ErrorFunction) -> tuple[float, float] | None:
-    if isinstance(error, ErrorEstimate):
-        return error.start, error.stop
-    if isinstance(error, Profile):
-        valid = error.x[~np.isnan(error.z)]
-        return float(valid[0]), float(valid[-1])
-    return None
-
-
-def _positions(
-    positions: ArrayLike | str | int, error: ErrorEstimate | Profile | ErrorFunction
-) -> FloatArray:
-    if not isinstance(positions, str | int):
-        return _column(positions, "positions")
-    span = _range(error)
-    if span is None:
-        raise TableError("for a function state the positions themselves: its range is not known")
-    low, high = span
-    if isinstance(positions, str):
-        spacing = parse_quantity(positions, dimension="length", name="spacing")
-        if not 0.0 < spacing <= high - low:
-            raise TableError(
-                f"spacing {positions!r} must be positive and at most the range {format_length(high - low)}"
-            )
-        first = math.ceil(low / spacing - 1e-9)
-        last = math.floor(high / spacing + 1e-9)
-        if last - first < 1:
-            raise TableError(
-                f"no two multiples of {positions!r} lie in {format_length(low)} ... "
-                f"{format_length(high)}; use a finer spacing"
-            )
-        return np.clip(np.arange(first, last + 1) * spacing, low, high)
-    return np.linspace(low, high, max(int(positions), 0))
-
-
-def _check_coverage(p: FloatArray, error: ErrorEstimate | Profile | ErrorFunction) -> None:
-    span = _range(error)
-    if span is None or p.size == 0:
-        return
-    low, high = error.fit_range if isinstance(error, ErrorEstimate) else span
-    margin = 1e-9 * (high - low)
-    if p[0] < low - margin or p[-1] > high + margin:
-        raise TableError(
-            f"the positions {format_length(float(p[0]))} ... {format_length(float(p[-1]))} leave the "
-            f"measured range {format_length(low)} ... {format_length(high)}: an error is not "
-            "extrapolated; narrow the positions or measure further"
-        )
-
-
-def _reference(p: FloatArray, reference: float | None) -> float:
-    if p.size == 0:
-        raise TableError("a table needs at least 2 positions, got 0")
-    if reference is None:
-        return 0.0 if p[0] <= 0.0 <= p[-1] else float(p[0])
-    if not p[0] <= reference <= p[-1]:
-        raise TableError(
-            f"the reference {format_length(reference)} lies outside the table "
-            f"{format_length(float(p[0]))} ... {format_length(float(p[-1]))}"
-        )
-    return float(reference)
-
-
-def _uncertainty(
-    error: ErrorEstimate | Profile | ErrorFunction, p: FloatArray
-) -> FloatArray | None:
-    if not isinstance(error, ErrorEstimate):
-        return None
-    sd = error.sd(p)
-    return sd if np.isfinite(sd).all() else None
-
-
-def _interpolation_error(errors: list[ErrorFunction | None], p: FloatArray) -> float:
-    worst = 0.0
-    fraction = np.linspace(0.0, 1.0, _DENSE + 1)
-    dense = np.unique((p[:-1, None] + np.diff(p)[:, None] * fraction).ravel())
-    dense = np.clip(dense, p[0], p[-1])
-    for error in errors:
-        if error is not None:
-            rest = error(dense) - np.interp(dense, p, error(p))
-            worst = max(worst, float(np.nanmax(np.abs(rest))))
-    return worst
-
-
 def _hashes(error: object) -> tuple[str, ...]:
-    found = []
+    found: list[str] = []
     for step in getattr(error, "history", ()):
         value = step.parameters.get("sha256")
         if isinstance(value, str):

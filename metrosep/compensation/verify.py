@@ -16,7 +16,7 @@ from typing import Any, Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.core.errors import SignCheckFailedError, TableError
+from metrosep.core.errors import DataError, SignCheckFailedError, TableError
 from metrosep.core.profile import Profile
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import format_length
@@ -58,7 +58,8 @@ class DirectionResidual:
     run_before_rms, run_after_rms : float, m
         Mean RMS of the single runs, with all that does not repeat.
     u_after_rms : float or None, m
-        Standard uncertainty of `after_rms` from the scatter of the runs.
+        Standard uncertainty of `after_rms` from the scatter of the runs, to first order; None
+        for one run.
     """
 
     direction: int
@@ -244,18 +245,18 @@ Curve = Callable[[FloatArray], FloatArray]
 
 def _curves(against: Against) -> tuple[Mapping[int, list[Curve]], float, float]:
     if isinstance(against, RunSet):
-        low, high = against.common_travel
+        ends = np.array([_measured(r) for r in against.runs])
         return (
             {
                 d: [_interpolated(r) for r in against.runs if r.direction == d]
                 for d in reversed(against.directions)
             },
-            low,
-            high,
+            float(ends[:, 0].max()),
+            float(ends[:, 1].min()),
         )
     if isinstance(against, Profile):
         curve = _interpolated(against)
-        return {1: [curve], -1: [curve]}, float(against.x[0]), float(against.x[-1])
+        return {1: [curve], -1: [curve]}, *_measured(against)
     return (
         {d: [_of_estimate(against, d)] for d in (1, -1)},
         against.start,
@@ -269,6 +270,14 @@ def _of_estimate(estimate: _Evaluates, direction: int) -> Curve:
         return estimate.evaluate(inside, direction=direction)
 
     return curve
+
+
+def _measured(source: Run | Profile) -> tuple[float, float]:
+    """First and last position that was measured: what is not is not compared."""
+    x = source.x[~np.isnan(source.z)]
+    if x.size == 0:
+        raise DataError("there is no valid sample to dry-run the table against")
+    return float(x.min()), float(x.max())
 
 
 def _interpolated(source: Run | Profile) -> Curve:
@@ -292,20 +301,26 @@ def _direction_residual(
     after = np.array([_leveled(f(grid + c * on_axis) + c, grid, removed) for f in members])
     wrong = np.array([_leveled(f(grid - c * on_axis) - c, grid, removed) for f in members])
     n = len(members)
-    run_rms = after.std(axis=1)
+    mean = after.mean(axis=0)
+    rms = float(mean.std())
     return DirectionResidual(
         direction=direction,
         n_runs=n,
         before_pv=float(np.ptp(before.mean(axis=0))),
-        after_pv=float(np.ptp(after.mean(axis=0))),
+        after_pv=float(np.ptp(mean)),
         wrong_sign_pv=float(np.ptp(wrong.mean(axis=0))),
         before_rms=float(before.mean(axis=0).std()),
-        after_rms=float(after.mean(axis=0).std()),
+        after_rms=rms,
         wrong_sign_rms=float(wrong.mean(axis=0).std()),
         run_before_rms=float(before.std(axis=1).mean()),
-        run_after_rms=float(run_rms.mean()),
-        u_after_rms=float(run_rms.std(ddof=1) / np.sqrt(n)) if n > 1 else None,
+        run_after_rms=float(after.std(axis=1).mean()),
+        u_after_rms=_scatter(after @ mean / mean.size / rms) if n > 1 and rms > 0.0 else None,
     )
+
+
+def _scatter(shares: FloatArray) -> float:
+    """Return the standard uncertainty of a mean: each run's share in the RMS of the mean curve."""
+    return float(shares.std(ddof=1) / np.sqrt(shares.size))
 
 
 def _leveled(values: FloatArray, grid: FloatArray, removed: Removed) -> FloatArray:

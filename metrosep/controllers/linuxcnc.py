@@ -28,8 +28,8 @@ MAX_POINTS = 256
 """Entries per joint (motion.h of LinuxCNC 2.9); the 257th is ignored with an error."""
 
 _MM = 1e-3
-_DECIMALS = 8
-"""Decimals of a position in mm: 10 fm, below the float32 in which the trim is kept."""
+_DECIMALS = 10
+"""Decimals of a position in mm: 0.1 pm; the trim itself is kept as float32 by LinuxCNC."""
 
 
 class LinuxCNC:
@@ -69,25 +69,31 @@ class LinuxCNC:
         DataError
             If a keyword is unknown.
         """
+        machine.pop("cross_axis", None)
         try:
             return Limits(**{"max_points": MAX_POINTS, **machine})
         except TypeError as exc:
             raise DataError(f"unknown machine limit: {exc}") from None
 
-    def encode(self, table: CompensationTable, **machine: Any) -> Encoded:
+    def encode(
+        self, table: CompensationTable, *, cross_axis: str = "refuse", **machine: Any
+    ) -> Encoded:
         """Return bare triples.
 
         Parameters
         ----------
         table : CompensationTable
-            With axis and compensated axis the same.
+            Corrections.
+        cross_axis : {"refuse", "hal"}, optional
+            A table that corrects another axis than it looks up is refused, unless HAL routes it;
+            the sidecar then holds the wiring.
         **machine
             Not used by the format.
 
         Returns
         -------
         Encoded
-            ASCII, LF, eight decimals of a millimetre.
+            ASCII, LF, ten decimals of a millimetre.
 
         Raises
         ------
@@ -96,11 +102,12 @@ class LinuxCNC:
         LimitError
             If there are more than 256 points.
         """
-        if not table.is_on_axis:
+        if not table.is_on_axis and cross_axis != "hal":
             raise TableError(
                 f"a LinuxCNC compensation file corrects its own joint, this table is {table.axis} -> "
-                f"{table.compensates}; mount the correction on {table.compensates} by another carrier "
-                "or write controller='csv'"
+                f"{table.compensates}: loaded as it is it would move {table.axis}; say "
+                "cross_axis='hal' to carry it through the joint of "
+                f"{table.axis} and route it to {table.compensates} in HAL, or write controller='csv'"
             )
         n = table.positions.size
         if n > MAX_POINTS:
@@ -122,7 +129,10 @@ class LinuxCNC:
         return Encoded(
             data=text.encode("ascii"),
             quantisation=float(np.abs(trims - wanted).max()),
-            notes={"ini": ["COMP_FILE_TYPE = 0", "COMP_FILE = <this file>"]},
+            notes={
+                "ini": ["COMP_FILE_TYPE = 0", "COMP_FILE = <this file>"],
+                **({} if table.is_on_axis else {"hal_routing": _routing(table)}),
+            },
         )
 
     def decode(self, data: bytes, path: Path) -> CompensationTable:
@@ -174,11 +184,39 @@ class LinuxCNC:
             forward=forward,
             reverse=None if np.array_equal(forward, reverse) else reverse,
             axis=axis,
-            compensates=axis,
+            compensates=str(beside.get("compensates", axis)),
             reference=float(beside.get("reference_m", table[0, 0] * _MM)),
             removed="line" if beside.get("not_in_table") == "line" else "offset",
             is_exact_inverse=True,
         )
+
+
+def _routing(table: CompensationTable) -> list[str]:
+    """HAL lines that take the correction from the looked-up joint to the corrected one.
+
+    With the table on joint a, motor-pos-cmd - pos-cmd is c. Axis a is driven by its pos-cmd, so
+    it does not move by c; axis b gets c on top, and neither feedback shows it.
+    """
+    a, b = table.axis, table.compensates
+    return [
+        f"# joint.A is the joint of {a} (with this COMP_FILE), joint.B that of {b}",
+        "loadrt sum2 names=comp-c,comp-cmd,comp-fb-a,comp-fb-b",
+        "addf comp-c servo-thread",
+        "addf comp-cmd servo-thread",
+        "addf comp-fb-a servo-thread",
+        "addf comp-fb-b servo-thread",
+        "setp comp-c.gain1 -1",
+        "setp comp-fb-b.gain1 -1",
+        "net a-motor-cmd joint.A.motor-pos-cmd => comp-c.in0",
+        f"net a-cmd joint.A.pos-cmd => comp-c.in1   # and to the drive of {a}",
+        "net comp-value comp-c.out => comp-cmd.in1 comp-fb-a.in1 comp-fb-b.in1",
+        "net b-cmd joint.B.motor-pos-cmd => comp-cmd.in0",
+        f"net b-drive comp-cmd.out   # to the drive of {b}",
+        f"net a-fb comp-fb-a.in0   # from the encoder of {a}",
+        "net a-motor-fb comp-fb-a.out => joint.A.motor-pos-fb",
+        f"net b-fb comp-fb-b.in0   # from the encoder of {b}",
+        "net b-motor-fb comp-fb-b.out => joint.B.motor-pos-fb",
+    ]
 
 
 def _text(data: bytes, path: Path) -> str:

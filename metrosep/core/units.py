@@ -32,7 +32,7 @@ class Unit(NamedTuple):
     name : str
         Canonical spelling.
     dimension : str
-        One of ``length``, ``angle``, ``time``, ``speed``, ``voltage``, ``frequency``,
+        One of ``length``, ``angle``, ``time``, ``speed``, ``acceleration``, ``voltage``, ``frequency``,
         ``sensitivity`` (m/V), ``number``.
     factor : float
         Value in SI of one such unit.
@@ -79,6 +79,8 @@ _TABLE: dict[str, tuple[str, float]] = {
     "m/min": ("speed", 1.0 / 60.0),
     "mm/min": ("speed", 1e-3 / 60.0),
     "in/min": ("speed", _INCH / 60.0),
+    "m/s2": ("acceleration", 1.0),
+    "mm/s2": ("acceleration", 1e-3),
     "V": ("voltage", 1.0),
     "mV": ("voltage", 1e-3),
     "uV": ("voltage", 1e-6),
@@ -129,6 +131,8 @@ _ALIASES = {
     "mm_per_min": "mm/min",
     "mmpm": "mm/min",
     "mm/minute": "mm/min",
+    "mm/s^2": "mm/s2",
+    "m/s^2": "m/s2",
     "mm_s": "mm/s",
     "mm_per_s": "mm/s",
     "um_s": "um/s",
@@ -147,6 +151,9 @@ _ALIASES = {
 
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _QUANTITY = re.compile(rf"^\s*({_NUMBER})\s*(.*?)\s*$")
+_NOT_SUFFIXES = frozenset({"1", "-", "%", "min", "h", "v", "sec"})
+"""Units that end a header by accident more often than on purpose: z_min is a minimum."""
+
 _BRACKETED = re.compile(r"^(.*?)\s*[\[\(]\s*([^\[\]\(\)]+?)\s*[\]\)]\s*$")
 
 
@@ -321,7 +328,7 @@ def column_unit(header: str) -> tuple[str, Unit | None]:
     for n_suffix in (3, 2, 1):
         if len(pieces) > n_suffix:
             suffix = "_".join(pieces[-n_suffix:])
-            if _canonical(suffix) in _TABLE and suffix not in {"1", "-"}:
+            if _canonical(suffix) in _TABLE and suffix not in _NOT_SUFFIXES:
                 return "_".join(pieces[:-n_suffix]), parse_unit(suffix)
     return text, None
 

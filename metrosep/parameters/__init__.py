@@ -1,1 +1,7 @@
-"""The parameters layer."""
+"""Parameters and verdicts."""
+
+from __future__ import annotations
+
+from metrosep.parameters.decision import decide
+
+__all__ = ["decide"]

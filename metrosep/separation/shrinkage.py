@@ -116,7 +116,18 @@ class Cavity:
         return cos * u - sin * v, sin * u + cos * v
 
     def log_evidence(self, grid: FloatArray) -> FloatArray:
-        """Return log evidence of each prior variance relative to zero, shape (K, len(grid))."""
+        """Return the log evidence of each prior variance relative to zero.
+
+        Parameters
+        ----------
+        grid : ndarray, shape (n,)
+            Prior variances.
+
+        Returns
+        -------
+        ndarray, shape (K, n)
+            Log evidence.
+        """
         gain = grid * self.precision[..., None]
         fit = 0.5 * self.linear[..., None] ** 2 * grid / (1.0 + gain)
         return np.asarray((fit - 0.5 * np.log1p(gain)).sum(axis=0))
@@ -156,7 +167,13 @@ class OctavePrior:
         self._weights = np.full((n_octaves, _GRID.size), 1.0 / _GRID.size)
 
     def truncate(self, n_harmonics: int) -> None:
-        """Forget the harmonics beyond `n_harmonics`."""
+        """Forget the harmonics beyond `n_harmonics`.
+
+        Parameters
+        ----------
+        n_harmonics : int
+            Harmonics to keep.
+        """
         self._octave = self._octave[:n_harmonics]
         self._weights = self._weights[: int(self._octave[-1]) + 1]
 

@@ -83,6 +83,8 @@ def test_sensitivity_must_be_length_per_voltage(text):
         ("probe1", "probe1", None),
         ("X_(microns)", "X", "um"),
         ("y1", "y1", None),
+        ("z_min", "z_min", None),
+        ("t (min)", "t", "min"),
         ("mm", "mm", None),
     ],
 )

@@ -1,0 +1,156 @@
+"""Commands about files: info, convert, formats, controllers."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import click
+
+from metrosep.cli.options import json_option, say
+
+__all__ = ["controllers", "convert", "formats", "info"]
+
+
+@click.command()
+@click.argument("files", nargs=-1, required=True, metavar="FILE...")
+@click.option("--unit", help="Unit of the heights where the file declares none.")
+@click.option("--lateral-step", help='Overrides the lateral step of the file, "1.1 um".')
+@click.option("--channel", help="Channel of a file that holds several.")
+@json_option
+def info(
+    files: tuple[str, ...],
+    unit: str | None,
+    lateral_step: str | None,
+    channel: str | None,
+    as_json: bool,
+) -> int:
+    """Say what is in FILE: format, shape, steps, heights, gaps, hash."""
+    from metrosep.cli.errors import exit_code_of, report_error
+    from metrosep.core.errors import MetrosepError
+    from metrosep.io.describe import describe
+
+    options = {"unit": unit, "lateral_step": lateral_step, "channel": channel}
+    given = {k: v for k, v in options.items() if v is not None}
+    results: list[dict[str, Any]] = []
+    code = 0
+    for name in files:
+        try:
+            results.append(describe(name, **given))
+        except MetrosepError as exc:
+            if len(files) == 1:
+                raise
+            report_error(exc, verbosity=0)
+            code = max(code, exit_code_of(exc))
+            continue
+        if not as_json:
+            _print_description(name, results[-1])
+    if as_json:
+        content = results[0] if len(files) == 1 else {"files": results}
+        click.echo(json.dumps(content, sort_keys=True, allow_nan=False))
+    return code
+
+
+def _print_description(name: str, found: dict[str, Any]) -> None:
+    click.echo(f"{name}")
+    shape = " x ".join(str(n) for n in found["shape"])
+    click.echo(f"  format    {found['format']}, {found['kind']}, {shape}")
+    if found["kind"] in ("surface", "profile"):
+        steps = [found["dx_m"]] + ([found["dy_m"]] if found["kind"] == "surface" else [])
+        texts = ["not calibrated" if s is None else f"{s * 1e6:.6g} um" for s in steps]
+        click.echo(f"  step      {', '.join(texts)}")
+        pv, sq = found["pv_nm"], found["sq_nm"]
+        click.echo(f"  heights   P-V {pv:.7g} nm, Sq {sq:.6g} nm about the mean, nothing removed")
+        click.echo(f"  invalid   {found['n_invalid']}")
+    columns = found["metadata"].get("columns")
+    if columns:
+        click.echo(f"  columns   {', '.join(_column_text(c) for c in columns)}")
+    for warning in found["metadata"].get("warnings") or ():
+        click.echo(f"  warning   {warning}")
+    click.echo(f"  sha256    {found['sha256']}")
+
+
+def _column_text(column: Any) -> str:
+    if isinstance(column, dict):
+        unit = column.get("unit")
+        return f"{column.get('name')}" + (f" [{unit}]" if unit else "")
+    return str(column)
+
+
+@click.command()
+@click.argument("source", metavar="SRC")
+@click.argument("target", metavar="DST")
+@click.option("--format", "format_", help="Format of DST; follows from its suffix.")
+@click.option("--unit", help="Unit of the heights where SRC declares none.")
+@click.option("--lateral-step", help="Overrides the lateral step of SRC.")
+@click.option("--channel", help="Channel of a file that holds several.")
+@click.option("--force", is_flag=True, help="Replace DST if it exists.")
+def convert(
+    source: str,
+    target: str,
+    format_: str | None,
+    unit: str | None,
+    lateral_step: str | None,
+    channel: str | None,
+    force: bool,
+) -> int:
+    """Read SRC and write it as DST (x3p, csv, xyz)."""
+    from pathlib import Path
+
+    from metrosep.core.errors import WriteError
+    from metrosep.io.read import read
+    from metrosep.io.write import write
+
+    if Path(target).exists() and not force:
+        raise WriteError(f"{target}: exists already; choose another name or give --force")
+    obj = read(source, channel=channel, lateral_step=lateral_step, unit=unit)
+    write(obj, target, format=format_)
+    say(f"{obj!r} -> {target}")
+    return 0
+
+
+@click.command()
+@json_option
+def formats(as_json: bool) -> int:
+    """List the file formats, and on what the claim rests that they are read rightly."""
+    from metrosep.io.registry import formats as known
+
+    rows = [
+        {
+            "id": f.id,
+            "title": f.title,
+            "kind": f.kind,
+            "suffixes": list(f.suffixes),
+            "reads": f.reads,
+            "writes": f.writes,
+            "status": f.status,
+        }
+        for f in known()
+    ]
+    if as_json:
+        click.echo(json.dumps({"formats": rows}, sort_keys=True))
+        return 0
+    for row in rows:
+        does = "/".join(w for w, yes in (("read", row["reads"]), ("write", row["writes"])) if yes)
+        click.echo(f"{row['id']:16} {row['kind']:22} {does:11} {row['status']:24} {row['title']}")
+    return 0
+
+
+@click.command()
+@json_option
+def controllers(as_json: bool) -> int:
+    """List the controllers: what an entry is, units, limits, how the sign is known."""
+    from dataclasses import asdict
+
+    from metrosep.controllers import describe
+
+    if as_json:
+        click.echo(json.dumps({"controllers": [asdict(d) for d in describe()]}, sort_keys=True))
+        return 0
+    for d in describe():
+        limit = "no limit of points" if d.max_points is None else f"at most {d.max_points} points"
+        click.echo(f"{d.id:10} {d.title}")
+        click.echo(f"{'':10} entry   {d.entry}")
+        click.echo(f"{'':10} units   {d.units}; {limit}; {d.outside}")
+        click.echo(f"{'':10} sign    {d.sign_status}")
+    return 0

@@ -1,0 +1,277 @@
+"""Commands that separate, make tables and prove them: demo, run, separate, table, verify."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from metrosep.cli.options import json_option, read_options, say, table_options
+
+if TYPE_CHECKING:
+    from metrosep.core.runset import RunSet
+    from metrosep.recipe.result import Result
+    from metrosep.separation.base import ErrorEstimate
+
+__all__ = ["demo", "run", "separate", "table", "verify"]
+
+
+def _progress(context: click.Context) -> Callable[[str], None]:
+    quiet = bool((context.obj or {}).get("quiet"))
+    return (lambda _message: None) if quiet else (lambda message: say(f"metrosep: {message}"))
+
+
+@click.command()
+@click.option("-o", "--out", default="metrosep-demo", show_default=True, help="Folder to write.")
+@json_option
+@click.pass_context
+def demo(context: click.Context, out: str, as_json: bool) -> int:
+    """Run the main job on the shipped example: nine runs -> machine error -> table -> report."""
+    from metrosep.cli.errors import verdict_code
+    from metrosep.cli.example import example_folder
+    from metrosep.recipe.recipe import Recipe
+
+    recipe = Recipe.load(example_folder("straightness") / "recipe.toml")
+    result = recipe.run(out=out, progress=_progress(context))
+    _print_result(result, as_json=as_json)
+    return verdict_code(result.verdict)
+
+
+@click.command()
+@click.argument("recipe")
+@click.argument("inputs", nargs=-1, metavar="INPUT...")
+@click.option("-o", "--out", required=True, help="Folder for tables, reports and result.json.")
+@json_option
+@click.pass_context
+def run(
+    context: click.Context, recipe: str, inputs: tuple[str, ...], out: str, as_json: bool
+) -> int:
+    """Carry out RECIPE on INPUT files or folders."""
+    from metrosep.cli.errors import verdict_code
+    from metrosep.recipe.recipe import Recipe
+
+    loaded = Recipe.load(recipe)
+    result = loaded.run(list(inputs) or None, out=out, progress=_progress(context))
+    _print_result(result, as_json=as_json)
+    return verdict_code(result.verdict)
+
+
+@click.command()
+@click.argument("runs", nargs=-1, required=True, metavar="RUNS...")
+@read_options
+@click.option("--method", default="joint", show_default=True, help="joint, kono or mean.")
+@click.option("--start", metavar="LENGTH", help='Where the evaluation range begins: "0 mm".')
+@click.option("--length", metavar="LENGTH", help='Length of the evaluation range: "45 mm".')
+@click.option("--shortest", metavar="LENGTH", help='Shortest wavelength: "1.2 mm".')
+@click.option("--lag", metavar="TIME", help='Delay of the reading: "1 ms", or fit.')
+@click.option("--min-feeds", type=int, metavar="N", help="Feedrates that must be there (joint).")
+@click.option("--table", "table_", metavar="NAME=FILE", help="Write a table: linuxcnc=x.comp.")
+@table_options
+@click.option("--poly", metavar="DEGREE", help="Fit a polynomial: 2, or auto.")
+@click.option("-o", "--out", metavar="DIR", help="Folder for report, table and result.json.")
+@click.option("--print-recipe", is_flag=True, help="Print the recipe of this call and stop.")
+@json_option
+@click.pass_context
+def separate(
+    context: click.Context,
+    /,
+    runs: tuple[str, ...],
+    table_: str | None,
+    out: str | None,
+    print_recipe: bool,
+    as_json: bool,
+    **options: Any,
+) -> int:
+    """Separate the repeatable error of an axis from repeated RUNS."""
+    from metrosep.cli.shortcut import recipe_text
+    from metrosep.recipe.recipe import Recipe
+
+    controller, _, path = (table_ or "").partition("=")
+    if table_ is not None and not path:
+        raise click.UsageError("--table is written NAME=FILE, such as linuxcnc=x.comp")
+    inside = table_ is not None and out is not None
+    text = recipe_text(
+        options, table=(controller, path) if inside else None, report=out is not None
+    )
+    if print_recipe:
+        click.echo(text, nl=False)
+        return 0
+    recipe = Recipe.parse(text, name="command line")
+    result = recipe.run(list(runs), out=out, progress=_progress(context))
+    written: list[str] = [str(f) for f in result.files]
+    if table_ is not None and not inside:
+        written += _write_table(
+            result.estimate, path, controller, options, against=_runs(runs, options)
+        )
+    _print_result(result, as_json=as_json, written=written)
+    return 0
+
+
+@click.command()
+@click.argument("result")
+@click.option("--format", "format_", default="linuxcnc", show_default=True, help="Controller.")
+@click.option("-o", "--out", required=True, metavar="FILE", help="Table to write.")
+@table_options
+@click.option("--force", is_flag=True, help="Replace the table if it exists.")
+def table(result: str, format_: str, out: str, force: bool, **options: Any) -> int:
+    """Write a controller's table from RESULT (result.json), after a dry-run on its runs."""
+    from metrosep.recipe.result import load_document, measured_runs
+    from metrosep.separation.base import ErrorEstimate
+
+    document = load_document(result)
+    estimate = ErrorEstimate.from_dict(document["estimate"])
+    for file in _write_table(
+        estimate, out, format_, options, against=measured_runs(document), force=force
+    ):
+        say(f"wrote {file}")
+    return 0
+
+
+@click.command()
+@click.argument("table_file", metavar="TABLE")
+@click.option("--against", "runs", multiple=True, required=True, metavar="RUNS", help="Run files.")
+@click.option("--format", "format_", metavar="NAME", help="Controller; from the sidecar if there.")
+@read_options
+@json_option
+def verify(
+    table_file: str, runs: tuple[str, ...], format_: str | None, as_json: bool, **options: Any
+) -> int:
+    """Dry-run TABLE against measured runs, as its controller would apply it."""
+    from metrosep import controllers
+    from metrosep.compensation import dry_run
+    from metrosep.controllers.base import load_sidecar
+    from metrosep.core.errors import SignCheckFailedError
+
+    path = Path(table_file)
+    name = (
+        format_
+        or load_sidecar(path).get("controller")
+        or ("csv" if path.suffix.lower() == ".csv" else "linuxcnc")
+    )
+    loaded = controllers.read(path, controller=name)
+    measured = _runs(runs, options)
+    result = dry_run(
+        loaded.correction,
+        measured,
+        span=loaded.span,
+        on_axis=loaded.is_on_axis,
+        removed=loaded.removed,
+    )
+    if as_json:
+        click.echo(json.dumps(result.to_dict(), sort_keys=True))
+    else:
+        _print_verification(result.to_dict())
+    try:
+        result.require(str(path))
+    except SignCheckFailedError as exc:
+        say("error: " + str(exc).replace("; nothing was written", ""))
+        return 1
+    return 0
+
+
+def _runs(files: tuple[str, ...], options: dict[str, Any]) -> RunSet:
+    from metrosep.io.runs import read_runs
+
+    keys = ("feed", "run", "direction", "time", "sampling_rate", "scale")
+    return read_runs(files, x=options["x"], z=options["z"], **{k: options.get(k) for k in keys})
+
+
+def _write_table(
+    estimate: ErrorEstimate,
+    path: str,
+    controller: str,
+    options: dict[str, Any],
+    *,
+    against: RunSet,
+    force: bool = False,
+) -> list[str]:
+    from metrosep import controllers
+    from metrosep.compensation import CompensationTable
+    from metrosep.controllers.base import sidecar_path
+    from metrosep.core.units import parse_quantity
+
+    reference = options.get("reference")
+    made = CompensationTable.from_error(
+        estimate,
+        positions=options["spacing"],
+        axis=options["axis"],
+        compensates=options.get("compensates"),
+        reference=None
+        if reference is None
+        else parse_quantity(reference, dimension="length", name="--reference"),
+    )
+    machine = {} if options.get("cross_axis") is None else {"cross_axis": options["cross_axis"]}
+    controllers.write(made, path, controller, verified_against=against, overwrite=force, **machine)
+    return [path, str(sidecar_path(Path(path)))]
+
+
+def _print_result(result: Result, *, as_json: bool, written: list[str] | None = None) -> None:
+    files = [str(f) for f in result.files] if written is None else written
+    if as_json:
+        click.echo(json.dumps(_summary(result, files), sort_keys=True, allow_nan=False))
+        return
+    estimate = result.estimate
+    say(repr(estimate))
+    for message in result.document["messages"]:
+        say(f"note: {message}")
+    table_part = result.document["table"]
+    if table_part is not None and isinstance(table_part.get("verification"), dict):
+        _print_verification(table_part["verification"])
+    if result.document["polynomial"] is not None:
+        say(result.document["polynomial"]["horner"])
+    if result.verdict is not None:
+        say(f"verdict: {result.verdict}")
+    labels = {".json": "result", ".html": "report", ".comp": "table", ".csv": "table"}
+    for file in files:
+        label = (
+            "sidecar"
+            if file.endswith((".comp.json", ".csv.json"))
+            else labels.get(Path(file).suffix, "table")
+        )
+        say(f"{label:8} {file}")
+
+
+def _print_verification(verification: dict[str, Any]) -> None:
+    for r in verification["residuals"]:
+        say(
+            f"dry-run {r['direction']}: P-V {r['before_pv_m'] * 1e9:.0f} -> {r['after_pv_m'] * 1e9:.0f} nm, "
+            f"RMS {r['before_rms_m'] * 1e9:.1f} -> {r['after_rms_m'] * 1e9:.1f} nm "
+            f"(reversed sign: {r['wrong_sign_rms_m'] * 1e9:.1f} nm)"
+        )
+
+
+def _summary(result: Result, files: list[str]) -> dict[str, Any]:
+    estimate = result.estimate
+    pv = estimate.peak_to_valley()
+    spectrum = estimate.spectrum
+    selected = (
+        spectrum[spectrum["selected"].astype(bool)][["wavelength_mm", "amplitude_nm", "sd_nm"]]
+        if len(spectrum)
+        else spectrum
+    )
+    from metrosep.recipe.result import clean
+
+    summary: dict[str, Any] = clean(
+        {
+            "method": estimate.method,
+            "start_mm": estimate.start * 1e3,
+            "stop_mm": estimate.stop * 1e3,
+            "pv_nm": pv.value * 1e9,
+            "u_pv_nm": None if pv.u is None else pv.u * 1e9,
+            "residual_rms_nm": estimate.residual_rms * 1e9,
+            "slope_urad": estimate.slope.value * 1e6,
+            "lag_ms": estimate.lag * 1e3,
+            "lag_sd_ms": estimate.lag_sd * 1e3,
+            "messages": list(result.document["messages"]),
+            "selected": selected.to_dict("records"),
+            "verification": (result.document["table"] or {}).get("verification"),
+            "polynomial": result.document["polynomial"],
+            "verdict": result.verdict,
+            "files": files,
+            "inputs": result.document["inputs"],
+        }
+    )
+    return summary

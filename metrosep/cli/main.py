@@ -1,0 +1,86 @@
+"""``metrosep``: the group of commands and its error handling."""
+
+from __future__ import annotations
+
+import os
+import sys
+from typing import Any
+
+import click
+
+from metrosep._version import __version__
+from metrosep.cli.files import controllers, convert, formats, info
+from metrosep.cli.jobs import demo, run, separate, table, verify
+
+__all__ = ["cli", "main"]
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.version_option(__version__, prog_name="metrosep")
+@click.option("-v", "--verbose", count=True, help="More words; twice for a traceback.")
+@click.option("-q", "--quiet", is_flag=True, help="No progress on standard error.")
+@click.pass_context
+def cli(context: click.Context, verbose: int, quiet: bool) -> None:
+    """Separate the errors of precision machines and compensate them.
+
+    Errors are actual minus nominal; corrections are added to the command. Exit codes: 0 accepted,
+    1 rejected, 2 usage or recipe error, 3 inconclusive, 4 input unreadable or unusable, 5 internal
+    error, 130 interrupted.
+    """
+    context.obj = {"verbose": verbose, "quiet": quiet}
+
+
+for _command in (demo, info, convert, separate, table, verify, run, formats, controllers):
+    cli.add_command(_command)
+
+
+def _verbosity(arguments: list[str]) -> int:
+    count = 0
+    for argument in arguments:
+        if not argument.startswith("-"):
+            break
+        if argument == "--verbose":
+            count += 1
+        elif set(argument[1:]) == {"v"}:
+            count += len(argument) - 1
+    return count
+
+
+def main(arguments: list[str] | None = None) -> Any:
+    """Run the command line and exit.
+
+    Parameters
+    ----------
+    arguments : list of str, optional
+        Those of the process if omitted.
+
+    Returns
+    -------
+    never
+        It ends the process with one of the documented exit codes.
+
+    Raises
+    ------
+    SystemExit
+        Always.
+    """
+    from metrosep.cli.errors import report_error
+
+    # two spinning BLAS threads cost more than they give on the small products here
+    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
+    words = sys.argv[1:] if arguments is None else arguments
+    try:
+        code = cli.main(args=words, prog_name="metrosep", standalone_mode=False)
+    except click.exceptions.Abort:
+        sys.exit(report_error(KeyboardInterrupt(), verbosity=0))
+    except click.ClickException as exc:
+        line = " ".join(exc.format_message().split())
+        hint = ""
+        if isinstance(exc, click.UsageError) and exc.ctx is not None:
+            hint = f" (see '{exc.ctx.command_path} --help')"
+        click.echo(f"error: {line}{hint}", err=True)
+        sys.exit(2)
+    except (KeyboardInterrupt, Exception) as exc:  # every error becomes one line and a code
+        sys.exit(report_error(exc, verbosity=_verbosity(words)))
+    sys.exit(code if isinstance(code, int) else 0)

@@ -1,0 +1,110 @@
+"""Options that several commands share, and how they become arguments."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import click
+
+__all__ = ["json_option", "read_options", "say", "table_options"]
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def json_option(command: F) -> F:
+    """Add ``--json``.
+
+    Parameters
+    ----------
+    command : callable
+        To decorate.
+
+    Returns
+    -------
+    callable
+        Decorated.
+    """
+    return click.option(
+        "as_json", "--json", is_flag=True, help="One JSON object on standard output."
+    )(command)
+
+
+def read_options(command: F) -> F:
+    """Add the options that say what the columns of run files are.
+
+    Parameters
+    ----------
+    command : callable
+        To decorate.
+
+    Returns
+    -------
+    callable
+        Decorated.
+    """
+    for option in reversed(
+        (
+            click.option(
+                "--x", required=True, metavar="COLUMN", help='Position: x_mm or "pos:mm".'
+            ),
+            click.option(
+                "--z", required=True, metavar="COLUMN", help='Reading: z_um or "probe:V".'
+            ),
+            click.option(
+                "--feed", metavar="COLUMN|VALUE", help='Feedrate: feed_mm_min or "7200 mm/min".'
+            ),
+            click.option("--run", metavar="COLUMN", help="Column that tells runs apart."),
+            click.option("--direction", metavar="COLUMN", help="Column with fwd/rev."),
+            click.option("--time", metavar="COLUMN", help='Time: t_s or "t:ms".'),
+            click.option("--sampling-rate", metavar="RATE", help='Such as "1 kHz".'),
+            click.option(
+                "--scale", metavar="SENSITIVITY", help='Of a sensor in volts: "2.5 um/V".'
+            ),
+        )
+    ):
+        command = option(command)
+    return command
+
+
+def table_options(command: F) -> F:
+    """Add the options that shape a compensation table.
+
+    Parameters
+    ----------
+    command : callable
+        To decorate.
+
+    Returns
+    -------
+    callable
+        Decorated.
+    """
+    for option in reversed(
+        (
+            click.option("--axis", default="X", show_default=True, help="Axis that is looked up."),
+            click.option("--compensates", metavar="AXIS", help="Axis that is corrected."),
+            click.option(
+                "--spacing", default="1 mm", show_default=True, help="Between the entries."
+            ),
+            click.option(
+                "--cross-axis",
+                type=click.Choice(["hal"]),
+                help="Carry a cross-axis table through LinuxCNC's HAL.",
+            ),
+            click.option("--reference", metavar="LENGTH", help="Position of zero correction."),
+        )
+    ):
+        command = option(command)
+    return command
+
+
+def say(message: str) -> None:
+    """Print a line for the person, on standard error.
+
+    Parameters
+    ----------
+    message : str
+        Line.
+    """
+    click.echo(message, err=True)

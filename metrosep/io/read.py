@@ -1,0 +1,143 @@
+"""`read`: a file becomes a surface, a profile or a recording."""
+
+from __future__ import annotations
+
+import inspect
+import os
+from collections.abc import Mapping
+from typing import Any
+
+from metrosep.core.errors import ReadError, UnknownFormatError
+from metrosep.core.profile import Profile
+from metrosep.core.recording import Recording
+from metrosep.core.surface import Surface
+from metrosep.io import registry
+from metrosep.io.source import RawFile, open_file
+
+__all__ = ["channels", "read", "recognise"]
+
+_TEXT_OPTIONS = frozenset({"separator", "decimal", "encoding", "comment", "skip_rows"})
+
+
+def read(
+    path: str | os.PathLike[str],
+    *,
+    channel: str | None = None,
+    lateral_step: float | str | tuple[float | str, float | str] | None = None,
+    unit: str | tuple[str, ...] | dict[str, str] | None = None,
+    format: str | None = None,  # noqa: A002
+    **layout: Any,
+) -> Surface | Profile | Recording:
+    """Read a measurement; its kind follows from the content of the file.
+
+    Parameters
+    ----------
+    path : str or path
+        The file. It is recognised by its content, never by its name.
+    channel : str, optional
+        Which data set of a file that holds several; `channels` lists them.
+    lateral_step : float (m), str with unit, or pair of either, optional
+        Lateral step that replaces the file's own, as ``(dx, dy)`` or one for both. The file's
+        own value stays in ``metadata["lateral_step_in_file_m"]``.
+    unit : str, tuple of str or dict of str to str, optional
+        For text whose columns declare no unit: one for all lengths, one per column, or by name.
+    format : str, optional
+        Identifier of the format, where the content fits several.
+    **layout
+        For text: ``separator``, ``decimal``, ``encoding``, ``comment``, ``skip_rows``, ``x``,
+        ``z``, ``time``, ``sampling_rate``; see `metrosep.io.delimited.read`. For binary maps:
+        ``max_pixels``.
+
+    Returns
+    -------
+    Surface, Profile or Recording
+        SI, NaN = not measured. Nothing is levelled, filled or cropped. The first step of its
+        ``history`` carries the SHA-256 of the file, its ``metadata["header"]`` every raw field.
+
+    Raises
+    ------
+    ReadError
+        If the file cannot be opened, is not recognised, is damaged or lacks what was asked for.
+    UnitError
+        If a column declares no unit and none was given.
+
+    Notes
+    -----
+    Plain text gives a `Profile` when it has two columns of numbers and neither is a time, or when
+    ``x=`` and ``z=`` name the columns; otherwise a `Recording`. Repeated runs are read with
+    `metrosep.io.runs.read_runs`.
+    """
+    file = open_file(path)
+    description = recognise(file, format, layout)
+    reader = description.load_reader()
+    accepted = inspect.signature(reader.read).parameters
+    for option in layout:
+        if option not in accepted:
+            own = [n for n in accepted if n not in {"file", "channel", "lateral_step", "unit"}]
+            raise ReadError(
+                f"{file.path}: is {description.title}, which takes no option {option!r}; it takes "
+                f"{', '.join(own) or 'none'}"
+            )
+    return reader.read(file, channel=channel, lateral_step=lateral_step, unit=unit, **layout)
+
+
+def recognise(
+    file: RawFile,
+    format_id: str | None,
+    layout: Mapping[str, Any],
+) -> registry.Format:
+    """Return the format to read a file as.
+
+    Parameters
+    ----------
+    file : RawFile
+        The file.
+    format_id : str or None
+        What the caller declares; otherwise the content decides.
+    layout : mapping
+        Options of the caller; whoever describes a layout of text means text, also where too many
+        lines stand above the table for it to be recognised.
+
+    Returns
+    -------
+    Format
+        Its description.
+
+    Raises
+    ------
+    UnknownFormatError
+        If no reader knows the content.
+    """
+    if format_id is not None:
+        return registry.get(format_id)
+    try:
+        return registry.find(file)
+    except UnknownFormatError:
+        if _TEXT_OPTIONS.isdisjoint(layout):
+            raise
+        return registry.get("delimited")
+
+
+def channels(path: str | os.PathLike[str], *, format: str | None = None) -> tuple[str, ...]:  # noqa: A002
+    """Return the names that ``read(path, channel=)`` accepts, the default first.
+
+    Parameters
+    ----------
+    path : str or path
+        The file.
+    format : str, optional
+        Identifier of the format.
+
+    Returns
+    -------
+    tuple of str
+        Channel names.
+
+    Raises
+    ------
+    ReadError
+        If the file cannot be opened or is not recognised.
+    """
+    file = open_file(path)
+    description = registry.get(format) if format is not None else registry.find(file)
+    return description.load_reader().channels(file)

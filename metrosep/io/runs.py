@@ -1,0 +1,352 @@
+"""`read_runs`: repeated runs of an axis from column text, one run per file or many in one.
+
+Nothing is assumed about units: position, reading, feed and time carry theirs in the header or
+from the caller. Feed, time, position and direction are checked against each other, since a feed
+typed in the wrong unit or a run labelled the wrong way would bend the separated error.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import DataError, FormatMismatchError, InvalidSamplesError
+from metrosep.core.provenance import Step
+from metrosep.core.runset import Run, RunSet
+from metrosep.core.units import parse_quantity
+from metrosep.io.select import ColumnSpec, pick, sensitivity, to_si
+from metrosep.io.source import RawFile, open_file
+from metrosep.io.table import Column, Table, read_table
+
+__all__ = ["FeedSpec", "read_runs"]
+
+FeedSpec: TypeAlias = ColumnSpec | float | Sequence[float | str] | None
+"""A column, a number in m/s, text such as ``"7200 mm/min"``, or a list with one per file."""
+
+_SAME_FEED = 0.02
+"""Largest relative spread of the feed within one run."""
+
+_FORWARD = frozenset({"fwd", "forward", "forwards", "f", "+", "+1", "1", "1.0", "up", "vor"})
+_REVERSE = frozenset(
+    {"rev", "reverse", "r", "bwd", "backward", "backwards", "b", "-", "-1", "-1.0"}
+)
+
+
+def read_runs(
+    paths: str | os.PathLike[str] | Iterable[str | os.PathLike[str]],
+    *,
+    x: ColumnSpec,
+    z: ColumnSpec,
+    feed: FeedSpec = None,
+    run: str | None = None,
+    direction: str | None = None,
+    time: ColumnSpec | None = None,
+    sampling_rate: float | str | None = None,
+    scale: float | str | None = None,
+    **layout: Any,
+) -> RunSet:
+    """Read repeated runs from text files.
+
+    Parameters
+    ----------
+    paths : path or iterable of paths
+        One or several files; without `run`, each is one run.
+    x, z : str or tuple of (str, str)
+        Columns of the position and of the reading: a name whose header carries the unit
+        (``"x_mm"``), ``"name:unit"`` or ``("name", "unit")``.
+    feed : column, float (m/s), str with unit, or list of either, optional
+        Column of the feedrate, or one feed for all runs (``"7200 mm/min"``), or a list with one
+        per file. Its sign is not needed: the direction follows from the positions.
+    run : str, optional
+        Column that tells the runs of one file apart.
+    direction : str, optional
+        Column with ``fwd``/``rev``, ``forward``/``backward``, ``+1``/``-1``; it must agree with the
+        travel. A run that holds both directions becomes two.
+    time : column, optional
+        Column of time.
+    sampling_rate : float (Hz) or str, optional
+        Rate of the samples, where there is no column of time.
+    scale : float (m/V) or str, optional
+        Sensitivity of the sensor where `z` is a voltage, such as ``"-2.5 um/V"``; the sign is kept.
+    **layout
+        ``separator``, ``decimal``, ``encoding``, ``comment``, ``skip_rows`` as in
+        `metrosep.io.table.read_table`.
+
+    Returns
+    -------
+    RunSet
+        Runs in the order of the files. Time comes from its column, else from the sampling rate,
+        else from feed and mean step. The history holds one step ``read`` per file, with SHA-256.
+
+    Raises
+    ------
+    ReadError
+        If a file cannot be read, or a column is missing (the message lists those that there are).
+    UnitError
+        If a unit is missing or of the wrong dimension.
+    DataError
+        If a run is not monotonic, has no reading at all, its feed varies, or its label, feed, time
+        and travel contradict each other.
+
+    Notes
+    -----
+    A row without a reading keeps its place with z = NaN; a row without a position is refused, since
+    dropping it would shift the time of those after it.
+    """
+    files = [paths] if isinstance(paths, (str, os.PathLike)) else list(paths)
+    if not files:
+        raise FormatMismatchError("read_runs got no file; name at least one")
+    feeds = _feed_per_file(feed, len(files))
+    _check_clock(time, sampling_rate)
+    request = _Request(x, z, run, direction, time, sampling_rate, sensitivity(scale), len(files))
+    runs: list[Run] = []
+    history: list[Step] = []
+    warnings: list[str] = []
+    for path, file_feed in zip(files, feeds, strict=True):
+        file = open_file(path)
+        table = read_table(file, **_layout(layout))
+        runs.extend(_runs_of(file, table, request, file_feed))
+        warnings.extend(f"{file.name}: {w}" for w in table.warnings)
+        facts = {"x": str(x), "z": str(z), "feed": str(file_feed), "scale": str(scale)}
+        history.extend(file.history("delimited", facts))
+    metadata = {
+        "files": tuple(
+            {"file": s.parameters["file"], "sha256": s.parameters["sha256"]} for s in history
+        ),
+        "warnings": tuple(warnings),
+    }
+    return RunSet(runs, metadata=metadata, history=tuple(history))
+
+
+@dataclass(frozen=True, slots=True)
+class _Request:
+    x: ColumnSpec
+    z: ColumnSpec
+    run: str | None
+    direction: str | None
+    time: ColumnSpec | None
+    sampling_rate: float | str | None
+    scale: float | None
+    n_files: int
+
+
+def _layout(options: dict[str, Any]) -> dict[str, Any]:
+    known = ("separator", "decimal", "encoding", "comment", "skip_rows")
+    for name in options:
+        if name not in known:
+            raise FormatMismatchError(
+                f"read_runs takes no option {name!r}; for the layout of the text there are "
+                f"{', '.join(known)}"
+            )
+    return options
+
+
+def _feed_per_file(feed: FeedSpec, n_files: int) -> list[ColumnSpec | float | None]:
+    if feed is None or isinstance(feed, (str, float, int)):
+        return [feed] * n_files
+    if isinstance(feed, tuple) and len(feed) == 2 and all(isinstance(f, str) for f in feed):
+        name, unit = feed
+        return [(str(name), str(unit))] * n_files
+    items = list(feed)
+    if len(items) != n_files:
+        raise FormatMismatchError(
+            f"feed lists {len(items)} values for {n_files} file(s); give one for each file"
+        )
+    return [f if isinstance(f, str) else float(f) for f in items]
+
+
+def _check_clock(time: ColumnSpec | None, sampling_rate: float | str | None) -> None:
+    if time is not None and sampling_rate is not None:
+        raise FormatMismatchError(
+            "both time= and sampling_rate= are given; keep the column of time and leave the rate out"
+        )
+
+
+def _runs_of(
+    file: RawFile, table: Table, request: _Request, feed: ColumnSpec | float | None
+) -> Iterator[Run]:
+    x_column, x_unit = pick(file, table, request.x, role="x")
+    x = to_si(file, x_column, x_unit, dimension="length", role="x")
+    z_column, z_unit = pick(file, table, request.z, role="z")
+    z = to_si(file, z_column, z_unit, dimension="length", role="z", scale=request.scale)
+    t = _time(file, table, request)
+    speeds = _feed_column(file, table, feed)
+    signs = _direction_column(file, table, request.direction)
+    for run_id, rows in _groups(file, table, request, signs):
+        where = f"{file.path}: run {run_id!r}"
+        _check_position(x, rows, table, where)
+        speed = speeds if isinstance(speeds, float) else _one_feed(speeds, x, rows, where)
+        if np.isnan(z[rows]).all():
+            raise InvalidSamplesError(
+                f"{where} holds no reading in column {z_column.name!r}; leave it out or check the sensor"
+            )
+        if signs is not None:
+            _check_direction(int(signs[rows[0]]), x[rows], where)
+        try:
+            yield Run(
+                x[rows],
+                z[rows],
+                t=_clock(t, rows, request),
+                feed=speed,
+                run_id=run_id,
+                metadata={
+                    "file": file.name,
+                    "sha256": file.sha256,
+                    "first_line": int(table.lines[rows[0]]),
+                    "last_line": int(table.lines[rows[-1]]),
+                },
+            )
+        except DataError as exc:
+            raise type(exc)(f"{file.path}: {_with_hint(str(exc), request, table)}") from None
+
+
+def _with_hint(message: str, request: _Request, table: Table) -> str:
+    if "monotonic" in message and request.run is None:
+        near = [
+            n for n in table.names if n.casefold() in {"run", "pass", "cycle", "trace", "repeat"}
+        ]
+        name = near[0] if near else "run"
+        return f"{message}; if the file holds several runs, name their column with run={name!r}"
+    return message
+
+
+def _time(file: RawFile, table: Table, request: _Request) -> FloatArray | None:
+    if request.time is None:
+        return None
+    column, unit = pick(file, table, request.time, role="time")
+    return to_si(file, column, unit, dimension="time", role="time")
+
+
+def _clock(t: FloatArray | None, rows: NDArray[np.intp], request: _Request) -> FloatArray | None:
+    if t is not None:
+        return t[rows]
+    if request.sampling_rate is None:
+        return None
+    rate = parse_quantity(request.sampling_rate, dimension="frequency", name="sampling_rate")
+    if rate <= 0.0:
+        raise InvalidSamplesError(f"sampling_rate is {rate} Hz; it must be positive")
+    return np.arange(rows.size) / rate
+
+
+def _feed_column(
+    file: RawFile, table: Table, feed: ColumnSpec | float | None
+) -> FloatArray | float | None:
+    """Return the feed of each row in m/s, or one for all, or None."""
+    if feed is None:
+        return None
+    if isinstance(feed, (int, float)):
+        return float(feed)
+    if isinstance(feed, str) and feed.strip()[:1] in "0123456789.+-" and feed not in table.names:
+        return parse_quantity(feed, dimension="speed", name="feed")
+    column, unit = pick(file, table, feed, role="feed")
+    return to_si(file, column, unit, dimension="speed", role="feed")
+
+
+def _one_feed(
+    speeds: FloatArray | None, x: FloatArray, rows: NDArray[np.intp], where: str
+) -> float | None:
+    if speeds is None:
+        return None
+    values = speeds[rows]
+    known = values[~np.isnan(values)]
+    if known.size == 0:
+        raise InvalidSamplesError(f"{where}: the feed column is empty; fill it or leave feed= out")
+    low, high = float(known.min()), float(known.max())
+    if low == high:
+        speed = low
+    elif high - low <= _SAME_FEED * max(abs(low), abs(high)):
+        speed = float(known.mean())
+    else:
+        raise InvalidSamplesError(
+            f"{where}: the feed varies from {low * 6e4:.6g} to {high * 6e4:.6g} mm/min; tell the runs "
+            "apart with run=, or cut off acceleration and braking"
+        )
+    if speed < 0.0 and x[rows[-1]] > x[rows[0]]:
+        raise InvalidSamplesError(
+            f"{where}: the feed is {speed * 6e4:.6g} mm/min, but the positions rise; check the sign of "
+            "feed and position"
+        )
+    return abs(speed)
+
+
+def _direction_column(file: RawFile, table: Table, name: str | None) -> NDArray[np.int64] | None:
+    if name is None:
+        return None
+    column, _ = pick(file, table, name, role="direction")
+    signs = np.zeros(len(table), dtype=np.int64)
+    for i, label in enumerate(_texts(column)):
+        word = label.strip().casefold()
+        if word not in _FORWARD and word not in _REVERSE:
+            raise FormatMismatchError(
+                f"{file.path}: line {int(table.lines[i])}: direction {label!r} is not known; use fwd and "
+                "rev, forward and backward, or +1 and -1"
+            )
+        signs[i] = 1 if word in _FORWARD else -1
+    return signs
+
+
+def _check_direction(sign: int, x: FloatArray, where: str) -> None:
+    travel = float(x[-1] - x[0])
+    if travel * sign < 0.0:
+        word = {1: "forward", -1: "reverse"}
+        raise InvalidSamplesError(
+            f"{where}: is labelled {word[sign]}, but its position goes from {x[0] * 1e3:.6g} to "
+            f"{x[-1] * 1e3:.6g} mm; check the sign of the position column or the labels"
+        )
+
+
+def _check_position(x: FloatArray, rows: NDArray[np.intp], table: Table, where: str) -> None:
+    empty = np.flatnonzero(np.isnan(x[rows]))
+    if empty.size:
+        raise InvalidSamplesError(
+            f"{where}: line {int(table.lines[rows[empty[0]]])} has no position ({empty.size} such "
+            "row(s)); a reading without a position cannot be placed: cut those rows off"
+        )
+
+
+def _groups(
+    file: RawFile, table: Table, request: _Request, signs: NDArray[np.int64] | None
+) -> Iterator[tuple[str, NDArray[np.intp]]]:
+    """Yield the name and the rows of each run, in the order of the file."""
+    stem = file.path.stem
+    everything = np.arange(len(table))
+    if request.run is None:
+        parts: list[tuple[str, NDArray[np.intp]]] = [(stem, everything)]
+    else:
+        column, _ = pick(file, table, request.run, role="run")
+        prefix = f"{stem}:" if request.n_files > 1 else ""
+        parts = [(prefix + k, rows) for k, rows in _by_value(file, table, column)]
+    for name, rows in parts:
+        if signs is None or len(set(signs[rows].tolist())) == 1:
+            yield name, rows
+            continue
+        for sign, word in ((1, "forward"), (-1, "reverse")):
+            yield f"{name} {word}", rows[signs[rows] == sign]
+
+
+def _by_value(
+    file: RawFile, table: Table, column: Column
+) -> Iterator[tuple[str, NDArray[np.intp]]]:
+    texts = np.array(_texts(column))
+    if any(not t for t in texts):
+        i = int(np.flatnonzero(texts == "")[0])
+        raise FormatMismatchError(
+            f"{file.path}: line {int(table.lines[i])} has no entry in the run column {column.name!r}"
+        )
+    for value in dict.fromkeys(texts.tolist()):
+        yield value, np.flatnonzero(texts == value)
+
+
+def _texts(column: Column) -> tuple[str, ...]:
+    """Return each entry as text; whole numbers without a decimal point."""
+    if column.labels is not None:
+        return column.labels
+    values = () if column.values is None else column.values.tolist()
+    return tuple("" if math.isnan(v) else str(int(v)) if v == int(v) else repr(v) for v in values)

@@ -1,0 +1,167 @@
+"""Columns of a table picked by name and brought to SI, with a unit that somebody declared."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import FormatMismatchError, UnitError
+from metrosep.core.units import Unit, parse_sensitivity, parse_unit
+from metrosep.io.headers import find_column
+from metrosep.io.source import RawFile
+from metrosep.io.table import Column, Table
+
+__all__ = ["ColumnSpec", "pick", "sensitivity", "to_si"]
+
+ColumnSpec: TypeAlias = str | tuple[str, str]
+"""A column: its name, ``"name:unit"`` or ``("name", "unit")``."""
+
+
+def pick(
+    file: RawFile, table: Table, spec: ColumnSpec, *, role: str
+) -> tuple[Column, Unit | None]:
+    """Return the column that a specification names, and its unit.
+
+    Parameters
+    ----------
+    file : RawFile
+        For the message.
+    table : Table
+        The columns that there are.
+    spec : str or tuple of (str, str)
+        Name, ``"name:unit"`` or ``("name", "unit")``; a name may leave out its unit.
+    role : str
+        What the column is for, for the message.
+
+    Returns
+    -------
+    tuple of (Column, Unit or None)
+        The unit is the declared one; ``None`` when neither header nor caller declares one.
+
+    Raises
+    ------
+    FormatMismatchError
+        If there is no such column, or header and caller contradict each other.
+    UnitError
+        If the unit is unknown.
+    """
+    declared: str | None = None
+    if isinstance(spec, str):
+        name = spec
+        if spec not in table.names and ":" in spec:
+            name, declared = spec.rsplit(":", 1)
+    else:
+        if len(spec) != 2:
+            raise FormatMismatchError(
+                f"{role} column {spec!r} must be a name or a pair of name and unit"
+            )
+        name, declared = spec
+    column = table[find_column(name, table.names, file.path, role=role)]
+    if not declared:
+        return column, column.unit
+    unit = parse_unit(declared)
+    if column.unit is not None and column.unit != unit:
+        raise FormatMismatchError(
+            f"{file.path}: {role} column {column.name!r} is in {column.unit.name} by its header, but "
+            f"{unit.name} was given; leave the unit out or correct the header"
+        )
+    return column, unit
+
+
+def to_si(
+    file: RawFile,
+    column: Column,
+    unit: Unit | None,
+    *,
+    dimension: str,
+    role: str,
+    scale: float | None = None,
+) -> FloatArray:
+    """Return the numbers of a column in SI.
+
+    Parameters
+    ----------
+    file : RawFile
+        For the message.
+    column : Column
+        The column.
+    unit : Unit or None
+        Its unit.
+    dimension : str
+        What it must be, such as ``"length"``.
+    role : str
+        What the column is for, for the message.
+    scale : float, m/V, optional
+        Sensitivity of a sensor whose column is a voltage; its sign is kept.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        In SI, NaN = not measured.
+
+    Raises
+    ------
+    FormatMismatchError
+        If the column holds labels.
+    UnitError
+        If no unit was declared or it is of another dimension.
+    """
+    if column.values is None:
+        first = column.labels[0] if column.labels else ""
+        raise FormatMismatchError(
+            f"{file.path}: {role} column {column.name!r} holds text ({first!r}), not numbers; name "
+            "another column"
+        )
+    if unit is None:
+        raise UnitError(
+            f"{file.path}: column {column.name!r} ({role}) declares no unit; rename it like "
+            f"'{column.name}_{_usual(dimension)}', or give {role}=({column.name!r}, "
+            f"{_usual(dimension)!r}) or unit="
+        )
+    if scale is not None:
+        if unit.dimension != "voltage":
+            raise UnitError(
+                f"{file.path}: column {column.name!r} ({role}) is in {unit.name}, not in volts; leave "
+                "scale= out"
+            )
+        return np.asarray(column.values * (unit.factor * scale))
+    if unit.dimension == "voltage" and dimension == "length":
+        raise UnitError(
+            f"{file.path}: column {column.name!r} ({role}) is in {unit.name}; give the sensitivity of "
+            "the sensor, such as scale='2.5 um/V'"
+        )
+    if unit.dimension != dimension:
+        raise UnitError(
+            f"{file.path}: column {column.name!r} ({role}) is in {unit.name} ({unit.dimension}); a "
+            f"{dimension} is needed; name another column"
+        )
+    return np.asarray(column.values * unit.factor)
+
+
+def sensitivity(scale: float | str | None) -> float | None:
+    """Return the sensitivity of a sensor in m/V.
+
+    Parameters
+    ----------
+    scale : float (m/V), str such as ``"2.5 um/V"``, or None
+        May be negative.
+
+    Returns
+    -------
+    float or None
+        In m/V.
+
+    Raises
+    ------
+    UnitError
+        If text is no length per voltage.
+    """
+    if isinstance(scale, str):
+        return parse_sensitivity(scale)
+    return None if scale is None else float(scale)
+
+
+def _usual(dimension: str) -> str:
+    return {"length": "um", "time": "s", "speed": "mm/min"}.get(dimension, "um")

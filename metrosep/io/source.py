@@ -1,0 +1,256 @@
+"""A file as readers see it: its name, its first bytes, its content and its hash.
+
+Opening is done once and in one place, so that a missing file, a folder, an empty file and a file
+without permission give the same sentence whatever the format.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import ReadError, UnsupportedFeatureError
+from metrosep.core.provenance import Step, hash_bytes
+from metrosep.core.units import parse_quantity
+
+__all__ = [
+    "HEAD_BYTES",
+    "MAX_PIXELS",
+    "RawFile",
+    "flat_map",
+    "lateral_steps",
+    "open_file",
+    "refuse_options",
+]
+
+HEAD_BYTES = 65536
+"""Bytes that a reader may look at to recognise its format."""
+
+MAX_PIXELS = 2**28
+"""Largest number of samples that a reader allocates unless ``max_pixels`` says otherwise."""
+
+_MAX_BYTES = 2**32
+
+
+class RawFile:
+    """A file that exists, is not empty and may be read.
+
+    Parameters
+    ----------
+    path : Path
+        Where it is.
+    data : bytes
+        Its content.
+    """
+
+    def __init__(self, path: Path, data: bytes) -> None:
+        self.path = path
+        self.data = data
+
+    @property
+    def name(self) -> str:
+        """File name without its folder."""
+        return self.path.name
+
+    @property
+    def size(self) -> int:
+        """Bytes."""
+        return len(self.data)
+
+    @property
+    def head(self) -> bytes:
+        """The first `HEAD_BYTES` bytes."""
+        return self.data[:HEAD_BYTES]
+
+    @cached_property
+    def sha256(self) -> str:
+        """SHA-256 of the content, 64 hexadecimal digits."""
+        return hash_bytes(self.data)
+
+    def history(self, format_id: str, parameters: Mapping[str, Any] | None = None) -> tuple[Step]:
+        """Return the history of an object read from this file: one step ``read``.
+
+        Parameters
+        ----------
+        format_id : str
+            Identifier of the format.
+        parameters : mapping, optional
+            What the caller declared, plain values.
+
+        Returns
+        -------
+        tuple of Step
+            With file name, SHA-256, size and format.
+        """
+        facts = {
+            "file": self.name,
+            "sha256": self.sha256,
+            "size": self.size,
+            "format": format_id,
+        }
+        return (Step("read", {**facts, **dict(parameters or {})}),)
+
+    def metadata(
+        self,
+        format_id: str,
+        header: Mapping[str, Any],
+        *,
+        warnings: tuple[str, ...] = (),
+        **facts: Any,
+    ) -> dict[str, Any]:
+        """Return the metadata of an object read from this file.
+
+        Parameters
+        ----------
+        format_id : str
+            Identifier of the format.
+        header : mapping
+            Every raw header field, by the name in the format's description.
+        warnings : tuple of str, optional
+            Sentences on what is odd about the file.
+        **facts
+            What the reader derived, keys with unit suffixes.
+
+        Returns
+        -------
+        dict
+            Keys ``format``, ``file``, ``sha256``, the facts, ``warnings`` and ``header``.
+        """
+        return {
+            "format": format_id,
+            "file": self.name,
+            "sha256": self.sha256,
+            **facts,
+            "warnings": tuple(warnings),
+            "header": dict(header),
+        }
+
+
+def open_file(path: str | os.PathLike[str]) -> RawFile:
+    """Return the content of a file.
+
+    Parameters
+    ----------
+    path : str or path
+        The file.
+
+    Returns
+    -------
+    RawFile
+        Name, content and hash.
+
+    Raises
+    ------
+    ReadError
+        If there is no such file, it is a folder, is empty, is larger than 4 GiB or may not be
+        read.
+    """
+    where = Path(path)
+    try:
+        if where.is_dir():
+            raise ReadError(f"{where}: is a folder; name a file in it")
+        if where.exists() and not where.is_file():
+            raise ReadError(f"{where}: is a device or a pipe; copy the data into a file first")
+        size = where.stat().st_size
+        if size > _MAX_BYTES:
+            raise UnsupportedFeatureError(
+                f"{where}: holds {size} bytes, more than the {_MAX_BYTES} that are read at once; "
+                "cut the recording into parts"
+            )
+        data = where.read_bytes()
+    except FileNotFoundError:
+        raise ReadError(f"{where}: no such file; check the name and the folder") from None
+    except PermissionError:
+        raise ReadError(f"{where}: you may not read this file; ask for permission") from None
+    except (OSError, ValueError) as exc:
+        reason = getattr(exc, "strerror", None) or str(exc)
+        raise ReadError(f"{str(path)!r}: cannot be read ({reason}); check the path") from None
+    if not data:
+        raise ReadError(f"{where}: the file is empty (0 bytes); export or copy it again")
+    return RawFile(where, data)
+
+
+def lateral_steps(
+    override: float | str | tuple[float | str, float | str] | None,
+) -> tuple[float, float] | None:
+    """Return the lateral steps that a caller declares, in m.
+
+    Parameters
+    ----------
+    override : float (m), str with unit, pair of either, or None
+        One step for both directions, or ``(dx, dy)``.
+
+    Returns
+    -------
+    tuple of (float, float) or None
+        dx and dy in m; ``None`` when nothing was declared.
+
+    Raises
+    ------
+    UnitError
+        If text has no length unit.
+    ReadError
+        If a step is not positive and finite, or there are not one or two.
+    """
+    if override is None:
+        return None
+    items = tuple(override) if isinstance(override, (tuple, list)) else (override, override)
+    if len(items) != 2:
+        raise ReadError(f"lateral_step has {len(items)} values; give one step or (dx, dy)")
+    steps = tuple(parse_quantity(s, dimension="length", name="lateral_step") for s in items)
+    for step in steps:
+        if not math.isfinite(step) or step <= 0.0:
+            raise ReadError(f"lateral_step is {step} m; a step must be positive and finite")
+    return steps[0], steps[1]
+
+
+def flat_map(z: FloatArray) -> tuple[str, ...]:
+    """Return a warning when every valid height of a map is the same.
+
+    Parameters
+    ----------
+    z : ndarray, m
+        Heights, NaN = not measured, at least one valid.
+
+    Returns
+    -------
+    tuple of str
+        One sentence or none.
+    """
+    if float(np.nanmin(z)) == float(np.nanmax(z)):
+        return (
+            f"every valid height is the same, {float(np.nanmax(z)):g} m: no relief was stored",
+        )
+    return ()
+
+
+def refuse_options(file: RawFile, format_title: str, **options: object) -> None:
+    """Refuse options that a format does not take, by name.
+
+    Parameters
+    ----------
+    file : RawFile
+        For the message.
+    format_title : str
+        Name of the format for the message.
+    **options
+        Option names and values; ``None`` means not given.
+
+    Raises
+    ------
+    ReadError
+        If one is given.
+    """
+    given = [name for name, value in options.items() if value is not None]
+    if given:
+        raise ReadError(
+            f"{file.path}: is {format_title}, which takes no {', '.join(given)}; leave "
+            f"{'it' if len(given) == 1 else 'them'} out"
+        )

@@ -1,0 +1,183 @@
+"""`write`: an object becomes a file that others read, whole or not at all.
+
+Text is written in SI with the unit in every column name and with as many digits as it takes to
+read back the same number. Comment lines above the table carry the history.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep._version import __version__
+from metrosep.core.atomic import atomic_write
+from metrosep.core.errors import UnsupportedFeatureError, WriteError
+from metrosep.core.profile import Profile
+from metrosep.core.provenance import Step, history_as_dicts
+from metrosep.core.recording import Recording
+from metrosep.core.runset import RunSet
+from metrosep.core.surface import Surface
+from metrosep.io.x3p_write import x3p_bytes
+
+__all__ = ["write"]
+
+_SUFFIXES = {".x3p": "x3p", ".csv": "csv", ".xyz": "xyz"}
+_PLANNED = {"int": "Code V INT", "h5": "HDF5"}
+
+
+def write(
+    obj: Surface | Profile | Recording | RunSet,
+    path: str | os.PathLike[str],
+    *,
+    format: str | None = None,  # noqa: A002
+) -> Path:
+    """Write a measurement to a file.
+
+    Parameters
+    ----------
+    obj : Surface, Profile, Recording or RunSet
+        What to write.
+    path : str or path
+        The file; its folder must exist.
+    format : {"x3p", "csv", "xyz"}, optional
+        Follows from the suffix of the name if omitted. X3P takes surfaces and profiles, xyz takes
+        surfaces, CSV takes everything.
+
+    Returns
+    -------
+    Path
+        The file that was written.
+
+    Raises
+    ------
+    UnsupportedFeatureError
+        If the format is not written, or does not hold such an object.
+    WriteError
+        If the file cannot be written, or a surface is laterally not calibrated; no half-written
+        file is left behind.
+
+    Notes
+    -----
+    Numbers in text have up to 17 significant digits (the shortest that read back exactly); "not
+    measured" is an empty field in CSV and ``nan`` in xyz. ``read`` gives a profile, a recording or
+    a surface back, `read_runs` a set of runs (``x="x_m"``, ``z="z_m"``, ``feed="feed_m_s"``,
+    ``time="t_s"``, ``run="run"``).
+    """
+    where = Path(path)
+    name = (
+        format or _SUFFIXES.get(where.suffix.lower(), where.suffix.lstrip(".").lower())
+    ).lower()
+    data = _bytes(obj, name, where)
+    return atomic_write(where, data)
+
+
+def _bytes(obj: Surface | Profile | Recording | RunSet, name: str, path: Path) -> bytes:
+    if not isinstance(obj, (Surface, Profile, Recording, RunSet)):
+        raise WriteError(
+            f"{path}: a {type(obj).__name__} cannot be written; give a Surface, Profile, Recording or "
+            "RunSet"
+        )
+    if name == "csv":
+        return _csv(obj)
+    if name == "x3p" and isinstance(obj, (Surface, Profile)):
+        try:
+            return x3p_bytes(obj)
+        except WriteError as exc:
+            raise WriteError(f"{path}: {exc}") from None
+    if name == "xyz" and isinstance(obj, Surface):
+        return _xyz(obj)
+    if name in _SUFFIXES.values():
+        raise UnsupportedFeatureError(
+            f"{path}: {name} does not hold a {type(obj).__name__}; write it as csv"
+        )
+    planned = f"{_PLANNED[name]} is not written by this version" if name in _PLANNED else ""
+    raise UnsupportedFeatureError(
+        f"{path}: {planned or f'format {name!r} is not written'}; there are "
+        f"{', '.join(sorted(set(_SUFFIXES.values())))}"
+    )
+
+
+def _csv(obj: Surface | Profile | Recording | RunSet) -> bytes:
+    history = obj.history
+    if isinstance(obj, Profile):
+        return _table(["x_m", "z_m"], [_texts(obj.x), _texts(obj.z)], history)
+    if isinstance(obj, Surface):
+        return _table(["x_m", "y_m", "z_m"], _grid_texts(obj), history)
+    if isinstance(obj, Recording):
+        names = [f"{n} [{obj.units[n]}]" if obj.units.get(n) else n for n in obj.channels]
+        columns = [_texts(obj.t), *(_texts(c) for c in obj.channels.values())]
+        return _table(["t_s", *names], columns, history)
+    return _runs(obj)
+
+
+def _runs(runs: RunSet) -> bytes:
+    names = ["run"]
+    has_feed = all(r.feed is not None for r in runs)
+    has_time = all(r.t is not None for r in runs)
+    names += ["feed_m_s"] * has_feed + ["t_s"] * has_time + ["x_m", "z_m"]
+    columns: list[list[str]] = [[] for _ in names]
+    for i, run in enumerate(runs):
+        parts: list[Sequence[str]] = [[run.run_id or str(i)] * len(run)]
+        if has_feed:
+            parts.append([repr(float(run.feed or 0.0))] * len(run))
+        if has_time and run.t is not None:
+            parts.append(_texts(run.t))
+        parts += [_texts(run.x), _texts(run.z)]
+        for column, part in zip(columns, parts, strict=True):
+            column.extend(part)
+    return _table(names, columns, runs.history)
+
+
+def _table(
+    names: Sequence[str], columns: Sequence[Sequence[str]], history: tuple[Step, ...]
+) -> bytes:
+    stream = io.StringIO()
+    stream.write(_comments(history))
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(names)
+    writer.writerows(zip(*columns, strict=True))
+    return stream.getvalue().encode("utf-8")
+
+
+def _xyz(surface: Surface) -> bytes:
+    columns = [[t or "nan" for t in column] for column in _grid_texts(surface)]
+    rows = "\n".join(" ".join(row) for row in zip(*columns, strict=True))
+    return f"{_comments(surface.history)}x_m y_m z_m\n{rows}\n".encode()
+
+
+def _grid_texts(surface: Surface) -> list[list[str]]:
+    """Return x, y and z of each pixel as text, x fastest."""
+    if surface.dx is None or surface.dy is None:
+        raise WriteError(
+            "the surface is laterally not calibrated, so its pixels have no positions; give "
+            "lateral_step=(dx, dy) on reading, or write it as x3p then"
+        )
+    rows, columns = surface.shape
+    x = _texts(surface.origin[0] + surface.dx * np.arange(columns))
+    y = _texts(surface.origin[1] + surface.dy * np.arange(rows))
+    return [
+        x * rows,
+        [text for text in y for _ in range(columns)],
+        _texts(surface.z.ravel()),
+    ]
+
+
+def _texts(values: NDArray[np.floating]) -> list[str]:
+    """Return numbers as the shortest text that reads back exactly; NaN as an empty field."""
+    return ["" if v != v else repr(v) for v in values.tolist()]
+
+
+def _comments(history: Iterable[Step]) -> str:
+    lines = [f"# metrosep {__version__}: SI units, empty or nan = not measured"]
+    lines += [
+        f"# history: {json.dumps(entry, sort_keys=True, default=str)}"
+        for entry in history_as_dicts(tuple(history))
+    ]
+    return "\n".join(lines) + "\n"

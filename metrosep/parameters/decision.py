@@ -1,0 +1,92 @@
+"""Three-state decisions on conformity after ISO 14253-1.
+
+With a guard band g = guard_factor * U inside each limit: accept if the value keeps clear of both
+limits by g, reject if it passes a limit by g, else inconclusive.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+from metrosep.core.errors import DataError
+
+__all__ = ["Verdict", "decide", "worst"]
+
+Verdict = Literal["accept", "reject", "inconclusive"]
+
+
+def decide(
+    value: float,
+    *,
+    lower: float | None = None,
+    upper: float | None = None,
+    U: float,
+    guard_factor: float = 1.0,
+) -> Verdict:
+    """Return whether a value conforms to its limits.
+
+    Parameters
+    ----------
+    value : float
+        Measured value; NaN is inconclusive.
+    lower, upper : float, optional
+        Limits, same unit.
+    U : float
+        Expanded uncertainty, same unit, >= 0.
+    guard_factor : float, optional
+        Guard band over U, >= 0; 0 is simple acceptance.
+
+    Returns
+    -------
+    {"accept", "reject", "inconclusive"}
+        Verdict.
+
+    Raises
+    ------
+    DataError
+        If there is no limit, the limits cross, or U or the factor is negative or not finite.
+
+    References
+    ----------
+    .. [1] ISO 14253-1:2017.
+
+    Examples
+    --------
+    >>> decide(90e-9, upper=100e-9, U=5e-9), decide(98e-9, upper=100e-9, U=5e-9)
+    ('accept', 'inconclusive')
+    """
+    if lower is None and upper is None:
+        raise DataError("a decision needs a lower or an upper limit")
+    low = -math.inf if lower is None else float(lower)
+    high = math.inf if upper is None else float(upper)
+    if math.isnan(low) or math.isnan(high) or low > high:
+        raise DataError(f"the limits {lower} ... {upper} are not in order")
+    for name, number in (("U", U), ("guard_factor", guard_factor)):
+        if not (math.isfinite(number) and number >= 0.0):
+            raise DataError(f"{name} must be finite and not negative, got {number}")
+    guard = guard_factor * U
+    if low + guard <= value <= high - guard:
+        return "accept"
+    if value < low - guard or value > high + guard:
+        return "reject"
+    return "inconclusive"
+
+
+def worst(verdicts: list[Verdict]) -> Verdict | None:
+    """Return the verdict of several characteristics together.
+
+    Parameters
+    ----------
+    verdicts : list of str
+        Single verdicts.
+
+    Returns
+    -------
+    str or None
+        "reject" before "inconclusive" before "accept"; None if there is none.
+    """
+    for verdict in ("reject", "inconclusive", "accept"):
+        if verdict in verdicts:
+            return verdict
+    return None

@@ -1,0 +1,281 @@
+"""The result document: everything a report, a table or another program needs, as JSON.
+
+Schema ``metrosep.result/1``: keys sorted, SI with unit suffixes in the keys, no NaN (null instead),
+no clock and no folder in it, so that the same input gives the same bytes.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.core.atomic import atomic_write
+from metrosep.core.errors import CorruptFileError, ReadError
+from metrosep.core.runset import Run, RunSet
+from metrosep.separation.base import ErrorEstimate
+
+__all__ = ["SCHEMA", "Result", "clean", "load_document", "measured_runs", "plot_data"]
+
+FloatArray = NDArray[np.float64]
+
+SCHEMA = "metrosep.result/1"
+_MM, _NM = 1e-3, 1e-9
+_CURVE_POINTS = 601
+_MAX_POINTS = 2000
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """What a recipe produced.
+
+    Parameters
+    ----------
+    document : mapping
+        Content of result.json.
+    estimate : ErrorEstimate
+        The separated error.
+    files : tuple of Path
+        Files that were written, result.json last.
+    """
+
+    document: Mapping[str, Any]
+    estimate: ErrorEstimate
+    files: tuple[Path, ...] = field(default=())
+
+    @property
+    def verdict(self) -> str | None:
+        """Verdict over all checks; None without checks."""
+        return self.document["verdict"]  # type: ignore[no-any-return]
+
+    def to_json(self) -> bytes:
+        """Return the document as bytes.
+
+        Returns
+        -------
+        bytes
+            UTF-8, sorted keys, no NaN.
+        """
+        text = json.dumps(clean(self.document), indent=1, sort_keys=True, allow_nan=False)
+        return (text + "\n").encode("utf-8")
+
+    def write(self, path: str | os.PathLike[str]) -> Path:
+        """Write the document; it appears whole or not at all.
+
+        Parameters
+        ----------
+        path : str or path
+            File.
+
+        Returns
+        -------
+        Path
+            The file.
+        """
+        return atomic_write(path, self.to_json())
+
+
+def clean(value: Any) -> Any:
+    """Return a value as JSON knows it: NaN and infinities become None, tuples lists.
+
+    Parameters
+    ----------
+    value : object
+        Nested plain values, numpy scalars and paths.
+
+    Returns
+    -------
+    object
+        Ready for `json.dumps`.
+    """
+    if isinstance(value, Mapping):
+        return {str(k): clean(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [clean(v) for v in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Path):
+        return value.name
+    return value
+
+
+def load_document(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """Return the content of a result.json.
+
+    Parameters
+    ----------
+    path : str or path
+        The file, or the folder that holds ``result.json``.
+
+    Returns
+    -------
+    dict
+        The document.
+
+    Raises
+    ------
+    ReadError
+        If it cannot be read.
+    CorruptFileError
+        If it is not a result of this schema.
+    """
+    target = Path(path)
+    if target.is_dir():
+        target = target / "result.json"
+    try:
+        content = json.loads(target.read_text(encoding="utf-8"))
+    except OSError as exc:
+        raise ReadError(
+            f"{target}: cannot be read ({exc.strerror or exc}); check the name"
+        ) from None
+    except ValueError as exc:
+        raise CorruptFileError(
+            target, f"not JSON ({exc})", hint="run the separation again"
+        ) from None
+    if not isinstance(content, dict) or content.get("schema") != SCHEMA:
+        found = content.get("schema") if isinstance(content, dict) else type(content).__name__
+        raise CorruptFileError(
+            target,
+            "not a result of metrosep",
+            field="schema",
+            expected=SCHEMA,
+            found=found,
+            hint="give the result.json that 'metrosep separate' or 'metrosep run' wrote",
+        )
+    return content
+
+
+def plot_data(runs: RunSet, estimate: ErrorEstimate) -> dict[str, Any]:
+    """Return the curves that a report draws.
+
+    Parameters
+    ----------
+    runs : RunSet
+        Readings.
+    estimate : ErrorEstimate
+        What was separated.
+
+    Returns
+    -------
+    dict
+        Estimate with band, and for each feed and direction the mean run before and after.
+    """
+    low, high = estimate.fit_range
+    x = np.linspace(low, high, _CURVE_POINTS)
+    names = {1: "forward", -1: "reverse", 0: "both"}
+    return {
+        "start_mm": estimate.start / _MM,
+        "stop_mm": estimate.stop / _MM,
+        "fit_low_mm": low / _MM,
+        "fit_high_mm": high / _MM,
+        "x_mm": (x / _MM).tolist(),
+        "estimate_nm": (estimate.evaluate(x) / _NM).tolist(),
+        "sd_nm": (estimate.sd(x) / _NM).tolist(),
+        "directions": [
+            {
+                "direction": names[d],
+                "estimate_nm": (estimate.evaluate(x, direction=d or None) / _NM).tolist(),
+                "sd_nm": (estimate.sd(x, direction=d or None) / _NM).tolist(),
+            }
+            for d in estimate.directions
+        ],
+        "feeds": [
+            entry
+            for direction in runs.directions
+            for entry in _feeds(runs.select(direction=direction), estimate, direction)
+        ],
+    }
+
+
+def _feeds(runs: RunSet, estimate: ErrorEstimate, direction: int) -> list[dict[str, Any]]:
+    low, high = runs.common_travel
+    entries = []
+    for feed, members in runs.by_feed() or [(math.nan, runs.runs)]:
+        n = max(len(r) for r in members)
+        x = np.linspace(low, high, n)
+        before = np.mean([_leveled(r.x, r.z, x, estimate) for r in members], axis=0)
+        after = before - estimate.evaluate(x, direction=direction)
+        xs, pair = _thinned(x, np.stack([before, after]))
+        entries.append(
+            {
+                "feed_mm_min": feed * 6e4,
+                "direction": "forward" if direction > 0 else "reverse",
+                "n_runs": len(members),
+                "x_mm": (xs / _MM).tolist(),
+                "before_nm": (pair[0] / _NM).tolist(),
+                "after_nm": (pair[1] / _NM).tolist(),
+            }
+        )
+    return entries
+
+
+def _leveled(
+    x: FloatArray, z: FloatArray, grid: FloatArray, estimate: ErrorEstimate
+) -> FloatArray:
+    """Return a run on the grid without its line over the evaluation range; gaps stay NaN."""
+    valid = ~np.isnan(z)
+    order = np.argsort(x)
+    values = np.interp(grid, x[order], np.where(valid, z, np.nan)[order])
+    inner = (grid >= estimate.start) & (grid <= estimate.stop) & ~np.isnan(values)
+    if inner.sum() < 2:
+        inner = ~np.isnan(values)
+    mid = 0.5 * (estimate.start + estimate.stop)
+    slope, level = np.polyfit(grid[inner] - mid, values[inner], 1)
+    return np.asarray(values - level - slope * (grid - mid))
+
+
+def _thinned(x: FloatArray, curves: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Keep the smallest and largest sample of the first curve in each cell: nothing is hidden."""
+    if x.size <= _MAX_POINTS:
+        return x, curves
+    keep: set[int] = set()
+    for cell in np.array_split(np.arange(x.size), _MAX_POINTS // 2):
+        for curve in curves:
+            if np.isnan(curve[cell]).all():
+                keep.add(int(cell[0]))
+                continue
+            keep.update(
+                (int(cell[np.nanargmin(curve[cell])]), int(cell[np.nanargmax(curve[cell])]))
+            )
+    index = np.array(sorted(keep))
+    return x[index], curves[:, index]
+
+
+def measured_runs(document: Mapping[str, Any]) -> RunSet:
+    """Return the mean runs of a result, to dry-run a table against.
+
+    Parameters
+    ----------
+    document : mapping
+        Content of result.json.
+
+    Returns
+    -------
+    RunSet
+        One run for each feed and direction, as the report draws them.
+
+    Raises
+    ------
+    CorruptFileError
+        If the document holds no runs.
+    """
+    runs = []
+    for entry in document.get("plots", {}).get("feeds", []):
+        x = np.array(entry["x_mm"], dtype=np.float64) * _MM
+        z = np.array([math.nan if v is None else v for v in entry["before_nm"]]) * _NM
+        order = slice(None) if entry["direction"] == "forward" else slice(None, None, -1)
+        runs.append(Run(x[order], z[order], run_id=f"{entry['feed_mm_min']} mm/min"))
+    if not runs:
+        raise CorruptFileError(
+            "result.json", "it holds no runs to dry-run against", hint="run the separation again"
+        )
+    return RunSet(runs)

@@ -1,0 +1,93 @@
+"""The keys of a recipe, table by table."""
+
+from __future__ import annotations
+
+from metrosep.recipe.schema import Field
+
+__all__ = ["CHECK", "INPUT", "METRICS", "OUTPUTS", "STEPS", "TOP"]
+
+TOP = {
+    "metrosep": Field("integer", required=True),
+    "title": Field("text"),
+    "input": Field("table", required=True),
+    "step": Field("any", required=True),
+    "check": Field("any"),
+    "output": Field("any"),
+    "view": Field("table"),
+}
+
+INPUT = {
+    "files": Field("texts"),
+    "x": Field("column", required=True),
+    "z": Field("column", required=True),
+    "feed": Field("column"),
+    "run": Field("text"),
+    "direction": Field("text"),
+    "time": Field("column"),
+    "sampling_rate": Field("frequency"),
+    "scale": Field("text"),
+    "separator": Field("text"),
+    "decimal": Field("text"),
+}
+
+STEPS = {
+    "separate": {
+        "op": Field("text", required=True),
+        "method": Field("text", choices=("joint", "kono", "mean")),
+        "start": Field("length"),
+        "length": Field("length"),
+        "shortest": Field("length"),
+        "lag": Field("lag"),
+        "min_feeds": Field("integer"),
+        "false_discovery_rate": Field("number"),
+        "sigma_t": Field("number"),
+        "p_t": Field("number"),
+        "norm": Field("text", choices=("amplitude", "power", "psd")),
+        "taper_fraction": Field("number"),
+        "taper": Field("text", choices=("kono", "tukey")),
+        "rule": Field("text", choices=("shortest", "contiguous", "mask")),
+        "modelling_length": Field("length"),
+        "values": Field("text", choices=("one_feed", "all")),
+    },
+    "polynomial": {
+        "op": Field("text", required=True),
+        "degree": Field("degree"),
+        "max_degree": Field("integer"),
+        "quantity": Field("text", required=True, choices=("error", "compensation")),
+    },
+}
+
+METRICS = {
+    "pv": "P-V of the separated error over the evaluation range",
+    "residual_rms": "RMS of the readings about the separated error",
+    "after_pv": "P-V of the mean run after the table (dry-run)",
+    "after_rms": "RMS of the mean run after the table (dry-run)",
+}
+
+CHECK = {
+    "name": Field("text"),
+    "metric": Field("text", required=True, choices=tuple(METRICS)),
+    "upper": Field("length"),
+    "lower": Field("length"),
+    "U": Field("length"),
+    "guard_factor": Field("number"),
+}
+
+OUTPUTS = {
+    "table": {
+        "kind": Field("text", required=True),
+        "controller": Field("text", required=True),
+        "axis": Field("text", required=True),
+        "compensates": Field("text"),
+        "spacing": Field("spacing", required=True),
+        "direction": Field("text", choices=("auto", "both", "split", "forward", "reverse")),
+        "reference": Field("length"),
+        "path": Field("text", required=True),
+        "machine": Field("table"),
+    },
+    "report": {
+        "kind": Field("text", required=True),
+        "formats": Field("texts"),
+        "path": Field("text"),
+    },
+}

@@ -1,0 +1,47 @@
+"""Errors with known shape, and an estimate of a simulated axis that runs both ways."""
+
+import numpy as np
+import pytest
+
+from metrosep.separation import machine_axis, separate
+
+
+@pytest.fixture(scope="session")
+def lopsided():
+    """Error of 3 um with a bump at 12 mm of 50 mm: nothing about it is symmetric."""
+    return lambda x: (
+        3e-6 * np.exp(-(((np.asarray(x) - 12e-3) / 4e-3) ** 2))
+        + 0.4e-6 * np.sin(2 * np.pi * np.asarray(x) / 17e-3)
+    )
+
+
+@pytest.fixture(scope="session")
+def both_ways():
+    """Quiet axis with 0.4 um lost motion, run in both directions."""
+    return machine_axis(
+        seed=3,
+        directions=(1, -1),
+        n_repeats=2,
+        lost_motion=0.4e-6,
+        offset=2e-9,
+        noise=5e-9,
+        disturbance="none",
+    )
+
+
+@pytest.fixture(scope="session")
+def both_ways_estimate(both_ways):
+    """Its estimate over the required range."""
+    return separate(both_ways.runs, start=both_ways.start, length=both_ways.stop - both_ways.start)
+
+
+@pytest.fixture(scope="session")
+def one_way():
+    """Quiet axis that runs forward only."""
+    return machine_axis(seed=5, noise=5e-9, disturbance="none", n_repeats=2)
+
+
+@pytest.fixture(scope="session")
+def one_way_estimate(one_way):
+    """Its estimate over the required range."""
+    return separate(one_way.runs, start=one_way.start, length=one_way.stop - one_way.start)

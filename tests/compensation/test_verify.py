@@ -1,0 +1,259 @@
+"""The dry-run: before, after and wrong sign against closed forms; what it refuses."""
+
+import json
+
+import numpy as np
+import pytest
+
+from metrosep import Profile, Run, RunSet
+from metrosep.compensation import CompensationTable, dry_run
+from metrosep.errors import DataError, SignCheckFailedError, TableError
+
+PM = 1e-12
+A = 1e-6
+L = 40e-3
+X = np.linspace(0.0, L, 4001)
+GRID = 1e-4
+"""Relative: 2001 points hit the extremes of four periods, a sample more on one end changes the RMS."""
+STEP = 3e-9
+"""Lookup at p + c: 1 um times a slope of 6e-4, squared for the part that is left."""
+
+
+def wave(x):
+    return A * np.sin(2 * np.pi * x / 10e-3)
+
+
+def table(correction, *, span=(0.0, L), compensates="Z", **fields):
+    p = np.linspace(*span, 4001)
+    return CompensationTable(
+        p, correction(p), None, "X", compensates, 0.0, **{"removed": "offset"} | fields
+    )
+
+
+def runs(*errors, direction=1, offsets=None):
+    offsets = offsets or [0.0] * len(errors)
+    x = X[::direction]
+    return [
+        Run(x, e(x) + o, feed=0.1, run_id=f"{direction}{i}")
+        for i, (e, o) in enumerate(zip(errors, offsets, strict=True))
+    ]
+
+
+@pytest.mark.parametrize("share", [1.0, 0.5, 0.9])
+def test_numbers_are_those_of_a_sine(share):
+    result = table(lambda p: -share * wave(p)).verify(Profile(X, wave(X)))
+
+    for r in result.residuals:
+        assert r.before_pv == pytest.approx(2 * A, rel=GRID)
+        assert r.before_rms == pytest.approx(A / np.sqrt(2), rel=1e-3)
+        assert r.after_pv == pytest.approx(2 * A * (1 - share), rel=GRID, abs=PM)
+        assert r.after_rms == pytest.approx((1 - share) * A / np.sqrt(2), rel=1e-3, abs=PM)
+        assert r.wrong_sign_pv == pytest.approx(2 * A * (1 + share), rel=GRID)
+        assert r.wrong_sign_rms == pytest.approx((1 + share) * A / np.sqrt(2), rel=1e-3)
+        assert r.u_after_rms is None
+    assert result.passed
+
+
+def test_on_axis_the_error_is_taken_where_the_axis_then_is():
+    """c = -e leaves e e' (1 um, slope 6.3e-4, P-V 0.63 nm); the exact inverse leaves nothing."""
+    plain = table(lambda p: -wave(p), compensates="X")
+
+    left = plain.verify(Profile(X, wave(X))).after_pv
+    exact = plain.exact_inverse().verify(Profile(X, wave(X))).after_pv
+
+    assert left == pytest.approx(A * A * 2 * np.pi / 10e-3, rel=0.02)
+    assert exact < 0.02 * left
+
+
+def test_both_directions_of_runs_are_judged_apart():
+    def doubled(x):
+        return 2 * wave(x)
+
+    p = np.linspace(0.0, L, 4001)
+    split = CompensationTable(p, -wave(p), -0.5 * doubled(p) / 2, "X", "Z", 0.0)
+
+    result = split.verify(RunSet(runs(wave) + runs(doubled, direction=-1)))
+
+    by_direction = {r.direction: r for r in result.residuals}
+    assert by_direction[1].after_pv == pytest.approx(0.0, abs=PM)
+    assert by_direction[-1].before_pv == pytest.approx(4 * A, rel=GRID)
+    assert by_direction[-1].after_pv == pytest.approx(3 * A, rel=GRID)
+    assert result.after_pv == by_direction[-1].after_pv
+    assert result.before_pv == pytest.approx(4 * A, rel=GRID)
+    assert result.wrong_sign_pv == pytest.approx(5 * A, rel=GRID)
+
+
+def test_offset_of_a_run_is_no_error():
+    result = table(lambda p: -wave(p)).verify(RunSet(runs(wave, wave, offsets=[5e-6, -9e-6])))
+
+    assert result.before_pv == pytest.approx(2 * A, rel=GRID)
+    assert result.after_pv == pytest.approx(0.0, abs=10 * PM)
+
+
+def test_line_is_removed_only_where_the_table_has_none():
+    tilted = Profile(X, wave(X) + 1e-4 * X)
+
+    of_offset = table(lambda p: -wave(p)).verify(tilted)
+    of_line = table(lambda p: -wave(p), removed="line").verify(tilted)
+
+    assert of_offset.after_pv == pytest.approx(1e-4 * L, rel=GRID)
+    assert of_line.after_pv < 1e-9 * A
+
+
+@pytest.mark.parametrize("compensates", ["X", "Z"])
+def test_flipped_table_is_refused_and_the_sign_is_named(compensates):
+    right = table(lambda p: -wave(p), compensates=compensates)
+    against = RunSet(runs(wave) + runs(wave, direction=-1))
+
+    right.verify(against)
+    with pytest.raises(SignCheckFailedError, match=r"reversed sign would shrink it.*nothing"):
+        right.negated().verify(against)
+
+
+def test_flipped_reverse_column_alone_is_refused():
+    p = np.linspace(0.0, L, 401)
+    half = CompensationTable(p, -wave(p), wave(p), "X", "Z", 0.0)
+
+    with pytest.raises(SignCheckFailedError, match=r"reverse error.*reversed sign would shrink"):
+        half.verify(RunSet(runs(wave) + runs(wave, direction=-1)))
+
+
+def test_foreign_table_is_refused_and_no_sign_helps():
+    foreign = table(lambda p: A * np.sin(2 * np.pi * p / 8e-3))
+
+    with pytest.raises(SignCheckFailedError, match="neither sign shrinks it"):
+        foreign.verify(Profile(X, wave(X)))
+
+
+def test_table_of_the_mirrored_axis_is_refused(lopsided):
+    x = np.linspace(0.0, 50e-3, 2001)
+    mirrored = CompensationTable(x, -lopsided(x[::-1]), None, "X", "Z", 0.0)
+
+    with pytest.raises(SignCheckFailedError, match="neither sign"):
+        mirrored.verify(Profile(x, lopsided(x)))
+
+
+def test_zero_table_is_refused():
+    with pytest.raises(SignCheckFailedError):
+        table(np.zeros_like).verify(Profile(X, wave(X)))
+
+
+def test_no_overlap_is_refused_with_both_ranges():
+    with pytest.raises(TableError, match=r"100 mm \.\.\. 140 mm.*0 m \.\.\. 40 mm.*overlap"):
+        table(lambda p: -wave(p), span=(0.1, 0.14)).verify(Profile(X, wave(X)))
+
+
+def test_only_the_common_part_is_compared():
+    result = table(lambda p: -wave(p), span=(10e-3, 80e-3)).verify(Profile(X, wave(X)))
+
+    assert result.span == pytest.approx((10e-3, 40e-3))
+    # linear between entries 17.5 um and samples 10 um apart: |e''| h^2/8 = 15 and 5 pm, both ways
+    assert result.after_pv == pytest.approx(0.0, abs=40 * PM)
+
+
+@pytest.mark.parametrize("kind", ["profile", "run"])
+def test_what_was_not_measured_is_not_compared(kind):
+    z = np.where(X < 15e-3, np.nan, wave(X))
+    against = Profile(X, z) if kind == "profile" else RunSet([Run(X, z, feed=0.1)])
+
+    result = table(lambda p: -wave(p)).verify(against)
+
+    assert result.span == pytest.approx((15e-3, 40e-3))
+    assert result.before_pv == pytest.approx(2 * A, rel=1e-3)
+
+
+def test_nothing_measured_is_refused():
+    with pytest.raises(DataError, match="no valid sample"):
+        table(lambda p: -wave(p)).verify(Profile(X, np.full(X.size, np.nan)))
+
+
+def test_mean_of_the_runs_is_judged_and_single_runs_reported():
+    """A disturbance of opposite phase in two runs vanishes from the mean, not from the runs."""
+
+    def shaken(sign):
+        return lambda x: wave(x) + sign * 0.3 * A * np.cos(2 * np.pi * x / 2e-3)
+
+    (r,) = table(lambda p: -wave(p)).verify(RunSet(runs(shaken(1), shaken(-1)))).residuals
+
+    assert r.n_runs == 2
+    assert r.after_rms == pytest.approx(0.0, abs=PM)
+    assert r.run_after_rms == pytest.approx(0.3 * A / np.sqrt(2), rel=1e-2)
+    assert r.run_before_rms == pytest.approx(np.hypot(1, 0.3) * A / np.sqrt(2), rel=1e-2)
+
+
+def test_uncertainty_is_the_scatter_of_the_runs():
+    """Runs that leave 0.1, 0.2 and 0.3 of a sine: u = s / sqrt(3) of their RMS."""
+
+    def left(share):
+        return lambda x: (1 + share) * wave(x)
+
+    (r,) = table(lambda p: -wave(p)).verify(RunSet(runs(*map(left, (0.1, 0.2, 0.3))))).residuals
+
+    rms = np.array([0.1, 0.2, 0.3]) * A / np.sqrt(2)
+    assert r.after_rms == pytest.approx(rms.mean(), rel=1e-3)
+    assert r.u_after_rms == pytest.approx(rms.std(ddof=1) / np.sqrt(3), rel=1e-3)
+
+
+@pytest.mark.parametrize("shake", [20e-9, 100e-9])
+def test_uncertainty_agrees_with_repeating_the_measurement(rng, shake):
+    """What repeats is 50 nm RMS; each of 5 runs adds ten waves of random size."""
+    k = np.arange(1, 11)[:, None]
+    waves = np.vstack([np.cos(2 * np.pi * k * X / L), np.sin(2 * np.pi * k * X / L)])
+    seen, told = [], []
+    for _ in range(150):
+        extra = rng.normal(0, shake / np.sqrt(10), (5, 20)) @ waves
+        left = 50e-9 * np.sqrt(2) * np.sin(2 * np.pi * X / 5e-3)
+        set_of = RunSet(Run(X, wave(X) + left + z, feed=0.1) for z in extra)
+        (r,) = table(lambda p: -wave(p)).verify(set_of).residuals
+        seen.append(r.after_rms)
+        told.append(r.u_after_rms)
+
+    # 150 repetitions tell a standard deviation to 6 %, five runs each of them to some more
+    assert np.sqrt(np.mean(np.square(told))) == pytest.approx(np.std(seen), rel=0.3)
+
+
+def test_estimate_is_judged_in_both_directions(both_ways_estimate):
+    made = CompensationTable.from_error(both_ways_estimate, positions="0.25 mm", axis="X")
+
+    result = made.verify(both_ways_estimate)
+
+    assert [r.direction for r in result.residuals] == [1, -1]
+    assert result.removed == "line"
+    assert result.after_pv < 0.02 * result.before_pv
+    assert result.wrong_sign_pv == pytest.approx(2 * result.before_pv, rel=0.01)
+
+
+def test_estimate_proves_itself_on_other_runs(both_ways, both_ways_estimate):
+    made = CompensationTable.from_error(both_ways_estimate, positions="0.25 mm", axis="X")
+
+    result = made.verify(both_ways.runs)
+
+    assert result.after_rms < 0.02 * result.before_rms
+    with pytest.raises(SignCheckFailedError, match="reversed sign"):
+        made.negated().verify(both_ways.runs)
+
+
+def test_scaling_scales_every_number():
+    small = dry_run(
+        lambda p, _: -0.5 * wave(p), Profile(X, wave(X)), span=(0.0, L), on_axis=False
+    ).residuals[0]
+    large = dry_run(
+        lambda p, _: -500 * wave(p / 1e3),
+        Profile(X * 1e3, 1e3 * wave(X)),
+        span=(0.0, 1e3 * L),
+        on_axis=False,
+    ).residuals[0]
+
+    assert large.after_pv == pytest.approx(1e3 * small.after_pv, rel=1e-6)
+    assert large.wrong_sign_rms == pytest.approx(1e3 * small.wrong_sign_rms, rel=1e-6)
+
+
+def test_plain_values_are_json_with_units():
+    result = table(lambda p: -0.5 * wave(p)).verify(Profile(X, wave(X)))
+
+    back = json.loads(json.dumps(result.to_dict(), allow_nan=False))
+
+    assert back["passed"] is True
+    assert [r["direction"] for r in back["residuals"]] == ["forward", "reverse"]
+    assert back["residuals"][0]["after_pv_m"] == pytest.approx(A, rel=GRID)
+    assert back["residuals"][0]["u_after_rms_m"] is None

@@ -1,0 +1,164 @@
+"""Recognition by content; plug-ins only after the built-in readers; files that are no files."""
+
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import metrosep as ms
+from metrosep.io import registry
+from metrosep.io.describe import describe
+from metrosep.io.read import channels
+from metrosep.io.registry import Match
+
+
+def test_formats_lists_measurements_and_compensations():
+    known = {f.id: f for f in registry.formats()}
+
+    assert {"delimited", "metropro", "x3p", "linuxcnc-comp", "neutral-table"} <= set(known)
+    assert known["x3p"].writes
+    assert not known["metropro"].writes
+    assert not known["linuxcnc-comp"].is_measurement
+
+
+def test_get_names_the_formats_there_are():
+    with pytest.raises(ms.errors.UnknownFormatError, match="metropro"):
+        registry.get("metrpro")
+
+
+def test_suffix_alone_is_never_enough(put):
+    path = put(b"\x00\x01\x02 no map at all", "map.x3p")
+
+    with pytest.raises(ms.errors.UnknownFormatError, match="no reader knows"):
+        registry.identify(path)
+
+
+def test_two_sure_readers_are_refused(put, monkeypatch):
+    path = put("x_mm,z_um\n0,1\n1,2\n")
+    sure = SimpleNamespace(sniff=lambda head, name: Match.YES)
+    monkeypatch.setattr(registry.Format, "load_reader", lambda self: sure)
+
+    with pytest.raises(ms.errors.AmbiguousFormatError, match="format="):
+        registry.identify(path)
+
+
+@pytest.fixture
+def plugin(monkeypatch):
+    """Entry point of a reader that claims every file."""
+    asked = []
+
+    def sniff(head, name):
+        asked.append(name)
+        return Match.YES if head.startswith(b"\x07lion") else Match.NO
+
+    def read(file, *, channel=None, lateral_step=None, unit=None):
+        return ms.Surface([[0.0, 1e-9]], history=file.history("lion"))
+
+    reader = SimpleNamespace(sniff=sniff, read=read, channels=lambda file: ("height",))
+    entry = SimpleNamespace(name="lion", load=lambda: reader)
+    monkeypatch.setattr(
+        registry.metadata, "entry_points", lambda group: [entry] if "metrosep" in group else []
+    )
+    return asked
+
+
+def test_plugin_reads_what_no_builtin_knows(put, plugin):
+    surface = ms.read(put(b"\x07lion\x00\x01", "a.bin"))
+
+    assert surface.history[0].parameters["format"] == "lion"
+    assert "lion" in {f.id for f in registry.formats()}
+
+
+def test_plugin_is_not_asked_when_a_builtin_knows(put, plugin):
+    ms.read(put("x_mm,z_um\n0,1\n1,2\n"))
+
+    assert plugin == []
+
+
+@pytest.mark.parametrize(
+    ("name", "match"),
+    [
+        ("absent.csv", "no such file"),
+        (".", "is a folder"),
+        ("empty.csv", "empty"),
+        ("a\0b.csv", "check the path"),
+    ],
+)
+def test_what_is_no_file_is_a_read_error(tmp_path, name, match):
+    (tmp_path / "empty.csv").write_bytes(b"")
+
+    with pytest.raises(ms.errors.ReadError, match=match):
+        ms.read(tmp_path / name)
+
+
+def test_no_permission_is_a_read_error(put, monkeypatch):
+    path = put("x_mm,z_um\n0,1\n")
+
+    def refuse(self):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("pathlib.Path.read_bytes", refuse)
+    with pytest.raises(ms.errors.ReadError, match="permission"):
+        ms.read(path)
+
+
+def test_table_of_a_controller_is_not_a_measurement(repository):
+    path = repository / "data_formats" / "linuxcnc-comp" / "samples" / "x.comp"
+
+    with pytest.raises(ms.errors.ReadError, match=r"metrosep\.controllers"):
+        ms.read(path, format="linuxcnc-comp")
+
+
+def test_unknown_option_is_named(put):
+    with pytest.raises(ms.errors.ReadError, match=r"seperator.*separator"):
+        ms.read(put("x_mm,z_um\n0,1\n1,2\n"), seperator=",")
+
+
+def test_io_imports_nothing_heavy():
+    code = (
+        "import sys, metrosep.io, metrosep.io.read, metrosep.io.runs, metrosep.io.write;"
+        "print([m for m in ('pandas','lmfit','matplotlib','scipy','h5py') if m in sys.modules])"
+    )
+
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+
+    assert out.stdout.strip() == "[]"
+
+
+def test_describe_a_surface_in_plain_values(repository):
+    sample = repository / "data_formats" / "x3p" / "samples" / "double.x3p"
+
+    facts = describe(sample)
+
+    assert facts["format"] == "x3p"
+    assert facts["kind"] == "surface"
+    assert facts["shape"] == [4, 3]
+    assert facts["dx_m"] == pytest.approx(1.5e-6, rel=1e-12)
+    assert facts["n_invalid"] == 1
+    assert facts["pv_nm"] == pytest.approx(96.0, abs=1e-9)
+    heights = np.array([0, 1, 90, 2, 3, 4, 5, -6, 7, 8, 9])
+    assert facts["mean_nm"] == pytest.approx(heights.mean(), abs=1e-9)
+    assert facts["sq_nm"] == pytest.approx(heights.std(), abs=1e-9)
+
+
+def test_describe_lists_the_columns_of_repeated_runs(put):
+    facts = describe(put("run,feed_mm_min,x_mm,z_um\n0,7200,0,1\n0,7200,1,\n1,9600,0,3\n"))
+
+    assert facts["kind"] == "table"
+    assert facts["shape"] == [3, 4]
+    assert facts["n_invalid"] == 1
+    assert facts["pv_nm"] is None
+    assert [(c["name"], c["unit"]) for c in facts["metadata"]["columns"]] == [
+        ("run", None),
+        ("feed_mm_min", "mm/min"),
+        ("x_mm", "mm"),
+        ("z_um", "um"),
+    ]
+
+
+def test_channels_are_the_labels_of_a_stacked_export(repository):
+    sample = repository / "data_formats" / "delimited" / "samples" / "stacked.csv"
+
+    assert channels(sample) == ("left", "right")
