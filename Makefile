@@ -1,0 +1,100 @@
+# Every target does all the set-up it needs: Python 3.11 (with venv) and make are enough.
+#   make demo             the main job on the shipped example: report and table in metrosep-demo/
+#   make test             the tests           make test-slow   those that take long, and peers
+#   make check            lint, format, types, layers, docstrings, documentation
+#   make test-controller  the table on a real LinuxCNC (skipped by name where it cannot be installed)
+#   make docs | bench | constraints | clean
+# Another interpreter: make PYTHON=python3.12 test
+
+PYTHON ?= python3
+VENV ?= .venv
+DEMO ?= metrosep-demo
+PYTEST_FLAGS ?=
+
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
+PYTEST := $(BIN)/python -m pytest
+
+.DELETE_ON_ERROR:
+.PHONY: help install demo test test-slow test-controller check docs bench constraints clean
+
+help:
+	@sed -n 's/^#   //p' Makefile
+
+# ---- installation; a stamp per group, so that a second call installs nothing ----------------
+
+install: $(VENV)/.installed
+
+$(VENV)/.created:
+	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(0 if v >= (3, 11) else \
+	    "metrosep needs Python 3.11 or newer, found %d.%d; call make PYTHON=python3.11" % v)'
+	$(PYTHON) -m venv $(VENV)
+	@$(BIN)/python -c 'import pip, sys; v = tuple(map(int, pip.__version__.split(".")[:2])); \
+	    sys.exit(v < (25, 1))' || $(PIP) install --upgrade 'pip>=25.1'
+	@touch $@
+
+$(VENV)/.installed: $(VENV)/.created pyproject.toml constraints.txt
+	@echo "installing metrosep and what it needs into $(VENV) (a minute or two, once)"
+	$(PIP) install -c constraints.txt -e .
+	@touch $@
+
+$(VENV)/.installed-%: $(VENV)/.installed
+	$(PIP) install -c constraints.txt --group $*
+	@touch $@
+
+.SECONDARY:
+
+# ---- what a user calls -----------------------------------------------------------------------
+
+demo: $(VENV)/.installed
+	$(BIN)/metrosep demo -o $(DEMO)
+	@echo
+	@echo "In $(DEMO):"
+	@find $(DEMO) -type f \( -name '*.html' -o -name '*.comp' -o -name '*.csv' -o -name 'result.json' \) | LC_ALL=C sort | sed 's/^/  /'
+
+test: $(VENV)/.installed-test
+	$(PYTEST) $(PYTEST_FLAGS)
+
+# ---- what a developer calls --------------------------------------------------------------------
+
+test-slow: $(VENV)/.installed-test
+	$(PYTEST) -m "(slow or peer) and not controller" $(PYTEST_FLAGS)
+
+# install.sh ends with 75 where the package cannot be had; everything else is a failure.
+test-controller: $(VENV)/.installed-test
+	@status=0; bash tests/acceptance/linuxcnc/install.sh || status=$$?; \
+	if [ $$status -eq 75 ]; then \
+	    echo "SKIPPED linuxcnc: the package linuxcnc-uspace cannot be installed here"; exit 0; \
+	fi; \
+	if [ $$status -ne 0 ]; then \
+	    echo "linuxcnc: install.sh failed with exit code $$status" >&2; exit $$status; \
+	fi; \
+	$(PYTEST) -m controller tests/acceptance/linuxcnc $(PYTEST_FLAGS)
+
+check: $(VENV)/.installed-test $(VENV)/.installed-lint $(VENV)/.installed-docs
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+	$(BIN)/python tools/check_docstrings.py
+	$(MAKE) docs
+
+docs: $(VENV)/.installed-docs
+	$(BIN)/python -m sphinx -W --keep-going -n -q -b html -d docs/_build/doctrees docs docs/_build/html
+	@echo "documentation: docs/_build/html/index.html"
+
+bench: $(VENV)/.installed-test $(VENV)/.installed-bench
+	$(PYTEST) -m "not controller" tests/benchmarks $(PYTEST_FLAGS)
+
+# Pins of everything in the groups; bare names and versions, so that any registry serves them.
+constraints: $(VENV)/.created
+	$(PIP) install --upgrade uv
+	$(BIN)/uv pip compile pyproject.toml --group test --group lint --group docs --group bench \
+	    --python-version 3.11 --upgrade --no-header --no-annotate --no-emit-index-url --quiet \
+	    --output-file constraints.txt
+
+clean:
+	rm -rf $(VENV) $(DEMO) docs/_build docs/reference/generated .mypy_cache .ruff_cache \
+	    .pytest_cache .hypothesis .import_linter_cache .benchmarks
+	find metrosep tests tools docs examples data_formats -name __pycache__ -type d -prune \
+	    -exec rm -rf {} + 2>/dev/null || true

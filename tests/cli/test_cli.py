@@ -1,0 +1,337 @@
+"""The command line: exit codes, one-line errors, nothing half-written."""
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from metrosep.cli.main import main
+from metrosep.separation import machine_axis
+
+
+@pytest.fixture(scope="module")
+def runs_csv(tmp_path_factory):
+    path = tmp_path_factory.mktemp("cli") / "runs.csv"
+    axis = machine_axis(seed=9, length=30e-3)
+    lines = ["run,feed_mm_min,x_mm,z_um"]
+    for r in axis.runs:
+        lines += [
+            f"{r.run_id},{r.feed * 6e4:.0f},{x * 1e3:.4f},{z * 1e6:.5f}"
+            for x, z in zip(r.x, r.z, strict=True)
+        ]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+@pytest.fixture
+def metrosep(capsys):
+    """Run a command line in this process: (code, stdout, stderr)."""
+
+    def call(*words):
+        with pytest.raises(SystemExit) as stop:
+            main([str(w) for w in words])
+        out = capsys.readouterr()
+        return stop.value.code, out.out, out.err
+
+    return call
+
+
+COLUMNS = ("--x", "x_mm", "--z", "z_um", "--feed", "feed_mm_min", "--run", "run")
+
+
+def one_line_error(err):
+    lines = [line for line in err.splitlines() if line.startswith("error:")]
+    assert len(lines) == 1, err
+    assert "Traceback" not in err
+    return lines[0]
+
+
+def test_help_imports_no_numpy():
+    code = (
+        "import sys\nfrom metrosep.cli.main import main\n"
+        "try:\n    main(['--help'])\nexcept SystemExit: pass\n"
+        "heavy = {'numpy', 'scipy', 'pandas', 'matplotlib', 'h5py', 'lmfit', 'skimage'}\n"
+        "print('HEAVY', sorted(heavy & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+
+    assert "HEAVY []" in done.stdout
+    assert "separate" in done.stdout
+
+
+def test_separate_prints_json_on_stdout_and_the_rest_elsewhere(metrosep, runs_csv):
+    code, out, err = metrosep(
+        "separate", runs_csv, *COLUMNS, "--start", "0 mm", "--length", "30 mm", "--json"
+    )
+    found = json.loads(out)
+
+    assert code == 0
+    assert found["method"] == "joint"
+    assert found["stop_mm"] == pytest.approx(30.0)
+    assert 500 < found["pv_nm"] < 2500
+    assert found["selected"]
+    assert "separating 9 runs" in err
+
+
+def test_separate_writes_table_report_and_result(metrosep, runs_csv, tmp_path):
+    code, _, err = metrosep(
+        "separate", runs_csv, *COLUMNS, "--start", "0 mm", "--length", "30 mm",
+        "--table", "linuxcnc=x.comp", "--spacing", "0.5 mm", "--poly", "2", "-o", tmp_path / "out",
+    )  # fmt: skip
+
+    assert code == 0, err
+    names = sorted(p.name for p in (tmp_path / "out").iterdir())
+    assert names == ["report.html", "result.json", "x.comp", "x.comp.json"]
+    assert "dry-run forward" in err
+    first = (tmp_path / "out" / "x.comp").read_text().splitlines()[0].split()
+    assert len(first) == 3
+
+
+def test_table_from_a_result_and_verify(metrosep, runs_csv, tmp_path):
+    out = tmp_path / "out"
+    code, _, _ = metrosep("separate", runs_csv, *COLUMNS, "-o", out)
+    assert code == 0
+
+    comp = tmp_path / "x.comp"
+    code, _, err = metrosep("table", out / "result.json", "--spacing", "0.5 mm", "-o", comp)
+    assert code == 0, err
+    code, stdout, _ = metrosep("verify", comp, "--against", runs_csv, *COLUMNS, "--json")
+    assert code == 0
+    assert json.loads(stdout)["passed"] is True
+
+
+def test_verify_rejects_a_flipped_table_with_code_1(metrosep, runs_csv, tmp_path):
+    comp = tmp_path / "x.comp"
+    code, _, _ = metrosep(
+        "separate", runs_csv, *COLUMNS, "--table", f"linuxcnc={comp}", "--spacing", "0.5 mm"
+    )
+    assert code == 0
+    assert comp.exists()
+    flipped = tmp_path / "flipped.comp"
+    rows = [[float(v) for v in line.split()] for line in comp.read_text().splitlines()]
+    flipped.write_text("".join(f"{p} {2 * p - f} {2 * p - r}\n" for p, f, r in rows))
+
+    code, _, err = metrosep("verify", flipped, "--against", runs_csv, *COLUMNS)
+
+    assert code == 1
+    assert "the reversed sign would shrink it" in one_line_error(err)
+
+
+def test_run_recipe_and_its_verdict_become_the_exit_code(metrosep, runs_csv, tmp_path):
+    recipe = tmp_path / "r.toml"
+    text = (
+        'metrosep = 1\n[input]\nx = "x_mm"\nz = "z_um"\nfeed = "feed_mm_min"\nrun = "run"\n'
+        '[[step]]\nop = "separate"\n[[check]]\nmetric = "pv"\nupper = "UPPER"\nU = "1 nm"\n'
+    )
+    recipe.write_text(text.replace("UPPER", "10 um"))
+    assert metrosep("run", recipe, runs_csv, "-o", tmp_path / "a")[0] == 0
+    recipe.write_text(text.replace("UPPER", "10 nm"))
+    assert metrosep("run", recipe, runs_csv, "-o", tmp_path / "b")[0] == 1
+    recipe.write_text(text.replace("UPPER", "10"))
+    code, _, err = metrosep("run", recipe, runs_csv, "-o", tmp_path / "c")
+    assert code == 2
+    assert "r.toml:11" in one_line_error(err)
+    assert not (tmp_path / "c").exists()
+
+
+def test_info_of_a_metropro_file(metrosep, corpus):
+    code, out, _ = metrosep("info", corpus / "st" / "metropro-1.dat", "--json")
+    found = json.loads(out)
+
+    assert code == 0
+    assert set(found) == {
+        "format", "kind", "shape", "dx_m", "dy_m", "n_invalid", "pv_nm", "sq_nm", "mean_nm",
+        "sha256", "metadata",
+    }  # fmt: skip
+    assert found["pv_nm"] == pytest.approx(1363.056, abs=5e-4)
+    assert found["sq_nm"] == pytest.approx(75.2882, abs=5e-5)
+    assert found["dx_m"] == pytest.approx(1.09825e-6, abs=5e-12)
+
+
+def test_convert_to_x3p_and_back(metrosep, corpus, tmp_path):
+    target = tmp_path / "a.x3p"
+    assert metrosep("convert", corpus / "st" / "metropro-1.dat", target)[0] == 0
+    code, out, _ = metrosep("info", target, "--json")
+
+    assert code == 0
+    assert json.loads(out)["pv_nm"] == pytest.approx(1363.056, abs=5e-4)
+    code, _, err = metrosep("convert", corpus / "st" / "metropro-1.dat", target)
+    assert code == 2
+    assert "exists already" in one_line_error(err)
+
+
+def test_lists(metrosep):
+    code, out, _ = metrosep("formats", "--json")
+    assert code == 0
+    assert {"metropro", "x3p", "delimited"} <= {f["id"] for f in json.loads(out)["formats"]}
+    code, out, _ = metrosep("controllers", "--json")
+    assert code == 0
+    assert [c["id"] for c in json.loads(out)["controllers"]] == ["linuxcnc", "csv"]
+    assert "sign" in metrosep("controllers")[1]
+
+
+def write(path, text):
+    path.write_text(text)
+    return path
+
+
+def bad_files(folder):
+    x = np.linspace(0, 30, 400)
+
+    def rows(feeds, *, n=400, z="0.1", turn=False):
+        lines = ["run,feed_mm_min,x_mm,z_um"]
+        for i, feed in enumerate(feeds):
+            for k in range(n):
+                p = x[k] - (5.0 if turn and k == 200 else 0.0)
+                lines.append(f"{i},{feed},{p:.5f},{z if z != '0.1' else (k * 7919 % 13) * 0.01}")
+        return "\n".join(lines) + "\n"
+
+    return {
+        "misnamed": write(folder / "misnamed.csv", rows([4800]).replace("z_um", "height_um")),
+        "no unit": write(folder / "nounit.csv", rows([4800]).replace("z_um", "z")),
+        "all NaN": write(folder / "nan.csv", rows([4800, 7200], z="")),
+        "one feed": write(folder / "onefeed.csv", rows([7200, 7200])),
+        "turning": write(folder / "turning.csv", rows([4800, 7200], turn=True)),
+        "travel": write(
+            folder / "travel.csv", rows([4800]) + rows([7200], n=200).split("\n", 1)[1].replace("\n0,", "\n1,").replace("0,7200", "1,7200", 1)
+        ),
+        "empty": write(folder / "empty.csv", ""),
+        "truncated": write(folder / "truncated.csv", rows([4800, 7200])[:-14]),
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("name", "codes", "words"),
+    [
+        ("misnamed", (4,), "height_um"),
+        ("no unit", (2, 4), "unit"),
+        ("all NaN", (4,), "no reading"),
+        ("one feed", (4,), "7200 mm/min"),
+        ("turning", (4,), "monotonic"),
+        ("travel", (4,), "different travels"),
+        ("empty", (4,), "empty"),
+        ("truncated", (4,), "truncated.csv"),
+    ],
+)
+def test_bad_input_is_one_line_and_writes_nothing(metrosep, tmp_path, name, codes, words):
+    source = bad_files(tmp_path)[name]
+    columns = list(COLUMNS)
+    if name == "no unit":
+        columns[3] = "z"
+
+    code, out, err = metrosep(
+        "separate", source, *columns, "--table", "linuxcnc=x.comp", "-o", tmp_path / "out"
+    )
+
+    assert code in codes, err
+    assert words in one_line_error(err)
+    assert out == ""
+    assert not (tmp_path / "out" / "result.json").exists()
+    assert not (tmp_path / "out" / "x.comp").exists()
+
+
+def test_binary_garbage_and_missing_file(metrosep, tmp_path):
+    garbage = tmp_path / "g.csv"
+    garbage.write_bytes(np.random.default_rng(0).integers(0, 256, 5000, dtype=np.uint8).tobytes())
+
+    for path in (garbage, tmp_path / "none.csv", tmp_path):
+        code, _, err = metrosep("info", path)
+        assert code == 4
+        assert str(path) in one_line_error(err)
+
+
+def test_unwritable_folder(metrosep, runs_csv, tmp_path):
+    blocked = tmp_path / "file"
+    blocked.write_text("not a folder")
+
+    code, _, err = metrosep("separate", runs_csv, *COLUMNS, "-o", blocked / "out")
+
+    assert code == 2
+    assert "cannot be made" in one_line_error(err)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("separate",),
+        ("nothing",),
+        ("separate", "a.csv", "--x", "x"),
+        ("run", "r.toml"),
+        ("--bad",),
+    ],
+)
+def test_usage_errors_are_one_line_with_code_2(metrosep, words):
+    code, out, err = metrosep(*words)
+
+    assert code == 2
+    assert out == ""
+    one_line_error(err)
+
+
+def test_internal_errors_have_code_5_and_a_traceback_only_on_request(
+    metrosep, runs_csv, monkeypatch
+):
+    def broken(*_args, **_kwargs):
+        raise RuntimeError("boom")
+
+    monkeypatch.setattr(metrosep_io_runs(), "read_runs", broken)
+    code, _, err = metrosep("separate", runs_csv, *COLUMNS)
+    assert code == 5
+    assert "internal error (RuntimeError: boom)" in one_line_error(err)
+    code, _, err = metrosep("-vv", "separate", runs_csv, *COLUMNS)
+    assert code == 5
+    assert "Traceback" in err
+
+
+def metrosep_io_runs():
+    import importlib
+
+    return importlib.import_module("metrosep.io.runs")
+
+
+def test_interrupt_has_code_130(metrosep, runs_csv, monkeypatch):
+    def stop(*_args, **_kwargs):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(metrosep_io_runs(), "read_runs", stop)
+    code, _, err = metrosep("separate", runs_csv, *COLUMNS)
+
+    assert code == 130
+    assert "interrupted" in one_line_error(err)
+
+
+def test_print_recipe_runs_as_a_recipe(metrosep, runs_csv, tmp_path):
+    code, out, _ = metrosep(
+        "separate", runs_csv, *COLUMNS, "--start", "0 mm", "--length", "30 mm", "--print-recipe"
+    )
+    assert code == 0
+    recipe = tmp_path / "r.toml"
+    recipe.write_text(out)
+
+    assert metrosep("run", recipe, runs_csv, "-o", tmp_path / "out")[0] == 0
+
+
+def test_demo_end_to_end_as_a_process(tmp_path):
+    """What a new user types; offline, well under a minute."""
+    done = subprocess.run(
+        [sys.executable, "-m", "metrosep", "demo", "-o", "out"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "NO_COLOR": "1"},
+    )
+
+    assert done.returncode == 0, done.stderr
+    names = sorted(p.name for p in (tmp_path / "out").iterdir())
+    assert names == [
+        "report.html",
+        "result.json",
+        "x-straightness.comp",
+        "x-straightness.comp.json",
+    ]
+    assert "report   out/report.html" in done.stderr
+    assert "table    out/x-straightness.comp" in done.stderr

@@ -1,0 +1,36 @@
+"""What the tests of our habits share: the sources of the package and the files of the repository."""
+
+import ast
+import subprocess
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(scope="session")
+def modules() -> dict[str, ast.Module]:
+    """Syntax tree of every module of metrosep, by its path inside the repository."""
+    sources = sorted((REPOSITORY / "metrosep").rglob("*.py"))
+    assert sources
+    return {
+        path.relative_to(REPOSITORY).as_posix(): ast.parse(path.read_text(encoding="utf-8"))
+        for path in sources
+    }
+
+
+@pytest.fixture(scope="session")
+def files_to_commit() -> list[Path]:
+    """Files that git tracks or would add."""
+    if not (REPOSITORY / ".git").exists():
+        pytest.skip("not a git checkout: the list of tracked files is not known")
+    listing = subprocess.run(
+        ["git", "ls-files", "--cached", "--others", "--exclude-standard", "-z"],
+        cwd=REPOSITORY,
+        check=True,
+        capture_output=True,
+        text=True,
+    ).stdout
+    found = [REPOSITORY / name for name in listing.split("\0") if name]
+    return [path for path in found if path.is_file()]

@@ -1,0 +1,114 @@
+"""What may not stand in a file of the repository, and how long a module may be."""
+
+import ast
+import re
+
+LONGEST_MODULE = 600
+
+# Written backwards, so that this file does not hold what it looks for.
+FOLDERS = "|".join(name[::-1] for name in ("toor", "krow", "emoh", "sresU"))
+HOSTS = "|".join(
+    re.escape(name[::-1])
+    for name in (
+        "gro.ipyp",
+        "gro.detsohnohtyp",
+        "gro.sjmpn",
+        "moc.sjmpn",
+        "gro.naibed",
+        "lru-xedni",
+    )
+)
+MACHINE_PATH = re.compile(rf"(?<![\w.$}}/-])/(?:{FOLDERS})/\w")
+REGISTRY_HOST = re.compile(HOSTS)
+ALLOWED_OPTION = "--no-emit-" + "lru-xedni"[::-1]
+
+
+def test_no_path_of_a_machine_and_no_host_of_a_registry(files_to_commit):
+    found = []
+    for path in files_to_commit:
+        content = path.read_bytes()
+        if b"\0" in content[:4096]:
+            continue
+        for number, line in enumerate(content.decode("utf-8", "replace").splitlines(), 1):
+            text = line.replace(ALLOWED_OPTION, "")
+            if MACHINE_PATH.search(text) or REGISTRY_HOST.search(text):
+                found.append(f"{path.name}:{number}: {line.strip()[:120]}")
+
+    assert not found, "\n".join(found)
+
+
+def test_planted_paths_and_hosts_are_found():
+    work, home = "krow/"[::-1], "emoh/"[::-1]
+
+    assert MACHINE_PATH.search(f"see {work}/main/x.py")
+    assert MACHINE_PATH.search(f"'{home}/ann/x'")
+    assert not MACHINE_PATH.search(f"https://example.org{work}/x")
+    assert not MACHINE_PATH.search(f"docs{work}/x")
+    assert REGISTRY_HOST.search("https://" + "gro.ipyp"[::-1] + "/simple")
+
+
+def test_pins_are_names_and_versions_only(repository):
+    lines = (repository / "constraints.txt").read_text(encoding="utf-8").splitlines()
+
+    wrong = [line for line in lines if not re.fullmatch(r"[a-z0-9._-]+==[0-9][\w.!+]*", line)]
+
+    assert lines
+    assert not wrong
+
+
+def test_no_comparison_with_hidden_tolerance(repository):
+    banned = {f"{module}.{name}" for module in ("np", "numpy") for name in ("allclose", "isclose")}
+    folders = ("metrosep", "tests", "examples", "data_formats", "tools")
+    found = [
+        f"{path.relative_to(repository)}:{node.lineno}"
+        for folder in folders
+        for path in sorted((repository / folder).rglob("*.py"))
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Attribute) and ast.unparse(node) in banned
+    ]
+
+    assert not found, "np.allclose forgives 10 nm by default: " + ", ".join(found)
+
+
+def test_assert_allclose_always_names_its_tolerance(repository):
+    found = []
+    for path in sorted((repository / "tests").rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and ast.unparse(node.func).endswith("assert_allclose"):
+                given = {keyword.arg for keyword in node.keywords}
+                if not given & {"atol", "rtol", None}:
+                    found.append(f"{path.relative_to(repository)}:{node.lineno}")
+
+    assert not found, "write atol= in metres (or rtol=, for a ratio): " + ", ".join(found)
+
+
+def test_no_module_is_longer_than_a_reader_can_hold(repository):
+    lengths = {
+        path.relative_to(repository).as_posix(): path.read_text(encoding="utf-8").count("\n")
+        for path in (repository / "metrosep").rglob("*.py")
+    }
+
+    assert not {path: n for path, n in lengths.items() if n > LONGEST_MODULE}
+
+
+def test_every_module_states_its_public_names(modules):
+    without = [
+        path
+        for path, tree in modules.items()
+        if not path.endswith("__init__.py")
+        and not path.rsplit("/", 1)[1].startswith("_")
+        and "__all__" not in {t for node in tree.body for t in _assigned(node)}
+    ]
+
+    assert not without
+
+
+def test_every_module_has_a_docstring(modules):
+    assert not [path for path, tree in modules.items() if not ast.get_docstring(tree)]
+
+
+def _assigned(node: ast.stmt) -> list[str]:
+    if isinstance(node, ast.ImportFrom) and node.names[0].name == "*":
+        return ["__all__"]  # a second name for a module that states its own
+    targets = getattr(node, "targets", None) or [getattr(node, "target", None)]
+    return [target.id for target in targets if isinstance(target, ast.Name)]
