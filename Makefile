@@ -84,7 +84,7 @@ docs: $(VENV)/.installed-docs
 	@echo "documentation: docs/_build/html/index.html"
 
 bench: $(VENV)/.installed-test $(VENV)/.installed-bench
-	$(PYTEST) -m "not controller" tests/benchmarks $(PYTEST_FLAGS)
+	$(PYTEST) -o addopts="--import-mode=importlib -s" tests/benchmarks $(PYTEST_FLAGS)
 
 # Pins of everything in the groups; bare names and versions, so that any registry serves them.
 constraints: $(VENV)/.created

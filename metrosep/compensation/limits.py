@@ -186,7 +186,7 @@ def _slopes(
             found.append(
                 Finding(
                     "error",
-                    f"at {limits.feed * 6e4:.4g} mm/min the correction moves with "
+                    f"at {limits.feed * 6e4:.6g} mm/min the correction moves with "
                     f"{speed * 6e4:.4g} mm/min, allowed are {limits.velocity_share * 6e4:.4g}",
                     "drive slower or drop the shortest wavelengths (shortest=)",
                 )
@@ -199,7 +199,7 @@ def _slopes(
             found.append(
                 Finding(
                     "error",
-                    f"at {limits.feed * 6e4:.4g} mm/min the correction accelerates with "
+                    f"at {limits.feed * 6e4:.6g} mm/min the correction accelerates with "
                     f"{acceleration:.3g} m/s2, allowed are {limits.acceleration_share:.3g}",
                     "drive slower or drop the shortest wavelengths (shortest=)",
                 )

@@ -9,8 +9,6 @@ mean (papers notes, section 2: never from single-sample least squares).
 
 from __future__ import annotations
 
-import itertools
-import math
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -18,6 +16,7 @@ import numpy as np
 from numpy.polynomial import Polynomial, legendre
 from numpy.typing import ArrayLike, NDArray
 
+from metrosep.compensation.degree import choose_degree, fit_legendre, to_unit
 from metrosep.core.errors import DataError, DegenerateFitError, TooFewSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
@@ -30,7 +29,6 @@ __all__ = ["PolynomialFit", "fit_polynomial"]
 FloatArray = NDArray[np.float64]
 Quantity = Literal["error", "compensation"]
 
-_MAX_AUTO_DEGREE = 12
 _ESTIMATE_POINTS = 401
 
 
@@ -263,7 +261,7 @@ def fit_polynomial(
     Raises
     ------
     DataError
-        If an option is not one of its choices.
+        If an option is not one of its choices, or the domain leaves what was measured.
     TooFewSamplesError
         If there are too few samples for the degree.
     DegenerateFitError
@@ -273,17 +271,19 @@ def fit_polynomial(
         raise DataError(
             f"quantity={quantity!r}; state 'error' or 'compensation': the sign follows"
         )
+    if domain is not None and not domain[1] > domain[0]:
+        raise DegenerateFitError(f"the domain {domain[0]} ... {domain[1]} m has no length")
     curves = _curves(data, domain)
     low = min(float(x.min()) for x, _ in curves) if domain is None else domain[0]
     high = max(float(x.max()) for x, _ in curves) if domain is None else domain[1]
     if not high > low:
         raise DegenerateFitError(f"the domain {low} ... {high} m has no length")
-    chosen, scores, how = _choose(curves, (low, high), degree, max_degree)
-    fits = np.array([_fit(x, z, (low, high), chosen) for x, z in curves])
+    chosen, scores, how = choose_degree(curves, (low, high), degree, max_degree)
+    fits = np.array([fit_legendre(x, z, (low, high), chosen) for x, z in curves])
     coefficients = fits.mean(axis=0)
     cov, source = _covariance(fits, data, (low, high), chosen)
     residual = [
-        z - legendre.legval(_unit(x, (low, high)), f)
+        z - legendre.legval(to_unit(x, (low, high)), f)
         for (x, z), f in zip(curves, fits, strict=True)
     ]
     sign = -1.0 if quantity == "compensation" else 1.0
@@ -315,7 +315,8 @@ def _curves(
     kept = []
     for x, z in pairs:
         keep = ~np.isnan(z)
-        if domain is not None:
+        if domain is not None and keep.any():
+            _check_domain(x[keep], domain)
             keep &= (x >= domain[0]) & (x <= domain[1])
         if not keep.any():
             raise TooFewSamplesError("no valid sample lies in the domain of the polynomial")
@@ -323,92 +324,15 @@ def _curves(
     return kept
 
 
-def _unit(x: FloatArray, domain: tuple[float, float]) -> FloatArray:
-    return np.asarray((2.0 * x - domain[0] - domain[1]) / (domain[1] - domain[0]))
-
-
-def _fit(x: FloatArray, z: FloatArray, domain: tuple[float, float], degree: int) -> FloatArray:
-    if x.size < degree + 2:
-        raise TooFewSamplesError(
-            f"a polynomial of degree {degree} needs {degree + 2} samples, got {x.size}"
+def _check_domain(x: FloatArray, domain: tuple[float, float]) -> None:
+    low, high = float(x.min()), float(x.max())
+    step = (high - low) / max(x.size - 1, 1)
+    if domain[0] < low - step or domain[1] > high + step:
+        raise DataError(
+            f"the domain {format_length(domain[0])} ... {format_length(domain[1])} leaves the "
+            f"measured range {format_length(low)} ... {format_length(high)}: a polynomial is not "
+            "extrapolated; narrow the domain or measure further"
         )
-    basis = legendre.legvander(_unit(x, domain), degree)
-    scale = float(np.abs(z).max()) or 1.0
-    solution, _, rank, _ = np.linalg.lstsq(basis, z / scale, rcond=None)
-    if rank <= degree:
-        raise DegenerateFitError(
-            f"degree {degree} is not determined by these positions (rank {rank}); lower the degree"
-        )
-    return np.asarray(solution * scale)
-
-
-def _choose(
-    curves: list[tuple[FloatArray, FloatArray]],
-    domain: tuple[float, float],
-    degree: int | str,
-    max_degree: int,
-) -> tuple[int, list[dict[str, float]], str]:
-    if isinstance(degree, int) and not isinstance(degree, bool):
-        if not 0 <= degree <= 60:
-            raise DataError(f"degree must be 0 to 60, got {degree}")
-        return degree, [], "user"
-    if degree not in ("aicc", "f-test"):
-        raise DataError(f"degree={degree!r}; use a number, 'aicc' or 'f-test'")
-    top = min(max_degree, _MAX_AUTO_DEGREE, min(x.size for x, _ in curves) // 3)
-    scores = [_score(curves, domain, d) for d in range(top + 1)]
-    for low, high in itertools.pairwise(scores):
-        high["p_of_f_test"] = _f_test(low, high)
-    if degree == "aicc":
-        best = int(np.argmin([s["aicc"] for s in scores]))
-        return best, scores, "AICc"
-    best = 0
-    for d in range(1, top + 1):
-        if scores[d]["p_of_f_test"] < 0.01:
-            best = d
-    return best, scores, "F-test, 1 %"
-
-
-def _score(
-    curves: list[tuple[FloatArray, FloatArray]], domain: tuple[float, float], degree: int
-) -> dict[str, float]:
-    """AICc of one mean polynomial; each run has its own offset and slope beside it.
-
-    Samples of one run are not independent: their number is taken as the number of independent
-    ones, from the lag-one correlation r of the residual, n (1 - r)/(1 + r).
-    """
-    squares, n_effective, n = 0.0, 0.0, 0
-    for x, z in curves:
-        rest = z - legendre.legval(_unit(x, domain), _fit(x, z, domain, degree))
-        squares += float(rest @ rest)
-        n += rest.size
-        norm = float(rest @ rest)
-        r = float(rest[1:] @ rest[:-1]) / norm if norm > 0.0 else 0.0
-        n_effective += rest.size * (1.0 - max(r, 0.0)) / (1.0 + max(r, 0.0))
-    m = max(n_effective, degree + 4.0)
-    k = degree + 2
-    floor = (1e-15 * max(float(np.abs(z).max()) for _, z in curves)) ** 2 * n + 1e-300
-    aicc = (
-        m * math.log(max(squares, floor) / n) + 2.0 * k + 2.0 * k * (k + 1) / max(m - k - 1, 1.0)
-    )
-    return {
-        "degree": degree,
-        "aicc": aicc,
-        "residual_rms_m": math.sqrt(squares / n),
-        "independent_samples": m,
-    }
-
-
-def _f_test(low: dict[str, float], high: dict[str, float]) -> float:
-    from scipy.special import fdtrc
-
-    freedom = high["independent_samples"] - high["degree"] - 1.0
-    if freedom < 1.0:
-        return 1.0
-    rest = high["residual_rms_m"] ** 2
-    gain = low["residual_rms_m"] ** 2 - rest
-    if rest <= 0.0:
-        return 0.0 if gain > 0.0 else 1.0
-    return float(fdtrc(1.0, freedom, max(gain, 0.0) / rest * freedom))
 
 
 def _covariance(
@@ -422,7 +346,7 @@ def _covariance(
         return np.atleast_2d(np.cov(fits, rowvar=False)) / n, f"scatter of {n} runs"
     if isinstance(data, ErrorEstimate):
         x = np.linspace(*domain, _ESTIMATE_POINTS)
-        basis = legendre.legvander(_unit(x, domain), degree)
+        basis = legendre.legvander(to_unit(x, domain), degree)
         pinv = np.linalg.pinv(basis)
         band = data.sd(x)
         if np.isfinite(band).all():

@@ -242,7 +242,6 @@ class CompensationTable:
         """
         if self.is_exact_inverse or not self.is_on_axis:
             return self
-        step = Step("exact_inverse", {})
 
         def invert(direction: int) -> FloatArray:
             return exact_correction(lambda x: -self.correction(x, direction), self.positions)
@@ -252,7 +251,7 @@ class CompensationTable:
             forward=invert(1),
             reverse=None if self.reverse is None else invert(-1),
             is_exact_inverse=True,
-            history=(*self.history, step),
+            history=(*self.history, Step("exact_inverse", {})),
         )
 
     def limits(self, limits: Limits | None = None, **values: float) -> tuple[Finding, ...]:
@@ -393,9 +392,6 @@ class CompensationTable:
 def _hashes(error: object) -> tuple[str, ...]:
     found: list[str] = []
     for step in getattr(error, "history", ()):
-        value = step.parameters.get("sha256")
-        if isinstance(value, str):
-            found.append(value)
-        elif isinstance(value, list | tuple):
-            found.extend(str(v) for v in value)
+        value = step.parameters.get("sha256", ())
+        found.extend([value] if isinstance(value, str) else map(str, value))
     return tuple(found)

@@ -20,7 +20,16 @@ from metrosep.compensation.limits import Limits
 from metrosep.compensation.table import CompensationTable
 from metrosep.core.errors import CorruptFileError, ReadError
 
-__all__ = ["Dialect", "DialectInfo", "Encoded", "Simulator", "load_bytes", "sidecar_path"]
+__all__ = [
+    "Dialect",
+    "DialectInfo",
+    "Encoded",
+    "Simulator",
+    "identity",
+    "load_bytes",
+    "load_sidecar",
+    "sidecar_path",
+]
 
 FloatArray = NDArray[np.float64]
 Simulator = Callable[..., FloatArray]
@@ -172,3 +181,52 @@ def load_sidecar(path: Path) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise CorruptFileError(beside, "the sidecar is not a JSON object")
     return content
+
+
+def identity(path: Path, *, first: float) -> dict[str, Any]:
+    """Return what a table's file cannot hold: axes, reference, what is not in it.
+
+    Parameters
+    ----------
+    path : Path
+        The table.
+    first : float, m
+        Its first position, the reference where there is no sidecar.
+
+    Returns
+    -------
+    dict
+        Fields of `CompensationTable`.
+
+    Raises
+    ------
+    CorruptFileError
+        If there is a sidecar that is not one of metrosep.
+    """
+    beside = load_sidecar(path)
+    table = beside.get("table", {})
+    if not isinstance(table, dict):
+        raise _not_ours(path, "table", "an object", table)
+    axis = table.get("axis", "X")
+    reference = table.get("reference_m", first)
+    if not isinstance(axis, str):
+        raise _not_ours(path, "axis", "a name", axis)
+    if isinstance(reference, bool) or not isinstance(reference, int | float):
+        raise _not_ours(path, "reference_m", "a number", reference)
+    return {
+        "axis": axis,
+        "compensates": str(table.get("compensates", axis)),
+        "reference": float(reference),
+        "removed": "line" if table.get("not_in_table") == "line" else "offset",
+    }
+
+
+def _not_ours(path: Path, field: str, expected: str, found: object) -> CorruptFileError:
+    return CorruptFileError(
+        sidecar_path(path),
+        "this is not the sidecar of a table",
+        field=field,
+        expected=expected,
+        found=repr(found)[:40],
+        hint="move it away or write the table again",
+    )

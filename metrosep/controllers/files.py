@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import os
@@ -117,11 +118,8 @@ def write(
     """
     dialect = _dialect(controller)
     target = Path(path)
-    if target.exists() and not overwrite:
-        raise WriteError(
-            f"{target}: exists already and a machine may be using it; choose another name or say "
-            "overwrite"
-        )
+    if not overwrite:
+        _refuse_existing(target)
     findings = table.require_limits(dialect.limits(**machine))
     encoded = dialect.encode(table, **machine)
     parsed = dialect.decode(encoded.data, Path(os.devnull))
@@ -144,13 +142,38 @@ def write(
         **encoded.notes,
     }
     text = json.dumps(sidecar, indent=1, sort_keys=True, allow_nan=False, default=str)
-    atomic_write(sidecar_path(target), (text + "\n").encode("utf-8"))
-    try:
-        atomic_write(target, encoded.data)
-    except WriteError:
-        sidecar_path(target).unlink(missing_ok=True)
-        raise
+    _write_pair(target, encoded.data, (text + "\n").encode("utf-8"))
     return verification
+
+
+def _refuse_existing(target: Path) -> None:
+    for path in (target, sidecar_path(target)):
+        try:
+            exists = path.exists()
+        except OSError as exc:
+            raise WriteError(
+                f"{path}: cannot be written ({exc.strerror or exc}); choose another name or folder"
+            ) from None
+        if exists:
+            raise WriteError(
+                f"{path}: exists already and a machine may be using it; choose another name or say "
+                "overwrite"
+            )
+
+
+def _write_pair(target: Path, data: bytes, sidecar: bytes) -> None:
+    """Write a table and its sidecar; if the table fails, the sidecar is what it was before."""
+    beside = sidecar_path(target)
+    before = load_bytes(beside) if beside.is_file() else None
+    atomic_write(beside, sidecar)
+    try:
+        atomic_write(target, data)
+    except WriteError:
+        beside.unlink(missing_ok=True)
+        if before is not None:
+            with contextlib.suppress(WriteError):
+                atomic_write(beside, before)
+        raise
 
 
 def _check_read_back(

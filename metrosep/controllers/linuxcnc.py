@@ -9,6 +9,7 @@ stops at the first other line without a word.
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 
 from metrosep.compensation.limits import Limits
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers.base import DialectInfo, Encoded, load_sidecar
+from metrosep.controllers.base import DialectInfo, Encoded, identity
 from metrosep.core.errors import CorruptFileError, DataError, LimitError, TableError
 
 __all__ = ["MAX_POINTS", "LinuxCNC"]
@@ -30,6 +31,9 @@ MAX_POINTS = 256
 _MM = 1e-3
 _DECIMALS = 10
 """Decimals of a position in mm: 0.1 pm; the trim itself is kept as float32 by LinuxCNC."""
+
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+"""What C reads as a decimal number; Python's float would also take 1_0 and nan."""
 
 
 class LinuxCNC:
@@ -177,17 +181,12 @@ class LinuxCNC:
         if len(rows) < 2:
             raise CorruptFileError(path, "a table needs at least 2 lines", found=len(rows))
         forward, reverse = (table[:, 0] - table[:, 1]) * _MM, (table[:, 0] - table[:, 2]) * _MM
-        beside = load_sidecar(path).get("table", {})
-        axis = str(beside.get("axis", "X"))
         return CompensationTable(
             positions=table[:, 0] * _MM,
             forward=forward,
             reverse=None if np.array_equal(forward, reverse) else reverse,
-            axis=axis,
-            compensates=str(beside.get("compensates", axis)),
-            reference=float(beside.get("reference_m", table[0, 0] * _MM)),
-            removed="line" if beside.get("not_in_table") == "line" else "offset",
             is_exact_inverse=True,
+            **identity(path, first=float(table[0, 0] * _MM)),
         )
 
 
@@ -230,10 +229,7 @@ def _text(data: bytes, path: Path) -> str:
 
 def _triple(line: str, number: int, path: Path) -> tuple[float, float, float]:
     words = line.split()
-    try:
-        values = tuple(float(w) for w in words)
-    except ValueError:
-        values = ()
+    values = tuple(float(w) for w in words) if all(map(_NUMBER.fullmatch, words)) else ()
     if len(values) != 3 or not np.isfinite(values).all():
         raise CorruptFileError(
             path,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import io
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
@@ -16,15 +17,16 @@ from numpy.typing import NDArray
 
 from metrosep.compensation.limits import Limits
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers.base import DialectInfo, Encoded, load_sidecar
+from metrosep.controllers.base import DialectInfo, Encoded, identity
 from metrosep.core.errors import CorruptFileError, DataError
 
 __all__ = ["Neutral"]
 
 FloatArray = NDArray[np.float64]
 
-_MM, _UM = 1e-3, 1e-6
 _COLUMNS = ("position_mm", "correction_forward_um", "correction_reverse_um")
+_EXPONENTS = (-3, -6, -6)
+"""Power of ten of each column's unit in m."""
 
 
 class Neutral:
@@ -81,13 +83,15 @@ class Neutral:
         Encoded
             UTF-8, LF.
         """
-        columns = [table.positions / _MM, table.forward / _UM]
+        columns = [table.positions, table.forward]
         if table.reverse is not None:
-            columns.append(table.reverse / _UM)
+            columns.append(table.reverse)
         lines = [",".join(_COLUMNS[: len(columns)])]
-        lines += [",".join(repr(float(v)) for v in row) for row in zip(*columns, strict=True)]
-        worst = float(np.abs(np.array(columns[1]) * _UM - table.forward).max())
-        return Encoded(("\n".join(lines) + "\n").encode("utf-8"), worst)
+        lines += [
+            ",".join(_shifted(float(v), -e) for v, e in zip(row, _EXPONENTS, strict=False))
+            for row in zip(*columns, strict=True)
+        ]
+        return Encoded(("\n".join(lines) + "\n").encode("utf-8"), 0.0)
 
     def decode(self, data: bytes, path: Path) -> CompensationTable:
         """Return the table.
@@ -109,11 +113,8 @@ class Neutral:
         CorruptFileError
             If header or numbers are not those of the format.
         """
-        try:
-            rows = list(csv.reader(io.StringIO(data.decode("utf-8-sig"))))
-        except (UnicodeDecodeError, csv.Error) as exc:
-            raise CorruptFileError(path, f"not CSV text ({exc})") from None
-        header = tuple(h.strip() for h in rows[0])
+        rows = _rows(data, path)
+        header = tuple(h.strip() for h in rows[0][1]) if rows else ()
         if header not in (_COLUMNS, _COLUMNS[:2]):
             raise CorruptFileError(
                 path,
@@ -122,36 +123,47 @@ class Neutral:
                 expected=",".join(_COLUMNS),
                 found=",".join(header)[:80],
             )
-        values = np.array(
-            [_numbers(r, i, len(header), path) for i, r in enumerate(rows[1:], 2) if r]
-        )
-        if values.shape[0] < 2:
-            raise CorruptFileError(path, "a table needs at least 2 lines", found=values.shape[0])
-        if (np.diff(values[:, 0]) <= 0).any():
-            i = int(np.flatnonzero(np.diff(values[:, 0]) <= 0)[0])
+        if len(rows) < 3:
+            raise CorruptFileError(path, "a table needs at least 2 lines", found=len(rows) - 1)
+        values = np.array([_numbers(r, i, len(header), path) for i, r in rows[1:]])
+        falling = np.flatnonzero(np.diff(values[:, 0]) <= 0)
+        if falling.size:
             raise CorruptFileError(
-                path, f"line {i + 3}: position_mm does not rise", hint="sort the lines"
+                path,
+                f"line {rows[int(falling[0]) + 2][0]}: position_mm does not rise",
+                hint="sort the lines",
             )
-        beside = load_sidecar(path).get("table", {})
-        axis = str(beside.get("axis", "X"))
         return CompensationTable(
-            positions=values[:, 0] * _MM,
-            forward=values[:, 1] * _UM,
-            reverse=values[:, 2] * _UM if len(header) == 3 else None,
-            axis=axis,
-            compensates=str(beside.get("compensates", axis)),
-            reference=float(beside.get("reference_m", values[0, 0] * _MM)),
-            removed="line" if beside.get("not_in_table") == "line" else "offset",
+            positions=values[:, 0],
+            forward=values[:, 1],
+            reverse=values[:, 2] if len(header) == 3 else None,
             is_exact_inverse=True,
+            **identity(path, first=float(values[0, 0])),
         )
+
+
+def _rows(data: bytes, path: Path) -> list[tuple[int, list[str]]]:
+    """Return the rows that are not blank, each with the number of its line."""
+    try:
+        reader = csv.reader(io.StringIO(data.decode("utf-8-sig")))
+        return [(reader.line_num, row) for row in reader if row]
+    except (UnicodeDecodeError, csv.Error) as exc:
+        raise CorruptFileError(path, f"not CSV text ({exc})") from None
+
+
+def _shifted(value: float, places: int) -> str:
+    """Return the shortest decimal of a value times 10^places: exact, unlike a multiplication."""
+    return str(Decimal(repr(value)).scaleb(places)).lower()
 
 
 def _numbers(row: list[str], line: int, n: int, path: Path) -> list[float]:
     try:
-        values = [float(v) for v in row]
-    except ValueError:
+        values = [
+            float(Decimal(v.strip()).scaleb(e)) for v, e in zip(row, _EXPONENTS, strict=False)
+        ]
+    except (ArithmeticError, ValueError):
         values = []
-    if len(values) != n or not np.isfinite(values).all():
+    if len(row) != n or len(values) != n or "_" in "".join(row) or not np.isfinite(values).all():
         raise CorruptFileError(
             path, f"line {line} does not hold {n} finite numbers but {','.join(row)[:60]!r}"
         )

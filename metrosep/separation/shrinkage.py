@@ -33,7 +33,7 @@ _GRID = np.concatenate([[0.0], np.logspace(-8.0, 1.0, 37)])
 _POOLING = 2.0
 """Pseudo-wavelengths by which the pooled distribution stabilises that of one octave."""
 
-_SPREAD_SHARE = 0.2
+_SPREAD_SHARE = 0.25
 """Share of the between-prior spread that is added to the covariance.
 
 Neighbouring wavelengths share what one sine of arbitrary wavelength leaks into them: where one of

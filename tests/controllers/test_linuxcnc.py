@@ -1,0 +1,271 @@
+"""LinuxCNC type 0: hand-made files, what the controller was seen to do, what is refused."""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from metrosep import controllers
+from metrosep.compensation import CompensationTable
+from metrosep.controllers.linuxcnc import LinuxCNC
+from metrosep.errors import CorruptFileError, LimitError, ReadError, TableError
+
+ROUNDING = 1e-14
+"""Positions of 20 mm in double: 3e-18; differences of them times mm: far below."""
+QUANTUM = 1e-13
+"""Ten decimals of mm: half a step on the position and half on the entry."""
+
+HAND = """-10 -9.998 -9.9975
+0 0 0.0005
+10 9.997 9.9975
+20 20.004 20.0045
+"""
+SEEN_UM = [
+    (-20, -1, -2.5),
+    (-5, 1, -1.0),
+    (5, 1, 1.5),
+    (10, 1, 3.0),
+    (15, 1, -0.5),
+    (20, 1, -4.0),
+    (30, 1, -4.0),
+    (15, -1, -1.0),
+    (10, -1, 2.5),
+    (5, -1, 1.0),
+    (0, -1, -0.5),
+]
+"""Target mm, direction, motor-pos minus pos of the real LinuxCNC (controllers notes, section 1)."""
+
+
+@pytest.fixture
+def hand(tmp_path):
+    path = tmp_path / "hand.comp"
+    path.write_text(HAND)
+    return path
+
+
+@pytest.mark.parametrize(("target", "direction", "offset"), SEEN_UM)
+def test_simulator_does_what_the_controller_did(hand, target, direction, offset):
+    lookup = controllers.simulate(hand)
+
+    assert lookup(target * 1e-3, direction) == pytest.approx(offset * 1e-6, abs=ROUNDING)
+
+
+def test_simulator_takes_arrays(hand):
+    target, direction, offset = np.array(SEEN_UM).T
+
+    seen = controllers.simulate(hand)(target * 1e-3, direction.astype(int))
+
+    np.testing.assert_allclose(seen, offset * 1e-6, atol=ROUNDING, rtol=0)
+
+
+def test_hand_made_file_reads_as_corrections(hand):
+    table = controllers.read(hand)
+
+    np.testing.assert_allclose(table.positions, [-10e-3, 0, 10e-3, 20e-3], atol=0, rtol=1e-12)
+    np.testing.assert_allclose(table.forward, [-2e-6, 0, 3e-6, -4e-6], atol=ROUNDING, rtol=0)
+    np.testing.assert_allclose(
+        table.reverse, [-2.5e-6, -0.5e-6, 2.5e-6, -4.5e-6], atol=ROUNDING, rtol=0
+    )
+
+
+def test_equal_columns_read_as_one(tmp_path):
+    path = tmp_path / "x.comp"
+    path.write_text("0 0.001 0.001\n10 10 10\n")
+
+    assert controllers.read(path).reverse is None
+
+
+def test_entry_is_the_position_that_is_reached(tmp_path):
+    """An axis that is 2 um too far at 10 mm reaches 10.002: written by hand from the rule p + e."""
+    table = CompensationTable([0.0, 10e-3], [0.0, -2e-6], [1e-6, -3e-6], "X", "X", 0.0)
+    path = tmp_path / "x.comp"
+
+    controllers.write(table, path, allow_unverified=True)
+
+    assert path.read_bytes() == (
+        b"0.0000000000 0.0000000000 -0.0010000000\n10.0000000000 10.0020000000 10.0030000000\n"
+    )
+
+
+def test_carriage_returns_are_accepted(tmp_path):
+    path = tmp_path / "x.comp"
+    path.write_bytes(HAND.replace("\n", "\r\n").encode())
+
+    assert controllers.read(path).positions.size == 4
+
+
+@given(
+    start=st.floats(-0.5, 0.5),
+    steps=st.lists(st.floats(1e-6, 5e-2), min_size=1, max_size=40),
+    seed=st.integers(0, 2**32 - 1),
+    size=st.floats(1e-12, 1e-3),
+    split=st.booleans(),
+)
+@settings(derandomize=True, deadline=None, max_examples=60)
+def test_round_trip_is_within_the_quantisation(start, steps, seed, size, split):
+    rng = np.random.default_rng(seed)
+    p = start + np.concatenate([[0.0], np.cumsum(steps)])
+    table = CompensationTable(
+        p,
+        size * rng.uniform(-1, 1, p.size),
+        size * rng.uniform(-1, 1, p.size) if split else None,
+        "X",
+        "X",
+        float(p[0]),
+    )
+    dialect = LinuxCNC()
+
+    encoded = dialect.encode(table)
+    back = dialect.decode(encoded.data, Path("x.comp"))
+
+    assert encoded.quantisation <= QUANTUM * 1.01 + np.spacing(4 * np.abs(p).max())
+    np.testing.assert_allclose(back.positions, p, atol=QUANTUM, rtol=0)
+    for direction in (1, -1):
+        np.testing.assert_allclose(
+            back.correction(back.positions, direction),
+            table.correction(table.positions, direction),
+            atol=encoded.quantisation + 1e-15,
+            rtol=0,
+        )
+
+
+@given(exponent=st.integers(-15, 0), start=st.floats(-1, 1))
+@settings(derandomize=True, deadline=None, max_examples=60)
+def test_file_holds_triples_and_nothing_else(exponent, start):
+    p = start + np.array([0.0, 1e-3, 2e-3])
+    c = np.array([0.0, 1.0, -1.0]) * 10.0**exponent
+
+    data = LinuxCNC().encode(CompensationTable(p, c, None, "X", "X", start)).data
+
+    number = rb"-?[0-9]+\.[0-9]{10}"
+    assert re.fullmatch(rb"(?:" + number + rb" " + number + rb" " + number + rb"\n){3}", data)
+
+
+def evenly(n):
+    p = np.arange(n) * 1e-3
+    return CompensationTable(p, np.zeros(n), None, "X", "X", 0.0)
+
+
+def test_256_points_fit(tmp_path):
+    controllers.write(evenly(256), tmp_path / "x.comp", allow_unverified=True)
+
+    assert controllers.read(tmp_path / "x.comp").positions.size == 256
+
+
+def test_257_points_are_refused(tmp_path):
+    with pytest.raises(LimitError, match=r"257 points.*256"):
+        controllers.write(evenly(257), tmp_path / "x.comp", allow_unverified=True)
+    with pytest.raises(LimitError, match="256"):
+        controllers.write(evenly(257), tmp_path / "x.comp", allow_unverified=True, max_points=1000)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_file_of_257_lines_is_refused(tmp_path):
+    path = tmp_path / "x.comp"
+    path.write_text("".join(f"{i} {i} {i}\n" for i in range(257)))
+
+    with pytest.raises(LimitError, match=r"257 lines, LinuxCNC uses the first 256"):
+        controllers.read(path)
+
+
+def test_cross_axis_table_is_refused(tmp_path):
+    cross = CompensationTable([0.0, 1e-3], [0, 1e-9], None, "X", "Z", 0.0)
+
+    with pytest.raises(TableError, match=r"X -> Z.*cross_axis='hal'"):
+        controllers.write(cross, tmp_path / "x.comp", allow_unverified=True)
+
+
+@pytest.mark.parametrize("word", ["HAL", "yes", ""])
+def test_cross_axis_needs_the_very_word(tmp_path, word):
+    cross = CompensationTable([0.0, 1e-3], [0, 1e-9], None, "X", "Z", 0.0)
+
+    with pytest.raises(TableError, match="X -> Z"):
+        controllers.write(cross, tmp_path / "x.comp", allow_unverified=True, cross_axis=word)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_cross_axis_by_hal_keeps_its_axes_and_says_the_wiring(tmp_path):
+    cross = CompensationTable([0.0, 1e-3], [0, 1e-9], None, "X", "Z", 0.0)
+
+    controllers.write(cross, tmp_path / "x.comp", allow_unverified=True, cross_axis="hal")
+
+    back = controllers.read(tmp_path / "x.comp")
+    assert (back.axis, back.compensates) == ("X", "Z")
+    sidecar = json.loads((tmp_path / "x.comp.json").read_text())
+    assert any("drive of Z" in line for line in sidecar["hal_routing"])
+
+
+def test_positions_below_the_last_decimal_are_refused(tmp_path):
+    close = CompensationTable([0.0, 1e-14, 1e-3], [0, 0, 0], None, "X", "X", 0.0)
+
+    with pytest.raises(TableError, match="closer than"):
+        controllers.write(close, tmp_path / "x.comp", allow_unverified=True)
+
+
+SILENT = "LinuxCNC would stop reading here without a word"
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "consequence"),
+    [
+        ("# my table\n0 0 0\n1 1 1\n", 1, SILENT),
+        ("0 0 0\n\n1 1 1\n", 2, SILENT),
+        ("0 0 0\n1, 1, 1\n", 2, SILENT),
+        ("0,0,0\n1,1,1\n", 1, SILENT),
+        ("0 0\n1 1\n", 1, SILENT),
+        ("0 0 0\n1 1 1 1\n", 2, SILENT),
+        ("0 0 0\n1 nan 1\n", 2, SILENT),
+        ("0 0 0\n1 inf 1\n", 2, SILENT),
+        ("0 0 0\n1 1_0 1\n", 2, SILENT),
+        ("0 0 0\n1 1 1\nend\n", 3, SILENT),
+        ("0 0 0\n1 1.", 2, SILENT),
+        ("0 0 0\n2 2 2\n1 1 1\n", 3, "LinuxCNC would drop this line"),
+        ("0 0 0\n2 2 2\n2 2 2\n", 3, "LinuxCNC would drop this line"),
+    ],
+)
+def test_what_the_controller_would_drop_is_refused(tmp_path, text, line, consequence):
+    path = tmp_path / "x.comp"
+    path.write_text(text)
+
+    with pytest.raises(CorruptFileError, match=rf"x\.comp: line {line}\b") as caught:
+        controllers.read(path)
+    assert " ".join(consequence.split()) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_one_line_is_no_table(tmp_path):
+    path = tmp_path / "x.comp"
+    path.write_text("0 0 0\n")
+
+    with pytest.raises(CorruptFileError, match="at least 2 lines"):
+        controllers.read(path)
+
+
+@pytest.mark.parametrize("content", [b"", b"\n \n"])
+def test_empty_file_is_refused(tmp_path, content):
+    path = tmp_path / "x.comp"
+    path.write_bytes(content)
+
+    with pytest.raises(ReadError, match="is empty"):
+        controllers.read(path)
+
+
+@pytest.mark.parametrize(
+    "content", [b"\x00\x01\x02\x03" * 50, b"\x89PNG\r\n\x1a\n", b"\xff\xfe0\x00"]
+)
+def test_binary_is_refused(tmp_path, content):
+    path = tmp_path / "x.comp"
+    path.write_bytes(content)
+
+    with pytest.raises(CorruptFileError, match=r"x\.comp"):
+        controllers.read(path)
+
+
+def test_missing_file_and_folder_are_refused(tmp_path):
+    with pytest.raises(ReadError, match="cannot be read"):
+        controllers.read(tmp_path / "x.comp")
+    with pytest.raises(ReadError, match="is a folder"):
+        controllers.read(tmp_path)
