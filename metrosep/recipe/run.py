@@ -300,11 +300,21 @@ def _versions() -> dict[str, str]:
     }
 
 
+_NAMES = {
+    "slope": "Alignment slope over the evaluation range",
+    "lost_motion": "Lost motion, reverse minus forward",
+    "before_pv": "P-V of the mean run before the table (dry-run)",
+}
+
+
 def _characteristics(
     recipe: Recipe, estimate: ErrorEstimate, verification: Verification | None
 ) -> dict[str, Any]:
     values = _metrics(estimate, verification)
-    entries = [{"name": METRICS.get(k, k), **q.to_dict(), "metric": k} for k, q in values.items()]
+    entries = [
+        {"name": METRICS.get(k) or _NAMES[k], **q.to_dict(), "metric": k}
+        for k, q in values.items()
+    ]
     for entry in entries:
         entry.update(lower=None, upper=None, U=None, verdict=None)
     verdicts = []

@@ -48,6 +48,12 @@ STEPS = {
         "rule": Field("text", choices=("shortest", "contiguous", "mask")),
         "modelling_length": Field("length"),
         "values": Field("text", choices=("one_feed", "all")),
+        "feed": Field("speed"),
+        "averaging": Field("text", choices=("coherent", "power")),
+        "ddof": Field("integer"),
+        "relative": Field("flag"),
+        "min_coherence": Field("number"),
+        "coefficients": Field("text", choices=("tapered", "least_squares")),
     },
     "polynomial": {
         "op": Field("text", required=True),

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from metrosep.separation.average import separate_mean
 from metrosep.separation.base import ErrorEstimate
-from metrosep.separation.fourier import feed_spectra, separate_kono
+from metrosep.separation.fourier import separate_kono
 from metrosep.separation.joint import separate_joint
 from metrosep.separation.separate import separate
 from metrosep.separation.simulate import KONO_WAVES, SimulatedAxis, machine_axis
+from metrosep.separation.spectra import feed_spectra
 from metrosep.spectral.window import kono_weights
 
 __all__ = [

@@ -18,7 +18,7 @@ from metrosep.core.runset import RunSet
 from metrosep.separation.base import DirectionEstimate, ErrorEstimate
 from metrosep.separation.curves import LINE_POINTS, SampledCurve
 from metrosep.separation.design import evaluation_range
-from metrosep.separation.fourier import feed_spectra_columns
+from metrosep.separation.spectra import feed_spectra_columns
 
 __all__ = ["separate_mean"]
 

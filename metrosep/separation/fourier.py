@@ -13,207 +13,47 @@ may be used in the flat part only, and l_x must be at least L/0.8 for a taper of
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.core.errors import DataError, NotSeparableError, TooFewSamplesError, UnitError
+from metrosep.core.errors import DataError
 from metrosep.core.quantity import Quantity
-from metrosep.core.runset import Run, RunSet
+from metrosep.core.runset import RunSet
 from metrosep.core.units import format_length
 from metrosep.separation.base import DirectionEstimate, ErrorEstimate
 from metrosep.separation.curves import LINE_POINTS, FourierCurve, SampledCurve
 from metrosep.separation.design import evaluation_range
-from metrosep.spectral.dft import fourier_basis, fourier_coefficients
-from metrosep.spectral.window import kono_weights, tukey_weights
+from metrosep.separation.selection import (
+    Rule,
+    SelectionRule,
+    WavelengthSelection,
+    select_wavelengths,
+)
+from metrosep.separation.spectra import (
+    Averaging,
+    FeedSpectra,
+    Norm,
+    Taper,
+    feed_spectra,
+    feed_spectra_columns,
+    least_squares_coefficients,
+    n_wavelengths,
+)
+from metrosep.spectral.dft import fourier_basis
 
-__all__ = ["FeedSpectra", "feed_spectra", "feed_spectra_columns", "separate_kono"]
+__all__ = ["separate_kono"]
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
-Norm = Literal["amplitude", "power", "psd"]
-Rule = Literal["shortest", "contiguous", "mask"]
-Taper = Literal["kono", "tukey"]
 
-_UM, _MM, _NM = 1e-6, 1e-3, 1e-9
-_SPACE_SHARE = 2.5
-_THRESHOLDS = {
-    "amplitude": (0.05 * _UM, 0.01 * _UM, "m"),
-    "power": (0.05 * _UM**2, 0.01 * _UM**2, "m2"),
-    "psd": (0.05 * _UM**2 * _MM, 0.01 * _UM**2 * _MM, "m3"),
-}
-"""The paper's 0.05 and 0.01, read in um, um^2 or um^2 mm: sigma_t, p_t, SI unit."""
+_MM, _NM = 1e-3, 1e-9
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FeedSpectra:
-    """Spectra of the mean run of each feedrate at the wavelengths l_x/k.
-
-    Parameters
-    ----------
-    feeds : tuple of float, m/s
-        Feedrates, slowest first.
-    wavelength : ndarray, shape (K,), m
-        ``l_x/k``, k = 1 ... K.
-    coefficients : ndarray of complex, shape (n_feeds, K), m
-        ``a_k + i b_k`` of the weighted mean run, weight not divided out.
-    per_run : list of ndarray of complex, shape (n_runs_of_feed, K)
-        The same of each run.
-    mean_weight, mean_square_weight : float
-        Mean of the weights and of their squares.
-    slopes : list of float, rad
-        Slope of the line removed from each run.
-    """
-
-    feeds: tuple[float, ...]
-    wavelength: FloatArray
-    coefficients: ComplexArray
-    per_run: list[ComplexArray]
-    mean_weight: float
-    mean_square_weight: float
-    slopes: list[float]
-
-    def power(self, norm: Norm, length: float) -> FloatArray:
-        """Return P(lambda) of each feedrate in one of three normalisations.
-
-        Parameters
-        ----------
-        norm : {"amplitude", "power", "psd"}
-            Amplitude ``|c|/mean(f)`` in m, its square in m^2, or one-sided density in m^3.
-        length : float, m
-            Length of the modelling l_x.
-
-        Returns
-        -------
-        ndarray, shape (n_feeds, K)
-            Spectrum of each feedrate.
-        """
-        size = np.abs(self.coefficients)
-        if norm == "amplitude":
-            return np.asarray(size / self.mean_weight)
-        if norm == "power":
-            return np.asarray((size / self.mean_weight) ** 2)
-        return np.asarray(0.5 * size**2 * length / self.mean_square_weight)
-
-
-def feed_spectra(
-    runs: RunSet,
-    *,
-    origin: float,
-    length: float,
-    n_harmonics: int,
-    taper_fraction: float = 0.1,
-    taper: Taper = "kono",
-) -> FeedSpectra:
-    """Return the spectrum of the coherent mean of the runs at each feedrate.
-
-    Parameters
-    ----------
-    runs : RunSet
-        Runs of one direction that cover ``origin ... origin + length``.
-    origin, length : float, m
-        x_st and l_x of eq. 4.
-    n_harmonics : int
-        Number of wavelengths.
-    taper_fraction : float, optional
-        N over the number of sampling points, 0 < fraction <= 0.5; 0.1 in the paper.
-    taper : {"kono", "tukey"}, optional
-        Eq. 5 to the letter, or its symmetric relative.
-
-    Returns
-    -------
-    FeedSpectra
-        Complex coefficients of every feedrate and run.
-
-    Raises
-    ------
-    DataError
-        If `taper_fraction` is out of range.
-    TooFewSamplesError
-        If a run has too few valid samples in the range.
-    """
-    if not 0.0 < taper_fraction <= 0.5:
-        raise DataError(f"taper_fraction must be in (0, 0.5], got {taper_fraction}")
-    groups = runs.by_feed() or [(math.nan, runs.runs)]
-    per_run: list[ComplexArray] = []
-    slopes: list[float] = []
-    weights: list[FloatArray] = []
-    for _, members in groups:
-        rows = []
-        for run in members:
-            x, z = _inside(run, origin, length)
-            slope, level = np.polyfit(x - origin, z, 1)
-            slopes.append(float(slope))
-            n_taper = max(1, round(taper_fraction * x.size))
-            window = kono_weights if taper == "kono" else tukey_weights
-            weight = window(x.size, n_taper)
-            weights.append(weight)
-            rows.append(
-                fourier_coefficients(
-                    x,
-                    z - (slope * (x - origin) + level),
-                    origin=origin,
-                    period=length,
-                    n_harmonics=n_harmonics,
-                    weights=weight,
-                )
-            )
-        per_run.append(np.array(rows))
-    joined = np.concatenate(weights)
-    return FeedSpectra(
-        feeds=tuple(feed for feed, _ in groups),
-        wavelength=length / np.arange(1, n_harmonics + 1),
-        coefficients=np.array([rows.mean(axis=0) for rows in per_run]),
-        per_run=per_run,
-        mean_weight=float(joined.mean()),
-        mean_square_weight=float((joined**2).mean()),
-        slopes=slopes,
-    )
-
-
-def _inside(run: Run, origin: float, length: float) -> tuple[FloatArray, FloatArray]:
-    """Return rising positions and valid heights within half a pitch of the modelled length."""
-    order = slice(None) if run.direction > 0 else slice(None, None, -1)
-    x, z = run.x[order], run.z[order]
-    margin = 0.5 * abs(float(x[-1] - x[0])) / (x.size - 1)
-    keep = (x >= origin - margin) & (x <= origin + length + margin) & ~np.isnan(z)
-    if keep.sum() < 16:
-        raise TooFewSamplesError(
-            f"run {run.run_id!r} has {int(keep.sum())} valid samples between {format_length(origin)} "
-            f"and {format_length(origin + length)}; 16 are needed"
-        )
-    return np.asarray(x[keep]), np.asarray(z[keep])
-
-
-def feed_spectra_columns(runs: RunSet) -> dict[str, list[Any]]:
-    """Return amplitude against wavelength for each feedrate over the common travel.
-
-    Parameters
-    ----------
-    runs : RunSet
-        Runs of one direction.
-
-    Returns
-    -------
-    dict of str to list
-        Columns ``feed_mm_min``, ``wavelength_mm``, ``amplitude_nm``.
-    """
-    low, high = runs.common_travel
-    n = _n_wavelengths(runs, high - low)
-    spectra = feed_spectra(runs, origin=low, length=high - low, n_harmonics=n)
-    amplitude = spectra.power("amplitude", high - low)
-    return {
-        "feed_mm_min": np.repeat(np.array(spectra.feeds) * 6e4, n).tolist(),
-        "wavelength_mm": np.tile(spectra.wavelength / _MM, len(spectra.feeds)).tolist(),
-        "amplitude_nm": (amplitude / _NM).ravel().tolist(),
-    }
-
-
-def _n_wavelengths(runs: RunSet, length: float) -> int:
-    pitch = max(abs(float(r.x[-1] - r.x[0])) / (len(r) - 1) for r in runs)
-    return int(np.clip(length / (_SPACE_SHARE * pitch), 1, 1000))
+class _Weighting(TypedDict):
+    taper_fraction: float
+    taper: Taper
 
 
 def separate_kono(
@@ -231,6 +71,11 @@ def separate_kono(
     modelling_length: float | None = None,
     values: Literal["one_feed", "all"] = "one_feed",
     feed: float | None = None,
+    averaging: Averaging = "coherent",
+    ddof: int = 1,
+    relative: bool = False,
+    min_coherence: float = 0.0,
+    coefficients: Literal["tapered", "least_squares"] = "tapered",
 ) -> ErrorEstimate:
     """Return the repeatable error by Kono's Fourier method.
 
@@ -260,6 +105,17 @@ def separate_kono(
         Coefficients from the mean run of one feedrate (the paper) or of all.
     feed : float, m/s, optional
         That feedrate; the middle one if omitted.
+    averaging : {"coherent", "power"}, optional
+        P of the mean run (the paper), or mean P of the runs.
+    ddof : {1, 0}, optional
+        Sample or population standard deviation over feedrates.
+    relative : bool, optional
+        Compare sigma over mean P, a number, with `sigma_t` (0.05 if omitted).
+    min_coherence : float, optional
+        Least coherence over feedrates; 0 ignores phase, as the paper does.
+    coefficients : {"tapered", "least_squares"}, optional
+        Fourier sums of the weighted data (the paper), or the kept harmonics fitted with the
+        weights, which does not decay in the ends but amplifies noise there.
 
     Returns
     -------
@@ -277,18 +133,31 @@ def separate_kono(
     InvalidSamplesError, TooFewSamplesError
         If the range is not covered.
     """
-    _check_choices(norm=norm, rule=rule, taper=taper, values=values)
+    _check_choices(
+        norm=norm,
+        rule=rule,
+        taper=taper,
+        values=values,
+        averaging=averaging,
+        coefficients=coefficients,
+    )
+    chosen = SelectionRule(sigma_t, p_t, norm, rule, averaging, ddof, relative, min_coherence)
+    limits = chosen.thresholds()
     origin, l_x, first, last, messages = _lengths(
         runs, start, length, modelling_length, taper_fraction
     )
-    n = _n_wavelengths(runs, l_x)
-    spectra = feed_spectra(
-        runs, origin=origin, length=l_x, n_harmonics=n, taper_fraction=taper_fraction, taper=taper
-    )
-    limits = _thresholds(norm, sigma_t, p_t)
-    selection = _select(spectra, l_x, norm=norm, limits=limits, rule=rule, shortest=shortest)
-    coefficients, members, used = _values(spectra, values=values, feed=feed)
-    kept = np.where(selection.kept, coefficients, 0.0)[: selection.m]
+    n = n_wavelengths(runs, l_x)
+    weighting: _Weighting = {"taper_fraction": taper_fraction, "taper": taper}
+    spectra = feed_spectra(runs, origin=origin, length=l_x, n_harmonics=n, **weighting)
+    selection = select_wavelengths(spectra, l_x, chosen, shortest=shortest)
+    mean, members, used = _values(spectra, values=values, feed=feed)
+    if coefficients == "least_squares":
+        some = _used_runs(runs, spectra, values=values, feed=feed)
+        members = least_squares_coefficients(
+            some, selection.kept, origin=origin, length=l_x, **weighting
+        )
+        mean = members.mean(axis=0)
+    kept = np.where(selection.kept, mean, 0.0)[: selection.m]
     curve, slope_fourier = _kono_curve(kept, origin, l_x, first, last)
     uncertainty = _kono_sd(members * selection.kept, origin, l_x, (first, last))
     audit = {
@@ -306,7 +175,13 @@ def separate_kono(
         "norm": norm,
         "sigma_t_si": limits[0],
         "p_t_si": limits[1],
-        "threshold_unit": limits[2],
+        "sigma_t_unit": limits[2],
+        "p_t_unit": limits[3],
+        "averaging": averaging,
+        "ddof": ddof,
+        "relative": relative,
+        "min_coherence": min_coherence,
+        "coefficients": coefficients,
         "rule": rule,
         "taper": taper,
         "taper_fraction": taper_fraction,
@@ -328,9 +203,7 @@ def separate_kono(
             "range (alignment, eq. 1)",
             u=float(slopes.std(ddof=1) / math.sqrt(slopes.size)) if slopes.size > 1 else None,
         ),
-        spectrum_data=_kono_spectrum(
-            spectra, selection, coefficients, members, (first, origin, l_x)
-        ),
+        spectrum_data=_kono_spectrum(spectra, selection, mean, members, (first, origin, l_x)),
         feed_spectra_data=feed_spectra_columns(runs),
         residual_psd_data={"frequency_hz": [], "psd_nm2_per_hz": [], "model_nm2_per_hz": []},
         residual_rms=residual,
@@ -346,6 +219,8 @@ def _check_choices(**options: str) -> None:
         "rule": ("shortest", "contiguous", "mask"),
         "taper": ("kono", "tukey"),
         "values": ("one_feed", "all"),
+        "averaging": ("coherent", "power"),
+        "coefficients": ("tapered", "least_squares"),
     }
     for name, value in options.items():
         if value not in choices[name]:
@@ -397,108 +272,35 @@ def _lengths(
     return origin, l_x, first, last, ()
 
 
-def _thresholds(norm: Norm, sigma_t: float | None, p_t: float | None) -> tuple[float, float, str]:
-    default_sigma, default_p, unit = _THRESHOLDS[norm]
-    limits = []
-    for name, value, default in (("sigma_t", sigma_t, default_sigma), ("p_t", p_t, default_p)):
-        number = default if value is None else float(value)
-        if not 0.0 <= number < 1e3 * default_sigma:
-            raise UnitError(
-                f"{name} is {number} {unit}; it is in SI here, so the paper's default is "
-                f"{default:.3g} {unit}"
-            )
-        limits.append(number)
-    return limits[0], limits[1], unit
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Selection:
-    kept: NDArray[np.bool_]
-    passed: NDArray[np.bool_]
-    mean: FloatArray
-    sigma: FloatArray
-    m: int
-    reasons: list[str]
-
-
-def _select(
-    spectra: FeedSpectra,
-    length: float,
-    *,
-    norm: Norm,
-    limits: tuple[float, float, str],
-    rule: Rule,
-    shortest: float | None,
-) -> _Selection:
-    power = spectra.power(norm, length)
-    mean = power.mean(axis=0)
-    n = mean.size
-    several = power.shape[0] > 1
-    sigma = power.std(axis=0, ddof=1) if several else np.full(n, np.nan)
-    passed = (sigma < limits[0]) & (mean > limits[1])
-    if shortest is not None:
-        m = math.floor(length / shortest * (1.0 + 1e-9))
-        if not 1 <= m <= n:
-            raise UnitError(
-                f"shortest is {format_length(shortest)}; it must lie between "
-                f"{format_length(length / n)} and {format_length(length)}; it is in metres: 4 mm is 4e-3"
-            )
-        kept = np.arange(n) < m
-        return _Selection(kept, passed, mean, sigma, m, ["set by hand" if k else "" for k in kept])
-    if not several:
-        raise NotSeparableError(
-            "the rule of repeatability over feedrates needs runs at >= 2 feedrates, got "
-            f"{power.shape[0]}; add runs at another feedrate or set the shortest wavelength by hand"
-        )
-    if not passed.any():
-        raise NotSeparableError(
-            f"no wavelength has sigma < {limits[0]:.3g} {limits[2]} and mean P > {limits[1]:.3g} "
-            f"{limits[2]} (norm {norm!r}; largest mean P is {mean.max():.3g} {limits[2]}); relax "
-            "sigma_t or p_t, or set the shortest wavelength by hand"
-        )
-    if rule == "contiguous":
-        m = int(np.argmin(passed)) if not passed.all() else n
-        if m == 0:
-            raise NotSeparableError(
-                "the longest wavelength already fails the thresholds, so the contiguous band is "
-                "empty; use rule='mask' or rule='shortest'"
-            )
-        kept = np.arange(n) < m
-    else:
-        m = int(np.flatnonzero(passed)[-1]) + 1
-        kept = passed if rule == "mask" else np.arange(n) < m
-    reasons = [
-        ("passes" if p else "longer than the selected one") if k else _why_not(s, q, limits)
-        for p, k, s, q in zip(passed, kept, sigma, mean, strict=True)
-    ]
-    return _Selection(kept, passed, mean, sigma, m, reasons)
-
-
-def _why_not(sigma: float, mean: float, limits: tuple[float, float, str]) -> str:
-    parts = []
-    if not sigma < limits[0]:
-        parts.append("sigma too large")
-    if not mean > limits[1]:
-        parts.append("P too small")
-    return " and ".join(parts) or "shorter than the band"
-
-
 def _values(
     spectra: FeedSpectra, *, values: str, feed: float | None
 ) -> tuple[ComplexArray, ComplexArray, str]:
     if values == "all":
         members = np.concatenate(spectra.per_run)
         return members.mean(axis=0), members, f"mean of all {members.shape[0]} runs"
+    index = _feed_index(spectra, feed)
+    members = spectra.per_run[index]
+    text = f"mean of {members.shape[0]} run(s) at {spectra.feeds[index] * 6e4:.6g} mm/min"
+    return spectra.coefficients[index], members, text
+
+
+def _feed_index(spectra: FeedSpectra, feed: float | None) -> int:
     feeds = np.array(spectra.feeds)
-    index = (feeds.size - 1) // 2 if feed is None else int(np.argmin(np.abs(feeds - feed)))
-    if feed is not None and abs(feeds[index] / feed - 1.0) > 0.02:
+    if feed is None:
+        return int(feeds.size - 1) // 2
+    index = int(np.argmin(np.abs(feeds - feed)))
+    if abs(feeds[index] / feed - 1.0) > 0.02:
         have = ", ".join(f"{f * 6e4:.6g}" for f in feeds)
         raise DataError(
             f"no runs at feed {feed * 6e4:.6g} mm/min; the set has {have} mm/min (feed is in m/s here)"
         )
-    members = spectra.per_run[index]
-    text = f"mean of {members.shape[0]} run(s) at {feeds[index] * 6e4:.6g} mm/min"
-    return spectra.coefficients[index], members, text
+    return index
+
+
+def _used_runs(runs: RunSet, spectra: FeedSpectra, *, values: str, feed: float | None) -> RunSet:
+    if values == "all" or not runs.feeds:
+        return runs
+    return runs.select(feed=spectra.feeds[_feed_index(spectra, feed)])
 
 
 def _kono_curve(
@@ -543,7 +345,7 @@ def _residual(runs: RunSet, curve: FourierCurve) -> float:
 
 def _kono_spectrum(
     spectra: FeedSpectra,
-    selection: _Selection,
+    selection: WavelengthSelection,
     coefficients: ComplexArray,
     members: ComplexArray,
     place: tuple[float, float, float],

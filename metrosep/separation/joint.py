@@ -27,8 +27,8 @@ from metrosep.separation.base import DirectionEstimate, ErrorEstimate
 from metrosep.separation.curves import LINE_POINTS, FourierCurve, SampledCurve
 from metrosep.separation.design import PreparedRun, evaluation_range, prepare_runs
 from metrosep.separation.explain import explain_disturbances, explain_lag, explain_resolution
-from metrosep.separation.fourier import feed_spectra_columns
 from metrosep.separation.solver import Solution, solve_joint
+from metrosep.separation.spectra import feed_spectra_columns
 from metrosep.spectral.dft import fourier_basis
 from metrosep.spectral.psd import pooled_periodogram
 

@@ -30,6 +30,11 @@ _OPTIONS = {
         "modelling_length",
         "values",
         "feed",
+        "averaging",
+        "ddof",
+        "relative",
+        "min_coherence",
+        "coefficients",
     ),
     "mean": ("feed",),
 }
@@ -65,8 +70,8 @@ def separate(
         Delay of the reading against the position; "joint" can fit it.
     **options
         Of the method: "joint" min_feeds, false_discovery_rate (`separate_joint`); "kono"
-        sigma_t, p_t, norm, taper_fraction, taper, rule, modelling_length, values, feed
-        (`separate_kono`); "mean" feed.
+        sigma_t, p_t, norm, taper_fraction, taper, rule, modelling_length, values, feed, averaging,
+        ddof, relative, min_coherence, coefficients (`separate_kono`); "mean" feed.
 
     Returns
     -------

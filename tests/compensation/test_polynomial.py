@@ -130,6 +130,28 @@ def test_noise_alone_makes_no_high_degree(how, n_runs):
     assert np.median(found) <= 1
 
 
+@pytest.mark.parametrize("how", ["aicc", "f-test"])
+@pytest.mark.parametrize("n_runs", [2, 3, 4])
+def test_offset_and_slope_of_single_runs_are_drift(how, n_runs):
+    """Each run leans its own way about a common parabola: degree 2, and nothing is left."""
+    lean = np.arange(n_runs) ** 2 * 0.2e-6
+
+    fit = fit_polynomial(
+        runs(*(lambda x, a=a: paper(x) + a + a * x / L for a in lean)), degree=how
+    )
+
+    assert fit.degree == 2
+    assert fit.scores[1]["residual_rms_m"] > 0.3e-6
+    assert fit.scores[2]["residual_rms_m"] < PM
+
+
+@pytest.mark.parametrize("how", ["aicc", "f-test"])
+def test_slope_common_to_all_runs_is_shape(how):
+    fit = fit_polynomial(runs(*(lambda x: 1e-6 * x / L,) * 3), degree=how)
+
+    assert fit.degree == 1
+
+
 def correlated(rng, x):
     """Vibration of the slide: noise over 20 samples, 20 nm."""
     smooth = np.convolve(rng.standard_normal(x.size + 19), np.ones(20), mode="valid")

@@ -233,3 +233,94 @@ def test_normalisations_of_a_known_wave(norm):
         assert power[5] == pytest.approx(4e-14, rel=0.02)
     else:
         assert power.sum() / 60e-3 == pytest.approx(2e-14, rel=0.02)
+
+
+def three_feeds(function, *, travel=60e-3):
+    runs = []
+    for j, v in enumerate((0.08, 0.12, 0.16)):
+        t = np.arange(int(travel / v * 1000)) * 1e-3
+        runs.append(Run(v * t, function(v * t, j), t=t, feed=v))
+    return RunSet(runs)
+
+
+def test_coherence_rejects_a_wave_whose_phase_slides():
+    """Equal amplitude at all feeds but phases 120 degrees apart: P is blind, coherence is not."""
+    runs = three_feeds(
+        lambda x, j: (
+            4e-7 * np.cos(2 * np.pi * x / 20e-3)
+            + 3e-7 * np.cos(2 * np.pi * x / 5e-3 + 2 * np.pi * j / 3)
+        )
+    )
+    options = {"method": "kono", "rule": "mask", "p_t": 0.1e-6, "modelling_length": 59.8e-3}
+
+    blind = separate(runs, **options).spectrum["selected"]
+    seeing = separate(runs, min_coherence=0.8, **options).spectrum
+
+    assert blind[11]
+    assert not seeing["selected"][11]
+    assert "phase does not repeat" in seeing["reason"][11]
+    assert seeing["selected"][2]
+
+
+def test_least_squares_coefficients_are_not_attenuated():
+    """A wave that fits l_x comes back exactly, where the tapered sums leak into k - 1 and k + 1."""
+    travel = 60e-3
+    runs = three_feeds(lambda x, j: 3e-7 * np.cos(2 * np.pi * 6 * x / travel + 0.5), travel=61e-3)
+    x = np.linspace(6e-3, 54e-3, 801)
+    truth = 3e-7 * np.cos(2 * np.pi * 6 * x / travel + 0.5)
+    place = {"method": "kono", "shortest": travel / 6.01, "modelling_length": travel}
+
+    def worst(kind):
+        estimate = separate(runs, coefficients=kind, start=6e-3, length=48e-3, **place)
+        rest = estimate.evaluate(x) - truth
+        return np.abs(rest - np.polyval(np.polyfit(x, rest, 1), x)).max()
+
+    assert worst("least_squares") < 3e-9
+    assert worst("tapered") > 3 * worst("least_squares")
+
+
+def test_averaging_of_powers_counts_what_the_mean_run_cancels():
+    """Two runs in antiphase: the mean run shows nothing, the mean power shows both."""
+    runs = RunSet(
+        cosine_run(v, travel=60e-3, amplitude=s * 2e-7) for v in (0.08, 0.12) for s in (1, -1)
+    )
+    spectra = feed_spectra(runs, origin=0.0, length=60e-3, n_harmonics=20)
+
+    assert spectra.power("amplitude", 60e-3).max() < 1e-12
+    assert spectra.power("amplitude", 60e-3, averaging="power")[0][5] == pytest.approx(
+        2e-7, rel=0.01
+    )
+
+
+def test_population_deviation_is_smaller_than_sample_deviation():
+    runs = three_feeds(lambda x, j: (1 + 0.2 * j) * 3e-7 * np.cos(2 * np.pi * x / 10e-3))
+    options = {"method": "kono", "p_t": 0.05e-6, "sigma_t": 1e-6}
+
+    sample = separate(runs, **options).spectrum["sigma_si"].max()
+    population = separate(runs, ddof=0, **options).spectrum["sigma_si"].max()
+
+    assert sample / population == pytest.approx(np.sqrt(3 / 2), rel=1e-9)
+
+
+def test_relative_scatter_is_free_of_units():
+    runs = three_feeds(lambda x, j: (1 + 0.1 * j) * 3e-7 * np.cos(2 * np.pi * x / 10e-3))
+    spectrum = separate(runs, method="kono", relative=True, sigma_t=0.2, p_t=0.05e-6).spectrum
+
+    row = spectrum.iloc[(spectrum["wavelength_mm"] - 10.0).abs().argmin()]
+    assert row["sigma_si"] == pytest.approx(0.1 / 1.1, rel=0.02)
+    assert row["selected"]
+
+
+@pytest.mark.parametrize(
+    ("option", "message"),
+    [
+        ({"ddof": 2}, "ddof"),
+        ({"min_coherence": 1.5}, "min_coherence"),
+        ({"averaging": "mean"}, "averaging"),
+    ],
+)
+def test_options_out_of_range_are_refused(option, message):
+    runs = RunSet([cosine_run(v, travel=60e-3) for v in (0.08, 0.12)])
+
+    with pytest.raises(DataError, match=message):
+        separate(runs, method="kono", **option)

@@ -1,0 +1,285 @@
+"""How every figure looks, and the figure as bytes: one style, one set of colours, no global state.
+
+matplotlib is imported inside the functions; figures are made without pyplot, so nothing is kept
+open and nothing of the caller's matplotlib changes. Values come from a result as JSON gives them:
+``None`` is "not measured" and stays a gap.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = [
+    "BAND_FACTOR",
+    "COLOURS",
+    "DASHED",
+    "DOTTED",
+    "axes_or_new",
+    "figure_png",
+    "figure_svg",
+    "house_style",
+    "label_decades",
+    "length_scale",
+    "shades",
+    "speed_name",
+    "values",
+]
+
+FloatArray = NDArray[np.float64]
+Document = Mapping[str, Any]
+Draw = Callable[[Document], "Axes | Figure"]
+
+COLOURS: Mapping[str, str] = {
+    "estimate": "#0072B2",
+    "reverse": "#8C3B7A",
+    "after": "#D55E00",
+    "before": "#5A5A5A",
+    "zone": "#E8EDF2",
+    "text": "#1A1A1A",
+    "line": "#555555",
+}
+"""After Okabe and Ito: told apart with any colour vision; more than one line of a colour goes by lightness."""
+
+DASHED: Any = (0, (5, 1.6))
+DOTTED: Any = (0, (1.2, 1.2))
+
+BAND_FACTOR = 2.0
+"""The band drawn is this many standard uncertainties wide on each side."""
+
+_FIGURE_SIZE = (7.2, 3.9)
+_STYLE: Mapping[str, Any] = {
+    "svg.hashsalt": "metrosep",
+    "svg.fonttype": "path",
+    "font.family": "DejaVu Sans",
+    "font.size": 9.0,
+    "axes.labelsize": 9.5,
+    "axes.edgecolor": "#555555",
+    "axes.labelcolor": "#1A1A1A",
+    "axes.linewidth": 0.8,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#D8D8D8",
+    "grid.linewidth": 0.6,
+    "xtick.color": "#333333",
+    "ytick.color": "#333333",
+    "legend.frameon": False,
+    "legend.fontsize": 8.5,
+    "legend.handlelength": 2.6,
+    "lines.solid_capstyle": "round",
+    "path.simplify": False,
+}
+
+
+@contextmanager
+def house_style() -> Iterator[None]:
+    """Set the style of all figures for a ``with`` block, whatever the user's own settings are.
+
+    Yields
+    ------
+    None
+        The previous settings return at the end of the block.
+    """
+    import matplotlib.style
+
+    with matplotlib.style.context(["default", dict(_STYLE)]):
+        yield
+
+
+def axes_or_new(ax: Axes | None, *, size: tuple[float, float] = _FIGURE_SIZE) -> Axes:
+    """Return the given axes, or axes in a new figure that no window manager knows.
+
+    Parameters
+    ----------
+    ax : matplotlib Axes or None
+        Axes to draw into.
+    size : tuple of (float, float), inch, optional
+        Width and height of a new figure.
+
+    Returns
+    -------
+    matplotlib Axes
+        Where to draw.
+    """
+    if ax is not None:
+        return ax
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=size, layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure.add_subplot()
+
+
+def values(column: Sequence[float | None] | None) -> FloatArray:
+    """Return a column of a result as numbers, ``None`` as NaN.
+
+    Parameters
+    ----------
+    column : sequence of (float or None) or None
+        As JSON gives it.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        In the unit of the column; empty where there is no column.
+    """
+    return np.array([np.nan if v is None else v for v in column or ()], dtype=np.float64)
+
+
+def length_scale(*columns_nm: FloatArray) -> tuple[float, str]:
+    """Return the factor from nm and the name of the unit in which the largest value reads well.
+
+    Parameters
+    ----------
+    *columns_nm : ndarray, nm
+        All that is drawn on one axis.
+
+    Returns
+    -------
+    tuple of (float, str)
+        ``(1.0, "nm")``, or ``(1e-3, "µm")`` where the largest is 2 µm and more.
+
+    Examples
+    --------
+    >>> length_scale(np.array([-5000.0, np.nan]))
+    (0.001, 'µm')
+    """
+    sizes = [float(np.nanmax(np.abs(c))) for c in columns_nm if np.isfinite(c).any()]
+    return (1e-3, "µm") if max(sizes, default=0.0) >= 2000.0 else (1.0, "nm")
+
+
+def shades(colour: str, n: int) -> list[tuple[float, float, float]]:
+    """Return a colour and lighter ones of it, the lightest first.
+
+    Parameters
+    ----------
+    colour : str
+        As matplotlib names it.
+    n : int
+        How many.
+
+    Returns
+    -------
+    list of tuple of (float, float, float)
+        Red, green, blue, 0 to 1.
+    """
+    from matplotlib.colors import to_rgb
+
+    red, green, blue = to_rgb(colour)
+    whiteness = [0.62 * (n - 1 - i) / max(n - 1, 1) for i in range(n)]
+    return [
+        (red + (1 - red) * w, green + (1 - green) * w, blue + (1 - blue) * w) for w in whiteness
+    ]
+
+
+def speed_name(feed_mm_min: float | None) -> str:
+    """Return the name of a feedrate in a legend.
+
+    Parameters
+    ----------
+    feed_mm_min : float or None, mm/min
+        ``None`` where the runs do not tell it.
+
+    Returns
+    -------
+    str
+        With its unit.
+
+    Examples
+    --------
+    >>> speed_name(4800.0)
+    '4800 mm/min'
+    """
+    return "feedrate not known" if feed_mm_min is None else f"{feed_mm_min:.6g} mm/min"
+
+
+def label_decades(axes: Axes) -> None:
+    """Label a logarithmic x axis at 1, 2 and 5 of each decade, without powers of ten.
+
+    Parameters
+    ----------
+    axes : matplotlib Axes
+        Whose x axis becomes logarithmic.
+    """
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    axes.set_xscale("log")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())
+
+
+def figure_svg(draw: Draw, document: Document) -> str:
+    """Return a figure as SVG text; the same document gives the same bytes.
+
+    Parameters
+    ----------
+    draw : callable
+        One of the drawing functions of `metrosep.plot`.
+    document : mapping
+        A result.
+
+    Returns
+    -------
+    str
+        SVG with the letters as outlines, so that it looks the same everywhere.
+    """
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+
+    with house_style():
+        figure = _figure_of(draw(document))
+        stream = io.StringIO()
+        FigureCanvasSVG(figure)
+        undated = {"Date": None, "Creator": None, "Type": None, "Format": None}
+        figure.savefig(stream, format="svg", metadata=undated)
+    return stream.getvalue()
+
+
+def figure_png(draw: Draw, document: Document, *, dpi: float = 160.0) -> bytes:
+    """Return a figure as the bytes of a PNG file.
+
+    Parameters
+    ----------
+    draw : callable
+        One of the drawing functions of `metrosep.plot`.
+    document : mapping
+        A result.
+    dpi : float, 1/inch, optional
+        Resolution.
+
+    Returns
+    -------
+    bytes
+        PNG without a date.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    with house_style():
+        figure = _figure_of(draw(document))
+        FigureCanvasAgg(figure)
+        stream = io.BytesIO()
+        figure.savefig(stream, format="png", dpi=dpi, metadata={"Software": None})
+    return stream.getvalue()
+
+
+def _figure_of(drawn: Axes | Figure) -> Figure:
+    from matplotlib.figure import Figure
+
+    if isinstance(drawn, Figure):
+        return drawn
+    figure = drawn.get_figure(root=True)
+    if figure is None:
+        raise ValueError("the axes belong to no figure")
+    return figure
