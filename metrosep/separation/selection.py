@@ -53,6 +53,11 @@ class SelectionRule:
         Whether sigma is divided by the mean (sigma_t is then a number).
     min_coherence : float
         Least coherence over feedrates, 0 to 1; 0 ignores phase as the paper does.
+
+    Raises
+    ------
+    DataError
+        If `ddof` or `min_coherence` is out of range.
     """
 
     sigma_t: float | None = None

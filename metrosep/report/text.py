@@ -1,0 +1,211 @@
+"""Numbers and verdicts as a reader wants them: one unit and one last digit for a row.
+
+Micro is printed as "µ" here, since a report is typeset; programs and files write "u".
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from metrosep.core.errors import DataError
+from metrosep.core.units import format_length, parse_unit
+
+__all__ = ["Stamp", "decimals_for", "length", "number", "readable_unit", "size", "stamp"]
+
+_MISSING = "–"
+
+
+class Stamp(NamedTuple):
+    """A verdict as it is shown: never by colour alone.
+
+    Parameters
+    ----------
+    word : str
+        In capitals.
+    symbol : str
+        One character.
+    colour : str
+        Background, dark enough for white letters.
+    meaning : str
+        One sentence.
+    """
+
+    word: str
+    symbol: str
+    colour: str
+    meaning: str
+
+
+_STAMPS: Mapping[str | None, Stamp] = {
+    "accept": Stamp("ACCEPT", "✓", "#00695C", "Every checked value conforms to its limits."),
+    "reject": Stamp("REJECT", "✗", "#B3261E", "At least one checked value breaks its limits."),
+    "inconclusive": Stamp(
+        "INCONCLUSIVE",
+        "?",
+        "#7A5200",
+        "The uncertainty is too large to decide at least one check, and none is broken.",
+    ),
+    None: Stamp("NO VERDICT", "–", "#555B62", "No limits were given, so nothing was decided."),
+}
+
+
+def stamp(verdict: str | None) -> Stamp:
+    """Return word, symbol and colour of a verdict.
+
+    Parameters
+    ----------
+    verdict : {"accept", "reject", "inconclusive"} or None
+        ``None`` where no limits were given.
+
+    Returns
+    -------
+    Stamp
+        What to show.
+
+    Raises
+    ------
+    DataError
+        If the verdict is none of these.
+
+    Examples
+    --------
+    >>> stamp("accept").word
+    'ACCEPT'
+    """
+    if verdict not in _STAMPS:
+        raise DataError(
+            f"unknown verdict {verdict!r}; expected 'accept', 'reject', 'inconclusive' or null"
+        )
+    return _STAMPS[verdict]
+
+
+def length(value: float | None, *, digits: int = 4) -> str:
+    """Return a length in m for a reader.
+
+    Parameters
+    ----------
+    value : float or None, m
+        ``None`` is not known.
+    digits : int, optional
+        Significant digits.
+
+    Returns
+    -------
+    str
+        With unit.
+
+    Examples
+    --------
+    >>> length(1.25e-6)
+    '1.25 µm'
+    """
+    return format_length(value, digits=digits).replace(" um", " µm")
+
+
+def readable_unit(values: list[float | None], unit: str) -> tuple[str, float]:
+    """Return the unit in which the largest of some values reads well.
+
+    Parameters
+    ----------
+    values : list of (float or None)
+        In SI.
+    unit : str
+        SI unit.
+
+    Returns
+    -------
+    tuple of (str, float)
+        Name, and its factor to SI.
+
+    Examples
+    --------
+    >>> readable_unit([2.7e-7, 2e-8], "m")
+    ('nm', 1e-09)
+    """
+    largest = max((abs(v) for v in values if v is not None), default=0.0)
+    if unit == "m" and largest > 0.0:
+        name = format_length(largest).split()[1]
+    elif unit == "rad" and 0.0 < largest < 1e-3:
+        name = "urad" if largest >= 1e-6 else "nrad"
+    elif unit == "rad" and 0.0 < largest < 1.0:
+        name = "mrad"
+    elif unit == "s" and 0.0 < largest < 1.0:
+        name = "ms" if largest >= 1e-3 else "us"
+    else:
+        return unit, 1.0
+    factor = parse_unit(name).factor
+    return (f"µ{name[1:]}" if name in ("um", "urad", "us") else name), factor
+
+
+def decimals_for(u: float | None, largest: float) -> int:
+    """Return how many decimals to print: two digits of the uncertainty, else four of the value.
+
+    Parameters
+    ----------
+    u : float or None
+        Standard uncertainty, in the printed unit.
+    largest : float
+        Largest value, in the printed unit.
+
+    Returns
+    -------
+    int
+        0 to 12.
+    """
+    if u is not None and u > 0.0:
+        wanted = 1 - math.floor(math.log10(u))
+    elif largest > 0.0:
+        wanted = 3 - math.floor(math.log10(largest))
+    else:
+        wanted = 0
+    return min(max(wanted, 0), 12)
+
+
+def number(value: float | None, factor: float, decimals: int) -> str:
+    """Return a number in a unit with a true minus sign.
+
+    Parameters
+    ----------
+    value : float or None
+        In SI.
+    factor : float
+        Of the printed unit.
+    decimals : int
+        To print.
+
+    Returns
+    -------
+    str
+        Without the unit; a dash where there is none.
+
+    Examples
+    --------
+    >>> number(-2.5e-7, 1e-9, 1)
+    '−250.0'
+    """
+    if value is None:
+        return _MISSING
+    return f"{value / factor:.{decimals}f}".replace("-", "−")
+
+
+def size(n_bytes: Any) -> str:
+    """Return the size of a file with its unit.
+
+    Parameters
+    ----------
+    n_bytes : int or None
+        Bytes.
+
+    Returns
+    -------
+    str
+        With thin spaces between groups of three digits.
+
+    Examples
+    --------
+    >>> size(812345)
+    '812\u202f345 bytes'
+    """
+    return _MISSING if n_bytes is None else f"{int(n_bytes):,} bytes".replace(",", "\u202f")

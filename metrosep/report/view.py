@@ -1,0 +1,306 @@
+"""From a result to the texts and rows of a report: no number that the result does not hold."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from metrosep.report.text import (
+    decimals_for,
+    length,
+    number,
+    readable_unit,
+    size,
+    stamp,
+)
+
+__all__ = ["view"]
+
+Document = Mapping[str, Any]
+
+_METHODS = {
+    "joint": "joint fit of the repeatable error and a time-series model of the disturbance",
+    "kono": "Fourier selection after Kono, by amplitude and scatter over feedrates",
+    "mean": "mean over the runs",
+}
+_NOT_IN_BAND = (
+    "The standard uncertainty u is type A: what the readings tell. The artefact's own form, the "
+    "sensor's linearity and temperature are not in it."
+)
+
+
+def view(document: Document) -> dict[str, Any]:
+    """Return what the template shows.
+
+    Parameters
+    ----------
+    document : mapping
+        A result (schema ``metrosep.result/1``); missing parts are None or absent.
+
+    Returns
+    -------
+    dict
+        Plain texts, and lists of them.
+
+    Raises
+    ------
+    DataError
+        If a verdict is unknown.
+    """
+    estimate = document.get("estimate") or {}
+    return {
+        "title": document.get("title") or "Separation of repeated runs",
+        "version": document.get("metrosep") or "",
+        "stamp": stamp(document.get("verdict")),
+        "decision_rule": _sentence(document.get("decision_rule")),
+        "summary": _summary(document, estimate),
+        "characteristics": [_characteristic(c) for c in document.get("characteristics") or []],
+        "uncertainty_note": _NOT_IN_BAND,
+        "messages": _messages(document, estimate),
+        "table": _table(document.get("table")),
+        "polynomial": _polynomial(document.get("polynomial")),
+        "settings": _settings(estimate.get("audit") or {}),
+        "inputs": [_input(i) for i in document.get("inputs") or []],
+        "steps": [_step(s) for s in document.get("provenance") or []],
+        "recipe": document.get("recipe") or None,
+        "versions": sorted((document.get("versions") or {}).items()),
+    }
+
+
+def _sentence(text: Any) -> str:
+    """Return the text as a sentence of its own: capital first letter, full stop."""
+    words = str(text or "").strip()
+    if not words:
+        return ""
+    return words[0].upper() + words[1:] + ("" if words[-1] in ".!?" else ".")
+
+
+def _summary(document: Document, estimate: Document) -> list[tuple[str, str]]:
+    rows = []
+    if estimate.get("method"):
+        name = estimate["method"]
+        rows.append(("Method", f"{name}: {_METHODS.get(name, 'see the documentation')}"))
+    if estimate.get("start_m") is not None:
+        rows.append(("Evaluation range", _span(estimate["start_m"], estimate["stop_m"])))
+    if estimate.get("fit_range_m"):
+        rows.append(("Modelled travel, guard zones included", _span(*estimate["fit_range_m"])))
+    rows.append(("Runs", _runs((document.get("plots") or {}).get("feeds") or [])))
+    if estimate.get("lag_s") is not None:
+        fitted = estimate.get("lag_sd_s")
+        u = "given" if fitted is None else f"fitted, u = {fitted * 1e3:.2g} ms"
+        rows.append(("Delay of the reading", f"{estimate['lag_s'] * 1e3:.4g} ms ({u})"))
+    return [(k, v) for k, v in rows if v]
+
+
+def _span(low: float, high: float) -> str:
+    return f"{length(low)} … {length(high)}"
+
+
+def _runs(feeds: Sequence[Document]) -> str:
+    parts = []
+    for way in ("forward", "reverse", "both"):
+        rows = [f for f in feeds if f.get("direction") == way]
+        if rows:
+            speeds = ", ".join(
+                "not known" if f.get("feed_mm_min") is None else f"{f['feed_mm_min']:.6g}"
+                for f in rows
+            )
+            n = sum(f.get("n_runs") or 0 for f in rows)
+            parts.append(f"{n} {way} at {speeds} mm/min".replace("not known mm/min", "not known"))
+    return "; ".join(parts)
+
+
+def _characteristic(entry: Document) -> dict[str, Any]:
+    value, u, expanded = entry.get("value"), entry.get("u"), entry.get("U")
+    lower, upper = entry.get("lower"), entry.get("upper")
+    unit, factor = readable_unit([value, lower, upper], entry.get("unit") or "1")
+    sizes = [abs(v) / factor for v in (value, lower, upper) if v is not None]
+    spread = u if u is not None else expanded
+    decimals = decimals_for(None if spread is None else spread / factor, max(sizes, default=0.0))
+    judged = entry.get("verdict") is not None
+    return {
+        "name": entry.get("name") or entry.get("symbol") or "",
+        "symbol": entry.get("symbol") or "",
+        "value": "not known" if value is None else number(value, factor, decimals),
+        "unit": "" if unit == "1" else unit,
+        "u": number(u, factor, decimals),
+        "U": number(expanded, factor, decimals),
+        "limits": _limits(lower, upper, factor),
+        "definition": _sentence(entry.get("definition")),
+        "stamp": stamp(entry["verdict"]) if judged else None,
+    }
+
+
+def _limits(lower: float | None, upper: float | None, factor: float) -> str:
+    low, high = (
+        None if v is None else f"{v / factor:.6g}".replace("-", "−") for v in (lower, upper)
+    )
+    if low is not None and high is not None:
+        return f"{low} … {high}"
+    if high is not None:
+        return f"≤ {high}"
+    return "–" if low is None else f"≥ {low}"
+
+
+def _messages(document: Document, estimate: Document) -> list[str]:
+    both = [*(document.get("messages") or []), *(estimate.get("messages") or [])]
+    return [_sentence(m) for m in dict.fromkeys(both)]
+
+
+def _table(table: Document | None) -> dict[str, Any] | None:
+    if not table:
+        return None
+    check = table.get("verification")
+    axis, target = table.get("axis") or "?", table.get("compensates") or "?"
+    ways = "one column for both directions"
+    if table.get("reverse_m") is not None:
+        ways = "one column for each direction"
+    rows = [
+        ("File", table.get("path")),
+        ("SHA-256 of the file", table.get("file_sha256")),
+        ("Controller", table.get("controller")),
+        ("Sign", table.get("sign")),
+        ("Entry in the file", table.get("entry")),
+        ("Units in the file", table.get("units")),
+        ("Looked up at, corrects", f"position of {axis}, correction of {target}"),
+        ("Span", _span(*table["span_m"]) if table.get("span_m") else None),
+        ("Outside the span", table.get("outside")),
+        ("Points", f"{table['n_points']}, {ways}" if table.get("n_points") else None),
+        ("Reference (zero correction)", _known(table.get("reference_m"))),
+        ("Stroke (largest correction)", _known(table.get("stroke_m"))),
+        ("Interpolation error, at most", _known(table.get("interpolation_error_m"), digits=2)),
+        ("Rounding in the file, at most", _known(table.get("quantisation_m"), digits=2)),
+    ]
+    return {
+        "rows": [(k, str(v)) for k, v in rows if v],
+        "activation": [_sentence(s) for s in table.get("activation") or []],
+        "findings": [
+            {
+                "level": f.get("level") or "note",
+                "problem": _sentence(f.get("problem")),
+                "fix": _sentence(f.get("fix")),
+            }
+            for f in table.get("findings") or []
+        ],
+        "verification": _verification(check) if isinstance(check, Mapping) else None,
+        "waived": check if isinstance(check, str) else ("not done" if check is None else ""),
+    }
+
+
+def _known(value: float | None, *, digits: int = 4) -> str | None:
+    if value == 0.0:
+        return "0 mm"
+    return None if value is None else length(value, digits=digits)
+
+
+def _verification(check: Document) -> dict[str, Any]:
+    removed = {"line": "offset and line", "offset": "offset"}.get(str(check.get("removed")), "")
+    return {
+        "passed": bool(check.get("passed")),
+        "definition": _sentence(check.get("definition")),
+        "removed": removed,
+        "span": _span(*check["span_m"]) if check.get("span_m") else "",
+        "rows": [_residual(r, q) for r in check.get("residuals") or [] for q in ("pv", "rms")],
+    }
+
+
+def _residual(row: Document, quantity: str) -> dict[str, str]:
+    before, after, wrong = (
+        row.get(f"{k}_{quantity}_m") for k in ("before", "after", "wrong_sign")
+    )
+    u = row.get("u_after_rms_m") if quantity == "rms" else None
+    unit, factor = readable_unit([before, after, wrong], "m")
+    largest = max((abs(v) / factor for v in (before, after, wrong) if v is not None), default=0.0)
+    decimals = min(decimals_for(None if u is None else u / factor, largest), 3)
+    n = row.get("n_runs") or 1
+    return {
+        "direction": str(row.get("direction") or ""),
+        "quantity": ("P-V" if quantity == "pv" else "RMS") + f", {unit}",
+        "n_runs": f"mean of {n} runs" if n > 1 else "one curve",
+        "before": number(before, factor, decimals),
+        "after": number(after, factor, decimals)
+        + ("" if u is None else f" (u = {number(u, factor, decimals)})"),
+        "wrong": number(wrong, factor, decimals),
+        "change": "–" if not before or after is None else f"{100 * (after / before - 1):+.0f} %",
+    }
+
+
+def _polynomial(fit: Document | None) -> dict[str, Any] | None:
+    if not fit:
+        return None
+    rows = [
+        ("Degree", f"{fit['degree']}, chosen by {fit.get('degree_chosen_by') or 'the user'}"),
+        ("Valid for", _span(*fit["domain_m"]) if fit.get("domain_m") else None),
+        ("Left over (RMS of the data about it)", _known(fit.get("residual_rms_m"))),
+        ("Uncertainty from", fit.get("covariance_from")),
+    ]
+    meaning = "compensation" if fit.get("quantity") == "compensation" else "error"
+    return {
+        "rows": [(k, str(v)) for k, v in rows if v],
+        "horner": fit.get("horner") or "",
+        "meaning": meaning,
+    }
+
+
+def _settings(audit: Document) -> list[tuple[str, list[tuple[str, str]]]]:
+    """Return what the method did: one group, or one for each direction."""
+    groups = {k: v for k, v in audit.items() if isinstance(v, Mapping)}
+    own = {k: v for k, v in audit.items() if k not in groups}
+    named = [("", own), *sorted(groups.items())] if own else sorted(groups.items())
+    return [(name, [(_words(k), _plain(v)) for k, v in sorted(g.items())]) for name, g in named]
+
+
+def _words(key: str) -> str:
+    """Return a key with its unit suffix in brackets: ``period_mm`` is "period (mm)"."""
+    for suffix, unit in _SUFFIXES.items():
+        if key.endswith(suffix):
+            return f"{key.removesuffix(suffix)} ({unit})".replace("_", " ")
+    return key.replace("_", " ")
+
+
+_SUFFIXES = {
+    "_mm_per_min": "mm/min",
+    "_mm": "mm",
+    "_um": "µm",
+    "_nm": "nm",
+    "_ms": "ms",
+    "_hz": "Hz",
+    "_rad": "rad",
+    "_m": "m",
+    "_s": "s",
+    "_si": "SI",
+}
+
+
+def _plain(value: Any) -> str:
+    if value is None:
+        return "–"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, Mapping):
+        return ", ".join(f"{_words(str(k))} {_plain(v)}" for k, v in sorted(value.items()))
+    if isinstance(value, list | tuple):
+        return ", ".join(_plain(v) for v in value)
+    return str(value)
+
+
+def _input(entry: Document) -> dict[str, str]:
+    return {
+        "name": str(entry.get("name") or "not named"),
+        "size": size(entry.get("size")),
+        "format": str(entry.get("format") or "–"),
+        "sha256": str(entry.get("sha256") or "–"),
+    }
+
+
+def _step(step: Document) -> dict[str, str]:
+    parameters = step.get("parameters") or {}
+    texts = [f"{k} = {json.dumps(v, sort_keys=True)}" for k, v in sorted(parameters.items())]
+    return {
+        "name": str(step.get("step") or ""),
+        "parameters": "; ".join(texts) or "–",
+        "version": str(step.get("version") or ""),
+    }
