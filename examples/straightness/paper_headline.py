@@ -90,9 +90,13 @@ def main(seeds=range(12)):
         plane = np.mean([r["plane"] for r in results], axis=0)
         profile = np.mean([r["profile"] for r in results], axis=0)
         rms = np.mean([r["rms_nm"] for r in results], axis=0)
-        print(f"{method}: mean of {len(results)} simulated machines, parameters tuned to the paper")
+        print(
+            f"{method}: mean of {len(results)} simulated machines, parameters tuned to the paper"
+        )
         print(f"  plane 45 x 70 mm   P-V {plane[0]:.2f} -> {plane[1]:.2f} um (paper 1.3 -> 0.5)")
-        print(f"  cut profile        P-V {profile[0]:.2f} -> {profile[1]:.2f} um (paper 1.0 -> 0.4)")
+        print(
+            f"  cut profile        P-V {profile[0]:.2f} -> {profile[1]:.2f} um (paper 1.0 -> 0.4)"
+        )
         print(f"  score: RMS against truth {rms[0]:.1f} nm (X), {rms[1]:.1f} nm (Y)")
 
 
