@@ -15,15 +15,25 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.compensation.inverse import exact_correction
 from metrosep.compensation.limits import Finding, Limits, check_limits
-from metrosep.compensation.sampling import Direction, ErrorSource, column, sample_error
+from metrosep.compensation.sampling import (
+    Direction,
+    ErrorSource,
+    SampledError,
+    column,
+    sample_error,
+)
 from metrosep.compensation.verify import Against, Removed, Verification, dry_run
 from metrosep.core.errors import DataError, LimitError, TableError
 from metrosep.core.profile import html_table
 from metrosep.core.provenance import Step, history_as_dicts
+from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import format_length
 from metrosep.separation.base import ErrorEstimate
 
 __all__ = ["CompensationTable"]
+
+_SOURCE_POINTS = 10
+"""Positions kept between two entries of the error that a table was made of."""
 
 FloatArray = NDArray[np.float64]
 
@@ -60,6 +70,9 @@ class CompensationTable:
         Hashes of the files behind it.
     history : tuple of Step
         From the files on.
+    source : RunSet or None
+        The error it was made of, between the entries too, for a dry-run where no measured runs
+        are at hand; one run for each direction, without time.
 
     Raises
     ------
@@ -80,6 +93,7 @@ class CompensationTable:
     offset_removed: float = 0.0
     source_sha256: tuple[str, ...] = ()
     history: tuple[Step, ...] = ()
+    source: RunSet | None = None
 
     def __post_init__(self) -> None:
         positions = column(self.positions, "positions")
@@ -181,7 +195,7 @@ class CompensationTable:
         invert = exact and target == axis
         make = exact_correction if invert else (lambda e, x: -e(x))
         p, zero = sampled.positions, sampled.reference
-        return cls(
+        table = cls(
             positions=p,
             # an exact zero at the reference, where rounding leaves 1e-23
             forward=np.where(p == zero, 0.0, make(sampled.forward, p)),
@@ -200,6 +214,7 @@ class CompensationTable:
                 Step("table", {"axis": axis, "compensates": target, "reference_m": zero}),
             ),
         )
+        return replace(table, source=_source(sampled))
 
     def correction(self, position: ArrayLike, direction: int = 1) -> FloatArray:
         """Return the correction as a controller would interpolate it.
@@ -387,6 +402,17 @@ class CompensationTable:
                 "interpolation error": format_length(self.interpolation_error),
             },
         )
+
+
+def _source(sampled: SampledError) -> RunSet:
+    """Return the error between the first and last entry, ten positions to an interval."""
+    p = sampled.positions
+    fraction = np.arange(_SOURCE_POINTS) / _SOURCE_POINTS
+    x = np.append((p[:-1, None] + np.diff(p)[:, None] * fraction).ravel(), p[-1])
+    runs = [Run(x, sampled.forward(x), run_id="forward")]
+    if sampled.reverse is not None:
+        runs.append(Run(x[::-1], sampled.reverse(x)[::-1], run_id="reverse"))
+    return RunSet(runs)
 
 
 def _hashes(error: object) -> tuple[str, ...]:

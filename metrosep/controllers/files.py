@@ -85,7 +85,9 @@ def write(
     controller : str, optional
         One of `names`.
     verified_against : RunSet, Profile or ErrorEstimate, optional
-        Measured error for the dry-run.
+        Measured error for the dry-run. Without it the error that the table was made of serves,
+        which proves sign, quantisation and interpolation, but not the separation; the sidecar
+        says which it was.
     allow_unverified : bool, optional
         Write without a dry-run; recorded in the sidecar.
     overwrite : bool, optional
@@ -101,7 +103,8 @@ def write(
     Raises
     ------
     SignCheckFailedError
-        If the dry-run does not shrink the error, or there is none and it is not waived.
+        If the dry-run does not shrink the error, or there is nothing to run it against and it
+        is not waived.
     LimitError
         If a limit of controller or machine is exceeded.
     TableError
@@ -137,13 +140,20 @@ def write(
         "file_sha256": hashlib.sha256(encoded.data).hexdigest(),
         "quantisation_m": encoded.quantisation,
         "findings": [{"level": f.level, "problem": f.problem, "fix": f.fix} for f in findings],
-        "verification": "waived by the user" if verification is None else verification.to_dict(),
+        "verification": _described(verification, own=verified_against is None),
         "table": table.to_dict(),
         **encoded.notes,
     }
     text = json.dumps(sidecar, indent=1, sort_keys=True, allow_nan=False, default=str)
     _write_pair(target, encoded.data, (text + "\n").encode("utf-8"))
     return verification
+
+
+def _described(verification: Verification | None, *, own: bool) -> dict[str, Any] | str:
+    if verification is None:
+        return "waived by the user"
+    against = "the error the table was made of; no measured runs were given" if own else "measured"
+    return {**verification.to_dict(), "against": against}
 
 
 def _refuse_existing(target: Path) -> None:
@@ -199,16 +209,17 @@ def _verification(
     *,
     waived: bool,
 ) -> Verification | None:
-    if against is None:
-        if waived:
-            return None
+    measured = table.source if against is None else against
+    if waived and against is None:
+        return None
+    if measured is None:
         raise SignCheckFailedError(
-            f"{target}: no measurement to dry-run the table against, so its sign is not proven; give "
+            f"{target}: nothing to dry-run the table against, so its sign is not proven; give "
             "verified_against= the measured runs (or waive it with allow_unverified)"
         )
     result = dry_run(
         parsed.correction,
-        against,
+        measured,
         span=table.span,
         on_axis=table.is_on_axis,
         removed=table.removed,

@@ -51,7 +51,7 @@ class LinuxCNC:
             "copy the file beside the INI file",
             "in [JOINT_n] of the axis set COMP_FILE_TYPE = 0 and COMP_FILE = <name of the file>",
             "BACKLASH of that joint is ignored from now on: the reverse column holds lost motion",
-            "restart LinuxCNC, home, and read joint.n.motor-pos-cmd minus joint.n.pos-cmd",
+            "restart LinuxCNC, home, move, and read the applied correction in joint.n.backlash-filt",
         ),
     )
 
@@ -193,24 +193,33 @@ class LinuxCNC:
 def _routing(table: CompensationTable) -> list[str]:
     """HAL lines that take the correction from the looked-up joint to the corrected one.
 
-    With the table on joint a, motor-pos-cmd - pos-cmd is c. Axis a is driven by its pos-cmd, so
-    it does not move by c; axis b gets c on top, and neither feedback shows it.
+    With the table on joint a, its pin backlash-filt is c (motor-pos-cmd - pos-cmd also holds the
+    offset that homing finds). Drive a gets its motor command less c, so it does not move by c;
+    drive b gets c on top, and neither feedback shows it: those are corrected before the motion
+    controller runs, with the c of the period that moved the drives.
     """
     a, b = table.axis, table.compensates
     return [
-        f"# joint.A is the joint of {a} (with this COMP_FILE), joint.B that of {b}",
-        "loadrt sum2 names=comp-c,comp-cmd,comp-fb-a,comp-fb-b",
-        "addf comp-c servo-thread",
-        "addf comp-cmd servo-thread",
+        f"# joint.A is the joint of {a} (with this COMP_FILE), joint.B that of {b}; these lines",
+        "# replace your addf lines of motmod and the nets of both joints' motor pins. HAL loads",
+        "# sum2 once: if you use it already, put your names and these into one line.",
+        "loadrt sum2 names=comp-fb-a,comp-fb-b,comp-cmd-a,comp-cmd-b",
+        "setp comp-fb-b.gain1 -1",
+        "setp comp-cmd-a.gain1 -1",
+        "# order in the thread: first the functions that read the encoders",
         "addf comp-fb-a servo-thread",
         "addf comp-fb-b servo-thread",
-        "setp comp-c.gain1 -1",
-        "setp comp-fb-b.gain1 -1",
-        "net a-motor-cmd joint.A.motor-pos-cmd => comp-c.in0",
-        f"net a-cmd joint.A.pos-cmd => comp-c.in1   # and to the drive of {a}",
-        "net comp-value comp-c.out => comp-cmd.in1 comp-fb-a.in1 comp-fb-b.in1",
-        "net b-cmd joint.B.motor-pos-cmd => comp-cmd.in0",
-        f"net b-drive comp-cmd.out   # to the drive of {b}",
+        "addf motion-command-handler servo-thread",
+        "addf motion-controller servo-thread",
+        "addf comp-cmd-a servo-thread",
+        "addf comp-cmd-b servo-thread",
+        "# and after these the functions that write the drives",
+        "net comp-value joint.A.backlash-filt => comp-cmd-a.in1 comp-cmd-b.in1",
+        "net comp-value => comp-fb-a.in1 comp-fb-b.in1",
+        "net a-motor-cmd joint.A.motor-pos-cmd => comp-cmd-a.in0",
+        f"net a-drive comp-cmd-a.out   # to the drive of {a}",
+        "net b-motor-cmd joint.B.motor-pos-cmd => comp-cmd-b.in0",
+        f"net b-drive comp-cmd-b.out   # to the drive of {b}",
         f"net a-fb comp-fb-a.in0   # from the encoder of {a}",
         "net a-motor-fb comp-fb-a.out => joint.A.motor-pos-fb",
         f"net b-fb comp-fb-b.in0   # from the encoder of {b}",

@@ -12,6 +12,7 @@ from typing import Any
 
 from metrosep.core.errors import RecipeError, UnsupportedFeatureError
 from metrosep.core.provenance import freeze_mapping
+from metrosep.recipe.preflight import check_recipe
 from metrosep.recipe.result import Result
 from metrosep.recipe.schema import Field, Place, checked_table
 from metrosep.recipe.steps import CHECK, INPUT, OUTPUTS, STEPS, TOP
@@ -121,7 +122,7 @@ class Recipe:
         steps = _several(data.get("step"), STEPS, "op", "[[step]]", top)
         if [s["op"] for s in steps].count("separate") != 1:
             raise top.error('a recipe needs exactly one [[step]] with op = "separate"', "step")
-        return cls(
+        recipe = cls(
             name=name,
             text=text,
             folder=Path(folder),
@@ -133,6 +134,25 @@ class Recipe:
             checks=_several(data.get("check", []), {"": CHECK}, "", "[[check]]", top),
             outputs=_several(data.get("output", []), OUTPUTS, "kind", "[[output]]", top),
         )
+        check_recipe(recipe)
+        return recipe
+
+    def place(self, header: str, number: int = 0) -> Place:
+        """Return where a table of the recipe stands, to name its lines in messages.
+
+        Parameters
+        ----------
+        header : str
+            Such as ``[input]`` or ``[[output]]``; empty for the top.
+        number : int, optional
+            Which of the equal headers, from 0.
+
+        Returns
+        -------
+        Place
+            Of that table.
+        """
+        return Place(self.name, self.text, header, number)
 
     def run(
         self,
@@ -203,7 +223,7 @@ def _several(
     for number, item in enumerate(items):
         place = Place(top.file, top.text, header, number)
         kind = item.get(selector, "") if selector else ""
-        if kind not in kinds:
+        if not isinstance(kind, str) or kind not in kinds:
             known = ", ".join(f'"{k}"' for k in kinds)
             raise place.error(
                 f"{header} needs {selector} = one of {known}, found {kind!r}", selector

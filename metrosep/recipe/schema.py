@@ -7,6 +7,7 @@ known there and the nearest spelling.
 from __future__ import annotations
 
 import difflib
+import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -23,6 +24,8 @@ Kind = Literal[
     "number",
     "integer",
     "length",
+    "size",
+    "uncertainty",
     "time",
     "frequency",
     "speed",
@@ -70,24 +73,29 @@ class Place:
         int or None
             Line number.
         """
-        lines = self.text.splitlines()
-        first, count = (0, -1) if not self.header else (None, -1)
-        for i, line in enumerate(lines):
-            if line.strip().split("#")[0].strip() == self.header and self.header:
-                count += 1
-                if count == self.number:
-                    first = i
-                    break
+        lines = _without_texts(self.text).splitlines()
+        first, header = self._first_line(lines)
         if first is None:
             return None
-        if key is not None:
-            for i in range(first, len(lines)):
-                stripped = lines[i].strip()
-                if i > first and stripped.startswith("["):
-                    break
-                if re.match(rf"[\"']?{re.escape(key)}[\"']?\s*[=.]", stripped):
-                    return i + 1
-        return first + 1 if self.header else None
+        for i in range(first, len(lines)) if key is not None else ():
+            stripped = lines[i].strip()
+            if i >= first + header and stripped.startswith("["):
+                break
+            if re.match(rf"[\"']?{re.escape(str(key))}[\"']?\s*[=.]", stripped):
+                return i + 1
+        return first + 1 if header else None
+
+    def _first_line(self, lines: list[str]) -> tuple[int | None, int]:
+        """Index of the first line of this table, and 1 if that line is its header."""
+        if not self.header:
+            return 0, 0
+        count = -1
+        for i, line in enumerate(lines):
+            if "".join(line.split("#")[0].split()) == self.header:
+                count += 1
+                if count == self.number:
+                    return i, 1
+        return None, 0
 
     def error(self, problem: str, key: str | None = None) -> RecipeError:
         """Return the error for a problem at a key, with file and line.
@@ -179,6 +187,15 @@ def _value(value: Any, field: Field, place: Place, key: str) -> Any:
         raise place.error(f"{key} = {value!r}: {exc}", key) from None
 
 
+def _without_texts(text: str) -> str:
+    """Return TOML with its texts of several lines blanked, line by line, so that no key hides there."""
+    return re.sub(
+        r'"""[\s\S]*?"""|\'\'\'[\s\S]*?\'\'\'',
+        lambda found: '""' + "\n" * found.group().count("\n"),
+        text,
+    )
+
+
 def _typed(kind: type | tuple[type, ...], name: str) -> Callable[[Any], Any]:
     def check(value: Any) -> Any:
         if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
@@ -197,11 +214,36 @@ def _quantity(dimension: str) -> Callable[[Any], float]:
     return check
 
 
+def _number(value: Any) -> float:
+    number = _typed((int, float), "a number")(value)
+    if not math.isfinite(number):
+        raise ValueError("a finite number is needed here")
+    return float(number)
+
+
+def _bounded(dimension: str, *, zero: bool) -> Callable[[Any], float]:
+    def check(value: Any) -> float:
+        found = _quantity(dimension)(value)
+        if found < 0.0 or (found == 0.0 and not zero):
+            raise ValueError(f"it must be {'zero or more' if zero else 'more than zero'}")
+        return found
+
+    return check
+
+
 def _column(value: Any) -> Any:
     if isinstance(value, str):
         return value
-    if isinstance(value, dict) and set(value) <= {"column", "unit", "scale"} and "column" in value:
-        return value
+    known = {"column", "unit", "scale"}
+    if isinstance(value, dict) and set(value) <= known and "column" in value:
+        if all(isinstance(v, str) for v in value.values()):
+            return value
+        raise TypeError("column, unit and scale are texts, in quotes")
+    if isinstance(value, dict):
+        for key in (k for k in value if k not in known):
+            near = difflib.get_close_matches(key, sorted(known), n=1)
+            hint = f' Did you mean "{near[0]}"?' if near else ""
+            raise TypeError(f'unknown key "{key}"; known: column, unit, scale.{hint}')
     raise TypeError('a column is its name, or { column = "X", unit = "mm" }')
 
 
@@ -226,9 +268,11 @@ def _degree(value: Any) -> Any:
 
 def _spacing(value: Any) -> Any:
     if isinstance(value, int) and not isinstance(value, bool):
+        if value < 2:
+            raise ValueError("a table needs at least 2 points")
         return value
     if isinstance(value, str):
-        parse_quantity(value, dimension="length")
+        _bounded("length", zero=False)(value)
         return value
     raise TypeError('a spacing such as "1 mm" or a number of points is needed here')
 
@@ -236,9 +280,11 @@ def _spacing(value: Any) -> Any:
 _KINDS: dict[str, Callable[[Any], Any]] = {
     "text": _typed(str, "a text"),
     "flag": _typed(bool, "true or false"),
-    "number": _typed((int, float), "a number"),
+    "number": _number,
     "integer": _typed(int, "a whole number"),
     "length": _quantity("length"),
+    "size": _bounded("length", zero=False),
+    "uncertainty": _bounded("length", zero=True),
     "time": _quantity("time"),
     "frequency": _quantity("frequency"),
     "speed": _quantity("speed"),

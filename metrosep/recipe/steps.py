@@ -28,6 +28,7 @@ INPUT = {
     "scale": Field("text"),
     "separator": Field("text"),
     "decimal": Field("text"),
+    "encoding": Field("text"),
 }
 
 STEPS = {
@@ -35,8 +36,8 @@ STEPS = {
         "op": Field("text", required=True),
         "method": Field("text", choices=("joint", "kono", "mean")),
         "start": Field("length"),
-        "length": Field("length"),
-        "shortest": Field("length"),
+        "length": Field("size"),
+        "shortest": Field("size"),
         "lag": Field("lag"),
         "min_feeds": Field("integer"),
         "false_discovery_rate": Field("number"),
@@ -46,7 +47,7 @@ STEPS = {
         "taper_fraction": Field("number"),
         "taper": Field("text", choices=("kono", "tukey")),
         "rule": Field("text", choices=("shortest", "contiguous", "mask")),
-        "modelling_length": Field("length"),
+        "modelling_length": Field("size"),
         "values": Field("text", choices=("one_feed", "all")),
         "feed": Field("speed"),
         "averaging": Field("text", choices=("coherent", "power")),
@@ -75,7 +76,7 @@ CHECK = {
     "metric": Field("text", required=True, choices=tuple(METRICS)),
     "upper": Field("length"),
     "lower": Field("length"),
-    "U": Field("length"),
+    "U": Field("uncertainty"),
     "guard_factor": Field("number"),
 }
 

@@ -22,7 +22,7 @@ POLL_S = 0.01
 class Machine:
     """The running LinuxCNC, seen through its Python modules and ``halcmd``."""
 
-    def __init__(self, deadline):
+    def __init__(self, deadline, more=()):
         import hal
         import linuxcnc
 
@@ -35,6 +35,7 @@ class Machine:
         self.errors = linuxcnc.error_channel()
         self.messages = []
         self.deadline = deadline
+        self.more = more  # full names of further pins to read
 
     def wait_for(self, condition, what):
         """Poll until `condition(status)` holds; end the program at the deadline."""
@@ -71,36 +72,41 @@ class Machine:
         self.command.wait_complete()
 
     def move_to(self, target, feed):
-        """Feed X to `target` (mm) at `feed` (mm/min) and wait for the end of the move."""
+        """Feed to `target` (X, or X and Z, mm) at `feed` (mm/min) and wait for the end of it."""
         if time.monotonic() > self.deadline:
             sys.exit(f"drive: time limit reached before target {target} mm")
-        self.command.mdi(f"G1 F{feed:g} X{target:.9f}")
+        words = [f"{axis}{value:.9f}" for axis, value in zip("XZ", target, strict=False)]
+        self.command.mdi(" ".join(["G1", f"F{feed:g}", *words]))
         done = self.command.wait_complete(COMMAND_LIMIT_S)
         self.drain()
         if done != self.cnc.RCS_DONE:
             sys.exit(f"drive: move to {target} mm not done (code {done}): {self.messages}")
 
     def read(self):
-        """Pins of joint 0 at rest, as full doubles and as ``halcmd getp`` prints them.
+        """Pins at rest, as full doubles, and of joint 0 as ``halcmd getp`` prints them.
 
         ``getp`` prints seven significant digits, that is 10 nm from 10 mm on, so a difference of
         two positions has to come from the doubles; the text stays as a second witness.
         """
         stop = time.monotonic() + SETTLE_LIMIT_S
-        values = self.pins()
+        values = self.pins(), self.more_pins()
         while True:
             time.sleep(2 * POLL_S)
-            previous, values = values, self.pins()
+            previous, values = values, (self.pins(), self.more_pins())
             if values == previous:
                 break
             if time.monotonic() > stop:
-                sys.exit(f"drive: joint 0 does not come to rest: {previous} then {values}")
+                sys.exit(f"drive: the machine does not come to rest: {previous} then {values}")
         printed = {pin: getp(pin) for pin in ("pos-cmd", "motor-pos-cmd")}
-        return {"pins_mm": values, "printed_mm": printed}
+        return {"pins_mm": values[0], "more_mm": values[1], "printed_mm": printed}
 
     def pins(self):
         """Values of the pins of joint 0, full precision."""
         return {pin: self.hal.get_value(f"joint.0.{pin}") for pin in PINS}
+
+    def more_pins(self):
+        """Values of the further pins that were asked for."""
+        return {pin: self.hal.get_value(pin) for pin in self.more}
 
 
 def getp(pin):
@@ -118,17 +124,19 @@ def getp(pin):
 def main():
     """Do what ``request.json`` asks for."""
     request = json.loads(Path("request.json").read_text())
-    machine = Machine(time.monotonic() + request["limit_s"])
+    machine = Machine(time.monotonic() + request["limit_s"], request["pins"])
     machine.start()
     at_rest = machine.read()
 
     readings = []
     position, direction = at_rest["pins_mm"]["pos-cmd"], 0
     for target in request["targets_mm"]:
-        direction = (target > position) - (target < position) or direction
+        x = target[0]
+        direction = (x > position) - (x < position) or direction
         machine.move_to(target, request["feed_mm_min"])
-        readings.append({"target_mm": target, "direction": direction, **machine.read()})
-        position = target
+        reading = {"target_mm": x, "target_z_mm": target[1] if len(target) > 1 else None}
+        readings.append({**reading, "direction": direction, **machine.read()})
+        position = x
     machine.drain()
 
     result = {

@@ -2,10 +2,12 @@
 """Loads a type-0 compensation file into a real LinuxCNC, visits targets, writes what it did.
 
     run.py TABLE.comp TARGETS.json -o RESULT.json [--limit 120] [--feed 6000]
+           [--hal MACHINE.hal] [--ini MACHINE.ini] [--pin joint.1.pos-fb ...]
 
 TABLE.comp holds bare triples ``nominal forward reverse`` in mm, TARGETS.json a list of positions
-in mm that joint 0 visits in that order from 0. RESULT.json has one reading per target: its
-direction of approach, the pins of the joint, and the applied offset (motor-pos-cmd - pos-cmd).
+of X, or of pairs [X, Z], in mm that joint 0 (and 1) visits in that order. RESULT.json has one
+reading per target: its direction of approach, the pins of joint 0, the pins asked for, and the
+offset of joint 0 (motor-pos-cmd - pos-cmd). Another machine may stand in for machine.hal/.ini.
 
 LinuxCNC runs as an ordinary user (root's runs are handed to METROSEP_CNC_USER, by default
 ``metrosep-cnc``) in a pseudo-terminal and in a folder of its own that is removed afterwards. Each
@@ -29,12 +31,12 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 HERE = Path(__file__).resolve().parent
-MACHINE_FILES = ("machine.ini", "machine.hal", "drive.py")
+MACHINE_FILES = {name: HERE / name for name in ("machine.ini", "machine.hal", "drive.py")}
 CNC_USER = os.environ.get("METROSEP_CNC_USER", "metrosep-cnc")
 
 # Fixed by LinuxCNC itself, which allows one instance per machine.
@@ -59,20 +61,30 @@ class RunError(Exception):
 
 
 def run(
-    table: Path, targets_mm: Sequence[float], *, limit_s: float, feed_mm_min: float
+    table: Path,
+    targets_mm: Sequence[Sequence[float]],
+    *,
+    limit_s: float,
+    feed_mm_min: float,
+    machine: Mapping[str, Path] = MACHINE_FILES,
+    pins: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Readings of LinuxCNC at the targets with the compensation file loaded."""
     if not table.is_file():  # LinuxCNC itself would hang at start-up
         raise RunError(EXIT_UNREADABLE, f"{table}: no such compensation file")
+    for path in machine.values():
+        if not path.is_file():
+            raise RunError(EXIT_UNREADABLE, f"{path}: no such file of the machine")
     account = ordinary_account()
     request = {
-        "targets_mm": list(targets_mm),
+        "targets_mm": [list(target) for target in targets_mm],
+        "pins": list(pins),
         "feed_mm_min": feed_mm_min,
         "limit_s": max(limit_s - DRIVER_MARGIN_S, limit_s / 2),
     }
     with only_instance(limit_s), private_folder(account) as folder:
-        for name in MACHINE_FILES:
-            shutil.copy(HERE / name, folder)
+        for name, path in machine.items():
+            shutil.copy(path, folder / name)
         shutil.copyfile(table, folder / "table.comp")
         (folder / "request.json").write_text(json.dumps(request))
         for path in (folder, *folder.iterdir()):
@@ -256,11 +268,22 @@ def arguments() -> argparse.Namespace:
     """Arguments of the command line."""
     parser = argparse.ArgumentParser(description="Try a compensation file on a real LinuxCNC.")
     parser.add_argument("table", type=Path, help="type-0 compensation file, mm")
-    parser.add_argument("targets", type=Path, help="JSON list of positions, mm, in order")
+    parser.add_argument("targets", type=Path, help="JSON list of X or [X, Z], mm, in order")
     parser.add_argument("-o", "--output", type=Path, required=True, help="JSON of the readings")
     parser.add_argument("--limit", type=float, default=120.0, help="seconds")
     parser.add_argument("--feed", type=float, default=6000.0, help="mm/min")
+    parser.add_argument("--hal", type=Path, default=MACHINE_FILES["machine.hal"], help="wiring")
+    parser.add_argument("--ini", type=Path, default=MACHINE_FILES["machine.ini"], help="settings")
+    parser.add_argument("--pin", action="append", default=[], help="further pin to read")
     return parser.parse_args()
+
+
+def position(value: Any) -> list[float]:
+    """One target: X, or X and Z, mm."""
+    values = [float(v) for v in value] if isinstance(value, list) else [float(value)]
+    if len(values) not in (1, 2):
+        raise ValueError(f"{value} is neither X nor [X, Z]")
+    return values
 
 
 def main() -> int:
@@ -269,12 +292,21 @@ def main() -> int:
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
     become_subreaper()
     try:
-        targets = [float(value) for value in json.loads(options.targets.read_text())]
+        targets = [position(value) for value in json.loads(options.targets.read_text())]
     except (OSError, ValueError, TypeError) as error:
-        print(f"run.py: {options.targets}: not a JSON list of numbers: {error}", file=sys.stderr)
+        print(
+            f"run.py: {options.targets}: not a JSON list of X or [X, Z]: {error}", file=sys.stderr
+        )
         return EXIT_UNREADABLE
     try:
-        result = run(options.table, targets, limit_s=options.limit, feed_mm_min=options.feed)
+        result = run(
+            options.table,
+            targets,
+            limit_s=options.limit,
+            feed_mm_min=options.feed,
+            machine=MACHINE_FILES | {"machine.hal": options.hal, "machine.ini": options.ini},
+            pins=options.pin,
+        )
     except RunError as error:
         print(f"run.py: {error}", file=sys.stderr)
         return error.code

@@ -1,0 +1,250 @@
+"""The outputs of a recipe: tables after their dry-run, and reports."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from metrosep.compensation import CompensationTable, Verification
+from metrosep.core.errors import TableError, WriteError
+from metrosep.core.runset import RunSet
+from metrosep.core.units import format_length, parse_quantity
+from metrosep.recipe.preflight import machine_limits, output_name, report_formats
+from metrosep.recipe.schema import Place
+from metrosep.separation.base import ErrorEstimate
+
+if TYPE_CHECKING:
+    from metrosep.recipe.recipe import Recipe
+
+__all__ = [
+    "WrittenTable",
+    "dry_runs",
+    "make_table",
+    "refuse_foreign",
+    "write_reports",
+    "write_tables",
+]
+
+Progress = Callable[[str], None]
+
+_MOST_ENTRIES = 100_000
+"""Far beyond what any controller takes, and still made in no time."""
+
+
+@dataclass(frozen=True, slots=True)
+class WrittenTable:
+    """A table of a recipe.
+
+    Parameters
+    ----------
+    description : dict
+        For the result document.
+    verification : Verification
+        Its dry-run.
+    names : tuple of str
+        Files that hold it.
+    """
+
+    description: dict[str, Any]
+    verification: Verification
+    names: tuple[str, ...] = ()
+
+
+def make_table(estimate: ErrorEstimate, output: Mapping[str, Any]) -> CompensationTable:
+    """Return the table that an output describes.
+
+    Parameters
+    ----------
+    estimate : ErrorEstimate
+        Separated error.
+    output : mapping
+        ``spacing``, ``axis`` and, where given, ``compensates``, ``direction``, ``reference`` (m).
+
+    Returns
+    -------
+    CompensationTable
+        Corrections.
+
+    Raises
+    ------
+    TableError
+        If the spacing asks for too many entries, or the table cannot be made.
+    """
+    spacing = output["spacing"]
+    n = (
+        spacing
+        if isinstance(spacing, int)
+        else (estimate.stop - estimate.start) / parse_quantity(spacing, dimension="length")
+    )
+    if n > _MOST_ENTRIES:
+        span = format_length(estimate.stop - estimate.start)
+        raise TableError(
+            f"spacing {spacing} over {span} needs {n:.3g} entries, at most {_MOST_ENTRIES} are made; "
+            "use a coarser spacing"
+        )
+    return CompensationTable.from_error(
+        estimate,
+        positions=spacing,
+        axis=output["axis"],
+        compensates=output.get("compensates"),
+        direction=output.get("direction", "auto"),
+        reference=output.get("reference"),
+    )
+
+
+def dry_runs(recipe: Recipe, runs: RunSet, estimate: ErrorEstimate) -> list[WrittenTable]:
+    """Return the tables of a recipe with their dry-runs; nothing is written.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        With its outputs.
+    runs : RunSet
+        Readings for the dry-run.
+    estimate : ErrorEstimate
+        Separated error.
+
+    Returns
+    -------
+    list of WrittenTable
+        Without files.
+
+    Raises
+    ------
+    TableError
+        If a table cannot be made or does not shrink the error.
+    """
+    found = []
+    for output, _ in _tables_of(recipe):
+        table = make_table(estimate, output)
+        verification = table.verify(runs)
+        description = {**table.to_dict(), "verification": verification.to_dict()}
+        found.append(WrittenTable(description, verification))
+    return found
+
+
+def write_tables(
+    recipe: Recipe, runs: RunSet, estimate: ErrorEstimate, folder: Path, tell: Progress
+) -> list[WrittenTable]:
+    """Write the tables of a recipe, each after a dry-run of its very bytes.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        With its outputs.
+    runs : RunSet
+        Readings for the dry-run.
+    estimate : ErrorEstimate
+        Separated error.
+    folder : Path
+        Where to write; empty.
+    tell : callable
+        Told what is being done.
+
+    Returns
+    -------
+    list of WrittenTable
+        With table and sidecar.
+
+    Raises
+    ------
+    TableError
+        If a table cannot be made, exceeds a limit or does not shrink the error.
+    WriteError
+        If it cannot be written.
+    """
+    from metrosep.controllers import write
+    from metrosep.controllers.base import sidecar_path
+
+    written = []
+    for output, place in _tables_of(recipe):
+        tell(f"dry-running and writing {output['path']}")
+        path = folder / output_name(output["path"], place)
+        verification = write(
+            make_table(estimate, output),
+            path,
+            output["controller"],
+            verified_against=runs,
+            **machine_limits(output, place),
+        )
+        if verification is None:
+            raise TableError(f"{path}: the table was written without a dry-run")
+        beside = sidecar_path(path)
+        sidecar = json.loads(beside.read_text(encoding="utf-8"))
+        description = {**sidecar.pop("table"), **sidecar, "path": path.name}
+        written.append(WrittenTable(description, verification, (path.name, beside.name)))
+    return written
+
+
+def refuse_foreign(recipe: Recipe, folder: Path) -> None:
+    """Refuse to replace a table that metrosep did not write: a machine may be using it.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        With its outputs.
+    folder : Path
+        Where they shall appear.
+
+    Raises
+    ------
+    WriteError
+        If a file of that name is there without the sidecar of a metrosep table.
+    """
+    from metrosep.controllers.base import sidecar_path
+
+    for output, place in _tables_of(recipe):
+        path = folder / output_name(output["path"], place)
+        if path.exists() and not sidecar_path(path).exists():
+            raise WriteError(
+                f"{path}: exists already, not written by metrosep, and a machine may be using it; choose "
+                "another path or folder"
+            )
+
+
+def write_reports(
+    recipe: Recipe, document: Mapping[str, Any], folder: Path, tell: Progress
+) -> list[str]:
+    """Write the reports of a recipe.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        With its outputs.
+    document : mapping
+        Content of result.json.
+    folder : Path
+        Where to write.
+    tell : callable
+        Told what is being done.
+
+    Returns
+    -------
+    list of str
+        Names of the files.
+
+    Raises
+    ------
+    WriteError
+        If one cannot be written.
+    """
+    writers = report_formats()
+    written = []
+    for i, output in enumerate(recipe.outputs):
+        if output["kind"] != "report":
+            continue
+        for name in output.get("formats", ["html"]):
+            tell(f"writing the report ({name})")
+            file = output_name(output.get("path", f"report.{name}"), recipe.place("[[output]]", i))
+            writers[name].load()(dict(document), folder / file)
+            written.append(file)
+    return written
+
+
+def _tables_of(recipe: Recipe) -> Iterator[tuple[Mapping[str, Any], Place]]:
+    for i, output in enumerate(recipe.outputs):
+        if output["kind"] == "table":
+            yield output, recipe.place("[[output]]", i)

@@ -1,0 +1,190 @@
+"""What a recipe must satisfy as a whole, checked before anything is read, computed or written.
+
+A mistake that shows only after the tables are written leaves a machine file of a run that failed;
+so all that can be known from the recipe alone is refused here, with its line.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from metrosep.core.errors import DataError, UnitError
+from metrosep.core.units import parse_quantity
+from metrosep.parameters.decision import decide
+from metrosep.recipe.schema import Place
+
+if TYPE_CHECKING:
+    from metrosep.recipe.recipe import Recipe
+
+__all__ = ["RESULT_NAME", "check_recipe", "machine_limits", "output_name", "report_formats"]
+
+RESULT_NAME = "result.json"
+
+_OF_DRY_RUN = ("after_pv", "after_rms")
+_DIMENSIONS = {
+    "stroke": "length",
+    "reversal_jump": "length",
+    "feed": "speed",
+    "velocity_share": "speed",
+    "acceleration_share": "acceleration",
+    "acceleration": "acceleration",
+    "servo_period": "time",
+}
+
+
+def check_recipe(recipe: Recipe) -> None:
+    """Refuse a recipe whose parts do not fit together.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        Each table of it already checked.
+
+    Raises
+    ------
+    RecipeError
+        With file and line.
+    """
+    seen = False
+    for i, step in enumerate(recipe.steps):
+        if step["op"] == "polynomial" and seen:
+            raise recipe.place("[[step]]", i).error("a recipe fits at most one polynomial", "op")
+        seen = seen or step["op"] == "polynomial"
+    has_table = any(o["kind"] == "table" for o in recipe.outputs)
+    for i, check in enumerate(recipe.checks):
+        _check_limits(check, recipe.place("[[check]]", i), has_table=has_table)
+    taken = {RESULT_NAME}
+    for i, output in enumerate(recipe.outputs):
+        place = recipe.place("[[output]]", i)
+        for name in _names(output, place):
+            if name.casefold() in taken:
+                raise place.error(
+                    f"two outputs would be called {name!r}; give one another path", "path"
+                )
+            taken.add(name.casefold())
+
+
+def _check_limits(check: Mapping[str, Any], place: Place, *, has_table: bool) -> None:
+    if check["metric"] in _OF_DRY_RUN and not has_table:
+        raise place.error(
+            f'metric "{check["metric"]}" is of the dry-run of a table: add an [[output]] of kind "table"',
+            "metric",
+        )
+    try:
+        decide(
+            0.0,
+            lower=check.get("lower"),
+            upper=check.get("upper"),
+            U=check.get("U", 0.0),
+            guard_factor=check.get("guard_factor", 1.0),
+        )
+    except DataError as exc:
+        key = next((k for k in ("upper", "lower") if k in check), None)
+        raise place.error(str(exc), key) from None
+
+
+def _names(output: Mapping[str, Any], place: Place) -> list[str]:
+    """File names of an output, all that it needs being known."""
+    from metrosep.controllers import names
+
+    if output["kind"] == "table":
+        if output["controller"] not in names():
+            raise place.error(
+                f"unknown controller {output['controller']!r}; there are {', '.join(names())}",
+                "controller",
+            )
+        machine_limits(output, place)
+        name = output_name(output["path"], place)
+        return [name, f"{name}.json"]
+    known = report_formats()
+    formats = output.get("formats", ["html"])
+    for name in formats:
+        if name not in known:
+            raise place.error(
+                f"no report format {name!r} in this version; there are {', '.join(sorted(known)) or 'none'}",
+                "formats",
+            )
+    return [output_name(output.get("path", f"report.{name}"), place) for name in formats]
+
+
+def report_formats() -> dict[str, Any]:
+    """Return the installed report writers by format.
+
+    Returns
+    -------
+    dict of str to EntryPoint
+        Group ``metrosep.reports``.
+    """
+    return {entry.name: entry for entry in entry_points(group="metrosep.reports")}
+
+
+def output_name(name: str, place: Place) -> str:
+    """Return the name of an output file, which must not lead out of the output folder.
+
+    Parameters
+    ----------
+    name : str
+        As the recipe gives it.
+    place : Place
+        Of the output.
+
+    Returns
+    -------
+    str
+        The name.
+
+    Raises
+    ------
+    RecipeError
+        If it is not a plain file name.
+    """
+    if name in ("", ".", "..") or Path(name).name != name or "\\" in name or "\0" in name:
+        raise place.error(
+            f"output path {name!r} must be a plain file name; the folder is given with -o", "path"
+        )
+    return name
+
+
+def machine_limits(output: Mapping[str, Any], place: Place) -> dict[str, Any]:
+    """Return ``machine`` of an output in SI; quantities are texts with units.
+
+    Parameters
+    ----------
+    output : mapping
+        Of kind "table".
+    place : Place
+        Of the output.
+
+    Returns
+    -------
+    dict
+        Arguments of `metrosep.controllers.write`.
+
+    Raises
+    ------
+    RecipeError
+        If a key is unknown or a value has no unit or the wrong one.
+    """
+    from metrosep.compensation import Limits
+
+    known = [*(f.name for f in fields(Limits)), "cross_axis"]
+    values: dict[str, Any] = {}
+    for key, value in output.get("machine", {}).items():
+        if key not in known:
+            raise place.error(
+                f"unknown machine limit {key!r}; known: {', '.join(known)}", "machine"
+            )
+        if key in _DIMENSIONS:
+            if not isinstance(value, str):
+                raise place.error(f"machine {key} = {value!r} needs a unit, as a text", "machine")
+            try:
+                values[key] = parse_quantity(value, dimension=_DIMENSIONS[key], name=key)
+            except UnitError as exc:
+                raise place.error(f"machine {exc}", "machine") from None
+        else:
+            values[key] = value
+    return values

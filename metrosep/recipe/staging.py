@@ -1,0 +1,85 @@
+"""Outputs of a run that appear together or not at all."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import secrets
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from metrosep.core.errors import MetrosepError, WriteError
+from metrosep.recipe.preflight import RESULT_NAME
+
+__all__ = ["staged"]
+
+
+@contextmanager
+def staged(folder: Path) -> Iterator[Path]:
+    """Give a hidden folder inside `folder`; at the end its files move into `folder`.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the files shall appear; made if needed.
+
+    Yields
+    ------
+    Path
+        Where to write them. If the block raises, everything in it vanishes, and `folder` too if
+        it was made here.
+
+    Raises
+    ------
+    WriteError
+        If the folder cannot be made or written.
+
+    Notes
+    -----
+    The files are renamed one by one, result.json last: where it is, all that it names is there.
+    """
+    made = not folder.exists()
+    stage = _hidden_folder(folder)
+    try:
+        try:
+            yield stage
+        except MetrosepError as exc:
+            exc.args = (str(exc).replace(f"{stage}", f"{folder}"), *exc.args[1:])
+            raise
+        _move(stage, folder)
+    finally:
+        shutil.rmtree(stage, ignore_errors=True)
+        if made:
+            with contextlib.suppress(OSError):  # not empty: the run succeeded
+                folder.rmdir()
+
+
+def _hidden_folder(folder: Path) -> Path:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as exc:
+        raise WriteError(
+            f"{folder}: the output folder cannot be made ({exc.strerror or exc}); choose another with -o"
+        ) from None
+    stage = folder / f".metrosep-{secrets.token_hex(6)}"
+    try:
+        stage.mkdir()
+    except OSError as exc:
+        raise WriteError(
+            f"{folder}: the output folder cannot be written ({exc.strerror or exc}); choose another "
+            "with -o"
+        ) from None
+    return stage
+
+
+def _move(stage: Path, folder: Path) -> None:
+    for file in sorted(stage.iterdir(), key=lambda f: (f.name == RESULT_NAME, f.name)):
+        try:
+            os.replace(file, folder / file.name)  # noqa: PTH105  # replaces on every system
+        except OSError as exc:
+            raise WriteError(
+                f"{folder / file.name}: cannot be replaced ({exc.strerror or exc}); close the program "
+                "that holds it, or choose another folder with -o"
+            ) from None
