@@ -1,20 +1,33 @@
 """Exit codes and one-line errors of the command line.
 
-0 accepted, 1 rejected (also: a table that would not shrink the error), 2 usage or recipe error, 3
-inconclusive, 4 input unreadable or unusable, 5 internal error, 130 interrupted.
+0 accepted, 1 rejected (also: a table that would not shrink the error or exceeds a limit), 2 usage or
+recipe error (also: an output that cannot be written), 3 inconclusive, 4 input unreadable or
+unusable, 5 internal error, 130 interrupted.
 """
 
 from __future__ import annotations
 
+import errno
+import re
 import sys
 import traceback
+from collections.abc import Collection
 
 from metrosep.core import errors
 
-__all__ = ["EXIT_CODES", "exit_code_of", "report_error", "verdict_code"]
+__all__ = [
+    "EXIT_CODES",
+    "as_options",
+    "exit_code_of",
+    "is_standard_output",
+    "report_error",
+    "verdict_code",
+]
 
 EXIT_CODES: tuple[tuple[type[BaseException], int], ...] = (
-    (errors.TableError, 1),
+    (errors.SignCheckFailedError, 1),
+    (errors.LimitError, 1),
+    (errors.TableError, 2),
     (errors.RecipeError, 2),
     (errors.WriteError, 2),
     (errors.UnitError, 2),
@@ -27,6 +40,49 @@ EXIT_CODES: tuple[tuple[type[BaseException], int], ...] = (
     (errors.DataError, 2),
     (KeyboardInterrupt, 130),
 )
+
+
+_STDOUT_ERRORS = (errno.ENOSPC, errno.EIO, errno.EBADF, errno.EINVAL)
+
+
+def as_options(message: str, names: Collection[str]) -> str:
+    """Return a message of the library with its arguments written as options of a command.
+
+    Parameters
+    ----------
+    message : str
+        Such as ``accept averaging with method='mean' or min_feeds=1``.
+    names : collection of str
+        Parameters of the command; other arguments stay as they are.
+
+    Returns
+    -------
+    str
+        Such as ``accept averaging with --method mean or --min-feeds 1``.
+
+    Examples
+    --------
+    >>> as_options("give scale='2.5 um/V', or decimal=", ("scale", "decimal"))
+    'give --scale "2.5 um/V", or --decimal'
+    """
+
+    def option(found: re.Match[str]) -> str:
+        if found.group(1) not in names:
+            return found.group()
+        quoted, plain = found.group(3), found.group(4)
+        value = quoted if plain is None else plain
+        if value and not re.fullmatch(r"[\w.+-]+", value):
+            value = f'"{value}"'
+        name = found.group(1).replace("_", "-")
+        return f"--{name} {value}" if value else f"--{name}"
+
+    if "x" in names:
+        message = re.sub(r"\b([a-z]+)=\('([^']*)', '([^']*)'\)", r"--\1 \2:\3", message)
+        message = re.sub(r" or unit=(?!\S)", "", message)
+    if "table_" in names or "format_" in names:
+        new = r"--format \1" if "format_" in names else r"--table \1=FILE"
+        message = re.sub(r"\bcontroller='(\w+)'", new, message)
+    return re.sub(r"(?<![\w.-])([a-z_]+)=(?:(['\"])(.*?)\2|([\w.+-]+))?", option, message)
 
 
 def exit_code_of(error: BaseException) -> int:
@@ -45,7 +101,25 @@ def exit_code_of(error: BaseException) -> int:
     for kind, code in EXIT_CODES:
         if isinstance(error, kind):
             return code
-    return 5
+    return 2 if is_standard_output(error) else 5
+
+
+def is_standard_output(error: BaseException) -> bool:
+    """Return whether an error says that standard output cannot be written.
+
+    Parameters
+    ----------
+    error : BaseException
+        What was raised; for files it is a WriteError instead.
+
+    Returns
+    -------
+    bool
+        True also where the reader of a pipe has gone.
+    """
+    if isinstance(error, BrokenPipeError):
+        return True
+    return isinstance(error, OSError) and error.filename is None and error.errno in _STDOUT_ERRORS
 
 
 def verdict_code(verdict: str | None) -> int:
@@ -64,7 +138,7 @@ def verdict_code(verdict: str | None) -> int:
     return {"reject": 1, "inconclusive": 3}.get(verdict or "", 0)
 
 
-def report_error(error: BaseException, *, verbosity: int) -> int:
+def report_error(error: BaseException, *, verbosity: int, names: Collection[str] = ()) -> int:
     """Print one line about an error and return the exit code.
 
     Parameters
@@ -73,6 +147,8 @@ def report_error(error: BaseException, *, verbosity: int) -> int:
         What was raised.
     verbosity : int
         2 or more prints the traceback too.
+    names : collection of str, optional
+        Parameters of the command, for `as_options`.
 
     Returns
     -------
@@ -82,6 +158,8 @@ def report_error(error: BaseException, *, verbosity: int) -> int:
     code = exit_code_of(error)
     if verbosity >= 2:
         traceback.print_exception(error, file=sys.stderr)
+    if isinstance(error, BrokenPipeError):  # the reader had enough: nothing to tell
+        return code
     if code == 130:
         line = "interrupted; nothing half-written was left behind"
     elif code == 5:
@@ -89,7 +167,9 @@ def report_error(error: BaseException, *, verbosity: int) -> int:
             f"internal error ({type(error).__name__}: {error}); this is a bug in metrosep: run again "
             "with -vv and report it"
         )
+    elif is_standard_output(error):
+        line = f"standard output cannot be written ({getattr(error, 'strerror', error)}); send it elsewhere"
     else:
-        line = str(error)
+        line = as_options(str(error), names)
     print("error: " + " ".join(line.split()), file=sys.stderr)
     return code

@@ -86,12 +86,16 @@ def separate(
     **options: Any,
 ) -> int:
     """Separate the repeatable error of an axis from repeated RUNS."""
-    from metrosep.cli.shortcut import recipe_text
+    from metrosep.cli.shortcut import option_error, recipe_text
+    from metrosep.core.errors import RecipeError
     from metrosep.recipe.recipe import Recipe
 
     controller, _, path = (table_ or "").partition("=")
     if table_ is not None and not path:
         raise click.UsageError("--table is written NAME=FILE, such as linuxcnc=x.comp")
+    for name in ("compensates", "reference", "cross_axis"):
+        if table_ is None and options.get(name) is not None:
+            raise click.UsageError(f"--{name.replace('_', '-')} shapes a table: add --table")
     inside = table_ is not None and out is not None
     text = recipe_text(
         options, table=(controller, path) if inside else None, report=out is not None
@@ -99,7 +103,10 @@ def separate(
     if print_recipe:
         click.echo(text, nl=False)
         return 0
-    recipe = Recipe.parse(text, name="command line")
+    try:
+        recipe = Recipe.parse(text, name="command line")
+    except RecipeError as exc:
+        raise click.UsageError(option_error(exc), ctx=context) from None
     result = recipe.run(list(runs), out=out, progress=_progress(context))
     written: list[str] = [str(f) for f in result.files]
     if table_ is not None and not inside:
@@ -176,7 +183,14 @@ def _runs(files: tuple[str, ...], options: dict[str, Any]) -> RunSet:
     from metrosep.io.runs import read_runs
 
     keys = ("feed", "run", "direction", "time", "sampling_rate", "scale")
-    return read_runs(files, x=options["x"], z=options["z"], **{k: options.get(k) for k in keys})
+    layout = ("separator", "decimal", "encoding")
+    return read_runs(
+        files,
+        x=options["x"],
+        z=options["z"],
+        **{k: options.get(k) for k in keys},
+        **{k: options[k] for k in layout if options.get(k) is not None},
+    )
 
 
 def _write_table(
@@ -189,20 +203,15 @@ def _write_table(
     force: bool = False,
 ) -> list[str]:
     from metrosep import controllers
-    from metrosep.compensation import CompensationTable
     from metrosep.controllers.base import sidecar_path
     from metrosep.core.units import parse_quantity
+    from metrosep.recipe.outputs import make_table
 
     reference = options.get("reference")
-    made = CompensationTable.from_error(
-        estimate,
-        positions=options["spacing"],
-        axis=options["axis"],
-        compensates=options.get("compensates"),
-        reference=None
-        if reference is None
-        else parse_quantity(reference, dimension="length", name="--reference"),
-    )
+    if reference is not None:
+        reference = parse_quantity(reference, dimension="length", name="--reference")
+    shape = {k: options.get(k) for k in ("spacing", "axis", "compensates")}
+    made = make_table(estimate, {**shape, "reference": reference})
     machine = {} if options.get("cross_axis") is None else {"cross_axis": options["cross_axis"]}
     controllers.write(made, path, controller, verified_against=against, overwrite=force, **machine)
     return [path, str(sidecar_path(Path(path)))]
@@ -217,9 +226,9 @@ def _print_result(result: Result, *, as_json: bool, written: list[str] | None = 
     say(repr(estimate))
     for message in result.document["messages"]:
         say(f"note: {message}")
-    table_part = result.document["table"]
-    if table_part is not None and isinstance(table_part.get("verification"), dict):
-        _print_verification(table_part["verification"])
+    for made in (result.document["table"], *result.document["more_tables"]):
+        if made is not None and isinstance(made.get("verification"), dict):
+            _print_verification(made["verification"])
     if result.document["polynomial"] is not None:
         say(result.document["polynomial"]["horner"])
     if result.verdict is not None:

@@ -23,15 +23,27 @@ __all__ = ["cli", "main"]
 def cli(context: click.Context, verbose: int, quiet: bool) -> None:
     """Separate the errors of precision machines and compensate them.
 
-    Errors are actual minus nominal; corrections are added to the command. Exit codes: 0 accepted,
-    1 rejected, 2 usage or recipe error, 3 inconclusive, 4 input unreadable or unusable, 5 internal
-    error, 130 interrupted.
+    Errors are actual minus nominal; corrections are added to the command. Exit codes: 0 accepted;
+    1 rejected, also a table that would not shrink the error or exceeds a limit; 2 usage or recipe
+    error, also an output that cannot be written; 3 inconclusive; 4 input unreadable or unusable;
+    5 internal error; 130 interrupted.
     """
     context.obj = {"verbose": verbose, "quiet": quiet}
 
 
 for _command in (demo, info, convert, separate, table, verify, run, formats, controllers):
     cli.add_command(_command)
+
+
+def _global_first(words: list[str]) -> list[str]:
+    """Move -v and -q to the front: people add them behind the command that failed."""
+    end = words.index("--") if "--" in words else len(words)
+    is_global = [
+        i < end and (w in ("--verbose", "--quiet", "-q") or (w[:2] == "-v" and not w.strip("-v")))
+        for i, w in enumerate(words)
+    ]
+    first = [w for w, yes in zip(words, is_global, strict=True) if yes]
+    return first + [w for w, yes in zip(words, is_global, strict=True) if not yes]
 
 
 def _verbosity(arguments: list[str]) -> int:
@@ -44,6 +56,22 @@ def _verbosity(arguments: list[str]) -> int:
         elif set(argument[1:]) == {"v"}:
             count += len(argument) - 1
     return count
+
+
+def _parameters(words: list[str]) -> set[str]:
+    """Names of the parameters of the command that was called."""
+    command = next((cli.commands[w] for w in words if w in cli.commands), None)
+    return {p.name for p in command.params if p.name} if command is not None else set()
+
+
+def _give_up_standard_output() -> None:
+    """Let the interpreter flush into nothing at its end, so that it does not complain a second time."""
+    import contextlib
+
+    with contextlib.suppress(OSError, ValueError):
+        nothing = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nothing, sys.stdout.fileno())
+        os.close(nothing)
 
 
 def main(arguments: list[str] | None = None) -> Any:
@@ -64,12 +92,12 @@ def main(arguments: list[str] | None = None) -> Any:
     SystemExit
         Always.
     """
-    from metrosep.cli.errors import report_error
+    from metrosep.cli.errors import is_standard_output, report_error
 
     # two spinning BLAS threads cost more than they give on the small products here
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
-    words = sys.argv[1:] if arguments is None else arguments
+    words = _global_first(sys.argv[1:] if arguments is None else arguments)
     try:
         code = cli.main(args=words, prog_name="metrosep", standalone_mode=False)
     except click.exceptions.Abort:
@@ -81,6 +109,10 @@ def main(arguments: list[str] | None = None) -> Any:
             hint = f" (see '{exc.ctx.command_path} --help')"
         click.echo(f"error: {line}{hint}", err=True)
         sys.exit(2)
+    except SystemExit as exc:  # click ends so, with 1, where the reader of a pipe has gone
+        sys.exit(2 if exc.code == 1 else exc.code)
     except (KeyboardInterrupt, Exception) as exc:  # every error becomes one line and a code
-        sys.exit(report_error(exc, verbosity=_verbosity(words)))
+        if is_standard_output(exc):
+            _give_up_standard_output()
+        sys.exit(report_error(exc, verbosity=_verbosity(words), names=_parameters(words)))
     sys.exit(code if isinstance(code, int) else 0)

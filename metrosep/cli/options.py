@@ -61,6 +61,9 @@ def read_options(command: F) -> F:
             click.option(
                 "--scale", metavar="SENSITIVITY", help='Of a sensor in volts: "2.5 um/V".'
             ),
+            click.option("--separator", help="Between the columns, where it is not clear."),
+            click.option("--decimal", help="Decimal mark, where it is not clear."),
+            click.option("--encoding", help="Of the text, where it is not clear: utf-16."),
         )
     ):
         command = option(command)

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
+import re
+from typing import TYPE_CHECKING, Any
 
-__all__ = ["recipe_text"]
+if TYPE_CHECKING:
+    from metrosep.core.errors import RecipeError
 
-_INPUT = ("x", "z", "feed", "run", "direction", "time", "sampling_rate", "scale")
+__all__ = ["option_error", "recipe_text"]
+
+_LAYOUT = ("separator", "decimal", "encoding")
+_INPUT = ("x", "z", "feed", "run", "direction", "time", "sampling_rate", "scale", *_LAYOUT)
 _SEPARATE = ("method", "start", "length", "shortest", "lag")
 
 
@@ -52,6 +57,29 @@ def recipe_text(options: dict[str, Any], *, table: tuple[str, str] | None, repor
     return "\n".join(lines) + "\n"
 
 
+def option_error(error: RecipeError) -> str:
+    """Return the message of an error in the recipe of a call, in terms of the options given.
+
+    Parameters
+    ----------
+    error : RecipeError
+        Of the recipe that nobody sees.
+
+    Returns
+    -------
+    str
+        With the option in place of file and line.
+    """
+    message = re.sub(r"^command line(:\d+)?: ", "", str(error))
+    key = error.key or ""
+    options = {"degree": "poly", "controller": "table", "path": "table", "machine": "cross_axis"}
+    option = "--" + options.get(key, key).replace("_", "-")
+    if message.startswith(f"{key} = "):
+        return f"{option} {message.removeprefix(f'{key} = ')}"
+    return f"{option}: {message}" if key else message
+
+
 def _quoted(value: object) -> str:
-    text = str(value).replace("\\", "\\\\").replace('"', '\\"')
-    return f'"{text}"'
+    import json
+
+    return json.dumps(str(value), ensure_ascii=False).replace("\x7f", "\\u007f")

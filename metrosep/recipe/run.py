@@ -77,9 +77,6 @@ def run_recipe(
     refuse_foreign(recipe, folder)
     with staged(folder) as stage:
         estimate = _separate(recipe, runs, tell)
-        _document(
-            recipe, runs, estimate, dry_runs(recipe, runs, estimate)
-        )  # refuse before writing
         tables = write_tables(recipe, runs, estimate, stage, tell)
         document, names = _document(recipe, runs, estimate, tables)
         result = Result(document, estimate)
@@ -121,10 +118,11 @@ def _about_tables(described: list[dict[str, Any]]) -> list[str]:
     if len(described) < 2:
         return []
     names = ", ".join(str(d.get("path", "not written")) for d in described)
-    return [
+    text = (
         f"{len(described)} tables were made ({names}); the first is described here, each has its "
         "sidecar, and limits are judged on the worst of them"
-    ]
+    )
+    return [text]
 
 
 def _silent(message: str) -> None:

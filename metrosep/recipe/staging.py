@@ -38,7 +38,8 @@ def staged(folder: Path) -> Iterator[Path]:
 
     Notes
     -----
-    The files are renamed one by one, result.json last: where it is, all that it names is there.
+    An older result.json goes first, then the files are renamed one by one, the new result.json
+    last: where it is, all that it names is there and of the same run.
     """
     made = not folder.exists()
     stage = _hidden_folder(folder)
@@ -75,8 +76,11 @@ def _hidden_folder(folder: Path) -> Path:
 
 
 def _move(stage: Path, folder: Path) -> None:
-    for file in sorted(stage.iterdir(), key=lambda f: (f.name == RESULT_NAME, f.name)):
+    files = sorted(stage.iterdir(), key=lambda f: (f.name == RESULT_NAME, f.name))
+    for file in files:
         try:
+            if file is files[0]:
+                (folder / RESULT_NAME).unlink(missing_ok=True)
             os.replace(file, folder / file.name)  # noqa: PTH105  # replaces on every system
         except OSError as exc:
             raise WriteError(

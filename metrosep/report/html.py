@@ -1,52 +1,28 @@
 """A result as one HTML file: no script, nothing fetched, printable; made from the document only.
 
-Every number in it stands in the result document; this module only formats. Same document, same
+Every number in it stands in the result document; this layer only formats. Same document, same
 bytes.
 """
 
 from __future__ import annotations
 
+import base64
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from metrosep.core.atomic import atomic_write
-from metrosep.core.units import format_engineering, format_length
+from metrosep.report.text import span
+from metrosep.report.view import view
 
 __all__ = ["render_html", "write_html"]
 
-_CAPTIONS = {
-    "before_after": (
-        "Error over position: mean run of each feedrate before the correction, the separated error "
-        "with ±2 standard uncertainties, and what is left after subtracting it. Least-squares line "
-        "over the evaluation range removed, no filter; shaded: guard zones outside that range."
-    ),
-    "spectrum": (
-        "Amplitude against wavelength. Thin lines: mean run of each feedrate, weighted at its ends; "
-        "geometry stays at its wavelength, vibration slides with the feedrate. Markers: the model; "
-        "filled where the wavelength repeats beyond chance."
-    ),
-    "residual_psd": (
-        "What is left, against frequency: measured spectral density of the residual and the noise "
-        "model. No table removes this."
-    ),
-    "table_plot": "Entries of the compensation table: correction to add to the command.",
-}
-
-
-@dataclass(frozen=True, slots=True)
-class _Stamp:
-    word: str
-    symbol: str
-    style: str
-
-
-_STAMPS = {
-    "accept": _Stamp("accepted", "✓", "good"),
-    "reject": _Stamp("rejected", "✗", "bad"),
-    "inconclusive": _Stamp("inconclusive", "?", "open"),
+_TITLES = {
+    "before_after": "Error over position",
+    "spectrum": "Amplitude over wavelength",
+    "residual_psd": "What was separated, over frequency",
+    "table_plot": "Compensation table",
 }
 
 
@@ -56,36 +32,28 @@ def render_html(document: Mapping[str, Any]) -> str:
     Parameters
     ----------
     document : mapping
-        Content of a result.json.
+        Content of a result.json; missing parts are None or absent.
 
     Returns
     -------
     str
         A whole HTML page.
+
+    Raises
+    ------
+    DataError
+        If a verdict in the document is unknown.
     """
     from importlib.resources import files
 
     from jinja2 import Environment, StrictUndefined
 
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True)
-    environment.filters["quantity"] = _quantity
-    environment.filters["length"] = _length
-    source = files("metrosep.report").joinpath("templates/result.html.j2").read_text("utf-8")
-    table = document.get("table")
-    verification = (table or {}).get("verification")
-    return environment.from_string(source).render(
-        doc=document,
-        stamp=_STAMPS.get(document.get("verdict") or ""),
-        stamps=_STAMPS,
-        figures=_figures(document),
-        table=table,
-        dry_run=verification if isinstance(verification, Mapping) else None,
-        estimate=document["estimate"],
-        selected=_selected(document["estimate"]["spectrum"]),
-        span_mm=[
-            1e3 * v for v in (document["estimate"]["start_m"], document["estimate"]["stop_m"])
-        ],
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
+    source = files("metrosep.report").joinpath("templates/result.html.j2").read_text("utf-8")
+    page = environment.from_string(source).render(view(document), figures=_figures(document))
+    return page if page.endswith("\n") else page + "\n"
 
 
 def write_html(document: Mapping[str, Any], path: str | os.PathLike[str]) -> Path:
@@ -107,45 +75,55 @@ def write_html(document: Mapping[str, Any], path: str | os.PathLike[str]) -> Pat
     ------
     WriteError
         If it cannot be written.
+    DataError
+        If a verdict in the document is unknown.
     """
     return atomic_write(path, render_html(document).encode("utf-8"))
 
 
 def _figures(document: Mapping[str, Any]) -> list[dict[str, str]]:
-    from markupsafe import Markup
-
+    """Return the figures as images in the page: each keeps its own ids, and has a caption."""
     from metrosep.plot import drawable, figure_svg
 
-    figures = []
-    for name, draw in drawable(document).items():
-        svg = figure_svg(draw, document)
-        body = svg[svg.index("<svg") :]
-        figures.append(
-            {"name": name, "svg": Markup(body), "caption": _CAPTIONS.get(name, "")}  # noqa: S704
-        )
-    return figures
+    captions = _captions(document)
+    return [
+        {
+            "name": name,
+            "title": _TITLES[name],
+            "data": base64.b64encode(figure_svg(draw, document).encode("utf-8")).decode("ascii"),
+            "caption": captions[name],
+        }
+        for name, draw in drawable(document).items()
+    ]
 
 
-def _quantity(entry: Mapping[str, Any], key: str = "value") -> str:
-    """Return one number of a characteristic with its unit."""
-    value = entry.get(key)
-    if value is None:
-        return "–"
-    digits = 2 if key in ("u", "U") else 4
-    if entry["unit"] == "rad":
-        return f"{value * 1e6:.{digits}g} urad"
-    return format_engineering(float(value), str(entry["unit"]), digits=digits)
-
-
-def _length(value: float | None, digits: int = 4) -> str:
-    return "–" if value is None else format_length(float(value), digits=digits)
-
-
-def _selected(spectrum: Mapping[str, list[Any]]) -> list[dict[str, Any]]:
-    """Return the strongest selected wavelengths, longest first."""
-    keys = ("wavelength_mm", "amplitude_nm", "sd_nm", "phase_rad", "selected")
-    columns = [spectrum.get(k, []) for k in keys]
-    rows = [dict(zip(keys, row, strict=True)) for row in zip(*columns, strict=True)]
-    chosen = [r for r in rows if r["selected"]]
-    strongest = sorted(chosen, key=lambda r: -(r["amplitude_nm"] or 0.0))[:15]
-    return sorted(strongest, key=lambda r: -r["wavelength_mm"])
+def _captions(document: Mapping[str, Any]) -> dict[str, str]:
+    """Return what each figure shows, what was removed from it, and how it was filtered."""
+    estimate = document.get("estimate") or {}
+    start, stop = estimate.get("start_m"), estimate.get("stop_m")
+    over = "the evaluation range"
+    if start is not None and stop is not None:
+        over += f" {span(start, stop)}"
+    return {
+        "before_after": (
+            "Thick: the separated error (actual − nominal) with ± 2 standard uncertainties. Thin: "
+            "the mean of the runs at each feedrate, before, and after the separated error is "
+            f"subtracted. Removed: the least-squares line over {over}, from every curve. Filter: "
+            "none. Shaded: guard zones, which were modelled but are not evaluated."
+        ),
+        "spectrum": (
+            "Lines: the mean run of each feedrate. What keeps its wavelength at every feedrate is "
+            "geometry; what slides with the feedrate is vibration. Markers: wavelengths of the "
+            "separated error, filled where they were selected. Removed: offset and line; the runs "
+            "are tapered at their ends, so a line may read lower than its marker."
+        ),
+        "residual_psd": (
+            "One-sided power spectral density in time of the readings minus the separated error, "
+            "averaged over Hann segments without their mean; the line is the noise model where "
+            "the method has one. Filter: none. No table removes this part."
+        ),
+        "table_plot": (
+            "Correction c = −e that is added to the command, at its entries; joined as the "
+            "controller joins them and constant outside. Filter: none."
+        ),
+    }

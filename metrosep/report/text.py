@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 from metrosep.core.errors import DataError
 from metrosep.core.units import format_length, parse_unit
 
-__all__ = ["Stamp", "decimals_for", "length", "number", "readable_unit", "size", "stamp"]
+__all__ = ["Stamp", "decimals_for", "length", "number", "readable_unit", "size", "span", "stamp"]
 
 _MISSING = "–"
 
@@ -101,7 +101,7 @@ def length(value: float | None, *, digits: int = 4) -> str:
     >>> length(1.25e-6)
     '1.25 µm'
     """
-    return format_length(value, digits=digits).replace(" um", " µm")
+    return format_length(value, digits=digits).replace(" um", " µm").replace("-", "−", 1)
 
 
 def readable_unit(values: list[float | None], unit: str) -> tuple[str, float]:
@@ -209,3 +209,26 @@ def size(n_bytes: Any) -> str:
     '812\u202f345 bytes'
     """
     return _MISSING if n_bytes is None else f"{int(n_bytes):,} bytes".replace(",", "\u202f")
+
+
+def span(low: float, high: float) -> str:
+    """Return a range of positions with one unit for both ends.
+
+    Parameters
+    ----------
+    low, high : float, m
+        Ends.
+
+    Returns
+    -------
+    str
+        With units.
+
+    Examples
+    --------
+    >>> span(0.0, 45e-3)
+    '0 mm … 45 mm'
+    """
+    unit, factor = readable_unit([low, high], "m")
+    first, last = (f"{v / factor:.6g}".replace("-", "−") for v in (low, high))
+    return f"{first} {unit} … {last} {unit}"

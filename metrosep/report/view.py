@@ -12,6 +12,7 @@ from metrosep.report.text import (
     number,
     readable_unit,
     size,
+    span,
     stamp,
 )
 
@@ -24,6 +25,7 @@ _METHODS = {
     "kono": "Fourier selection after Kono, by amplitude and scatter over feedrates",
     "mean": "mean over the runs",
 }
+_MAX_WAVELENGTHS = 16
 _NOT_IN_BAND = (
     "The standard uncertainty u is type A: what the readings tell. The artefact's own form, the "
     "sensor's linearity and temperature are not in it."
@@ -58,6 +60,7 @@ def view(document: Document) -> dict[str, Any]:
         "characteristics": [_characteristic(c) for c in document.get("characteristics") or []],
         "uncertainty_note": _NOT_IN_BAND,
         "messages": _messages(document, estimate),
+        "wavelengths": _wavelengths(estimate.get("spectrum") or {}),
         "table": _table(document.get("table")),
         "polynomial": _polynomial(document.get("polynomial")),
         "settings": _settings(estimate.get("audit") or {}),
@@ -82,19 +85,15 @@ def _summary(document: Document, estimate: Document) -> list[tuple[str, str]]:
         name = estimate["method"]
         rows.append(("Method", f"{name}: {_METHODS.get(name, 'see the documentation')}"))
     if estimate.get("start_m") is not None:
-        rows.append(("Evaluation range", _span(estimate["start_m"], estimate["stop_m"])))
+        rows.append(("Evaluation range", span(estimate["start_m"], estimate["stop_m"])))
     if estimate.get("fit_range_m"):
-        rows.append(("Modelled travel, guard zones included", _span(*estimate["fit_range_m"])))
+        rows.append(("Modelled travel, guard zones included", span(*estimate["fit_range_m"])))
     rows.append(("Runs", _runs((document.get("plots") or {}).get("feeds") or [])))
     if estimate.get("lag_s") is not None:
         fitted = estimate.get("lag_sd_s")
         u = "given" if fitted is None else f"fitted, u = {fitted * 1e3:.2g} ms"
         rows.append(("Delay of the reading", f"{estimate['lag_s'] * 1e3:.4g} ms ({u})"))
     return [(k, v) for k, v in rows if v]
-
-
-def _span(low: float, high: float) -> str:
-    return f"{length(low)} … {length(high)}"
 
 
 def _runs(feeds: Sequence[Document]) -> str:
@@ -148,6 +147,27 @@ def _messages(document: Document, estimate: Document) -> list[str]:
     return [_sentence(m) for m in dict.fromkeys(both)]
 
 
+def _wavelengths(spectrum: Document) -> list[dict[str, str]]:
+    """Return the strongest selected wavelengths, the longest first."""
+    keys = ("direction", "wavelength_mm", "amplitude_nm", "sd_nm", "phase_rad", "selected")
+    n = len(spectrum.get("wavelength_mm") or [])
+    columns = [spectrum.get(k) or [None] * n for k in keys]
+    rows = [dict(zip(keys, row, strict=True)) for row in zip(*columns, strict=True)]
+    chosen = [r for r in rows if r["selected"] and r["amplitude_nm"] is not None]
+    strongest = sorted(chosen, key=lambda r: -r["amplitude_nm"])[:_MAX_WAVELENGTHS]
+    strongest.sort(key=lambda r: (r["direction"] or "", -r["wavelength_mm"]))
+    return [
+        {
+            "direction": r["direction"] or "",
+            "wavelength": number(r["wavelength_mm"], 1.0, 2),
+            "amplitude": number(r["amplitude_nm"], 1.0, 1),
+            "u": number(r["sd_nm"], 1.0, 1),
+            "phase": number(r["phase_rad"], 1.0, 2),
+        }
+        for r in strongest
+    ]
+
+
 def _table(table: Document | None) -> dict[str, Any] | None:
     if not table:
         return None
@@ -163,17 +183,20 @@ def _table(table: Document | None) -> dict[str, Any] | None:
         ("Sign", table.get("sign")),
         ("Entry in the file", table.get("entry")),
         ("Units in the file", table.get("units")),
+        ("How the sign is known", table.get("sign_status")),
         ("Looked up at, corrects", f"position of {axis}, correction of {target}"),
-        ("Span", _span(*table["span_m"]) if table.get("span_m") else None),
+        ("Span", span(*table["span_m"]) if table.get("span_m") else None),
         ("Outside the span", table.get("outside")),
         ("Points", f"{table['n_points']}, {ways}" if table.get("n_points") else None),
         ("Reference (zero correction)", _known(table.get("reference_m"))),
         ("Stroke (largest correction)", _known(table.get("stroke_m"))),
-        ("Interpolation error, at most", _known(table.get("interpolation_error_m"), digits=2)),
-        ("Rounding in the file, at most", _known(table.get("quantisation_m"), digits=2)),
+        ("Interpolation error, at most", _known(table.get("interpolation_error_m"), digits=3)),
+        ("Rounding in the file, at most", _known(table.get("quantisation_m"), digits=3)),
     ]
     return {
         "rows": [(k, str(v)) for k, v in rows if v],
+        "wiring": "\n".join(table.get("hal_routing") or []),
+        "wiring_of": f"{axis} to {target}",
         "activation": [_sentence(s) for s in table.get("activation") or []],
         "findings": [
             {
@@ -200,7 +223,7 @@ def _verification(check: Document) -> dict[str, Any]:
         "passed": bool(check.get("passed")),
         "definition": _sentence(check.get("definition")),
         "removed": removed,
-        "span": _span(*check["span_m"]) if check.get("span_m") else "",
+        "span": span(*check["span_m"]) if check.get("span_m") else "",
         "rows": [_residual(r, q) for r in check.get("residuals") or [] for q in ("pv", "rms")],
     }
 
@@ -222,8 +245,12 @@ def _residual(row: Document, quantity: str) -> dict[str, str]:
         "after": number(after, factor, decimals)
         + ("" if u is None else f" (u = {number(u, factor, decimals)})"),
         "wrong": number(wrong, factor, decimals),
-        "change": "–" if not before or after is None else f"{100 * (after / before - 1):+.0f} %",
+        "change": "–" if not before or after is None else _percent(after / before),
     }
+
+
+def _percent(ratio: float) -> str:
+    return f"{100.0 * (ratio - 1.0):+.0f} %".replace("-", "−")
 
 
 def _polynomial(fit: Document | None) -> dict[str, Any] | None:
@@ -231,7 +258,7 @@ def _polynomial(fit: Document | None) -> dict[str, Any] | None:
         return None
     rows = [
         ("Degree", f"{fit['degree']}, chosen by {fit.get('degree_chosen_by') or 'the user'}"),
-        ("Valid for", _span(*fit["domain_m"]) if fit.get("domain_m") else None),
+        ("Valid for", span(*fit["domain_m"]) if fit.get("domain_m") else None),
         ("Left over (RMS of the data about it)", _known(fit.get("residual_rms_m"))),
         ("Uncertainty from", fit.get("covariance_from")),
     ]
@@ -253,6 +280,8 @@ def _settings(audit: Document) -> list[tuple[str, list[tuple[str, str]]]]:
 
 def _words(key: str) -> str:
     """Return a key with its unit suffix in brackets: ``period_mm`` is "period (mm)"."""
+    if key.startswith("n_"):
+        return "number of " + key[2:].replace("_", " ")
     for suffix, unit in _SUFFIXES.items():
         if key.endswith(suffix):
             return f"{key.removesuffix(suffix)} ({unit})".replace("_", " ")

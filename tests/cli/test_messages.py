@@ -1,0 +1,206 @@
+"""What the command line says: options instead of arguments, causes instead of bugs, codes that fit."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from metrosep.cli.errors import as_options, exit_code_of
+from metrosep.cli.main import main
+from metrosep.core import errors
+from metrosep.separation import machine_axis
+
+COLUMNS = ("--x", "x_mm", "--z", "z_um", "--feed", "feed_mm_min", "--run", "run")
+
+
+def write_runs(path, *, head="run,feed_mm_min,x_mm,z_um", feeds=(0.08, 0.12, 0.16)):
+    lines = [head]
+    for r in machine_axis(seed=9, length=30e-3, feeds=feeds).runs:
+        lines += [
+            f"{r.run_id},{r.feed * 6e4:.0f},{x * 1e3:.4f},{z * 1e6:.5f}"
+            for x, z in zip(r.x, r.z, strict=True)
+        ]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+@pytest.fixture(scope="module")
+def runs_csv(tmp_path_factory):
+    return write_runs(tmp_path_factory.mktemp("cli") / "runs.csv")
+
+
+@pytest.fixture
+def failing(capsys):
+    """Run a command line that must fail: (code, its one line)."""
+
+    def call(*words):
+        with pytest.raises(SystemExit) as stop:
+            main([str(w) for w in words])
+        captured = capsys.readouterr()
+        lines = [line for line in captured.err.splitlines() if line.startswith("error:")]
+        assert len(lines) == 1, captured.err
+        assert "Traceback" not in captured.err
+        assert captured.out == ""
+        return stop.value.code, lines[0]
+
+    return call
+
+
+@pytest.mark.parametrize(
+    ("message", "names", "wanted"),
+    [
+        ("say method='mean' or min_feeds=1", {"method", "min_feeds"}, "say --method mean or --min-feeds 1"),
+        ("give scale='2.5 um/V'", {"scale"}, 'give --scale "2.5 um/V"'),
+        ("declare separator= and decimal=", {"separator", "decimal"}, "declare --separator and --decimal"),
+        ("give x=('pos', 'um') or unit=", {"x"}, "give --x pos:um"),
+        ("write controller='csv'", {"table_"}, "write --table csv=FILE"),
+        ("write controller='csv'", {"format_"}, "write --format csv"),
+        ("say method='mean'", {"recipe"}, "say method='mean'"),
+        ("a.csv: x=3 is odd", {"method"}, "a.csv: x=3 is odd"),
+        ("folder/method=a/b.csv: missing", {"scale"}, "folder/method=a/b.csv: missing"),
+    ],
+)  # fmt: skip
+def test_arguments_become_options_of_the_command(message, names, wanted):
+    assert as_options(message, names) == wanted
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [
+        (errors.SignCheckFailedError("x"), 1),
+        (errors.LimitError("x"), 1),
+        (errors.TableError("x"), 2),
+        (errors.RecipeError("x"), 2),
+        (errors.WriteError("x"), 2),
+        (errors.UnitError("x"), 2),
+        (errors.UnknownFormatError("x"), 4),
+        (errors.InvalidSamplesError("x"), 4),
+        (errors.NotSeparableError("x"), 4),
+        (RuntimeError("x"), 5),
+        (FileNotFoundError(2, "gone", "a.txt"), 5),
+        (KeyboardInterrupt(), 130),
+    ],
+)
+def test_codes_of_the_error_tree(error, code):
+    assert exit_code_of(error) == code
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--length", "45"), "--length '45': value '45' has no unit"),
+        (("--length", "0 mm"), "--length '0 mm': it must be more than zero"),
+        (("--method", "fourrier"), "--method 'fourrier' is not one of joint, kono, mean"),
+        (("--lag", "often"), "--lag 'often'"),
+        (("--poly", "2.5"), "--poly '2.5': a whole number"),
+        (("--reference", "0 mm"), "--reference shapes a table: add --table"),
+        (("--table", "x.comp"), "--table is written NAME=FILE"),
+        (("--table", "fanuc=x.comp", "-o", "out"), "--table: unknown controller 'fanuc'"),
+        (("--table", "fanuc=x.comp"), "unknown controller 'fanuc'"),
+        (("--table", "linuxcnc=a/x.comp", "-o", "out"), "--table: output path 'a/x.comp'"),
+        (("--table", "linuxcnc=x.comp", "--spacing", "1 nm", "-o", "out"), "use a coarser spacing"),
+        (("--table", "linuxcnc=x.comp", "--spacing", "1 nm"), "use a coarser spacing"),
+        (("--table", "linuxcnc=x.comp", "--compensates", "Z", "-o", "out"), "--cross-axis hal"),
+        (("--table", "linuxcnc=none/x.comp"), "the folder"),
+    ],
+)  # fmt: skip
+def test_wrong_options_are_named_and_leave_nothing(
+    failing, runs_csv, tmp_path, monkeypatch, options, words
+):
+    monkeypatch.chdir(tmp_path)
+
+    code, line = failing("separate", runs_csv, *COLUMNS, *options)
+
+    assert code == 2
+    assert words in line
+    assert "command line:" not in line
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_one_feedrate_says_which_options_help(failing, tmp_path):
+    path = write_runs(tmp_path / "one.csv", feeds=(0.12,))
+
+    code, line = failing("separate", path, *COLUMNS)
+
+    assert code == 4
+    assert "--method mean or --min-feeds 1" in line
+
+
+def test_a_missing_unit_says_how_to_give_it(failing, tmp_path):
+    path = write_runs(tmp_path / "r.csv", head="run,feed,pos,probe")
+
+    code, line = failing("separate", path, "--x", "pos", "--z", "probe:um", "--run", "run")
+
+    assert code == 2
+    assert "--x pos:um" in line
+
+
+def test_a_sensor_in_volts_is_scaled(capsys, tmp_path):
+    path = write_runs(tmp_path / "r.csv", head="run,feed,pos,probe")
+    columns = ("--x", "pos:mm", "--z", "probe:V", "--feed", "feed:mm/min", "--run", "run")
+    found = []
+    for scale in ("1 um/V", "2.5 um/V"):
+        with pytest.raises(SystemExit) as stop:
+            main(["separate", str(path), *columns, "--scale", scale, "--json"])
+        assert stop.value.code == 0
+        found.append(json.loads(capsys.readouterr().out)["pv_nm"])
+
+    assert found[1] == pytest.approx(2.5 * found[0], rel=1e-6)
+
+
+def test_global_flags_work_behind_the_command(capsys, failing, tmp_path):
+    missing = str(tmp_path / "none.csv")
+
+    with pytest.raises(SystemExit) as stop:
+        main(["info", missing, "-vv"])
+
+    assert stop.value.code == 4
+    assert "Traceback" in capsys.readouterr().err
+    assert failing("info", missing, "-q")[0] == 4
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")  # noqa: PTH110
+def test_a_full_standard_output_is_no_bug_of_ours():
+    with open("/dev/full", "w") as full:  # noqa: PTH123
+        done = subprocess.run(
+            [sys.executable, "-m", "metrosep", "formats"],
+            stdout=full, stderr=subprocess.PIPE, text=True, check=False,
+        )  # fmt: skip
+
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: standard output cannot be written")
+    assert len(done.stderr.splitlines()) == 1
+
+
+def test_a_closed_pipe_ends_quietly():
+    with subprocess.Popen(
+        [sys.executable, "-m", "metrosep", "formats"],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    ) as process:  # fmt: skip
+        process.stdout.close()
+        said = process.stderr.read()
+
+    assert process.returncode == 2
+    assert said == b""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
+def test_an_interrupted_run_leaves_nothing(runs_csv, tmp_path):
+    with subprocess.Popen(
+        [sys.executable, "-m", "metrosep", "separate", str(runs_csv), *COLUMNS,
+         "--table", "linuxcnc=x.comp", "-o", str(tmp_path / "out")],
+        stderr=subprocess.PIPE, text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),  # noqa: PLW1509
+    ) as process:  # fmt: skip
+        for line in process.stderr:
+            if "writing" in line:
+                break
+        process.send_signal(signal.SIGINT)
+        said = process.stderr.read()
+
+    assert process.returncode == 130
+    assert said.splitlines()[-1] == "error: interrupted; nothing half-written was left behind"
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,48 @@
+"""Documents as json.load gives them from a result.json, made from a simulated axis."""
+
+import copy
+import importlib.util
+import sys
+from pathlib import Path
+
+import pytest
+
+from metrosep.report import render_html
+
+MAKER = Path(__file__).resolve().parents[1] / "plot" / "documents.py"
+NAME = "metrosep_test_documents"
+
+
+@pytest.fixture(scope="session")
+def make_document():
+    """Copy of the document of a method, made once for the plots and the reports."""
+    if NAME not in sys.modules:
+        spec = importlib.util.spec_from_file_location(NAME, MAKER)
+        sys.modules[NAME] = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(sys.modules[NAME])
+    made = sys.modules[NAME].make_document
+    return lambda method, directions: copy.deepcopy(made(method, directions))
+
+
+@pytest.fixture
+def document(make_document):
+    """Result of the joint method with both directions and a table."""
+    return make_document("joint", (1, -1))
+
+
+@pytest.fixture(params=["kono", "mean"])
+def plain_document(make_document, request):
+    """Result of a method without a residual PSD; of the mean without a spectrum."""
+    return make_document(request.param, (1,))
+
+
+@pytest.fixture
+def mean_document(make_document):
+    """Result of the mean: no selected wavelengths, no residual PSD."""
+    return make_document("mean", (1,))
+
+
+@pytest.fixture(scope="session")
+def whole_page(make_document):
+    """Report with all figures."""
+    return render_html(make_document("joint", (1, -1)))
