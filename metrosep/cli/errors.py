@@ -79,6 +79,9 @@ def as_options(message: str, names: Collection[str]) -> str:
     if "x" in names:
         message = re.sub(r"\b([a-z]+)=\('([^']*)', '([^']*)'\)", r"--\1 \2:\3", message)
         message = re.sub(r" or unit=(?!\S)", "", message)
+    if names:
+        overwrite = " or give --force" if "force" in names else ""
+        message = message.replace(" or say overwrite", overwrite)
     if "table_" in names or "format_" in names:
         new = r"--format \1" if "format_" in names else r"--table \1=FILE"
         message = re.sub(r"\bcontroller='(\w+)'", new, message)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -49,7 +49,11 @@ def demo(context: click.Context, out: str, as_json: bool) -> int:
 def run(
     context: click.Context, recipe: str, inputs: tuple[str, ...], out: str, as_json: bool
 ) -> int:
-    """Carry out RECIPE on INPUT files or folders."""
+    """Carry out RECIPE on INPUT files or folders.
+
+    The exit code is the verdict: 0 accepted, 1 rejected, 3 inconclusive. If anything fails, nothing
+    new appears in the output folder.
+    """
     from metrosep.cli.errors import verdict_code
     from metrosep.recipe.recipe import Recipe
 
@@ -85,7 +89,11 @@ def separate(
     as_json: bool,
     **options: Any,
 ) -> int:
-    """Separate the repeatable error of an axis from repeated RUNS."""
+    """Separate the repeatable error of an axis from repeated RUNS.
+
+    Exit code 1: the table would not shrink the error, or exceeds a limit. 2: a wrong option, or an
+    output that cannot be written. 4: runs that cannot be read or separated.
+    """
     from metrosep.cli.shortcut import option_error, recipe_text
     from metrosep.core.errors import RecipeError
     from metrosep.recipe.recipe import Recipe
@@ -124,15 +132,15 @@ def separate(
 @table_options
 @click.option("--force", is_flag=True, help="Replace the table if it exists.")
 def table(result: str, format_: str, out: str, force: bool, **options: Any) -> int:
-    """Write a controller's table from RESULT (result.json), after a dry-run on its runs."""
-    from metrosep.recipe.result import load_document, measured_runs
-    from metrosep.separation.base import ErrorEstimate
+    """Write a controller's table from RESULT (result.json), after a dry-run on its runs.
+
+    Exit code 1: it would not shrink the error, or exceeds a limit; nothing is written then.
+    """
+    from metrosep.recipe.result import load_document, measured_runs, stored_estimate
 
     document = load_document(result)
-    estimate = ErrorEstimate.from_dict(document["estimate"])
-    for file in _write_table(
-        estimate, out, format_, options, against=measured_runs(document), force=force
-    ):
+    estimate, runs = stored_estimate(document), measured_runs(document)
+    for file in _write_table(estimate, out, format_, options, against=runs, force=force):
         say(f"wrote {file}")
     return 0
 
@@ -146,16 +154,22 @@ def table(result: str, format_: str, out: str, force: bool, **options: Any) -> i
 def verify(
     table_file: str, runs: tuple[str, ...], format_: str | None, as_json: bool, **options: Any
 ) -> int:
-    """Dry-run TABLE against measured runs, as its controller would apply it."""
+    """Dry-run TABLE against measured runs, as its controller would apply it.
+
+    Exit code 0: it shrinks the error in every direction. 1: it does not. 4: table or runs cannot be
+    read, or the table is not the one that its sidecar describes.
+    """
     from metrosep import controllers
     from metrosep.compensation import dry_run
     from metrosep.controllers.base import load_sidecar
     from metrosep.core.errors import SignCheckFailedError
 
     path = Path(table_file)
+    sidecar = load_sidecar(path)
+    _require_unchanged(path, sidecar)
     name = (
         format_
-        or load_sidecar(path).get("controller")
+        or sidecar.get("controller")
         or ("csv" if path.suffix.lower() == ".csv" else "linuxcnc")
     )
     loaded = controllers.read(path, controller=name)
@@ -177,6 +191,28 @@ def verify(
         say("error: " + str(exc).replace("; nothing was written", ""))
         return 1
     return 0
+
+
+def _require_unchanged(path: Path, sidecar: Mapping[str, Any]) -> None:
+    """Refuse a table that is not the one its sidecar describes: cut short, edited or mixed up."""
+    import hashlib
+
+    from metrosep.controllers.base import load_bytes
+    from metrosep.core.errors import CorruptFileError
+
+    wanted = sidecar.get("file_sha256")
+    if wanted is None:
+        return
+    found = hashlib.sha256(load_bytes(path)).hexdigest()
+    if found != wanted:
+        raise CorruptFileError(
+            path,
+            "it is not the table that its sidecar describes: it was cut short, edited or mixed up",
+            field="SHA-256",
+            expected=str(wanted)[:16],
+            found=found[:16],
+            hint="write the table again; to judge the file as it is, move its sidecar away",
+        )
 
 
 def _runs(files: tuple[str, ...], options: dict[str, Any]) -> RunSet:
@@ -244,9 +280,10 @@ def _print_result(result: Result, *, as_json: bool, written: list[str] | None = 
 
 
 def _print_verification(verification: dict[str, Any]) -> None:
+    low, high = (v * 1e3 for v in verification["span_m"])
     for r in verification["residuals"]:
         say(
-            f"dry-run {r['direction']}: P-V {r['before_pv_m'] * 1e9:.0f} -> {r['after_pv_m'] * 1e9:.0f} nm, "
+            f"dry-run {r['direction']}, {low:.6g} ... {high:.6g} mm: P-V {r['before_pv_m'] * 1e9:.0f} -> {r['after_pv_m'] * 1e9:.0f} nm, "
             f"RMS {r['before_rms_m'] * 1e9:.1f} -> {r['after_rms_m'] * 1e9:.1f} nm "
             f"(reversed sign: {r['wrong_sign_rms_m'] * 1e9:.1f} nm)"
         )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from metrosep.compensation.inverse import exact_correction
 from metrosep.compensation.limits import Finding, Limits, check_limits, dead_zone
 from metrosep.compensation.polynomial import PolynomialFit, fit_polynomial
+from metrosep.compensation.reversal import LostMotion
 from metrosep.compensation.table import CompensationTable
 from metrosep.compensation.verify import DirectionResidual, Verification, dry_run
 
@@ -13,6 +14,7 @@ __all__ = [
     "DirectionResidual",
     "Finding",
     "Limits",
+    "LostMotion",
     "PolynomialFit",
     "Verification",
     "check_limits",

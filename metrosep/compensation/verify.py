@@ -4,24 +4,24 @@ The correction is applied as the controller applies it: looked up at the command
 Of the readings of several runs the mean over the runs of one direction is corrected, because no
 table can remove what does not repeat; single runs are reported beside it. From every curve the
 offset is removed (a run has no absolute zero), and its line where the table was made from an
-estimate without alignment.
+estimate without alignment; the offset between the directions is judged apart (lost motion).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.core.errors import DataError, SignCheckFailedError, TableError
-from metrosep.core.profile import Profile
-from metrosep.core.runset import Run, RunSet
+from metrosep.compensation.measured import Against, Curve, measured_error
+from metrosep.compensation.reversal import LostMotion, judge_lost_motion
+from metrosep.core.errors import SignCheckFailedError, TableError
 from metrosep.core.units import format_length
 
-__all__ = ["DirectionResidual", "Verification", "dry_run"]
+__all__ = ["Against", "DirectionResidual", "Removed", "Verification", "dry_run"]
 
 FloatArray = NDArray[np.float64]
 Correction = Callable[[FloatArray, int], FloatArray]
@@ -29,16 +29,6 @@ Removed = Literal["offset", "line"]
 
 _GRID_POINTS = 2001
 _NAMES = {1: "forward", -1: "reverse"}
-
-
-class _Evaluates(Protocol):
-    start: float
-    stop: float
-
-    def evaluate(self, x: FloatArray, *, direction: int | None = None) -> FloatArray: ...
-
-
-Against = RunSet | Profile | _Evaluates
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,9 +47,10 @@ class DirectionResidual:
         The same as RMS.
     run_before_rms, run_after_rms : float, m
         Mean RMS of the single runs, with all that does not repeat.
-    u_after_rms : float or None, m
-        Standard uncertainty of `after_rms` from the scatter of the runs, to first order; None
-        for one run.
+    u_after_rms, u_before_rms, u_after_pv, u_before_pv : float or None, m
+        Standard uncertainties from the scatter of the runs, to first order; None for one run.
+        Of a P-V: scatter of the runs between the two places where the mean is largest and
+        smallest; that noise makes every P-V too large is not in it.
     """
 
     direction: int
@@ -73,6 +64,9 @@ class DirectionResidual:
     run_before_rms: float
     run_after_rms: float
     u_after_rms: float | None
+    u_before_rms: float | None = None
+    u_after_pv: float | None = None
+    u_before_pv: float | None = None
 
     @property
     def passed(self) -> bool:
@@ -92,16 +86,23 @@ class Verification:
         What was taken from each curve.
     span : tuple of (float, float), m
         Positions that were compared.
+    lost_motion : LostMotion or None
+        Offset between the directions before and after; None where it was not measured.
+    unproven : tuple of int
+        Directions with a column of their own that no run went through.
     """
 
     residuals: tuple[DirectionResidual, ...]
     removed: Removed
     span: tuple[float, float]
+    lost_motion: LostMotion | None = None
+    unproven: tuple[int, ...] = ()
 
     @property
     def passed(self) -> bool:
-        """Whether the error shrinks in every direction."""
-        return all(r.passed for r in self.residuals)
+        """Whether the error shrinks in every direction and lost motion does not grow."""
+        grows = self.lost_motion is not None and not self.lost_motion.passed
+        return all(r.passed for r in self.residuals) and not grows
 
     @property
     def before_pv(self) -> float:
@@ -157,9 +158,14 @@ class Verification:
                     "run_before_rms_m": r.run_before_rms,
                     "run_after_rms_m": r.run_after_rms,
                     "u_after_rms_m": r.u_after_rms,
+                    "u_before_rms_m": r.u_before_rms,
+                    "u_after_pv_m": r.u_after_pv,
+                    "u_before_pv_m": r.u_before_pv,
                 }
                 for r in self.residuals
             ],
+            "lost_motion": None if self.lost_motion is None else self.lost_motion.to_dict(),
+            "not_verified": [_NAMES[d] for d in self.unproven],
         }
 
     def require(self, what: str) -> None:
@@ -173,7 +179,7 @@ class Verification:
         Raises
         ------
         SignCheckFailedError
-            If P-V or RMS does not shrink in some direction.
+            If P-V or RMS does not shrink in some direction, or lost motion grows.
         """
         for r in self.residuals:
             if not r.passed:
@@ -189,6 +195,14 @@ class Verification:
                     f"{format_length(r.before_rms)} -> {format_length(r.after_rms)}; {hint}; nothing "
                     "was written"
                 )
+        lost = self.lost_motion
+        if lost is not None and not lost.passed:
+            raise SignCheckFailedError(
+                f"{what}: the dry-run makes the lost motion (reverse minus forward) larger: "
+                f"{format_length(lost.before)} -> {format_length(lost.after)}, with the reversed sign "
+                f"{format_length(lost.wrong_sign)}; check the sign of the reverse column, or verify "
+                "with runs between which the sensor was not set to zero; nothing was written"
+            )
 
 
 def dry_run(
@@ -205,8 +219,8 @@ def dry_run(
     ----------
     correction : callable
         ``(positions, direction) -> correction`` in m, the controller's lookup.
-    against : RunSet, Profile or an estimate
-        Measured error e = actual - nominal over position.
+    against : RunSet, Profile, estimate or callable
+        Measured error e = actual - nominal over position; a callable is known over `span`.
     span : tuple of (float, float), m
         Positions to compare; narrowed to what was measured.
     on_axis : bool
@@ -223,8 +237,11 @@ def dry_run(
     ------
     TableError
         If span and measurement do not overlap.
+    DataError
+        If there is no valid sample, or `against` is something else.
     """
-    curves, low, high = _curves(against)
+    measured = measured_error(against, span)
+    low, high = measured.span
     first, last = max(span[0], low), min(span[1], high)
     if not last > first:
         raise TableError(
@@ -233,93 +250,79 @@ def dry_run(
             "the origin of the positions"
         )
     grid = np.linspace(first, last, _GRID_POINTS)
-    residuals = tuple(
-        _direction_residual(d, members, grid, correction, on_axis=on_axis, removed=removed)
-        for d, members in curves.items()
-    )
-    return Verification(residuals, removed, (first, last))
-
-
-Curve = Callable[[FloatArray], FloatArray]
-
-
-def _curves(against: Against) -> tuple[Mapping[int, list[Curve]], float, float]:
-    if isinstance(against, RunSet):
-        ends = np.array([_measured(r) for r in against.runs])
-        return (
-            {
-                d: [_interpolated(r) for r in against.runs if r.direction == d]
-                for d in reversed(against.directions)
-            },
-            float(ends[:, 0].max()),
-            float(ends[:, 1].min()),
+    applied = {
+        d: _apply(members, grid, correction(grid, d), on_axis=on_axis)
+        for d, members in measured.curves.items()
+    }
+    residuals = tuple(_residual(d, three, grid, removed) for d, three in applied.items())
+    forward, reverse = correction(grid, 1), correction(grid, -1)
+    lost = None
+    if measured.knows_lost_motion:
+        means = [{d: three[i].mean(axis=1) for d, three in applied.items()} for i in range(3)]
+        lost = judge_lost_motion(
+            *means,
+            step=float(np.mean(reverse - forward)),
+            u=measured.u_lost_motion,
+            residual_rms=max(r.after_rms for r in residuals),
         )
-    if isinstance(against, Profile):
-        curve = _interpolated(against)
-        return {1: [curve], -1: [curve]}, *_measured(against)
+    missing = () if np.array_equal(forward, reverse) else tuple({1, -1} - set(applied))
+    return Verification(residuals, removed, (first, last), lost, missing)
+
+
+def _apply(
+    members: list[Curve], grid: FloatArray, c: FloatArray, *, on_axis: bool
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the runs without, with and with the negated correction, shape (runs, positions)."""
     return (
-        {d: [_of_estimate(against, d)] for d in (1, -1)},
-        against.start,
-        against.stop,
+        np.array([f(grid) for f in members]),
+        np.array([f(grid + c * on_axis) + c for f in members]),
+        np.array([f(grid - c * on_axis) - c for f in members]),
     )
 
 
-def _of_estimate(estimate: _Evaluates, direction: int) -> Curve:
-    def curve(x: FloatArray) -> FloatArray:
-        inside = np.clip(x, estimate.start, estimate.stop)
-        return estimate.evaluate(inside, direction=direction)
-
-    return curve
-
-
-def _measured(source: Run | Profile) -> tuple[float, float]:
-    """First and last position that was measured: what is not is not compared."""
-    x = source.x[~np.isnan(source.z)]
-    if x.size == 0:
-        raise DataError("there is no valid sample to dry-run the table against")
-    return float(x.min()), float(x.max())
-
-
-def _interpolated(source: Run | Profile) -> Curve:
-    valid = ~np.isnan(source.z)
-    order = np.argsort(source.x[valid])
-    x, z = source.x[valid][order], source.z[valid][order]
-    return lambda p: np.interp(p, x, z)
-
-
-def _direction_residual(
+def _residual(
     direction: int,
-    members: list[Curve],
+    applied: tuple[FloatArray, FloatArray, FloatArray],
     grid: FloatArray,
-    correction: Correction,
-    *,
-    on_axis: bool,
     removed: Removed,
 ) -> DirectionResidual:
-    c = correction(grid, direction)
-    before = np.array([_leveled(f(grid), grid, removed) for f in members])
-    after = np.array([_leveled(f(grid + c * on_axis) + c, grid, removed) for f in members])
-    wrong = np.array([_leveled(f(grid - c * on_axis) - c, grid, removed) for f in members])
-    n = len(members)
-    mean = after.mean(axis=0)
-    rms = float(mean.std())
+    before, after, wrong = (
+        np.array([_leveled(run, grid, removed) for run in runs]) for runs in applied
+    )
+    mean, plain, flipped = after.mean(axis=0), before.mean(axis=0), wrong.mean(axis=0)
     return DirectionResidual(
         direction=direction,
-        n_runs=n,
-        before_pv=float(np.ptp(before.mean(axis=0))),
+        n_runs=len(after),
+        before_pv=float(np.ptp(plain)),
         after_pv=float(np.ptp(mean)),
-        wrong_sign_pv=float(np.ptp(wrong.mean(axis=0))),
-        before_rms=float(before.mean(axis=0).std()),
-        after_rms=rms,
-        wrong_sign_rms=float(wrong.mean(axis=0).std()),
+        wrong_sign_pv=float(np.ptp(flipped)),
+        before_rms=float(plain.std()),
+        after_rms=float(mean.std()),
+        wrong_sign_rms=float(flipped.std()),
         run_before_rms=float(before.std(axis=1).mean()),
         run_after_rms=float(after.std(axis=1).mean()),
-        u_after_rms=_scatter(after @ mean / mean.size / rms) if n > 1 and rms > 0.0 else None,
+        u_after_rms=_u_rms(after),
+        u_before_rms=_u_rms(before),
+        u_after_pv=_u_pv(after),
+        u_before_pv=_u_pv(before),
     )
+
+
+def _u_rms(runs: FloatArray) -> float | None:
+    mean = runs.mean(axis=0)
+    rms = float(mean.std())
+    return _scatter(runs @ mean / mean.size / rms) if len(runs) > 1 and rms > 0.0 else None
+
+
+def _u_pv(runs: FloatArray) -> float | None:
+    mean = runs.mean(axis=0)
+    if len(runs) < 2:
+        return None
+    return _scatter(runs[:, int(mean.argmax())] - runs[:, int(mean.argmin())])
 
 
 def _scatter(shares: FloatArray) -> float:
-    """Return the standard uncertainty of a mean: each run's share in the RMS of the mean curve."""
+    """Return the standard uncertainty of the mean of what each run contributes."""
     return float(shares.std(ddof=1) / np.sqrt(shares.size))
 
 

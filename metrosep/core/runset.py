@@ -230,6 +230,8 @@ class RunSet:
         history: tuple[Step, ...] = (),
     ) -> None:
         items: list[Run] = []
+        if isinstance(runs, Run | Profile):
+            raise InvalidSamplesError("a RunSet needs a list of runs, got one; pass RunSet([run])")
         for i, item in enumerate(runs):
             run = item
             if isinstance(item, Profile):
@@ -337,7 +339,11 @@ class RunSet:
         ------
         TooFewSamplesError
             If none is left.
+        DataError
+            If `feed` is not positive.
         """
+        if feed is not None and not (math.isfinite(feed) and feed > 0.0):
+            raise DataError(f"feed must be positive and finite, in m/s, got {feed}")
         kept: Sequence[Run] = [
             r
             for r in self.runs
@@ -366,24 +372,30 @@ class RunSet:
 
     def __repr__(self) -> str:
         feeds, ways = self._summary()
-        low, high = self.common_travel
         plural = "run" if len(self) == 1 else "runs"
         return (
             f"RunSet({len(self)} {plural}, {feeds}, {ways}, common travel "
-            f"{format_length(low)} ... {format_length(high)})"
+            f"{self._travel_text(' ... ')})"
         )
+
+    def _travel_text(self, to: str) -> str:
+        """Return the common travel as text; a set without one must still be printable."""
+        try:
+            low, high = self.common_travel
+        except InvalidSamplesError:
+            return "none"
+        return f"{format_length(low)}{to}{format_length(high)}"
 
     def _repr_html_(self) -> str:
         """Return a small table for notebooks."""
         feeds, ways = self._summary()
-        low, high = self.common_travel
         return html_table(
             "RunSet",
             {
                 "runs": str(len(self)),
                 "feeds": feeds,
                 "directions": ways,
-                "common travel": f"{format_length(low)} … {format_length(high)}",
+                "common travel": self._travel_text(" … "),
                 "samples": str(sum(len(r) for r in self.runs)),
                 "not measured": str(sum(r.n_invalid for r in self.runs)),
                 "history": " → ".join(s.name for s in self.history) or "made in memory",

@@ -18,11 +18,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core.atomic import atomic_write
-from metrosep.core.errors import CorruptFileError, ReadError
+from metrosep.core.errors import CorruptFileError, DataError, ReadError
 from metrosep.core.runset import Run, RunSet
 from metrosep.separation.base import ErrorEstimate
 
-__all__ = ["SCHEMA", "Result", "clean", "load_document", "measured_runs", "plot_data"]
+__all__ = [
+    "SCHEMA",
+    "Result",
+    "clean",
+    "load_document",
+    "measured_runs",
+    "plot_data",
+    "stored_estimate",
+]
 
 FloatArray = NDArray[np.float64]
 
@@ -268,14 +276,54 @@ def measured_runs(document: Mapping[str, Any]) -> RunSet:
     CorruptFileError
         If the document holds no runs.
     """
-    runs = []
-    for entry in document.get("plots", {}).get("feeds", []):
-        x = np.array(entry["x_mm"], dtype=np.float64) * _MM
-        z = np.array([math.nan if v is None else v for v in entry["before_nm"]]) * _NM
-        order = slice(None) if entry["direction"] == "forward" else slice(None, None, -1)
-        runs.append(Run(x[order], z[order], run_id=f"{entry['feed_mm_min']} mm/min"))
+    try:
+        runs = [_stored_run(entry) for entry in document["plots"]["feeds"]]
+    except (AttributeError, KeyError, TypeError, ValueError, DataError) as exc:
+        raise _damaged("plots", exc) from None
     if not runs:
         raise CorruptFileError(
             "result.json", "it holds no runs to dry-run against", hint="run the separation again"
         )
     return RunSet(runs)
+
+
+def stored_estimate(document: Mapping[str, Any]) -> ErrorEstimate:
+    """Return the separated error of a result.
+
+    Parameters
+    ----------
+    document : mapping
+        Content of result.json.
+
+    Returns
+    -------
+    ErrorEstimate
+        As it was separated.
+
+    Raises
+    ------
+    CorruptFileError
+        If the document holds none.
+    """
+    try:
+        return ErrorEstimate.from_dict(document["estimate"])
+    except (AttributeError, KeyError, TypeError, ValueError, DataError) as exc:
+        raise _damaged("estimate", exc) from None
+
+
+def _stored_run(entry: Mapping[str, Any]) -> Run:
+    x = np.array(entry["x_mm"], dtype=np.float64) * _MM
+    z = np.array([math.nan if v is None else v for v in entry["before_nm"]]) * _NM
+    if x.shape != z.shape:
+        raise ValueError(f"{x.size} positions but {z.size} readings")
+    order = slice(None) if entry["direction"] == "forward" else slice(None, None, -1)
+    return Run(x[order], z[order], run_id=f"{entry['feed_mm_min']} mm/min")
+
+
+def _damaged(field: str, cause: Exception) -> CorruptFileError:
+    return CorruptFileError(
+        "result.json",
+        f"a part of it is missing or damaged ({type(cause).__name__}: {cause})",
+        field=field,
+        hint="run the separation again",
+    )

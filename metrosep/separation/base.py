@@ -308,11 +308,12 @@ class ErrorEstimate:
 
     def __repr__(self) -> str:
         ways = ", ".join(_NAMES.get(d, "direction not distinguished") for d in self.directions)
-        x = np.linspace(self.start, self.stop, 501)
+        sd = self.sd(np.linspace(self.start, self.stop, 501))
+        known = sd[~np.isnan(sd)]
+        band = format_length(float(known.mean()), digits=2) if known.size else "not known"
         return (
             f"ErrorEstimate({self.method}, {format_length(self.start)} ... "
-            f"{format_length(self.stop)}, {ways}, P-V {self.peak_to_valley()}, mean sd "
-            f"{format_length(float(np.nanmean(self.sd(x))), digits=2)})"
+            f"{format_length(self.stop)}, {ways}, P-V {self.peak_to_valley()}, mean sd {band})"
         )
 
     def _repr_html_(self) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core.errors import DataError
-from metrosep.spectral.dft import fourier_basis
+from metrosep.spectral.dft import fourier_sum
 
 __all__ = ["LINE_POINTS", "Curve", "FourierCurve", "SampledCurve", "curve_from_dict"]
 
@@ -59,11 +59,11 @@ class FourierCurve:
     def __call__(self, x: ArrayLike) -> FloatArray:
         """Return the values at positions in m; NaN outside the travel."""
         xs = np.atleast_1d(np.asarray(x, dtype=np.float64))
-        basis = fourier_basis(
-            xs, origin=self.origin, period=self.period, n_harmonics=self.cosine.size
-        )
+        both = np.concatenate([self.cosine, self.sine])
         z = self.offset + self.slope * (xs - self.origin)
-        z += basis @ np.concatenate([self.cosine, self.sine])
+        z += fourier_sum(xs.ravel(), both, origin=self.origin, period=self.period).reshape(
+            xs.shape
+        )
         return np.where(_inside(xs, self.travel), z, np.nan)
 
     def to_dict(self) -> dict[str, Any]:

@@ -149,6 +149,9 @@ def evaluation_range(
         If the range is not covered by every run, or if none was stated and the runs have
         different travels.
     """
+    for name, value in (("start", start), ("length", length)):
+        if value is not None and not np.isfinite(value):
+            raise InvalidSamplesError(f"{name} must be a finite number in m, got {value}")
     low, high = runs.common_travel
     widest_low, widest_high = runs.full_travel
     travel = high - low

@@ -31,6 +31,24 @@ _MM_PER_MIN = 6e4
 """mm/min in one m/s."""
 
 
+_CLOSE_FEEDS = 0.2
+"""Feeds that spread less than this, relative, are worth a sentence."""
+
+
+def _close_feeds(feeds: tuple[float, ...], travel: float) -> list[str]:
+    """Say which wavelengths feeds that hardly differ cannot tell from a vibration."""
+    if len(feeds) < 2 or feeds[0] <= (1.0 - _CLOSE_FEEDS) * feeds[-1]:
+        return []
+    spread = 1.0 - feeds[0] / feeds[-1]
+    slower, faster = 0.5 * feeds[0] * _MM_PER_MIN, 2.0 * feeds[-1] * _MM_PER_MIN
+    sentence = (
+        f"the feedrates differ by {spread * 100:.2g} % only: at wavelengths above "
+        f"{spread * travel * 1e3:.2g} mm a vibration cannot be told from geometry; add runs at "
+        f"{slower:.0f} or {faster:.0f} mm/min"
+    )
+    return [sentence]
+
+
 def noise_peaks(model: AutoregressiveModel, *, n_max: int = 4) -> list[float]:
     """Return the frequencies of the strongest resonances of a noise model.
 
@@ -92,8 +110,11 @@ def explain_disturbances(
         w * 1e-3 for w, s in zip(spectrum["wavelength_mm"], spectrum["selected"], strict=True) if s
     ]
     sentences = []
-    frequencies = sorted({round(f, 1) for m in solution.noise for f in noise_peaks(m)})
-    for frequency in frequencies:
+    found = sorted({round(f, 1) for m in solution.noise for f in noise_peaks(m)})
+    cell = max(runs.feeds) / travel  # noise models of two sampling rates see the same vibration
+    for i, frequency in enumerate(found):
+        if i and frequency - found[i - 1] < 0.25 * cell:
+            continue
         hit = _collisions(frequency, runs.feeds, waves, travel)
         if hit:
             sentences.append(_collision_sentence(frequency, hit, runs.feeds, waves, travel))
@@ -147,7 +168,7 @@ def _better_feed(
     return None if best is None else best[1]
 
 
-def explain_lag(solution: Solution, *, fitted: bool) -> tuple[str, ...]:
+def explain_lag(solution: Solution, *, fitted: bool, n_selected: int = 1) -> tuple[str, ...]:
     """Say what the fitted lag is and whether the data determine it.
 
     Parameters
@@ -156,6 +177,8 @@ def explain_lag(solution: Solution, *, fitted: bool) -> tuple[str, ...]:
         With lag and its uncertainty.
     fitted : bool
         Whether the lag was fitted.
+    n_selected : int, optional
+        Wavelengths that repeat beyond chance; without any, nothing shows a lag.
 
     Returns
     -------
@@ -165,7 +188,7 @@ def explain_lag(solution: Solution, *, fitted: bool) -> tuple[str, ...]:
     if not fitted:
         return ()
     value, sd = solution.lag * 1e3, solution.lag_sd * 1e3
-    if sd > 2.0:
+    if sd > 2.0 or n_selected == 0:
         return (
             (
                 f"the lag is not determined by these runs ({value:.2f} ms, sd {sd:.2f} ms): the error has "
@@ -184,7 +207,7 @@ def explain_resolution(
     ----------
     solution : Solution
         With the chosen number of harmonics.
-    limit : {"stated", "sampling", "cost"}
+    limit : {"stated", "sampling", "cost", "data"}
         What bounded the wavelengths that were considered.
     travel : float, m
         Length of the runs.
@@ -200,11 +223,17 @@ def explain_resolution(
     """
     sentences = []
     considered = solution.amplitude.size
-    if limit == "cost" and solution.n_harmonics > 0.9 * considered:
+    below = f"wavelengths below {solution.period / considered * 1e3:.3g} mm were not considered"
+    if limit == "cost":
+        evidence = solution.n_harmonics > 0.9 * considered
+        although = " although there is evidence down to this limit" if evidence else ""
+        sentences.append(f"{below}{although}; state shortest= to go further")
+    if limit == "data":
         sentences.append(
-            f"wavelengths below {solution.period / considered * 1e3:.3g} mm were not considered "
-            "although there is evidence down to this limit; state shortest= to go further"
+            f"{below}, although shortest= asks for them: the runs have too few samples for so many "
+            "wavelengths; add runs or sample faster"
         )
+    sentences += _close_feeds(runs.feeds, travel)
     if len(runs.feeds) == 1:
         sentences.append(
             f"one feedrate only ({runs.feeds[0] * _MM_PER_MIN:.0f} mm/min): a vibration that starts "

@@ -162,7 +162,7 @@ def separate_kono(
     uncertainty = _kono_sd(members * selection.kept, origin, l_x, (first, last))
     audit = {
         "n_runs": len(runs),
-        "feeds_mm_per_min": [f * 6e4 for f in spectra.feeds],
+        "feeds_mm_per_min": [f * 6e4 for f in runs.feeds],
         "values_from": used,
         "modelling_length_mm": l_x / _MM,
         "flat_part_mm": [
@@ -188,6 +188,12 @@ def separate_kono(
         "mean_removed_before_taper": True,
         "line_removed": "least squares over l_x before the taper, and over the evaluation range",
     }
+    if members.shape[0] < 2:
+        single = (
+            "the values come from one run: there is no scatter to tell an uncertainty from; "
+            "repeat the run, or use values='all'"
+        )
+        messages += (single,)
     residual = _residual(runs, curve)
     slopes = np.array(spectra.slopes)
     return ErrorEstimate(
@@ -239,6 +245,10 @@ def _lengths(
     """Return x_st, l_x, evaluation start and stop, and warnings."""
     if not 0.0 < taper_fraction < 0.5:
         raise DataError(f"taper_fraction must be in (0, 0.5), got {taper_fraction}")
+    if modelling_length is not None and not (
+        math.isfinite(modelling_length) and modelling_length > 0.0
+    ):
+        raise DataError(f"modelling_length must be positive, in m, got {modelling_length}")
     low, high = runs.common_travel
     flat = 1.0 - 2.0 * taper_fraction
     if length is None and start is None:
@@ -280,12 +290,16 @@ def _values(
         return members.mean(axis=0), members, f"mean of all {members.shape[0]} runs"
     index = _feed_index(spectra, feed)
     members = spectra.per_run[index]
-    text = f"mean of {members.shape[0]} run(s) at {spectra.feeds[index] * 6e4:.6g} mm/min"
+    known = math.isfinite(spectra.feeds[index])
+    where = f"at {spectra.feeds[index] * 6e4:.6g} mm/min" if known else "of unknown feed"
+    text = f"mean of {members.shape[0]} run(s) {where}"
     return spectra.coefficients[index], members, text
 
 
 def _feed_index(spectra: FeedSpectra, feed: float | None) -> int:
     feeds = np.array(spectra.feeds)
+    if feed is not None and not (math.isfinite(feed) and feed > 0.0):
+        raise DataError(f"feed must be positive and finite, in m/s, got {feed}")
     if feed is None:
         return int(feeds.size - 1) // 2
     index = int(np.argmin(np.abs(feeds - feed)))

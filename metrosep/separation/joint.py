@@ -19,7 +19,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.core.errors import NotSeparableError, UnitError
+from metrosep.core.errors import DataError, NotSeparableError, UnitError
 from metrosep.core.quantity import Quantity
 from metrosep.core.runset import RunSet
 from metrosep.core.units import format_length
@@ -117,6 +117,8 @@ def separate_joint(
 
     Raises
     ------
+    DataError
+        If `false_discovery_rate` is out of range.
     NotSeparableError
         If there are fewer feedrates than `min_feeds`, or the lag is to be fitted from one.
     UnitError
@@ -124,6 +126,10 @@ def separate_joint(
     InvalidSamplesError, NotUniformError, TooFewSamplesError
         If the runs have no usable time, cover different travels or are too short.
     """
+    if not 0.0 < false_discovery_rate < 1.0:
+        raise DataError(
+            f"false_discovery_rate must be in (0, 1), got {false_discovery_rate}; 5 % is 0.05"
+        )
     _check_feeds(runs, min_feeds=min_feeds, fit_lag=lag == "fit")
     first, last = evaluation_range(runs, start=start, length=length)
     prepared = prepare_runs(runs)
@@ -150,7 +156,7 @@ def separate_joint(
             runs=runs,
             n_selected=sum(spectrum["selected"]),
         ),
-        *explain_lag(solution, fitted=lag == "fit"),
+        *explain_lag(solution, fitted=lag == "fit", n_selected=sum(spectrum["selected"])),
         *explain_disturbances(solution, runs, spectrum),
     )
     residual = np.concatenate(solution.residuals)
@@ -176,9 +182,16 @@ def separate_joint(
 def _check_feeds(runs: RunSet, *, min_feeds: int, fit_lag: bool) -> None:
     feeds = runs.feeds
     have = ", ".join(f"{f * 6e4:.6g} mm/min" for f in feeds) or "no feedrate"
+    way = " and ".join("forward" if d > 0 else "reverse" for d in runs.directions)
+    if not feeds and min_feeds > 0:
+        raise NotSeparableError(
+            f"the {way} runs have no feedrate and no time; the joint method needs time to tell "
+            "vibration from geometry: give a time column, the sampling rate or the feed of each "
+            "run (or use method='mean')"
+        )
     if len(feeds) < min_feeds:
         raise NotSeparableError(
-            f"the runs have {len(feeds)} feedrate(s) ({have}), the separation needs {min_feeds}: a "
+            f"the {way} runs have {len(feeds)} feedrate(s) ({have}), the separation needs {min_feeds}: a "
             "vibration and a geometric error of the same wavelength look alike at one feedrate; "
             "add runs at another feedrate, or accept averaging with method='mean' or min_feeds=1"
         )
@@ -209,7 +222,8 @@ def _n_harmonics(
                 f"{format_length(floor)} (2.5 sample pitches) and {format_length(period)}; it is in "
                 "metres: 1.2 mm is 1.2e-3"
             )
-        return min(int(period / shortest * (1.0 + 1e-12)), by_data), "stated"
+        wanted = int(period / shortest * (1.0 + 1e-12))
+        return min(wanted, by_data), "stated" if wanted <= by_data else "data"
     by_pitch = int(period / floor)
     return min(by_pitch, by_data, _MAX_HARMONICS), (
         "cost" if by_pitch > _MAX_HARMONICS else "sampling"

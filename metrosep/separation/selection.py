@@ -166,7 +166,8 @@ def select_wavelengths(
     coherent = spectra.coherence >= rule.min_coherence
     passed = (sigma < sigma_t) & (mean > p_t) & coherent
     if shortest is not None:
-        m = math.floor(length / shortest * (1.0 + 1e-9))
+        usable = math.isfinite(shortest) and shortest > 0.0
+        m = math.floor(length / shortest * (1.0 + 1e-9)) if usable else 0
         if not 1 <= m <= n:
             raise UnitError(
                 f"shortest is {format_length(shortest)}; it must lie between "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any, Literal
 
 import numpy as np
@@ -13,6 +14,7 @@ from metrosep.core.quantity import Quantity
 from metrosep.core.runset import RunSet
 from metrosep.separation.average import separate_mean
 from metrosep.separation.base import ErrorEstimate
+from metrosep.separation.design import evaluation_range
 from metrosep.separation.fourier import separate_kono
 from metrosep.separation.joint import separate_joint
 
@@ -102,13 +104,15 @@ def separate(
     if unknown:
         known = ", ".join(_OPTIONS[method])
         raise DataError(f"method {method!r} has no option {unknown[0]!r}; it knows {known}")
+    _check_types(runs, lag)
     if method != "joint" and lag != 0.0:
         raise DataError(f"method {method!r} works in space and has no lag; use method='joint'")
     if method == "mean" and shortest is not None:
         raise DataError("method 'mean' does not filter, so it has no shortest wavelength")
+    common = _common_range(runs, method, start, length, options)
     parts = {
         d: _separate_one(
-            runs.select(direction=d), method, length, start, shortest, lag, dict(options)
+            runs.select(direction=d), method, common[1], common[0], shortest, lag, dict(options)
         )
         for d in runs.directions
     }
@@ -128,6 +132,39 @@ def separate(
         direction, part = next(iter(parts.items()))
         return _renamed(part, {direction: part}, runs, history)
     return _renamed(parts[1], parts, runs, history)
+
+
+def _check_types(runs: object, lag: object) -> None:
+    if not isinstance(runs, RunSet):
+        raise DataError(
+            f"separate needs a RunSet, got {type(runs).__name__}; wrap the runs: RunSet([run, ...])"
+        )
+    if isinstance(lag, str) and lag == "fit":
+        return
+    if isinstance(lag, bool) or not isinstance(lag, int | float | np.integer | np.floating):
+        raise DataError(f"lag is a number in seconds or 'fit', got {lag!r}")
+
+
+def _common_range(
+    runs: RunSet,
+    method: str,
+    start: float | None,
+    length: float | None,
+    options: Mapping[str, Any],
+) -> tuple[float | None, float | None]:
+    """Return start and length that both directions share: each alone would centre its own."""
+    if len(runs.directions) == 1:
+        return start, length
+    if method == "mean" and options.get("feed") is not None:
+        runs = runs.select(feed=options["feed"])
+    first, last = evaluation_range(runs, start=start, length=length)
+    if method == "kono" and start is None and length is None:
+        low, high = runs.common_travel
+        l_x = options.get("modelling_length") or high - low
+        half = (0.5 - options.get("taper_fraction", 0.1)) * l_x
+        first, last = (low + high) / 2.0 - half, (low + high) / 2.0 + half
+        return (first, last - first) if last > first else (start, length)
+    return first, last - first
 
 
 def _separate_one(

@@ -107,10 +107,11 @@ class _System:
                 "the readings are constant in every run: there is no error and no noise to "
                 "separate; check that the sensor moved with the axis"
             )
-        self.scale = rms
         self.centre = float(np.mean([r.x.mean() for r in runs]))
         self.half = max(float(np.ptp(r.x)) for r in runs) / 2.0
-        self.z = [r.z / rms for r in runs]
+        # The prior is relative to this scale, so the alignment slope must not be in it.
+        self.scale = max(_rms_about_line(runs), 1e-9 * rms)
+        self.z = [r.z / self.scale for r in runs]
         self.groups = _time_step_groups(runs)
         self.noise = [
             AutoregressiveModel(np.empty(0), 0.25, runs[g[0]].time_step) for g in self.groups
@@ -188,6 +189,15 @@ class _System:
         """Make the lag an unknown of the next solution."""
         self.solution = np.insert(self.solution, self.n_fixed, 0.0)
         self.has_lag_column = True
+
+
+def _rms_about_line(runs: Sequence[PreparedRun]) -> float:
+    """Return the RMS of the readings about one slope and an offset for each run."""
+    pairs = [
+        (r.x[v] - r.x[v].mean(), r.z[v] - r.z[v].mean()) for r in runs for v in [~np.isnan(r.z)]
+    ]
+    x, z = (np.concatenate(part) for part in zip(*pairs, strict=True))
+    return float(np.sqrt(np.mean((z - (x @ z) / (x @ x) * x) ** 2)))
 
 
 def _time_step_groups(runs: Sequence[PreparedRun]) -> list[list[int]]:

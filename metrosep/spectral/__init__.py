@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from metrosep.spectral.autoregressive import AutoregressiveModel, fit_autoregressive, whiten
-from metrosep.spectral.dft import fourier_basis, fourier_coefficients
+from metrosep.spectral.dft import fourier_basis, fourier_coefficients, fourier_sum
 from metrosep.spectral.psd import pooled_periodogram
 from metrosep.spectral.window import kono_weights, tukey_weights
 
@@ -12,6 +12,7 @@ __all__ = [
     "fit_autoregressive",
     "fourier_basis",
     "fourier_coefficients",
+    "fourier_sum",
     "kono_weights",
     "pooled_periodogram",
     "tukey_weights",

@@ -12,9 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core.errors import DataError
 
-__all__ = ["fourier_basis", "fourier_coefficients"]
+__all__ = ["fourier_basis", "fourier_coefficients", "fourier_sum"]
 
 FloatArray = NDArray[np.float64]
+
+_MAX_CELLS = 4_000_000
+"""Cells of the basis held at a time, 32 MB."""
 
 
 def fourier_basis(x: ArrayLike, *, origin: float, period: float, n_harmonics: int) -> FloatArray:
@@ -40,6 +43,39 @@ def fourier_basis(x: ArrayLike, *, origin: float, period: float, n_harmonics: in
         np.asarray(x, dtype=np.float64) - origin, np.arange(1, n_harmonics + 1)
     )
     return np.hstack([np.cos(phase), np.sin(phase)])
+
+
+def _row_blocks(n_rows: int, n_harmonics: int) -> list[slice]:
+    size = max(1, _MAX_CELLS // max(2 * n_harmonics, 1))
+    return [slice(first, first + size) for first in range(0, n_rows, size)]
+
+
+def fourier_sum(
+    x: ArrayLike, coefficients: ArrayLike, *, origin: float, period: float
+) -> FloatArray:
+    """Return the Fourier series at positions, in bounded memory.
+
+    Parameters
+    ----------
+    x : array_like, shape (n,), m
+        Positions.
+    coefficients : array_like, shape (2 K,)
+        Cosine, then sine coefficients of the harmonics 1 ... K.
+    origin, period : float, m
+        As for `fourier_basis`.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        ``sum a_k cos + b_k sin``, unit of the coefficients.
+    """
+    xs = np.asarray(x, dtype=np.float64)
+    both = np.asarray(coefficients, dtype=np.float64)
+    k = both.size // 2
+    total = np.empty(xs.size)
+    for part in _row_blocks(xs.size, k):
+        total[part] = fourier_basis(xs[part], origin=origin, period=period, n_harmonics=k) @ both
+    return total
 
 
 def fourier_coefficients(
@@ -92,6 +128,8 @@ def fourier_coefficients(
     cell = np.abs(np.gradient(xs))
     cell /= cell.sum()
     weighted = zs * cell if weights is None else zs * cell * np.asarray(weights, dtype=np.float64)
-    basis = fourier_basis(xs, origin=origin, period=period, n_harmonics=n_harmonics)
-    sums = 2.0 * (weighted @ basis)
+    sums = np.zeros(2 * n_harmonics)
+    for part in _row_blocks(xs.size, n_harmonics):
+        basis = fourier_basis(xs[part], origin=origin, period=period, n_harmonics=n_harmonics)
+        sums += 2.0 * (weighted[part] @ basis)
     return np.asarray(sums[:n_harmonics] + 1j * sums[n_harmonics:], dtype=np.complex128)

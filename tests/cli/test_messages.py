@@ -204,3 +204,63 @@ def test_an_interrupted_run_leaves_nothing(runs_csv, tmp_path):
     assert process.returncode == 130
     assert said.splitlines()[-1] == "error: interrupted; nothing half-written was left behind"
     assert not (tmp_path / "out").exists()
+
+
+@pytest.fixture(scope="module")
+def result_folder(runs_csv, tmp_path_factory):
+    out = tmp_path_factory.mktemp("result")
+    words = ["separate", str(runs_csv), *COLUMNS, "--table", "linuxcnc=x.comp", "-o", str(out)]
+    with pytest.raises(SystemExit) as stop:
+        main(["-q", *words])
+    assert stop.value.code == 0
+    return out
+
+
+def test_a_table_cut_short_is_not_verified(failing, runs_csv, result_folder, tmp_path):
+    rows = (result_folder / "x.comp").read_text().splitlines(keepends=True)
+    (tmp_path / "x.comp").write_text("".join(rows[:15]))
+    sidecar = (result_folder / "x.comp.json").read_bytes()
+    (tmp_path / "x.comp.json").write_bytes(sidecar)
+
+    code, line = failing("verify", tmp_path / "x.comp", "--against", runs_csv, *COLUMNS)
+
+    assert code == 4
+    assert "not the table that its sidecar describes" in line
+
+
+def test_the_span_of_a_dry_run_is_told(capsys, runs_csv, result_folder, tmp_path):
+    rows = (result_folder / "x.comp").read_text().splitlines(keepends=True)
+    short = tmp_path / "short.comp"
+    short.write_text("".join(rows[:15]))
+    ends = [float(rows[i].split()[0]) for i in (0, 14)]
+
+    with pytest.raises(SystemExit):
+        main(["verify", str(short), "--against", str(runs_csv), *COLUMNS])
+
+    assert f"dry-run forward, {ends[0]:g} ... {ends[1]:g} mm: P-V" in capsys.readouterr().err
+
+
+def test_an_existing_table_is_kept_unless_forced(failing, capsys, result_folder, tmp_path):
+    target = tmp_path / "x.comp"
+    target.write_text("mine")
+
+    code, line = failing("table", result_folder, "-o", target)
+
+    assert code == 2
+    assert "choose another name or give --force" in line
+    assert target.read_text() == "mine"
+    with pytest.raises(SystemExit) as stop:
+        main(["table", str(result_folder), "-o", str(target), "--force"])
+    assert stop.value.code == 0
+    assert target.read_text() != "mine"
+
+
+@pytest.mark.parametrize("content", ["", "{", "[]", '{"schema": "metrosep.result/1"}'])
+def test_a_damaged_result_gives_no_table(failing, tmp_path, content):
+    (tmp_path / "result.json").write_text(content)
+
+    code, line = failing("table", tmp_path / "result.json", "-o", tmp_path / "x.comp")
+
+    assert code == 4
+    assert "result.json" in line
+    assert not (tmp_path / "x.comp").exists()

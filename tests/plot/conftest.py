@@ -2,39 +2,39 @@
 
 import copy
 import importlib.util
+import sys
 from pathlib import Path
 
 import pytest
 
 MAKER = Path(__file__).resolve().parents[1] / "plot" / "documents.py"
+NAME = "metrosep_test_documents"
 
 
 @pytest.fixture(scope="session")
-def _made():
-    """Documents by method and directions, made once."""
-    spec = importlib.util.spec_from_file_location("documents", MAKER)
-    maker = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(maker)
-    return {
-        ("joint", 2): maker.make_document("joint", (1, -1)),
-        ("kono", 1): maker.make_document("kono", (1,)),
-        ("mean", 1): maker.make_document("mean", (1,)),
-    }
+def make_document():
+    """Copy of the document of a method, made once for the plots and the reports."""
+    if NAME not in sys.modules:
+        spec = importlib.util.spec_from_file_location(NAME, MAKER)
+        sys.modules[NAME] = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(sys.modules[NAME])
+    made = sys.modules[NAME].make_document
+    return lambda method, directions: copy.deepcopy(made(method, directions))
 
 
 @pytest.fixture
-def document(_made):
+def document(make_document):
     """Result of the joint method with both directions and a table."""
-    return copy.deepcopy(_made["joint", 2])
+    return make_document("joint", (1, -1))
 
 
 @pytest.fixture(params=["kono", "mean"])
-def plain_document(_made, request):
+def plain_document(make_document, request):
     """Result of a method without a residual PSD; of the mean without a spectrum."""
-    return copy.deepcopy(_made[request.param, 1])
+    return make_document(request.param, (1,))
 
 
 @pytest.fixture
-def mean_document(_made):
+def mean_document(make_document):
     """Result of the mean: no selected wavelengths, no residual PSD."""
-    return copy.deepcopy(_made["mean", 1])
+    return make_document("mean", (1,))

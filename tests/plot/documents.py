@@ -1,5 +1,6 @@
 """A document as json.load gives it from a result.json, made from a simulated axis."""
 
+import functools
 import json
 
 from metrosep.compensation import CompensationTable, fit_polynomial
@@ -16,6 +17,7 @@ length = "45 mm"
 """
 
 
+@functools.cache
 def make_document(method, directions):
     axis = machine_axis(
         seed=7, directions=directions, lost_motion=0.3e-6 if len(directions) > 1 else 0.0

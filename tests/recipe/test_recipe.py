@@ -13,7 +13,7 @@ from metrosep.errors import (
     SignCheckFailedError,
     UnsupportedFeatureError,
 )
-from metrosep.recipe.result import clean, load_document, measured_runs
+from metrosep.recipe.result import clean, load_document, measured_runs, stored_estimate
 from metrosep.separation import ErrorEstimate, machine_axis
 
 GOOD = """metrosep = 1
@@ -232,3 +232,36 @@ def test_machine_limits_need_units(folder, tmp_path):
     text = text.replace("stroke = 5", 'stroke = "10 nm"')
     with pytest.raises(Exception, match="the stroke 10 nm"):
         Recipe.parse(text).run(folder, out=tmp_path)
+
+
+@pytest.fixture(scope="module")
+def stored(folder):
+    return Recipe.parse(GOOD).run(folder).to_json()
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        pytest.param(lambda d: d.pop("plots"), id="no plots"),
+        pytest.param(lambda d: d.update(plots=None), id="plots null"),
+        pytest.param(lambda d: d["plots"].update(feeds=[{"x_mm": [1.0]}]), id="feed incomplete"),
+        pytest.param(lambda d: d["plots"].update(feeds=[]), id="no feeds"),
+        pytest.param(
+            lambda d: d["plots"]["feeds"][0].update(before_nm=[1.0, 2.0]), id="lengths differ"
+        ),
+        pytest.param(lambda d: d["plots"]["feeds"][0].update(x_mm=["a"]), id="no number"),
+        pytest.param(lambda d: d.pop("estimate"), id="no estimate"),
+        pytest.param(lambda d: d.update(estimate=None), id="estimate null"),
+        pytest.param(lambda d: d["estimate"].update(start_m="x"), id="text for number"),
+        pytest.param(lambda d: d["estimate"].popitem(), id="estimate incomplete"),
+    ],
+)
+def test_parts_that_are_missing_in_a_result_are_named(stored, damage):
+    document = json.loads(stored)
+    damage(document)
+
+    def use():
+        return measured_runs(document), stored_estimate(document)
+
+    with pytest.raises(CorruptFileError, match="run the separation again"):
+        use()

@@ -1,0 +1,156 @@
+"""Defects found by a review: each test failed before its mend."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from metrosep.core.errors import DataError, InvalidSamplesError, NotSeparableError, UnitError
+from metrosep.core.runset import Run, RunSet
+from metrosep.separation import machine_axis, separate
+from metrosep.spectral.dft import fourier_basis, fourier_coefficients, fourier_sum
+
+PM = 1e-12
+"""Rounding of heights of a micrometre after sums of thousands of terms."""
+
+NM = 1e-9
+
+
+def test_both_directions_are_evaluated_over_the_range_that_was_asked_for():
+    axis = machine_axis(seed=13, disturbance="none", directions=(1, -1), n_repeats=1)
+    runs = RunSet(
+        [
+            r if r.direction > 0 else Run(r.x[:-40], r.z[:-40], t=r.t[:-40], feed=r.feed)
+            for r in axis.runs
+        ]
+    )
+
+    estimate = separate(runs, method="mean", length=30e-3)
+
+    assert estimate.stop - estimate.start == pytest.approx(30e-3, abs=PM)
+    x = np.linspace(estimate.start, estimate.stop, 4001)
+    for direction in (1, -1):
+        slope = np.polyfit(x, estimate.evaluate(x, direction=direction), 1)[0]
+        assert abs(slope) * 30e-3 < PM
+
+
+def test_the_alignment_slope_does_not_coarsen_the_prior():
+    axis = machine_axis(seed=7, n_repeats=1)
+    tilted = RunSet([Run(r.x, r.z + 0.1 * r.x, t=r.t, feed=r.feed) for r in axis.runs])
+    x = np.linspace(axis.start, axis.stop, 301)
+    options = {"start": axis.start, "length": axis.stop - axis.start}
+
+    level, steep = separate(axis.runs, **options), separate(tilted, **options)
+
+    assert np.abs(steep.evaluate(x) - level.evaluate(x)).max() < 0.1 * NM
+    assert steep.slope.value - level.slope.value == pytest.approx(0.1, abs=1e-9)
+
+
+def test_kono_on_single_runs_says_that_the_uncertainty_is_not_known():
+    axis = machine_axis(seed=1, n_repeats=1, disturbance="none")
+
+    estimate = separate(axis.runs, method="kono", shortest=4e-3)
+
+    assert any("one run" in m for m in estimate.messages)
+    assert "not known" in repr(estimate)
+
+
+def test_kono_without_feeds_can_be_stored():
+    axis = machine_axis(seed=1, n_repeats=1, disturbance="none")
+    runs = RunSet([Run(r.x, r.z) for r in axis.runs])
+
+    stored = separate(runs, method="kono", shortest=4e-3).to_dict()
+
+    json.dumps(stored, allow_nan=False)
+
+
+def test_a_set_without_common_travel_can_be_printed():
+    x = np.linspace(0.0, 10e-3, 50)
+
+    runs = RunSet([Run(x, x * 0.0), Run(x + 1.0, x * 0.0)])
+
+    assert "common travel none" in repr(runs)
+    assert "none" in runs._repr_html_()
+
+
+@pytest.mark.parametrize(
+    ("options", "error"),
+    [
+        ({"lag": "auto"}, DataError),
+        ({"lag": None}, DataError),
+        ({"start": math.nan}, InvalidSamplesError),
+        ({"false_discovery_rate": 5}, DataError),
+        ({"method": "kono", "shortest": 0.0}, UnitError),
+        ({"method": "kono", "shortest": math.nan}, UnitError),
+        ({"method": "kono", "modelling_length": 0.0}, DataError),
+        ({"method": "kono", "modelling_length": math.nan}, DataError),
+        ({"method": "kono", "feed": math.nan}, DataError),
+        ({"method": "mean", "feed": 0.0}, DataError),
+    ],
+)
+def test_an_option_that_cannot_be_meant_is_refused(options, error):
+    runs = machine_axis(seed=1, n_repeats=1).runs
+
+    with pytest.raises(error):
+        separate(runs, **options)
+
+
+def test_a_list_of_runs_and_a_bare_run_are_refused_with_advice():
+    runs = machine_axis(seed=1, n_repeats=1).runs
+
+    with pytest.raises(DataError, match="RunSet"):
+        separate(list(runs))
+    with pytest.raises(InvalidSamplesError, match="RunSet"):
+        RunSet(runs[0])
+
+
+def test_the_direction_that_has_one_feed_only_is_named():
+    runs = machine_axis(seed=1, n_repeats=1, directions=(1, -1)).runs
+    lopsided = RunSet([r for r in runs if r.direction < 0 or r.feed < 0.1])
+
+    with pytest.raises(NotSeparableError, match="forward runs have 1 feedrate"):
+        separate(lopsided)
+
+
+def test_feeds_that_hardly_differ_are_reported():
+    near = separate(machine_axis(seed=1, feeds=(0.12, 0.1236), n_repeats=2).runs)
+    apart = separate(machine_axis(seed=1, feeds=(0.12, 0.16), n_repeats=2).runs)
+
+    assert any("feedrates differ by" in m for m in near.messages)
+    assert not any("feedrates differ by" in m for m in apart.messages)
+
+
+def test_a_lag_without_geometry_is_not_stated_as_a_fact():
+    axis = machine_axis(seed=8, waves={10e-3: 0.0}, n_repeats=2)
+
+    estimate = separate(axis.runs, lag="fit")
+
+    assert any("not determined" in m for m in estimate.messages)
+    assert not any(m.startswith("readings lag") for m in estimate.messages)
+
+
+def test_a_stated_shortest_wavelength_that_the_data_cannot_hold_is_reported():
+    axis = machine_axis(seed=1, feeds=(0.12, 0.16), n_repeats=1)
+
+    estimate = separate(axis.runs, shortest=0.45e-3)
+
+    assert estimate.audit["shortest_wavelength_mm"] > 0.46
+    assert any("too few samples" in m for m in estimate.messages)
+
+
+def test_fourier_sums_in_blocks_equal_the_whole():
+    rng = np.random.default_rng(3)
+    x = np.sort(rng.uniform(0.0, 0.05, 9001))
+    z, both = rng.standard_normal(9001), rng.standard_normal(1000)
+    basis = fourier_basis(x, origin=1e-3, period=0.05, n_harmonics=500)
+    cell = np.abs(np.gradient(x)) / np.abs(np.gradient(x)).sum()
+
+    whole = 2.0 * (z * cell) @ basis
+    got = fourier_coefficients(x, z, origin=1e-3, period=0.05, n_harmonics=500)
+
+    np.testing.assert_allclose(np.concatenate([got.real, got.imag]), whole, rtol=0.0, atol=1e-13)
+    series = fourier_sum(x, both, origin=1e-3, period=0.05)
+    np.testing.assert_allclose(series, basis @ both, rtol=0.0, atol=1e-10)
