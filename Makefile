@@ -15,6 +15,11 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 PYTEST := $(BIN)/python -m pytest
 
+# One BLAS thread: two that spin cost more than they give on small products, and sums stay the same.
+export OMP_NUM_THREADS ?= 1
+export OPENBLAS_NUM_THREADS ?= 1
+export MKL_NUM_THREADS ?= 1
+
 .DELETE_ON_ERROR:
 .PHONY: help install demo test test-slow test-controller check docs bench constraints clean
 

@@ -19,7 +19,15 @@ from metrosep.core.profile import Profile
 from metrosep.core.units import format_length, parse_quantity
 from metrosep.separation.base import ErrorEstimate
 
-__all__ = ["Direction", "ErrorFunction", "ErrorSource", "SampledError", "column", "sample_error"]
+__all__ = [
+    "Direction",
+    "ErrorFunction",
+    "ErrorSource",
+    "SampledError",
+    "column",
+    "sample_error",
+    "significant_lost_motion",
+]
 
 FloatArray = NDArray[np.float64]
 ErrorFunction = Callable[[FloatArray], FloatArray]
@@ -183,16 +191,33 @@ def _functions(
             "direction: use direction='both'"
         )
     if isinstance(error, ErrorEstimate) and _is_split(error, direction):
-        lost = 0.0 if error.lost_motion is None else error.lost_motion.value
-        u = 0.0 if error.lost_motion is None else (error.lost_motion.u or 0.0)
-        significant = lost if abs(lost) > 2.0 * u else 0.0
-        return _function(error, 1), _minus(_function(error, -1), -significant)
+        return _function(error, 1), _minus(_function(error, -1), -significant_lost_motion(error))
     sign = {"forward": 1, "reverse": -1}.get(direction)
     if sign is not None and isinstance(error, ErrorEstimate) and sign not in error.directions:
         raise DataError(
             f"direction={direction!r}, but the estimate has no {direction} runs; use direction='both'"
         )
     return _function(error, sign), None
+
+
+def significant_lost_motion(error: ErrorSource) -> float:
+    """Return the lost motion that goes into a split table.
+
+    Parameters
+    ----------
+    error : ErrorEstimate, Profile or callable
+        What the table is made of.
+
+    Returns
+    -------
+    float, m
+        0 where it is below two standard uncertainties, or where its uncertainty is not known (one
+        run in a direction): the offset of single runs may as well be drift of the sensor.
+    """
+    lost = error.lost_motion if isinstance(error, ErrorEstimate) else None
+    if lost is None or lost.u is None or abs(lost.value) <= 2.0 * lost.u:
+        return 0.0
+    return lost.value
 
 
 def _is_split(error: ErrorSource, direction: str) -> bool:

@@ -21,6 +21,7 @@ from metrosep.compensation.sampling import (
     SampledError,
     column,
     sample_error,
+    significant_lost_motion,
 )
 from metrosep.compensation.verify import Against, Removed, Verification, dry_run
 from metrosep.core.errors import DataError, LimitError, TableError
@@ -195,6 +196,8 @@ class CompensationTable:
         invert = exact and target == axis
         make = exact_correction if invert else (lambda e, x: -e(x))
         p, zero = sampled.positions, sampled.reference
+        split = sampled.reverse is not None
+        lost = {"lost_motion_m": significant_lost_motion(error)} if split else {}
         table = cls(
             positions=p,
             # an exact zero at the reference, where rounding leaves 1e-23
@@ -211,7 +214,7 @@ class CompensationTable:
             source_sha256=source_sha256 or _hashes(error),
             history=(
                 *getattr(error, "history", ()),
-                Step("table", {"axis": axis, "compensates": target, "reference_m": zero}),
+                Step("table", {"axis": axis, "compensates": target, "reference_m": zero, **lost}),
             ),
         )
         return replace(table, source=_source(sampled))

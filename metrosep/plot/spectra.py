@@ -177,9 +177,7 @@ def residual_psd(document: Mapping[str, Any], ax: Axes | None = None) -> Axes:
         axes.set_xlim(float(frequency[frequency > 0].min()), float(frequency.max()))
         axes.set_xlabel("frequency / Hz")
         axes.set_ylabel("PSD of the residual / (nm²/Hz)")
-        axes.legend(
-            loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2 * len(ways), borderaxespad=0.3
-        )
+        axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.3)
         for f, level in _peaks(table, ways[0][1]):
             axes.annotate(
                 f"{f:.3g} Hz",

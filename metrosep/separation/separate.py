@@ -214,6 +214,7 @@ def _renamed(
         lost_motion=_lost_motion(runs, parts) if len(parts) > 1 else None,
         spectrum_data=_joined(parts, "spectrum_data"),
         feed_spectra_data=_joined(parts, "feed_spectra_data"),
+        residual_psd_data=_joined(parts, "residual_psd_data"),
         residual_rms=rms,
         lag=float(np.mean([p.lag for p in parts.values()])),
         lag_sd=float(np.linalg.norm([p.lag_sd for p in parts.values()]) / len(parts)),

@@ -147,3 +147,23 @@ def test_plain_values_are_json(lopsided):
 
     assert found["lost_motion"]["before_m"] == pytest.approx(LOST, abs=NM)
     assert found["lost_motion"]["passed"] is True
+
+
+def test_lost_motion_of_unknown_uncertainty_stays_out_of_the_table():
+    """One run each way: 2 um between them may be drift; the table must not hold it."""
+    from metrosep.separation import machine_axis, separate
+
+    single = machine_axis(
+        seed=4, directions=(1, -1), n_repeats=1, feeds=(0.1,), lost_motion=2e-6, disturbance="none"
+    )
+    several = machine_axis(
+        seed=4, directions=(1, -1), n_repeats=3, feeds=(0.1,), lost_motion=2e-6, disturbance="none"
+    )
+    jumps = []
+    for axis in (single, several):
+        estimate = separate(axis.runs, method="mean", start=0.0, length=45e-3)
+        table = CompensationTable.from_error(estimate, positions="1 mm", axis="X")
+        jumps.append(float(np.median(table.reverse - table.forward)))
+
+    assert abs(jumps[0]) < 0.2e-6
+    assert abs(jumps[1] + 2e-6) < 0.2e-6

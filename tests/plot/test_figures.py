@@ -161,12 +161,16 @@ def test_the_psd_shows_measurement_and_model(document):
 
     ax = residual_psd(document)
 
-    (measured,), (model,) = _lines(ax, "measured"), _lines(ax, "noise model")
-    keep = np.array(table["frequency_hz"]) > 0.0
-    for line, key in ((measured, "psd_nm2_per_hz"), (model, "model_nm2_per_hz")):
-        np.testing.assert_allclose(
-            line.get_ydata(), np.array(table[key])[keep], rtol=0, atol=EXACT
-        )
+    frequency = np.array(table["frequency_hz"])
+    way = np.array(table["direction"])
+    for name in ("forward", "reverse"):
+        keep = (frequency > 0.0) & (way == name)
+        (measured,) = _lines(ax, f"measured, {name}")
+        (model,) = _lines(ax, f"noise model, {name}")
+        for line, key in ((measured, "psd_nm2_per_hz"), (model, "model_nm2_per_hz")):
+            np.testing.assert_allclose(
+                line.get_ydata(), np.array(table[key])[keep], rtol=0, atol=EXACT
+            )
 
 
 def test_the_table_is_drawn_with_its_sign(document):
