@@ -37,6 +37,9 @@ Direction = Literal["auto", "both", "split", "forward", "reverse"]
 _DENSE = 20
 """Positions between two entries at which the interpolation error is looked for."""
 
+_MAX_ENTRIES = 100_000
+"""More entries than any controller takes: the spacing was typed in the wrong unit."""
+
 _SAME = 1e-9
 """Positions closer than this, relative to the span, are one (0.1 mm times 3 in binary)."""
 
@@ -276,6 +279,11 @@ def _multiples(text: str, span: tuple[float, float]) -> FloatArray:
             f"spacing {text!r} must be positive and at most the range {format_length(high - low)}"
         )
     first, last = math.ceil(low / spacing - _SAME), math.floor(high / spacing + _SAME)
+    if last - first > _MAX_ENTRIES:
+        raise TableError(
+            f"spacing {text!r} gives {last - first + 1} entries over {format_length(high - low)}; at most "
+            f"{_MAX_ENTRIES} make sense: check the unit"
+        )
     if last - first < 1:
         raise TableError(
             f"no two multiples of {text!r} lie in {format_length(low)} ... {format_length(high)}; "

@@ -33,6 +33,9 @@ from metrosep.separation.base import ErrorEstimate
 
 __all__ = ["CompensationTable"]
 
+_COARSE = 0.1
+"""Interpolation error over the span of the corrections beyond which a table is too coarse."""
+
 _SOURCE_POINTS = 10
 """Positions kept between two entries of the error that a table was made of."""
 
@@ -288,9 +291,20 @@ class CompensationTable:
             Level, problem and fix; empty if nothing is wrong.
         """
         chosen = limits or Limits(**cast("dict[str, Any]", values))
-        return check_limits(
+        findings = check_limits(
             self.positions, self.forward, self.reverse, chosen, on_axis=self.is_on_axis
         )
+        span = float(np.ptp(self.forward))
+        if self.interpolation_error is None or self.interpolation_error <= _COARSE * span:
+            return findings
+        coarse = Finding(
+            "warning",
+            f"between the entries the table misses the error by up to "
+            f"{format_length(self.interpolation_error, digits=2)}, its corrections span "
+            f"{format_length(span, digits=3)}",
+            "use a finer spacing",
+        )
+        return (*findings, coarse)
 
     def require_limits(self, limits: Limits) -> tuple[Finding, ...]:
         """Return the warnings, and refuse on an error.

@@ -127,3 +127,37 @@ def test_every_finding_says_what_to_do():
     assert len(all_found) == 7
     assert all(f.problem and f.fix for f in all_found)
     assert any("60000 mm/min" in f.problem for f in all_found)
+
+
+def test_a_table_too_coarse_for_its_error_is_flagged():
+    """A 10 mm wave at 4 mm spacing: the straight pieces miss a large part of it."""
+    import numpy as np
+
+    from metrosep.compensation import CompensationTable
+
+    def wave(x):
+        return 1e-6 * np.sin(2 * np.pi * x / 10e-3)
+
+    coarse = CompensationTable.from_error(
+        wave, positions=np.arange(0, 41e-3, 4e-3), axis="X", compensates="Z"
+    )
+    fine = CompensationTable.from_error(
+        wave, positions=np.arange(0, 41e-3, 0.5e-3), axis="X", compensates="Z"
+    )
+
+    assert any("use a finer spacing" in f.fix and f.level == "warning" for f in coarse.limits())
+    assert fine.limits() == ()
+
+
+def test_a_spacing_in_the_wrong_unit_is_refused_at_once():
+    import numpy as np
+    import pytest
+
+    from metrosep import Profile
+    from metrosep.compensation import CompensationTable
+    from metrosep.errors import TableError
+
+    with pytest.raises(TableError, match="check the unit"):
+        CompensationTable.from_error(
+            Profile(np.linspace(0, 1, 11), np.zeros(11)), positions="1 nm", axis="X"
+        )
