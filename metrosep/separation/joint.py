@@ -44,6 +44,9 @@ _SAMPLES_PER_WAVE = 2.5
 
 _MAX_HARMONICS = 250
 
+_SHORTEST_SEGMENT = 16
+"""Samples without a gap from which a spectrum of the residual is taken."""
+
 
 _NM = 1e-9
 _MM = 1e-3
@@ -314,12 +317,26 @@ def _residual_psd_columns(runs: list[PreparedRun], solution: Solution) -> dict[s
     group = int(np.argmax(sizes))
     model = solution.noise[group]
     records = [r for r, o in zip(solution.residuals, owner, strict=True) if o == group]
-    frequency, density = pooled_periodogram(records, time_step=model.time_step)
+    size = _unbroken_segment(records)
+    if size < _SHORTEST_SEGMENT:  # an estimate must not fail for want of a picture
+        return {"frequency_hz": [], "psd_nm2_per_hz": [], "model_nm2_per_hz": []}
+    frequency, density = pooled_periodogram(records, time_step=model.time_step, n_fft=size)
     return {
         "frequency_hz": frequency.tolist(),
         "psd_nm2_per_hz": (density / _NM**2).tolist(),
         "model_nm2_per_hz": (model.psd(frequency) / _NM**2).tolist(),
     }
+
+
+def _unbroken_segment(records: list[FloatArray]) -> int:
+    """Return the usual length of a segment, or the longest run of samples without a NaN."""
+    longest = 0
+    for record in records:
+        gaps = np.flatnonzero(np.isnan(np.concatenate([[np.nan], record, [np.nan]])))
+        longest = max(longest, int(np.diff(gaps).max()) - 1)
+    usual = min(*(r.size for r in records), 1024)
+    # Segments start at multiples of half their length: 2/3 of a stretch always holds a whole one.
+    return usual if all(not np.isnan(r).any() for r in records) else min(usual, 2 * longest // 3)
 
 
 def _audit(

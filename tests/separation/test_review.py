@@ -124,7 +124,7 @@ def test_feeds_that_hardly_differ_are_reported():
 
 
 def test_a_lag_without_geometry_is_not_stated_as_a_fact():
-    axis = machine_axis(seed=8, waves={10e-3: 0.0}, n_repeats=2)
+    axis = machine_axis(seed=8, waves={10e-3: 0.0}, n_repeats=3)
 
     estimate = separate(axis.runs, lag="fit")
 
@@ -139,6 +139,25 @@ def test_a_stated_shortest_wavelength_that_the_data_cannot_hold_is_reported():
 
     assert estimate.audit["shortest_wavelength_mm"] > 0.46
     assert any("too few samples" in m for m in estimate.messages)
+
+
+@pytest.mark.parametrize("share", [0.05, 0.15])
+def test_scattered_samples_that_were_not_measured_do_not_stop_the_joint_method(share):
+    axis = machine_axis(seed=7, disturbance="none")
+    rng = np.random.default_rng(0)
+    runs = RunSet(
+        [
+            Run(r.x, np.where(rng.random(r.x.size) < share, np.nan, r.z), t=r.t, feed=r.feed)
+            for r in axis.runs
+        ]
+    )
+    x = np.linspace(axis.start, axis.stop, 501)
+
+    estimate = separate(runs, start=axis.start, length=axis.stop - axis.start)
+
+    error = estimate.evaluate(x) - axis.truth(x)
+    error -= np.polyval(np.polyfit(x, error, 1), x)
+    assert np.sqrt(np.mean(error**2)) < 5 * NM
 
 
 def test_fourier_sums_in_blocks_equal_the_whole():
