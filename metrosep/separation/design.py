@@ -23,6 +23,13 @@ FloatArray = NDArray[np.float64]
 _MAX_ROWS = 40_000
 """More samples than this, all runs together, are averaged in blocks."""
 
+_TIME_STEP = 1e-3
+"""Interval in s up to which fast records are averaged: 48 coefficients of the noise model must span
+the slow modes of a machine."""
+
+_PITCHES = 800
+"""A run keeps at least this many samples when it is averaged for that reason: short waves stay."""
+
 _JITTER_RTOL = 0.25
 """Largest deviation of a time step from the median step, relative."""
 
@@ -85,7 +92,15 @@ def prepare_runs(runs: RunSet) -> list[PreparedRun]:
         If a run has fewer than 32 valid samples.
     """
     block = max(1, -(-sum(len(r) for r in runs) // _MAX_ROWS))
-    return [_prepare(run, block) for run in runs]
+    return [_prepare(run, max(block, _slow_block(run))) for run in runs]
+
+
+def _slow_block(run: Run) -> int:
+    """Return how many samples may be averaged without losing slow modes or short waves."""
+    rate = run.sampling_rate
+    if rate is None:
+        return 1
+    return max(1, min(int(rate * _TIME_STEP * (1.0 + 1e-6)), len(run) // _PITCHES))
 
 
 def _prepare(run: Run, block: int) -> PreparedRun:

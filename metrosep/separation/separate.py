@@ -69,7 +69,8 @@ def separate(
     shortest : float, m, optional
         Shortest wavelength of the model; chosen from the data if omitted.
     lag : float or "fit", s, optional
-        Delay of the reading against the position; "joint" can fit it.
+        Delay of the reading against the position; "joint" can fit it where the lag times the
+        difference of the feedrates stays below half the strongest wavelength.
     **options
         Of the method: "joint" min_feeds, false_discovery_rate (`separate_joint`); "kono"
         sigma_t, p_t, norm, taper_fraction, taper, rule, modelling_length, values, feed, averaging,
@@ -88,7 +89,8 @@ def separate(
     NotSeparableError
         If the runs cannot tell geometry from vibration (one feedrate only).
     InvalidSamplesError, NotUniformError, TooFewSamplesError, UnitError
-        If the runs or the ranges cannot be used.
+        If the runs or the ranges cannot be used; the Fourier sum of "kono" does not bridge a gap
+        wider than 2 % of its length.
 
     Examples
     --------
@@ -105,6 +107,8 @@ def separate(
         known = ", ".join(_OPTIONS[method])
         raise DataError(f"method {method!r} has no option {unknown[0]!r}; it knows {known}")
     _check_types(runs, lag)
+    length, start, shortest = (_plain(v) for v in (length, start, shortest))
+    lag = lag if isinstance(lag, str) else float(lag)
     if method != "joint" and lag != 0.0:
         raise DataError(f"method {method!r} works in space and has no lag; use method='joint'")
     if method == "mean" and shortest is not None:
@@ -143,6 +147,11 @@ def _check_types(runs: object, lag: object) -> None:
         return
     if isinstance(lag, bool) or not isinstance(lag, int | float | np.integer | np.floating):
         raise DataError(f"lag is a number in seconds or 'fit', got {lag!r}")
+
+
+def _plain(value: float | None) -> float | None:
+    """Return a Python number: a NumPy scalar would not fit into the JSON of the history."""
+    return None if value is None else float(value)
 
 
 def _common_range(

@@ -42,6 +42,9 @@ _LAG_PRIOR = 0.05
 _LAG_DONE = 1e-7
 """Change of the lag in s below which it has converged."""
 
+_LAG_STEP = 2e-3
+"""Largest change of the lag in s in one step: the model is linear in it over such a time."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solution:
@@ -378,13 +381,13 @@ def _drop_short(system: _System, state: _State) -> None:
     )
 
 
-def _fit_lag(system: _System, state: _State, orders: Sequence[int], *, n_max: int = 12) -> None:
+def _fit_lag(system: _System, state: _State, orders: Sequence[int], *, n_max: int = 40) -> None:
     """Gauss-Newton on the lag: solve with its derivative as a column, shift, repeat."""
     system.add_lag_column()
     for i in range(n_max):
         _iterate(system, state, 3, learn_from=0)
         step = float(system.solution[system.n_fixed - 1]) * _LAG_PRIOR
-        step = float(np.clip(step, -2e-3, 2e-3))
+        step = float(np.clip(step, -_LAG_STEP, _LAG_STEP))
         system.lag += step
         system.solution[system.n_fixed - 1] = 0.0
         if i < 4:

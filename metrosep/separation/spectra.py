@@ -15,7 +15,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.core.errors import DataError, TooFewSamplesError
+from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import format_length
 from metrosep.spectral.dft import fourier_basis, fourier_coefficients
@@ -40,6 +40,9 @@ Averaging = Literal["coherent", "power"]
 
 _MM, _NM = 1e-3, 1e-9
 _SPACE_SHARE = 2.5
+
+_GAP_SHARE = 0.02
+"""Widest gap in a run, as a share of the modelled length, that a Fourier sum may pass over."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -139,6 +142,8 @@ def feed_spectra(
         If `taper_fraction` is out of range.
     TooFewSamplesError
         If a run has too few valid samples in the range.
+    InvalidSamplesError
+        If a run has a gap wider than 2 % of the length.
     """
     if not 0.0 < taper_fraction <= 0.5:
         raise DataError(f"taper_fraction must be in (0, 0.5], got {taper_fraction}")
@@ -197,7 +202,23 @@ def _inside(run: Run, origin: float, length: float) -> tuple[FloatArray, FloatAr
             f"run {run.run_id!r} has {int(keep.sum())} valid samples between {format_length(origin)} "
             f"and {format_length(origin + length)}; 16 are needed"
         )
+    gaps = np.diff(np.concatenate([[origin], x[keep], [origin + length]]))
+    widest = float(gaps.max())
+    if widest > max(_GAP_SHARE * length, 4.0 * margin):
+        raise InvalidSamplesError(
+            f"run {run.run_id!r} was not measured over {format_length(widest)} within the modelled "
+            f"{format_length(length)}; a Fourier sum cannot bridge that: use method='joint', or a range "
+            "without the gap"
+        )
     return np.asarray(x[keep]), np.asarray(z[keep])
+
+
+def _has_spectrum(run: Run, origin: float, length: float) -> bool:
+    try:
+        _inside(run, origin, length)
+    except (InvalidSamplesError, TooFewSamplesError):
+        return False
+    return True
 
 
 def least_squares_coefficients(
@@ -253,9 +274,14 @@ def feed_spectra_columns(runs: RunSet) -> dict[str, list[Any]]:
     Returns
     -------
     dict of str to list
-        Columns ``feed_mm_min``, ``wavelength_mm``, ``amplitude_nm``.
+        Columns ``feed_mm_min``, ``wavelength_mm``, ``amplitude_nm``; a run with a wide gap has no
+        spectrum and is left out, so they may be empty.
     """
     low, high = runs.common_travel
+    whole = [r for r in runs if _has_spectrum(r, low, high - low)]
+    if not whole:
+        return {"feed_mm_min": [], "wavelength_mm": [], "amplitude_nm": []}
+    runs = RunSet(whole)
     n = n_wavelengths(runs, high - low)
     spectra = feed_spectra(runs, origin=low, length=high - low, n_harmonics=n)
     amplitude = spectra.power("amplitude", high - low)

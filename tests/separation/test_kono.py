@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from metrosep import Run, RunSet
-from metrosep.errors import DataError, NotSeparableError, UnitError
+from metrosep.errors import DataError, InvalidSamplesError, NotSeparableError, UnitError
 from metrosep.separation import feed_spectra, separate
 
 NM = 1e-9
@@ -324,3 +324,21 @@ def test_options_out_of_range_are_refused(option, message):
 
     with pytest.raises(DataError, match=message):
         separate(runs, method="kono", **option)
+
+
+def test_a_wide_gap_is_not_bridged_and_the_joint_method_still_works(contract_machine, as_runset):
+    """A Fourier sum over a gap would take the gap for a part without error."""
+    machine = contract_machine.Machine(8)
+    runs = RunSet(
+        Run(r.x, np.where((r.x > 20e-3) & (r.x < 23e-3), np.nan, r.z), t=r.t, feed=r.feed)
+        for r in as_runset(machine)
+    )
+
+    with pytest.raises(
+        InvalidSamplesError, match=r"3\.\d+ mm within the modelled .*method='joint'"
+    ):
+        separate(runs, method="kono")
+    joint = separate(runs)
+
+    assert joint.feed_spectra.empty
+    assert not joint.spectrum.empty

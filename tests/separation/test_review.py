@@ -8,7 +8,12 @@ import math
 import numpy as np
 import pytest
 
-from metrosep.core.errors import DataError, InvalidSamplesError, NotSeparableError, UnitError
+from metrosep.core.errors import (
+    DataError,
+    InvalidSamplesError,
+    NotSeparableError,
+    UnitError,
+)
 from metrosep.core.runset import Run, RunSet
 from metrosep.separation import machine_axis, separate
 from metrosep.spectral.dft import fourier_basis, fourier_coefficients, fourier_sum
@@ -173,3 +178,31 @@ def test_fourier_sums_in_blocks_equal_the_whole():
     np.testing.assert_allclose(np.concatenate([got.real, got.imag]), whole, rtol=0.0, atol=1e-13)
     series = fourier_sum(x, both, origin=1e-3, period=0.05)
     np.testing.assert_allclose(series, basis @ both, rtol=0.0, atol=1e-10)
+
+
+def test_fast_sampling_does_not_hide_slow_modes(contract_machine, as_runset):
+    """48 coefficients at 8 kHz span 6 ms and could not tell a 12 Hz mode from geometry."""
+    scores = {}
+    for rate in (1000.0, 8000.0):
+        machine = contract_machine.Machine(4, case="floor", rate=rate)
+        estimate = separate(as_runset(machine), start=0.0, length=machine.length * 1e-3)
+        scores[rate] = machine.rms_nm(estimate)
+
+    assert scores[8000.0] < 1.3 * scores[1000.0]
+
+
+def test_a_long_lag_is_found(contract_machine, as_runset):
+    machine = contract_machine.Machine(5, lag=30e-3)
+    estimate = separate(as_runset(machine), start=0.0, length=machine.length * 1e-3, lag="fit")
+
+    assert estimate.lag == pytest.approx(30e-3, abs=4.0 * estimate.lag_sd)
+
+
+def test_numpy_scalars_are_numbers_and_the_history_is_json():
+    axis = machine_axis(seed=2, disturbance="none", n_repeats=1)
+
+    estimate = separate(
+        axis.runs, start=np.float32(0.0), length=np.float32(0.045), lag=np.float64(0.0)
+    )
+
+    assert json.loads(json.dumps(estimate.to_dict()))["method"] == "joint"
