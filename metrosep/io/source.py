@@ -6,9 +6,12 @@ without permission give the same sentence whatever the format.
 
 from __future__ import annotations
 
+import hashlib
+import io
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -46,33 +49,57 @@ class RawFile:
     ----------
     path : Path
         Where it is.
-    data : bytes
-        Its content.
+    data : bytes, optional
+        Its content; read from `path` when first needed if omitted.
     """
 
-    def __init__(self, path: Path, data: bytes) -> None:
+    def __init__(self, path: Path, data: bytes | None = None) -> None:
         self.path = path
-        self.data = data
+        self._given = data
 
     @property
     def name(self) -> str:
         """File name without its folder."""
         return self.path.name
 
-    @property
+    @cached_property
     def size(self) -> int:
         """Bytes."""
-        return len(self.data)
+        return self.path.stat().st_size if self._given is None else len(self._given)
 
-    @property
+    @cached_property
+    def data(self) -> bytes:
+        """The whole content; refused beyond 4 GiB."""
+        if self._given is not None:
+            return self._given
+        if self.size > _MAX_BYTES:
+            raise UnsupportedFeatureError(
+                f"{self.path}: holds {self.size} bytes, more than the {_MAX_BYTES} that are read at "
+                "once; cut the recording into parts, or read it in chunks with metrosep.io.stream"
+            )
+        with _explained(self.path):
+            return self.path.read_bytes()
+
+    @cached_property
     def head(self) -> bytes:
         """The first `HEAD_BYTES` bytes."""
-        return self.data[:HEAD_BYTES]
+        with self.stream() as handle:
+            return handle.read(HEAD_BYTES)
+
+    def stream(self) -> io.BufferedReader | io.BytesIO:
+        """Return an open binary file at its start; the caller closes it."""
+        if self._given is not None:
+            return io.BytesIO(self._given)
+        with _explained(self.path):
+            return self.path.open("rb")
 
     @cached_property
     def sha256(self) -> str:
         """SHA-256 of the content, 64 hexadecimal digits."""
-        return hash_bytes(self.data)
+        if self._given is not None:
+            return hash_bytes(self._given)
+        with self.stream() as handle:
+            return hashlib.file_digest(handle, "sha256").hexdigest()
 
     def history(self, format_id: str, parameters: Mapping[str, Any] | None = None) -> tuple[Step]:
         """Return the history of an object read from this file: one step ``read``.
@@ -149,32 +176,33 @@ def open_file(path: str | os.PathLike[str]) -> RawFile:
     Raises
     ------
     ReadError
-        If there is no such file, it is a folder, is empty, is larger than 4 GiB or may not be
-        read.
+        If there is no such file, it is a folder, is empty or may not be read.
     """
     where = Path(path)
-    try:
+    with _explained(path):
         if where.is_dir():
             raise ReadError(f"{where}: is a folder; name a file in it")
         if where.exists() and not where.is_file():
             raise ReadError(f"{where}: is a device or a pipe; copy the data into a file first")
         size = where.stat().st_size
-        if size > _MAX_BYTES:
-            raise UnsupportedFeatureError(
-                f"{where}: holds {size} bytes, more than the {_MAX_BYTES} that are read at once; "
-                "cut the recording into parts"
-            )
-        data = where.read_bytes()
+        where.open("rb").close()
+    if size == 0:
+        raise ReadError(f"{where}: the file is empty (0 bytes); export or copy it again")
+    return RawFile(where)
+
+
+@contextmanager
+def _explained(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Turn what the system says about a file into one sentence."""
+    try:
+        yield
     except FileNotFoundError:
-        raise ReadError(f"{where}: no such file; check the name and the folder") from None
+        raise ReadError(f"{path}: no such file; check the name and the folder") from None
     except PermissionError:
-        raise ReadError(f"{where}: you may not read this file; ask for permission") from None
+        raise ReadError(f"{path}: you may not read this file; ask for permission") from None
     except (OSError, ValueError) as exc:
         reason = getattr(exc, "strerror", None) or str(exc)
         raise ReadError(f"{str(path)!r}: cannot be read ({reason}); check the path") from None
-    if not data:
-        raise ReadError(f"{where}: the file is empty (0 bytes); export or copy it again")
-    return RawFile(where, data)
 
 
 def lateral_steps(

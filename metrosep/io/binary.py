@@ -1,0 +1,186 @@
+"""Binary headers as data: read the fields of a layout, and refuse sizes before they are allocated.
+
+A layout is a tuple of (offset, `struct` code, name), as in the description of the format. Every
+reader of binary maps uses the same checks, so that a damaged header gives the same sentence.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from typing import Any, TypeAlias
+
+from metrosep.core.errors import CorruptFileError, UnsupportedFeatureError
+from metrosep.io.source import MAX_PIXELS, RawFile
+
+__all__ = ["Layout", "check_area", "check_scale", "need_bytes", "unpack_fields"]
+
+Layout: TypeAlias = Sequence[tuple[int, str, str]]
+"""Offset in bytes, `struct` code without byte order, and name of each field."""
+
+
+def unpack_fields(
+    file: RawFile, layout: Layout, *, order: str, start: int = 0, what: str = "the header"
+) -> dict[str, Any]:
+    """Return the fields of a header; text is cut at its first zero byte and stripped.
+
+    Parameters
+    ----------
+    file : RawFile
+        The file.
+    layout : sequence of (int, str, str)
+        Offset from `start`, `struct` code and name.
+    order : {"<", ">"}
+        Byte order.
+    start : int, optional
+        Where the header begins.
+    what : str, optional
+        What it is, for the message.
+
+    Returns
+    -------
+    dict
+        Name to value; text decoded as Latin-1, which also carries the micro sign 0xB5.
+
+    Raises
+    ------
+    CorruptFileError
+        If the file ends before the last field.
+    """
+    end = max(offset + struct.calcsize(order + code) for offset, code, _ in layout)
+    need_bytes(file, start, end, what)
+    fields: dict[str, Any] = {}
+    for offset, code, name in layout:
+        values = struct.unpack_from(order + code, file.data, start + offset)
+        value = values[0] if len(values) == 1 else values
+        if isinstance(value, bytes):
+            value = value.split(b"\0")[0].decode("latin-1").strip()
+        fields[name] = value
+    return fields
+
+
+def need_bytes(file: RawFile, offset: int, count: int, what: str, *, name: str = "size") -> None:
+    """Refuse a file that ends before something that its header promises.
+
+    Parameters
+    ----------
+    file : RawFile
+        The file.
+    offset : int
+        Where it begins.
+    count : int
+        Bytes it takes.
+    what : str
+        What it is.
+    name : str, optional
+        Field that promises it.
+
+    Raises
+    ------
+    CorruptFileError
+        If `offset` or `count` is negative or the file is too short.
+    """
+    if count < 0 or offset < 0 or offset + count > file.size:
+        raise CorruptFileError(
+            file.path,
+            f"{what} does not fit into the file",
+            field=name,
+            offset=max(min(offset, file.size), 0),
+            expected=f"{count} bytes",
+            found=f"{max(file.size - offset, 0)} bytes",
+        )
+
+
+def check_area(
+    file: RawFile,
+    columns: int,
+    rows: int,
+    *,
+    max_pixels: int | None = None,
+    names: tuple[str, str] = ("columns", "rows"),
+    offsets: tuple[int | None, int | None] = (None, None),
+) -> None:
+    """Refuse a map without size, or with more pixels than may be allocated.
+
+    Parameters
+    ----------
+    file : RawFile
+        The file.
+    columns, rows : int
+        What the header claims.
+    max_pixels : int, optional
+        Largest number of pixels; `MAX_PIXELS` if omitted.
+    names : tuple of (str, str), optional
+        Names of the fields.
+    offsets : tuple of (int or None, int or None), optional
+        Where they stand.
+
+    Raises
+    ------
+    CorruptFileError
+        If a side is not positive.
+    UnsupportedFeatureError
+        If there are more pixels than allowed.
+    """
+    for value, name, offset in zip((columns, rows), names, offsets, strict=True):
+        if value < 1:
+            raise CorruptFileError(
+                file.path,
+                "the map has no size",
+                field=name,
+                offset=offset,
+                expected="at least 1",
+                found=value,
+            )
+    limit = max_pixels or MAX_PIXELS
+    if columns * rows > limit:
+        raise UnsupportedFeatureError(
+            f"{file.path}: claims {columns} x {rows} pixels ({names[0]} x {names[1]}), more than "
+            f"{limit}; pass max_pixels= if that is true"
+        )
+
+
+def check_scale(
+    file: RawFile,
+    name: str,
+    value: float,
+    *,
+    offset: int | None = None,
+    low: float = 1e-3,
+    high: float = 1e3,
+) -> float:
+    """Return a scale of the heights, or refuse it.
+
+    Parameters
+    ----------
+    file : RawFile
+        The file.
+    name : str
+        Name of the field.
+    value : float
+        What the header says.
+    offset : int, optional
+        Where it stands.
+    low, high : float, optional
+        Range in which it makes sense, in the unit of `value`.
+
+    Returns
+    -------
+    float
+        `value`.
+
+    Raises
+    ------
+    CorruptFileError
+        If it is not a number, zero, negative or outside the range.
+    """
+    if not low <= value <= high:  # also catches NaN
+        raise CorruptFileError(
+            file.path,
+            "a scale of the heights is not usable",
+            field=name,
+            offset=offset,
+            expected=f"{low:g} to {high:g}",
+            found=value,
+        )
+    return float(value)

@@ -1,0 +1,311 @@
+"""Height maps and line profiles of instruments: what all their readers promise, in one place.
+
+Row 0 has the smallest y, column 0 the smallest x, heights are in metres and grow out of the
+material, NaN is not measured, a step that is not calibrated is ``None``. A file's own order and
+its own steps stay in the metadata.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import CorruptFileError, DataError, UnsupportedFeatureError
+from metrosep.core.profile import Profile
+from metrosep.core.surface import Surface
+from metrosep.io.source import RawFile, flat_map, refuse_options
+
+__all__ = [
+    "ROW_ORDERS",
+    "lateral_or_none",
+    "make_profile",
+    "make_surface",
+    "only_channels",
+    "scaled",
+]
+
+ROW_ORDERS = ("smallest y first", "top row first")
+"""Order of the rows in a file; the second is turned on reading."""
+
+_MAX_LATERAL = 1.0
+"""Largest lateral step in m that is taken for a calibration."""
+
+
+def only_channels(
+    file: RawFile, title: str, channel: str | None, names: Sequence[str] = ("height",)
+) -> str:
+    """Return the channel to read, the first if none was named.
+
+    Parameters
+    ----------
+    file : RawFile
+        For the message.
+    title : str
+        Name of the format.
+    channel : str or None
+        What the caller asked for.
+    names : sequence of str, optional
+        What there is.
+
+    Returns
+    -------
+    str
+        One of `names`.
+
+    Raises
+    ------
+    UnsupportedFeatureError
+        If there is no such channel.
+    """
+    if channel is None:
+        return names[0]
+    if channel in names:
+        return channel
+    raise UnsupportedFeatureError(
+        f"{file.path}: has no {title} channel {channel!r}; there is "
+        f"{', '.join(repr(n) for n in names[:20])}"
+    )
+
+
+def lateral_or_none(
+    file: RawFile,
+    name: str,
+    value: float,
+    warnings: list[str],
+    *,
+    offset: int | None = None,
+    factor: float = 1.0,
+) -> float | None:
+    """Return a lateral step in m, or ``None`` where the file is not calibrated.
+
+    Parameters
+    ----------
+    file : RawFile
+        For the message.
+    name : str
+        Name of the field.
+    value : float
+        What the file says; 0 and NaN mean not calibrated.
+    warnings : list of str
+        Gets a sentence on NaN.
+    offset : int, optional
+        Where it stands.
+    factor : float, optional
+        Metres per unit of `value`.
+
+    Returns
+    -------
+    float or None
+        In m.
+
+    Raises
+    ------
+    CorruptFileError
+        If it is negative, infinite or larger than 1 m.
+    """
+    if value == 0.0:
+        return None
+    if math.isnan(value):
+        warnings.append(f"{name} is NaN: taken as not calibrated")
+        return None
+    step = float(value) * factor
+    if not 0.0 < step <= _MAX_LATERAL:
+        raise CorruptFileError(
+            file.path,
+            "the lateral step is not usable",
+            field=name,
+            offset=offset,
+            expected=f"0 (not calibrated) or up to {_MAX_LATERAL / factor:g}",
+            found=value,
+        )
+    return step
+
+
+def scaled(
+    raw: NDArray[Any], scale: float, invalid: NDArray[np.bool_] | None = None, offset: float = 0.0
+) -> FloatArray:
+    """Return heights in m of raw values, NaN where not measured.
+
+    Parameters
+    ----------
+    raw : ndarray
+        Values as in the file, any type and byte order.
+    scale : float, m
+        Height of one raw unit.
+    invalid : ndarray of bool, optional
+        Where nothing was measured.
+    offset : float, m, optional
+        Added after the scale.
+
+    Returns
+    -------
+    ndarray
+        float64, in the shape of `raw`.
+    """
+    z: FloatArray = np.multiply(raw, scale, dtype=np.float64)
+    if offset != 0.0:
+        z += offset
+    if invalid is not None:
+        z[invalid] = np.nan
+    return z
+
+
+def make_surface(
+    file: RawFile,
+    format_id: str,
+    z: FloatArray,
+    own_steps: tuple[float | None, float | None],
+    *,
+    row_order: str,
+    header: Mapping[str, Any],
+    override: tuple[float, float] | None = None,
+    origin: tuple[float, float] = (0.0, 0.0),
+    warnings: Sequence[str] = (),
+    **facts: Any,
+) -> Surface:
+    """Return a surface that meets the contract of all readers.
+
+    Parameters
+    ----------
+    file : RawFile
+        The file.
+    format_id : str
+        Identifier of the format.
+    z : ndarray, shape (rows, columns), m
+        Heights in the order of the file, NaN = not measured.
+    own_steps : tuple of (float or None, float or None), m
+        dx and dy of the file, ``None`` when not calibrated.
+    row_order : {"smallest y first", "top row first"}
+        Order of the rows in the file.
+    header : mapping
+        Every raw header field.
+    override : tuple of (float, float), optional
+        Steps that the caller declares.
+    origin : tuple of (float, float), m, optional
+        Position of the pixel with the smallest x and y.
+    warnings : sequence of str, optional
+        What is odd about the file.
+    **facts
+        Derived values for the metadata, keys with unit suffixes.
+
+    Returns
+    -------
+    Surface
+        Row 0 with the smallest y.
+
+    Raises
+    ------
+    CorruptFileError
+        If no pixel was measured, or sizes and steps do not make a surface.
+    """
+    z, notes = _measured(file, z)
+    if row_order == ROW_ORDERS[1]:
+        z = z[::-1]
+    dx, dy = override or own_steps
+    metadata = file.metadata(
+        format_id,
+        header,
+        warnings=(*warnings, *notes),
+        row_order_in_file=row_order,
+        lateral_step_in_file_m=own_steps,
+        lateral_step_override_m=override,
+        **facts,
+    )
+    history = file.history(format_id, {"lateral_step_m": override})
+    try:
+        return Surface(z, dx, dy, origin=origin, metadata=metadata, history=history)
+    except DataError as exc:
+        raise CorruptFileError(file.path, f"the map does not fit: {exc}") from None
+
+
+def make_profile(
+    file: RawFile,
+    format_id: str,
+    x: FloatArray,
+    z: FloatArray,
+    *,
+    header: Mapping[str, Any],
+    override: float | None = None,
+    warnings: Sequence[str] = (),
+    **facts: Any,
+) -> Profile:
+    """Return a profile that meets the contract of all readers; falling positions are turned.
+
+    Parameters
+    ----------
+    file : RawFile
+        The file.
+    format_id : str
+        Identifier of the format.
+    x : ndarray, shape (n,), m
+        Positions as in the file, rising or falling.
+    z : ndarray, shape (n,), m
+        Heights, NaN = not measured.
+    header : mapping
+        Every raw header field.
+    override : float, m, optional
+        Step that the caller declares; replaces `x`, which must be uniform.
+    warnings : sequence of str, optional
+        What is odd about the file.
+    **facts
+        Derived values for the metadata, keys with unit suffixes.
+
+    Returns
+    -------
+    Profile
+        Positions rising.
+
+    Raises
+    ------
+    CorruptFileError
+        If nothing was measured or the positions do not rise or fall throughout.
+    ReadError
+        If a step is declared for positions that are not uniform.
+    """
+    z, notes = _measured(file, z)
+    order = "smallest x first"
+    if x.size > 1 and x[0] > x[-1]:
+        x, z, order = x[::-1], z[::-1], "largest x first"
+    try:
+        own = Profile(x, z)
+        step = own.dx if own.is_uniform else None
+        if override is not None:
+            if step is None:
+                refuse_options(file, "a profile with its own positions", lateral_step=override)
+            x = x[0] + override * np.arange(x.size)
+        metadata = file.metadata(
+            format_id,
+            header,
+            warnings=(*warnings, *notes),
+            point_order_in_file=order,
+            lateral_step_in_file_m=step,
+            lateral_step_override_m=override,
+            **facts,
+        )
+        history = file.history(format_id, {"lateral_step_m": override})
+        return Profile(x, z, metadata=metadata, history=history)
+    except DataError as exc:
+        raise CorruptFileError(file.path, f"the profile does not fit: {exc}") from None
+
+
+def _measured(file: RawFile, z: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
+    """Return heights without infinities, and sentences on what was odd; refuse an empty map."""
+    notes: list[str] = []
+    infinite = np.isinf(z)
+    if infinite.any():
+        z = np.where(infinite, np.nan, z)
+        notes.append(f"{int(infinite.sum())} infinite heights were taken as not measured")
+    if np.isnan(z).all():
+        raise CorruptFileError(
+            file.path,
+            "no point was measured",
+            expected="at least one valid height",
+            found=f"{z.size} invalid ones",
+            hint="measure again with more light or a larger mask",
+        )
+    return z, (*notes, *flat_map(z))
