@@ -1,28 +1,63 @@
-"""Commands about files: info, convert, formats, controllers."""
+"""Commands about files: info, check, convert, formats, controllers."""
 
 from __future__ import annotations
 
 import json
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 import click
 
 from metrosep.cli.options import json_option, say
 
-__all__ = ["controllers", "convert", "formats", "info"]
+__all__ = ["check", "controllers", "convert", "formats", "info"]
+
+
+_Command = TypeVar("_Command", bound=Callable[..., Any])
+
+
+def _reading(command: _Command) -> _Command:
+    """Add the options that say how a file is to be read."""
+    for option in (
+        click.option("--unit", help="Unit of the heights where the file declares none."),
+        click.option("--lateral-step", help='Overrides the lateral step of the file, "1.1 um".'),
+        click.option("--channel", help="Channel of a file that holds several."),
+        click.option("--as", "format", metavar="FORMAT", help="Read it as this format."),
+        click.option(
+            "--set",
+            "settings",
+            multiple=True,
+            metavar="NAME=VALUE",
+            help='Option of the format, "sampling_rate=2 kHz"; may be repeated.',
+        ),
+    ):
+        command = option(command)
+    return command
+
+
+def _given(settings: tuple[str, ...], **options: str | None) -> dict[str, Any]:
+    """Return the options that were given, for `metrosep.io.read.read`."""
+    given: dict[str, Any] = {k: v for k, v in options.items() if v is not None}
+    for setting in settings:
+        name, mark, value = setting.partition("=")
+        if not mark or not name.strip() or not value.strip():
+            raise click.UsageError(f"--set takes NAME=VALUE, found {setting!r}")
+        text = value.strip()
+        given[name.strip().replace("-", "_")] = int(text) if text.isdigit() else text
+    return given
 
 
 @click.command()
 @click.argument("files", nargs=-1, required=True, metavar="FILE...")
-@click.option("--unit", help="Unit of the heights where the file declares none.")
-@click.option("--lateral-step", help='Overrides the lateral step of the file, "1.1 um".')
-@click.option("--channel", help="Channel of a file that holds several.")
+@_reading
 @json_option
 def info(
     files: tuple[str, ...],
     unit: str | None,
     lateral_step: str | None,
     channel: str | None,
+    format: str | None,  # noqa: A002
+    settings: tuple[str, ...],
     as_json: bool,
 ) -> int:
     """Say what is in FILE: format, shape, steps, heights, gaps, hash."""
@@ -30,8 +65,7 @@ def info(
     from metrosep.core.errors import MetrosepError
     from metrosep.io.describe import describe
 
-    options = {"unit": unit, "lateral_step": lateral_step, "channel": channel}
-    given = {k: v for k, v in options.items() if v is not None}
+    given = _given(settings, unit=unit, lateral_step=lateral_step, channel=channel, format=format)
     results: list[dict[str, Any]] = []
     code = 0
     for name in files:
@@ -49,6 +83,46 @@ def info(
         content = results[0] if len(files) == 1 else {"files": results}
         click.echo(json.dumps(content, sort_keys=True, allow_nan=False))
     return code
+
+
+@click.command()
+@click.argument("files", nargs=-1, required=True, metavar="FILE...")
+@_reading
+@json_option
+def check(
+    files: tuple[str, ...],
+    unit: str | None,
+    lateral_step: str | None,
+    channel: str | None,
+    format: str | None,  # noqa: A002
+    settings: tuple[str, ...],
+    as_json: bool,
+) -> int:
+    """Say what is odd about FILE: level, problem, fix.
+
+    The exit code is 0 without errors (there may be warnings), 1 with errors, 4 when a file cannot
+    be read.
+    """
+    from metrosep.io.check import check_file
+
+    given = _given(settings, unit=unit, lateral_step=lateral_step, channel=channel, format=format)
+    found = {name: check_file(name, **given) for name in files}
+    if as_json:
+        items = [{"file": n, "findings": [f.to_dict() for f in fs]} for n, fs in found.items()]
+        content = items[0] if len(items) == 1 else {"files": items}
+        click.echo(json.dumps(content, sort_keys=True, allow_nan=False))
+    for name, findings in found.items():
+        if not as_json:
+            click.echo(
+                f"{name}: {'nothing odd' if not findings else ''}".rstrip(": ")
+                + ":" * bool(findings)
+            )
+        for finding in () if as_json else findings:
+            click.echo(f"  {finding.level:8} {finding.problem}\n{'':11}{finding.fix}")
+    every = [f for fs in found.values() for f in fs]
+    if any(f.level == "error" and f.unreadable for f in every):
+        return 4
+    return int(any(f.level == "error" for f in every))
 
 
 def _print_description(name: str, found: dict[str, Any]) -> None:
@@ -80,18 +154,18 @@ def _column_text(column: Any) -> str:
 @click.command()
 @click.argument("source", metavar="SRC")
 @click.argument("target", metavar="DST")
-@click.option("--format", "format_", help="Format of DST; follows from its suffix.")
-@click.option("--unit", help="Unit of the heights where SRC declares none.")
-@click.option("--lateral-step", help="Overrides the lateral step of SRC.")
-@click.option("--channel", help="Channel of a file that holds several.")
+@click.option("--format", "target_format", help="Format of DST; follows from its suffix.")
+@_reading
 @click.option("--force", is_flag=True, help="Replace DST if it exists.")
 def convert(
     source: str,
     target: str,
-    format_: str | None,
+    target_format: str | None,
     unit: str | None,
     lateral_step: str | None,
     channel: str | None,
+    format: str | None,  # noqa: A002
+    settings: tuple[str, ...],
     force: bool,
 ) -> int:
     """Read SRC and write it as DST (x3p, csv, xyz)."""
@@ -103,8 +177,9 @@ def convert(
 
     if Path(target).exists() and not force:
         raise WriteError(f"{target}: exists already; choose another name or give --force")
-    obj = read(source, channel=channel, lateral_step=lateral_step, unit=unit)
-    write(obj, target, format=format_)
+    given = _given(settings, unit=unit, lateral_step=lateral_step, channel=channel, format=format)
+    obj = read(source, **given)
+    write(obj, target, format=target_format)
     say(f"{obj!r} -> {target}")
     return 0
 

@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from metrosep._version import __version__
-from metrosep.cli.files import controllers, convert, formats, info
+from metrosep.cli.files import check, controllers, convert, formats, info
 from metrosep.cli.jobs import demo, run, separate, table, verify
 
 __all__ = ["cli", "main"]
@@ -31,7 +31,7 @@ def cli(context: click.Context, verbose: int, quiet: bool) -> None:
     context.obj = {"verbose": verbose, "quiet": quiet}
 
 
-for _command in (demo, info, convert, separate, table, verify, run, formats, controllers):
+for _command in (demo, info, check, convert, separate, table, verify, run, formats, controllers):
     cli.add_command(_command)
 
 

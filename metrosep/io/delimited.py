@@ -10,39 +10,23 @@ from __future__ import annotations
 import re
 from typing import Any
 
-import numpy as np
-
-from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError, FormatMismatchError, ReadError, UnitError
+from metrosep.core.errors import ReadError
 from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
-from metrosep.core.units import Unit, parse_quantity, parse_unit
 from metrosep.io.dialect import body_start, decode, detect, is_comment
-from metrosep.io.grid import to_grid
-from metrosep.io.headers import header_unit
+from metrosep.io.measurement import measurement
 from metrosep.io.registry import Match
-from metrosep.io.select import ColumnSpec, pick, sensitivity, to_si
-from metrosep.io.source import HEAD_BYTES, RawFile, lateral_steps, refuse_options
-from metrosep.io.table import Column, Table, read_table
+from metrosep.io.select import ColumnSpec
+from metrosep.io.source import HEAD_BYTES, RawFile
+from metrosep.io.table import read_table
 
 __all__ = ["channels", "read", "sniff"]
 
 FORMAT = "delimited"
-_SI = {
-    "length": "m",
-    "angle": "rad",
-    "time": "s",
-    "frequency": "Hz",
-    "speed": "m/s",
-    "voltage": "V",
-    "number": "1",
-}
 _DIGITS = re.compile(r"[\s\"'+.,;-]*\d[\d.,;'eE+\-\s\"]*(?:[,;\t ]|$)")
 _MAX_TITLES = 5
 """Lines above a table with which a short text still counts as one."""
-
-_TIME_NAMES = frozenset({"t", "time", "zeit", "timestamp", "elapsed"})
 
 
 def sniff(head: bytes, name: str) -> Match:
@@ -173,265 +157,17 @@ def read(
         comment=comment,
         skip_rows=skip_rows,
     )
-    table, channel, labels = _rows_of(file, table, channel)
-    table = _with_units(file, table, unit)
-    facts = {"labels": labels} if labels else {}
-    timed = _time_column(file, table, time)
-    try:
-        points = _point_columns(file, table, x, y, z)
-        if points is not None and timed is None and sampling_rate is None:
-            refuse_options(file, "a list of points", lateral_step=lateral_step)
-            return _surface(file, table, points, sensitivity(scale), facts)
-        if (timed is not None or sampling_rate is not None) and x is None and z is None:
-            if lateral_step is not None or scale is not None:
-                raise ReadError(f"{file.path}: a recording takes no lateral_step or scale")
-            return _recording(file, table, timed, sampling_rate, channel, facts)
-        return _profile(file, table, x, z, lateral_step, sensitivity(scale), facts)
-    except UnitError:
-        raise
-    except DataError as exc:
-        raise FormatMismatchError(f"{file.path}: {exc}") from None
-
-
-def _rows_of(
-    file: RawFile, table: Table, channel: str | None
-) -> tuple[Table, str | None, dict[str, str]]:
-    """Return the rows of one label, and the labels that all its rows share."""
-    stacked = [c for c in table.columns if c.labels is not None and len(set(c.labels)) > 1]
-    for column in stacked:
-        if channel is not None and channel in (column.labels or ()):
-            keep = np.array([label == channel for label in column.labels or ()])
-            table, channel = _take(table, keep), None
-            break
-    shared: dict[str, str] = {}
-    for column in table.columns:
-        if column.labels is None:
-            continue
-        different = tuple(dict.fromkeys(column.labels))
-        if len(different) == 1:
-            shared[column.name] = different[0]
-        elif len(table.numbers) == 2:
-            raise FormatMismatchError(
-                f"{file.path}: column {column.name!r} stacks {len(different)} data sets "
-                f"({', '.join(different[:4])}); choose one with channel={different[0]!r}"
-            )
-    return table, channel, shared
-
-
-def _take(table: Table, keep: Any) -> Table:
-    columns = tuple(
-        Column(
-            c.name,
-            c.unit,
-            None if c.values is None else c.values[keep],
-            None
-            if c.labels is None
-            else tuple(label for label, k in zip(c.labels, keep, strict=True) if k),
-        )
-        for c in table.columns
-    )
-    return Table(columns, table.lines[keep], table.header, table.warnings)
-
-
-def _with_units(file: RawFile, table: Table, unit: Any) -> Table:
-    """Return the table with the units that the caller declares; contradictions are refused."""
-    if unit is None:
-        return table
-    names = [c.name for c in table.numbers]
-    if isinstance(unit, str):
-        shared = parse_unit(unit)
-        declared: dict[str, Unit] = {c.name: shared for c in table.numbers if c.unit is None}
-        if not declared and not any(c.unit == shared for c in table.numbers):
-            own = ", ".join(f"{c.name!r} in {c.unit.name}" for c in table.numbers if c.unit)
-            raise FormatMismatchError(
-                f"{file.path}: every column declares its own unit ({own}); leave unit= out"
-            )
-    elif isinstance(unit, dict):
-        specs = ((str(n), str(u)) for n, u in unit.items())
-        declared = {c.name: u for c, u in (pick(file, table, s, role="unit") for s in specs) if u}
-    else:
-        units = tuple(unit)
-        if len(units) != len(names):
-            raise FormatMismatchError(
-                f"{file.path}: unit has {len(units)} entries for {len(names)} columns of numbers "
-                f"({', '.join(names)}); give one for each"
-            )
-        pairs = zip(names, units, strict=True)
-        declared = {
-            c.name: u
-            for c, u in (pick(file, table, (n, str(t)), role="unit") for n, t in pairs)
-            if u
-        }
-    columns = tuple(
-        Column(c.name, declared.get(c.name, c.unit), c.values, c.labels) for c in table.columns
-    )
-    return Table(columns, table.lines, table.header, table.warnings)
-
-
-def _time_column(file: RawFile, table: Table, time: ColumnSpec | None) -> Column | None:
-    if time is not None:
-        column, unit = pick(file, table, time, role="time")
-        return Column(column.name, unit, column.values, column.labels)
-    for column in table.numbers:
-        if column.unit is not None and column.unit.dimension == "time":
-            return column
-    for column in table.numbers:
-        if column.unit is None and column.name.strip().casefold() in _TIME_NAMES:
-            return column
-    return None
-
-
-def _point_columns(
-    file: RawFile,
-    table: Table,
-    x: ColumnSpec | None,
-    y: ColumnSpec | None,
-    z: ColumnSpec | None,
-) -> tuple[ColumnSpec, ColumnSpec, ColumnSpec] | None:
-    """Return the columns of a list of points, or None when the table is none."""
-    if y is not None:
-        if x is None or z is None:
-            raise FormatMismatchError(
-                f"{file.path}: a surface needs x=, y= and z=; give all three"
-            )
-        return x, y, z
-    if x is not None or z is not None or len(table.numbers) != 3:
-        return None
-    lengths = [c for c in table.numbers if c.unit is not None and c.unit.dimension == "length"]
-    named = {header_unit(c.name)[0].casefold(): c.name for c in lengths}
-    if set(named) != {"x", "y", "z"}:
-        return None
-    return named["x"], named["y"], named["z"]
-
-
-def _surface(
-    file: RawFile,
-    table: Table,
-    points: tuple[ColumnSpec, ColumnSpec, ColumnSpec],
-    scale: float | None,
-    facts: dict[str, Any],
-) -> Surface:
-    values = []
-    used: dict[str, Any] = {}
-    for role, spec in zip(("x", "y", "z"), points, strict=True):
-        column, unit = pick(file, table, spec, role=role)
-        factor = scale if role == "z" else None
-        values.append(to_si(file, column, unit, dimension="length", role=role, scale=factor))
-        used[role] = column.name
-    if np.isnan(values[2]).all():
-        raise FormatMismatchError(f"{file.path}: the heights hold no number; nothing was measured")
-    heights, (dx, dy), origin = to_grid(file, *values)
-    metadata = _metadata(
-        file, table, {"row_order_in_file": "a list of points with their positions", **facts}
-    )
-    history = file.history(FORMAT, used)
-    return Surface(heights, dx, dy, origin=origin, metadata=metadata, history=history)
-
-
-def _metadata(file: RawFile, table: Table, facts: dict[str, Any]) -> dict[str, Any]:
-    units = {c.name: c.unit.name for c in table.columns if c.unit is not None}
-    return file.metadata(FORMAT, table.header, warnings=table.warnings, units=units, **facts)
-
-
-def _recording(
-    file: RawFile,
-    table: Table,
-    timed: Column | None,
-    sampling_rate: float | str | None,
-    channel: str | None,
-    facts: dict[str, Any],
-) -> Recording:
-    t: FloatArray
-    if timed is not None and sampling_rate is not None:
-        raise FormatMismatchError(
-            f"{file.path}: has a column of time ({timed.name!r}), and sampling_rate was given too; leave "
-            "sampling_rate out"
-        )
-    if timed is not None:
-        t = to_si(file, timed, timed.unit, dimension="time", role="time")
-    else:
-        rate = parse_quantity(sampling_rate or 0.0, dimension="frequency", name="sampling_rate")
-        if rate <= 0.0:
-            raise ReadError(f"{file.path}: sampling_rate is {rate} Hz; it must be positive")
-        t = np.arange(len(table), dtype=np.float64) / rate
-    chosen = [c for c in table.numbers if timed is None or c.name != timed.name]
-    if channel is not None:
-        column, _ = pick(file, table, channel, role="channel")
-        chosen = [c for c in chosen if c.name == column.name]
-    values = {
-        c.name: c.values * (c.unit.factor if c.unit else 1.0)
-        for c in chosen
-        if c.values is not None
-    }
-    return Recording(
-        t,
-        values,
-        units={c.name: _SI.get(c.unit.dimension, "") for c in chosen if c.unit is not None},
-        metadata=_metadata(file, table, facts),
-        history=file.history(FORMAT, {"channels": tuple(values)}),
-    )
-
-
-def _profile(
-    file: RawFile,
-    table: Table,
-    x: ColumnSpec | None,
-    z: ColumnSpec | None,
-    lateral_step: Any,
-    scale: float | None,
-    facts: dict[str, Any],
-) -> Profile:
-    numbers = [c.name for c in table.numbers]
-    steps = lateral_steps(lateral_step)
-    if x is None and z is None:
-        if len(numbers) == 1 and steps is not None:
-            z = numbers[0]
-        elif len(numbers) == 2:
-            x, z = numbers
-        else:
-            raise _cannot_tell(file, table)
-    if z is None or (x is None and steps is None):
-        raise FormatMismatchError(
-            f"{file.path}: a profile needs x= and z=, or z= and lateral_step=; the columns are "
-            f"{', '.join(table.names)}"
-        )
-    if x is not None and steps is not None:
-        raise FormatMismatchError(
-            f"{file.path}: the file holds positions, so lateral_step cannot replace them; leave it out"
-        )
-    z_column, z_unit = pick(file, table, z, role="z")
-    heights = to_si(file, z_column, z_unit, dimension="length", role="z", scale=scale)
-    used: dict[str, Any] = {"z": z_column.name, "scale_m_per_v": scale}
-    if x is None:
-        step = steps[0] if steps is not None else 0.0
-        positions: FloatArray = step * np.arange(heights.size, dtype=np.float64)
-        used["lateral_step_m"] = step
-    else:
-        x_column, x_unit = pick(file, table, x, role="x")
-        positions = to_si(file, x_column, x_unit, dimension="length", role="x")
-        used["x"] = x_column.name
-    if np.isnan(heights).all():
-        raise FormatMismatchError(
-            f"{file.path}: column {z_column.name!r} holds no number; nothing was measured"
-        )
-    return Profile(
-        positions,
-        heights,
-        metadata=_metadata(file, table, facts),
-        history=file.history(FORMAT, used),
-    )
-
-
-def _cannot_tell(file: RawFile, table: Table) -> FormatMismatchError:
-    n = len(table.numbers)
-    if n == 1:
-        advice = "give the step of the positions with lateral_step='... um', or sampling_rate="
-    else:
-        advice = (
-            "name two with x= and z=, give sampling_rate= for a recording without a column of time, or "
-            "read repeated runs with read_runs(x=, z=, run=, feed=)"
-        )
-    return FormatMismatchError(
-        f"{file.path}: has {n} column(s) of numbers ({', '.join(table.names)}) and none is a time; "
-        f"{advice}"
+    return measurement(
+        file,
+        table,
+        FORMAT,
+        channel=channel,
+        lateral_step=lateral_step,
+        unit=unit,
+        x=x,
+        y=y,
+        z=z,
+        time=time,
+        sampling_rate=sampling_rate,
+        scale=scale,
     )

@@ -199,6 +199,7 @@ def read(
         "sign": header["sign"],
         "height_per_count_m": scale,
         "window_origin_px": (header["phase_origin_x"], header["phase_origin_y"]),
+        "window_px": (header["phase_width"], header["phase_height"]),
         "camera_px": (header["camera_width"], header["camera_height"]),
         "unix_time_s": header["time_stamp"],
     }

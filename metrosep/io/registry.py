@@ -1,10 +1,12 @@
 """Which formats there are, and which of them a file is.
 
 A format is a folder in ``data_formats/`` with a ``format.toml`` (what it is) and a module that
-``reader = "builtin:<module>"`` names (how to read it). The folders lie in the root of a checkout
-and, inside a wheel, in ``metrosep/_formats``. A file is recognised by its content; a name alone
-never makes a reader sure. Packages may add readers with the entry-point group
-``metrosep.readers``; they are asked only when no built-in reader knows the file.
+``reader = "builtin:<module>"`` names (how to read it), or a table ``[layout]`` that describes a
+text so that no module is needed. The folders lie in the root of a checkout and, inside a wheel, in
+``metrosep/_formats``; folders of one's own are named by the environment variable
+`FOLDERS_VARIABLE`. A file is recognised by its content; a name alone never makes a reader sure.
+Packages may add readers with the entry-point group ``metrosep.readers``; they are asked only when
+no other reader knows the file.
 """
 
 from __future__ import annotations
@@ -12,6 +14,7 @@ from __future__ import annotations
 import enum
 import functools
 import importlib
+import os
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -29,6 +32,9 @@ __all__ = ["Format", "Match", "Reader", "find", "formats", "get", "identify"]
 
 ENTRY_POINTS = "metrosep.readers"
 """Entry-point group of readers that other packages bring."""
+
+FOLDERS_VARIABLE = "METROSEP_FORMATS"
+"""Environment variable with folders (separated as in PATH) of further descriptions of text."""
 
 _KEYS = frozenset(
     {"id", "title", "vendor", "kind", "suffixes", "reader", "reads", "writes", "status"}
@@ -125,7 +131,8 @@ class Format:
     suffixes : tuple of str
         Usual endings of the file name, with the dot.
     reader : str
-        ``"builtin:<module of metrosep.io>"``, ``"controllers:<name>"`` or ``"plugin:<name>"``.
+        ``"builtin:<module of metrosep.io>"``, ``"layout"`` (the facts describe the text),
+        ``"controllers:<name>"`` or ``"plugin:<name>"``.
     reads, writes : bool
         What metrosep does with it.
     status : str
@@ -151,7 +158,7 @@ class Format:
     @property
     def is_measurement(self) -> bool:
         """Whether `metrosep.io.read.read` reads it (a table of a controller is not)."""
-        return self.reads and self.reader.startswith(("builtin:", "plugin:"))
+        return self.reads and self.reader.partition(":")[0] in ("builtin", "plugin", "layout")
 
     @property
     def magic(self) -> tuple[tuple[int, bytes], ...]:
@@ -170,6 +177,12 @@ class Format:
         where, _, name = self.reader.partition(":")
         if where == "builtin":
             return cast("Reader", importlib.import_module(f"metrosep.io.{name}"))
+        if where == "layout":
+            from metrosep.io.layout import LayoutReader
+
+            source = self.folder / "format.toml" if self.folder else self.id
+            layout = self.facts.get("layout", {})
+            return cast("Reader", LayoutReader(self.id, self.title, layout, source))
         if where == "plugin":
             return cast("Reader", _plugins()[name])
         raise ReadError(
@@ -306,8 +319,35 @@ def _format_folder() -> Path | None:
     return None
 
 
-@functools.cache
 def _descriptors() -> tuple[Format, ...]:
+    return _own_descriptors() + _user_descriptors(os.environ.get(FOLDERS_VARIABLE, ""))
+
+
+@functools.cache
+def _user_descriptors(folders: str) -> tuple[Format, ...]:
+    """Return the formats in folders of the user: text layouts only, since a TOML file runs no code."""
+    found: list[Format] = []
+    taken = {f.id for f in _own_descriptors()}
+    for folder in filter(None, folders.split(os.pathsep)):
+        files = sorted(Path(folder).glob("*/format.toml"))
+        if not files:
+            raise ReadError(
+                f"{folder}: holds no <format>/format.toml; correct {FOLDERS_VARIABLE} or unset it"
+            )
+        for file in files:
+            described = _load(file)
+            if described.reader != "layout":
+                raise ReadError(f'{file}: reader must be "layout" outside of metrosep')
+            if described.id in taken:
+                raise ReadError(f"{file}: there is a format {described.id!r} already; rename it")
+            described.load_reader()
+            taken.add(described.id)
+            found.append(described)
+    return tuple(found)
+
+
+@functools.cache
+def _own_descriptors() -> tuple[Format, ...]:
     folder = _format_folder()
     if folder is None:
         raise ReadError(
@@ -318,7 +358,10 @@ def _descriptors() -> tuple[Format, ...]:
 
 
 def _load(file: Path) -> Format:
-    entries = tomllib.loads(file.read_text(encoding="utf-8"))
+    try:
+        entries = tomllib.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as exc:
+        raise ReadError(f"{file}: is no readable TOML ({exc}); correct it") from None
     facts = {k: v for k, v in entries.items() if k not in _KEYS}
     try:
         return Format(

@@ -1,0 +1,271 @@
+"""`check_file`: what is odd about a measurement file, and what to do about it.
+
+Reading answers what a file says; checking asks whether it can be true: a lateral scale that was
+never set, a detector at its limit, a unit that makes a mirror a metre high, an angle that wraps.
+Nothing is changed. The thresholds are named below; each is a habit of instruments, not a standard.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import MetrosepError, ReadError
+from metrosep.core.profile import Profile
+from metrosep.core.recording import Recording
+from metrosep.core.surface import Surface
+from metrosep.core.units import format_length
+from metrosep.io.read import read
+
+__all__ = ["Finding", "check_file", "check_object"]
+
+Level = Literal["error", "warning", "note"]
+
+MANY_INVALID = 0.05
+"""Share of points not measured from which it is worth a finding; from half on it is an error."""
+
+AT_THE_LIMIT = 0.005
+"""Share of samples at exactly the largest or the smallest value that tells a limit from an extreme."""
+
+LARGE_HEIGHT = 0.1
+"""P-V in m beyond which a unit is more likely wrong than a part that rough."""
+
+SMALL_HEIGHT = 1e-12
+"""P-V in m below which no instrument measures."""
+
+OFF_CENTRE = 0.05
+"""Distance of the window's centre from the camera's, as a share of the camera, that is a finding."""
+
+_TURNS = {"rad": 2.0 * math.pi, "": 360.0}
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One oddity of a file.
+
+    Parameters
+    ----------
+    level : {"error", "warning", "note"}
+        ``error``: numbers from this file would mislead; ``warning``: look at it; ``note``: know it.
+    problem : str
+        What is odd, with numbers.
+    fix : str
+        What to do.
+    unreadable : bool, optional
+        Whether the file could not be read at all.
+    """
+
+    level: Level
+    problem: str
+    fix: str
+    unreadable: bool = False
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the finding as plain values."""
+        return asdict(self)
+
+
+def check_file(path: str | os.PathLike[str], **options: Any) -> tuple[Finding, ...]:
+    """Return what is odd about a file; a file that cannot be read is one error.
+
+    Parameters
+    ----------
+    path : str or path
+        The file.
+    **options
+        As for `metrosep.io.read.read`.
+
+    Returns
+    -------
+    tuple of Finding
+        Errors first; empty when nothing is odd.
+    """
+    try:
+        obj = read(path, **options)
+    except MetrosepError as exc:
+        if not isinstance(exc, ReadError) and not isinstance(exc, ValueError):
+            raise
+        problem, _, fix = str(exc).partition("; ")
+        return (
+            Finding("error", problem or str(exc), fix if problem else "see the message", True),
+        )
+    return check_object(obj)
+
+
+def check_object(obj: Surface | Profile | Recording) -> tuple[Finding, ...]:
+    """Return what is odd about a measurement.
+
+    Parameters
+    ----------
+    obj : Surface, Profile or Recording
+        The measurement, as it was read.
+
+    Returns
+    -------
+    tuple of Finding
+        Errors first; empty when nothing is odd.
+    """
+    found = [*_of_reader(obj.metadata)]
+    if isinstance(obj, Recording):
+        found += _clock(obj)
+        for name, values in obj.channels.items():
+            found += _values(values, f"channel {name!r}: ")
+            found += _wrapped(obj, name)
+    else:
+        found += _values(obj.z.ravel(), "")
+        found += _height(obj)
+        found += _lateral(obj)
+        found += _window(obj.metadata)
+    order = ("error", "warning", "note")
+    return tuple(sorted(found, key=lambda f: order.index(f.level)))
+
+
+def _of_reader(metadata: Mapping[str, Any]) -> Iterator[Finding]:
+    """Yield what the reader noticed while it read."""
+    for sentence in metadata.get("warnings", ()):
+        problem, _, fix = sentence.partition("; ")
+        yield Finding(
+            "warning", problem, fix or "compare with what the instrument's own program shows"
+        )
+
+
+def _values(values: FloatArray, where: str) -> Iterator[Finding]:
+    """Yield findings on one set of numbers: missing, at a limit, without any relief."""
+    valid = values[~np.isnan(values)]
+    share = 1.0 - valid.size / values.size
+    if share > MANY_INVALID:
+        level: Level = "error" if share > 0.5 else "warning"
+        yield Finding(
+            level,
+            f"{where}{share:.1%} of {values.size} points were not measured",
+            "mask them on purpose, or measure again with more light, less slope or less vibration",
+        )
+    if valid.size < 20:
+        return
+    low, high = float(valid.min()), float(valid.max())
+    if low == high:
+        yield Finding(
+            "error",
+            f"{where}every valid value is {low:g}",
+            "check the cable, the range and the export",
+        )
+        return
+    for value, side in ((high, "largest"), (low, "smallest")):
+        at = float(np.count_nonzero(valid == value)) / valid.size
+        if at > max(AT_THE_LIMIT, 4.0 / valid.size) and _alone(valid, value, at):
+            yield Finding(
+                "warning",
+                f"{where}{at:.1%} of the values are exactly the {side}, {value:g}: clipped or saturated",
+                "measure again with a larger range or less light; extremes and P-V are too small",
+            )
+
+
+def _alone(valid: FloatArray, value: float, share: float) -> bool:
+    """Return whether an extreme value is more frequent than its neighbours: coarse steps are not."""
+    distinct, counts = np.unique(valid[:: max(1, valid.size // 200_000)], return_counts=True)
+    if distinct.size < 10:
+        return False
+    typical = float(np.median(counts)) / counts.sum()
+    return bool(share > 10.0 * typical)
+
+
+def _height(obj: Surface | Profile) -> Iterator[Finding]:
+    size = obj.peak_to_valley()
+    if size > LARGE_HEIGHT:
+        yield Finding(
+            "error" if size > 1.0 else "warning",
+            f"P-V is {format_length(size)}: the unit of the heights is probably wrong",
+            "compare with the instrument's display; declare the unit with --unit, or scale the export",
+        )
+    elif 0.0 < size < SMALL_HEIGHT:
+        yield Finding(
+            "warning",
+            f"P-V is {size:.3g} m, less than any instrument resolves: the unit is probably wrong",
+            "compare with the instrument's display; declare the unit with --unit",
+        )
+
+
+def _lateral(obj: Surface | Profile) -> Iterator[Finding]:
+    if isinstance(obj, Profile):
+        steps = np.diff(obj.x)
+        if steps.size and not obj.is_uniform and steps.max() > 10.0 * np.median(steps):
+            yield Finding(
+                "warning",
+                f"a gap of {format_length(float(steps.max()))} in the positions, where the usual step is "
+                f"{format_length(float(np.median(steps)))}",
+                "cut the profile there, or measure it again",
+            )
+        return
+    if obj.dx is None or obj.dy is None:
+        yield Finding(
+            "warning",
+            "the lateral scale is not calibrated: slopes, wavelengths and areas are unknown",
+            "give --lateral-step 'DX um' as measured on a standard",
+        )
+    elif max(obj.dx, obj.dy) > 2.0 * min(obj.dx, obj.dy):
+        yield Finding(
+            "note",
+            f"pixels are not square: {format_length(obj.dx)} by {format_length(obj.dy)}",
+            "nothing, if the instrument scans by lines; else check the lateral calibration",
+        )
+    if obj.metadata.get("lateral_step_override_m") is not None:
+        own = obj.metadata.get("lateral_step_in_file_m")
+        yield Finding(
+            "note",
+            f"the file's own lateral step {own} m was replaced",
+            "nothing, if that was meant",
+        )
+
+
+def _window(metadata: Mapping[str, Any]) -> Iterator[Finding]:
+    origin, camera = metadata.get("window_origin_px"), metadata.get("camera_px")
+    size = metadata.get("window_px")
+    if not (origin and camera and size) or min(camera) < 1:
+        return
+    off = [o + 0.5 * s - 0.5 * c for o, s, c in zip(origin, size, camera, strict=True)]
+    if max(abs(d) / c for d, c in zip(off, camera, strict=True)) > OFF_CENTRE:
+        yield Finding(
+            "warning",
+            f"the window is not centred in the camera: its centre lies {off[0]:+.1f} px, {off[1]:+.1f} px "
+            "off (x, y from the top)",
+            "use window_origin_px when maps are averaged, rotated or stitched",
+        )
+
+
+def _clock(obj: Recording) -> Iterator[Finding]:
+    steps = np.diff(obj.t)
+    if steps.size < 3:
+        return
+    usual = float(np.median(steps))
+    late = int(np.count_nonzero(steps > 1.5 * usual))
+    if 0 < late < 0.1 * steps.size:
+        first = float(obj.t[int(np.argmax(steps > 1.5 * usual))])
+        yield Finding(
+            "warning",
+            f"{late} gap(s) in the clock: the longest is {float(steps.max()) / usual:.1f} steps, the first "
+            f"after t = {first:.6g} s",
+            "samples were lost; cut the recording there or lower the sampling rate",
+        )
+
+
+def _wrapped(obj: Recording, name: str) -> Iterator[Finding]:
+    turn = _TURNS.get(obj.units.get(name, ""))
+    values = obj.channels[name]
+    if turn is None or values.size < 20:
+        return
+    jumps = np.abs(np.diff(values))
+    jumps = jumps[~np.isnan(jumps)]
+    n = int(np.count_nonzero(np.abs(jumps - turn) < 0.05 * turn))
+    in_range = float(np.nanmax(values) - np.nanmin(values)) <= 1.01 * turn
+    if n and in_range and np.median(jumps) < 0.05 * turn:
+        yield Finding(
+            "warning",
+            f"channel {name!r}: the angle wraps {n} time(s) by {turn:.4g}",
+            "unwrap it (numpy.unwrap with period=) before it is subtracted, filtered or resampled",
+        )
