@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,9 +13,12 @@ FloatArray = NDArray[np.float64]
 
 
 def frozen_float(values: ArrayLike, *, name: str, ndim: int, min_size: int = 1) -> FloatArray:
-    """Return a private, non-writeable float64 copy; infinities are refused, NaN kept."""
+    """Return a private, non-writeable float64 copy; infinities are refused, NaN kept.
+
+    An array that owns its memory and was made non-writeable is taken as it is.
+    """
     try:
-        array = np.array(values, dtype=np.float64)
+        array = values if _is_frozen(values) else np.array(values, dtype=np.float64)
     except (TypeError, ValueError) as exc:
         raise InvalidSamplesError(
             f"{name} must hold real numbers in SI, got {type(values).__name__}: {exc}"
@@ -24,13 +27,19 @@ def frozen_float(values: ArrayLike, *, name: str, ndim: int, min_size: int = 1) 
         raise InvalidSamplesError(f"{name} must have {ndim} dimension(s), got shape {array.shape}")
     if array.size < min_size:
         raise TooFewSamplesError(f"{name} needs at least {min_size} sample(s), got {array.size}")
-    if np.isinf(array).any():
+    if np.isinf(np.fmin.reduce(array, axis=None)) or np.isinf(np.fmax.reduce(array, axis=None)):
         first = tuple(int(i) for i in np.argwhere(np.isinf(array))[0])
         raise InvalidSamplesError(
             f"{name} is infinite at index {first}; write NaN where nothing was measured"
         )
     array.setflags(write=False)
     return array
+
+
+def _is_frozen(values: ArrayLike) -> TypeGuard[FloatArray]:
+    if not isinstance(values, np.ndarray) or values.dtype != np.float64:
+        return False
+    return values.base is None and values.flags.c_contiguous and not values.flags.writeable
 
 
 def same_length(**arrays: NDArray[Any]) -> None:

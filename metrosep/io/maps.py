@@ -8,7 +8,7 @@ its own steps stay in the metadata.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, DataError, UnsupportedFeatureError
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
-from metrosep.io.source import RawFile, flat_map, refuse_options
+from metrosep.io.source import RawFile, refuse_options
 
 __all__ = [
     "ROW_ORDERS",
@@ -31,6 +31,9 @@ __all__ = [
 
 ROW_ORDERS = ("smallest y first", "top row first")
 """Order of the rows in a file; the second is turned on reading."""
+
+_BLOCK_VALUES = 2**17
+"""Values that are scaled at once: they stay in the cache."""
 
 _MAX_LATERAL = 1.0
 """Largest lateral step in m that is taken for a calibration."""
@@ -127,7 +130,12 @@ def lateral_or_none(
 
 
 def scaled(
-    raw: NDArray[Any], scale: float, invalid: NDArray[np.bool_] | None = None, offset: float = 0.0
+    raw: NDArray[Any],
+    scale: float,
+    invalid: NDArray[np.bool_] | Callable[[NDArray[Any]], NDArray[np.bool_]] | None = None,
+    offset: float = 0.0,
+    *,
+    turned: bool = False,
 ) -> FloatArray:
     """Return heights in m of raw values, NaN where not measured.
 
@@ -137,21 +145,32 @@ def scaled(
         Values as in the file, any type and byte order.
     scale : float, m
         Height of one raw unit.
-    invalid : ndarray of bool, optional
-        Where nothing was measured.
+    invalid : ndarray of bool, or callable, optional
+        Where nothing was measured; a callable gets raw values in native byte order, a block of
+        rows at a time.
     offset : float, m, optional
         Added after the scale.
+    turned : bool, optional
+        Return the last row first; costs nothing here, and a pass over the memory later.
 
     Returns
     -------
     ndarray
         float64, in the shape of `raw`.
     """
-    z: FloatArray = np.multiply(raw, scale, dtype=np.float64)
-    if offset != 0.0:
-        z += offset
-    if invalid is not None:
-        z[invalid] = np.nan
+    z: FloatArray = np.empty(raw.shape, dtype=np.float64)
+    target = z[::-1] if turned else z
+    native = raw.dtype.newbyteorder("=")
+    step = max(1, _BLOCK_VALUES // max(1, raw[:1].size))
+    for start in range(0, raw.shape[0], step):
+        rows = slice(start, start + step)
+        block = raw[rows].astype(native, copy=False)
+        np.multiply(block, scale, out=target[rows])
+        if offset != 0.0:
+            target[rows] += offset
+        mask = invalid(block) if callable(invalid) else None if invalid is None else invalid[rows]
+        if mask is not None and mask.any():
+            target[rows][mask] = np.nan
     return z
 
 
@@ -166,6 +185,7 @@ def make_surface(
     override: tuple[float, float] | None = None,
     origin: tuple[float, float] = (0.0, 0.0),
     warnings: Sequence[str] = (),
+    turned: bool = False,
     **facts: Any,
 ) -> Surface:
     """Return a surface that meets the contract of all readers.
@@ -190,6 +210,8 @@ def make_surface(
         Position of the pixel with the smallest x and y.
     warnings : sequence of str, optional
         What is odd about the file.
+    turned : bool, optional
+        Whether `z` has row 0 with the smallest y already, whatever the order of the file.
     **facts
         Derived values for the metadata, keys with unit suffixes.
 
@@ -204,7 +226,7 @@ def make_surface(
         If no pixel was measured, or sizes and steps do not make a surface.
     """
     z, notes = _measured(file, z)
-    if row_order == ROW_ORDERS[1]:
+    if row_order == ROW_ORDERS[1] and not turned:
         z = z[::-1]
     dx, dy = override or own_steps
     metadata = file.metadata(
@@ -217,6 +239,7 @@ def make_surface(
         **facts,
     )
     history = file.history(format_id, {"lateral_step_m": override})
+    z.setflags(write=False)
     try:
         return Surface(z, dx, dy, origin=origin, metadata=metadata, history=history)
     except DataError as exc:
@@ -295,12 +318,14 @@ def make_profile(
 
 def _measured(file: RawFile, z: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
     """Return heights without infinities, and sentences on what was odd; refuse an empty map."""
-    notes: list[str] = []
-    infinite = np.isinf(z)
-    if infinite.any():
+    notes: tuple[str, ...] = ()
+    low, high = float(np.fmin.reduce(z, axis=None)), float(np.fmax.reduce(z, axis=None))
+    if math.isinf(low) or math.isinf(high):
+        infinite = np.isinf(z)
         z = np.where(infinite, np.nan, z)
-        notes.append(f"{int(infinite.sum())} infinite heights were taken as not measured")
-    if np.isnan(z).all():
+        notes = (f"{int(infinite.sum())} infinite heights were taken as not measured",)
+        low, high = float(np.fmin.reduce(z, axis=None)), float(np.fmax.reduce(z, axis=None))
+    if math.isnan(low):
         raise CorruptFileError(
             file.path,
             "no point was measured",
@@ -308,4 +333,6 @@ def _measured(file: RawFile, z: FloatArray) -> tuple[FloatArray, tuple[str, ...]
             found=f"{z.size} invalid ones",
             hint="measure again with more light or a larger mask",
         )
-    return z, (*notes, *flat_map(z))
+    if low == high:
+        notes += (f"every valid height is the same, {low:g} m: no relief was stored",)
+    return z, notes

@@ -9,7 +9,6 @@ are in ``data_formats/metropro/SPEC.md``.
 
 from __future__ import annotations
 
-import math
 import struct
 from typing import Any
 
@@ -18,8 +17,10 @@ import numpy as np
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, FormatMismatchError, UnsupportedFeatureError
 from metrosep.core.surface import Surface
+from metrosep.io.binary import check_area, check_scale, unpack_fields
+from metrosep.io.maps import lateral_or_none, make_surface, only_channels, scaled
 from metrosep.io.registry import Match
-from metrosep.io.source import MAX_PIXELS, RawFile, flat_map, lateral_steps, refuse_options
+from metrosep.io.source import RawFile, lateral_steps, refuse_options
 
 __all__ = ["FIELDS", "channels", "read", "sniff"]
 
@@ -31,9 +32,6 @@ _RESOLUTION = {0: 4096, 1: 32768, 2: 131072}
 _FIRST_INVALID = 2147483640
 _WAVELENGTHS = (1e-8, 1e-3)
 """Range in m of a wavelength that an interferometer can have."""
-
-_MAX_LATERAL = 1.0
-"""Largest lateral step in m that is taken for a calibration."""
 
 FIELDS: tuple[tuple[int, str, str], ...] = (
     (0, "I", "magic_number"),
@@ -176,22 +174,16 @@ def read(
         If the file holds an intensity image only, or the map is larger than `max_pixels`.
     """
     refuse_options(file, "a MetroPro map with its own units", unit=unit)
-    if channel not in (None, "height"):
-        raise UnsupportedFeatureError(
-            f"{file.path}: MetroPro channel {channel!r} cannot be read; the only one is 'height'"
-        )
+    only_channels(file, "MetroPro", channel)
     override = lateral_steps(lateral_step)
     header = _header(file)
-    warnings = _check_sizes(file, header, max_pixels or MAX_PIXELS)
+    warnings = _check_sizes(file, header, max_pixels)
     scale = _scale(file, header)
     z = _heights(file, header, scale)
-    warnings.extend(flat_map(z))
-    own = _lateral(file, header, warnings)
-    dx, dy = override or (own, own)
+    own = lateral_or_none(
+        file, "lateral_resolution", header["lateral_resolution"], warnings, offset=184
+    )
     facts = {
-        "row_order_in_file": "top row first",
-        "lateral_step_in_file_m": (own, own),
-        "lateral_step_override_m": override,
         "wavelength_m": header["wavelength"],
         "interferometric_scale_factor": header["interferometric_scale_factor"],
         "obliquity_factor": header["obliquity_factor"],
@@ -203,12 +195,17 @@ def read(
         "camera_px": (header["camera_width"], header["camera_height"]),
         "unix_time_s": header["time_stamp"],
     }
-    return Surface(
+    return make_surface(
+        file,
+        FORMAT,
         z,
-        dx,
-        dy,
-        metadata=file.metadata(FORMAT, header, warnings=tuple(warnings), **facts),
-        history=file.history(FORMAT, {"lateral_step_m": override}),
+        (own, own),
+        row_order="top row first",
+        turned=True,
+        header=header,
+        override=override,
+        warnings=warnings,
+        **facts,
     )
 
 
@@ -218,25 +215,10 @@ def _header(file: RawFile) -> dict[str, Any]:
             f"{file.path}: is not a MetroPro file: expected 88 1b 03 6f (or 70, 71) at offset 0, "
             f"found {file.data[:4].hex(' ')}; leave out format= to have it recognised"
         )
-    last = FIELDS[-1]
-    if file.size < last[0] + struct.calcsize(">" + last[1]):
-        raise CorruptFileError(
-            file.path,
-            "the header is cut off",
-            offset=file.size,
-            expected="834 bytes",
-            found=file.size,
-        )
-    header: dict[str, Any] = {}
-    for offset, code, name in FIELDS:
-        (value,) = struct.unpack_from(">" + code, file.data, offset)
-        if isinstance(value, bytes):
-            value = value.split(b"\0")[0].decode("latin-1").strip()
-        header[name] = value
-    return header
+    return unpack_fields(file, FIELDS, order=">")
 
 
-def _check_sizes(file: RawFile, header: dict[str, Any], max_pixels: int) -> list[str]:
+def _check_sizes(file: RawFile, header: dict[str, Any], max_pixels: int | None) -> list[str]:
     """Refuse a header whose sizes do not add up to the file, before anything is allocated."""
     number = _MAGIC[header["magic_number"]]
     _demand(file, header, "header_format", 4, number)
@@ -247,21 +229,14 @@ def _check_sizes(file: RawFile, header: dict[str, Any], max_pixels: int) -> list
             f"{file.path}: the MetroPro file holds an intensity image only, no phase map; save the "
             "measurement with its phase data"
         )
-    for name, offset in (("phase_width", 68), ("phase_height", 70)):
-        if header[name] < 1:
-            raise CorruptFileError(
-                file.path,
-                "the map has no size",
-                field=name,
-                offset=offset,
-                expected="at least 1",
-                found=header[name],
-            )
-    if width * height > max_pixels:
-        raise UnsupportedFeatureError(
-            f"{file.path}: claims {width} x {height} pixels, more than {max_pixels}; pass max_pixels= "
-            "if that is true"
-        )
+    check_area(
+        file,
+        width,
+        height,
+        max_pixels=max_pixels,
+        names=("phase_width", "phase_height"),
+        offsets=(68, 70),
+    )
     _demand(file, header, "phase_bytes", 72, 4 * width * height)
     intensity = header["intensity_bytes"]
     total = header["header_size"] + intensity + header["phase_bytes"]
@@ -303,17 +278,7 @@ def _scale(file: RawFile, header: dict[str, Any]) -> float:
     }
     product = 1.0
     for name, (offset, low, high) in ranges.items():
-        value = header[name]
-        if not low <= value <= high:  # also catches NaN
-            raise CorruptFileError(
-                file.path,
-                "a scale of the heights is not usable",
-                field=name,
-                offset=offset,
-                expected=f"{low:g} to {high:g}",
-                found=value,
-            )
-        product *= value
+        product *= check_scale(file, name, header[name], offset=offset, low=low, high=high)
     if header["phase_resolution"] not in _RESOLUTION:
         raise CorruptFileError(
             file.path,
@@ -327,37 +292,11 @@ def _scale(file: RawFile, header: dict[str, Any]) -> float:
 
 
 def _heights(file: RawFile, header: dict[str, Any], scale: float) -> FloatArray:
+    """Return the heights with the lowest row first."""
     width, height = header["phase_width"], header["phase_height"]
     start = header["header_size"] + header["intensity_bytes"]
     raw = np.frombuffer(file.data, dtype=">i4", count=width * height, offset=start)
-    z = raw.astype(np.float64) * (-scale if header["sign"] != 0 else scale)
-    z[raw >= _FIRST_INVALID] = np.nan
-    if np.isnan(z).all():
-        raise CorruptFileError(
-            file.path,
-            "no pixel was measured",
-            offset=start,
-            expected="at least one valid phase value",
-            found=f"{z.size} invalid ones",
-            hint="measure again with more light or a larger mask",
-        )
-    return z.reshape(height, width)[::-1]
-
-
-def _lateral(file: RawFile, header: dict[str, Any], warnings: list[str]) -> float | None:
-    value = float(header["lateral_resolution"])
-    if value == 0.0:
-        return None
-    if math.isnan(value):
-        warnings.append("the lateral resolution is NaN: taken as not calibrated")
-        return None
-    if not 0.0 < value <= _MAX_LATERAL:
-        raise CorruptFileError(
-            file.path,
-            "the lateral step is not usable",
-            field="lateral_resolution",
-            offset=184,
-            expected=f"0 (not calibrated) or up to {_MAX_LATERAL:g} m",
-            found=value,
-        )
-    return value
+    signed = -scale if header["sign"] != 0 else scale
+    return scaled(
+        raw.reshape(height, width), signed, lambda block: block >= _FIRST_INVALID, turned=True
+    )

@@ -10,6 +10,7 @@ import hashlib
 import io
 import math
 import os
+import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
@@ -40,6 +41,24 @@ MAX_PIXELS = 2**28
 """Largest number of samples that a reader allocates unless ``max_pixels`` says otherwise."""
 
 _MAX_BYTES = 2**32
+_HASH_ASIDE = 2**22
+"""Bytes from which a content is hashed by a thread of its own."""
+
+
+class _Hashing:
+    """The hash of a large content, made by a second thread while the content is decoded."""
+
+    def __init__(self, content: bytes) -> None:
+        self._digest = ""
+        self._thread = threading.Thread(target=self._run, args=(content,), daemon=True)
+        self._thread.start()
+
+    def _run(self, content: bytes) -> None:
+        self._digest = hash_bytes(content)
+
+    def result(self) -> str:
+        self._thread.join()
+        return self._digest
 
 
 class RawFile:
@@ -56,6 +75,7 @@ class RawFile:
     def __init__(self, path: Path, data: bytes | None = None) -> None:
         self.path = path
         self._given = data
+        self._hashing: _Hashing | None = None
 
     @property
     def name(self) -> str:
@@ -78,7 +98,10 @@ class RawFile:
                 "once; cut the recording into parts, or read it in chunks with metrosep.io.stream"
             )
         with _explained(self.path):
-            return self.path.read_bytes()
+            content = self.path.read_bytes()
+        if len(content) > _HASH_ASIDE:
+            self._hashing = _Hashing(content)
+        return content
 
     @cached_property
     def head(self) -> bytes:
@@ -96,8 +119,10 @@ class RawFile:
     @cached_property
     def sha256(self) -> str:
         """SHA-256 of the content, 64 hexadecimal digits."""
-        if self._given is not None:
-            return hash_bytes(self._given)
+        if self._hashing is not None:
+            return self._hashing.result()
+        if self._given is not None or "data" in self.__dict__:
+            return hash_bytes(self.data)
         with self.stream() as handle:
             return hashlib.file_digest(handle, "sha256").hexdigest()
 
