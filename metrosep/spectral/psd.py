@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core.errors import TooFewSamplesError
+from metrosep.spectral.streaming import StreamedPsd
 
 __all__ = ["pooled_periodogram"]
 
@@ -50,22 +51,12 @@ def pooled_periodogram(
     size = n_fft or min(shortest, 1024)
     if size < 16:
         raise TooFewSamplesError(f"a spectrum needs records of >= 16 samples, got {size}")
-    window = np.sin(np.pi * np.arange(size) / size) ** 2  # periodic Hann
-    total = np.zeros(size // 2 + 1)
-    n_segments = 0
+    spectrum = StreamedPsd(time_step, size)
     for record in records:
-        for first in range(0, record.size - size + 1, size // 2):
-            segment = record[first : first + size]
-            if np.isnan(segment).any():
-                continue
-            total += np.abs(np.fft.rfft((segment - segment.mean()) * window)) ** 2
-            n_segments += 1
-    if n_segments == 0:
+        spectrum.new_record()
+        spectrum.add(record)
+    if spectrum.n_segments == 0:
         raise TooFewSamplesError(
             f"no unbroken segment of {size} samples; the records have too many gaps"
         )
-    density = 2.0 * time_step * total / (n_segments * (window**2).sum())
-    if size % 2 == 0:
-        density[-1] /= 2.0
-    frequency = np.fft.rfftfreq(size, time_step)
-    return np.asarray(frequency[1:], dtype=np.float64), np.asarray(density[1:])
+    return spectrum.frequency, spectrum.density
