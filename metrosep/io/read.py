@@ -12,7 +12,7 @@ from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
 from metrosep.io import registry
-from metrosep.io.source import RawFile, open_file
+from metrosep.io.source import RawFile, open_file, refuse_options
 
 __all__ = ["channels", "read", "recognise"]
 
@@ -69,6 +69,11 @@ def read(
     """
     file = open_file(path)
     description = recognise(file, format, layout)
+    if description.reader == "via":
+        from metrosep.io.via import read_via
+
+        refuse_options(file, description.title, **layout)
+        return read_via(file, channel=channel, lateral_step=lateral_step, unit=unit)
     reader = description.load_reader()
     accepted = inspect.signature(reader.read).parameters
     for option in layout:
@@ -107,15 +112,22 @@ def recognise(
     ------
     UnknownFormatError
         If no reader knows the content.
+    UnsupportedFeatureError
+        If only another package would read it and that is not installed.
     """
     if format_id is not None:
         return registry.get(format_id)
     try:
         return registry.find(file)
     except UnknownFormatError:
-        if _TEXT_OPTIONS.isdisjoint(layout):
+        if not _TEXT_OPTIONS.isdisjoint(layout):
+            return registry.get("delimited")
+        from metrosep.io.via import format_of
+
+        other = format_of(file)
+        if other is None:
             raise
-        return registry.get("delimited")
+        return other
 
 
 def channels(path: str | os.PathLike[str], *, format: str | None = None) -> tuple[str, ...]:  # noqa: A002

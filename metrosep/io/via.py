@@ -1,0 +1,184 @@
+"""Last resort for formats that metrosep does not read: the package SurfaceTopography, if installed.
+
+It is asked only for a file that no reader of metrosep knows, whose suffix is one of `SUFFIXES`, and
+only with the reader of that format: others of its readers take anything for text, or allocate
+what a damaged header claims. What it gives is marked ``via`` and checked like every other map.
+Formats whose scale it was seen to get wrong (NanoFocus ``.nms``: 10^6) are not in the list.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import PurePath
+from typing import Any
+
+import numpy as np
+
+from metrosep.core.errors import CorruptFileError, UnitError, UnsupportedFeatureError
+from metrosep.core.profile import Profile
+from metrosep.core.surface import Surface
+from metrosep.core.units import parse_unit
+from metrosep.io.maps import lateral_or_none, make_profile, make_surface, only_channels
+from metrosep.io.registry import Format
+from metrosep.io.source import RawFile, lateral_steps, refuse_options
+
+__all__ = ["SUFFIXES", "format_of", "read_via"]
+
+PACKAGE = "SurfaceTopography"
+
+SUFFIXES = {
+    ".spm": "di",
+    ".mdt": "mdt",
+    ".ibw": "ibw",
+    ".mi": "mi",
+    ".vk3": "vk",
+    ".vk4": "vk",
+    ".vk6": "vk",
+    ".vk7": "vk",
+    ".zmg": "zmg",
+    ".zon": "zon",
+    ".os3d": "os3d",
+    ".ezd": "ezd",
+    ".nid": "ezd",
+    ".frt": "frt",
+    ".lext": "lext",
+    ".oir": "oir",
+    ".poir": "poir",
+    ".stp": "wsxm",
+    ".plux": "plux",
+    ".jpk": "jpk",
+    ".mnt": "mnt",
+}
+"""File name suffix to the name of SurfaceTopography's reader."""
+
+
+def format_of(file: RawFile) -> Format | None:
+    """Return the description of a format that SurfaceTopography reads, or ``None``.
+
+    Parameters
+    ----------
+    file : RawFile
+        A file that no reader of metrosep knows.
+
+    Returns
+    -------
+    Format or None
+        ``None`` when its suffix is not one of `SUFFIXES`.
+
+    Raises
+    ------
+    UnsupportedFeatureError
+        If the package is needed and not installed.
+    """
+    suffix = PurePath(file.name).suffix.lower()
+    if suffix not in SUFFIXES:
+        return None
+    if importlib.util.find_spec(PACKAGE) is None:
+        raise UnsupportedFeatureError(
+            f"{file.path}: metrosep has no reader of its own for {suffix}; install the package "
+            f"{PACKAGE} (metrosep[exotic]) to read it through that, or export the map as X3P"
+        )
+    return Format(
+        id=f"via-{SUFFIXES[suffix]}",
+        title=f"{suffix} by {PACKAGE}",
+        vendor="",
+        kind="surface | profile",
+        suffixes=(suffix,),
+        reader="via",
+        reads=True,
+        writes=False,
+        status=f"via {PACKAGE}",
+    )
+
+
+def read_via(
+    file: RawFile,
+    *,
+    channel: str | None = None,
+    lateral_step: Any = None,
+    unit: Any = None,
+) -> Surface | Profile:
+    """Return the map or line that SurfaceTopography reads.
+
+    Parameters
+    ----------
+    file : RawFile
+        The file; its suffix picks the reader.
+    channel : str, optional
+        Name of a height channel.
+    lateral_step : float (m), str or pair, optional
+        Replaces the steps.
+    unit : None
+        Not accepted: a map whose unit the package does not know is refused.
+
+    Returns
+    -------
+    Surface or Profile
+        ``metadata["via"]`` names package and version; a warning says that metrosep has not
+        verified the numbers.
+
+    Raises
+    ------
+    CorruptFileError
+        If the package cannot read the file.
+    UnitError
+        If it knows no unit of length.
+    UnsupportedFeatureError
+        If there is no such channel.
+    """
+    import SurfaceTopography as package  # noqa: N813
+    from SurfaceTopography.IO import readers
+
+    refuse_options(file, f"read by {PACKAGE}, which knows the unit", unit=unit)
+    override = lateral_steps(lateral_step)
+    name = SUFFIXES[PurePath(file.name).suffix.lower()]
+    reader_class = next(r for r in readers if r.format() == name)
+    try:
+        reader = reader_class(str(file.path))
+        channels = [c.name for c in reader.channels]
+        wanted = only_channels(file, PACKAGE, channel, channels)
+        topography = reader.topography(channel_index=channels.index(wanted))
+        heights = np.ma.filled(np.ma.asarray(topography.heights(), dtype=np.float64), np.nan)
+    except UnsupportedFeatureError:
+        raise
+    except Exception as exc:
+        raise CorruptFileError(file.path, f"{PACKAGE} cannot read it ({exc})") from None
+    factor = _factor(file, topography.unit)
+    version = str(package.__version__)
+    facts = {"via": f"{PACKAGE} {version}", "channel": wanted, "unit_in_file": topography.unit}
+    warnings = [f"read by {PACKAGE} {version}; metrosep has not verified the numbers"]
+    header = {str(k): str(v) for k, v in dict(topography.info).items()}
+    format_id = f"via-{name}"
+    if topography.dim == 1:
+        x = np.asarray(topography.positions(), dtype=np.float64) * factor
+        step = override[0] if override else None
+        z = heights * factor
+        return make_profile(
+            file, format_id, x, z, header=header, override=step, warnings=warnings, **facts
+        )
+    own = tuple(
+        lateral_or_none(file, "pixel_size", float(s), warnings, factor=factor)
+        for s in topography.pixel_size
+    )
+    return make_surface(
+        file,
+        format_id,
+        heights.T * factor,
+        (own[0], own[1]),
+        row_order=f"as {PACKAGE} gives it",
+        header=header,
+        override=override,
+        warnings=warnings,
+        **facts,
+    )
+
+
+def _factor(file: RawFile, unit: str | None) -> float:
+    """Return metres per unit of the other package."""
+    try:
+        found = parse_unit(str(unit), dimension="length") if unit else None
+    except UnitError:
+        found = None
+    if found is None:
+        raise UnitError(f"{file.path}: {PACKAGE} knows no unit of length for it (found {unit!r})")
+    return found.factor
