@@ -1,14 +1,19 @@
-"""Every sample with flipped bytes and cut short: a valid object or a ReadError, quickly.
+"""Every sample of every format, damaged: a valid object or a ReadError, quickly, in little memory.
 
-The bytes are flipped one at a time: every byte of a MetroPro header that is read, and evenly
-spread ones of the other samples; three patterns each.
+Bytes are flipped one at a time, files are cut short, and Hypothesis changes several bytes at once.
+Here a share of the positions is tried; ``make test-slow`` tries every one.
 """
 
+import contextlib
+import itertools
 import json
+import resource
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings, strategies as st
 
 import metrosep as ms
 from metrosep.io import registry
@@ -16,78 +21,148 @@ from metrosep.io.source import RawFile
 
 PATTERNS = (0xFF, 0x80, 0x01)
 SLOWEST = 2.0  # seconds for one damaged file
+MEMORY = 200 * 2**20  # bytes more than before the file is read
 LONGEST = 700  # characters of one message with a long path
 REFUSED = (ms.errors.ReadError, ms.errors.UnitError)
+FOLDERS = sorted(p.parent for p in Path(__file__).parents[2].glob("data_formats/*/format.toml"))
+
+
+def truth_of(folder, sample):
+    return json.loads((folder / "expected" / f"{sample.name}.json").read_text(encoding="utf-8"))
+
+
 CASES = [
-    ("metropro", "format1.dat", 1),
-    ("metropro", "format3-fine.dat", 7),
-    ("x3p", "double.x3p", 1),
-    ("x3p", "integer-L-mask.x3p", 3),
-    ("x3p", "ascii-offset.x3p", 3),
-    ("x3p", "profile-positions.x3p", 3),
-    ("delimited", "semicolon-decimal-comma.csv", 1),
-    ("delimited", "points.xyz", 1),
-    ("delimited", "quoted-decimal-comma.csv", 1),
-    ("delimited", "utf16-micro.csv", 1),
-    ("delimited", "recording.csv", 1),
+    pytest.param(folder.name, sample, id=f"{folder.name}/{sample.name}")
+    for folder in FOLDERS
+    if registry.get(folder.name).is_measurement
+    for sample in sorted((folder / "samples").iterdir())
+    if "error" not in truth_of(folder, sample)
 ]
 
 
-def outcome(reader, path, data, options):
-    """Read bytes as one format and check whatever comes out."""
-    start = time.perf_counter()
-    message = None
-    try:
-        obj = reader.read(RawFile(path, data), **options)
-    except REFUSED as exc:
-        message = str(exc)
-    assert time.perf_counter() - start < SLOWEST
-    if message is not None:
-        assert path.name in message
-        assert len(message) < LONGEST
-        return "refused"
-    if isinstance(obj, ms.Surface):
-        assert np.isfinite(obj.z).any()
-        assert all(s is None or 0 < s < np.inf for s in (obj.dx, obj.dy))
-    elif isinstance(obj, ms.Profile):
-        assert np.isfinite(obj.x).all()
-        assert np.isfinite(obj.z).any()
-    return "read"
+@pytest.fixture
+def little_memory():
+    """Let the process grow by `MEMORY` at most: a reader that allocates a claim fails."""
+    now = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    soft, hard = resource.getrlimit(resource.RLIMIT_AS)
+    resource.setrlimit(resource.RLIMIT_AS, (now + MEMORY, hard))
+    yield
+    resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
 
 
-def sample_of(repository, format_id, name):
-    folder = repository / "data_formats" / format_id
-    truth = json.loads((folder / "expected" / f"{name}.json").read_text(encoding="utf-8"))
-    path = folder / "samples" / name
-    return path, path.read_bytes(), truth.get("options", {})
+class Sample:
+    """A sample, its reader and the object that it holds."""
+
+    def __init__(self, format_id, path):
+        options = dict(truth_of(path.parents[1], path).get("options", {}))
+        if isinstance(options.get("unit"), list):
+            options["unit"] = tuple(options["unit"])
+        options.pop("format", None)
+        self.path, self.data, self.options = path, path.read_bytes(), options
+        self.reader = registry.get(format_id).load_reader()
+        self.whole = self.reader.read(RawFile(path, self.data), **options)
+        self.is_text = not any(b < 9 for b in self.data)
+
+    def outcome(self, data):
+        """Read bytes and check whatever comes out; return the object, or None when refused."""
+        self.reader.sniff(data, self.path.name)
+        start = time.perf_counter()
+        message = None
+        try:
+            obj = self.reader.read(RawFile(self.path, data), **self.options)
+        except REFUSED as exc:
+            message = str(exc)
+        assert time.perf_counter() - start < SLOWEST
+        if message is not None:
+            assert self.path.name in message
+            assert len(message) < LONGEST
+            return None
+        if isinstance(obj, ms.Recording):
+            assert any(np.isfinite(v).any() for v in obj.channels.values())
+        else:
+            assert np.isfinite(obj.z).any()
+        if isinstance(obj, ms.Surface):
+            assert all(s is None or 0 < s < np.inf for s in (obj.dx, obj.dy))
+        return obj
 
 
-@pytest.mark.parametrize(("format_id", "name", "every"), CASES)
-def test_flipped_bytes(repository, format_id, name, every):
-    path, data, options = sample_of(repository, format_id, name)
-    reader = registry.get(format_id).load_reader()
-    results = set()
-
-    for i in range(0, len(data), every):
-        for pattern in PATTERNS:
-            damaged = bytearray(data)
-            damaged[i] ^= pattern
-            results.add(outcome(reader, path, bytes(damaged), options))
-            reader.sniff(bytes(damaged), name)
-
-    assert results == {"read", "refused"}
+@pytest.fixture
+def sample(request):
+    return Sample(*request.param)
 
 
-@pytest.mark.parametrize(("format_id", "name", "every"), CASES)
-def test_truncation(repository, format_id, name, every):
-    path, data, options = sample_of(repository, format_id, name)
-    reader = registry.get(format_id).load_reader()
-    step = 1 if len(data) < 1500 else 64
+INDIRECT = [pytest.param(c.values, id=c.id) for c in CASES]
 
-    for end in range(1, len(data), step):
-        result = outcome(reader, path, data[:end], options)
-        if format_id != "delimited":  # text may end after any row
-            assert result == "refused"
+
+def flips(data, n_positions):
+    """Yield damaged copies; the head of a file, where the sizes are, is tried more densely."""
+    head = range(min(len(data), 64))
+    rest = np.linspace(0, len(data) - 1, n_positions).astype(int).tolist()
+    for i, k in enumerate(sorted({*head, *rest})):
+        damaged = bytearray(data)
+        damaged[k] ^= PATTERNS[i % len(PATTERNS)]
+        yield bytes(damaged)
+
+
+@pytest.mark.usefixtures("little_memory")
+@pytest.mark.parametrize("sample", INDIRECT, indirect=True)
+def test_flipped_bytes(sample):
+    results = {sample.outcome(data) is None for data in flips(sample.data, 300)}
+
+    assert True in results or sample.is_text
+
+
+@pytest.mark.usefixtures("little_memory")
+@pytest.mark.parametrize("sample", INDIRECT, indirect=True)
+def test_cut_short(sample):
+    for end in np.unique(np.linspace(1, len(sample.data) - 1, 120).astype(int)).tolist():
+        obj = sample.outcome(sample.data[:end])
+        if obj is not None and not sample.is_text and isinstance(obj, ms.Surface):
+            np.testing.assert_array_equal(obj.z, sample.whole.z)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("little_memory")
+@pytest.mark.parametrize("sample", INDIRECT, indirect=True)
+def test_every_byte_flipped_and_every_cut(sample):
+    data = sample.data
+    for k, pattern in itertools.product(range(len(data)), PATTERNS):
+        sample.outcome(data[:k] + bytes([data[k] ^ pattern]) + data[k + 1 :])
+    for end in range(1, len(data), 1 if len(data) < 4096 else 64):
+        sample.outcome(data[:end])
+
+
+@pytest.mark.parametrize("sample", INDIRECT, indirect=True)
+def test_several_changes_at_once(sample):
+    n = len(sample.data)
+    change = st.tuples(st.integers(0, n - 1), st.binary(min_size=1, max_size=8))
+
+    @settings(
+        max_examples=25,
+        deadline=None,
+        derandomize=True,
+        database=None,
+        suppress_health_check=list(HealthCheck),
+    )
+    @given(st.lists(change, min_size=1, max_size=6))
+    def changed(changes):
+        data = bytearray(sample.data)
+        for k, new in changes:
+            data[k : k + len(new)] = new
+        sample.outcome(bytes(data))
+
+    changed()
+
+
+@pytest.mark.parametrize("sample", INDIRECT, indirect=True)
+def test_other_formats_content_is_refused_and_not_read(sample):
+    """The reader is called by name on the first sample of every other format."""
+    for other in {c.values[0]: c.values[1] for c in CASES}.values():
+        if other.parents[1] == sample.path.parents[1]:
+            continue
+        with contextlib.suppress(*REFUSED):
+            obj = sample.reader.read(RawFile(other, other.read_bytes()), **sample.options)
+            assert len(obj.history) == 1
 
 
 @pytest.mark.parametrize("seed", range(5))
