@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import csv
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -31,7 +31,7 @@ from metrosep.io.dialect import (
 from metrosep.io.headers import bare_unit, header_unit, split_header
 from metrosep.io.source import RawFile
 
-__all__ = ["Column", "Table", "read_table"]
+__all__ = ["Column", "Table", "read_table", "rows_as_columns"]
 
 _CHUNK = 50_000
 _DIGITS = frozenset("0123456789+-.")
@@ -160,6 +160,54 @@ def read_table(
         raise CorruptFileError(file.path, f"the quotes do not pair up ({exc})") from None
 
 
+def rows_as_columns(
+    file: RawFile, table: Table, text: bytes, first_line: int, *, comment: str | None = None
+) -> FloatArray:
+    """Return further rows of a table whose head is known.
+
+    Parameters
+    ----------
+    file : RawFile
+        For the message.
+    table : Table
+        The head: dialect, names and number of fields.
+    text : bytes
+        Whole lines that follow it somewhere in the file.
+    first_line : int
+        Line of the first one in the file, from 1.
+    comment : str, optional
+        Start of comment lines.
+
+    Returns
+    -------
+    ndarray, shape (n, n_columns)
+        Numbers in the unit of the file, NaN = not measured.
+
+    Raises
+    ------
+    CorruptFileError
+        If a row does not fit; the message names its line.
+    """
+    header = table.header
+    dialect = Dialect(header["separator"], header["decimal"], header["quoted"])
+    try:
+        decoded = text.decode(header["encoding"])
+    except UnicodeDecodeError as exc:
+        line = first_line + text[: exc.start].count(b"\n")
+        raise CorruptFileError(
+            file.path, f"is not {header['encoding']} text", field=f"line {line}"
+        ) from None
+    kept = [
+        (number, line)
+        for number, line in enumerate(decoded.split("\n"), start=first_line)
+        if line.strip() and not is_comment(line, comment)
+    ]
+    cells = _Cells(
+        file, dialect, [line for _, line in kept], [n for n, _ in kept], header["n_fields"]
+    )
+    return cells.numbers(table.names)
+
+
 def _table(
     file: RawFile,
     lines: list[str],
@@ -185,6 +233,8 @@ def _table(
         "encoding": encoding,
         "separator": dialect.separator,
         "decimal": dialect.decimal,
+        "quoted": dialect.quoted,
+        "n_fields": cells.n_fields,
         "columns": names,
         "comments": tuple(comments),
         "preamble": tuple(lines[:start]),
@@ -281,14 +331,19 @@ class _Cells:
     """The rows of a table, checked for the same number of fields."""
 
     def __init__(
-        self, file: RawFile, dialect: Dialect, lines: list[str], numbers: list[int]
+        self,
+        file: RawFile,
+        dialect: Dialect,
+        lines: list[str],
+        numbers: list[int],
+        n_fields: int | None = None,
     ) -> None:
         self._file = file
         self._dialect = dialect
         self._lines = lines
         self._numbers = numbers
-        self._n_raw = len(dialect.split(lines[:1])[0])
-        self.n_columns = self._n_raw
+        self.n_fields = n_fields or len(dialect.split(lines[:1])[0])
+        self.n_columns = self.n_fields
 
     def drop_trailing(self, preamble: list[str]) -> None:
         """Leave out last columns without a name that are empty everywhere (trailing separators)."""
@@ -300,20 +355,16 @@ class _Cells:
         named = [
             max((i + 1 for i, f in enumerate(fields) if f.strip()), default=0)
             for fields in self._dialect.split(preamble)
-            if len(fields) <= self._n_raw
+            if len(fields) <= self.n_fields
         ]
-        self.n_columns = max(self._n_raw - n_empty, 1, *named)
+        self.n_columns = max(self.n_fields - n_empty, 1, *named)
 
     def columns(
         self, names: tuple[str, ...], units: tuple[Unit | None, ...]
     ) -> tuple[tuple[Column, ...], list[int]]:
         parts: list[list[Any]] = [[] for _ in names]
         is_label = self._label_columns()
-        for start in range(0, len(self._lines), _CHUNK):
-            rows = self._dialect.split(self._lines[start : start + _CHUNK])
-            for i, row in enumerate(rows):
-                if len(row) != self._n_raw:
-                    raise self._wrong_count(start + i, len(row))
+        for start, rows in self._rows():
             for k, fields in enumerate(zip(*rows, strict=True)):
                 if k >= self.n_columns:
                     continue
@@ -328,6 +379,28 @@ class _Cells:
             for name, unit, part, label in zip(names, units, parts, is_label, strict=True)
         ]
         return tuple(columns), self._numbers
+
+    def numbers(self, names: tuple[str, ...]) -> FloatArray:
+        """Return rows of which every field is a number or empty, shape (n, n_columns)."""
+        parts = [
+            np.column_stack(
+                [
+                    self._floats(fields, start, name)
+                    for name, fields in zip(names, zip(*rows, strict=True), strict=False)
+                ]
+            )
+            for start, rows in self._rows()
+        ]
+        return np.concatenate(parts) if parts else np.empty((0, len(names)))
+
+    def _rows(self) -> Iterator[tuple[int, list[list[str]]]]:
+        """Yield the rows in blocks with the index of the first; a short or long row is refused."""
+        for start in range(0, len(self._lines), _CHUNK):
+            rows = self._dialect.split(self._lines[start : start + _CHUNK])
+            for i, row in enumerate(rows):
+                if len(row) != self.n_fields:
+                    raise self._wrong_count(start + i, len(row))
+            yield start, rows
 
     def _label_columns(self) -> list[bool]:
         sample = self._dialect.split(self._lines[:300])
@@ -347,10 +420,10 @@ class _Cells:
         return CorruptFileError(
             self._file.path,
             "the file ends in the middle of a row"
-            if is_last and found < self._n_raw
+            if is_last and found < self.n_fields
             else "a row has another number of fields",
             field=f"line {self._numbers[index]}",
-            expected=f"{self._n_raw} fields ({self._dialect})",
+            expected=f"{self.n_fields} fields ({self._dialect})",
             found=f"{found}",
             hint="copy the file again, or remove that line",
         )

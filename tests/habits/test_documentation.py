@@ -36,6 +36,7 @@ def _pages() -> list[Path]:
 def test_every_block_of_the_page_runs(page, tmp_path, monkeypatch):
     (tmp_path / "examples").symlink_to(REPOSITORY / "examples")
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("METROSEP_FORMATS", "")  # so that what a page sets does not outlive it
     namespace: dict[str, Any] = {"__name__": "__page__"}
 
     for language, code, line in _blocks(page):

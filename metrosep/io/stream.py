@@ -1,0 +1,251 @@
+"""`open_stream`: long recordings in chunks, in bounded memory (HDF5, TDMS, CSV).
+
+A chunk is a dict of channel to float64 array in SI, NaN = not measured, the same that `read` would
+give, a part at a time. The file is opened once and closed with the context.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, ExitStack
+from dataclasses import dataclass, field
+from types import TracebackType
+from typing import Any, Protocol
+
+import numpy as np
+
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import DataError, FormatMismatchError, UnsupportedFeatureError
+from metrosep.core.units import Unit, parse_quantity, parse_unit
+from metrosep.io.registry import find, get
+from metrosep.io.source import RawFile, open_file
+
+__all__ = ["ChunkSource", "Stream", "open_stream"]
+
+CHUNK = 2**18
+"""Samples of each channel in a chunk unless the caller says otherwise: 2 MB per channel."""
+
+_SOURCES = {
+    "hdf5": "metrosep.io.stream_hdf5",
+    "metrosep-h5": "metrosep.io.stream_hdf5",
+    "matlab": "metrosep.io.stream_hdf5",
+    "tdms": "metrosep.io.stream_tdms",
+    "delimited": "metrosep.io.stream_text",
+}
+
+
+class ChunkSource(Protocol):
+    """What a format offers for streaming."""
+
+    units: Mapping[str, Unit | None]
+    """Unit of each channel as the file declares it, in the order of the file."""
+
+    n_samples: int | None
+    """Samples of each channel; ``None`` where only reading to the end tells."""
+
+    time_step: float | None
+    """Sampling interval in s where the file declares it."""
+
+    def chunks(self, names: Sequence[str], size: int) -> Iterator[dict[str, FloatArray]]:
+        """Yield the samples as they stand in the file.
+
+        Parameters
+        ----------
+        names : sequence of str
+            Channels.
+        size : int
+            Samples of each; the last chunk may be shorter.
+
+        Yields
+        ------
+        dict of str to ndarray, shape (n,)
+            In the unit of the file, NaN = not measured.
+        """
+
+
+@dataclass(slots=True, eq=False)
+class Stream(AbstractContextManager["Stream"]):
+    """A recording that is read in chunks; see `open_stream`.
+
+    Parameters
+    ----------
+    file : RawFile
+        The file.
+    format : str
+        Identifier of the format.
+    channels : tuple of str
+        The channels that are read.
+    units : mapping of str to Unit or None
+        Unit in the file, declared by it or by the caller.
+    n_samples : int or None
+        Samples of each channel, where the file tells it beforehand.
+    time_step : float or None, s
+        Sampling interval, where the file or the caller tells it.
+    """
+
+    file: RawFile
+    format: str
+    channels: tuple[str, ...]
+    units: Mapping[str, Unit | None]
+    n_samples: int | None
+    time_step: float | None
+    _source: ChunkSource
+    _stack: ExitStack = field(default_factory=ExitStack)
+
+    def chunks(self, size: int = CHUNK) -> Iterator[dict[str, FloatArray]]:
+        """Yield the recording from its start, a chunk at a time.
+
+        Parameters
+        ----------
+        size : int, optional
+            Samples of each channel in a chunk; the last one may be shorter.
+
+        Yields
+        ------
+        dict of str to ndarray, shape (n,)
+            In SI where the unit is known, NaN = not measured.
+
+        Raises
+        ------
+        CorruptFileError
+            If a part of the file is damaged; what came before is right.
+        DataError
+            If `size` is below 1.
+        """
+        if size < 1:
+            raise DataError(f"a chunk needs at least one sample, got {size}")
+        factors = {n: u.factor for n in self.channels if (u := self.units[n]) is not None}
+        for part in self._source.chunks(self.channels, size):
+            yield {
+                n: values * factors[n] if factors.get(n, 1.0) != 1.0 else values
+                for n, values in part.items()
+            }
+
+    def __exit__(
+        self,
+        exc_type: type[BaseException] | None,
+        exc: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._stack.close()
+
+
+def open_stream(
+    path: str | os.PathLike[str],
+    *,
+    channels: Sequence[str] | None = None,
+    unit: str | Mapping[str, str] | None = None,
+    sampling_rate: float | str | None = None,
+    format: str | None = None,  # noqa: A002
+    **options: Any,
+) -> Stream:
+    r"""Open a recording to be read in chunks.
+
+    Parameters
+    ----------
+    path : str or path
+        The file, of any length.
+    channels : sequence of str, optional
+        Which to read; all of one length if omitted.
+    unit : str or mapping of str to str, optional
+        Unit of channels that declare none: one for all, or by name.
+    sampling_rate : float (Hz) or str, optional
+        Where the file does not tell it.
+    format : str, optional
+        Identifier of the format, where the content fits several.
+    **options
+        Of the format: for text ``separator``, ``decimal``, ``skip_rows``, ``comment``.
+
+    Returns
+    -------
+    Stream
+        A context manager with ``channels``, ``units``, ``n_samples``, ``time_step`` and
+        ``chunks()``.
+
+    Raises
+    ------
+    ReadError
+        If the file cannot be opened, or a channel does not exist.
+    UnsupportedFeatureError
+        If the format is not read in chunks; `metrosep.io.read.read` reads it as a whole.
+    UnitError
+        If a declared unit is unknown.
+    FormatMismatchError
+        If a unit contradicts the file or names no channel.
+
+    Examples
+    --------
+    >>> import numpy as np, tempfile, pathlib
+    >>> from metrosep.io.stream import open_stream
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "long.csv"
+    >>> _ = path.write_text("t_s,gap_um\n0,1\n1,2\n2,4\n")
+    >>> with open_stream(path) as stream:
+    ...     [chunk["gap_um"].tolist() for chunk in stream.chunks(2)]
+    [[1e-06, 2e-06], [4e-06]]
+    """
+    import importlib
+
+    file = open_file(path)
+    description = get(format) if format is not None else find(file)
+    module = _SOURCES.get(description.id)
+    if module is None:
+        known = ", ".join(_SOURCES)
+        raise UnsupportedFeatureError(
+            f"{file.path}: {description.title} is not read in chunks (those are {known}); read it whole "
+            "with metrosep.read"
+        )
+    stack = ExitStack()
+    try:
+        source: ChunkSource = importlib.import_module(module).open_source(file, stack, **options)
+        units = _units(file, source.units, unit)
+        names = _names(file, units, channels)
+        step = source.time_step if sampling_rate is None else _interval(sampling_rate)
+    except BaseException:
+        stack.close()
+        raise
+    return Stream(file, description.id, names, units, source.n_samples, step, source, stack)
+
+
+def _interval(sampling_rate: float | str) -> float:
+    rate = parse_quantity(sampling_rate, dimension="frequency", name="sampling_rate")
+    if not (np.isfinite(rate) and rate > 0.0):
+        raise DataError(f"sampling_rate must be positive, got {sampling_rate!r}")
+    return 1.0 / rate
+
+
+def _names(
+    file: RawFile, units: Mapping[str, Unit | None], channels: Sequence[str] | None
+) -> tuple[str, ...]:
+    if channels is None:
+        return tuple(units)
+    for name in channels:
+        if name not in units:
+            raise FormatMismatchError(
+                f"{file.path}: has no channel {name!r}; the channels are {', '.join(list(units)[:20])}"
+            )
+    return tuple(channels)
+
+
+def _units(
+    file: RawFile, own: Mapping[str, Unit | None], declared: str | Mapping[str, str] | None
+) -> dict[str, Unit | None]:
+    units = dict(own)
+    if declared is None:
+        return units
+    if isinstance(declared, str):
+        shared = parse_unit(declared)
+        return {name: unit or shared for name, unit in units.items()}
+    for name, text in declared.items():
+        if name not in units:
+            raise FormatMismatchError(
+                f"{file.path}: has no channel {name!r}; the channels are {', '.join(list(units)[:20])}"
+            )
+        unit, known = parse_unit(text), units[name]
+        if known is not None and known != unit:
+            raise FormatMismatchError(
+                f"{file.path}: channel {name!r} is in {known.name} by the file, but {unit.name} was "
+                "given; leave it out"
+            )
+        units[name] = unit
+    return units
