@@ -78,7 +78,7 @@ def main(folder):
         truths[name] = expected(ROWS, **facts)
     whole = metropro(ROWS)
     damaged = {
-        "no-valid-pixel.dat": (metropro([[NOT_MEASURED] * 2] * 2), "no pixel was measured"),
+        "no-valid-pixel.dat": (metropro([[NOT_MEASURED] * 2] * 2), "no point was measured"),
         "cut-off.dat": (whole[:-7], "do not add up"),
         "unknown-resolution.dat": (metropro(ROWS, resolution=7), "phase_resolution"),
     }

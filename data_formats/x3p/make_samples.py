@@ -30,7 +30,11 @@ def axis(name, kind, code, increment, offset):
 
 def document(feature, axes, size, link, *, root="p:ISO5436_2"):
     space = 'xmlns:p="http://www.opengps.eu/2008/ISO5436_2"'
-    sizes = "".join(f"<Size{k}>{n}</Size{k}>" for k, n in zip("XYZ", (*size, 1), strict=True))
+    if len(size) == 1:
+        dimension = f"<ListDimension>{size[0]}</ListDimension>"
+    else:
+        sizes = "".join(f"<Size{k}>{n}</Size{k}>" for k, n in zip("XYZ", (*size, 1), strict=True))
+        dimension = f"<MatrixDimension>{sizes}</MatrixDimension>"
     return (
         f'<?xml version="1.0" encoding="UTF-8"?>\n<{root} {space}><Record1><Revision>ISO5436 - 2000'
         f"</Revision><FeatureType>{feature}</FeatureType><Axes>{''.join(axes)}</Axes></Record1>"
@@ -38,7 +42,7 @@ def document(feature, axes, size, link, *, root="p:ISO5436_2"):
         "<Model>made by hand</Model><Serial>0</Serial><Version>1</Version></Instrument>"
         "<CalibrationDate>2026-01-03T00:00:00</CalibrationDate><ProbingSystem><Type>Software</Type>"
         "<Identification>none</Identification></ProbingSystem></Record2>"
-        f"<Record3><MatrixDimension>{sizes}</MatrixDimension>{link}</Record3>"
+        f"<Record3>{dimension}{link}</Record3>"
         f"<Record4><ChecksumFile>md5checksum.hex</ChecksumFile></Record4></{root}>\n"
     ).encode()
 
@@ -131,6 +135,7 @@ def samples():
     main = document("SUR", grid("D", 1.0, 0.5), SIZE, f"<DataList>{datums}</DataList>")
     yield "ascii-offset.x3p", archive(main, {}), surface(1e-9, 0.5)
     yield from profiles()
+    yield from clouds()
     yield from hostile()
 
 
@@ -152,6 +157,42 @@ def profiles():
     truth = {"kind": "profile", "shape": [4], "x_m": x, "z_m": z}
     main = document("PRF", axes, (4, 1), link(data))
     yield "profile-positions.x3p", archive(main, {"bindata/data.bin": data}), truth
+
+
+def clouds():
+    """Yield lists of points and a surface whose points carry their positions."""
+    axes = [axis(n, "A", "D", None, 0.0) for n in ("CX", "CY", "CZ")]
+    points = [
+        (1e-3 + 1.5e-6 * c, 2e-3 + 2.5e-6 * r, HEIGHTS[r][c] * 1e-9)
+        for r in range(4)
+        for c in range(3)
+        if not math.isnan(HEIGHTS[r][c])
+    ]
+    mixed = [points[(5 * i + 3) % 11] for i in range(11)]
+    data = b"".join(pack("D", p) for p in mixed)
+    main = document("PCL", axes, (11,), link(data))
+    yield "points.x3p", archive(main, {"bindata/data.bin": data}), surface(1e-9)
+    datums = "".join(f"<Datum>{';'.join(map(repr, p))}</Datum>" for p in mixed)
+    main = document("PCL", axes, (11,), f"<DataList>{datums}</DataList>")
+    yield "points-ascii.x3p", archive(main, {}), surface(1e-9)
+    whole = [(1.5e-6 * c, HEIGHTS[r][c] * 1e-9) for r in range(4) for c in range(3)]
+    data = b"".join(pack("D", p) for p in whole)
+    axes[1] = axis("CY", "I", "D", 2.5e-6, 2e-3)
+    main = document("SUR", axes, SIZE, link(data))
+    yield (
+        "surface-positions.x3p",
+        archive(main, {"bindata/data.bin": data}),
+        {
+            **surface(1e-9),
+            "origin_m": [0.0, 2e-3],
+        },
+    )
+    axes[1] = axis("CY", "A", "D", None, 0.0)
+    loose = [(x + 3.7e-7 * i * i, y, z) for i, (x, y, z) in enumerate(points)]
+    data = b"".join(pack("D", p) for p in loose)
+    main = document("PCL", axes, (11,), link(data))
+    scattered = {"error": "UnsupportedFeatureError", "match": "are scattered"}
+    yield "points-scattered.x3p", archive(main, {"bindata/data.bin": data}), scattered
 
 
 def hostile():

@@ -18,6 +18,7 @@ from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
 from metrosep.io.read import read, recognise
+from metrosep.io.registry import principal
 from metrosep.io.source import RawFile, open_file
 from metrosep.io.table import Table, read_table
 
@@ -59,9 +60,11 @@ def describe(
         If a profile declares no unit.
     """
     file = open_file(path)
+    if format is None:
+        file = principal(file)
     description = recognise(file, format, options)
     try:
-        obj = read(path, format=description.id, **options)
+        obj = read(file.path, format=description.id, **options)
     except FormatMismatchError:
         if description.id != "delimited" or any(k in options for k in ("x", "y", "z", "time")):
             raise

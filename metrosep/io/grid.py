@@ -17,6 +17,12 @@ _STEP_RTOL = 1e-3
 _NOISE = 1e-12
 """Positions closer than this, relative to the span, are one position."""
 
+_SPARSE = 64
+"""Pixels per point beyond which points are scattered and no map."""
+
+_SMALL = 4096
+"""Pixels that a map may have whatever its points."""
+
 
 def to_grid(
     file: RawFile, x: FloatArray, y: FloatArray, z: FloatArray
@@ -46,9 +52,15 @@ def to_grid(
     columns, dx = _indices(file, x, "x")
     rows, dy = _indices(file, y, "y")
     shape = (int(rows.max()) + 1, int(columns.max()) + 1)
-    if shape[0] * shape[1] > MAX_PIXELS:
+    pixels = shape[0] * shape[1]
+    if pixels > MAX_PIXELS:
         raise UnsupportedFeatureError(
             f"{file.path}: the points span {shape[1]} x {shape[0]} steps, more than {MAX_PIXELS} pixels"
+        )
+    if pixels > max(_SPARSE * x.size, _SMALL):
+        raise UnsupportedFeatureError(
+            f"{file.path}: {x.size} points are scattered over a grid of {shape[1]} x {shape[0]}; resample "
+            "them to a map first"
         )
     places = rows * shape[1] + columns
     if np.unique(places).size != places.size:

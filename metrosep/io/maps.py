@@ -165,7 +165,8 @@ def scaled(
     for start in range(0, raw.shape[0], step):
         rows = slice(start, start + step)
         block = raw[rows].astype(native, copy=False)
-        np.multiply(block, scale, out=target[rows])
+        with np.errstate(invalid="ignore"):  # a signalling NaN of a damaged file
+            np.multiply(block, scale, out=target[rows], dtype=np.float64)
         if offset != 0.0:
             target[rows] += offset
         mask = invalid(block) if callable(invalid) else None if invalid is None else invalid[rows]

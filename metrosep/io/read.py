@@ -7,9 +7,10 @@ import os
 from collections.abc import Mapping
 from typing import Any
 
-from metrosep.core.errors import ReadError, UnknownFormatError
+from metrosep.core.errors import FormatMismatchError, ReadError, UnknownFormatError
 from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
+from metrosep.core.runset import RunSet
 from metrosep.core.surface import Surface
 from metrosep.io import registry
 from metrosep.io.source import RawFile, open_file, refuse_options
@@ -68,6 +69,8 @@ def read(
     `metrosep.io.runs.read_runs`.
     """
     file = open_file(path)
+    if format is None:
+        file = registry.principal(file)
     description = recognise(file, format, layout)
     if description.reader == "via":
         from metrosep.io.via import read_via
@@ -83,7 +86,12 @@ def read(
                 f"{file.path}: is {description.title}, which takes no option {option!r}; it takes "
                 f"{', '.join(own) or 'none'}"
             )
-    return reader.read(file, channel=channel, lateral_step=lateral_step, unit=unit, **layout)
+    obj = reader.read(file, channel=channel, lateral_step=lateral_step, unit=unit, **layout)
+    if isinstance(obj, RunSet):
+        raise FormatMismatchError(
+            f"{file.path}: holds repeated runs; read them with metrosep.read_runs(path)"
+        )
+    return obj
 
 
 def recognise(
@@ -150,6 +158,6 @@ def channels(path: str | os.PathLike[str], *, format: str | None = None) -> tupl
     ReadError
         If the file cannot be opened or is not recognised.
     """
-    file = open_file(path)
+    file = registry.principal(open_file(path))
     description = registry.get(format) if format is not None else registry.find(file)
     return description.load_reader().channels(file)

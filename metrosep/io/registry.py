@@ -25,10 +25,11 @@ from typing import Any, Protocol, cast
 from metrosep.core.errors import AmbiguousFormatError, ReadError, UnknownFormatError
 from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
+from metrosep.core.runset import RunSet
 from metrosep.core.surface import Surface
 from metrosep.io.source import RawFile, open_file
 
-__all__ = ["Format", "Match", "Reader", "find", "formats", "get", "identify"]
+__all__ = ["Format", "Match", "Reader", "find", "formats", "get", "identify", "principal"]
 
 ENTRY_POINTS = "metrosep.readers"
 """Entry-point group of readers that other packages bring."""
@@ -90,7 +91,7 @@ class Reader(Protocol):
         lateral_step: Any = None,
         unit: Any = None,
         **layout: Any,
-    ) -> Surface | Profile | Recording:
+    ) -> Surface | Profile | Recording | RunSet:
         """Return the measurement.
 
         Parameters
@@ -108,7 +109,7 @@ class Reader(Protocol):
 
         Returns
         -------
-        Surface, Profile or Recording
+        Surface, Profile, Recording or RunSet
             With ``file.metadata(...)`` and ``file.history(...)``.
         """
 
@@ -251,7 +252,7 @@ def identify(path: Any) -> Format:
     AmbiguousFormatError
         If several do equally well.
     """
-    return find(open_file(path))
+    return find(principal(open_file(path)))
 
 
 def find(file: RawFile) -> Format:
@@ -287,6 +288,33 @@ def find(file: RawFile) -> Format:
         f"{known}. If it is a table of numbers, remove the text before it or pass skip_rows=; "
         "otherwise export it as CSV"
     )
+
+
+def principal(file: RawFile) -> RawFile:
+    """Return the file that describes another one, where that lies beside it.
+
+    Parameters
+    ----------
+    file : RawFile
+        What the caller named, such as the ``.dat`` of a pair ``.dat`` and ``.txt``.
+
+    Returns
+    -------
+    RawFile
+        The describing file of the same stem if a format says that it has such a ``sidecars``
+        suffix and its reader is sure of the content; otherwise `file` itself.
+    """
+    suffix = file.path.suffix.lower()
+    for described in _descriptors():
+        if suffix not in described.facts.get("sidecars", ()):
+            continue
+        for own in described.suffixes:
+            beside = file.path.with_suffix(own)
+            if beside.is_file() and beside != file.path:
+                other = open_file(beside)
+                if described.load_reader().sniff(other.head, other.name) is Match.YES:
+                    return other
+    return file
 
 
 def _choose(file: RawFile, candidates: Sequence[Format]) -> Format | None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -21,9 +21,10 @@ from metrosep.core.errors import DataError, FormatMismatchError, InvalidSamplesE
 from metrosep.core.provenance import Step
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import parse_quantity
+from metrosep.io.run_tables import TIME, columns_of, stored_runs
 from metrosep.io.select import ColumnSpec, pick, sensitivity, to_si
 from metrosep.io.source import RawFile, open_file
-from metrosep.io.table import Column, Table, read_table
+from metrosep.io.table import Column, Table
 
 __all__ = ["FeedSpec", "read_runs"]
 
@@ -42,8 +43,8 @@ _REVERSE = frozenset(
 def read_runs(
     paths: str | os.PathLike[str] | Iterable[str | os.PathLike[str]],
     *,
-    x: ColumnSpec,
-    z: ColumnSpec,
+    x: ColumnSpec | None = None,
+    z: ColumnSpec | None = None,
     feed: FeedSpec = None,
     run: str | None = None,
     direction: str | None = None,
@@ -52,15 +53,16 @@ def read_runs(
     scale: float | str | None = None,
     **layout: Any,
 ) -> RunSet:
-    """Read repeated runs from text files.
+    """Read repeated runs from text, from recordings of loggers, or from metrosep's own files.
 
     Parameters
     ----------
     paths : path or iterable of paths
         One or several files; without `run`, each is one run.
     x, z : str or tuple of (str, str)
-        Columns of the position and of the reading: a name whose header carries the unit
-        (``"x_mm"``), ``"name:unit"`` or ``("name", "unit")``.
+        Columns (or channels) of the position and of the reading: a name whose header carries the
+        unit (``"x_mm"``), ``"name:unit"`` or ``("name", "unit")``. Only a file that metrosep wrote
+        with its runs needs none.
     feed : column, float (m/s), str with unit, or list of either, optional
         Column of the feedrate, or one feed for all runs (``"7200 mm/min"``), or a list with one
         per file. Its sign is not needed: the direction follows from the positions.
@@ -70,7 +72,7 @@ def read_runs(
         Column with ``fwd``/``rev``, ``forward``/``backward``, ``+1``/``-1``; it must agree with the
         travel. A run that holds both directions becomes two.
     time : column, optional
-        Column of time.
+        Column of time; a recording has its own.
     sampling_rate : float (Hz) or str, optional
         Rate of the samples, where there is no column of time.
     scale : float (m/V) or str, optional
@@ -105,17 +107,24 @@ def read_runs(
         raise FormatMismatchError("read_runs got no file; name at least one")
     feeds = _feed_per_file(feed, len(files))
     _check_clock(time, sampling_rate)
+    if x is None and z is None:
+        return _stored(files)
+    if x is None or z is None:
+        raise FormatMismatchError("read_runs needs both x= and z=; name the two columns")
     request = _Request(x, z, run, direction, time, sampling_rate, sensitivity(scale), len(files))
     runs: list[Run] = []
     history: list[Step] = []
     warnings: list[str] = []
     for path, file_feed in zip(files, feeds, strict=True):
         file = open_file(path)
-        table = read_table(file, **_layout(layout))
-        runs.extend(_runs_of(file, table, request, file_feed))
+        table, format_id = columns_of(file, _layout(layout))
+        clocked = request
+        if format_id != "delimited" and time is None and sampling_rate is None:
+            clocked = replace(request, time=TIME)
+        runs.extend(_runs_of(file, table, clocked, file_feed))
         warnings.extend(f"{file.name}: {w}" for w in table.warnings)
         facts = {"x": str(x), "z": str(z), "feed": str(file_feed), "scale": str(scale)}
-        history.extend(file.history("delimited", facts))
+        history.extend(file.history(format_id, facts))
     metadata = {
         "files": tuple(
             {"file": s.parameters["file"], "sha256": s.parameters["sha256"]} for s in history
@@ -123,6 +132,23 @@ def read_runs(
         "warnings": tuple(warnings),
     }
     return RunSet(runs, metadata=metadata, history=tuple(history))
+
+
+def _stored(files: Sequence[str | os.PathLike[str]]) -> RunSet:
+    """Return the runs of files that metrosep wrote."""
+    parts: list[RunSet] = []
+    for path in files:
+        file = open_file(path)
+        stored = stored_runs(file)
+        if stored is None:
+            raise FormatMismatchError(
+                f"{file.path}: holds columns, not runs; name them with x= and z=, such as x='x_mm'"
+            )
+        parts.append(stored)
+    if len(parts) == 1:
+        return parts[0]
+    history = tuple(step for part in parts for step in part.history)
+    return RunSet([run for part in parts for run in part], history=history)
 
 
 @dataclass(frozen=True, slots=True)

@@ -82,6 +82,11 @@ class RawFile:
         """File name without its folder."""
         return self.path.name
 
+    @property
+    def in_memory(self) -> bool:
+        """Whether the content was given, so that the path need not exist."""
+        return self._given is not None
+
     @cached_property
     def size(self) -> int:
         """Bytes."""

@@ -7,11 +7,14 @@ read back the same number. Comment lines above the table carry the history.
 from __future__ import annotations
 
 import csv
+import importlib
+import inspect
 import io
 import json
 import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,12 +27,29 @@ from metrosep.core.provenance import Step, history_as_dicts
 from metrosep.core.recording import Recording
 from metrosep.core.runset import RunSet
 from metrosep.core.surface import Surface
-from metrosep.io.x3p_write import x3p_bytes
 
 __all__ = ["write"]
 
-_SUFFIXES = {".x3p": "x3p", ".csv": "csv", ".xyz": "xyz"}
-_PLANNED = {"int": "Code V INT", "h5": "HDF5"}
+_SUFFIXES = {
+    ".x3p": "x3p",
+    ".csv": "csv",
+    ".xyz": "xyz",
+    ".int": "int",
+    ".sur": "sur",
+    ".sdf": "sdf",
+    ".h5": "h5",
+}
+
+_Writer = tuple[str, str, tuple[type, ...]]
+
+_BINARY: dict[str, _Writer] = {
+    "x3p": ("metrosep.io.x3p_write", "x3p_bytes", (Surface, Profile)),
+    "int": ("metrosep.io.codev_int_write", "int_bytes", (Surface,)),
+    "sur": ("metrosep.io.digital_surf_write", "sur_bytes", (Surface,)),
+    "sdf": ("metrosep.io.sdf_write", "sdf_bytes", (Surface,)),
+    "h5": ("metrosep.io.native_write", "native_bytes", (Surface, Profile, Recording, RunSet)),
+}
+"""Format to module, function and the objects that it holds."""
 
 
 def write(
@@ -37,6 +57,7 @@ def write(
     path: str | os.PathLike[str],
     *,
     format: str | None = None,  # noqa: A002
+    **options: Any,
 ) -> Path:
     """Write a measurement to a file.
 
@@ -46,9 +67,11 @@ def write(
         What to write.
     path : str or path
         The file; its folder must exist.
-    format : {"x3p", "csv", "xyz"}, optional
-        Follows from the suffix of the name if omitted. X3P takes surfaces and profiles, xyz takes
-        surfaces, CSV takes everything.
+    format : {"csv", "h5", "int", "sdf", "sur", "x3p", "xyz"}, optional
+        Follows from the suffix of the name if omitted. CSV and h5 take everything, X3P surfaces
+        and profiles, the others surfaces.
+    **options
+        Of the format: ``wavelength`` (m), ``kind`` and ``title`` for int, ``binary`` for sdf.
 
     Returns
     -------
@@ -60,47 +83,70 @@ def write(
     UnsupportedFeatureError
         If the format is not written, or does not hold such an object.
     WriteError
-        If the file cannot be written, or a surface is laterally not calibrated; no half-written
-        file is left behind.
+        If the file cannot be written, an option is unknown, or a surface is laterally not
+        calibrated where the format needs it; no half-written file is left behind.
 
     Notes
     -----
-    Numbers in text have up to 17 significant digits (the shortest that read back exactly); "not
-    measured" is an empty field in CSV and ``nan`` in xyz. ``read`` gives a profile, a recording or
-    a surface back, `read_runs` a set of runs (``x="x_m"``, ``z="z_m"``, ``feed="feed_m_s"``,
-    ``time="t_s"``, ``run="run"``).
+    csv, xyz, x3p, sdf and h5 keep every digit; h5 keeps the history too and gives the same object
+    back. int has 16 bits and sur 32: they round heights to steps of P-V/65534 and about
+    P-V/4.3e9. In text "not measured" is an empty field in CSV and ``nan`` in xyz. ``read`` gives a
+    profile, a recording or a surface back, `read_runs` a set of runs from CSV (``x="x_m"``,
+    ``z="z_m"``, ``feed="feed_m_s"``, ``time="t_s"``, ``run="run"``).
     """
     where = Path(path)
     name = (
         format or _SUFFIXES.get(where.suffix.lower(), where.suffix.lstrip(".").lower())
     ).lower()
-    data = _bytes(obj, name, where)
+    data = _bytes(obj, name, where, options)
     return atomic_write(where, data)
 
 
-def _bytes(obj: Surface | Profile | Recording | RunSet, name: str, path: Path) -> bytes:
+def _bytes(
+    obj: Surface | Profile | Recording | RunSet, name: str, path: Path, options: dict[str, Any]
+) -> bytes:
     if not isinstance(obj, (Surface, Profile, Recording, RunSet)):
         raise WriteError(
             f"{path}: a {type(obj).__name__} cannot be written; give a Surface, Profile, Recording or "
             "RunSet"
         )
+    if name not in _SUFFIXES.values():
+        raise UnsupportedFeatureError(
+            f"{path}: format {name!r} is not written; there are "
+            f"{', '.join(sorted(set(_SUFFIXES.values())))}"
+        )
+    if name in _BINARY:
+        return _by_module(obj, name, path, options)
+    if options:
+        raise WriteError(f"{path}: {name} takes no option {next(iter(options))!r}")
     if name == "csv":
         return _csv(obj)
-    if name == "x3p" and isinstance(obj, (Surface, Profile)):
-        try:
-            return x3p_bytes(obj)
-        except WriteError as exc:
-            raise WriteError(f"{path}: {exc}") from None
-    if name == "xyz" and isinstance(obj, Surface):
-        return _xyz(obj)
-    if name in _SUFFIXES.values():
-        raise UnsupportedFeatureError(
-            f"{path}: {name} does not hold a {type(obj).__name__}; write it as csv"
-        )
-    planned = f"{_PLANNED[name]} is not written by this version" if name in _PLANNED else ""
-    raise UnsupportedFeatureError(
-        f"{path}: {planned or f'format {name!r} is not written'}; there are "
-        f"{', '.join(sorted(set(_SUFFIXES.values())))}"
+    if not isinstance(obj, Surface):
+        raise _does_not_hold(obj, name, path)
+    return _xyz(obj)
+
+
+def _by_module(
+    obj: Surface | Profile | Recording | RunSet, name: str, path: Path, options: dict[str, Any]
+) -> bytes:
+    module, function, kinds = _BINARY[name]
+    if not isinstance(obj, kinds):
+        raise _does_not_hold(obj, name, path)
+    make = getattr(importlib.import_module(module), function)
+    accepted = list(inspect.signature(make).parameters)[1:]
+    for option in options:
+        if option not in accepted:
+            known = f"it takes {', '.join(accepted)}" if accepted else "it takes none"
+            raise WriteError(f"{path}: {name} takes no option {option!r}; {known}")
+    try:
+        return bytes(make(obj, **options))
+    except WriteError as exc:
+        raise WriteError(f"{path}: {exc}") from None
+
+
+def _does_not_hold(obj: object, name: str, path: Path) -> UnsupportedFeatureError:
+    return UnsupportedFeatureError(
+        f"{path}: {name} does not hold a {type(obj).__name__}; write it as csv or h5"
     )
 
 

@@ -24,6 +24,7 @@ from metrosep.core.surface import Surface
 from metrosep.io.registry import Match
 from metrosep.io.source import MAX_PIXELS, RawFile, flat_map, lateral_steps, refuse_options
 from metrosep.io.x3p_container import Container, flatten, md5, parse_xml
+from metrosep.io.x3p_grid import on_grid
 from metrosep.io.x3p_points import (
     Axis,
     feature,
@@ -111,7 +112,12 @@ def read(
     FormatMismatchError
         If the file is no zip archive, or the positions of a profile are not monotonic.
     UnsupportedFeatureError
-        For point clouds, irregular grids, several layers and maps beyond `max_pixels`.
+        For scattered points, several layers and maps beyond `max_pixels`.
+
+    Notes
+    -----
+    A list of points (PCL), or a surface whose points carry their positions, is a surface if they
+    lie on a regular grid, in any order; then `lateral_step` is refused.
     """
     refuse_options(file, "an X3P file in metres", unit=unit)
     if channel not in (None, "height"):
@@ -142,7 +148,8 @@ def read(
     warnings.extend(flat_map(values["CZ"]))
     header = flatten(root)
     _note_rotation(header, warnings)
-    build = _profile if feature(root) == "PRF" else _surface
+    has_positions = axes[0].is_absolute or axes[1].is_absolute
+    build = _profile if feature(root) == "PRF" else _gridded if has_positions else _surface
     try:
         return build(file, axes, shape, values, header, override, warnings)
     except DataError as exc:
@@ -218,6 +225,30 @@ def _surface(
     )
     history = file.history(FORMAT, {"lateral_step_m": override})
     return Surface(z, dx, dy, origin=(origin[0], origin[1]), metadata=metadata, history=history)
+
+
+def _gridded(
+    file: RawFile,
+    axes: tuple[Axis, ...],
+    shape: tuple[int, int],
+    values: dict[str, FloatArray],
+    header: dict[str, str],
+    override: tuple[float, float] | None,
+    warnings: list[str],
+) -> Surface:
+    refuse_options(file, "an X3P file with a position for each point", lateral_step=override)
+    z, steps, origin = on_grid(file, axes, shape, values, warnings)
+    metadata = _facts(
+        file,
+        header,
+        warnings,
+        row_order_in_file="points placed by their positions",
+        lateral_step_in_file_m=steps,
+        lateral_step_override_m=None,
+        n_points=shape[0] * shape[1],
+    )
+    history = file.history(FORMAT)
+    return Surface(z, *steps, origin=origin, metadata=metadata, history=history)
 
 
 def _profile(

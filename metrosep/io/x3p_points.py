@@ -16,7 +16,14 @@ from metrosep.io.x3p_container import Container, md5
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 
-__all__ = ["Axis", "feature", "read_axes", "read_points", "read_shape", "refuse_unread"]
+__all__ = [
+    "Axis",
+    "feature",
+    "read_axes",
+    "read_points",
+    "read_shape",
+    "refuse_unread",
+]
 
 _TYPES = {"I": "<i2", "L": "<i4", "F": "<f4", "D": "<f8"}
 _AXES = ("CX", "CY", "CZ")
@@ -165,33 +172,21 @@ def read_shape(file: RawFile, root: Element, max_pixels: int) -> tuple[int, int]
     Returns
     -------
     tuple of (int, int)
-        Rows and columns.
+        Rows and columns; a list of points is one row.
 
     Raises
     ------
     CorruptFileError
         If a size is no whole number above 0.
     UnsupportedFeatureError
-        For lists, layers and maps beyond `max_pixels`.
+        For layers and maps beyond `max_pixels`.
     """
-    sizes = []
-    if root.find("Record3/MatrixDimension") is None:
-        raise UnsupportedFeatureError(
-            f"{file.path}: the X3P file is a list of points without a matrix; save it as a surface or "
-            "profile"
+    if root.find("Record3/MatrixDimension") is None and feature(root) == "PCL":
+        columns, rows, layers = _size(file, root, "ListDimension"), 1, 1
+    else:
+        columns, rows, layers = (
+            _size(file, root, f"MatrixDimension/Size{axis}") for axis in "XYZ"
         )
-    for name in ("SizeX", "SizeY", "SizeZ"):
-        text = (root.findtext(f"Record3/MatrixDimension/{name}") or "").strip()
-        if not (text.isascii() and text.isdigit() and len(text) < 12 and int(text) > 0):
-            raise CorruptFileError(
-                file.path,
-                "the size of the map is not usable",
-                field=f"MatrixDimension/{name}",
-                expected="a whole number above 0",
-                found=text or "nothing",
-            )
-        sizes.append(int(text))
-    columns, rows, layers = sizes
     if layers != 1:
         raise UnsupportedFeatureError(
             f"{file.path}: the X3P file holds {layers} layers; save the one you need on its own"
@@ -202,6 +197,19 @@ def read_shape(file: RawFile, root: Element, max_pixels: int) -> tuple[int, int]
             "if that is true"
         )
     return rows, columns
+
+
+def _size(file: RawFile, root: Element, name: str) -> int:
+    text = (root.findtext(f"Record3/{name}") or "").strip()
+    if not (text.isascii() and text.isdigit() and len(text) < 12 and int(text) > 0):
+        raise CorruptFileError(
+            file.path,
+            "the size of the map is not usable",
+            field=name,
+            expected="a whole number above 0",
+            found=text[:40] or "nothing",
+        )
+    return int(text)
 
 
 def refuse_unread(
@@ -223,23 +231,23 @@ def refuse_unread(
     Raises
     ------
     UnsupportedFeatureError
-        For point clouds and irregular grids.
+        For features that are not SUR, PRF or PCL.
     CorruptFileError
-        If the z axis is incremental, or a profile has several rows.
+        If the z axis is incremental, a list has an incremental axis, or a profile several rows.
     """
     kind = feature(root)
-    if kind not in {"SUR", "PRF"}:
+    if kind not in {"SUR", "PRF", "PCL"}:
         raise UnsupportedFeatureError(
-            f"{file.path}: X3P feature {kind!r} is not read; save it as a surface (SUR) or profile "
+            f"{file.path}: X3P feature {kind[:20]!r} is not read; save it as a surface (SUR) or profile "
             "(PRF)"
+        )
+    if kind == "PCL" and not (axes[0].is_absolute and axes[1].is_absolute):
+        raise CorruptFileError(
+            file.path, "a list of points needs absolute axes", field="AxisType", expected="A"
         )
     if not axes[2].is_absolute:
         raise CorruptFileError(
             file.path, "the z axis must be absolute", field="CZ/AxisType", expected="A", found="I"
-        )
-    if kind == "SUR" and (axes[0].is_absolute or axes[1].is_absolute):
-        raise UnsupportedFeatureError(
-            f"{file.path}: the X3P surface lies on an irregular grid; resample it to a regular one"
         )
     if kind == "PRF" and shape[0] != 1:
         raise CorruptFileError(
@@ -327,11 +335,7 @@ def _binary_points(
             expected=f"{expected} bytes",
             found=f"{len(data)} bytes",
         )
-    claimed = (root.findtext("Record3/DataLink/MD5ChecksumPointData") or "").strip().lower()
-    if claimed and claimed != md5(data):
-        container.warnings.append(
-            f"the MD5 of {link} is wrong: the data were changed after writing"
-        )
+    _check_sum(container, root, "MD5ChecksumPointData", link, data)
     points = np.frombuffer(data, dtype=record)
     raw = {a.name: points[a.name].astype(np.float64) for a in stored}
     mask = (root.findtext("Record3/DataLink/ValidPointsLink") or "").strip()
@@ -346,11 +350,20 @@ def _binary_points(
                 expected=f"{n_bytes} bytes",
                 found=f"{len(bits)} bytes",
             )
+        _check_sum(container, root, "MD5ChecksumValidPoints", mask, bits)
         packed = np.frombuffer(bits, dtype=np.uint8)
         valid = np.unpackbits(packed, count=count, bitorder="little").astype(bool)
         for column in raw.values():
             column[~valid] = np.nan
     return raw
+
+
+def _check_sum(container: Container, root: Element, name: str, member: str, data: bytes) -> None:
+    claimed = (root.findtext(f"Record3/DataLink/{name}") or "").strip().lower()
+    if claimed and claimed != md5(data):
+        container.warnings.append(
+            f"the MD5 of {member} is wrong: the data were changed after writing"
+        )
 
 
 def _text_points(

@@ -86,10 +86,8 @@ def test_format_that_does_not_hold_the_object_is_refused(tmp_path, name, kind):
 @pytest.mark.parametrize(
     ("name", "match"),
     [
-        ("a.int", "Code V INT is not written"),
-        ("a.h5", "HDF5"),
         ("a.doc", "'doc'"),
-        ("a", "csv, x3p"),
+        ("a", "csv, h5, int, sdf, sur, x3p, xyz"),
     ],
 )
 def test_format_that_is_not_written_says_so(tmp_path, bump, name, match):
@@ -163,3 +161,26 @@ def test_symbolic_link_is_followed(tmp_path):
 
     assert link.is_symlink()
     assert target.read_bytes() == b"new"
+
+
+@pytest.mark.parametrize("suffix", ["csv", "h5", "int", "sdf", "sur", "x3p", "xyz"])
+def test_every_format_keeps_heights_steps_and_orientation(tmp_path, bump, suffix):
+    """Exact but for the two that round: 16 bits of the P-V (int), 32 bits (sur)."""
+    rounding = {"int": 0.5 / 65534, "sur": 1e-9}.get(suffix, 1e-15) * bump.peak_to_valley()
+
+    again = ms.read(ms.write(bump, tmp_path / f"map.{suffix}"))
+
+    z, truth = (s.z - s.z[0, 0] if suffix == "int" else s.z for s in (again, bump))
+    np.testing.assert_allclose(z, truth, rtol=0, atol=2.0 * rounding)
+    if suffix != "int":
+        assert (again.dx, again.dy) == pytest.approx((bump.dx, bump.dy), rel=1e-6)
+
+
+def test_options_reach_the_writer_and_unknown_ones_are_named(tmp_path, bump):
+    binary = ms.write(bump, tmp_path / "a.sdf", binary=True)
+
+    assert binary.read_bytes().startswith(b"bISO-1.0")
+    with pytest.raises(ms.errors.WriteError, match="sdf takes no option 'bits'; it takes binary"):
+        ms.write(bump, tmp_path / "b.sdf", bits=16)
+    with pytest.raises(ms.errors.WriteError, match="csv takes no option 'bits'"):
+        ms.write(bump, tmp_path / "b.csv", bits=16)

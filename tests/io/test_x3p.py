@@ -11,6 +11,7 @@ import pytest
 import x3pio
 
 import metrosep as ms
+from metrosep.io import x3p
 
 NM = 1e-9
 AM = 1e-18
@@ -131,6 +132,18 @@ def test_wrong_md5_of_the_data_is_a_warning(sample, tmp_path):
     assert any("data.bin is wrong" in w for w in surface.metadata["warnings"])
 
 
+def test_wrong_md5_of_the_mask_is_a_warning(repository, tmp_path):
+    source = repository / "data_formats" / "x3p" / "samples" / "integer-I-mask.x3p"
+    bits = bytearray(zipfile.ZipFile(source).read("bindata/valid.bin"))
+    bits[0] ^= 1
+    path = repack(source, tmp_path / "mask.x3p", {"bindata/valid.bin": bytes(bits)})
+
+    surface = ms.read(path)
+
+    assert np.isnan(surface.z[0, 0])
+    assert any("MD5 of bindata/valid.bin" in w for w in surface.metadata["warnings"])
+
+
 def test_every_field_of_the_description_is_kept(sample):
     header = ms.read(sample).metadata["header"]
 
@@ -157,10 +170,11 @@ def test_lateral_step_override(sample):
         ("<Increment>1.5e-06<", "<Increment>inf<", "CX/Increment"),
         ("<Increment>1.5e-06<", "<Increment><", "CX/Increment"),
         ("<Offset>0.001<", "<Offset>nan<", "CX/Offset"),
-        ("<FeatureType>SUR<", "<FeatureType>PCL<", "PCL"),
+        ("<FeatureType>SUR<", "<FeatureType>PCL<", "needs absolute axes"),
+        ("<FeatureType>SUR<", "<FeatureType>ABC<", "'ABC'"),
         ("<FeatureType>SUR<", "<FeatureType>PRF<", "one row"),
         ("<AxisType>A<", "<AxisType>I<", "CZ"),
-        ("<CX><AxisType>I<", "<CX><AxisType>A<", "irregular grid"),
+        ("<CX><AxisType>I<", "<CX><AxisType>A<", "do not fill"),
         ("<DataType>D<", "<DataType>Q<", "unknown type"),
         ("bindata/data.bin<", "bindata/other.bin<", "no member"),
         ("bindata/data.bin<", "/etc/passwd<", "outside of itself"),
@@ -297,6 +311,72 @@ def test_what_x3pio_writes_is_read(tmp_path):
     np.testing.assert_array_equal(surface.z, z)
     assert (surface.dx, surface.dy) == (1e-6, 3e-6)
     assert surface.metadata["warnings"] == ()
+
+
+def test_point_cloud_of_x3pio_on_a_grid_is_a_surface(tmp_path):
+    """Points in random order, two of twenty missing; unequal steps and an origin."""
+    rng = np.random.default_rng(5)
+    row, column = np.divmod(rng.permutation(20)[:18], 5)
+    points = np.column_stack([1e-3 + 2e-6 * column, -3e-3 + 5e-6 * row, rng.normal(0, 1e-7, 18)])
+    path = tmp_path / "cloud.x3p"
+    x3pio.write_points(path, points)
+
+    surface = ms.read(path)
+
+    assert surface.shape == (4, 5)
+    assert surface.n_invalid == 2
+    assert (surface.dx, surface.dy) == pytest.approx((2e-6, 5e-6), rel=1e-9)
+    assert surface.origin == pytest.approx((1e-3, -3e-3), abs=AM)
+    np.testing.assert_array_equal(surface.z[row, column], points[:, 2])
+    assert surface.metadata["row_order_in_file"] == "points placed by their positions"
+    assert surface.metadata["n_points"] == 18
+
+
+@pytest.mark.parametrize(
+    "points",
+    [
+        np.random.default_rng(9).normal(size=(40, 3)),
+        [(0.0, 0.0, 1e-9), (1e-6, 1e-6, 2e-9), (1.0, 1.0, 3e-9)],
+        [(0.0, 0.0, 1e-9), (1e-6, 0.0, 2e-9), (2e-6, 0.0, 3e-9)],
+        [(0.0, 0.0, 1e-9), (1e-6, 1e-6, 2e-9), (1e-6, 1e-6, 3e-9)],
+    ],
+    ids=["random", "far apart", "one line", "repeated"],
+)
+def test_scattered_points_are_unsupported(tmp_path, points):
+    path = tmp_path / "cloud.x3p"
+    x3pio.write_points(path, np.asarray(points))
+    start = time.perf_counter()
+
+    with pytest.raises(ms.errors.UnsupportedFeatureError, match="are scattered, not on a regular"):
+        ms.read(path)
+
+    assert time.perf_counter() - start < QUICK
+
+
+def test_points_take_no_lateral_step_and_count_as_pixels(repository):
+    path = repository / "data_formats" / "x3p" / "samples" / "points.x3p"
+
+    with pytest.raises(ms.errors.ReadError, match="takes no lateral_step"):
+        ms.read(path, lateral_step=1e-6)
+    with pytest.raises(ms.errors.UnsupportedFeatureError, match="max_pixels"):
+        ms.read(path, max_pixels=10)
+
+
+def test_points_without_a_position_are_left_out_with_a_warning(tmp_path, repository):
+    source = repository / "data_formats" / "x3p" / "samples" / "points.x3p"
+    data = bytearray(zipfile.ZipFile(source).read("bindata/data.bin"))
+    data[:8] = struct.pack("<d", float("nan"))
+    path = repack(source, tmp_path / "nan.x3p", {"bindata/data.bin": bytes(data)})
+
+    surface = ms.read(path)
+
+    assert surface.n_invalid == 2
+    assert any("1 points without a position" in w for w in surface.metadata["warnings"])
+
+
+@pytest.mark.parametrize("name", ["points.x3p", "surface-positions.x3p"])
+def test_damaged_points_are_refused_or_read(repository, survives_damage, name):
+    survives_damage(x3p, repository / "data_formats" / "x3p" / "samples" / name, every=13)
 
 
 def test_same_object_gives_same_bytes(bump, tmp_path):

@@ -1,0 +1,244 @@
+"""Code V interferogram ``.int`` with a grid: integers, counted per wave, in text.
+
+After comments (``!``) and a title comes ``GRD nx ny SUR|WFR|FIL WVL um SSZ counts NDA missing``,
+then nx * ny integers, x fastest, the top row first; rows are turned so that row 0 has the
+smallest y. Height in um is ``raw * WVL / SSZ``. A wavefront (WFR) stays a wavefront: no factor is
+guessed. The format has no lateral step. See ``data_formats/codev-int/SPEC.md``.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import CorruptFileError, FormatMismatchError, UnsupportedFeatureError
+from metrosep.core.surface import Surface
+from metrosep.io.binary import check_area
+from metrosep.io.logger import head_lines
+from metrosep.io.maps import make_surface, only_channels, scaled
+from metrosep.io.numbers import one_number, parse_numbers
+from metrosep.io.registry import Match
+from metrosep.io.source import RawFile, lateral_steps, refuse_options
+
+__all__ = ["channels", "read", "sniff"]
+
+FORMAT = "codev-int"
+_HEADER = re.compile(r"\s*(GRD\s+\S+\s+\S+|ZRN\s+\S+)\s(?=.*\bSSZ\b)", re.IGNORECASE)
+_COMMENT = re.compile(rb"^[ \t]*!.*$", re.MULTILINE)
+_KINDS = {"SUR": "surface", "WFR": "wavefront", "FIL": "intensity filter"}
+_NUMBER_KEYS = ("WVL", "SSZ", "NDA")
+_MICROMETRE = 1e-6
+
+
+class _Header(NamedTuple):
+    """Title, comments and keywords of the header, its line, and where the integers begin."""
+
+    title: str
+    comments: list[str]
+    keywords: dict[str, str]
+    line: int
+    start: int
+
+
+def sniff(head: bytes, name: str) -> Match:
+    """Return how sure we are that bytes begin a Code V interferogram.
+
+    Parameters
+    ----------
+    head : bytes
+        First bytes of the file.
+    name : str
+        File name; not used.
+
+    Returns
+    -------
+    Match
+        YES when the line below comments and title declares a grid (or coefficients) and its scale.
+    """
+    lines = [t for t in head_lines(head[:16384]) if not t.lstrip().startswith("!")]
+    return Match.YES if len(lines) > 1 and _HEADER.match(lines[1]) else Match.NO
+
+
+def channels(file: RawFile) -> tuple[str, ...]:
+    """Return the data sets that can be read: the height.
+
+    Parameters
+    ----------
+    file : RawFile
+        The file.
+
+    Returns
+    -------
+    tuple of str
+        Always ``("height",)``, also for a wavefront.
+    """
+    return ("height",)
+
+
+def read(
+    file: RawFile,
+    *,
+    channel: str | None = None,
+    lateral_step: Any = None,
+    unit: Any = None,
+    max_pixels: int | None = None,
+) -> Surface:
+    """Return the grid of a Code V interferogram.
+
+    Parameters
+    ----------
+    file : RawFile
+        The file.
+    channel : {"height"}, optional
+        The data set.
+    lateral_step : float (m), str or pair, optional
+        Lateral steps; the format has none, so that they are ``None`` without it.
+    unit : None
+        Not accepted: the format states its scale.
+    max_pixels : int, optional
+        Largest map to allocate; 2**28 if omitted.
+
+    Returns
+    -------
+    Surface
+        Heights of a surface, or of a wavefront, in m; ``metadata["data_kind"]`` says which.
+
+    Raises
+    ------
+    FormatMismatchError
+        If there is no header line.
+    CorruptFileError
+        If header or count do not fit, a scale is not usable, or no pixel was measured.
+    UnsupportedFeatureError
+        For coefficients, intensity filters, unknown keywords and maps beyond `max_pixels`.
+    """
+    refuse_options(file, "a Code V interferogram with its own scale", unit=unit)
+    only_channels(file, "Code V", channel)
+    override = lateral_steps(lateral_step)
+    header = _header(file)
+    kind = next((k for k in _KINDS if k in header.keywords), "")
+    if kind not in ("SUR", "WFR"):
+        raise UnsupportedFeatureError(
+            f"{file.path}: the Code V grid holds {_KINDS.get(kind, 'data of unnamed kind')}, no heights; "
+            "only SUR and WFR are read"
+        )
+    ranges = {"WVL": (1e-2, 1e3), "SSZ": (1e-9, 1e15)}
+    wavelength, counts = (
+        one_number(file, header.keywords.get(k, ""), line=header.line, name=k, low=low, high=high)
+        for k, (low, high) in ranges.items()
+    )
+    scale = wavelength * _MICROMETRE / counts
+    warnings: list[str] = []
+    raw = _integers(file, header, max_pixels)
+    z = scaled(raw, scale, _missing(file, header, raw, warnings))
+    return make_surface(
+        file,
+        FORMAT,
+        z,
+        (None, None),
+        row_order="top row first",
+        header={"title": header.title, "comments": header.comments, **header.keywords},
+        override=override,
+        warnings=warnings,
+        data_kind=_KINDS[kind],
+        wavelength_m=wavelength * _MICROMETRE,
+        counts_per_wave=counts,
+        height_per_count_m=scale,
+        nearest_neighbour="NNB" in header.keywords,
+    )
+
+
+def _header(file: RawFile) -> _Header:
+    """Return the header: comments, the title, and the line of keywords."""
+    comments: list[str] = []
+    others: list[str] = []
+    start = 0
+    for number in range(1, 1000):
+        end = file.head.find(b"\n", start)
+        if end < 0:
+            break
+        text = file.head[start:end].decode("latin-1").strip()
+        start = end + 1
+        if text.startswith("!"):
+            comments.append(text[1:].strip())
+            continue
+        others.append(text)
+        if len(others) == 2:
+            if not _HEADER.match(text):
+                break
+            return _Header(others[0], comments, _keywords(file, text, number), number, start)
+    raise FormatMismatchError(
+        f"{file.path}: is not a Code V interferogram: expected 'GRD nx ny SUR WVL ... SSZ ...' below the "
+        f"title, found {(others or [''])[-1][:40]!r}; leave out format= to have it recognised"
+    )
+
+
+def _keywords(file: RawFile, text: str, line: int) -> dict[str, str]:
+    """Return the keywords of the header line with their values as text."""
+    words = text.upper().split()
+    if words[0] == "ZRN":
+        raise UnsupportedFeatureError(
+            f"{file.path}: the Code V file holds Zernike coefficients, no grid; export it as a grid (GRD)"
+        )
+    found = {"GRD": " ".join(words[1:3])}
+    k = 3
+    while k < len(words):
+        word = words[k]
+        if word in _NUMBER_KEYS:
+            found[word] = words[k + 1] if k + 1 < len(words) else ""
+            k += 2
+        elif word in _KINDS or word == "NNB":
+            found[word] = ""
+            k += 1
+        else:
+            raise UnsupportedFeatureError(
+                f"{file.path}: line {line} of the Code V file has the keyword {word[:20]!r}, which is not "
+                "read; export it with GRD, SUR or WFR, WVL, SSZ and NDA alone"
+            )
+    return found
+
+
+def _integers(file: RawFile, header: _Header, max_pixels: int | None) -> FloatArray:
+    """Return the grid of counts, top row first."""
+    texts = header.keywords["GRD"].split()
+    if not all(t.isascii() and t.isdigit() and len(t) < 10 for t in texts):
+        raise CorruptFileError(
+            file.path,
+            "the size of the grid is not usable",
+            field=f"line {header.line}, GRD",
+            expected="two whole numbers",
+            found=repr(header.keywords["GRD"][:40]),
+        )
+    columns, rows = (int(t) for t in texts)
+    check_area(file, columns, rows, max_pixels=max_pixels, names=("GRD nx", "GRD ny"))
+    body = _COMMENT.sub(lambda m: b" " * len(m.group()), file.data[header.start :])
+    raw = parse_numbers(file, body, offset=header.start, what="a count")
+    if raw.size != columns * rows:
+        raise CorruptFileError(
+            file.path,
+            "the integers do not fill the grid",
+            field=f"line {header.line}, GRD",
+            expected=f"{columns} x {rows} = {columns * rows}",
+            found=raw.size,
+        )
+    if not np.array_equal(raw, np.rint(raw)):  # NaN is no whole number either
+        k = int(np.argmin(raw == np.rint(raw)))
+        raise CorruptFileError(
+            file.path, "a count is no whole number", field=f"count {k + 1}", found=f"{raw[k]:g}"
+        )
+    return raw.reshape(rows, columns)
+
+
+def _missing(
+    file: RawFile, header: _Header, raw: FloatArray, warnings: list[str]
+) -> np.ndarray[Any, np.dtype[np.bool_]] | None:
+    """Return where nothing was measured."""
+    if "NDA" not in header.keywords:
+        warnings.append("the file declares no NDA: every count was taken as measured")
+        return None
+    text = header.keywords["NDA"]
+    marker = one_number(file, text, line=header.line, name="NDA", low=-1e15, high=1e15)
+    return np.asarray(raw == marker)

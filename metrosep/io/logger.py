@@ -1,0 +1,351 @@
+"""Channels of loggers: lines, numbers and units of text exports, joined on one axis of time.
+
+Shared by the readers of logger text (LabVIEW, TwinCAT, EPICS, PI). A number is checked field by
+field, so that damage is named by its line; a unit is what the file or the caller declares.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import (
+    CorruptFileError,
+    DataError,
+    FormatMismatchError,
+    ReadError,
+    UnitError,
+)
+from metrosep.core.recording import Recording
+from metrosep.core.units import Unit, parse_unit
+from metrosep.io.dialect import MISSING, decode, is_number
+from metrosep.io.measurement import SI_NAMES
+from metrosep.io.source import RawFile
+
+__all__ = ["Channels", "head_lines", "plain_block", "text_lines", "to_number", "with_units"]
+
+
+def head_lines(head: bytes) -> list[str]:
+    """Return the lines at the start of a file, or none where it is not text.
+
+    Parameters
+    ----------
+    head : bytes
+        First bytes of the file.
+
+    Returns
+    -------
+    list of str
+        Without line ends; the last one may be cut off.
+    """
+    try:
+        return decode(head, "")[0].split("\n")
+    except ReadError:
+        return []
+
+
+def text_lines(file: RawFile) -> list[str]:
+    """Return the lines of a text file; the last is empty when the file ends with a line end.
+
+    Parameters
+    ----------
+    file : RawFile
+        The file.
+
+    Returns
+    -------
+    list of str
+        Without line ends.
+
+    Raises
+    ------
+    ReadError
+        If the file is not text.
+    """
+    return decode(file.data, file.path)[0].split("\n")
+
+
+def to_number(file: RawFile, text: str, *, line: int, name: str, decimal: str = ".") -> float:
+    """Return the number in a field.
+
+    Parameters
+    ----------
+    file : RawFile
+        For the message.
+    text : str
+        The field; empty and the usual words mean not measured.
+    line : int
+        Line in the file, from 1.
+    name : str
+        What the field is.
+    decimal : {".", ","}, optional
+        Decimal mark.
+
+    Returns
+    -------
+    float
+        NaN where not measured.
+
+    Raises
+    ------
+    CorruptFileError
+        If it is no finite number.
+    """
+    field = text.strip()
+    if field.lower() in MISSING:
+        return float("nan")
+    if is_number(field, decimal):
+        value = float(field.replace(",", ".").replace("d", "e").replace("D", "e"))
+        if np.isfinite(value):
+            return value
+    raise CorruptFileError(
+        file.path,
+        f"{name} is no number",
+        field=f"line {line}",
+        expected=f"a number with decimal mark {decimal!r}",
+        found=repr(field[:40]),
+    )
+
+
+def plain_block(
+    rows: Sequence[str],
+    columns: Iterable[int],
+    *,
+    separator: str | None = None,
+    decimal: str = ".",
+    counts: Iterable[int] = (),
+) -> FloatArray | None:
+    """Return the numbers of rows by the C parser of NumPy, or ``None`` where one is not plain.
+
+    Rows with a gap, a word or another count of fields are for `to_number`, which names the line.
+
+    Parameters
+    ----------
+    rows : sequence of str
+        Lines.
+    columns : iterable of int
+        Fields to take, from 0.
+    separator : str, optional
+        One character; white space if omitted.
+    decimal : {".", ","}, optional
+        Decimal mark.
+    counts : iterable of int
+        How many fields a row may have; with white space NumPy demands one count for all.
+
+    Returns
+    -------
+    ndarray, shape (rows, columns), or None
+        Finite numbers.
+    """
+    if separator and {row.count(separator) + 1 for row in rows} - set(counts):
+        return None
+    if decimal == ",":
+        if any("." in row for row in rows):
+            return None
+        rows = [row.replace(",", ".") for row in rows]
+    where = list(columns)
+    try:
+        block = np.loadtxt(rows, delimiter=separator, comments=None, usecols=where, ndmin=2)
+    except ValueError:
+        return None
+    return block if block.shape[0] == len(rows) and np.isfinite(block).all() else None
+
+
+def with_units(file: RawFile, labels: Mapping[str, str], unit: Any) -> dict[str, Unit | None]:
+    """Return the unit of each channel.
+
+    Parameters
+    ----------
+    file : RawFile
+        For the message.
+    labels : mapping of str to str
+        Channel to the text that the file gives as its unit; empty where it gives none.
+    unit : str, mapping of str to str, or None
+        What the caller declares: one for every channel without a known unit, or by name.
+
+    Returns
+    -------
+    dict of str to (Unit or None)
+        ``None`` where neither knows it; such a channel keeps its numbers.
+
+    Raises
+    ------
+    UnitError
+        If a declared unit is unknown.
+    FormatMismatchError
+        If it contradicts the file, or names no channel.
+    """
+    known = {name: _unit_or_none(label) for name, label in labels.items()}
+    if unit is None:
+        return known
+    if isinstance(unit, str):
+        shared = parse_unit(unit)
+        return {name: own or shared for name, own in known.items()}
+    if not isinstance(unit, Mapping):
+        raise FormatMismatchError(
+            f"{file.path}: unit= must be one unit, or a mapping of channel to unit"
+        )
+    for name, text in unit.items():
+        if name not in known:
+            raise FormatMismatchError(
+                f"{file.path}: has no channel {name!r}; the channels are {', '.join(known)}"
+            )
+        declared, own = parse_unit(str(text)), known[name]
+        if own is not None and own != declared:
+            raise FormatMismatchError(
+                f"{file.path}: channel {name!r} is in {own.name} by the file, but {declared.name} was "
+                "given; leave it out"
+            )
+        known[name] = declared
+    return known
+
+
+def _unit_or_none(label: str) -> Unit | None:
+    text = label.strip().strip("[]()").strip()
+    try:
+        return parse_unit(text)
+    except UnitError:
+        return None
+
+
+class Channels:
+    """Samples of each channel with its own times, made into one recording.
+
+    Parameters
+    ----------
+    file : RawFile
+        The file.
+    """
+
+    def __init__(self, file: RawFile) -> None:
+        self._file = file
+        self._t: dict[str, FloatArray] = {}
+        self._values: dict[str, FloatArray] = {}
+        self._labels: dict[str, str] = {}
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names in the order of the file."""
+        return tuple(self._values)
+
+    def add(self, name: str, t: FloatArray, values: FloatArray, label: str = "") -> None:
+        """Add a channel; a name that is taken gets a number.
+
+        Parameters
+        ----------
+        name : str
+            As in the file.
+        t : ndarray, shape (n,), s
+            Times.
+        values : ndarray, shape (n,)
+            In the unit of the file.
+        label : str, optional
+            The unit as the file writes it.
+        """
+        unique, count = name or "channel", 1
+        while unique in self._values:
+            count += 1
+            unique = f"{name} ({count})"
+        self._t[unique], self._values[unique], self._labels[unique] = t, values, label
+
+    def recording(
+        self,
+        format_id: str,
+        header: Mapping[str, Any],
+        *,
+        channel: str | None = None,
+        unit: Any = None,
+        union: bool = False,
+        warnings: tuple[str, ...] = (),
+        **facts: Any,
+    ) -> Recording:
+        """Return the channels on one axis of time, in SI where the unit is known.
+
+        Parameters
+        ----------
+        format_id : str
+            Identifier of the format.
+        header : mapping
+            Raw header fields.
+        channel : str, optional
+            The one channel to return.
+        unit : str or mapping, optional
+            See `with_units`.
+        union : bool, optional
+            Join all times, NaN where a channel has no sample; otherwise the times must agree, and
+            only the end may be missing.
+        warnings : tuple of str, optional
+            What is odd about the file.
+        **facts
+            Derived values for the metadata.
+
+        Returns
+        -------
+        Recording
+            SI; a channel whose unit is unknown keeps its numbers and has no entry in ``units``.
+
+        Raises
+        ------
+        FormatMismatchError
+            If a channel is missing or the times differ.
+        CorruptFileError
+            If times do not increase or nothing was measured.
+        """
+        units = with_units(self._file, self._labels, unit)
+        names = self._chosen(channel)
+        t = self._time(names, union=union)
+        columns: dict[str, FloatArray] = {}
+        for name in names:
+            column = np.full(t.size, np.nan)
+            where = np.searchsorted(t, self._t[name]) if union else slice(0, self._t[name].size)
+            own = units[name]
+            column[where] = self._values[name] * (own.factor if own is not None else 1.0)
+            columns[name] = column
+        if not any(np.isfinite(c).any() for c in columns.values()):
+            raise CorruptFileError(self._file.path, "no channel holds a number")
+        metadata = self._file.metadata(
+            format_id,
+            header,
+            warnings=warnings,
+            units_in_file={n: self._labels[n] for n in names},
+            **facts,
+        )
+        try:
+            return Recording(
+                t,
+                columns,
+                units={n: SI_NAMES.get(u.dimension, "") for n in names if (u := units[n])},
+                metadata=metadata,
+                history=self._file.history(format_id, {"channels": tuple(columns)}),
+            )
+        except DataError as exc:
+            raise CorruptFileError(self._file.path, f"the samples do not fit: {exc}") from None
+
+    def _chosen(self, channel: str | None) -> tuple[str, ...]:
+        if not self._values:
+            raise CorruptFileError(self._file.path, "holds no channel")
+        if channel is None:
+            return self.names
+        if channel not in self._values:
+            raise FormatMismatchError(
+                f"{self._file.path}: has no channel {channel!r}; the channels are "
+                f"{', '.join(self.names[:20])}"
+            )
+        return (channel,)
+
+    def _time(self, names: tuple[str, ...], *, union: bool) -> FloatArray:
+        if union:
+            return np.unique(np.concatenate([self._t[n] for n in names]))
+        longest = max(names, key=lambda n: self._t[n].size)
+        t = self._t[longest]
+        for name in names:
+            own = self._t[name]
+            if not np.array_equal(own, t[: own.size]):
+                raise FormatMismatchError(
+                    f"{self._file.path}: channels {longest!r} and {name!r} have different times; read "
+                    f"one at a time with channel={name!r}"
+                )
+        return t

@@ -1,0 +1,258 @@
+"""Mitaka MLP point-autofocus instrument, CSV: points x, y, z along lines, such as a tool edge.
+
+The points of a line lie on a contour in a plane: the third coordinate is the stepping axis. One
+of the two others is taken as position, the other as height, in the order of the columns; ``x=`` and
+``z=`` say otherwise. A contour may turn back (noise on a steep flank, an undercut); a height over
+such a position is not unique and is refused, unless ``x="path"`` or ``overhang="drop"`` says what to
+do. Counts in the header are hints only. See ``data_formats/mitaka-mlp/SPEC.md``.
+"""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+import numpy as np
+
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import FormatMismatchError, ReadError
+from metrosep.core.profile import Profile
+from metrosep.core.surface import Surface
+from metrosep.io.maps import ROW_ORDERS, make_profile, make_surface, only_channels
+from metrosep.io.mitaka_points import AXES, Points, is_mlp, read_points
+from metrosep.io.registry import Match
+from metrosep.io.source import RawFile, refuse_options
+
+__all__ = ["channels", "read", "sniff"]
+
+FORMAT = "mitaka-mlp"
+_CONSTANT = 1e-6
+"""Span in m below which a coordinate counts as the stepping axis: noise of the stage."""
+
+_CLEAR = 10.0
+"""The other coordinates must span at least this many times more."""
+
+_GRID = 1e-3
+"""Largest deviation of a point from a grid, relative to the step."""
+
+
+def sniff(head: bytes, name: str) -> Match:
+    """Return how sure we are that bytes begin an MLP file.
+
+    Parameters
+    ----------
+    head : bytes
+        First bytes of the file.
+    name : str
+        File name; not used.
+
+    Returns
+    -------
+    Match
+        YES for the first line of either version together with the lines on the autofocus.
+    """
+    return Match.YES if is_mlp(head) else Match.NO
+
+
+def channels(file: RawFile) -> tuple[str, ...]:
+    """Return the lines of points.
+
+    Parameters
+    ----------
+    file : RawFile
+        The file.
+
+    Returns
+    -------
+    tuple of str
+        ``("line 1", "line 2", ...)``.
+    """
+    return _names(read_points(file))
+
+
+def read(
+    file: RawFile,
+    *,
+    channel: str | None = None,
+    lateral_step: Any = None,
+    unit: Any = None,
+    x: str | None = None,
+    z: str | None = None,
+    overhang: str | None = None,
+) -> Profile | Surface:
+    """Return a line of points as a profile, or lines on a regular grid as a surface.
+
+    Parameters
+    ----------
+    file : RawFile
+        The file.
+    channel : str, optional
+        ``"line 1"`` ...; needed where there are several lines that do not lie on a grid.
+    lateral_step : None
+        Not accepted: the points have their own positions.
+    unit : None
+        Not accepted: the instrument writes mm.
+    x : {"X", "Y", "Z", "path"}, optional
+        Column of the position; ``"path"`` is the length along the line through the points.
+    z : {"X", "Y", "Z"}, optional
+        Column of the height.
+    overhang : {"drop"}, optional
+        Leave out points whose position lies behind that of a point before them.
+
+    Returns
+    -------
+    Profile or Surface
+        In m; ``metadata["columns"]`` says which column is what.
+
+    Raises
+    ------
+    FormatMismatchError
+        If the position turns back, a line must be chosen, or no coordinate is constant.
+    CorruptFileError
+        If a row or the header does not fit.
+    ReadError
+        If an option is not known.
+    """
+    refuse_options(file, "an MLP list of points in mm", lateral_step=lateral_step, unit=unit)
+    for option, value, legal in (
+        ("x", x, (*AXES, "path")),
+        ("z", z, AXES),
+        ("overhang", overhang, ("drop",)),
+    ):
+        if value is not None and value not in legal:
+            raise ReadError(
+                f"{file.path}: {option}={value!r} is unknown; use {' or '.join(legal)}"
+            )
+    points = read_points(file)
+    names = _names(points)
+    if channel is None and len(names) > 1:
+        return _surface(file, points, x, z)
+    number = names.index(only_channels(file, "MLP", channel, names))
+    start, stop = points.bounds[number : number + 2]
+    xyz = points.xyz[start:stop]
+    columns = _columns(file, xyz, points.stepping, x, z)
+    facts = {"line": number + 1, "n_lines": len(names), **_mean_step(columns, xyz)}
+    position = _path(xyz) if columns["x"] == "path" else xyz[:, AXES.index(columns["x"])]
+    height = xyz[:, AXES.index(columns["z"])]
+    warnings = list(points.warnings)
+    keep = _forward(position)
+    if not keep.all():
+        if overhang is None:
+            raise _turns_back(file, columns["x"], keep, points.first_line + start)
+        position, height = position[keep], height[keep]
+        warnings.append(f"{int((~keep).sum())} points that turn back were left out as asked")
+        facts["n_dropped"] = int((~keep).sum())
+    return make_profile(
+        file,
+        FORMAT,
+        position,
+        height,
+        header=points.header,
+        warnings=warnings,
+        columns=columns,
+        unit_in_file="mm",
+        overhang=overhang,
+        **facts,
+    )
+
+
+def _names(points: Points) -> tuple[str, ...]:
+    return tuple(f"line {i}" for i in range(1, len(points.bounds)))
+
+
+def _columns(
+    file: RawFile, xyz: FloatArray, stepping: str | None, x: str | None, z: str | None
+) -> dict[str, str]:
+    """Return the columns of position and height, and the stepping axis where there is one."""
+    spans = np.ptp(xyz, axis=0)
+    order = np.argsort(spans)
+    clear = spans[order[0]] <= _CONSTANT and spans[order[1]] >= _CLEAR * spans[order[0]]
+    constant = stepping or (AXES[int(order[0])] if clear else None)
+    free = [a for a in AXES if a not in (constant, x, z)]
+    if (x is None or z is None) and constant is None:
+        raise FormatMismatchError(
+            f"{file.path}: no coordinate is constant along the line (spans "
+            f"{', '.join(f'{a} {s:.3g} m' for a, s in zip(AXES, spans, strict=True))}); say which is "
+            "what with x= and z="
+        )
+    chosen = {"x": x or free[0], "z": z or free[-1]}
+    if chosen["x"] == chosen["z"]:
+        raise FormatMismatchError(
+            f"{file.path}: position and height cannot both be {chosen['x']}; give x= and z="
+        )
+    if constant is not None and constant not in chosen.values():
+        chosen["stepping"] = constant
+    return chosen
+
+
+def _mean_step(columns: dict[str, str], xyz: FloatArray) -> dict[str, float]:
+    if "stepping" not in columns:
+        return {}
+    return {"stepping_position_m": float(xyz[:, AXES.index(columns["stepping"])].mean())}
+
+
+def _path(xyz: FloatArray) -> FloatArray:
+    lengths = np.sqrt((np.diff(xyz, axis=0) ** 2).sum(axis=1))
+    return np.concatenate([[0.0], np.cumsum(lengths)])
+
+
+def _forward(position: FloatArray) -> Any:
+    """Return which points lie beyond all points before them, in the direction of the line."""
+    way = position if position[-1] >= position[0] else -position
+    before = np.concatenate([[-np.inf], np.maximum.accumulate(way)[:-1]])
+    return way > before
+
+
+def _turns_back(file: RawFile, axis: str, keep: Any, first_line: int) -> FormatMismatchError:
+    line = first_line + int(np.flatnonzero(~keep)[0])
+    return FormatMismatchError(
+        f"{file.path}: {int((~keep).sum())} points turn back in {axis} (the first near line {line}), so "
+        "a height over it is not unique; pass x='path' for heights over the length of the path, or "
+        "overhang='drop' to leave those points out"
+    )
+
+
+def _surface(file: RawFile, points: Points, x: str | None, z: str | None) -> Surface:
+    """Return the lines as a map where all of them have the same, equidistant positions."""
+    n = len(points.bounds) - 1
+    columns = _columns(file, points.xyz[: points.bounds[1]], points.stepping, x, z)
+    lines = [points.xyz[a:b] for a, b in itertools.pairwise(points.bounds)]
+    grid = _grid(lines, columns)
+    if grid is None:
+        raise FormatMismatchError(
+            f"{file.path}: holds {n} lines that make no map (their positions are not the same or not "
+            f"equidistant); choose one with channel='line 1' ... channel='line {n}'"
+        )
+    heights, steps, origin = grid
+    return make_surface(
+        file,
+        FORMAT,
+        heights,
+        steps,
+        row_order=ROW_ORDERS[0],
+        header=points.header,
+        origin=origin,
+        warnings=points.warnings,
+        columns=columns,
+        unit_in_file="mm",
+        n_lines=n,
+    )
+
+
+def _grid(
+    lines: list[FloatArray], columns: dict[str, str]
+) -> tuple[FloatArray, tuple[float, float], tuple[float, float]] | None:
+    """Return heights, steps and origin, rows and columns rising; None where there is no grid."""
+    if "stepping" not in columns or len({len(line) for line in lines}) > 1 or len(lines[0]) < 2:
+        return None
+    i, j, k = (AXES.index(columns[c]) for c in ("x", "stepping", "z"))
+    cube = np.array([line[np.argsort(line[:, i])] for line in lines])
+    cube = cube[np.argsort(cube[:, 0, j])]
+    x, y = cube[0, :, i], cube[:, 0, j]
+    dx, dy = (float(p[-1] - p[0]) / (p.size - 1) for p in (x, y))
+    fits = (
+        np.abs(cube[:, :, i] - x[0] - dx * np.arange(x.size)).max() <= _GRID * dx
+        and np.abs(cube[:, :, j] - y[0] - dy * np.arange(y.size)[:, np.newaxis]).max()
+        <= _GRID * dy
+    )
+    return (cube[:, :, k], (dx, dy), (float(x[0]), float(y[0]))) if fits and dx * dy > 0 else None

@@ -1,0 +1,173 @@
+"""Mitutoyo surface roughness tester, ``.xlsx``: worksheets ``Certificate`` and ``DATA``.
+
+In ``DATA`` column A holds the printed results (``Ra     3.308  µm``), B the settings, E the positions in
+mm and F the heights of the evaluated profile. The unit of the heights is that of the printed
+results. See ``data_formats/mitutoyo-xlsx/SPEC.md``.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+
+from metrosep.core.errors import CorruptFileError, FormatMismatchError, UnitError
+from metrosep.core.profile import Profile
+from metrosep.core.units import Unit, parse_unit
+from metrosep.io.maps import make_profile, only_channels
+from metrosep.io.registry import Match
+from metrosep.io.source import RawFile, lateral_steps, refuse_options
+from metrosep.io.workbook import Cells, Workbook, head_member
+
+__all__ = ["channels", "read", "sniff"]
+
+FORMAT = "mitutoyo-xlsx"
+_SHEETS = ("Certificate", "DATA")
+_X, _Z = "E", "F"
+_RESULT = re.compile(r"([RPW][aqzptvc])\s+-?[\d.]+\s+(\S+)\s*")
+_KIND = re.compile(r"CUV\s+(\S+)")
+
+
+def sniff(head: bytes, name: str) -> Match:
+    """Return how sure we are that bytes begin a workbook of a Mitutoyo tester.
+
+    Parameters
+    ----------
+    head : bytes
+        First bytes of the file.
+    name : str
+        File name; not used.
+
+    Returns
+    -------
+    Match
+        YES for a workbook with worksheets of both names.
+    """
+    if not head.startswith(b"PK\x03\x04"):
+        return Match.NO
+    named = head_member(head, "xl/workbook.xml")
+    listed = head_member(head, "docProps/app.xml")
+    both = all(
+        f'name="{s}"'.encode() in named or f"<vt:lpstr>{s}<".encode() in listed for s in _SHEETS
+    )
+    return Match.YES if both else Match.NO
+
+
+def channels(file: RawFile) -> tuple[str, ...]:
+    """Return the data sets that can be read: the profile.
+
+    Parameters
+    ----------
+    file : RawFile
+        The file.
+
+    Returns
+    -------
+    tuple of str
+        Always ``("profile",)``.
+    """
+    return ("profile",)
+
+
+def read(
+    file: RawFile, *, channel: str | None = None, lateral_step: Any = None, unit: Any = None
+) -> Profile:
+    """Return the evaluated profile of a Mitutoyo workbook.
+
+    Parameters
+    ----------
+    file : RawFile
+        The file.
+    channel : {"profile"}, optional
+        The data set.
+    lateral_step : float (m) or str, optional
+        Replaces the positions, which must be uniform.
+    unit : tuple of (str, str), optional
+        Units of positions and heights, where no printed result shows them.
+
+    Returns
+    -------
+    Profile
+        Heights in m. It is the profile that the tester evaluated, filtered by it: the settings are in
+        ``metadata["header"]["settings"]``.
+
+    Raises
+    ------
+    FormatMismatchError
+        If the file is of another format.
+    CorruptFileError
+        If the workbook or a row does not fit.
+    UnitError
+        If neither the results nor `unit` give the unit of the heights.
+    """
+    only_channels(file, "Mitutoyo", channel, channels(file))
+    override = lateral_steps(lateral_step)
+    book = Workbook(file)
+    if not set(_SHEETS) <= set(book.names):
+        raise FormatMismatchError(
+            f"{file.path}: is no Mitutoyo workbook: expected worksheets Certificate and DATA, found "
+            f"{', '.join(book.names)[:80]}; leave out format= to have it recognised"
+        )
+    rows = book.cells("DATA", ("A", "B", _X, _Z))
+    results = [str(cells["A"]).strip() for _, cells in rows if "A" in cells]
+    settings = [str(cells["B"]).strip() for _, cells in rows if "B" in cells]
+    units = _units(file, results, unit)
+    x, z = _columns(file, rows)
+    certificate = {
+        f"{column}{number}": value
+        for number, cells in book.cells("Certificate")
+        for column, value in cells.items()
+    }
+    kinds = [m[1] for s in settings if (m := _KIND.fullmatch(s))]
+    return make_profile(
+        file,
+        FORMAT,
+        x * units[0].factor,
+        z * units[1].factor,
+        header={"results": results, "settings": settings, "certificate": certificate},
+        override=override[0] if override else None,
+        units_in_file=(units[0].name, units[1].name),
+        evaluated_profile=kinds[0] if kinds else None,
+    )
+
+
+def _units(file: RawFile, results: list[str], declared: Any) -> tuple[Unit, Unit]:
+    """Return the units of positions and heights: metric when a result is printed in um."""
+    printed = {m[2] for r in results if (m := _RESULT.fullmatch(r))}
+    try:
+        found = {parse_unit(p, dimension="length").name for p in printed}
+    except UnitError:
+        found = set()
+    if found == {"um"}:
+        refuse_options(file, "a Mitutoyo profile with results in um", unit=declared)
+        return parse_unit("mm"), parse_unit("um")
+    if declared is None or isinstance(declared, str) or len(tuple(declared)) != 2:
+        raise UnitError(
+            f"{file.path}: the printed results show no unit of the heights ({', '.join(printed) or 'none'}"
+            "); declare positions and heights, such as unit=('mm', 'um')"
+        )
+    first, second = (parse_unit(str(u), dimension="length") for u in declared)
+    return first, second
+
+
+def _columns(file: RawFile, rows: Cells) -> tuple[Any, Any]:
+    """Return positions and heights as in the file; an empty height is not measured."""
+    points = [(number, cells) for number, cells in rows if _X in cells or _Z in cells]
+    if len(points) < 2:
+        raise CorruptFileError(
+            file.path, "worksheet DATA holds no profile", expected=f"columns {_X} and {_Z}"
+        )
+    for number, cells in points:
+        for column, value in ((_X, cells.get(_X)), (_Z, cells.get(_Z, 0.0))):
+            if not isinstance(value, float):
+                raise CorruptFileError(
+                    file.path,
+                    "a cell of worksheet DATA is no number",
+                    field=f"{column}{number}",
+                    expected="a number",
+                    found=repr(value)[:40],
+                )
+    x = np.array([cells[_X] for _, cells in points], dtype=np.float64)
+    z = np.array([cells.get(_Z, np.nan) for _, cells in points], dtype=np.float64)
+    return x, z

@@ -1,0 +1,307 @@
+"""Reader of metrosep's own HDF5: the object that was written, bit for bit.
+
+The history goes on where it ended: the last step says that this file was read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import (
+    CorruptFileError,
+    DataError,
+    FormatMismatchError,
+    ReadError,
+    UnsupportedFeatureError,
+)
+from metrosep.core.profile import Profile
+from metrosep.core.provenance import Step
+from metrosep.core.recording import Recording
+from metrosep.core.runset import Run, RunSet
+from metrosep.core.surface import Surface
+from metrosep.io.hdf5_file import Hdf5File, has_magic, open_hdf5
+from metrosep.io.maps import only_channels
+from metrosep.io.native_json import decode_history, decode_mapping
+from metrosep.io.native_write import FORMAT, LAYOUT_VERSION
+from metrosep.io.registry import Match
+from metrosep.io.source import RawFile, lateral_steps, refuse_options
+
+__all__ = ["channels", "read", "sniff"]
+
+_MARK = FORMAT.encode()
+
+
+def sniff(head: bytes, name: str) -> Match:
+    """Return how sure we are that bytes begin a file of metrosep.
+
+    Parameters
+    ----------
+    head : bytes
+        First bytes of the file.
+    name : str
+        File name; not used.
+
+    Returns
+    -------
+    Match
+        YES for HDF5 whose root says so.
+    """
+    return Match.YES if has_magic(head) and _MARK in head else Match.NO
+
+
+def channels(file: RawFile) -> tuple[str, ...]:
+    """Return the channels of a recording, else the height.
+
+    Parameters
+    ----------
+    file : RawFile
+        The file.
+
+    Returns
+    -------
+    tuple of str
+        Names.
+    """
+    with open_hdf5(file) as handle:
+        if _kind(file, handle) == "recording":
+            return tuple(name for _, name, _ in _channels(handle))
+        return ("height",)
+
+
+def read(
+    file: RawFile,
+    *,
+    channel: str | None = None,
+    lateral_step: Any = None,
+    unit: Any = None,
+    max_pixels: int | None = None,
+) -> Surface | Profile | Recording | RunSet:
+    """Return the object that was written.
+
+    Parameters
+    ----------
+    file : RawFile
+        The file.
+    channel : str, optional
+        The one channel of a recording to keep.
+    lateral_step : float (m), str or pair, optional
+        Replaces the steps of a surface.
+    unit : None
+        Not accepted: the format is SI.
+    max_pixels : int, optional
+        Largest dataset to read; 2**28 if omitted.
+
+    Returns
+    -------
+    Surface, Profile, Recording or RunSet
+        Equal to what was written; ``metadata`` also names this file, what it replaced is in
+        ``metadata["source"]``.
+
+    Raises
+    ------
+    FormatMismatchError
+        If it is no such file.
+    CorruptFileError
+        If it is damaged.
+    UnsupportedFeatureError
+        If a later version of the layout wrote it.
+    """
+    refuse_options(file, "an object of metrosep in SI", unit=unit)
+    override = lateral_steps(lateral_step)
+    with open_hdf5(file) as handle:
+        kind = _kind(file, handle)
+        if kind not in _READ:
+            raise CorruptFileError(
+                file.path, "the kind of object is unknown", field="kind", found=repr(kind)
+            )
+        try:
+            metadata = _metadata(file, _json(file, handle, "/metadata_json"))
+            parameters = {"lateral_step_m": override} if override else {}
+            history = (*_history(file, handle), *file.history(FORMAT, parameters))
+            build = _READ[kind]
+            return build(file, handle, metadata, history, channel, override, max_pixels)
+        except ReadError:
+            raise
+        except DataError as exc:
+            raise CorruptFileError(file.path, f"the numbers do not fit: {exc}") from None
+
+
+def _kind(file: RawFile, handle: Hdf5File) -> str:
+    attributes = handle.attributes("/")
+    if attributes.get("metrosep_format") != FORMAT:
+        raise FormatMismatchError(
+            f"{file.path}: is no HDF5 file of metrosep; leave out format= to have it recognised"
+        )
+    version = attributes.get("layout_version")
+    if version != LAYOUT_VERSION:
+        raise UnsupportedFeatureError(
+            f"{file.path}: has layout version {version}, this metrosep reads {LAYOUT_VERSION}; update "
+            "metrosep"
+        )
+    return str(attributes.get("kind"))
+
+
+def _numbers(
+    file: RawFile, handle: Hdf5File, name: str, max_pixels: int | None = None
+) -> FloatArray:
+    values = handle.read(name, max_pixels=max_pixels)
+    if values.dtype != np.float64:
+        raise CorruptFileError(
+            file.path,
+            "a dataset is of another type",
+            field=name,
+            expected="float64",
+            found=str(values.dtype),
+        )
+    return np.asarray(values, dtype=np.float64)
+
+
+def _json(file: RawFile, handle: Hdf5File, name: str) -> dict[str, Any]:
+    try:
+        return decode_mapping(handle.read(name).tobytes())
+    except (ValueError, RecursionError) as exc:
+        raise CorruptFileError(file.path, f"{name} is no JSON ({exc})") from None
+
+
+def _history(file: RawFile, handle: Hdf5File) -> tuple[Step, ...]:
+    try:
+        return decode_history(handle.read("/history_json").tobytes())
+    except (ValueError, KeyError, TypeError, RecursionError) as exc:
+        raise CorruptFileError(file.path, f"history_json is no history ({exc})") from None
+
+
+def _metadata(file: RawFile, stored: dict[str, Any]) -> dict[str, Any]:
+    """Return the stored metadata under the name of this file; what that replaced stays."""
+    own = file.metadata(FORMAT, {"layout_version": LAYOUT_VERSION})
+    own.pop("warnings")
+    replaced = {k: stored[k] for k in own if k in stored}
+    return {"warnings": (), **stored, **own, **({"source": replaced} if replaced else {})}
+
+
+def _surface(
+    file: RawFile,
+    handle: Hdf5File,
+    metadata: dict[str, Any],
+    history: tuple[Step, ...],
+    channel: str | None,
+    override: tuple[float, float] | None,
+    max_pixels: int | None,
+) -> Surface:
+    only_channels(file, FORMAT, channel)
+    z = _numbers(file, handle, "/z", max_pixels)
+    if z.ndim != 2 or np.isnan(z).all():
+        raise CorruptFileError(file.path, "the map has no heights", field="z", found=z.shape)
+    attributes = handle.attributes("/z")
+    origin = attributes.get("origin_m", [0.0, 0.0])
+    own = (attributes.get("dx_m"), attributes.get("dy_m"))
+    try:
+        x, y = (float(v) for v in origin)
+        steps = tuple(None if s is None else float(s) for s in own)
+    except (TypeError, ValueError):
+        raise CorruptFileError(
+            file.path, "steps or origin are no numbers", field="z", found=f"{own}, {origin}"
+        ) from None
+    dx, dy = override or steps
+    facts = {
+        "row_order_in_file": "smallest y first",
+        "lateral_step_in_file_m": steps,
+        "lateral_step_override_m": override,
+    }
+    return Surface(z, dx, dy, origin=(x, y), metadata={**metadata, **facts}, history=history)
+
+
+def _profile(
+    file: RawFile,
+    handle: Hdf5File,
+    metadata: dict[str, Any],
+    history: tuple[Step, ...],
+    channel: str | None,
+    override: tuple[float, float] | None,
+    max_pixels: int | None,
+) -> Profile:
+    only_channels(file, FORMAT, channel)
+    refuse_options(file, "a profile with its own positions", lateral_step=override)
+    x, z = (_numbers(file, handle, n, max_pixels) for n in ("/x", "/z"))
+    if np.isnan(z).all():
+        raise CorruptFileError(file.path, "no point was measured", field="z")
+    return Profile(x, z, metadata=metadata, history=history)
+
+
+def _recording(
+    file: RawFile,
+    handle: Hdf5File,
+    metadata: dict[str, Any],
+    history: tuple[Step, ...],
+    channel: str | None,
+    override: tuple[float, float] | None,
+    max_pixels: int | None,
+) -> Recording:
+    refuse_options(file, "a recording", lateral_step=override)
+    parts = _channels(handle)
+    if channel is not None:
+        wanted = only_channels(file, FORMAT, channel, tuple(name for _, name, _ in parts))
+        parts = [p for p in parts if p[1] == wanted]
+    values = {name: _numbers(file, handle, key, max_pixels) for key, name, _ in parts}
+    units = {name: unit for _, name, unit in parts if unit is not None}
+    if not any(np.isfinite(v).any() for v in values.values()):
+        raise CorruptFileError(file.path, "no channel holds a number", field="channels")
+    t = _numbers(file, handle, "/t", max_pixels)
+    return Recording(t, values, units=units, metadata=metadata, history=history)
+
+
+def _channels(handle: Hdf5File) -> list[tuple[str, str, str | None]]:
+    """Return path, name and unit of each channel of a recording."""
+    found: list[tuple[str, str, str | None]] = []
+    for key in handle.datasets:
+        if key.startswith("/channels/"):
+            own = handle.attributes(key)
+            unit = str(own["unit"]) if "unit" in own else None
+            found.append((key, str(own.get("name", key.rsplit("/", 1)[-1])), unit))
+    return found
+
+
+def _runset(
+    file: RawFile,
+    handle: Hdf5File,
+    metadata: dict[str, Any],
+    history: tuple[Step, ...],
+    channel: str | None,
+    override: tuple[float, float] | None,
+    max_pixels: int | None,
+) -> RunSet:
+    only_channels(file, FORMAT, channel)
+    refuse_options(file, "a set of runs with their own positions", lateral_step=override)
+    groups = [g for g in handle.groups if g.startswith("/runs/")]
+    runs = [_run(file, handle, name, max_pixels) for name in groups]
+    return RunSet(runs, metadata=metadata, history=history)
+
+
+def _run(file: RawFile, handle: Hdf5File, group: str, max_pixels: int | None) -> Run:
+    attributes = handle.attributes(group)
+    feed = attributes.get("feed_m_s")
+    try:
+        speed = None if feed is None else float(feed)
+    except (TypeError, ValueError):
+        raise CorruptFileError(
+            file.path, "the feed is no number", field=f"{group} feed_m_s", found=repr(feed)
+        ) from None
+    return Run(
+        _numbers(file, handle, f"{group}/x", max_pixels),
+        _numbers(file, handle, f"{group}/z", max_pixels),
+        t=_numbers(file, handle, f"{group}/t", max_pixels) if f"{group}/t" in handle else None,
+        feed=speed,
+        run_id=str(attributes.get("run_id", "")),
+        metadata=_json(file, handle, f"{group}/metadata_json"),
+    )
+
+
+_READ: dict[str, Callable[..., Surface | Profile | Recording | RunSet]] = {
+    "surface": _surface,
+    "profile": _profile,
+    "recording": _recording,
+    "runset": _runset,
+}

@@ -1,0 +1,127 @@
+"""One-dimensional HDF5 datasets in chunks; the file is never loaded as a whole."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
+
+import numpy as np
+
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import FormatMismatchError, UnitError
+from metrosep.core.units import Unit, parse_unit
+from metrosep.io.hdf5_file import Hdf5File, open_hdf5
+from metrosep.io.source import RawFile
+
+__all__ = ["Hdf5Source", "open_source"]
+
+_TIME_NAMES = frozenset({"t", "time"})
+_UNIT_KEYS = ("units", "unit", "Unit", "Units")
+
+
+def open_source(file: RawFile, stack: ExitStack) -> Hdf5Source:
+    """Return the numeric 1-D datasets of an HDF5 file that are as long as the longest one.
+
+    Parameters
+    ----------
+    file : RawFile
+        The file.
+    stack : ExitStack
+        Closes the file.
+
+    Returns
+    -------
+    Hdf5Source
+        Ready to be read.
+
+    Raises
+    ------
+    FormatMismatchError
+        If it holds no such dataset.
+    CorruptFileError
+        If it is damaged.
+    """
+    handle = stack.enter_context(open_hdf5(file))
+    lengths = {
+        name: handle.shape(name)[0]
+        for name in handle.datasets
+        if handle.is_numeric(name) and len(handle.shape(name)) == 1 and not name.endswith("_json")
+    }
+    longest = max(lengths.values(), default=0)
+    if longest < 1:
+        raise FormatMismatchError(
+            f"{file.path}: holds no one-dimensional dataset of numbers, so there is nothing to stream"
+        )
+    return Hdf5Source(handle, tuple(n for n, k in lengths.items() if k == longest), longest)
+
+
+class Hdf5Source:
+    """Datasets of one length; see `metrosep.io.stream.ChunkSource`.
+
+    Parameters
+    ----------
+    handle : Hdf5File
+        The open file.
+    names : tuple of str
+        Paths of the datasets.
+    n_samples : int
+        Their length.
+    """
+
+    def __init__(self, handle: Hdf5File, names: tuple[str, ...], n_samples: int) -> None:
+        self._handle = handle
+        self._paths = {str(handle.attributes(n).get("name") or n): n for n in names}
+        self.n_samples: int | None = n_samples
+        self.units: Mapping[str, Unit | None] = {n: self._unit(p) for n, p in self._paths.items()}
+        self.time_step = self._step()
+
+    def _unit(self, path: str) -> Unit | None:
+        attributes = self._handle.attributes(path)
+        for key in _UNIT_KEYS:
+            if attributes.get(key):
+                try:
+                    return parse_unit(str(attributes[key]))
+                except UnitError:
+                    return None
+        return None
+
+    def _step(self) -> float | None:
+        n = self.n_samples or 0
+        for name, path in self._paths.items():
+            if path.rsplit("/", 1)[-1].lower() in _TIME_NAMES and n > 1:
+                first, last = (
+                    float(self._handle.read(path, start=k, stop=k + 1)[0]) for k in (0, n - 1)
+                )
+                unit = self.units[name]
+                step = (last - first) / (n - 1) * (unit.factor if unit is not None else 1.0)
+                return step if step > 0.0 else None
+        return None
+
+    def chunks(self, names: Sequence[str], size: int) -> Iterator[dict[str, FloatArray]]:
+        """Yield the datasets, `size` samples at a time.
+
+        Parameters
+        ----------
+        names : sequence of str
+            Datasets.
+        size : int
+            Samples of a chunk.
+
+        Yields
+        ------
+        dict of str to ndarray, shape (n,)
+            As stored, in float64.
+
+        Raises
+        ------
+        CorruptFileError
+            If a part cannot be read.
+        """
+        for start in range(0, self.n_samples or 0, size):
+            yield {
+                n: np.asarray(
+                    self._handle.read(self._paths[n], start=start, stop=start + size),
+                    dtype=np.float64,
+                )
+                for n in names
+            }
