@@ -39,6 +39,11 @@ _ITEM_BYTES = 4
 _MARKER_RTOL = 1.5e-7
 """A marker is text with a few more digits than a float holds: half a step of the float, and some."""
 
+_LARGEST = 10.0
+"""Largest height in m, with the position of the stage; the usual marker is 3e15."""
+
+_PICTURES = ("TextureImageOffset", "IconOffset")
+
 
 def sniff(head: bytes, name: str) -> Match:
     """Return how sure we are that bytes begin an Alicona file.
@@ -121,7 +126,7 @@ def read(
     raw = _depth(file, tags, places, max_pixels)
     marker = _number(file, tags, places, "InvalidPixelValue", math.nan)
     z = scaled(raw, 1.0, lambda block: _is_marked(block, marker), turned=True)
-    warnings: list[str] = []
+    warnings = _gap_notes(file, tags, places, raw)
     own = tuple(
         lateral_or_none(
             file, n, _number(file, tags, places, n, 0.0), warnings, offset=places.get(n)
@@ -129,6 +134,11 @@ def read(
         for n in ("PixelSizeXMeter", "PixelSizeYMeter")
     )
     largest = np.float32(np.fmax.reduce(np.abs(z), axis=None))
+    if largest > _LARGEST:
+        expected = f"the number of the points that were not measured, heights up to {_LARGEST:g} m"
+        raise _bad_tag(
+            file, tags, places, "InvalidPixelValue", f"{expected} (there is {largest:g} m)"
+        )
     return make_surface(
         file,
         FORMAT,
@@ -208,6 +218,22 @@ def _depth(
     count = rows * stride // _ITEM_BYTES
     flat = np.frombuffer(file.data, dtype="<f4", count=count, offset=start)
     return flat.reshape(rows, -1)[:, :columns]
+
+
+def _gap_notes(
+    file: RawFile, tags: dict[str, str], places: dict[str, int], raw: NDArray[Any]
+) -> list[str]:
+    """Return a sentence where the depth image does not end at the next part of the file."""
+    start = int(tags["DepthImageOffset"])
+    end = start + raw.shape[0] * raw.strides[0]
+    offsets = [_count(file, tags, places, n, 2**40) for n in _PICTURES if n in tags]
+    following = min((o for o in offsets if o > start), default=file.size)
+    if end == following:
+        return []
+    size = f"Rows ({tags['Rows']}) and Cols ({tags['Cols']})"
+    return [
+        f"the depth image ends at {end}, but the next part begins at {following}: check {size}"
+    ]
 
 
 def _is_marked(block: NDArray[Any], marker: float) -> NDArray[np.bool_]:

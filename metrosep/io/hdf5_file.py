@@ -24,9 +24,11 @@ from numpy.typing import NDArray
 from metrosep.core.errors import CorruptFileError, FormatMismatchError, UnsupportedFeatureError
 from metrosep.io.source import MAX_PIXELS, RawFile
 
-__all__ = ["MAGIC", "Hdf5File", "has_magic", "open_hdf5"]
+__all__ = ["MAGIC", "Hdf5File", "has_magic", "has_names", "open_hdf5"]
 
 MAGIC = b"\x89HDF\r\n\x1a\n"
+
+_OWN = b"metrosep_format"
 
 _OFFSETS = (0, 512, 1024, 2048)
 """Where the signature may stand: a user block is a power of two long."""
@@ -61,6 +63,24 @@ def has_magic(head: bytes) -> bool:
         True when the signature stands at 0, 512, 1024 or 2048.
     """
     return any(head[o : o + len(MAGIC)] == MAGIC for o in _OFFSETS)
+
+
+def has_names(head: bytes, *names: bytes) -> bool:
+    """Return whether bytes begin an HDF5 file with all of these names, not written by metrosep.
+
+    Parameters
+    ----------
+    head : bytes
+        First bytes of the file.
+    *names : bytes
+        Names of groups, datasets or attributes.
+
+    Returns
+    -------
+    bool
+        False for a file of metrosep, which quotes the header of the file that it came from.
+    """
+    return has_magic(head) and _OWN not in head and all(name in head for name in names)
 
 
 class _Worker:

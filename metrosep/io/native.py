@@ -116,7 +116,7 @@ def read(
         kind = _kind(file, handle)
         if kind not in _READ:
             raise CorruptFileError(
-                file.path, "the kind of object is unknown", field="kind", found=repr(kind)
+                file.path, "the kind of object is unknown", field="kind", found=repr(kind[:40])
             )
         try:
             metadata = _metadata(file, _json(file, handle, "/metadata_json"))
@@ -139,7 +139,7 @@ def _kind(file: RawFile, handle: Hdf5File) -> str:
     version = attributes.get("layout_version")
     if version != LAYOUT_VERSION:
         raise UnsupportedFeatureError(
-            f"{file.path}: has layout version {version}, this metrosep reads {LAYOUT_VERSION}; update "
+            f"{file.path}: has layout version {str(version)[:20]}, this metrosep reads {LAYOUT_VERSION}; update "
             "metrosep"
         )
     return str(attributes.get("kind"))
@@ -203,7 +203,7 @@ def _surface(
         steps = tuple(None if s is None else float(s) for s in own)
     except (TypeError, ValueError):
         raise CorruptFileError(
-            file.path, "steps or origin are no numbers", field="z", found=f"{own}, {origin}"
+            file.path, "steps or origin are no numbers", field="z", found=f"{own}, {origin}"[:80]
         ) from None
     dx, dy = override or steps
     facts = {
@@ -287,7 +287,7 @@ def _run(file: RawFile, handle: Hdf5File, group: str, max_pixels: int | None) ->
         speed = None if feed is None else float(feed)
     except (TypeError, ValueError):
         raise CorruptFileError(
-            file.path, "the feed is no number", field=f"{group} feed_m_s", found=repr(feed)
+            file.path, "the feed is no number", field=f"{group} feed_m_s", found=repr(feed)[:40]
         ) from None
     return Run(
         _numbers(file, handle, f"{group}/x", max_pixels),

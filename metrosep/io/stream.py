@@ -82,6 +82,10 @@ class Stream(AbstractContextManager["Stream"]):
         Samples of each channel, where the file tells it beforehand.
     time_step : float or None, s
         Sampling interval, where the file or the caller tells it.
+    source : ChunkSource
+        Gives the samples as they stand in the file.
+    stack : ExitStack, optional
+        What is closed with the stream.
     """
 
     file: RawFile
@@ -90,8 +94,8 @@ class Stream(AbstractContextManager["Stream"]):
     units: Mapping[str, Unit | None]
     n_samples: int | None
     time_step: float | None
-    _source: ChunkSource
-    _stack: ExitStack = field(default_factory=ExitStack)
+    source: ChunkSource
+    stack: ExitStack = field(default_factory=ExitStack)
 
     def chunks(self, size: int = CHUNK) -> Iterator[dict[str, FloatArray]]:
         """Yield the recording from its start, a chunk at a time.
@@ -116,7 +120,7 @@ class Stream(AbstractContextManager["Stream"]):
         if size < 1:
             raise DataError(f"a chunk needs at least one sample, got {size}")
         factors = {n: u.factor for n in self.channels if (u := self.units[n]) is not None}
-        for part in self._source.chunks(self.channels, size):
+        for part in self.source.chunks(self.channels, size):
             yield {
                 n: values * factors[n] if factors.get(n, 1.0) != 1.0 else values
                 for n, values in part.items()
@@ -128,7 +132,7 @@ class Stream(AbstractContextManager["Stream"]):
         exc: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        self._stack.close()
+        self.stack.close()
 
 
 def open_stream(

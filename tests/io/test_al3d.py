@@ -98,13 +98,36 @@ def test_comment_and_tags_are_in_the_header(folder):
     assert metadata["invalid_value_m"] == pytest.approx(3.000000028082e15, rel=EXACT)
 
 
-@pytest.mark.parametrize(("marker", "n_invalid"), [("nan", 0), ("-3e15", 0), ("3e15", 1)])
-def test_marker_of_the_tag_decides(retagged, marker, n_invalid):
-    assert ms.read(retagged("InvalidPixelValue", marker)).n_invalid == n_invalid
+@pytest.mark.parametrize("marker", ["3e15", "3.000000028082e+15", "2.9999999e15"])
+def test_marker_is_compared_as_a_float_holds_it(retagged, marker):
+    assert ms.read(retagged("InvalidPixelValue", marker)).n_invalid == 1
+
+
+@pytest.mark.parametrize("marker", ["nan", "inf", "-3e15", "0", "3.1e15", "1e999"])
+def test_marker_that_names_no_point_never_leaves_a_height_of_3e15_m(retagged, marker):
+    with pytest.raises(ms.errors.CorruptFileError, match=r"InvalidPixelValue.*3e\+15 m"):
+        ms.read(retagged("InvalidPixelValue", marker))
+
+
+def test_map_that_does_not_end_at_the_next_part_is_a_warning(retagged):
+    warnings = ms.read(retagged("Rows", 3)).metadata["warnings"]
+
+    assert "ends at 997, but the next part begins at 1013" in warnings[0]
+
+
+def test_map_that_runs_into_the_texture_is_a_warning(retagged):
+    warnings = ms.read(retagged("TextureImageOffset", 1000)).metadata["warnings"]
+
+    assert "the next part begins at 1000" in warnings[0]
+
+
+def test_real_file_fits_without_a_gap(corpus):
+    assert ms.read(corpus / "st" / "al3d-1.al3d").metadata["warnings"] == ()
 
 
 def test_negative_marker_marks(folder, retagged, put):
     data = retagged("InvalidPixelValue", "-7e-06").read_bytes()
+    data = data.replace(struct.pack("<f", 3e15), struct.pack("<f", 2e-6))
 
     surface = ms.read(put(data, "negative.al3d"))
 

@@ -360,9 +360,7 @@ def test_real_stylus_export_below_its_parameters(corpus):
 
     with pytest.raises(ms.errors.ReadError, match="skip_rows=27"):
         ms.read(path, skip_rows=1, format="delimited")
-    profile = ms.read(
-        path, skip_rows=27, unit={"Raw Micrometer": "um"}, format="delimited"
-    )
+    profile = ms.read(path, skip_rows=27, unit={"Raw Micrometer": "um"}, format="delimited")
 
     assert len(profile) == 9600
     assert profile.peak_to_valley() == pytest.approx(16590.45 * NM, rel=1e-6)

@@ -1,0 +1,175 @@
+"""Arrays without a meaning of their own (HDF5, NumPy, MATLAB): what the caller declares makes them one.
+
+A two-dimensional array is a map whose first row has the smallest y; nothing in it says so, and
+nothing says its unit: the caller does, or an attribute ``unit`` beside it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import FormatMismatchError, UnitError
+from metrosep.core.profile import Profile
+from metrosep.core.recording import Recording
+from metrosep.core.surface import Surface
+from metrosep.core.units import Unit, parse_unit
+from metrosep.io.maps import make_surface
+from metrosep.io.measurement import measurement
+from metrosep.io.select import sensitivity
+from metrosep.io.source import RawFile, lateral_steps
+from metrosep.io.table import Column, Table
+
+__all__ = ["columns_as_object", "map_as_surface", "unit_of"]
+
+_UNIT_KEYS = ("units", "unit", "Units", "Unit")
+
+
+def unit_of(attributes: Mapping[str, Any]) -> Unit | None:
+    """Return the unit that the attributes of an array declare.
+
+    Parameters
+    ----------
+    attributes : mapping
+        Keys ``unit`` or ``units`` are looked at.
+
+    Returns
+    -------
+    Unit or None
+        ``None`` where there is none that metrosep knows.
+    """
+    for key in _UNIT_KEYS:
+        if attributes.get(key):
+            try:
+                return parse_unit(str(attributes[key]))
+            except UnitError:
+                return None
+    return None
+
+
+def map_as_surface(
+    file: RawFile,
+    format_id: str,
+    values: NDArray[Any],
+    *,
+    name: str,
+    own_unit: Unit | None,
+    unit: Any,
+    lateral_step: Any,
+    scale: float | str | None = None,
+    header: Mapping[str, Any],
+) -> Surface:
+    """Return a two-dimensional array as a surface.
+
+    Parameters
+    ----------
+    file : RawFile
+        The file.
+    format_id : str
+        Identifier of the format.
+    values : ndarray, shape (rows, columns)
+        Real numbers, NaN = not measured.
+    name : str
+        Of the array, for messages and metadata.
+    own_unit : Unit or None
+        What the file declares.
+    unit : str or None
+        What the caller declares.
+    lateral_step : float (m), str or pair, optional
+        Steps; not calibrated if omitted.
+    scale : float (m/V) or str, optional
+        Sensitivity where the unit is a voltage.
+    header : mapping
+        Raw fields of the file.
+
+    Returns
+    -------
+    Surface
+        Row 0 of the array is taken to have the smallest y.
+
+    Raises
+    ------
+    UnitError
+        If nobody declares a unit, or it is no length and no sensitivity is given.
+    FormatMismatchError
+        If file and caller contradict each other.
+    """
+    declared = parse_unit(str(unit)) if unit is not None else None
+    if declared is not None and own_unit is not None and declared != own_unit:
+        raise FormatMismatchError(
+            f"{file.path}: {name!r} is in {own_unit.name} by the file, but {declared.name} was given; leave "
+            "unit= out"
+        )
+    found = declared or own_unit
+    if found is None:
+        raise UnitError(f"{file.path}: {name!r} declares no unit; declare it, such as unit='nm'")
+    factor = found.factor
+    gain = sensitivity(scale)
+    if found.dimension == "voltage" and gain is not None:
+        factor *= gain
+    elif found.dimension != "length":
+        raise UnitError(
+            f"{file.path}: {name!r} is in {found.name} ({found.dimension}); a surface needs a length, or "
+            "scale='2.5 um/V' for a sensor in volts"
+        )
+    return make_surface(
+        file,
+        format_id,
+        np.asarray(values, dtype=np.float64) * factor,
+        (None, None),
+        row_order="smallest y first",
+        header=header,
+        override=lateral_steps(lateral_step),
+        channel=name,
+        unit_in_file=None if own_unit is None else own_unit.name,
+        unit_declared=None if declared is None else declared.name,
+        warnings=(
+            "the array does not say which row is on top: row 0 was taken as the smallest y",
+        ),
+    )
+
+
+def columns_as_object(
+    file: RawFile,
+    format_id: str,
+    columns: Mapping[str, tuple[FloatArray, Unit | None]],
+    header: Mapping[str, Any],
+    **options: Any,
+) -> Profile | Recording | Surface:
+    """Return arrays of one length as the columns of a table would be.
+
+    Parameters
+    ----------
+    file : RawFile
+        The file.
+    format_id : str
+        Identifier of the format.
+    columns : mapping of str to (ndarray, Unit or None)
+        Name to values and unit.
+    header : mapping
+        Raw fields of the file.
+    **options
+        As for `metrosep.io.measurement.measurement`.
+
+    Returns
+    -------
+    Profile, Recording or Surface
+        SI, NaN = not measured.
+
+    Raises
+    ------
+    ReadError
+        If the columns do not say what they are.
+    UnitError
+        If a length or time has no unit.
+    """
+    made = tuple(
+        Column(name, unit, np.asarray(v, dtype=np.float64)) for name, (v, unit) in columns.items()
+    )
+    n = made[0].values.size if made and made[0].values is not None else 0
+    table = Table(made, np.arange(1, n + 1, dtype=np.int64), {"columns": tuple(columns), **header})
+    return measurement(file, table, format_id, **options)

@@ -1,0 +1,186 @@
+"""Plain HDF5: datasets that other programs wrote, with the units that attributes or callers declare.
+
+Two-dimensional datasets are maps, one-dimensional ones of one length are the columns of a table.
+The special formats on HDF5 (4D, Zygo Mx, MATLAB, metrosep's own) have readers of their own.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import CorruptFileError, FormatMismatchError
+from metrosep.core.profile import Profile
+from metrosep.core.recording import Recording
+from metrosep.core.surface import Surface
+from metrosep.io.arrays import columns_as_object, map_as_surface, unit_of
+from metrosep.io.hdf5_file import Hdf5File, has_magic, open_hdf5
+from metrosep.io.registry import Match
+from metrosep.io.select import ColumnSpec
+from metrosep.io.source import RawFile
+
+__all__ = ["channels", "read", "sniff"]
+
+FORMAT = "hdf5"
+
+
+def sniff(head: bytes, name: str) -> Match:
+    """Return how sure we are that bytes begin an HDF5 file.
+
+    Parameters
+    ----------
+    head : bytes
+        First bytes of the file.
+    name : str
+        File name; not used.
+
+    Returns
+    -------
+    Match
+        MAYBE, so that the special formats come first.
+    """
+    return Match.MAYBE if has_magic(head) else Match.NO
+
+
+def channels(file: RawFile) -> tuple[str, ...]:
+    """Return the datasets of numbers with one or two dimensions.
+
+    Parameters
+    ----------
+    file : RawFile
+        The file.
+
+    Returns
+    -------
+    tuple of str
+        Paths.
+    """
+    with open_hdf5(file) as handle:
+        return tuple(n for n in handle.datasets if _dimensions(handle, n) in (1, 2))
+
+
+def read(
+    file: RawFile,
+    *,
+    channel: str | None = None,
+    lateral_step: Any = None,
+    unit: Any = None,
+    x: ColumnSpec | None = None,
+    z: ColumnSpec | None = None,
+    time: ColumnSpec | None = None,
+    sampling_rate: float | str | None = None,
+    scale: float | str | None = None,
+    max_pixels: int | None = None,
+) -> Surface | Profile | Recording:
+    """Return a map, or the columns of one length.
+
+    Parameters
+    ----------
+    file : RawFile
+        The file.
+    channel : str, optional
+        Path of the dataset; needed where there are several maps.
+    lateral_step : float (m), str or pair, optional
+        Steps of a map, or of a profile without positions.
+    unit : str, tuple or dict, optional
+        Unit of datasets without an attribute ``unit`` or ``units``.
+    x, z, time : column, optional
+        Datasets of a profile or a recording, by path.
+    sampling_rate : float (Hz) or str, optional
+        Makes a recording of datasets without a time.
+    scale : float (m/V) or str, optional
+        Sensitivity of a sensor in volts.
+    max_pixels : int, optional
+        Largest dataset to read; 2**28 if omitted.
+
+    Returns
+    -------
+    Surface, Profile or Recording
+        SI; row 0 of a map is taken to have the smallest y.
+
+    Raises
+    ------
+    FormatMismatchError
+        If nothing says which dataset is meant.
+    CorruptFileError
+        If the file is damaged.
+    UnitError
+        If a length has no unit.
+    """
+    with open_hdf5(file) as handle:
+        maps = [n for n in handle.datasets if _dimensions(handle, n) == 2]
+        lines = [n for n in handle.datasets if _dimensions(handle, n) == 1]
+        asked = (x, z, time, sampling_rate)
+        header = {n: handle.attributes(n) for n in (*handle.groups, *maps, *lines)}
+        if channel in maps or (channel is None and len(maps) == 1 and not any(asked)):
+            name = channel or maps[0]
+            values = handle.read(name, max_pixels=max_pixels)
+            return map_as_surface(
+                file,
+                FORMAT,
+                values,
+                name=name,
+                own_unit=unit_of(handle.attributes(name)),
+                unit=unit,
+                lateral_step=lateral_step,
+                scale=scale,
+                header=header,
+            )
+        columns = {
+            n: (_line(handle, n, max_pixels), unit_of(handle.attributes(n)))
+            for n in _chosen(file, handle, lines, maps, channel)
+        }
+    if not any(np.isfinite(v).any() for v, _ in columns.values()):
+        raise CorruptFileError(file.path, "no dataset holds a number")
+    return columns_as_object(
+        file,
+        FORMAT,
+        columns,
+        header,
+        lateral_step=lateral_step,
+        unit=unit,
+        x=x,
+        z=z,
+        time=time,
+        sampling_rate=sampling_rate,
+        scale=scale,
+    )
+
+
+def _dimensions(handle: Hdf5File, name: str) -> int:
+    shape = handle.shape(name)
+    return len(shape) if handle.is_numeric(name) and 0 not in shape else 0
+
+
+def _line(handle: Hdf5File, name: str, max_pixels: int | None) -> FloatArray:
+    return np.asarray(handle.read(name, max_pixels=max_pixels), dtype=np.float64)
+
+
+def _chosen(
+    file: RawFile,
+    handle: Hdf5File,
+    lines: list[str],
+    maps: list[str],
+    channel: str | None,
+) -> list[str]:
+    """Return the lines that are as long as the longest one, or the one asked for and the times."""
+    if channel is not None and channel not in lines:
+        raise FormatMismatchError(
+            f"{file.path}: has no dataset {channel!r}; there is {_listed([*maps, *lines])}"
+        )
+    if not lines:
+        what = "no dataset of numbers in one or two dimensions"
+        if maps:
+            what = f"{len(maps)} maps ({_listed(maps)}); choose one with channel={maps[0]!r}"
+        raise FormatMismatchError(f"{file.path}: holds {what}")
+    length = max(handle.shape(n)[0] for n in ([channel] if channel else lines))
+    alike = [n for n in lines if handle.shape(n)[0] == length]
+    if channel is None:
+        return alike
+    return [n for n in alike if n == channel or n.rsplit("/", 1)[-1].lower() in ("t", "time")]
+
+
+def _listed(names: list[str]) -> str:
+    return ", ".join(repr(n) for n in names[:12]) + (" ..." if len(names) > 12 else "") or "none"
