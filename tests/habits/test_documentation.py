@@ -34,7 +34,8 @@ def _pages() -> list[Path]:
 
 @pytest.mark.parametrize("page", _pages(), ids=lambda p: p.relative_to(REPOSITORY).as_posix())
 def test_every_block_of_the_page_runs(page, tmp_path, monkeypatch):
-    (tmp_path / "examples").symlink_to(REPOSITORY / "examples")
+    for folder in ("examples", "data_formats"):
+        (tmp_path / folder).symlink_to(REPOSITORY / folder)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("METROSEP_FORMATS", "")  # so that what a page sets does not outlive it
     namespace: dict[str, Any] = {"__name__": "__page__"}
