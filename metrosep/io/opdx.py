@@ -8,6 +8,7 @@ NaN or 1e38. Rows are in the order that the field Origin says. Layout and source
 
 from __future__ import annotations
 
+import struct
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     CorruptFileError,
+    FormatMismatchError,
     UnitError,
     UnsupportedFeatureError,
 )
@@ -23,8 +25,15 @@ from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
 from metrosep.core.units import parse_unit
 from metrosep.io.binary import check_area, check_scale
-from metrosep.io.maps import lateral_or_none, make_profile, make_surface, only_channels, scaled
-from metrosep.io.opdx_tree import Quantity, VcaTree, plain_tree
+from metrosep.io.maps import (
+    ROW_ORDERS,
+    lateral_or_none,
+    make_profile,
+    make_surface,
+    only_channels,
+    scaled,
+)
+from metrosep.io.opdx_tree import Quantity, VcaBytes, VcaTree, plain_tree, read_tree
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, lateral_steps, refuse_options
 
@@ -118,7 +127,7 @@ def read(
     UnsupportedFeatureError
         If there are no heights, or numbers of another kind, or more than `max_pixels`.
     UnitError
-        If a unit is no length.
+        If a unit is no length, or a profile has no positions.
     """
     refuse_options(file, "a Vision64 file with its own units", unit=unit)
     override = lateral_steps(lateral_step)
@@ -149,147 +158,195 @@ def _profile(
         )
     warnings = list(tree.warnings)
     z = scaled(raw, facts["height_per_count_m"], _is_invalid)
-    x = _positions(file, tree, prefix, raw.size, max_pixels, warnings)
+    step = override[0] if override else None
+    x = _positions(file, tree, prefix, raw.size, warnings)
+    if x is None:
+        if step is None:
+            raise UnitError(f"{file.path}: {prefix} has no positions; declare lateral_step=")
+        x = np.arange(raw.size, dtype=np.float64) * step
     return make_profile(
         file,
         FORMAT,
         x,
         z,
         header=plain_tree(tree),
-        override=override[0] if override else None,
+        override=step,
         warnings=warnings,
         **facts,
     )
 
 
 def _positions(
-    file: RawFile, node: dict[str, Any], path: str, count: int, warnings: list[str]
+    file: RawFile, tree: VcaTree, prefix: str, count: int, warnings: list[str]
 ) -> FloatArray | None:
     """Return the positions in m: listed, or from the extent, or None where the file has neither."""
-    function, array, unit = (node.get(f"Position{n}") for n in ("Function", "Array", "Units"))
-    listed = _doubles(file, array, f"{path}/PositionArray") if isinstance(array, Block) else None
-    if isinstance(function, Block):
-        unit, place = leading_unit(file, function)
-        own, place = struct.unpack_from("<Q", file.data, place)[0], place + 8
-        size = function.offset + function.size - place
-        if (own, size) != (count, 8 * count):
-            raise _misfit(file, f"{path}/PositionFunction", count, f"{own} in {size} bytes")
-        values = np.frombuffer(file.data, "<f8", count, place)
-        if listed is not None and values.tobytes() != listed.tobytes():
-            warnings.append(
-                f"{path}: PositionFunction and PositionArray differ; the first is used"
-            )
-        listed = values
-    if listed is not None and isinstance(unit, Quantity):
-        if listed.size != count:
-            raise _misfit(file, f"{path}/PositionArray", count, listed.size)
-        return np.asarray(listed * _metres(file, f"{path}/PositionUnits", unit), dtype=np.float64)
-    if not isinstance(node.get("Extent"), Quantity):
+    lists = _listed(file, tree, prefix, count)
+    if lists and f"{prefix}/PositionUnits" in tree.items:
+        if len({values.tobytes() for values in lists}) > 1:
+            warnings.append(f"{prefix}: the two lists of positions differ; PositionArray is used")
+        return np.asarray(lists[0] * _length(file, tree, f"{prefix}/PositionUnits"), dtype=float)
+    if f"{prefix}/Extent" not in tree.items:
         return None
-    extent = _quantity(file, node, path, "Extent")
-    length = extent.value * _metres(file, f"{path}/Extent", extent)
-    return np.asarray(np.arange(count) * (length / max(count - 1, 1)), dtype=np.float64)
+    extent = _length(file, tree, f"{prefix}/Extent")
+    return np.asarray(np.arange(count) * (extent / max(count - 1, 1)), dtype=np.float64)
+
+
+def _listed(file: RawFile, tree: VcaTree, prefix: str, count: int) -> list[NDArray[Any]]:
+    """Return PositionArray and the end of PositionFunction: u64 number, that many doubles."""
+    lists: list[NDArray[Any]] = []
+    if f"{prefix}/PositionArray" in tree.items:
+        lists.append(_numbers(file, tree, f"{prefix}/PositionArray", None))
+        if lists[0].size != count:
+            field = f"{prefix}/PositionArray"
+            raise _corrupt(file, "there are not as many positions", field, count, lists[0].size)
+    block = tree.items.get(f"{prefix}/PositionFunction")
+    if isinstance(block, VcaBytes) and block.size >= 8 * count + 8:
+        place = block.offset + block.size - 8 * count
+        if file.data[place - 8 : place] == struct.pack("<Q", count):
+            lists.append(np.frombuffer(file.data, "<f8", count, place))
+    return lists
 
 
 def _surface(
     file: RawFile,
-    node: dict[str, Any],
-    path: str,
+    tree: VcaTree,
+    prefix: str,
     override: tuple[float, float] | None,
-    warnings: list[str],
-    facts: dict[str, Any],
-    header: dict[str, Any],
     max_pixels: int | None,
+    facts: dict[str, Any],
 ) -> Surface:
-    raw = _matrix(file, node["Matrix"], f"{path}/Matrix", max_pixels)
+    raw = _matrix(file, tree, f"{prefix}/Matrix", max_pixels)
+    warnings = list(tree.warnings)
     steps = []
-    for number, count in ((2, raw.shape[1]), (1, raw.shape[0])):
-        name = f"Dimension{number}"
-        if node.get(f"{name}Points", count) != count:
-            raise _misfit(file, f"{path}/{name}Points", count, node[f"{name}Points"])
-        extent = _quantity(file, node, path, f"{name}Extent")
-        factor = _metres(file, f"{path}/{name}Extent", extent)
-        step = extent.value / max(count - 1, 1)
-        steps.append(lateral_or_none(file, f"{path}/{name}Extent", step, warnings, factor=factor))
+    for axis, count in (("Dimension2", raw.shape[1]), ("Dimension1", raw.shape[0])):
+        points, name = f"{prefix}/{axis}Points", f"{prefix}/{axis}Extent"
+        claimed = tree.items.get(points, count)
+        if claimed != count:
+            raise _corrupt(file, "the map has another size", points, count, claimed)
+        step = _length(file, tree, name) / max(count - 1, 1)
+        steps.append(lateral_or_none(file, name, step, warnings))
+    is_turned = tree.items.get(f"{prefix}/Origin") != _LOWER_LEFT
     return make_surface(
         file,
         FORMAT,
-        scaled(raw, facts["height_per_count_m"], _invalid, turned=True),
+        scaled(raw, facts["height_per_count_m"], _is_invalid, turned=is_turned),
         (steps[0], steps[1]),
-        row_order=ROW_ORDERS[1],
+        row_order=ROW_ORDERS[is_turned],
         turned=True,
-        header=header,
+        header=plain_tree(tree),
         override=override,
         warnings=warnings,
         **facts,
     )
 
 
-def _invalid(block: NDArray[Any]) -> NDArray[np.bool_]:
-    return np.asarray(~(np.abs(block) < _NOT_MEASURED))
-
-
-def _doubles(
-    file: RawFile, block: Block, path: str, max_pixels: int | None = None
-) -> NDArray[np.float64]:
-    """Return the numbers of an array: type byte, u32 bytes of an item, items."""
-    if block.size < 5:
-        raise _misfit(file, path, "at least 5 bytes", block.size)
-    code, width = struct.unpack_from("<BI", file.data, block.offset)
-    if (code, width) != _DOUBLE:
-        raise UnsupportedFeatureError(
-            f"{file.path}: {path} holds items of type {code:#x} and {width} bytes; only doubles (0xd, 8 "
-            "bytes) are read: export the profile as text"
+def _tree(file: RawFile) -> VcaTree:
+    if not file.head.startswith(_MAGIC):
+        raise FormatMismatchError(
+            f"{file.path}: is no Vision64 file: expected 'VCA DATA' 01 00 00 55 at offset 0, found "
+            f"{file.head[:12].hex(' ')}; leave out format= to have it recognised"
         )
-    if (block.size - 5) % width or block.size == 5:
-        raise _misfit(file, path, "whole doubles", f"{block.size - 5} bytes")
-    count = (block.size - 5) // width
+    return read_tree(file, len(_MAGIC))
+
+
+def _heights(file: RawFile, tree: VcaTree) -> tuple[str, ...]:
+    """Return the channels whose scale is a length, the primary one first."""
+    found = [
+        path[1 : -len(leaf)]
+        for group, leaf in _GROUPS.items()
+        for path in tree.items
+        if path.startswith(group) and path.endswith(leaf) and path.count("/") == 3
+    ]
+    lengths = [n for n in found if _factor(tree.items.get(f"/{n}/DataScale")) is not None]
+    if not lengths:
+        raise UnsupportedFeatureError(
+            f"{file.path}: holds no map or profile in a unit of length, only "
+            f"{', '.join(found[:8]) or 'settings'}; save the measurement with its raw data"
+        )
+    is_profile = tree.items.get("/MetaData/DataKind") == "Surface Profile"
+    primary = f"2D_Data/{tree.items.get('/MetaData/PrimaryData2D')}"
+    lengths.sort(key=lambda n: (n.startswith("1D_Data") != is_profile, n != primary))
+    return tuple(lengths)
+
+
+def _factor(quantity: object) -> float | None:
+    """Return metres per unit, None if it is no length; an inch is written with a full stop."""
+    if isinstance(quantity, Quantity):
+        for word in (quantity.symbol.rstrip("."), quantity.name.lower()):
+            try:
+                return parse_unit(word, dimension="length").factor
+            except UnitError:
+                continue
+    return None
+
+
+def _length(file: RawFile, tree: VcaTree, path: str) -> float:
+    """Return a quantity in m; its symbol must agree with the factor that stands beside it."""
+    quantity, factor = tree.items.get(path), _factor(tree.items.get(path))
+    if not isinstance(quantity, Quantity):
+        found = type(quantity).__name__
+        raise _corrupt(file, "an item is missing or of another type", path, "a quantity", found)
+    if factor is None:
+        unit = quantity.symbol[:20] or quantity.name[:20]
+        raise UnitError(f"{file.path}: {path} has the unit {unit!r}, which is no length")
+    if quantity.per_si is not None and not abs(factor * quantity.per_si - 1.0) <= _UNIT_RTOL:
+        found = f"{quantity.per_si:g} {quantity.symbol} in a metre"
+        raise _corrupt(file, "a unit contradicts its factor", path, f"{1 / factor:g}", found)
+    return quantity.value * factor
+
+
+def _is_invalid(block: NDArray[Any]) -> NDArray[np.bool_]:
+    return np.asarray(~(block < _FIRST_INVALID))
+
+
+def _numbers(
+    file: RawFile, tree: VcaTree, path: str, max_pixels: int | None
+) -> NDArray[np.floating]:
+    """Return the numbers of an array: type byte, u32 bytes of a number, numbers."""
+    block = _block(file, tree, path, _ARRAY_HEAD)
+    head = file.data[block.offset : block.offset + _ARRAY_HEAD]
+    if head not in _ARRAY_ITEMS:
+        raise UnsupportedFeatureError(
+            f"{file.path}: {path} begins with {head.hex(' ')}; only doubles (0d 08 00 00 00) and "
+            "singles (0c 04 00 00 00) are read: export the profile as text"
+        )
+    dtype = np.dtype(_ARRAY_ITEMS[head])
+    size = block.size - _ARRAY_HEAD
+    if size % dtype.itemsize:
+        raise _corrupt(
+            file, "the last number is cut off", path, f"{dtype.itemsize} bytes each", size
+        )
+    count = size // dtype.itemsize
     check_area(file, count, 1, max_pixels=max_pixels, names=(path, "lines"))
-    return np.frombuffer(file.data, "<f8", count, block.offset + 5)
+    return np.frombuffer(file.data, dtype, count, block.offset + _ARRAY_HEAD)
 
 
-def _matrix(file: RawFile, block: Block, path: str, max_pixels: int | None) -> NDArray[np.float32]:
+def _matrix(
+    file: RawFile, tree: VcaTree, path: str, max_pixels: int | None
+) -> NDArray[np.floating]:
     """Return the numbers of a matrix: u32 rows, u32 columns, singles."""
-    if block.size < 8:
-        raise _misfit(file, path, "at least 8 bytes", block.size)
+    block = _block(file, tree, path, _MATRIX_HEAD)
     rows, columns = struct.unpack_from("<II", file.data, block.offset)
     check_area(file, columns, rows, max_pixels=max_pixels, names=(path, "rows"))
-    if block.size - 8 != 4 * rows * columns:
-        raise _misfit(file, path, f"{4 * rows * columns} bytes", f"{block.size - 8} bytes")
-    return np.frombuffer(file.data, "<f4", rows * columns, block.offset + 8).reshape(rows, columns)
+    size = 4 * rows * columns
+    if block.size - _MATRIX_HEAD != size:
+        found = f"{block.size - _MATRIX_HEAD} bytes of {block.type[:40]}"
+        raise _corrupt(file, "the map has another size", path, f"{size} bytes", found)
+    if "double" in block.type or "int" in block.type:
+        raise UnsupportedFeatureError(f"{file.path}: {path} is {block.type[:40]}, not of singles")
+    flat = np.frombuffer(file.data, "<f4", rows * columns, block.offset + _MATRIX_HEAD)
+    return flat.reshape(rows, columns)
 
 
-def _quantity(file: RawFile, node: dict[str, Any], path: str, name: str) -> Quantity:
-    value = node.get(name)
-    if not isinstance(value, Quantity):
-        raise _misfit(file, f"{path}/{name}", "a value with a unit", type(value).__name__)
-    return value
+def _block(file: RawFile, tree: VcaTree, path: str, least: int) -> VcaBytes:
+    block = tree.items.get(path)
+    if not isinstance(block, VcaBytes) or block.size < least:
+        found = f"{block.size} bytes" if isinstance(block, VcaBytes) else type(block).__name__
+        raise _corrupt(file, "numbers are missing", path, f"at least {least} bytes", found)
+    return block
 
 
-def _metres(file: RawFile, path: str, quantity: Quantity) -> float:
-    """Return metres per unit; symbol and factor of the file must agree where both are known."""
-    symbol, per_si = quantity.symbol or quantity.name, quantity.per_si
-    try:
-        known = parse_unit(symbol, dimension="length").factor if symbol else None
-    except UnitError:
-        known = None
-    if quantity.is_length is False or (known is None and quantity.is_length is None):
-        raise UnitError(
-            f"{file.path}: the unit of {path} is {symbol[:20]!r}, which is no length; read another channel"
-        )
-    if per_si is None:
-        return float(known or 0.0)
-    check_scale(file, f"{path} (units per m)", per_si, low=1e-3, high=1e15)
-    if known is not None and abs(known * per_si - 1.0) > _SAME_UNIT:
-        raise _misfit(file, path, f"{1 / known:g} {symbol} in a metre", f"{per_si:g}")
-    return known or 1.0 / per_si
-
-
-def _misfit(file: RawFile, path: str, expected: object, found: object) -> CorruptFileError:
-    return CorruptFileError(
-        file.path,
-        "parts of the file contradict each other",
-        field=path[:80],
-        expected=expected,
-        found=found,
-    )
+def _corrupt(
+    file: RawFile, reason: str, path: str, expected: object, found: object
+) -> CorruptFileError:
+    return CorruptFileError(file.path, reason, field=path[-80:], expected=expected, found=found)

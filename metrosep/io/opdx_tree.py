@@ -1,9 +1,10 @@
 """The tagged tree of Vision64 files (``.opdx``), read as if a stranger had sent it.
 
 An item is a name (u32 length, UTF-8), a type byte and a value, little-endian. Containers hold items
-and say how many bytes they take. Every step moves forward inside the container that encloses it,
-containers nest only so deep, and an array is a place in the file, not a copy: nothing is allocated
-that the file does not hold. A type that is not known ends its container, which is noted.
+and say how many bytes they take; each ends with a terminator. Every step moves forward inside the
+container that encloses it, containers nest only so deep, and an array is a place in the file, not a
+copy: nothing is allocated that the file does not hold. A type that is not known ends its container,
+which is noted.
 """
 
 from __future__ import annotations
@@ -29,9 +30,13 @@ _SCALARS = {
 }
 _TEXT, _QUANTITY, _UNIT, _TIME, _LIST, _END = 0x12, 0x13, 0x18, 0x15, 0x42, 0x7F
 _CONTAINERS = (0x7D, 0x46, 0x47)
-_NAMED = (0x0E, 0x40, 0x45, 0x7C)
+_CHOICE = 0x0E
+_NAMED = (_CHOICE, 0x40, 0x45, 0x7C)
 _MATRIX = 0x00
 _TIME_BYTES = 9
+_END_BYTES = 2
+_MAX_CHOICE = 8
+_MAX_TEXT = 2**16
 _MAX_DEPTH = 32
 _MAX_ITEMS = 100_000
 
@@ -127,10 +132,11 @@ def plain_tree(tree: VcaTree) -> dict[str, Any]:
     plain: dict[str, Any] = {}
     for path, value in tree.items.items():
         if isinstance(value, Quantity):
-            value = {"value": value.value, "unit": value.symbol or value.name}
+            plain[path] = {"value": value.value, "unit": value.symbol or value.name}
         elif isinstance(value, VcaBytes):
-            value = {"type": value.type, "bytes": value.size}
-        plain[path] = value
+            plain[path] = {"type": value.type, "bytes": value.size}
+        else:
+            plain[path] = value
     return plain
 
 
@@ -154,6 +160,7 @@ class _Reader:
             self._need(place, 1, end, where)
             kind = self._file.data[place]
             if kind == _END:
+                self._finish(name, place + 1, end, path)
                 return
             following = self._item(kind, place + 1, end, where, depth)
             if following is None:
@@ -163,6 +170,16 @@ class _Reader:
                 )
                 return
             place = following
+        raise self._corrupt("ends without a terminator", place, path, "an item 7f ff ff", "none")
+
+    def _finish(self, name: str, place: int, end: int, path: str) -> None:
+        """Refuse a terminator that has a name or does not stand at the end."""
+        self._need(place, _END_BYTES, end, path or "the terminator")
+        left = end - place - _END_BYTES
+        if left and not path:
+            self.warnings.append(f"{left} bytes follow the tree; they were not read")
+        elif left or name:
+            raise self._corrupt("a container ends too early", place, path, "0 bytes left", left)
 
     def _item(self, kind: int, place: int, end: int, path: str, depth: int) -> int | None:
         """Read a value and return where it ends; None if its type is not known."""
@@ -186,7 +203,10 @@ class _Reader:
         if kind in _CONTAINERS:
             self.container(start, stop, path, depth + 1)
         elif kind == _TEXT:
-            self.items[path] = self._file.data[start:stop].decode("utf-8", "replace")
+            text = self._file.data[start : min(stop, start + _MAX_TEXT)]
+            self.items[path] = text.decode("utf-8", "replace")
+        elif kind == _CHOICE and size <= _MAX_CHOICE:
+            self.items[path] = int.from_bytes(self._file.data[start:stop], "little")
         elif kind in (_QUANTITY, _UNIT):
             self.items[path] = self._quantity(start, stop, path, has_value=kind == _QUANTITY)
         elif kind == _LIST:

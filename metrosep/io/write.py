@@ -90,7 +90,7 @@ def write(
     -----
     csv, xyz, x3p, sdf and h5 keep every digit; h5 keeps the history too and gives the same object
     back. int has 16 bits and sur 32: they round heights to steps of P-V/65534 and about
-    P-V/4.3e9. In text "not measured" is an empty field in CSV and ``nan`` in xyz. ``read`` gives a
+    P-V/2.1e9. In text "not measured" is an empty field in CSV and ``nan`` in xyz. ``read`` gives a
     profile, a recording or a surface back, `read_runs` a set of runs from CSV (``x="x_m"``,
     ``z="z_m"``, ``feed="feed_m_s"``, ``time="t_s"``, ``run="run"``).
     """
