@@ -15,7 +15,7 @@ from metrosep.core.errors import CorruptFileError, UnitError, UnsupportedFeature
 from metrosep.core.surface import Surface
 from metrosep.core.units import parse_quantity
 from metrosep.io.binary import check_area, check_scale
-from metrosep.io.hdf5_file import Hdf5File, has_magic, open_hdf5
+from metrosep.io.hdf5_file import Hdf5File, has_names, open_hdf5
 from metrosep.io.maps import lateral_or_none, make_surface, only_channels, scaled
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, lateral_steps, refuse_options
@@ -51,8 +51,7 @@ def sniff(head: bytes, name: str) -> Match:
     Match
         YES for HDF5 with the names of a measurement and its raw map.
     """
-    known = has_magic(head) and b"measurement" in head and b"genraw" in head
-    return Match.YES if known else Match.NO
+    return Match.YES if has_names(head, b"measurement", b"genraw") else Match.NO
 
 
 def channels(file: RawFile) -> tuple[str, ...]:
@@ -107,7 +106,8 @@ def read(
     CorruptFileError
         If it is damaged, a scale is not usable, or no pixel was measured.
     UnsupportedFeatureError
-        If there is no such measurement, its heights are not in waves, or it is too large.
+        If there is no such measurement, it holds no path differences in waves, or it
+        is too large.
     """
     refuse_options(file, "a 4D map with its own units", unit=unit)
     override = lateral_steps(lateral_step)
@@ -177,17 +177,23 @@ def _quantity(file: RawFile, attributes: dict[str, Any], key: str) -> float:
             "a length has no unit",
             field=f"genraw {key}",
             expected="a number and a unit",
-            found=repr(value),
+            found=repr(value)[:40],
         ) from None
 
 
 def _scale(file: RawFile, attributes: dict[str, Any]) -> tuple[float, float]:
     """Return the wavelength in m and the wedge factor."""
-    unit = attributes.get("height_units")
+    unit = str(attributes.get("height_units"))[:40]
     if unit != "wv":
         raise UnsupportedFeatureError(
             f"{file.path}: the heights are in {unit!r} (height_units), only waves ('wv') are known; "
             "export the measurement in waves"
+        )
+    kind = attributes.get("lut_type", "opd")
+    if kind != "opd":
+        raise UnsupportedFeatureError(
+            f"{file.path}: the map is of type {str(kind)[:40]!r} (lut_type), only optical path differences ('opd') "
+            "are known; export the measured phase"
         )
     low, high = _WAVELENGTHS
     wavelength = check_scale(

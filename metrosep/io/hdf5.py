@@ -6,9 +6,12 @@ The special formats on HDF5 (4D, Zygo Mx, MATLAB, metrosep's own) have readers o
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, FormatMismatchError
@@ -21,9 +24,12 @@ from metrosep.io.registry import Match
 from metrosep.io.select import ColumnSpec
 from metrosep.io.source import RawFile
 
-__all__ = ["channels", "read", "sniff"]
+__all__ = ["channels", "is_number", "physical_values", "read", "sniff"]
 
 FORMAT = "hdf5"
+
+_FIRST_INVALID = 1e38
+_FOURD = re.compile(r"/measurement\d+/genraw/data")
 
 
 def sniff(head: bytes, name: str) -> Match:
@@ -110,13 +116,15 @@ def read(
         If a length has no unit.
     """
     with open_hdf5(file) as handle:
+        if channel is None:
+            _refuse_special(file, handle)
         maps = [n for n in handle.datasets if _dimensions(handle, n) == 2]
         lines = [n for n in handle.datasets if _dimensions(handle, n) == 1]
         asked = (x, z, time, sampling_rate)
         header = {n: handle.attributes(n) for n in (*handle.groups, *maps, *lines)}
         if channel in maps or (channel is None and len(maps) == 1 and not any(asked)):
             name = channel or maps[0]
-            values = handle.read(name, max_pixels=max_pixels)
+            values = _values(file, handle, name, max_pixels)
             return map_as_surface(
                 file,
                 FORMAT,
@@ -129,7 +137,7 @@ def read(
                 header=header,
             )
         columns = {
-            n: (_line(handle, n, max_pixels), unit_of(handle.attributes(n)))
+            n: (_values(file, handle, n, max_pixels), unit_of(handle.attributes(n)))
             for n in _chosen(file, handle, lines, maps, channel)
         }
     if not any(np.isfinite(v).any() for v, _ in columns.values()):
@@ -154,8 +162,87 @@ def _dimensions(handle: Hdf5File, name: str) -> int:
     return len(shape) if handle.is_numeric(name) and 0 not in shape else 0
 
 
-def _line(handle: Hdf5File, name: str, max_pixels: int | None) -> FloatArray:
-    return np.asarray(handle.read(name, max_pixels=max_pixels), dtype=np.float64)
+def physical_values(
+    file: RawFile, name: str, raw: NDArray[Any], attributes: Mapping[str, Any]
+) -> FloatArray:
+    """Return stored numbers as the attributes say that they are meant.
+
+    Parameters
+    ----------
+    file : RawFile
+        For the message.
+    name : str
+        Path of the dataset.
+    raw : ndarray
+        As stored.
+    attributes : mapping
+        ``scale_factor``, ``add_offset``, ``_FillValue`` and ``missing_value`` are looked at.
+
+    Returns
+    -------
+    ndarray
+        float64; NaN for the marks of missing values, and from 1e38 on, which is the largest
+        float32 that many programs write where nothing was measured.
+
+    Raises
+    ------
+    CorruptFileError
+        If scale or offset is no usable number.
+    """
+    values = np.array(raw, dtype=np.float64)
+    missing = ~(np.abs(values) < _FIRST_INVALID)
+    for key in ("_FillValue", "missing_value"):
+        if is_number(attributes.get(key)):
+            missing |= values == float(attributes[key])
+    factors = [attributes.get("scale_factor", 1.0), attributes.get("add_offset", 0.0)]
+    if not all(is_number(f) and abs(f) < _FIRST_INVALID for f in factors) or factors[0] == 0:
+        raise CorruptFileError(
+            file.path,
+            "scale_factor or add_offset is not usable",
+            field=name,
+            found=repr(factors)[:60],
+        )
+    if factors != [1.0, 0.0]:
+        values = values * float(factors[0]) + float(factors[1])
+    values[missing] = np.nan
+    return values
+
+
+def is_number(value: Any) -> bool:
+    """Return whether an attribute is one real number.
+
+    Parameters
+    ----------
+    value : object
+        The attribute.
+
+    Returns
+    -------
+    bool
+        False for text, lists and truth values.
+    """
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def _values(file: RawFile, handle: Hdf5File, name: str, max_pixels: int | None) -> FloatArray:
+    raw = handle.read(name, max_pixels=max_pixels)
+    return physical_values(file, name, raw, handle.attributes(name))
+
+
+def _refuse_special(file: RawFile, handle: Hdf5File) -> None:
+    """Name the reader of a special format whose names stand too far behind to be recognised."""
+    found = None
+    if "metrosep_format" in handle.attributes("/"):
+        found = "metrosep-h5"
+    elif any(_FOURD.fullmatch(n) for n in handle.datasets):
+        found = "fourd"
+    elif "/MetaData" in handle and any(n.startswith("/Data/Surface/") for n in handle.datasets):
+        found = "datx"
+    if found is not None:
+        raise FormatMismatchError(
+            f"{file.path}: is laid out as {found}; read it with format={found!r}, or name one dataset "
+            "with channel="
+        )
 
 
 def _chosen(

@@ -36,8 +36,11 @@ _OFFSETS = (0, 512, 1024, 2048)
 _MAX_RATIO = 250
 """Largest ratio of claimed to stored bytes; noise of an instrument never compresses so far."""
 
-_PATIENCE = 1.5
-"""Seconds for the tree; more only for what a file of that size takes to read."""
+_PATIENCE = 0.8
+"""Seconds of computing for the tree; more only for what a file of that size takes to read."""
+
+_PER_SECOND = 1.0 if sys.platform == "win32" else 10.0
+"""Seconds of waiting for one of computing, which the process itself limits (not on Windows)."""
 
 _LONGEST_PATIENCE = 60.0
 """Seconds for the process to start on a busy computer, and for the tree of a large file."""
@@ -143,10 +146,10 @@ class _Worker:
         process = self._process
         if process is None or process.stdin is None or process.stdout is None:
             return {"died": True}
-        late = threading.Timer(patience, process.kill)
+        late = threading.Timer(patience * _PER_SECOND, process.kill)
         late.start()
         try:
-            process.stdin.write(json.dumps(request).encode() + b"\n")
+            process.stdin.write(json.dumps({**request, "seconds": patience}).encode() + b"\n")
             process.stdin.write(content)
             process.stdin.flush()
             line = process.stdout.readline()
@@ -351,7 +354,7 @@ class Hdf5File:
         count = int(np.prod(part, dtype=np.int64)) if part else 1
         if found["offset"] is not None:
             row = dtype.itemsize * int(np.prod(shape[1:], dtype=np.int64))
-            return self._direct(name, found["offset"] + start * row, dtype, count).reshape(part)
+            return self._direct(name, found["offset"] + start * row, dtype, part)
         if not _WORKER.is_still(self._generation):  # the process died of another file
             self._open()
         request = {"read": name, "handle": self._handle, "start": start, "stop": stop}
@@ -361,21 +364,25 @@ class Hdf5File:
             raise _damaged(self._file, f"dataset {name!r}", answer)
         return np.frombuffer(answer["content"], dtype=dtype).reshape(part)
 
-    def _direct(self, name: str, offset: int, dtype: np.dtype[Any], count: int) -> NDArray[Any]:
-        n_bytes = count * dtype.itemsize
+    def _direct(
+        self, name: str, offset: int, dtype: np.dtype[Any], shape: tuple[int, ...]
+    ) -> NDArray[Any]:
+        """Return numbers read straight from the file into the memory that they will stay in."""
+        values: NDArray[Any] = np.empty(shape, dtype=dtype)
         with self._file.stream() as stream:
             stream.seek(offset)
-            data = stream.read(n_bytes)
-        if len(data) != n_bytes:
+            n_bytes = stream.readinto(values.reshape(-1).view(np.uint8).data)
+        if n_bytes != values.nbytes:
             raise CorruptFileError(
                 self._file.path,
                 "a dataset lies beyond the end of the file",
                 field=name,
                 offset=offset,
-                expected=f"{n_bytes} bytes",
-                found=f"{len(data)} bytes",
+                expected=f"{values.nbytes} bytes",
+                found=f"{n_bytes} bytes",
             )
-        return np.frombuffer(data, dtype=dtype)
+        values.setflags(write=False)
+        return values
 
     def _described(self, name: str) -> dict[str, Any]:
         if name not in self._datasets:

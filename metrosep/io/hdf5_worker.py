@@ -5,7 +5,8 @@ enough). So it runs in a process of its own, which answers over its standard str
 JSON, then raw bytes. When it dies the caller gets one sentence instead of dying too.
 
 Requests: ``{"open": path | null, "bytes": n}`` and n bytes of content; ``{"read": name,
-"handle": k, "start": i, "stop": j}``; ``{"close": k}``; end of input ends it. It never writes a file and follows no link.
+"handle": k, "start": i, "stop": j}``; ``{"close": k}``; each with ``"seconds"`` of
+computing that it may take; end of input ends it. It never writes a file and follows no link.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import io
 import json
 import math
 import os
+import signal
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -55,6 +57,8 @@ def main() -> None:
     for number, line in enumerate(requests, start=1):
         request = json.loads(line)
         content = b""
+        if hasattr(signal, "setitimer"):  # not on Windows; it ends the process, also within C
+            signal.setitimer(signal.ITIMER_PROF, request["seconds"])
         try:
             if "open" in request:
                 handle = _open(request, requests)

@@ -5,18 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 
-import numpy as np
-
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import FormatMismatchError, UnitError
-from metrosep.core.units import Unit, parse_unit
+from metrosep.core.errors import FormatMismatchError
+from metrosep.core.units import Unit
+from metrosep.io.arrays import unit_of
+from metrosep.io.hdf5 import physical_values
 from metrosep.io.hdf5_file import Hdf5File, open_hdf5
 from metrosep.io.source import RawFile
 
 __all__ = ["Hdf5Source", "open_source"]
 
 _TIME_NAMES = frozenset({"t", "time"})
-_UNIT_KEYS = ("units", "unit", "Unit", "Units")
 
 
 def open_source(file: RawFile, stack: ExitStack) -> Hdf5Source:
@@ -52,7 +51,7 @@ def open_source(file: RawFile, stack: ExitStack) -> Hdf5Source:
         raise FormatMismatchError(
             f"{file.path}: holds no one-dimensional dataset of numbers, so there is nothing to stream"
         )
-    return Hdf5Source(handle, tuple(n for n, k in lengths.items() if k == longest), longest)
+    return Hdf5Source(file, handle, tuple(n for n, k in lengths.items() if k == longest), longest)
 
 
 class Hdf5Source:
@@ -60,38 +59,32 @@ class Hdf5Source:
 
     Parameters
     ----------
+    file : RawFile
+        The file.
     handle : Hdf5File
-        The open file.
+        The same, open.
     names : tuple of str
         Paths of the datasets.
     n_samples : int
         Their length.
     """
 
-    def __init__(self, handle: Hdf5File, names: tuple[str, ...], n_samples: int) -> None:
-        self._handle = handle
+    def __init__(
+        self, file: RawFile, handle: Hdf5File, names: tuple[str, ...], n_samples: int
+    ) -> None:
+        self._file, self._handle = file, handle
         self._paths = {str(handle.attributes(n).get("name") or n): n for n in names}
         self.n_samples: int | None = n_samples
-        self.units: Mapping[str, Unit | None] = {n: self._unit(p) for n, p in self._paths.items()}
+        self.units: Mapping[str, Unit | None] = {
+            n: unit_of(handle.attributes(p)) for n, p in self._paths.items()
+        }
         self.time_step = self._step()
-
-    def _unit(self, path: str) -> Unit | None:
-        attributes = self._handle.attributes(path)
-        for key in _UNIT_KEYS:
-            if attributes.get(key):
-                try:
-                    return parse_unit(str(attributes[key]))
-                except UnitError:
-                    return None
-        return None
 
     def _step(self) -> float | None:
         n = self.n_samples or 0
         for name, path in self._paths.items():
             if path.rsplit("/", 1)[-1].lower() in _TIME_NAMES and n > 1:
-                first, last = (
-                    float(self._handle.read(path, start=k, stop=k + 1)[0]) for k in (0, n - 1)
-                )
+                first, last = (float(self._values(path, k, k + 1)[0]) for k in (0, n - 1))
                 unit = self.units[name]
                 step = (last - first) / (n - 1) * (unit.factor if unit is not None else 1.0)
                 return step if step > 0.0 else None
@@ -110,7 +103,7 @@ class Hdf5Source:
         Yields
         ------
         dict of str to ndarray, shape (n,)
-            As stored, in float64.
+            Scaled as the attributes say, in the unit of the file.
 
         Raises
         ------
@@ -118,10 +111,8 @@ class Hdf5Source:
             If a part cannot be read.
         """
         for start in range(0, self.n_samples or 0, size):
-            yield {
-                n: np.asarray(
-                    self._handle.read(self._paths[n], start=start, stop=start + size),
-                    dtype=np.float64,
-                )
-                for n in names
-            }
+            yield {n: self._values(self._paths[n], start, start + size) for n in names}
+
+    def _values(self, path: str, start: int, stop: int) -> FloatArray:
+        raw = self._handle.read(path, start=start, stop=stop)
+        return physical_values(self._file, path, raw, self._handle.attributes(path))

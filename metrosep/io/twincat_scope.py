@@ -160,7 +160,7 @@ def _export(
     lines = text_lines(file)
     layout = _layout(file, lines)
     numbered = [
-        (k, line.rstrip())
+        (k, line)
         for k, line in enumerate(lines[layout.body :], start=layout.body + 1)
         if line.strip() and line.strip() != "EOF"
     ]

@@ -89,3 +89,18 @@ def _imports_on_load(body: list[ast.stmt]) -> Iterator[tuple[int, str]]:
                 yield from _imports_on_load(getattr(node, part, []))
             for handler in getattr(node, "handlers", []):
                 yield from _imports_on_load(handler.body)
+
+
+def test_reading_a_map_loads_no_heavy_package(repository):
+    """Binary maps need NumPy only; pandas, SciPy, matplotlib and h5py stay out."""
+    code = (
+        "import sys, metrosep as ms, metrosep.io\n"
+        f"ms.read({str(repository / 'data_formats/metropro/samples/format1.dat')!r})\n"
+        f"ms.read({str(repository / 'data_formats/metrosep-h5/samples/surface.h5')!r})\n"
+        "names = {m.split('.')[0] for m in sys.modules}\n"
+        f"print(sorted(names & {set(HEAVY)!r}))\n"
+    )
+
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+
+    assert run.stdout.strip() == "[]"

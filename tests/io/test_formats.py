@@ -78,6 +78,8 @@ def test_magic_of_the_descriptor_is_in_every_sample(folder):
 
 @pytest.mark.parametrize(("folder", "sample"), MEASUREMENTS)
 def test_sample_is_recognised_whatever_its_name(folder, sample, tmp_path):
+    if "format" in truth_of(folder, sample).get("options", {}):
+        pytest.skip("plain columns without a header: the format must be named")
     renamed = tmp_path / "file.bin"
     renamed.write_bytes(sample.read_bytes())
 

@@ -108,6 +108,11 @@ def test_unusable_scale_is_refused(make, change, match):
         ms.read(make([[1.0, 2.0]], **change))
 
 
+def test_map_of_another_kind_is_refused(make):
+    with pytest.raises(ms.errors.UnsupportedFeatureError, match=r"'intensity' .lut_type"):
+        ms.read(make([[1.0, 2.0]], lut_type=b"intensity"))
+
+
 def test_line_is_no_map(make):
     with pytest.raises(ms.errors.CorruptFileError, match="two dimensions"):
         ms.read(make([1.0, 2.0]))

@@ -79,6 +79,15 @@ def test_gap_changes_no_other_number(put):
     np.testing.assert_array_equal(recording["y"], [2.5, 3.5, 5.5])
 
 
+@pytest.mark.parametrize("separator", [";", "\t"])
+def test_gap_at_the_end_of_a_row(put, separator):
+    text = export(["0;1.5;2.5", "1;2.5;", "2;4.5;5.5"]).replace("0,0001", "0.0001")
+
+    recording = ms.read(put(text.replace(";", separator)))
+
+    np.testing.assert_array_equal(recording["y"], [2.5, np.nan, 5.5])
+
+
 def test_unit_for_a_channel_without_one(put):
     recording = ms.read(put(export(["0;1;2", "1;3;4"])), unit={"y": "arcsec"})
 

@@ -1,0 +1,208 @@
+"""LinuxCNC ``halsampler`` text: columns of HAL pins, without a header, at the rate of a thread.
+
+Nothing in the text names the pins or the rate, so both are declared. Where the FIFO was full a line
+``overrun`` stands: samples are lost, and only the numbers of ``halsampler -t`` tell how many.
+See ``data_formats/halsampler/SPEC.md``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import CorruptFileError, FormatMismatchError
+from metrosep.core.recording import Recording
+from metrosep.io.dialect import is_number
+from metrosep.io.logger import Channels, head_lines, text_lines
+from metrosep.io.plain_columns import column_names, interval, number_block, scales_of
+from metrosep.io.registry import Match
+from metrosep.io.source import RawFile, refuse_options
+
+__all__ = ["channels", "read", "sniff"]
+
+FORMAT = "halsampler"
+_OVERRUN = "overrun"
+_PIN = "pin"
+
+
+def sniff(head: bytes, name: str) -> Match:
+    """Return how sure we are that bytes begin the output of halsampler.
+
+    Parameters
+    ----------
+    head : bytes
+        First bytes of the file.
+    name : str
+        File name; not used.
+
+    Returns
+    -------
+    Match
+        MAYBE when rows of numbers and a line ``overrun`` are all there is, else NO: any other
+        columns of numbers look the same.
+    """
+    lines = [text for line in head_lines(head) if (text := line.strip())]
+    rows = [text for text in lines if text != _OVERRUN]
+    if len(rows) in (0, len(lines)):
+        return Match.NO
+    plain = all(is_number(field, ".") for text in rows for field in text.split())
+    return Match.MAYBE if plain else Match.NO
+
+
+def channels(file: RawFile) -> tuple[str, ...]:
+    """Return the names of the columns when none are declared.
+
+    Parameters
+    ----------
+    file : RawFile
+        The file.
+
+    Returns
+    -------
+    tuple of str
+        ``"pin 0"``, ``"pin 1"``, ...
+    """
+    body, _ = _rows(file, text_lines(file))
+    return tuple(column_names(file, None, body.shape[1], _PIN))
+
+
+def read(
+    file: RawFile,
+    *,
+    channel: str | None = None,
+    lateral_step: Any = None,
+    unit: Any = None,
+    sampling_rate: float | str | None = None,
+    names: Sequence[str] | None = None,
+    numbered: bool = False,
+    scale: Any = None,
+    segment: int | None = None,
+) -> Recording:
+    """Return the pins that halsampler wrote.
+
+    Parameters
+    ----------
+    file : RawFile
+        The file.
+    channel : str, optional
+        The one pin to read.
+    lateral_step : None
+        Not accepted: the pins are over time.
+    unit : str or mapping of str to str, optional
+        Unit of the pins, such as ``"mm"``; the text has none.
+    sampling_rate : float (Hz) or str
+        Rate of the thread that sampled; needed.
+    names : sequence of str, optional
+        Names of the pins in their order; ``"pin 0"``, ... if omitted.
+    numbered : bool, optional
+        Whether the first column is the number of the sample (``halsampler -t``).
+    scale : float, str, sequence or mapping, optional
+        What one count of a pin is, such as ``"0.5 nm"``.
+    segment : int, optional
+        Which part between overruns, from 0; needed where samples are lost and not numbered.
+
+    Returns
+    -------
+    Recording
+        Time from the first sample in s; a gap where numbered samples are lost.
+
+    Raises
+    ------
+    FormatMismatchError
+        If samples are lost and no part was chosen, or the names do not fit.
+    CorruptFileError
+        If a row does not fit or the numbers do not rise.
+    ReadError
+        If no rate is given, or a scale is not usable.
+    """
+    refuse_options(file, "a text of halsampler", lateral_step=lateral_step)
+    lines = text_lines(file)
+    body, breaks = _rows(file, lines)
+    step = interval(file, sampling_rate=sampling_rate, period=None, name="sampling_rate")
+    warnings = []
+    if numbered:
+        refuse_options(file, "a numbered text of halsampler", segment=segment)
+        t, body = _numbered(file, body, step)
+        lost = round(t[-1] / step) + 1 - len(body)
+        if lost:
+            warnings.append(f"{lost} samples are lost; the recording has gaps there")
+    else:
+        body = _part(file, body, breaks, segment)
+        t = step * np.arange(len(body), dtype=np.float64)
+        if body.shape[1] > 1 and len(body) > 2 and (np.diff(body[:, 0]) == 1.0).all():
+            warnings.append(
+                "the first column counts up by one; if halsampler ran with -t, read it with numbered=True"
+            )
+    if lines[-1]:
+        warnings.append("the file does not end with a line end; its last row may be cut off")
+    data = Channels(file)
+    pins = column_names(file, names, body.shape[1], _PIN)
+    scales = scales_of(file, scale, pins)
+    for name, column in zip(pins, body.T, strict=True):
+        factor, label = scales[name]
+        data.add(name, t, column * factor, label)
+    return data.recording(
+        FORMAT,
+        {"rows": len(body), "overruns_before_rows": breaks},
+        channel=channel,
+        unit=unit,
+        warnings=tuple(warnings),
+        sampling_interval_s=step,
+        segment=segment,
+        numbered=numbered,
+    )
+
+
+def _rows(file: RawFile, lines: list[str]) -> tuple[FloatArray, list[int]]:
+    """Return the numbers, and the rows before which samples are lost."""
+    rows: list[tuple[int, str]] = []
+    breaks: list[int] = []
+    for number, line in enumerate(lines, start=1):
+        text = line.strip()
+        if text == _OVERRUN:
+            breaks.append(len(rows))
+        elif text:
+            rows.append((number, text))
+    return number_block(file, rows), breaks
+
+
+def _numbered(file: RawFile, body: FloatArray, step: float) -> tuple[FloatArray, FloatArray]:
+    """Return the times by the numbers in the first column, and the other columns."""
+    count = body[:, 0]
+    if body.shape[1] < 2 or not (np.isfinite(count).all() and (count == np.floor(count)).all()):
+        raise CorruptFileError(
+            file.path,
+            "the first column holds no sample numbers",
+            field="column 0",
+            expected="whole numbers and at least one more column",
+            hint="leave numbered= out if halsampler ran without -t",
+        )
+    falls = np.flatnonzero(np.diff(count) <= 0.0)
+    if falls.size:
+        raise CorruptFileError(
+            file.path,
+            "the sample numbers do not rise",
+            field=f"row {int(falls[0]) + 2}",
+            expected=f"more than {count[falls[0]]:.0f}",
+            found=f"{count[falls[0] + 1]:.0f}",
+        )
+    return step * (count - count[0]), body[:, 1:]
+
+
+def _part(file: RawFile, body: FloatArray, breaks: list[int], segment: int | None) -> FloatArray:
+    """Return the rows between two overruns."""
+    edges = sorted({0, *breaks, len(body)})
+    n = len(edges) - 1
+    if segment is None and n > 1:
+        raise FormatMismatchError(
+            f"{file.path}: samples are lost {n - 1} times (overrun) and their number is unknown; read one "
+            f"part with segment=0 ... segment={n - 1}, or record with halsampler -t"
+        )
+    if not 0 <= (segment or 0) < n:
+        raise FormatMismatchError(
+            f"{file.path}: has no segment {segment}; it holds {n}, counted from 0"
+        )
+    return body[edges[segment or 0] : edges[(segment or 0) + 1]]

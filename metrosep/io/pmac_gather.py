@@ -1,0 +1,140 @@
+"""PMAC gather data as text: plain columns of counts at a multiple of the servo period.
+
+Nothing in the text names the columns, the period or what a count is: all are declared.
+See ``data_formats/pmac-gather/SPEC.md``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from metrosep.core.errors import ReadError
+from metrosep.core.recording import Recording
+from metrosep.io.logger import Channels, text_lines
+from metrosep.io.plain_columns import column_names, interval, number_block, scales_of
+from metrosep.io.registry import Match
+from metrosep.io.source import RawFile, refuse_options
+
+__all__ = ["channels", "read", "sniff"]
+
+FORMAT = "pmac-gather"
+_COLUMN = "column"
+
+
+def sniff(head: bytes, name: str) -> Match:
+    """Return NO: any columns of numbers look the same, so the format has to be named.
+
+    Parameters
+    ----------
+    head : bytes
+        First bytes of the file; not used.
+    name : str
+        File name; not used.
+
+    Returns
+    -------
+    Match
+        NO.
+    """
+    return Match.NO
+
+
+def channels(file: RawFile) -> tuple[str, ...]:
+    """Return the names of the columns when none are declared.
+
+    Parameters
+    ----------
+    file : RawFile
+        The file.
+
+    Returns
+    -------
+    tuple of str
+        ``"column 0"``, ``"column 1"``, ...
+    """
+    lines = text_lines(file)
+    rows = [(k, line) for k, line in enumerate(lines, start=1) if line.strip()]
+    return tuple(column_names(file, None, number_block(file, rows).shape[1], _COLUMN))
+
+
+def read(
+    file: RawFile,
+    *,
+    channel: str | None = None,
+    lateral_step: Any = None,
+    unit: Any = None,
+    sampling_rate: float | str | None = None,
+    servo_period: float | str | None = None,
+    gather_period: int = 1,
+    names: Sequence[str] | None = None,
+    scale: Any = None,
+) -> Recording:
+    """Return the columns of a gather.
+
+    Parameters
+    ----------
+    file : RawFile
+        The file.
+    channel : str, optional
+        The one column to read.
+    lateral_step : None
+        Not accepted: the columns are over time.
+    unit : str or mapping of str to str, optional
+        Unit of columns that are no counts.
+    sampling_rate : float (Hz) or str, optional
+        Rows per second; or give `servo_period`.
+    servo_period : float (s) or str, optional
+        Time of one servo cycle, such as ``"442.7 us"``.
+    gather_period : int, optional
+        Servo cycles per row.
+    names : sequence of str, optional
+        Names of the columns in their order; ``"column 0"``, ... if omitted.
+    scale : float, str, sequence or mapping, optional
+        What one count of a column is, such as ``"0.5 nm"``: one for all, one for each, or by name.
+
+    Returns
+    -------
+    Recording
+        Time from 0 in s.
+
+    Raises
+    ------
+    FormatMismatchError
+        If names or scales do not fit the columns.
+    CorruptFileError
+        If a row does not fit.
+    ReadError
+        If no period is given, or a period or a scale is not usable.
+    """
+    refuse_options(file, "a gather of a PMAC", lateral_step=lateral_step)
+    if not (gather_period >= 1 and gather_period % 1 == 0):
+        raise ReadError(
+            f"{file.path}: gather_period is {gather_period!r}; give the servo cycles per row, 1 or more"
+        )
+    step = interval(
+        file, sampling_rate=sampling_rate, period=servo_period, name="servo_period"
+    ) * (gather_period if servo_period is not None else 1)
+    lines = text_lines(file)
+    body = number_block(file, [(k, line) for k, line in enumerate(lines, start=1) if line.strip()])
+    columns = column_names(file, names, body.shape[1], _COLUMN)
+    scales = scales_of(file, scale, columns)
+    t = step * np.arange(len(body), dtype=np.float64)
+    data = Channels(file)
+    for name, column in zip(columns, body.T, strict=True):
+        factor, label = scales[name]
+        data.add(name, t, column * factor, label)
+    cut = "the file does not end with a line end; its last row may be cut off"
+    return data.recording(
+        FORMAT,
+        {"rows": len(body), "columns": body.shape[1]},
+        channel=channel,
+        unit=unit,
+        warnings=(cut,) if lines[-1] else (),
+        sampling_interval_s=step,
+        count_scale={
+            name: f"{factor!r} {label}".strip() for name, (factor, label) in scales.items()
+        },
+    )

@@ -1,0 +1,76 @@
+"""TDMS channels in chunks; the file is never loaded as a whole."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
+
+from metrosep.core._arrays import FloatArray
+from metrosep.core.units import Unit
+from metrosep.io.logger import with_units
+from metrosep.io.source import RawFile
+from metrosep.io.tdms import iter_chunks, sampling, unit_labels
+
+__all__ = ["TdmsSource", "open_source"]
+
+
+def open_source(file: RawFile, stack: ExitStack) -> TdmsSource:
+    """Return the channels of a TDMS file that hold numbers.
+
+    Parameters
+    ----------
+    file : RawFile
+        The file.
+    stack : ExitStack
+        Not used: each pass opens the file anew.
+
+    Returns
+    -------
+    TdmsSource
+        Ready to be read.
+
+    Raises
+    ------
+    CorruptFileError
+        If the structure does not fit.
+    """
+    return TdmsSource(file)
+
+
+class TdmsSource:
+    """Channels of a TDMS file; see `metrosep.io.stream.ChunkSource`.
+
+    Parameters
+    ----------
+    file : RawFile
+        The file.
+    """
+
+    def __init__(self, file: RawFile) -> None:
+        self._file = file
+        self.units: Mapping[str, Unit | None] = with_units(file, unit_labels(file), None)
+        longest, step = sampling(file)
+        self.n_samples: int | None = longest
+        self.time_step = step
+
+    def chunks(self, names: Sequence[str], size: int) -> Iterator[dict[str, FloatArray]]:
+        """Yield the channels, `size` samples at a time.
+
+        Parameters
+        ----------
+        names : sequence of str
+            Channels.
+        size : int
+            Samples of a chunk.
+
+        Yields
+        ------
+        dict of str to ndarray, shape (n,)
+            Scaled as the file says; NaN behind the end of a shorter channel.
+
+        Raises
+        ------
+        CorruptFileError
+            If a scale does not fit.
+        """
+        yield from iter_chunks(self._file, names, size)

@@ -1,0 +1,444 @@
+"""TDMS, the binary recording of LabVIEW and NI-DAQmx: channels with a sampling interval each.
+
+Structure and sizes are checked by `metrosep.io.tdms_segments` before a sample is read; an index file
+is ignored. Interrupted recordings have channels of unequal length: what is missing is NaN. See
+``data_formats/tdms/SPEC.md``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import datetime
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import (
+    CorruptFileError,
+    FormatMismatchError,
+    UnitError,
+    UnsupportedFeatureError,
+)
+from metrosep.core.recording import Recording
+from metrosep.core.units import parse_quantity
+from metrosep.io.logger import Channels, with_units
+from metrosep.io.registry import Match
+from metrosep.io.source import MAX_PIXELS, RawFile, refuse_options
+from metrosep.io.tdms_scaling import Scaling, scaling_of
+from metrosep.io.tdms_segments import MAGIC, TdmsChannel, TdmsFile, read_structure
+
+__all__ = ["channels", "iter_chunks", "read", "sampling", "sniff", "unit_labels"]
+
+FORMAT = "tdms"
+_INDEX_MAGIC = b"TDSh"
+_STEP, _OFFSET, _START = "wf_increment", "wf_start_offset", "wf_start_time"
+_UNIT_KEYS = ("unit_string", "NI_UnitDescription")
+
+
+def sniff(head: bytes, name: str) -> Match:
+    """Return how sure we are that bytes begin a TDMS file.
+
+    Parameters
+    ----------
+    head : bytes
+        First bytes of the file.
+    name : str
+        File name; not used.
+
+    Returns
+    -------
+    Match
+        YES by the tag of the first segment, also of an index file.
+    """
+    return Match.YES if head[:4] in (MAGIC, _INDEX_MAGIC) else Match.NO
+
+
+def channels(file: RawFile) -> tuple[str, ...]:
+    """Return the names of the channels that hold numbers.
+
+    Parameters
+    ----------
+    file : RawFile
+        The file.
+
+    Returns
+    -------
+    tuple of str
+        With the group, ``"group/channel"``, where there are several groups.
+    """
+    return tuple(_numbers(_structure(file)))
+
+
+def unit_labels(file: RawFile) -> dict[str, str]:
+    """Return the text that each channel has as its unit, empty where it has none.
+
+    Parameters
+    ----------
+    file : RawFile
+        The file.
+
+    Returns
+    -------
+    dict of str to str
+        In the order of `channels`.
+    """
+    return {name: _label(c) for name, c in _numbers(_structure(file)).items()}
+
+
+def sampling(file: RawFile) -> tuple[int, float | None]:
+    """Return how long the longest channel is, and the sampling interval that all share.
+
+    Parameters
+    ----------
+    file : RawFile
+        The file.
+
+    Returns
+    -------
+    n_samples : int
+        Samples of the longest channel.
+    time_step : float or None, s
+        ``None`` where channels differ or none has an interval.
+    """
+    found = _numbers(_structure(file))
+    steps = {c.properties.get(_STEP) for c in found.values()}
+    longest = max((c.n_values for c in found.values()), default=0)
+    step = steps.pop() if len(steps) == 1 else None
+    return longest, _positive(file, _STEP, step) if step is not None else None
+
+
+def read(
+    file: RawFile,
+    *,
+    channel: str | None = None,
+    lateral_step: Any = None,
+    unit: Any = None,
+    group: str | None = None,
+    time: str | None = None,
+    sampling_rate: Any = None,
+) -> Recording:
+    """Return the channels of a TDMS file.
+
+    Parameters
+    ----------
+    file : RawFile
+        The file.
+    channel : str, optional
+        The one channel to read; needed where the channels have different times.
+    lateral_step : None
+        Not accepted: the channels are over time.
+    unit : str or mapping of str to str, optional
+        Unit of channels whose label metrosep does not know.
+    group : str, optional
+        The one group to read.
+    time : str, optional
+        Channel that holds the times, where no sampling interval is stored.
+    sampling_rate : float (Hz) or str, optional
+        Where the file stores no sampling interval.
+
+    Returns
+    -------
+    Recording
+        Scaled, in SI where the unit is known. Time from the start of the earliest channel plus its
+        offset; that start is ``metadata["start_utc"]``.
+
+    Raises
+    ------
+    FormatMismatchError
+        If the file is of another format, a name does not exist, or times differ.
+    CorruptFileError
+        If the structure or a scale does not fit.
+    UnsupportedFeatureError
+        If it is an index file, too long to be read as a whole, or a scale needs npTDMS.
+    UnitError
+        If the times have no unit.
+    """
+    refuse_options(file, "a TDMS recording", lateral_step=lateral_step)
+    found = _structure(file)
+    chosen = _chosen(file, _numbers(found), group, channel)
+    total = sum(c.n_values for c in chosen.values())
+    if total > MAX_PIXELS:
+        raise UnsupportedFeatureError(
+            f"{file.path}: holds {total} samples, more than the {MAX_PIXELS} that are read at once; "
+            "choose a channel, or read it in chunks with metrosep.io.stream"
+        )
+    values = {}
+    with file.stream() as handle:
+        for name, described in chosen.items():
+            values[name] = _all_values(file, found, described, handle)
+    warnings = [*found.warnings, *_odd(found, values)]
+    times, facts = _times(file, chosen, values, time, sampling_rate, unit)
+    data = Channels(file)
+    for name, samples in values.items():
+        if name != time:
+            finite = np.where(np.isfinite(samples), samples, np.nan)
+            data.add(name, times[name], finite, _label(chosen[name]))
+    if isinstance(unit, Mapping) and time is not None:
+        unit = {name: text for name, text in unit.items() if name != time}
+    return data.recording(FORMAT, _header(found), unit=unit, warnings=tuple(warnings), **facts)
+
+
+def iter_chunks(file: RawFile, names: Sequence[str], size: int) -> Iterator[dict[str, FloatArray]]:
+    """Yield the samples of channels from their start, a chunk at a time, in bounded memory.
+
+    Parameters
+    ----------
+    file : RawFile
+        The file.
+    names : sequence of str
+        Some of `channels`.
+    size : int
+        Samples of each channel in a chunk; the last chunk may be shorter.
+
+    Yields
+    ------
+    dict of str to ndarray, shape (n,)
+        Scaled as the file says, in its unit; NaN where a channel has ended.
+
+    Raises
+    ------
+    FormatMismatchError
+        If a name does not exist.
+    """
+    found = _structure(file)
+    known = _numbers(found)
+    chosen = {name: _chosen(file, known, None, name)[name] for name in names}
+    longest = max((c.n_values for c in chosen.values()), default=0)
+    with file.stream() as handle:
+        sources = {n: _Rest(file, found, c, handle) for n, c in chosen.items()}
+        for start in range(0, longest, size):
+            n = min(size, longest - start)
+            yield {name: source.take(n) for name, source in sources.items()}
+
+
+class _Rest:
+    """What is left of a channel: raw blocks of each scaler, scaled when they are taken."""
+
+    def __init__(
+        self, file: RawFile, found: TdmsFile, channel: TdmsChannel, handle: BinaryIO
+    ) -> None:
+        self._scaling = _scaling(file, found, channel)
+        self._left = channel.n_values
+        self._blocks = {
+            k: (block for extent in extents for block in extent.blocks(handle))
+            for k, extents in channel.extents.items()
+        }
+        self._held = {k: np.empty(0) for k in channel.extents}
+
+    def take(self, n: int) -> FloatArray:
+        """Return the next samples; NaN behind the end."""
+        count = min(n, self._left)
+        self._left -= count
+        values = np.full(n, np.nan)
+        if count:
+            values[:count] = self._scaling({k: self._raw(k, count) for k in self._blocks})
+        return values
+
+    def _raw(self, scaler: int, count: int) -> np.ndarray[Any, Any]:
+        parts, missing = [self._held[scaler][:count]], count - self._held[scaler].size
+        rest = self._held[scaler][count:]
+        while missing > 0:
+            block = next(self._blocks[scaler])
+            parts.append(block[:missing])
+            rest = block[missing:]
+            missing -= block.size
+        self._held[scaler] = rest
+        filled = [p for p in parts if p.size]
+        return filled[0] if len(filled) == 1 else np.concatenate(filled)
+
+
+def _structure(file: RawFile) -> TdmsFile:
+    if file.head[:4] == _INDEX_MAGIC:
+        raise UnsupportedFeatureError(
+            f"{file.path}: is the index of a TDMS file and holds no samples; read the .tdms file beside it"
+        )
+    found = read_structure(file)
+    if not any(c.extents for c in found.objects.values()):
+        raise CorruptFileError(
+            file.path,
+            "no channel holds a number",
+            expected="samples",
+            found=f"{len(found.objects)} objects without",
+        )
+    return found
+
+
+def _numbers(found: TdmsFile) -> dict[str, TdmsChannel]:
+    """Return the channels with samples by the name that a caller uses."""
+    filled = [c for c in found.objects.values() if c.extents]
+    several = len({c.group for c in filled}) > 1
+    return {f"{c.group}/{c.name}" if several else c.name: c for c in filled}
+
+
+def _chosen(
+    file: RawFile, known: Mapping[str, TdmsChannel], group: str | None, channel: str | None
+) -> dict[str, TdmsChannel]:
+    if channel is not None and channel not in known:
+        raise FormatMismatchError(
+            f"{file.path}: has no channel {channel!r} with samples; the channels are "
+            f"{', '.join(list(known)[:20])}"
+        )
+    chosen = {
+        name: c
+        for name, c in known.items()
+        if (group is None or c.group == group) and (channel is None or name == channel)
+    }
+    if not chosen:
+        groups = ", ".join(list(dict.fromkeys(c.group for c in known.values()))[:20])
+        raise FormatMismatchError(
+            f"{file.path}: has no such channel in group {group!r}; the groups are {groups}"
+        )
+    return chosen
+
+
+def _all_values(
+    file: RawFile, found: TdmsFile, channel: TdmsChannel, handle: BinaryIO
+) -> FloatArray:
+    return _Rest(file, found, channel, handle).take(channel.n_values)
+
+
+def _scaling(file: RawFile, found: TdmsFile, channel: TdmsChannel) -> Scaling:
+    parents = [
+        c.properties
+        for group in (channel.group, "")
+        for c in found.objects.values()
+        if c.group == group and not c.name
+    ]
+    return scaling_of(file, channel, tuple(parents))
+
+
+def _label(channel: TdmsChannel) -> str:
+    return next((str(v) for k in _UNIT_KEYS if (v := channel.properties.get(k))), "")
+
+
+def _odd(found: TdmsFile, values: Mapping[str, FloatArray]) -> Iterator[str]:
+    """Yield sentences on what is odd about the samples."""
+    lengths = {name: v.size for name, v in values.items()}
+    if len(set(lengths.values())) > 1:
+        shown = ", ".join(f"{n} {k}" for n, k in list(lengths.items())[:8])
+        yield f"the channels differ in length ({shown}): the shorter ones end with NaN"
+    for name, samples in values.items():
+        infinite = int(np.isinf(samples).sum())
+        if infinite:
+            yield f"{infinite} infinite values of {name} were taken as not measured"
+    left = [c.name for c in found.objects.values() if c.type_code and not c.extents]
+    if left:
+        yield f"channels without numbers were left out: {', '.join(left[:8])}"
+
+
+def _positive(file: RawFile, name: str, value: Any) -> float:
+    if not isinstance(value, (int, float)) or not np.isfinite(value) or value <= 0.0:
+        raise CorruptFileError(
+            file.path,
+            "the sampling interval is not usable",
+            field=name,
+            expected="a positive number of s",
+            found=repr(value)[:40],
+        )
+    return float(value)
+
+
+def _times(
+    file: RawFile,
+    chosen: Mapping[str, TdmsChannel],
+    values: Mapping[str, FloatArray],
+    time: str | None,
+    sampling_rate: Any,
+    unit: Any,
+) -> tuple[dict[str, FloatArray], dict[str, Any]]:
+    """Return the times of each channel in s, and facts for the metadata."""
+    if time is not None:
+        refuse_options(file, "read with a channel of times", sampling_rate=sampling_rate)
+        return _by_channel(file, chosen, values, time, unit), {"time_channel": time}
+    declared = None
+    if sampling_rate is not None:
+        rate = parse_quantity(sampling_rate, dimension="frequency", name="sampling_rate")
+        declared = 1.0 / _positive(file, "sampling_rate", rate)
+    starts = {name: _start(file, c) for name, c in chosen.items()}
+    first = min((s for s in starts.values() if s is not None), default=None)
+    times = {}
+    shared: dict[tuple[float, float, int], FloatArray] = {}
+    for name, described in chosen.items():
+        step = _step(file, name, described, declared)
+        offset = described.properties.get(_OFFSET, 0.0)
+        if not isinstance(offset, (int, float)) or not np.isfinite(offset):
+            raise CorruptFileError(
+                file.path, "the start is not usable", field=_OFFSET, found=offset
+            )
+        start = starts[name]
+        if start is not None and first is not None:
+            offset += (start - first).total_seconds()
+        key = (float(offset), step, values[name].size)
+        if key not in shared:
+            shared[key] = key[0] + step * np.arange(key[2], dtype=np.float64)
+        times[name] = shared[key]
+    return times, {
+        "start_utc": None if first is None else f"{first.isoformat(timespec='microseconds')}Z"
+    }
+
+
+def _step(file: RawFile, name: str, channel: TdmsChannel, declared: float | None) -> float:
+    own = channel.properties.get(_STEP)
+    if own is not None:
+        own = _positive(file, _STEP, own)
+        if declared is not None and declared != own:
+            raise FormatMismatchError(
+                f"{file.path}: channel {name!r} has a sampling interval of {own:g} s by the file; leave out "
+                "sampling_rate="
+            )
+        return own
+    if declared is None:
+        raise FormatMismatchError(
+            f"{file.path}: channel {name!r} has no sampling interval; give sampling_rate=, or name the "
+            "channel of times with time="
+        )
+    return declared
+
+
+def _by_channel(
+    file: RawFile,
+    chosen: Mapping[str, TdmsChannel],
+    values: Mapping[str, FloatArray],
+    time: str,
+    unit: Any,
+) -> dict[str, FloatArray]:
+    if time not in chosen or len(chosen) < 2:
+        raise FormatMismatchError(
+            f"{file.path}: has no channel {time!r} beside others; the channels are "
+            f"{', '.join(list(chosen)[:20])}"
+        )
+    declared = {time: unit[time]} if isinstance(unit, Mapping) and time in unit else None
+    known = with_units(file, {time: _label(chosen[time])}, declared)[time]
+    if known is None or known.dimension != "time":
+        raise UnitError(
+            f"{file.path}: the channel of times {time!r} has no unit of time; declare it, such as "
+            f"unit={{{time!r}: 's'}}"
+        )
+    t = values[time] * known.factor
+    longest = max(v.size for v in values.values())
+    if not np.isfinite(t).all() or t.size < longest:
+        raise CorruptFileError(
+            file.path, f"channel {time[:40]!r} does not give a time for every sample"
+        )
+    return {name: t[: v.size] for name, v in values.items()}
+
+
+def _start(file: RawFile, channel: TdmsChannel) -> datetime | None:
+    text = channel.properties.get(_START)
+    if text is None:
+        return None
+    try:
+        return datetime.fromisoformat(str(text).removesuffix("Z")).replace(tzinfo=None)
+    except ValueError:
+        raise CorruptFileError(
+            file.path, "the time of the start is not usable", field=_START, found=repr(text)[:40]
+        ) from None
+
+
+def _header(found: TdmsFile) -> dict[str, Any]:
+    return {
+        "version": found.version,
+        "n_segments": found.n_segments,
+        "objects": {path: dict(c.properties) for path, c in found.objects.items()},
+    }
