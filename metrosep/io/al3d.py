@@ -18,7 +18,13 @@ from numpy.typing import NDArray
 from metrosep.core.errors import CorruptFileError, FormatMismatchError, UnsupportedFeatureError
 from metrosep.core.surface import Surface
 from metrosep.io.binary import check_area, need_bytes, unpack_fields
-from metrosep.io.maps import lateral_or_none, make_surface, only_channels, scaled
+from metrosep.io.maps import (
+    height_only as channels,
+    lateral_or_none,
+    make_surface,
+    only_channels,
+    scaled,
+)
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, lateral_steps, refuse_options
 
@@ -64,22 +70,6 @@ def sniff(head: bytes, name: str) -> Match:
         return Match.NO
     first = head[len(_MAGIC) : len(_MAGIC) + 8]
     return Match.YES if first == b"Version\0" else Match.MAYBE
-
-
-def channels(file: RawFile) -> tuple[str, ...]:
-    """Return the data sets that can be read: the height.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    tuple of str
-        Always ``("height",)``; the texture is not a height and is not read.
-    """
-    return ("height",)
 
 
 def read(

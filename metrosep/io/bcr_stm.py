@@ -23,7 +23,13 @@ from metrosep.core.errors import (
 from metrosep.core.surface import Surface
 from metrosep.core.units import Unit, parse_unit
 from metrosep.io.binary import check_area, check_scale, need_bytes
-from metrosep.io.maps import lateral_or_none, make_surface, only_channels, scaled
+from metrosep.io.maps import (
+    height_only as channels,
+    lateral_or_none,
+    make_surface,
+    only_channels,
+    scaled,
+)
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, lateral_steps
 
@@ -72,22 +78,6 @@ def _encoding(head: bytes) -> tuple[str, int] | None:
         if _MAGIC.match(text):
             return encoding, width
     return None
-
-
-def channels(file: RawFile) -> tuple[str, ...]:
-    """Return the data sets that can be read: the height.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    tuple of str
-        Always ``("height",)``.
-    """
-    return ("height",)
 
 
 def read(

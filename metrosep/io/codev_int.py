@@ -18,7 +18,12 @@ from metrosep.core.errors import CorruptFileError, FormatMismatchError, Unsuppor
 from metrosep.core.surface import Surface
 from metrosep.io.binary import check_area
 from metrosep.io.logger import head_lines
-from metrosep.io.maps import make_surface, only_channels, scaled
+from metrosep.io.maps import (
+    height_only as channels,
+    make_surface,
+    only_channels,
+    scaled,
+)
 from metrosep.io.numbers import one_number, parse_numbers
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, lateral_steps, refuse_options
@@ -60,22 +65,6 @@ def sniff(head: bytes, name: str) -> Match:
     """
     lines = [t for t in head_lines(head[:16384]) if not t.lstrip().startswith("!")]
     return Match.YES if len(lines) > 1 and _HEADER.match(lines[1]) else Match.NO
-
-
-def channels(file: RawFile) -> tuple[str, ...]:
-    """Return the data sets that can be read: the height.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    tuple of str
-        Always ``("height",)``, also for a wavefront.
-    """
-    return ("height",)
 
 
 def read(

@@ -16,7 +16,11 @@ from metrosep.core.profile import Profile
 from metrosep.core.units import Unit, parse_unit
 from metrosep.io.dialect import is_number
 from metrosep.io.logger import head_lines, text_lines, to_number
-from metrosep.io.maps import make_profile, only_channels
+from metrosep.io.maps import (
+    height_only as channels,
+    make_profile,
+    only_channels,
+)
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, lateral_steps, refuse_options
 
@@ -49,22 +53,6 @@ def sniff(head: bytes, name: str) -> Match:
     fields = lines[2].split(",")
     is_row = len(fields) == 2 and all(f[:1] == " " and is_number(f, ".") for f in fields)
     return Match.YES if is_row else Match.NO
-
-
-def channels(file: RawFile) -> tuple[str, ...]:
-    """Return the data sets that can be read: the height.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    tuple of str
-        Always ``("height",)``.
-    """
-    return ("height",)
 
 
 def read(

@@ -18,7 +18,13 @@ from metrosep.core.surface import Surface
 from metrosep.core.units import Unit, parse_unit
 from metrosep.io.dialect import MISSING, is_number
 from metrosep.io.logger import head_lines, text_lines, to_number
-from metrosep.io.maps import ROW_ORDERS, lateral_or_none, make_surface, only_channels
+from metrosep.io.maps import (
+    ROW_ORDERS,
+    height_only as channels,
+    lateral_or_none,
+    make_surface,
+    only_channels,
+)
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, lateral_steps, refuse_options
 
@@ -56,22 +62,6 @@ def sniff(head: bytes, name: str) -> Match:
     row = lines[_N_HEADER].split()
     numbers = (f.lower() in MISSING or is_number(f, ".") or is_number(f, ",") for f in row)
     return Match.YES if row and all(numbers) else Match.NO
-
-
-def channels(file: RawFile) -> tuple[str, ...]:
-    """Return the data sets that can be read: the height.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    tuple of str
-        Always ``("height",)``.
-    """
-    return ("height",)
 
 
 def read(

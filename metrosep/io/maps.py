@@ -22,6 +22,7 @@ from metrosep.io.source import RawFile, refuse_options
 
 __all__ = [
     "ROW_ORDERS",
+    "height_only",
     "lateral_or_none",
     "make_profile",
     "make_surface",
@@ -37,6 +38,22 @@ _BLOCK_VALUES = 2**17
 
 _MAX_LATERAL = 1.0
 """Largest lateral step in m that is taken for a calibration."""
+
+
+def height_only(file: RawFile) -> tuple[str, ...]:
+    """Return the data sets of a format that holds one map: ``channels`` of its reader.
+
+    Parameters
+    ----------
+    file : RawFile
+        The file; not looked at.
+
+    Returns
+    -------
+    tuple of str
+        Always ``("height",)``.
+    """
+    return ("height",)
 
 
 def only_channels(

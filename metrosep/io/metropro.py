@@ -18,7 +18,13 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, FormatMismatchError, UnsupportedFeatureError
 from metrosep.core.surface import Surface
 from metrosep.io.binary import check_area, check_scale, unpack_fields
-from metrosep.io.maps import lateral_or_none, make_surface, only_channels, scaled
+from metrosep.io.maps import (
+    height_only as channels,
+    lateral_or_none,
+    make_surface,
+    only_channels,
+    scaled,
+)
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, lateral_steps, refuse_options
 
@@ -117,22 +123,6 @@ def sniff(head: bytes, name: str) -> Match:
     if magic not in _MAGIC:
         return Match.NO
     return Match.YES if _MAGIC[magic] == header_format else Match.MAYBE
-
-
-def channels(file: RawFile) -> tuple[str, ...]:
-    """Return the data sets that can be read: the height.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    tuple of str
-        Always ``("height",)``; the intensity is not a height and is not read.
-    """
-    return ("height",)
 
 
 def read(

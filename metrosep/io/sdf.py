@@ -18,7 +18,14 @@ from metrosep.core.errors import CorruptFileError, FormatMismatchError, Unsuppor
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
 from metrosep.io.binary import check_area, check_scale, need_bytes, unpack_fields
-from metrosep.io.maps import lateral_or_none, make_profile, make_surface, only_channels, scaled
+from metrosep.io.maps import (
+    height_only as channels,
+    lateral_or_none,
+    make_profile,
+    make_surface,
+    only_channels,
+    scaled,
+)
 from metrosep.io.numbers import parse_numbers
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, lateral_steps, refuse_options
@@ -92,22 +99,6 @@ def sniff(head: bytes, name: str) -> Match:
         YES for one of the known versions.
     """
     return Match.YES if _VERSION.match(head) else Match.NO
-
-
-def channels(file: RawFile) -> tuple[str, ...]:
-    """Return the data sets that can be read: the height.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    tuple of str
-        Always ``("height",)``.
-    """
-    return ("height",)
 
 
 def read(

@@ -23,7 +23,11 @@ from metrosep.core.errors import (
 from metrosep.core.profile import Profile
 from metrosep.core.units import parse_unit
 from metrosep.io.binary import check_area, check_scale
-from metrosep.io.maps import make_profile, only_channels
+from metrosep.io.maps import (
+    height_only as channels,
+    make_profile,
+    only_channels,
+)
 from metrosep.io.numbers import one_number, parse_numbers
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, lateral_steps, refuse_options
@@ -67,22 +71,6 @@ def sniff(head: bytes, name: str) -> Match:
         YES when line 1 names the standard and line 2 the kind of the feature.
     """
     return Match.YES if _MAGIC.match(head) else Match.NO
-
-
-def channels(file: RawFile) -> tuple[str, ...]:
-    """Return the data sets that can be read: the height.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    tuple of str
-        Always ``("height",)``.
-    """
-    return ("height",)
 
 
 def read(

@@ -21,6 +21,7 @@ from metrosep.core.errors import (
 )
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
+from metrosep.io.maps import height_only as channels
 from metrosep.io.registry import Match
 from metrosep.io.source import MAX_PIXELS, RawFile, flat_map, lateral_steps, refuse_options
 from metrosep.io.x3p_container import Container, flatten, md5, parse_xml
@@ -59,22 +60,6 @@ def sniff(head: bytes, name: str) -> Match:
     if any(member in head for member in (b"main.xml", b"md5checksum.hex", b"bindata/")):
         return Match.YES
     return Match.MAYBE if name.lower().endswith(".x3p") else Match.NO
-
-
-def channels(file: RawFile) -> tuple[str, ...]:
-    """Return the data sets that can be read: the height.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    tuple of str
-        Always ``("height",)``.
-    """
-    return ("height",)
 
 
 def read(

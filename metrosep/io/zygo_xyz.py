@@ -19,7 +19,12 @@ from metrosep.core.errors import CorruptFileError, FormatMismatchError, Unsuppor
 from metrosep.core.surface import Surface
 from metrosep.core.units import parse_unit
 from metrosep.io.binary import check_area
-from metrosep.io.maps import lateral_or_none, make_surface, only_channels
+from metrosep.io.maps import (
+    height_only as channels,
+    lateral_or_none,
+    make_surface,
+    only_channels,
+)
 from metrosep.io.numbers import one_number, parse_numbers
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, lateral_steps
@@ -88,22 +93,6 @@ def sniff(head: bytes, name: str) -> Match:
         YES when the first words are the ones of the format.
     """
     return Match.YES if head.startswith(_MAGIC.encode()) else Match.NO
-
-
-def channels(file: RawFile) -> tuple[str, ...]:
-    """Return the data sets that can be read: the height.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    tuple of str
-        Always ``("height",)``.
-    """
-    return ("height",)
 
 
 def read(
