@@ -1,0 +1,238 @@
+"""MATLAB ``.mat``, version 5 (to -v7) and 7.3 (HDF5): maps, vectors, and captures of dSPACE.
+
+A matrix becomes a surface, vectors become a profile or a recording, as the caller declares; nothing
+in the file says a unit. A struct with fields X and Y, as dSPACE writes, is a recording of its own.
+Layout and sources are in ``data_formats/matlab/SPEC.md``.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from metrosep.core.errors import CorruptFileError, FormatMismatchError, UnsupportedFeatureError
+from metrosep.core.profile import Profile
+from metrosep.core.recording import Recording
+from metrosep.core.surface import Surface
+from metrosep.core.units import Unit
+from metrosep.io.arrays import columns_as_object, map_as_surface
+from metrosep.io.matlab_capture import find_capture, recording_of, trace_names
+from metrosep.io.matlab_values import Values, load, version_of
+from metrosep.io.registry import Match
+from metrosep.io.select import ColumnSpec
+from metrosep.io.source import RawFile, refuse_options
+
+__all__ = ["channels", "read", "sniff"]
+
+FORMAT = "matlab"
+
+_TIMES = ("t", "time")
+
+
+def sniff(head: bytes, name: str) -> Match:
+    """Return how sure we are that bytes begin a MATLAB file.
+
+    Parameters
+    ----------
+    head : bytes
+        First bytes of the file.
+    name : str
+        File name; not used.
+
+    Returns
+    -------
+    Match
+        YES for the text of version 5 with its mark of byte order, or of version 7.3 with HDF5.
+    """
+    return Match.NO if version_of(head) is None else Match.YES
+
+
+def channels(file: RawFile) -> tuple[str, ...]:
+    """Return the channels of a capture, and the names of matrices and vectors.
+
+    Parameters
+    ----------
+    file : RawFile
+        The file.
+
+    Returns
+    -------
+    tuple of str
+        A field of a struct as ``struct.field``, of an array of structs as ``struct(2).field``.
+    """
+    values = load(file)
+    captures = trace_names(values)
+    traces = tuple(name for named in captures.values() for name in named)
+    inside = tuple(f"{capture}." for capture in captures)
+    arrays = {*_maps(values), *_lines(values)}
+    rest = (n for n in values.numbers if n in arrays and not n.startswith(inside))
+    return tuple(dict.fromkeys((*traces, *rest)))
+
+
+def read(
+    file: RawFile,
+    *,
+    channel: str | None = None,
+    lateral_step: Any = None,
+    unit: Any = None,
+    x: ColumnSpec | None = None,
+    z: ColumnSpec | None = None,
+    time: ColumnSpec | None = None,
+    sampling_rate: float | str | None = None,
+    scale: float | str | None = None,
+    max_pixels: int | None = None,
+) -> Surface | Profile | Recording:
+    """Return a matrix, vectors of one length, or a capture.
+
+    Parameters
+    ----------
+    file : RawFile
+        The file.
+    channel : str, optional
+        Name of a variable, of a field, or of a channel of a capture.
+    lateral_step : float (m), str or pair, optional
+        Steps of a matrix, or of a profile without positions.
+    unit : str, tuple or dict, optional
+        Unit of the numbers; MATLAB stores none.
+    x, z : column, optional
+        Vectors of a profile: name, ``"name:unit"`` or ``("name", "unit")``.
+    time : column, optional
+        Vector of time of a recording.
+    sampling_rate : float (Hz) or str, optional
+        Makes a recording of vectors without a time.
+    scale : float (m/V) or str, optional
+        Sensitivity of a sensor in volts.
+    max_pixels : int, optional
+        Largest number of values in the file; 2**28 if omitted.
+
+    Returns
+    -------
+    Surface, Profile or Recording
+        SI; row 0 of a matrix is taken to have the smallest y. With `x`, `z`, `time` or
+        `sampling_rate` the columns of a matrix are vectors called ``name(:,1)`` and so on.
+
+    Raises
+    ------
+    FormatMismatchError
+        If nothing says which variable is meant.
+    CorruptFileError
+        If the file is damaged.
+    UnsupportedFeatureError
+        If it is too large, or the variable is of a kind that is not read.
+    UnitError
+        If a length or a time has no unit.
+    """
+    values = load(file, max_pixels)
+    columns: dict[str, ColumnSpec | None] = {"x": x, "z": z, "time": time}
+    asked = [spec for spec in columns.values() if spec is not None]
+    declared = bool(asked) or sampling_rate is not None
+    capture = None if declared else find_capture(file, values, channel)
+    if capture is not None:
+        options = {"lateral_step": lateral_step, "scale": scale}
+        refuse_options(file, "a dSPACE capture with its own times", **options)
+        return recording_of(file, FORMAT, values, *capture, unit=unit)
+    maps = _maps(values)
+    if not declared and (channel in maps or (channel is None and len(maps) == 1)):
+        name = channel or maps[0]
+        return map_as_surface(
+            file,
+            FORMAT,
+            values.numbers[name],
+            name=name,
+            own_unit=None,
+            unit=unit,
+            lateral_step=lateral_step,
+            scale=scale,
+            header=values.header,
+        )
+    vectors = _vectors(file, values, channel, asked, split=declared)
+    kept = (
+        channel if channel in vectors and (time is not None or sampling_rate is not None) else None
+    )
+    found = columns_as_object(
+        file,
+        FORMAT,
+        vectors,
+        values.header,
+        channel=kept,
+        lateral_step=lateral_step,
+        unit=unit,
+        sampling_rate=sampling_rate,
+        scale=scale,
+        **columns,
+    )
+    measured = found.channels.values() if isinstance(found, Recording) else (found.z,)
+    if not any(np.isfinite(v).any() for v in measured):
+        raise CorruptFileError(
+            file.path, "no vector beside the positions or times holds a number", field=channel
+        )
+    return found
+
+
+def _maps(values: Values) -> list[str]:
+    return [n for n, v in values.numbers.items() if v.ndim == 2 and min(v.shape) > 1]
+
+
+def _lines(values: Values) -> list[str]:
+    """Return the names of rows and columns with more than one number."""
+    return [n for n, v in values.numbers.items() if v.size > 1 and max(v.shape) == v.size]
+
+
+def _vectors(
+    file: RawFile, values: Values, channel: str | None, asked: list[ColumnSpec], *, split: bool
+) -> dict[str, tuple[Any, Unit | None]]:
+    """Return the vectors that are as long as the one that is named, or as the longest one."""
+    found = {n: values.numbers[n].ravel() for n in _lines(values)}
+    if split:
+        for name in _maps(values):
+            matrix = values.numbers[name]
+            found |= {f"{name}(:,{k + 1})": matrix[:, k] for k in range(matrix.shape[1])}
+            if channel == name:
+                found = {n: v for n, v in found.items() if n.startswith(f"{name}(")}
+    named = [n for n in (channel, *(n for s in asked for n in _names(s))) if n in found]
+    if channel is not None and channel not in found and not (split and channel in _maps(values)):
+        raise _missing(file, values, channel)
+    if not found:
+        raise _unclear(file, values)
+    length = found[named[0]].size if named else max(v.size for v in found.values())
+    alike: dict[str, tuple[Any, Unit | None]] = {
+        n: (v, None) for n, v in found.items() if v.size == length
+    }
+    if split or channel is None:
+        return alike
+    return {n: v for n, v in alike.items() if n == channel or n.lower() in _TIMES}
+
+
+def _names(spec: ColumnSpec) -> tuple[str, ...]:
+    """Return the names that a specification can mean; ``z(:,1):um`` has a colon of its own."""
+    return (spec, spec.rsplit(":", 1)[0]) if isinstance(spec, str) else (str(spec[0]),)
+
+
+def _missing(file: RawFile, values: Values, channel: str) -> FormatMismatchError:
+    if channel in values.left_out:
+        return FormatMismatchError(
+            f"{file.path}: {channel!r} is complex, sparse, an object or a function; in MATLAB save "
+            "real and full numbers, such as full(real(...))"
+        )
+    return FormatMismatchError(
+        f"{file.path}: has no matrix or vector {channel!r}; there is {_listed(file)}"
+    )
+
+
+def _unclear(file: RawFile, values: Values) -> FormatMismatchError | UnsupportedFeatureError:
+    maps = _maps(values)
+    if maps:
+        return FormatMismatchError(
+            f"{file.path}: holds {len(maps)} matrices ({_listed(file)}); choose one with "
+            f"channel={maps[0]!r}"
+        )
+    left = f" (left out: {', '.join(values.left_out[:8])})" if values.left_out else ""
+    return UnsupportedFeatureError(
+        f"{file.path}: holds no matrix and no vector of real numbers{left}; save some as variables"
+    )
+
+
+def _listed(file: RawFile) -> str:
+    names = channels(file)
+    return ", ".join(map(repr, names[:12])) + (" ..." if len(names) > 12 else "") or "none"

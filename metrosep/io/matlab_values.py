@@ -1,0 +1,174 @@
+"""Values of a MATLAB file as flat names: ``z``, ``capture.Y(2).Name``, ``cells{1}``.
+
+Version 5 is decoded by `metrosep.io.matlab_v5`; version 7.3 is HDF5 with a block of text before it,
+and stores arrays transposed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.core.errors import FormatMismatchError
+from metrosep.io.hdf5_file import Hdf5File, has_magic, open_hdf5
+from metrosep.io.matlab_matrix import Structs
+from metrosep.io.matlab_v5 import HEADER_BYTES, byte_order, variables
+from metrosep.io.source import MAX_PIXELS, RawFile
+
+__all__ = ["V5", "V73", "Values", "load", "version_of"]
+
+V5, V73 = "5.0", "7.3"
+
+_MARKS = {V5: b"MATLAB 5.0 MAT-file", V73: b"MATLAB 7."}
+_HDF5_START = 512
+_LONGEST_TEXT = 1000
+
+
+@dataclass
+class Values:
+    """What the variables of a file hold, by flat name.
+
+    Parameters
+    ----------
+    numbers : dict of str to ndarray
+        Arrays that are not empty, in the shape of MATLAB.
+    texts : dict of str to str
+        Texts, one line per row.
+    left_out : list of str
+        Names of what is not read: objects, functions, sparse and complex arrays.
+    header : dict
+        What the metadata of the file are to say.
+    """
+
+    numbers: dict[str, NDArray[Any]] = field(default_factory=dict)
+    texts: dict[str, str] = field(default_factory=dict)
+    left_out: list[str] = field(default_factory=list)
+    header: dict[str, Any] = field(default_factory=dict)
+
+    def add(self, name: str, value: Any) -> None:
+        """Add a value, and what is inside it.
+
+        Parameters
+        ----------
+        name : str
+            Flat name.
+        value : object
+            See `metrosep.io.matlab_matrix.variable`.
+        """
+        if isinstance(value, Structs):
+            alone = len(value.items) == 1
+            for i, item in enumerate(value.items, start=1):
+                for key, part in item.items():
+                    self.add(f"{name}.{key}" if alone else f"{name}({i}).{key}", part)
+        elif isinstance(value, list):
+            for i, part in enumerate(value, start=1):
+                self.add(f"{name}{{{i}}}", part)
+        elif isinstance(value, str):
+            self.texts[name] = value[:_LONGEST_TEXT]
+        elif value is None:
+            self.left_out.append(name)
+        elif value.size:
+            self.numbers[name] = value
+
+
+def version_of(head: bytes) -> str | None:
+    """Return the version of a MATLAB file.
+
+    Parameters
+    ----------
+    head : bytes
+        First bytes of the file.
+
+    Returns
+    -------
+    str or None
+        ``"5.0"``, ``"7.3"``, or ``None`` for another file; version 4 has no mark.
+    """
+    if head.startswith(_MARKS[V5]) and head[126:128] in (b"IM", b"MI"):
+        return V5
+    if head.startswith(_MARKS[V73]) and has_magic(head[_HDF5_START:]):
+        return V73
+    return None
+
+
+def load(file: RawFile, max_pixels: int | None = None) -> Values:
+    """Return the values of all variables.
+
+    Parameters
+    ----------
+    file : RawFile
+        The file.
+    max_pixels : int, optional
+        Largest number of values; 2**28 if omitted.
+
+    Returns
+    -------
+    Values
+        In the order of the file.
+
+    Raises
+    ------
+    FormatMismatchError
+        If it is no such file.
+    CorruptFileError
+        If it is damaged.
+    UnsupportedFeatureError
+        If it is larger than allowed.
+    """
+    version = version_of(file.head)
+    if version is None:
+        raise FormatMismatchError(
+            f"{file.path}: is no MATLAB file of version 5 or 7.3: expected 'MATLAB 5.0 MAT-file' at offset "
+            f"0 and IM or MI at 126, found {file.head[:20]!r}; in MATLAB save it with -v7"
+        )
+    text = file.head[: HEADER_BYTES - 12].split(b"\0")[0].decode("latin-1").strip()
+    values = Values(header={"text": text, "version": version})
+    if version == V5:
+        _load_v5(file, values, max_pixels or MAX_PIXELS)
+    else:
+        with open_hdf5(file) as handle:
+            _load_v73(handle, values, max_pixels)
+    shapes = {n: " x ".join(map(str, v.shape)) for n, v in values.numbers.items() if v.size > 1}
+    single = {n: _plain(v) for n, v in values.numbers.items() if v.size == 1}
+    values.header |= {"shapes": shapes, "scalars": single, "texts": dict(values.texts)}
+    values.header["left_out"] = list(values.left_out)
+    return values
+
+
+def _plain(value: NDArray[Any]) -> int | float:
+    number = value.ravel()[0].item()
+    return number if isinstance(number, float) else int(number)
+
+
+def _load_v5(file: RawFile, values: Values, max_pixels: int) -> None:
+    values.header["byte_order"] = "little" if byte_order(file) == "<" else "big"
+    for name, value in variables(file, max_bytes=8 * max_pixels):
+        if name:  # the one without a name belongs to MATLAB itself
+            values.add(name, value)
+
+
+def _load_v73(handle: Hdf5File, values: Values, max_pixels: int | None) -> None:
+    for path in handle.datasets:
+        name = path.strip("/").replace("/", ".")
+        own = handle.attributes(path)
+        kind = str(own.get("MATLAB_class", ""))
+        if name.startswith("#") or own.get("MATLAB_empty"):
+            continue
+        if not handle.is_numeric(path) or 0 in handle.shape(path):
+            values.left_out.append(name)
+            continue
+        array = handle.read(path, max_pixels=max_pixels).T
+        if kind == "char":
+            values.texts[name] = _letters(array)
+        else:
+            values.numbers[name] = array
+
+
+def _letters(array: NDArray[Any]) -> str:
+    """Return the text of an array of UTF-16 codes, one line per row."""
+    codes = np.atleast_2d(array)[:, :_LONGEST_TEXT].astype("<u2")
+    rows = (row.tobytes().decode("utf-16-le", "replace").rstrip() for row in codes)
+    return "\n".join(rows)[:_LONGEST_TEXT]
