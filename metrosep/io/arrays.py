@@ -18,7 +18,7 @@ from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
 from metrosep.core.units import Unit, parse_unit
-from metrosep.io.maps import make_surface
+from metrosep.io.maps import make_surface, scaled
 from metrosep.io.measurement import measurement
 from metrosep.io.select import sensitivity
 from metrosep.io.source import RawFile, lateral_steps
@@ -119,7 +119,7 @@ def map_as_surface(
     return make_surface(
         file,
         format_id,
-        np.asarray(values, dtype=np.float64) * factor,
+        scaled(values, factor),
         (None, None),
         row_order="smallest y first",
         header=header,

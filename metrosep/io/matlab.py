@@ -9,9 +9,7 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
-from metrosep.core.errors import CorruptFileError, FormatMismatchError, UnsupportedFeatureError
+from metrosep.core.errors import FormatMismatchError, UnsupportedFeatureError
 from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
@@ -150,7 +148,7 @@ def read(
     kept = (
         channel if channel in vectors and (time is not None or sampling_rate is not None) else None
     )
-    found = columns_as_object(
+    return columns_as_object(
         file,
         FORMAT,
         vectors,
@@ -162,12 +160,6 @@ def read(
         scale=scale,
         **columns,
     )
-    measured = found.channels.values() if isinstance(found, Recording) else (found.z,)
-    if not any(np.isfinite(v).any() for v in measured):
-        raise CorruptFileError(
-            file.path, "no vector beside the positions or times holds a number", field=channel
-        )
-    return found
 
 
 def _maps(values: Values) -> list[str]:

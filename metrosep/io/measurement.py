@@ -275,6 +275,10 @@ def _recording(
         for c in chosen
         if c.values is not None
     }
+    if not any(np.isfinite(v).any() for v in values.values()):
+        raise FormatMismatchError(
+            f"{file.path}: no channel holds a number beside the time; nothing was measured"
+        )
     return Recording(
         t,
         values,

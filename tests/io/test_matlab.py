@@ -118,9 +118,9 @@ def test_vectors_of_one_length_become_a_recording(save):
 
 
 def test_time_alone_is_no_recording(save):
-    with pytest.raises(ms.errors.CorruptFileError, match="beside the positions or times"):
+    with pytest.raises(ms.errors.FormatMismatchError, match=r"nothing was measured"):
         ms.read(save(clock=np.arange(5.0), b=np.full(5, np.nan)), time="clock:s")
-    with pytest.raises(ms.errors.CorruptFileError, match="beside the positions or times"):
+    with pytest.raises(ms.errors.FormatMismatchError, match=r"nothing was measured"):
         ms.read(save(clock=np.arange(5.0), b=1.0), time="clock:s")
 
 
