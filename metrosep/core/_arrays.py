@@ -12,11 +12,19 @@ from metrosep.core.errors import InvalidSamplesError, TooFewSamplesError
 FloatArray = NDArray[np.float64]
 
 
+class CheckedArray(np.ndarray[Any, np.dtype[np.float64]]):
+    """Numbers of a reader that nobody else holds, already found free of infinities."""
+
+
 def frozen_float(values: ArrayLike, *, name: str, ndim: int, min_size: int = 1) -> FloatArray:
     """Return a private, non-writeable float64 copy; infinities are refused, NaN kept.
 
     An array that owns its memory and was made non-writeable is taken as it is.
     """
+    if isinstance(values, CheckedArray) and values.flags.c_contiguous and values.ndim == ndim:
+        checked: FloatArray = values.view(np.ndarray)
+        checked.setflags(write=False)
+        return checked
     try:
         array = values if _is_frozen(values) else np.array(values, dtype=np.float64)
     except (TypeError, ValueError) as exc:

@@ -49,9 +49,10 @@ def unpack_fields(
     """
     end = max(offset + struct.calcsize(order + code) for offset, code, _ in layout)
     need_bytes(file, start, end, what)
+    data = file.head if start + end <= len(file.head) else file.data
     fields: dict[str, Any] = {}
     for offset, code, name in layout:
-        values = struct.unpack_from(order + code, file.data, start + offset)
+        values = struct.unpack_from(order + code, data, start + offset)
         value = values[0] if len(values) == 1 else values
         if isinstance(value, bytes):
             value = value.split(b"\0")[0].decode("latin-1").strip()

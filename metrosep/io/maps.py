@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.core._arrays import FloatArray
+from metrosep.core._arrays import CheckedArray, FloatArray
 from metrosep.core.errors import CorruptFileError, DataError, UnsupportedFeatureError
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
@@ -28,6 +28,7 @@ __all__ = [
     "make_surface",
     "only_channels",
     "scaled",
+    "scaled_file",
 ]
 
 ROW_ORDERS = ("smallest y first", "top row first")
@@ -192,6 +193,66 @@ def scaled(
     return z
 
 
+def scaled_file(
+    file: RawFile,
+    offset: int,
+    shape: tuple[int, int],
+    dtype: str,
+    scale: float,
+    invalid: Callable[[NDArray[Any]], NDArray[np.bool_]],
+    *,
+    turned: bool = False,
+) -> FloatArray:
+    """Return the heights of a map that lies in a file, without loading the file beside them.
+
+    Parameters
+    ----------
+    file : RawFile
+        The file; its size has been checked.
+    offset : int
+        Where the first value stands.
+    shape : tuple of (int, int)
+        Rows and columns.
+    dtype : str
+        Type and byte order of a value, such as ``">i4"``.
+    scale : float, m
+        Height of one raw unit.
+    invalid : callable
+        Gets a block of raw values, returns where nothing was measured.
+    turned : bool, optional
+        Return the last row first.
+
+    Returns
+    -------
+    ndarray, shape (rows, columns)
+        float64, NaN = not measured.
+
+    Raises
+    ------
+    CorruptFileError
+        If the file ends early.
+    """
+    z: FloatArray = np.empty(shape, dtype=np.float64)
+    target = z[::-1] if turned else z
+    step = max(1, _BLOCK_VALUES // shape[1])
+    buffer: NDArray[Any] = np.empty((min(step, shape[0]), shape[1]), dtype=dtype)
+    with file.stream() as stream:
+        stream.seek(offset)
+        for start in range(0, shape[0], step):
+            block = buffer[: min(step, shape[0] - start)]
+            n_bytes = stream.readinto(block.reshape(-1).view(np.uint8).data)
+            if n_bytes != block.nbytes:
+                raise CorruptFileError(
+                    file.path,
+                    "the map ends early",
+                    offset=offset + start * shape[1] * buffer.itemsize + n_bytes,
+                    expected=f"{shape[0]} rows",
+                    found=f"{start} and a part",
+                )
+            target[start : start + step] = scaled(block, scale, invalid)
+    return z
+
+
 def make_surface(
     file: RawFile,
     format_id: str,
@@ -257,9 +318,10 @@ def make_surface(
         **facts,
     )
     history = file.history(format_id, {"lateral_step_m": override})
-    z.setflags(write=False)
     try:
-        return Surface(z, dx, dy, origin=origin, metadata=metadata, history=history)
+        return Surface(
+            z.view(CheckedArray), dx, dy, origin=origin, metadata=metadata, history=history
+        )
     except DataError as exc:
         raise CorruptFileError(file.path, f"the map does not fit: {exc}") from None
 

@@ -12,8 +12,6 @@ from __future__ import annotations
 import struct
 from typing import Any
 
-import numpy as np
-
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, FormatMismatchError, UnsupportedFeatureError
 from metrosep.core.surface import Surface
@@ -23,7 +21,7 @@ from metrosep.io.maps import (
     lateral_or_none,
     make_surface,
     only_channels,
-    scaled,
+    scaled_file,
 )
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, lateral_steps, refuse_options
@@ -203,7 +201,7 @@ def _header(file: RawFile) -> dict[str, Any]:
     if sniff(file.head, file.name) is Match.NO:
         raise FormatMismatchError(
             f"{file.path}: is not a MetroPro file: expected 88 1b 03 6f (or 70, 71) at offset 0, "
-            f"found {file.data[:4].hex(' ')}; leave out format= to have it recognised"
+            f"found {file.head[:4].hex(' ')}; leave out format= to have it recognised"
         )
     return unpack_fields(file, FIELDS, order=">")
 
@@ -285,8 +283,13 @@ def _heights(file: RawFile, header: dict[str, Any], scale: float) -> FloatArray:
     """Return the heights with the lowest row first."""
     width, height = header["phase_width"], header["phase_height"]
     start = header["header_size"] + header["intensity_bytes"]
-    raw = np.frombuffer(file.data, dtype=">i4", count=width * height, offset=start)
     signed = -scale if header["sign"] != 0 else scale
-    return scaled(
-        raw.reshape(height, width), signed, lambda block: block >= _FIRST_INVALID, turned=True
+    return scaled_file(
+        file,
+        start,
+        (height, width),
+        ">i4",
+        signed,
+        lambda block: block >= _FIRST_INVALID,
+        turned=True,
     )

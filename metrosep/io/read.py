@@ -77,6 +77,7 @@ def read(
 
         refuse_options(file, description.title, **layout)
         return read_via(file, channel=channel, lateral_step=lateral_step, unit=unit)
+    file.hash_aside()
     reader = description.load_reader()
     accepted = inspect.signature(reader.read).parameters
     for option in layout:

@@ -12,7 +12,7 @@ import math
 import os
 import threading
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -42,21 +42,24 @@ MAX_PIXELS = 2**28
 
 _MAX_BYTES = 2**32
 _HASH_ASIDE = 2**22
-"""Bytes from which a content is hashed by a thread of its own."""
+"""Bytes from which a file is hashed by a thread of its own."""
 
 
 class _Hashing:
-    """The hash of a large content, made by a second thread while the content is decoded."""
+    """The hash of a large file, made by a second thread while the content is decoded."""
 
-    def __init__(self, content: bytes) -> None:
-        self._digest = ""
-        self._thread = threading.Thread(target=self._run, args=(content,), daemon=True)
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._digest: str | None = None
+        self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
-    def _run(self, content: bytes) -> None:
-        self._digest = hash_bytes(content)
+    def _run(self) -> None:
+        with suppress(OSError), self._path.open("rb") as handle:
+            self._digest = hashlib.file_digest(handle, "sha256").hexdigest()
 
-    def result(self) -> str:
+    def result(self) -> str | None:
+        """Return the digest, ``None`` where the file could not be read."""
         self._thread.join()
         return self._digest
 
@@ -103,10 +106,12 @@ class RawFile:
                 "once; cut the recording into parts, or read it in chunks with metrosep.io.stream"
             )
         with _explained(self.path):
-            content = self.path.read_bytes()
-        if len(content) > _HASH_ASIDE:
-            self._hashing = _Hashing(content)
-        return content
+            return self.path.read_bytes()
+
+    def hash_aside(self) -> None:
+        """Begin to hash a large file in a second thread, since the hash will be needed."""
+        if self._given is None and self._hashing is None and self.size > _HASH_ASIDE:
+            self._hashing = _Hashing(self.path)
 
     @cached_property
     def head(self) -> bytes:
@@ -124,8 +129,8 @@ class RawFile:
     @cached_property
     def sha256(self) -> str:
         """SHA-256 of the content, 64 hexadecimal digits."""
-        if self._hashing is not None:
-            return self._hashing.result()
+        if self._hashing is not None and (digest := self._hashing.result()) is not None:
+            return digest
         if self._given is not None or "data" in self.__dict__:
             return hash_bytes(self.data)
         with self.stream() as handle:
