@@ -45,6 +45,16 @@ EXIT_CODES: tuple[tuple[type[BaseException], int], ...] = (
 _STDOUT_ERRORS = (errno.ENOSPC, errno.EIO, errno.EBADF, errno.EINVAL)
 
 
+_READER_OPTIONS = frozenset(
+    {
+        "comment", "decimal", "encoding", "group", "max_pixels", "names", "numbered", "overhang",
+        "radius", "sampling_rate", "scale", "segment", "separator", "servo_period", "skip_rows",
+        "slope", "time", "x", "y", "z",
+    }
+)  # fmt: skip
+"""Options of readers that the commands about files take with ``--set``."""
+
+
 def as_options(message: str, names: Collection[str]) -> str:
     """Return a message of the library with its arguments written as options of a command.
 
@@ -67,10 +77,14 @@ def as_options(message: str, names: Collection[str]) -> str:
     """
 
     def option(found: re.Match[str]) -> str:
-        if found.group(1) not in names:
-            return found.group()
         quoted, plain = found.group(3), found.group(4)
         value = quoted if plain is None else plain
+        if "settings" in names and found.group(1) == "format" and value:
+            return f"--as {value}"
+        if "settings" in names and found.group(1) in _READER_OPTIONS - set(names):
+            return f'--set "{found.group(1)}={value or "..."}"'
+        if found.group(1) not in names:
+            return found.group()
         if value and not re.fullmatch(r"[\w.+-]+", value):
             value = f'"{value}"'
         name = found.group(1).replace("_", "-")

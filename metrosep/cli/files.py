@@ -43,7 +43,7 @@ def _given(settings: tuple[str, ...], **options: str | None) -> dict[str, Any]:
         if not mark or not name.strip() or not value.strip():
             raise click.UsageError(f"--set takes NAME=VALUE, found {setting!r}")
         text = value.strip()
-        given[name.strip().replace("-", "_")] = int(text) if text.isdigit() else text
+        given[name.strip().replace("-", "_")] = int(text) if text.isdecimal() else text
     return given
 
 
@@ -74,7 +74,7 @@ def info(
         except MetrosepError as exc:
             if len(files) == 1:
                 raise
-            report_error(exc, verbosity=0)
+            report_error(exc, verbosity=0, names=_names_of(info))
             code = max(code, exit_code_of(exc))
             continue
         if not as_json:
@@ -103,6 +103,7 @@ def check(
     The exit code is 0 without errors (there may be warnings), 1 with errors, 4 when a file cannot
     be read.
     """
+    from metrosep.cli.errors import as_options
     from metrosep.io.check import check_file
 
     given = _given(settings, unit=unit, lateral_step=lateral_step, channel=channel, format=format)
@@ -118,26 +119,42 @@ def check(
                 + ":" * bool(findings)
             )
         for finding in () if as_json else findings:
-            click.echo(f"  {finding.level:8} {finding.problem}\n{'':11}{finding.fix}")
+            fix = as_options(finding.fix, _names_of(check))
+            click.echo(
+                f"  {finding.level:8} {as_options(finding.problem, _names_of(check))}\n{'':11}{fix}"
+            )
     every = [f for fs in found.values() for f in fs]
     if any(f.level == "error" and f.unreadable for f in every):
         return 4
     return int(any(f.level == "error" for f in every))
 
 
+def _names_of(command: click.Command) -> set[str]:
+    return {p.name for p in command.params if p.name}
+
+
 def _print_description(name: str, found: dict[str, Any]) -> None:
+    from metrosep.core.units import format_length
+
     click.echo(f"{name}")
     shape = " x ".join(str(n) for n in found["shape"])
     click.echo(f"  format    {found['format']}, {found['kind']}, {shape}")
     if found["kind"] in ("surface", "profile"):
         steps = [found["dx_m"]] + ([found["dy_m"]] if found["kind"] == "surface" else [])
-        texts = ["not calibrated" if s is None else f"{s * 1e6:.6g} um" for s in steps]
+        missing = "not calibrated" if found["kind"] == "surface" else "not uniform"
+        texts = [missing if s is None else format_length(s, digits=7) for s in steps]
         click.echo(f"  step      {', '.join(texts)}")
-        pv, sq = found["pv_nm"], found["sq_nm"]
-        click.echo(f"  heights   P-V {pv:.7g} nm, Sq {sq:.6g} nm about the mean, nothing removed")
+        pv, sq = (format_length(found[k] * 1e-9, digits=7) for k in ("pv_nm", "sq_nm"))
+        click.echo(f"  heights   P-V {pv}, Sq {sq} about the mean, nothing removed")
         click.echo(f"  invalid   {found['n_invalid']}")
+    if found["kind"] == "recording":
+        for name, unit in found["channels"].items():
+            click.echo(f"  channel   {name}" + (f" [{unit}]" if unit else ""))
+        click.echo(
+            f"  time      {found['duration_s']:.6g} s, usual step {found['time_step_s']:.6g} s"
+        )
     columns = found["metadata"].get("columns")
-    if columns:
+    if columns and found["kind"] == "table":
         click.echo(f"  columns   {', '.join(_column_text(c) for c in columns)}")
     for warning in found["metadata"].get("warnings") or ():
         click.echo(f"  warning   {warning}")
@@ -168,7 +185,7 @@ def convert(
     settings: tuple[str, ...],
     force: bool,
 ) -> int:
-    """Read SRC and write it as DST (x3p, csv, xyz)."""
+    """Read SRC and write it as DST (csv, h5, int, sdf, sur, x3p, xyz)."""
     from pathlib import Path
 
     from metrosep.core.errors import WriteError
@@ -181,6 +198,10 @@ def convert(
     obj = read(source, **given)
     write(obj, target, format=target_format)
     say(f"{obj!r} -> {target}")
+    if Path(target).suffix.lower() == ".int" or target_format == "int":
+        say(
+            "Code V INT holds 16 bits and neither steps nor the mean height; both stand in its comments"
+        )
     return 0
 
 

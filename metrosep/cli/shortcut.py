@@ -41,7 +41,7 @@ def recipe_text(options: dict[str, Any], *, table: tuple[str, str] | None, repor
     if options.get("poly") is not None:
         degree = str(options["poly"])
         lines += ["", "[[step]]", 'op = "polynomial"', 'quantity = "error"']
-        lines.append(f"degree = {degree if degree.isdigit() else _quoted(degree)}")
+        lines.append(f"degree = {degree if degree.isdecimal() else _quoted(degree)}")
     if table is not None:
         lines += ["", "[[output]]", 'kind = "table"', f"controller = {_quoted(table[0])}"]
         lines += [

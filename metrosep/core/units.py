@@ -240,7 +240,12 @@ def parse_quantity(value: str | float, *, dimension: str, name: str = "value") -
     0.00025
     """
     if not isinstance(value, str):
-        number = float(value)
+        try:
+            number = float(value)
+        except (TypeError, ValueError):
+            raise UnitError(
+                f"{name} is {value!r}; give a number in SI or text with a unit, such as '1.2 mm'"
+            ) from None
         if not math.isfinite(number):
             raise UnitError(f"{name} is {number}; a finite {dimension} is needed")
         return number

@@ -242,7 +242,7 @@ def _count(
 ) -> int:
     """Return a whole number of a tag, 0 or more."""
     text = tags.get(name, "")
-    if text.isascii() and text.isdigit() and len(text) <= 12 and int(text) <= largest:
+    if text.isascii() and text.isdecimal() and len(text) <= 12 and int(text) <= largest:
         return int(text)
     raise _bad_tag(file, tags, places, name, f"a whole number up to {largest}")
 

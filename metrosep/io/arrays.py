@@ -24,7 +24,7 @@ from metrosep.io.select import sensitivity
 from metrosep.io.source import RawFile, lateral_steps
 from metrosep.io.table import Column, Table
 
-__all__ = ["columns_as_object", "map_as_surface", "unit_of"]
+__all__ = ["columns_as_object", "map_as_surface", "unit_label", "unit_of"]
 
 _UNIT_KEYS = ("units", "unit", "Units", "Unit")
 
@@ -42,13 +42,26 @@ def unit_of(attributes: Mapping[str, Any]) -> Unit | None:
     Unit or None
         ``None`` where there is none that metrosep knows.
     """
-    for key in _UNIT_KEYS:
-        if attributes.get(key):
-            try:
-                return parse_unit(str(attributes[key]))
-            except UnitError:
-                return None
-    return None
+    try:
+        return parse_unit(unit_label(attributes))
+    except UnitError:
+        return None
+
+
+def unit_label(attributes: Mapping[str, Any]) -> str:
+    """Return the text that the attributes of an array give as its unit.
+
+    Parameters
+    ----------
+    attributes : mapping
+        Keys ``unit`` or ``units`` are looked at.
+
+    Returns
+    -------
+    str
+        Empty where there is none.
+    """
+    return next((str(attributes[k]) for k in _UNIT_KEYS if attributes.get(k)), "")
 
 
 def map_as_surface(

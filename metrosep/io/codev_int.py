@@ -193,7 +193,7 @@ def _keywords(file: RawFile, text: str, line: int) -> dict[str, str]:
 def _integers(file: RawFile, header: _Header, max_pixels: int | None) -> FloatArray:
     """Return the grid of counts, top row first."""
     texts = header.keywords["GRD"].split()
-    if not all(t.isascii() and t.isdigit() and len(t) < 10 for t in texts):
+    if not all(t.isascii() and t.isdecimal() and len(t) < 10 for t in texts):
         raise CorruptFileError(
             file.path,
             "the size of the grid is not usable",

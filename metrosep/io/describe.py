@@ -50,7 +50,8 @@ def describe(
         ``format``, ``kind`` (``surface``, ``profile``, ``recording`` or ``table``), ``shape``,
         ``dx_m``, ``dy_m``, ``n_invalid``, ``pv_nm``, ``sq_nm`` (about the mean of the valid points,
         nothing removed), ``mean_nm``, ``sha256``, ``metadata``; ``None`` where not applicable or
-        not calibrated. A table lists its columns in ``metadata["columns"]``.
+        not calibrated. A table lists its columns in ``metadata["columns"]``, a recording has
+        ``channels`` (name to SI unit), ``duration_s`` and ``time_step_s`` (median) too.
 
     Raises
     ------
@@ -73,6 +74,7 @@ def describe(
     heights = None if isinstance(obj, Recording) else obj.z
     dx, dy = _steps(obj)
     return {
+        **_of_recording(obj),
         "format": description.id,
         "kind": type(obj).__name__.lower(),
         "shape": _shape(obj),
@@ -84,6 +86,17 @@ def describe(
         "mean_nm": None if heights is None else _nm(float(np.nanmean(heights))),
         "sha256": file.sha256,
         "metadata": _plain(obj.metadata),
+    }
+
+
+def _of_recording(obj: Surface | Profile | Recording) -> dict[str, Any]:
+    if not isinstance(obj, Recording):
+        return {}
+    step = float(np.median(np.diff(obj.t))) if len(obj) > 1 else 0.0
+    return {
+        "channels": {name: obj.units.get(name, "") for name in obj.channels},
+        "duration_s": obj.duration,
+        "time_step_s": step,
     }
 
 

@@ -41,7 +41,7 @@ def sniff(head: bytes, name: str) -> Match:
     Returns
     -------
     Match
-        MAYBE when rows of numbers and a line ``overrun`` are all there is, else NO: any other
+        YES when rows of numbers and a line ``overrun`` are all there is, else NO: any other
         columns of numbers look the same.
     """
     lines = [text for line in head_lines(head) if (text := line.strip())]
@@ -49,7 +49,7 @@ def sniff(head: bytes, name: str) -> Match:
     if len(rows) in (0, len(lines)):
         return Match.NO
     plain = all(is_number(field, ".") for text in rows for field in text.split())
-    return Match.MAYBE if plain else Match.NO
+    return Match.YES if plain else Match.NO
 
 
 def channels(file: RawFile) -> tuple[str, ...]:

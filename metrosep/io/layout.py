@@ -28,7 +28,7 @@ from metrosep.core.units import (
 from metrosep.io.dialect import decode
 from metrosep.io.measurement import measurement
 from metrosep.io.registry import Match
-from metrosep.io.source import RawFile
+from metrosep.io.source import RawFile, refuse_options
 from metrosep.io.table import Column, Table, read_table
 
 __all__ = ["COLUMN_KEYS", "LAYOUT_KEYS", "LayoutReader"]
@@ -59,6 +59,7 @@ COLUMN_KEYS = {
 
 _ROLES = ("time", "x", "y", "z", "channel", "ignore")
 _HEAD_LINES = 200
+_KINDS = {int: "whole number", list: "list", str: "text"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,11 +71,22 @@ class _ColumnLayout:
     role: str
     sensitivity: float | None
 
-    def apply(self, column: Column) -> Column:
+    def apply(self, file: RawFile, column: Column) -> Column:
         """Return the column of a table under its name, in its unit."""
+        unit = self.unit or column.unit
+        if self.unit is not None and column.unit is not None and self.unit != column.unit:
+            raise FormatMismatchError(
+                f"{file.path}: column {column.name!r} is in {column.unit.name} by its header, but the "
+                f"description of {self.name!r} says {self.unit.name}; correct one of them"
+            )
         if self.sensitivity is None or column.values is None:
-            return Column(self.name, self.unit or column.unit, column.values, column.labels)
-        unit = self.unit or column.unit or parse_unit("V")
+            return Column(self.name, unit, column.values, column.labels)
+        unit = unit or parse_unit("V")
+        if unit.dimension != "voltage":
+            raise UnitError(
+                f"{file.path}: column {self.name!r} has a sensitivity, but is in {unit.name}, not in volts; "
+                "leave the sensitivity out of the description"
+            )
         values = column.values * (unit.factor * self.sensitivity)
         return Column(self.name, parse_unit("m"), values, None)
 
@@ -116,8 +128,37 @@ class LayoutReader:
         if ("table_after" in layout) == ("header_lines" in layout):
             raise ReadError(f"{where}: [layout] needs one of table_after and header_lines")
         self._columns = tuple(self._column(c) for c in self._layout.get("columns", ()))
+        self._check()
+
+    def _check(self) -> None:
+        """Refuse a description whose parts are missing, doubled or of the wrong kind."""
         if not self._columns:
-            raise ReadError(f"{where}: [[layout.columns]] is missing; describe each column")
+            raise ReadError(f"{self._where}: [[layout.columns]] is missing; describe each column")
+        names = [c.name for c in self._columns if c.role != "ignore"]
+        roles = [c.role for c in self._columns if c.role not in ("channel", "ignore")]
+        for what, items in (("name", names), ("role", roles)):
+            twice = [i for i in items if items.count(i) > 1]
+            if twice:
+                raise ReadError(
+                    f"{self._where}: two columns have the {what} {twice[0]!r}; give each its own"
+                )
+        for key, value in self._layout.items():
+            kind = {"header_lines": int, "recognise": list, "columns": list}.get(key, str)
+            if not isinstance(value, kind) or isinstance(value, bool):
+                raise ReadError(
+                    f"{self._where}: [layout] {key} must be a {_KINDS[kind]}, found {value!r}"
+                )
+        for key in ("sampling_rate_key", "sampling_interval_key"):
+            if key in self._layout and not self._layout.get("key_separator"):
+                raise ReadError(f"{self._where}: [layout] {key} needs key_separator")
+        if (
+            "sampling_rate" in self._layout
+            and not _si(self._layout["sampling_rate"], "frequency") > 0
+        ):
+            raise ReadError(
+                f"{self._where}: [layout] sampling_rate must be a frequency such as '2 kHz', found "
+                f"{self._layout['sampling_rate']!r}"
+            )
 
     def _refuse_unknown(
         self, table: str, given: Mapping[str, Any], known: Mapping[str, str]
@@ -234,7 +275,15 @@ class LayoutReader:
         table = self._described(file, table, head, fields)
         role = {c.role: c.name for c in self._columns if c.role not in ("channel", "ignore")}
         timed = "time" in role or "z" not in role
-        rate = sampling_rate or self._rate(file, fields)
+        if "time" in role and sampling_rate is not None:
+            refuse_options(
+                file, f"{self._title} with a column of time", sampling_rate=sampling_rate
+            )
+        rate = (
+            self._rate(file, fields, table.header["decimal"])
+            if sampling_rate is None
+            else sampling_rate
+        )
         return measurement(
             file,
             table,
@@ -286,11 +335,13 @@ class LayoutReader:
                 hint=f"correct the description {self._where}, or export the file again",
             )
         pairs = zip(self._columns, table.columns, strict=True)
-        columns = tuple(own.apply(c) for own, c in pairs if own.role != "ignore")
+        columns = tuple(own.apply(file, c) for own, c in pairs if own.role != "ignore")
         header = {**table.header, "head": tuple(head), **fields}
         return Table(columns, table.lines, header, table.warnings)
 
-    def _rate(self, file: RawFile, fields: Mapping[str, str]) -> float | str | None:
+    def _rate(
+        self, file: RawFile, fields: Mapping[str, str], table_decimal: str
+    ) -> float | str | None:
         if "sampling_rate" in self._layout:
             return str(self._layout["sampling_rate"])
         for key, dimension in (
@@ -300,8 +351,19 @@ class LayoutReader:
             wanted = self._layout.get(key)
             if wanted is None:
                 continue
-            name = next((k for k in fields if k.startswith(str(wanted))), None)
-            value = _si(f"{fields[name]} {_bracketed(name)}", dimension) if name else float("nan")
+            found = [k for k in fields if _bare_key(k) == _bare_key(str(wanted))]
+            if len(found) > 1:
+                raise CorruptFileError(
+                    file.path,
+                    "the head says twice how fast it was sampled",
+                    field=str(wanted),
+                    found=" and ".join(found),
+                )
+            name = found[0] if found else None
+            value = float("nan")
+            if name is not None:
+                mark = str(self._layout.get("decimal", table_decimal))
+                value = _si(f"{fields[name]} {_bracketed(name)}", dimension, mark)
             if not (np.isfinite(value) and value > 0.0):
                 raise CorruptFileError(
                     file.path,
@@ -320,9 +382,16 @@ def _bracketed(name: str) -> str:
     return match.group(1) if match else ""
 
 
-def _si(text: str, dimension: str) -> float:
-    """Return a number with its unit in SI, NaN where it is none."""
+def _bare_key(name: str) -> str:
+    return re.sub(r"[\[(].*", "", name).strip().casefold()
+
+
+def _si(text: str, dimension: str, decimal: str = ".") -> float:
+    """Return a number with its unit in SI, NaN where it is none or has the other decimal mark."""
+    number = text.strip()
+    if decimal == ",":
+        number = number.replace(".", "?").replace(",", ".")
     try:
-        return parse_quantity(text.strip().replace(",", "."), dimension=dimension)
+        return parse_quantity(number, dimension=dimension)
     except UnitError:
         return float("nan")

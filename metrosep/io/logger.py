@@ -164,7 +164,7 @@ def with_units(file: RawFile, labels: Mapping[str, str], unit: Any) -> dict[str,
     labels : mapping of str to str
         Channel to the text that the file gives as its unit; empty where it gives none.
     unit : str, mapping of str to str, or None
-        What the caller declares: one for every channel without a known unit, or by name.
+        What the caller declares: one for every channel whose label is empty, or by name.
 
     Returns
     -------
@@ -183,7 +183,16 @@ def with_units(file: RawFile, labels: Mapping[str, str], unit: Any) -> dict[str,
         return known
     if isinstance(unit, str):
         shared = parse_unit(unit)
-        return {name: own or shared for name, own in known.items()}
+        bare = [name for name, label in labels.items() if not _bare(label)]
+        if not bare:
+            shown = ", ".join(
+                f"{n!r} in {_bare(label)!r}" for n, label in list(labels.items())[:8]
+            )
+            raise FormatMismatchError(
+                f"{file.path}: every channel states a unit of its own ({shown}), so one for all cannot be "
+                "given; declare those that metrosep does not know by name, unit={'channel': 'um'}"
+            )
+        return {name: shared if name in bare else own for name, own in known.items()}
     if not isinstance(unit, Mapping):
         raise FormatMismatchError(
             f"{file.path}: unit= must be one unit, or a mapping of channel to unit"
@@ -203,10 +212,13 @@ def with_units(file: RawFile, labels: Mapping[str, str], unit: Any) -> dict[str,
     return known
 
 
+def _bare(label: str) -> str:
+    return label.strip().strip("[]()").strip()
+
+
 def _unit_or_none(label: str) -> Unit | None:
-    text = label.strip().strip("[]()").strip()
     try:
-        return parse_unit(text)
+        return parse_unit(_bare(label))
     except UnitError:
         return None
 

@@ -157,14 +157,15 @@ class _Segment:
             del self.rows[-1], self.lines[-1]
 
     def warnings(self) -> tuple[str, ...]:
-        declared = {s for s in self.fields.get("Samples", ()) if s.isdigit()}
+        declared = {s for s in self.fields.get("Samples", ()) if s.isdecimal()}
         if declared and str(len(self.rows)) not in declared:
             counts = ", ".join(sorted(declared))
-            sentence = (
-                f"the header declares {counts} samples and the segment holds {len(self.rows)} rows "
-                "(the count is that of one block); all rows were read"
+            found = (
+                f"the header declares {counts} samples and the segment holds {len(self.rows)} rows"
             )
-            return (sentence,)
+            if len(self.rows) < max(int(n) for n in declared):
+                return (f"{found}: samples may be missing; compare with the original file",)
+            return (f"{found} (the count is that of one block); all rows were read",)
         return ()
 
 

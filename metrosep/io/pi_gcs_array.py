@@ -162,7 +162,7 @@ def _checked(file: RawFile, lines: list[str]) -> tuple[dict[str, str], int]:
 def _count(file: RawFile, fields: dict[str, str], name: str) -> int:
     text = fields[name]
     limit = _MAX_COLUMNS if name == "DIM" else 10**12
-    if not (text.isascii() and text.isdigit()) or not 1 <= int(text[:18]) <= limit:
+    if not (text.isascii() and text.isdecimal()) or not 1 <= int(text[:18]) <= limit:
         raise CorruptFileError(
             file.path,
             "a count of the header is not usable",

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -92,6 +93,10 @@ def column_names(file: RawFile, names: Sequence[str] | None, n: int, usual: str)
     """
     if names is None:
         return [f"{usual} {k}" for k in range(n)]
+    if not isinstance(names, (str, Sequence)):
+        raise FormatMismatchError(
+            f"{file.path}: names must list a name for each column, got {names!r}"
+        )
     given = [names] if isinstance(names, str) else [str(name) for name in names]
     if len(given) != n or len(set(given)) != n:
         raise FormatMismatchError(
@@ -176,7 +181,7 @@ def scales_of(file: RawFile, scale: Any, names: Sequence[str]) -> dict[str, tupl
                 f"{file.path}: has no channel {unknown[0]!r}; the channels are {', '.join(names[:20])}"
             )
         return {n: _scale(file, scale[n]) if n in scale else (1.0, "") for n in names}
-    given = [scale] * len(names) if isinstance(scale, (int, float, str)) else list(scale)
+    given = [scale] * len(names) if isinstance(scale, (Real, str)) else list(scale)
     if len(given) != len(names):
         raise FormatMismatchError(
             f"{file.path}: scale has {len(given)} entries for {len(names)} columns; give one for each"
@@ -184,7 +189,7 @@ def scales_of(file: RawFile, scale: Any, names: Sequence[str]) -> dict[str, tupl
     return {n: _scale(file, one) for n, one in zip(names, given, strict=True)}
 
 
-def _scale(file: RawFile, scale: float | str) -> tuple[float, str]:
+def _scale(file: RawFile, scale: Any) -> tuple[float, str]:
     number, label = scale, ""
     if isinstance(scale, str):
         match = _SCALE.fullmatch(scale)

@@ -68,7 +68,7 @@ def read(
     unit: Any = None,
     sampling_rate: float | str | None = None,
     servo_period: float | str | None = None,
-    gather_period: int = 1,
+    gather_period: Any = 1,
     names: Sequence[str] | None = None,
     scale: Any = None,
 ) -> Recording:
@@ -110,13 +110,18 @@ def read(
         If no period is given, or a period or a scale is not usable.
     """
     refuse_options(file, "a gather of a PMAC", lateral_step=lateral_step)
-    if not (gather_period >= 1 and gather_period % 1 == 0):
+    if isinstance(gather_period, bool) or not (
+        isinstance(gather_period, (int, float, np.integer, np.floating))
+        and gather_period >= 1
+        and gather_period % 1 == 0
+    ):
         raise ReadError(
             f"{file.path}: gather_period is {gather_period!r}; give the servo cycles per row, 1 or more"
         )
-    step = interval(
-        file, sampling_rate=sampling_rate, period=servo_period, name="servo_period"
-    ) * (gather_period if servo_period is not None else 1)
+    if servo_period is None and gather_period != 1:
+        refuse_options(file, "read with a sampling rate", gather_period=gather_period)
+    period = interval(file, sampling_rate=sampling_rate, period=servo_period, name="servo_period")
+    step = period * float(gather_period)
     lines = text_lines(file)
     body = number_block(file, [(k, line) for k, line in enumerate(lines, start=1) if line.strip()])
     columns = column_names(file, names, body.shape[1], _COLUMN)

@@ -233,7 +233,7 @@ def _check_sum(records: list[bytes]) -> list[str]:
     closed = b"".join(r + _ETX for r in records[:3])
     after = records[3][: len(records[3]) - len(records[3].lstrip(b"\r\n"))]
     total = int(np.frombuffer(closed + after, dtype=np.uint8).sum(dtype=np.int64))
-    if words and words[0].isascii() and words[0].isdigit():
+    if words and words[0].isascii() and words[0].isdecimal():
         if len(words[0]) < 12 and int(words[0]) in {total % m for m in _SUMS}:
             return []
         return [f"the checksum {words[0][:12]} is wrong: the file was changed after writing"]

@@ -6,6 +6,8 @@ give, a part at a time. The file is opened once and closed with the context.
 
 from __future__ import annotations
 
+import importlib
+import inspect
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack
@@ -17,7 +19,8 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, FormatMismatchError, UnsupportedFeatureError
-from metrosep.core.units import Unit, parse_quantity, parse_unit
+from metrosep.core.units import Unit, parse_quantity
+from metrosep.io.logger import with_units
 from metrosep.io.registry import find, get
 from metrosep.io.source import RawFile, open_file
 
@@ -25,6 +28,9 @@ __all__ = ["ChunkSource", "Stream", "open_stream"]
 
 CHUNK = 2**18
 """Samples of each channel in a chunk unless the caller says otherwise: 2 MB per channel."""
+
+_SAME_STEP = 1e-4
+"""Largest relative difference of a stated rate from the file's own: digits of a header."""
 
 _SOURCES = {
     "hdf5": "metrosep.io.stream_hdf5",
@@ -38,8 +44,8 @@ _SOURCES = {
 class ChunkSource(Protocol):
     """What a format offers for streaming."""
 
-    units: Mapping[str, Unit | None]
-    """Unit of each channel as the file declares it, in the order of the file."""
+    labels: Mapping[str, str]
+    """Text that the file gives as the unit of each channel, empty where it gives none."""
 
     n_samples: int | None
     """Samples of each channel; ``None`` where only reading to the end tells."""
@@ -153,13 +159,14 @@ def open_stream(
     channels : sequence of str, optional
         Which to read; all of one length if omitted.
     unit : str or mapping of str to str, optional
-        Unit of channels that declare none: one for all, or by name.
+        Unit of channels whose label is empty: one for all; or by name.
     sampling_rate : float (Hz) or str, optional
-        Where the file does not tell it.
+        Where the file does not tell it; refused where it contradicts the file.
     format : str, optional
         Identifier of the format, where the content fits several.
     **options
-        Of the format: for text ``separator``, ``decimal``, ``skip_rows``, ``comment``.
+        Of the format: for text ``separator``, ``decimal``, ``skip_rows``, ``comment``,
+        ``encoding``; for TDMS ``group``.
 
     Returns
     -------
@@ -188,8 +195,6 @@ def open_stream(
     ...     [chunk["gap_um"].tolist() for chunk in stream.chunks(2)]
     [[1e-06, 2e-06], [4e-06]]
     """
-    import importlib
-
     file = open_file(path)
     description = get(format) if format is not None else find(file)
     module = _SOURCES.get(description.id)
@@ -201,21 +206,39 @@ def open_stream(
         )
     stack = ExitStack()
     try:
-        source: ChunkSource = importlib.import_module(module).open_source(file, stack, **options)
-        units = _units(file, source.units, unit)
+        opener = importlib.import_module(module).open_source
+        _refuse_unknown(file, opener, options)
+        source: ChunkSource = opener(file, stack, **options)
+        units = with_units(file, source.labels, unit)
         names = _names(file, units, channels)
-        step = source.time_step if sampling_rate is None else _interval(sampling_rate)
+        step = _interval(file, source.time_step, sampling_rate)
     except BaseException:
         stack.close()
         raise
     return Stream(file, description.id, names, units, source.n_samples, step, source, stack)
 
 
-def _interval(sampling_rate: float | str) -> float:
+def _refuse_unknown(file: RawFile, opener: Any, options: Mapping[str, Any]) -> None:
+    accepted = list(inspect.signature(opener).parameters)[2:]
+    for name in options:
+        if name not in accepted:
+            known = f"it takes {', '.join(accepted)}" if accepted else "it takes none"
+            raise FormatMismatchError(f"{file.path}: takes no option {name!r} here; {known}")
+
+
+def _interval(file: RawFile, own: float | None, sampling_rate: float | str | None) -> float | None:
+    """Return the sampling interval; a rate that contradicts the file is refused."""
+    if sampling_rate is None:
+        return own
     rate = parse_quantity(sampling_rate, dimension="frequency", name="sampling_rate")
     if not (np.isfinite(rate) and rate > 0.0):
         raise DataError(f"sampling_rate must be positive, got {sampling_rate!r}")
-    return 1.0 / rate
+    if own is not None and abs(own * rate - 1.0) > _SAME_STEP:
+        raise FormatMismatchError(
+            f"{file.path}: samples are {own:g} s apart by the file, but sampling_rate is {rate:g} Hz; leave "
+            "sampling_rate= out"
+        )
+    return 1.0 / rate if own is None else own
 
 
 def _names(
@@ -229,27 +252,3 @@ def _names(
                 f"{file.path}: has no channel {name!r}; the channels are {', '.join(list(units)[:20])}"
             )
     return tuple(channels)
-
-
-def _units(
-    file: RawFile, own: Mapping[str, Unit | None], declared: str | Mapping[str, str] | None
-) -> dict[str, Unit | None]:
-    units = dict(own)
-    if declared is None:
-        return units
-    if isinstance(declared, str):
-        shared = parse_unit(declared)
-        return {name: unit or shared for name, unit in units.items()}
-    for name, text in declared.items():
-        if name not in units:
-            raise FormatMismatchError(
-                f"{file.path}: has no channel {name!r}; the channels are {', '.join(list(units)[:20])}"
-            )
-        unit, known = parse_unit(text), units[name]
-        if known is not None and known != unit:
-            raise FormatMismatchError(
-                f"{file.path}: channel {name!r} is in {known.name} by the file, but {unit.name} was "
-                "given; leave it out"
-            )
-        units[name] = unit
-    return units

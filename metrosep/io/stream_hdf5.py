@@ -7,8 +7,7 @@ from contextlib import ExitStack
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import FormatMismatchError
-from metrosep.core.units import Unit
-from metrosep.io.arrays import unit_of
+from metrosep.io.arrays import unit_label, unit_of
 from metrosep.io.hdf5 import physical_values
 from metrosep.io.hdf5_file import Hdf5File, open_hdf5
 from metrosep.io.source import RawFile
@@ -75,17 +74,17 @@ class Hdf5Source:
         self._file, self._handle = file, handle
         self._paths = {str(handle.attributes(n).get("name") or n): n for n in names}
         self.n_samples: int | None = n_samples
-        self.units: Mapping[str, Unit | None] = {
-            n: unit_of(handle.attributes(p)) for n, p in self._paths.items()
+        self.labels: Mapping[str, str] = {
+            n: unit_label(handle.attributes(p)) for n, p in self._paths.items()
         }
         self.time_step = self._step()
 
     def _step(self) -> float | None:
         n = self.n_samples or 0
-        for name, path in self._paths.items():
+        for path in self._paths.values():
             if path.rsplit("/", 1)[-1].lower() in _TIME_NAMES and n > 1:
                 first, last = (float(self._values(path, k, k + 1)[0]) for k in (0, n - 1))
-                unit = self.units[name]
+                unit = unit_of(self._handle.attributes(path))
                 step = (last - first) / (n - 1) * (unit.factor if unit is not None else 1.0)
                 return step if step > 0.0 else None
         return None

@@ -6,15 +6,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.units import Unit
-from metrosep.io.logger import with_units
 from metrosep.io.source import RawFile
 from metrosep.io.tdms import iter_chunks, sampling, unit_labels
 
 __all__ = ["TdmsSource", "open_source"]
 
 
-def open_source(file: RawFile, stack: ExitStack) -> TdmsSource:
+def open_source(file: RawFile, stack: ExitStack, *, group: str | None = None) -> TdmsSource:
     """Return the channels of a TDMS file that hold numbers.
 
     Parameters
@@ -23,6 +21,8 @@ def open_source(file: RawFile, stack: ExitStack) -> TdmsSource:
         The file.
     stack : ExitStack
         Not used: each pass opens the file anew.
+    group : str, optional
+        The one group to read.
 
     Returns
     -------
@@ -34,7 +34,7 @@ def open_source(file: RawFile, stack: ExitStack) -> TdmsSource:
     CorruptFileError
         If the structure does not fit.
     """
-    return TdmsSource(file)
+    return TdmsSource(file, group)
 
 
 class TdmsSource:
@@ -44,12 +44,16 @@ class TdmsSource:
     ----------
     file : RawFile
         The file.
+    group : str, optional
+        The one group to read.
     """
 
-    def __init__(self, file: RawFile) -> None:
+    def __init__(self, file: RawFile, group: str | None = None) -> None:
         self._file = file
-        self.units: Mapping[str, Unit | None] = with_units(file, unit_labels(file), None)
-        longest, step = sampling(file)
+        longest, step, names = sampling(file, group)
+        self.labels: Mapping[str, str] = {
+            name: label for name, label in unit_labels(file).items() if name in names
+        }
         self.n_samples: int | None = longest
         self.time_step = step
 

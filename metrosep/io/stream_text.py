@@ -11,13 +11,11 @@ from __future__ import annotations
 import io
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from typing import Any
 
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import FormatMismatchError, UnsupportedFeatureError
-from metrosep.core.units import Unit
 from metrosep.io.source import HEAD_BYTES, RawFile
 from metrosep.io.table import Table, read_table, rows_as_columns
 
@@ -32,7 +30,16 @@ _HEAD = HEAD_BYTES
 _PLAIN = frozenset(b"0123456789+-.,;eE \t\r\n")
 
 
-def open_source(file: RawFile, stack: ExitStack, **options: Any) -> TextSource:
+def open_source(
+    file: RawFile,
+    stack: ExitStack,
+    *,
+    separator: str | None = None,
+    decimal: str | None = None,
+    encoding: str | None = None,
+    comment: str | None = None,
+    skip_rows: int = 0,
+) -> TextSource:
     """Return the columns of numbers of a text file.
 
     Parameters
@@ -41,7 +48,7 @@ def open_source(file: RawFile, stack: ExitStack, **options: Any) -> TextSource:
         The file.
     stack : ExitStack
         Closes the file.
-    **options
+    separator, decimal, encoding, comment, skip_rows : optional
         As for `metrosep.io.table.read_table`.
 
     Returns
@@ -59,7 +66,14 @@ def open_source(file: RawFile, stack: ExitStack, **options: Any) -> TextSource:
     head = file.head[:_HEAD]
     if file.size > _HEAD:
         head = head[: head.rfind(b"\n") + 1]
-    table = read_table(RawFile(file.path, head), **options)
+    table = read_table(
+        RawFile(file.path, head),
+        separator=separator,
+        decimal=decimal,
+        encoding=encoding,
+        comment=comment,
+        skip_rows=skip_rows,
+    )
     labels = [c.name for c in table.columns if c.values is None]
     if labels:
         raise UnsupportedFeatureError(
@@ -70,7 +84,7 @@ def open_source(file: RawFile, stack: ExitStack, **options: Any) -> TextSource:
             f"{file.path}: UTF-16 text is not read in chunks; convert it to UTF-8"
         )
     handle = stack.enter_context(file.stream())
-    return TextSource(file, handle, table, options)
+    return TextSource(file, handle, table, comment)
 
 
 class TextSource:
@@ -84,16 +98,18 @@ class TextSource:
         The same, open.
     table : Table
         What its head says.
-    options : mapping
-        How the caller described the text.
+    comment : str or None
+        Start of comment lines, where the caller declared it.
     """
 
     def __init__(
-        self, file: RawFile, handle: io.BufferedIOBase, table: Table, options: Mapping[str, Any]
+        self, file: RawFile, handle: io.BufferedIOBase, table: Table, comment: str | None
     ) -> None:
         self._file, self._handle, self._table = file, handle, table
-        self._comment = options.get("comment")
-        self.units: Mapping[str, Unit | None] = {c.name: c.unit for c in table.columns}
+        self._comment = comment
+        self.labels: Mapping[str, str] = {
+            c.name: c.unit.name if c.unit is not None else "" for c in table.columns
+        }
         self.n_samples = None
         self.time_step = self._step()
 

@@ -259,7 +259,7 @@ class _Preamble:
         fields = [f.strip() for f in self._dialect.split([line])[0]]
         while len(fields) > self._n and not fields[-1]:
             fields.pop()
-        if self._n > 1 and len(fields) == 1 and fields[0].isdigit():
+        if self._n > 1 and len(fields) == 1 and fields[0].isdecimal():
             self._count = int(fields[0])
             return
         units = [bare_unit(f) for f in fields]

@@ -33,6 +33,11 @@ __all__ = ["channels", "iter_chunks", "read", "sampling", "sniff", "unit_labels"
 FORMAT = "tdms"
 _INDEX_MAGIC = b"TDSh"
 _STEP, _OFFSET, _START = "wf_increment", "wf_start_offset", "wf_start_time"
+_AXIS, _AXIS_UNIT = "wf_xname", "wf_xunit_string"
+_TIME_AXES = frozenset({"time", "zeit", "temps", "tiempo", "tempo", "t"})
+_SAME_STEP = 1e-4
+"""Largest relative difference of a stated rate from the file's own: digits of a property."""
+
 _UNIT_KEYS = ("unit_string", "NI_UnitDescription")
 
 
@@ -86,26 +91,47 @@ def unit_labels(file: RawFile) -> dict[str, str]:
     return {name: _label(c) for name, c in _numbers(_structure(file)).items()}
 
 
-def sampling(file: RawFile) -> tuple[int, float | None]:
-    """Return how long the longest channel is, and the sampling interval that all share.
+def sampling(file: RawFile, group: str | None = None) -> tuple[int, float | None, tuple[str, ...]]:
+    """Return the longest channels, how long they are, and the sampling interval that they share.
 
     Parameters
     ----------
     file : RawFile
         The file.
+    group : str, optional
+        The one group to look at.
 
     Returns
     -------
     n_samples : int
         Samples of the longest channel.
     time_step : float or None, s
-        ``None`` where channels differ or none has an interval.
+        ``None`` where none has an interval.
+    names : tuple of str
+        The channels of that length.
+
+    Raises
+    ------
+    FormatMismatchError
+        If they were not sampled together, so that their samples do not belong to each other.
     """
-    found = _numbers(_structure(file))
-    steps = {c.properties.get(_STEP) for c in found.values()}
-    longest = max((c.n_values for c in found.values()), default=0)
-    step = steps.pop() if len(steps) == 1 else None
-    return longest, _positive(file, _STEP, step) if step is not None else None
+    chosen = _chosen(file, _numbers(_structure(file)), group, None)
+    longest = max(c.n_values for c in chosen.values())
+    alike = {n: c for n, c in chosen.items() if c.n_values == longest}
+    clocks = {
+        tuple(str(c.properties.get(k, "")) for k in (_STEP, _OFFSET, _START)): n
+        for n, c in alike.items()
+    }
+    if len(clocks) > 1:
+        first, second = list(clocks.values())[:2]
+        raise FormatMismatchError(
+            f"{file.path}: channels {first!r} and {second!r} have different times; name the channels of one "
+            "clock with group=, or read them with metrosep.read(channel=)"
+        )
+    described = next(iter(alike.values()))
+    _refuse_other_axis(file, next(iter(alike)), described)
+    step = described.properties.get(_STEP)
+    return longest, _positive(file, _STEP, step) if step is not None else None, tuple(alike)
 
 
 def read(
@@ -169,6 +195,9 @@ def read(
             values[name] = _all_values(file, found, described, handle)
     warnings = [*found.warnings, *_odd(found, values)]
     times, facts = _times(file, chosen, values, time, sampling_rate, unit)
+    if facts.get("channels_without_start"):
+        shown = ", ".join(facts["channels_without_start"][:8])
+        warnings.append(f"channels without a start of their own begin with the earliest: {shown}")
     data = Channels(file)
     for name, samples in values.items():
         if name != time:
@@ -233,6 +262,7 @@ class _Rest:
         values = np.full(n, np.nan)
         if count:
             values[:count] = self._scaling({k: self._raw(k, count) for k in self._blocks})
+            values[np.isinf(values)] = np.nan
         return values
 
     def _raw(self, scaler: int, count: int) -> np.ndarray[Any, Any]:
@@ -368,21 +398,36 @@ def _times(
             )
         start = starts[name]
         if start is not None and first is not None:
-            offset += (start - first).total_seconds()
+            offset += (start[0] - first[0]).total_seconds() + (start[1] - first[1]) * 1e-9
         key = (float(offset), step, values[name].size)
         if key not in shared:
             shared[key] = key[0] + step * np.arange(key[2], dtype=np.float64)
         times[name] = shared[key]
     return times, {
-        "start_utc": None if first is None else f"{first.isoformat(timespec='microseconds')}Z"
+        "start_utc": None if first is None else f"{first[0].isoformat()}.{first[1]:09d}Z",
+        "channels_without_start": tuple(
+            n for n, s in starts.items() if s is None and first is not None
+        ),
     }
 
 
+def _refuse_other_axis(file: RawFile, name: str, channel: TdmsChannel) -> None:
+    """Refuse a waveform over anything but seconds: a spectrum, or times in another unit."""
+    axis = str(channel.properties.get(_AXIS, "")).strip()
+    unit = str(channel.properties.get(_AXIS_UNIT, "")).strip()
+    if (axis and axis.casefold() not in _TIME_AXES) or (unit and unit != "s"):
+        raise UnsupportedFeatureError(
+            f"{file.path}: channel {name[:40]!r} is over {axis[:20] or 'time'!r} in {unit[:20] or 's'!r}, not over "
+            "time in s; only waveforms over time are read"
+        )
+
+
 def _step(file: RawFile, name: str, channel: TdmsChannel, declared: float | None) -> float:
+    _refuse_other_axis(file, name, channel)
     own = channel.properties.get(_STEP)
     if own is not None:
         own = _positive(file, _STEP, own)
-        if declared is not None and declared != own:
+        if declared is not None and abs(declared / own - 1.0) > _SAME_STEP:
             raise FormatMismatchError(
                 f"{file.path}: channel {name!r} has a sampling interval of {own:g} s by the file; leave out "
                 "sampling_rate="
@@ -424,12 +469,15 @@ def _by_channel(
     return {name: t[: v.size] for name, v in values.items()}
 
 
-def _start(file: RawFile, channel: TdmsChannel) -> datetime | None:
+def _start(file: RawFile, channel: TdmsChannel) -> tuple[datetime, int] | None:
+    """Return the start of a channel as whole seconds and nanoseconds."""
     text = channel.properties.get(_START)
     if text is None:
         return None
+    whole, _, fraction = str(text).removesuffix("Z").partition(".")
     try:
-        return datetime.fromisoformat(str(text).removesuffix("Z")).replace(tzinfo=None)
+        moment = datetime.fromisoformat(whole).replace(tzinfo=None)
+        return moment, int(fraction[:9].ljust(9, "0"))
     except ValueError:
         raise CorruptFileError(
             file.path, "the time of the start is not usable", field=_START, found=repr(text)[:40]

@@ -208,10 +208,10 @@ class Cursor:
         else:
             seconds, fraction = self.numbers("qQ", name)
         try:
-            moment = _EPOCH + timedelta(seconds=seconds, microseconds=fraction * 10**6 >> 64)
+            moment = _EPOCH + timedelta(seconds=seconds)
         except OverflowError:
             return f"{seconds} s after 1904-01-01"
-        return f"{moment.isoformat(timespec='microseconds')}Z"
+        return f"{moment.isoformat(timespec='seconds')}.{fraction * 10**9 >> 64:09d}Z"
 
     def wrong(self, reason: str, name: str, expected: object, found: object) -> CorruptFileError:
         """Return the error for a field.

@@ -109,7 +109,7 @@ def _number(file: RawFile, channel: TdmsChannel, properties: Mapping[str, Any]) 
     if declared is None:
         found = [int(m[1]) for key in properties if (m := _SCALE_TYPE.fullmatch(key))]
         declared = max(found, default=-1) + 1
-    if not isinstance(declared, (int, float, str)) or not str(declared).isdigit():
+    if not isinstance(declared, (int, float, str)) or not str(declared).isdecimal():
         raise _wrong(
             file, channel, "the number of scales is none", "NI_Number_Of_Scales", declared
         )

@@ -31,6 +31,9 @@ _SAMPLE_TIME = re.compile(r"SampleTime ?[\[(]ms[\])][;,\t ]")
 _START = ("Starttime of export", "StartRecord")
 _END = ("Endtime of export", "EndRecord")
 _TICK = 1e-7  # s
+_LONGEST_MS = 1e12
+"""Relative times beyond thirty years are no times."""
+
 _FILETIME = re.compile(r"\d{17,18}")
 _FACTORS = {"ScaleFactor": 1.0, "Offset": 0.0, "Unit ScaleFactor": 1.0, "Unit Offset": 0.0}
 _HEADER_LINES = 60
@@ -281,8 +284,18 @@ def _group(
     if not np.isfinite(t).all():
         line = own[int(np.argmin(np.isfinite(t)))][0]
         raise CorruptFileError(file.path, "a row has no time", field=f"line {line}")
-    if all(_FILETIME.fullmatch(text) for text in stamps):
+    is_filetime = [_FILETIME.fullmatch(text) is not None for text in stamps]
+    if all(is_filetime):
         return np.array([int(text) for text in stamps], dtype=np.int64), t, values
+    if any(is_filetime) or np.abs(t).max() > _LONGEST_MS:
+        odd = is_filetime.index(False)
+        raise CorruptFileError(
+            file.path,
+            "a time is not of the kind of the others",
+            field=f"line {own[odd][0]}",
+            expected="a FILETIME of 17 or 18 digits, or milliseconds, throughout",
+            found=repr(stamps[odd][:40]),
+        )
     return None, t, values
 
 

@@ -201,7 +201,7 @@ def read_shape(file: RawFile, root: Element, max_pixels: int) -> tuple[int, int]
 
 def _size(file: RawFile, root: Element, name: str) -> int:
     text = (root.findtext(f"Record3/{name}") or "").strip()
-    if not (text.isascii() and text.isdigit() and len(text) < 12 and int(text) > 0):
+    if not (text.isascii() and text.isdecimal() and len(text) < 12 and int(text) > 0):
         raise CorruptFileError(
             file.path,
             "the size of the map is not usable",

@@ -230,7 +230,7 @@ def _window(
     found = []
     for name in _LINES[4]:
         text = header.get(name, "")
-        if not (text.isascii() and text.isdigit() and len(text) < 10):
+        if not (text.isascii() and text.isdecimal() and len(text) < 10):
             raise CorruptFileError(
                 file.path,
                 "the window of the map is not usable",
@@ -247,7 +247,7 @@ def _window(
 
 def _camera(header: dict[str, str]) -> tuple[int, int] | None:
     texts = [header.get(name, "") for name in ("camera_width", "camera_height")]
-    if all(t.isascii() and t.isdigit() and len(t) < 10 for t in texts):
+    if all(t.isascii() and t.isdecimal() and len(t) < 10 for t in texts):
         return int(texts[0]), int(texts[1])
     return None
 

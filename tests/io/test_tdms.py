@@ -91,7 +91,7 @@ def test_properties_scale_chain_and_start_are_kept(samples):
     sensor = recording.metadata["header"]["objects"]["/'axis'/'sensor'"]
     assert sensor["NI_Scale[0]_Linear_Slope"] == 0.5
     assert recording.metadata["header"]["objects"]["/"]["name"] == "run 7"
-    assert recording.metadata["start_utc"] == "2021-12-29T16:00:00.500000Z"
+    assert recording.metadata["start_utc"] == "2021-12-29T16:00:00.500000000Z"
     assert recording.units == {"probe": "m", "sensor": "V"}
 
 
@@ -269,7 +269,7 @@ def test_structure_for_streams(samples):
     file = RawFile(samples / "two-segments.tdms")
 
     assert tdms.channels(file) == ("probe", "sensor")
-    assert tdms.sampling(file) == (6, 0.25)
+    assert tdms.sampling(file) == (6, 0.25, ("probe", "sensor"))
     assert tdms.unit_labels(file) == {"probe": "um", "sensor": "mV"}
 
 
