@@ -143,6 +143,10 @@ def read(
     )
 
 
+_OLDER_NS = 5 * 10**9
+"""A line so much older than one before it is worth a warning."""
+
+
 @dataclass
 class _Variable:
     """Times in ns, values as text and line numbers of one process variable."""
@@ -172,6 +176,7 @@ def _variables(file: RawFile, lines: list[str]) -> tuple[dict[str, _Variable], l
     variables: dict[str, _Variable] = {}
     silent: dict[str, str] = {}
     seconds: dict[tuple[str, str], int] = {}
+    latest, older = 0, []
     for number, line in enumerate(lines, start=1):
         text = line.strip()
         if not text:
@@ -189,6 +194,9 @@ def _variables(file: RawFile, lines: list[str]) -> tuple[dict[str, _Variable], l
         if (day, clock) not in seconds:
             seconds[day, clock] = _seconds(file, number, day, clock)
         ns = seconds[day, clock] * 10**9 + int((fraction or "0").ljust(9, "0"))
+        if ns < latest - _OLDER_NS:
+            older.append(f"{name[:40]} at {_iso(ns)}")
+        latest = max(latest, ns)
         variable = variables.setdefault(name, _Variable())
         if variable.ns and ns < variable.ns[-1]:
             raise CorruptFileError(
@@ -210,6 +218,11 @@ def _variables(file: RawFile, lines: list[str]) -> tuple[dict[str, _Variable], l
     notes = [
         f"{name} reported nothing in a line: {why}" for name, why in list(silent.items())[:20]
     ]
+    if older:
+        notes.append(
+            f"{len(older)} line(s) are more than 5 s older than a line before them (the first: {older[0]}): "
+            "values that had not changed for long, or clocks that differ; their times were kept"
+        )
     if lines[-1]:
         notes.append("the file does not end with a line end; its last value may be cut off")
     return variables, notes

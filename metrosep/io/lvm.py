@@ -116,7 +116,7 @@ def read(
             f"{file.path}: has no segment {segment}; it holds {len(segments)}, counted from 0"
         )
     chosen = segments[segment or 0]
-    warnings = list(chosen.warnings())
+    warnings = [*chosen.warnings(), *chosen.start_warnings()]
     if lines[-1]:
         warnings.append("the file does not end with a line end; its last row may be cut off")
     data, comments = _samples(file, chosen, head)
@@ -168,6 +168,19 @@ class _Segment:
             return (f"{found} (the count is that of one block); all rows were read",)
         return ()
 
+    def start_warnings(self) -> tuple[str, ...]:
+        """Return a sentence where the channels began at different moments of the day."""
+        for key in ("Date", "Time"):
+            moments = sorted({m for m in self.fields.get(key, ()) if m.strip()})
+            if len(moments) > 1:
+                break
+        else:
+            return ()
+        shown = " and ".join(moments[:2])
+        return (
+            f"the channels were started at different moments ({shown}); their times here all begin with X0",
+        )
+
 
 def _file_header(file: RawFile, lines: list[str]) -> tuple[_Head, int]:
     if not lines[0].startswith(_MAGIC):
@@ -210,7 +223,8 @@ def _segments(file: RawFile, lines: list[str], start: int, head: _Head) -> list[
             special = line.startswith("***Start")
             continue
         blank = not line.strip(f"{head.separator} \t")
-        if special or (blank and not (state == "rows" and head.separator in line)):
+        counts = head.separator in line or head.x_columns == "No"  # a blank row is a sample then
+        if special or (blank and not (state == "rows" and counts)):
             continue
         if state == "rows" and not line.startswith("Channels"):
             segments[-1].rows.append(line)

@@ -222,3 +222,42 @@ def test_rate_of_a_wrong_kind_is_one_sentence(tmp_path, options):
 
     with pytest.raises((ms.errors.UnitError, ms.errors.ReadError)):
         ms.read(path, format="pmac-gather", **options)
+
+
+def test_clocks_of_two_variables_that_differ_are_said(tmp_path):
+    path = tmp_path / "log.txt"
+    path.write_text(
+        "A 2026-10-25 02:59:59.000000 1\nB 2026-10-25 02:00:01.000000 5\n"
+        "A 2026-10-25 03:00:00.000000 2\nB 2026-10-25 02:00:02.000000 6\n"
+    )
+
+    (sentence,) = ms.read(path).metadata["warnings"]
+
+    assert sentence.startswith("2 line(s) are more than 5 s older")
+    assert "B at 2026-10-25T02:00:01" in sentence
+
+
+def test_blank_line_between_rows_without_times_is_a_sample_not_measured(repository, tmp_path):
+    head = "LabVIEW Measurement\t\nX_Columns\tNo\nSeparator\tTab\n***End_of_Header***\t\n"
+    segment = "Channels\t1\nSamples\t4\nX0\t0\nDelta_X\t0.001\n***End_of_Header***\t\nX_Value\ta\n"
+    path = tmp_path / "a.lvm"
+    path.write_text(head + segment + "\t1\n\t2\n\n\t3\n\n\n")
+
+    recording = ms.read(path)
+
+    np.testing.assert_array_equal(recording["a"], [1.0, 2.0, np.nan, 3.0])
+    assert recording.t[-1] == pytest.approx(3e-3)
+
+
+def test_channels_started_at_different_moments_are_said(tmp_path):
+    head = "LabVIEW Measurement\t\nX_Columns\tNo\nSeparator\tTab\n***End_of_Header***\t\n"
+    segment = (
+        "Channels\t2\nSamples\t2\t2\nTime\t10:00:00\t10:00:05\nX0\t0\t0\nDelta_X\t1\t1\n"
+        "***End_of_Header***\t\nX_Value\ta\tb\n"
+    )
+    path = tmp_path / "a.lvm"
+    path.write_text(head + segment + "\t1\t5\n\t2\t6\n")
+
+    (sentence,) = ms.read(path).metadata["warnings"]
+
+    assert "different moments" in sentence
