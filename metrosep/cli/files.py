@@ -147,6 +147,9 @@ def _print_description(name: str, found: dict[str, Any]) -> None:
         pv, sq = (format_length(found[k] * 1e-9, digits=7) for k in ("pv_nm", "sq_nm"))
         click.echo(f"  heights   P-V {pv}, Sq {sq} about the mean, nothing removed")
         click.echo(f"  invalid   {found['n_invalid']}")
+    if found["kind"] == "runs":
+        feeds = ", ".join(f"{v * 6e4:.6g} mm/min" for v in found["metadata"]["feeds_m_s"])
+        click.echo(f"  feeds     {feeds or 'not known'}")
     if found["kind"] == "recording":
         for name, unit in found["channels"].items():
             click.echo(f"  channel   {name}" + (f" [{unit}]" if unit else ""))

@@ -19,9 +19,12 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import MetrosepError, ReadError
 from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
+from metrosep.core.runset import RunSet
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
 from metrosep.io.read import read
+from metrosep.io.registry import find
+from metrosep.io.source import open_file
 
 __all__ = ["Finding", "check_file", "check_object"]
 
@@ -87,6 +90,12 @@ def check_file(path: str | os.PathLike[str], **options: Any) -> tuple[Finding, .
         Errors first; empty when nothing is odd.
     """
     try:
+        if not options and (runs := _runs(path)) is not None:
+            return tuple(
+                Finding(f.level, f"run {run.run_id!r}: {f.problem}", f.fix)
+                for run in runs
+                for f in _values(run.z, "")
+            )
         obj = read(path, **options)
     except MetrosepError as exc:
         if not isinstance(exc, ReadError) and not isinstance(exc, ValueError):
@@ -96,6 +105,19 @@ def check_file(path: str | os.PathLike[str], **options: Any) -> tuple[Finding, .
             Finding("error", problem or str(exc), fix if problem else "see the message", True),
         )
     return check_object(obj)
+
+
+def _runs(path: str | os.PathLike[str]) -> RunSet | None:
+    """Return the runs of a file that metrosep wrote, ``None`` for anything else."""
+    file = open_file(path)
+    try:
+        described = find(file)
+    except ReadError:
+        return None
+    if described.id != "metrosep-h5":
+        return None
+    obj = described.load_reader().read(file)
+    return obj if isinstance(obj, RunSet) else None
 
 
 def check_object(obj: Surface | Profile | Recording) -> tuple[Finding, ...]:

@@ -16,6 +16,7 @@ import numpy as np
 from metrosep.core.errors import FormatMismatchError
 from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
+from metrosep.core.runset import RunSet
 from metrosep.core.surface import Surface
 from metrosep.io.read import read, recognise
 from metrosep.io.registry import principal
@@ -47,7 +48,7 @@ def describe(
     Returns
     -------
     dict
-        ``format``, ``kind`` (``surface``, ``profile``, ``recording`` or ``table``), ``shape``,
+        ``format``, ``kind`` (``surface``, ``profile``, ``recording``, ``runs`` or ``table``), ``shape``,
         ``dx_m``, ``dy_m``, ``n_invalid``, ``pv_nm``, ``sq_nm`` (about the mean of the valid points,
         nothing removed), ``mean_nm``, ``sha256``, ``metadata``; ``None`` where not applicable or
         not calibrated. A table lists its columns in ``metadata["columns"]``, a recording has
@@ -65,6 +66,10 @@ def describe(
         file = principal(file)
     description = recognise(file, format, options)
     try:
+        if description.id == "metrosep-h5" and not options:
+            own = description.load_reader().read(file)
+            if isinstance(own, RunSet):
+                return _of_runs(file, own)
         obj = read(file.path, format=description.id, **options)
     except FormatMismatchError:
         if description.id != "delimited" or any(k in options for k in ("x", "y", "z", "time")):
@@ -86,6 +91,23 @@ def describe(
         "mean_nm": None if heights is None else _nm(float(np.nanmean(heights))),
         "sha256": file.sha256,
         "metadata": _plain(obj.metadata),
+    }
+
+
+def _of_runs(file: RawFile, runs: RunSet) -> dict[str, Any]:
+    readings = np.concatenate([run.z for run in runs])
+    return {
+        "format": "metrosep-h5",
+        "kind": "runs",
+        "shape": [len(runs), int(readings.size)],
+        "dx_m": None,
+        "dy_m": None,
+        "n_invalid": int(np.isnan(readings).sum()),
+        "pv_nm": _nm(float(np.nanmax(readings) - np.nanmin(readings))),
+        "sq_nm": _nm(float(np.nanstd(readings))),
+        "mean_nm": _nm(float(np.nanmean(readings))),
+        "sha256": file.sha256,
+        "metadata": _plain({**runs.metadata, "feeds_m_s": runs.feeds}),
     }
 
 

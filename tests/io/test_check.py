@@ -191,3 +191,16 @@ def test_stated_unit_reaches_the_reader(tmp_path):
 
     assert check_file(path)[0].unreadable
     assert check_file(path, unit="um") == ()
+
+
+def test_runs_of_our_own_are_described_and_checked(tmp_path, capsys, rng):
+    x = np.linspace(0, 20e-3, 200)
+    z = 1e-7 * rng.standard_normal(200)
+    gappy = np.where(np.arange(200) < 30, np.nan, z)
+    runs = ms.RunSet([ms.Run(x, z, feed=0.08), ms.Run(x, gappy, feed=0.12, run_id="b")])
+    path = ms.write(runs, tmp_path / "runs.h5")
+
+    assert code_of("info", str(path)) == 0
+    assert "4800 mm/min, 7200 mm/min" in capsys.readouterr().out
+    (finding,) = check_file(path)
+    assert finding.problem == "run 'b': 15.0% of 200 points were not measured"
