@@ -5,7 +5,6 @@ Here a share of the positions is tried; ``make test-slow`` tries every one.
 """
 
 import contextlib
-import itertools
 import json
 import resource
 import time
@@ -126,9 +125,11 @@ def test_cut_short(sample):
 @pytest.mark.parametrize("sample", INDIRECT, indirect=True)
 def test_every_byte_flipped_and_every_cut(sample):
     data = sample.data
-    for k, pattern in itertools.product(range(len(data)), PATTERNS):
-        sample.outcome(data[:k] + bytes([data[k] ^ pattern]) + data[k + 1 :])
-    for end in range(1, len(data), 1 if len(data) < 4096 else 64):
+    small = len(data) < 3000
+    for k in range(len(data)):
+        for pattern in PATTERNS if small else PATTERNS[k % 3 : k % 3 + 1]:
+            sample.outcome(data[:k] + bytes([data[k] ^ pattern]) + data[k + 1 :])
+    for end in range(1, len(data), 1 if small else 64):
         sample.outcome(data[:end])
 
 
