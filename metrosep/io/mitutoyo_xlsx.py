@@ -128,7 +128,7 @@ def read(
         header={"results": results, "settings": settings, "certificate": certificate},
         override=override[0] if override else None,
         units_in_file=(units[0].name, units[1].name),
-        evaluated_profile=kinds[0] if kinds else None,
+        profile_kind=kinds[0] if kinds else None,
     )
 
 

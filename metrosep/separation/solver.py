@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DegenerateFitError
 from metrosep.separation.design import PreparedRun
 from metrosep.separation.shrinkage import Cavity, OctavePrior, PriorWeights
@@ -341,9 +342,7 @@ def solve_joint(
     DegenerateFitError
         If the readings are constant or do not determine the model.
     """
-    from threadpoolctl import threadpool_limits
-
-    with threadpool_limits(limits=1, user_api="blas"):
+    with one_blas_thread():
         system = _System(runs, origin=origin, period=period, n_harmonics=n_harmonics)
         system.lag = lag
         state = _State(

@@ -72,7 +72,7 @@ def test_units_follow_from_the_printed_results_of_the_real_file(corpus):
     assert np.abs(profile.z).mean() == pytest.approx(3.308 * UM, abs=0.0005 * UM)
     assert profile.peak_to_valley() == pytest.approx(22.233 * UM, abs=0.0005 * UM)
     assert len(profile) * profile.dx == pytest.approx(4 * 2.5e-3, rel=1e-3)  # N 4, CUT 2.5mm
-    assert profile.metadata["evaluated_profile"] == "R"
+    assert profile.metadata["profile_kind"] == "R"
     assert profile.metadata["header"]["certificate"]["E48"] == "2.5mm"
 
 

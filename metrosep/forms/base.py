@@ -1,0 +1,206 @@
+"""What every form can do: height, gradient, and the derivative by each of its parameters.
+
+A form is an ideal surface ``z = f(x, y)``, z up out of the material, SI, with its own origin at
+its vertex or centre. It is frozen: `with_parameters` returns another one. A parameter given as
+None is not known yet, and a fit determines it. Outside the domain of a form (beyond the equator of
+a sphere) heights and derivatives are NaN. A profile is the line ``y = 0``.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from metrosep.core.errors import DataError
+
+__all__ = ["Form"]
+
+FloatArray = NDArray[np.float64]
+
+
+class Form(ABC):
+    """An ideal surface.
+
+    Attributes
+    ----------
+    name : str
+        Word for messages and history, such as ``"conic"``.
+    units : mapping of str to str
+        SI unit of each parameter, in their order.
+    has_centre : bool
+        Whether the form has a vertex or centre, which a fit puts in the middle of a map whose
+        origin was not declared; periodic forms and polynomials have none.
+    """
+
+    name: str = "form"
+    units: Mapping[str, str] = {}
+    has_centre: bool = True
+
+    @property
+    @abstractmethod
+    def parameters(self) -> dict[str, float | None]:
+        """Shape parameters by name, SI; None where not known yet."""
+
+    @abstractmethod
+    def with_parameters(self, **values: float) -> Form:
+        """Return the form with other values of some parameters.
+
+        Parameters
+        ----------
+        **values : float
+            By name, SI.
+        """
+
+    @abstractmethod
+    def height(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Return z at points of equal shape, float64; NaN outside the domain.
+
+        Parameters
+        ----------
+        x, y : ndarray, m
+            Positions in the form's frame.
+        """
+
+    @abstractmethod
+    def slopes(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return dz/dx and dz/dy at points of equal shape.
+
+        Parameters
+        ----------
+        x, y : ndarray, m
+            Positions in the form's frame.
+        """
+
+    @abstractmethod
+    def derivatives(self, x: FloatArray, y: FloatArray, names: Sequence[str]) -> list[FloatArray]:
+        """Return dz/dp for each named parameter.
+
+        Parameters
+        ----------
+        x, y : ndarray, m
+            Positions in the form's frame, of equal shape.
+        names : sequence of str
+            Of parameters.
+        """
+
+    def scales(self, radius: float) -> dict[str, float]:
+        """Return the size of a change of each parameter that matters on a part of this radius.
+
+        A fit works with parameters divided by these. The default is the magnitude of the
+        parameter, or 1 where it is zero or not known.
+
+        Parameters
+        ----------
+        radius : float, m
+            Half the extent of the data.
+        """
+        return {k: abs(v) if v else 1.0 for k, v in self.parameters.items()}
+
+    def start(self, x: FloatArray, y: FloatArray, z: FloatArray) -> Form:
+        """Return the form with values for its unknown parameters, good enough to start a fit.
+
+        Parameters
+        ----------
+        x, y, z : ndarray, shape (n,), m
+            Valid points, x and y from the assumed centre; no NaN.
+
+        Raises
+        ------
+        DataError
+            If a parameter is unknown and the form has no rule to guess it.
+        """
+        unknown = [k for k, v in self.parameters.items() if v is None]
+        if unknown:
+            raise DataError(
+                f"{self.name} has no value for {', '.join(unknown)} and no rule to guess one; "
+                "give a starting value"
+            )
+        return self
+
+    def __call__(self, x: ArrayLike, y: ArrayLike = 0.0) -> FloatArray:
+        """Return z at points that broadcast; NaN outside the domain.
+
+        Parameters
+        ----------
+        x, y : array_like, m
+            Positions in the form's frame.
+
+        Raises
+        ------
+        DataError
+            If a parameter is not known yet.
+        """
+        xs, ys = self._points(x, y)
+        return self.height(xs, ys)
+
+    def gradient(self, x: ArrayLike, y: ArrayLike = 0.0) -> tuple[FloatArray, FloatArray]:
+        """Return dz/dx and dz/dy at points that broadcast; NaN outside the domain.
+
+        Parameters
+        ----------
+        x, y : array_like, m
+            Positions in the form's frame.
+
+        Returns
+        -------
+        tuple of ndarray
+            Slopes, dimensionless.
+
+        Raises
+        ------
+        DataError
+            If a parameter is not known yet.
+        """
+        xs, ys = self._points(x, y)
+        return self.slopes(xs, ys)
+
+    def _points(self, x: ArrayLike, y: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        unknown = [k for k, v in self.parameters.items() if v is None]
+        if unknown:
+            raise DataError(
+                f"{self.name} has no value for {', '.join(unknown)} yet: give one, or fit it"
+            )
+        xs, ys = np.broadcast_arrays(
+            np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
+        )
+        return np.ascontiguousarray(xs), np.ascontiguousarray(ys)
+
+    def __repr__(self) -> str:
+        inside = ", ".join(
+            f"{k}={'?' if v is None else format(v, '.6g')}" for k, v in self.parameters.items()
+        )
+        return f"{type(self).__name__}({inside})"
+
+
+def checked(value: float | None, name: str, *, zero: bool = True) -> float | None:
+    """Return a parameter as a finite float, or None.
+
+    Parameters
+    ----------
+    value : float or None
+        As given.
+    name : str
+        For the message.
+    zero : bool, optional
+        Whether zero is allowed.
+
+    Returns
+    -------
+    float or None
+        The value.
+
+    Raises
+    ------
+    DataError
+        If it is not finite, or zero where that is not allowed.
+    """
+    if value is None:
+        return None
+    number = float(value)
+    if not math.isfinite(number) or (number == 0.0 and not zero):
+        raise DataError(f"{name} must be finite{'' if zero else ' and not zero'}, got {value}")
+    return number
