@@ -8,6 +8,7 @@
 
 PYTHON ?= python3
 VENV ?= .venv
+PEERS ?= .venv-peers
 DEMO ?= metrosep-demo
 PYTEST_FLAGS ?=
 
@@ -88,8 +89,16 @@ docs: $(VENV)/.installed-docs
 	$(BIN)/python -m sphinx -W --keep-going -n -q -b html -d docs/_build/doctrees docs docs/_build/html
 	@echo "documentation: docs/_build/html/index.html"
 
-bench: $(VENV)/.installed-test $(VENV)/.installed-bench
+bench: $(VENV)/.installed-test $(VENV)/.installed-bench $(PEERS)/.installed
 	$(PYTEST) -o addopts="--import-mode=importlib -s" tests/benchmarks $(PYTEST_FLAGS)
+	$(BIN)/python tools/benchmarks.py --peers $(PEERS)/bin/python
+
+# Packages to compare with live in an environment of their own: one of them is GPL.
+$(PEERS)/.installed:
+	$(PYTHON) -m venv $(PEERS)
+	$(PEERS)/bin/python -m pip --disable-pip-version-check --quiet install -c constraints.txt \
+	    prysm==0.21.1 surfalize==0.19.2 lmfit
+	@touch $@
 
 # Pins of everything in the groups; bare names and versions, so that any registry serves them.
 constraints: $(VENV)/.created
@@ -99,7 +108,7 @@ constraints: $(VENV)/.created
 	    --output-file constraints.txt
 
 clean:
-	rm -rf $(VENV) $(DEMO) docs/_build docs/reference/generated .mypy_cache .ruff_cache \
+	rm -rf $(VENV) $(PEERS) $(DEMO) docs/_build docs/reference/generated .mypy_cache .ruff_cache \
 	    .pytest_cache .hypothesis .import_linter_cache .benchmarks
 	find metrosep tests tools docs examples data_formats -name __pycache__ -type d -prune \
 	    -exec rm -rf {} + 2>/dev/null || true

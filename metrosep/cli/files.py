@@ -3,53 +3,18 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any
 
 import click
 
-from metrosep.cli.options import json_option, say
+from metrosep.cli.options import file_options, given_options, json_option, say
 
 __all__ = ["check", "controllers", "convert", "formats", "info"]
 
 
-_Command = TypeVar("_Command", bound=Callable[..., Any])
-
-
-def _reading(command: _Command) -> _Command:
-    """Add the options that say how a file is to be read."""
-    for option in (
-        click.option("--unit", help="Unit of the heights where the file declares none."),
-        click.option("--lateral-step", help='Overrides the lateral step of the file, "1.1 um".'),
-        click.option("--channel", help="Channel of a file that holds several."),
-        click.option("--as", "format", metavar="FORMAT", help="Read it as this format."),
-        click.option(
-            "--set",
-            "settings",
-            multiple=True,
-            metavar="NAME=VALUE",
-            help='Option of the format, "sampling_rate=2 kHz"; may be repeated.',
-        ),
-    ):
-        command = option(command)
-    return command
-
-
-def _given(settings: tuple[str, ...], **options: str | None) -> dict[str, Any]:
-    """Return the options that were given, for `metrosep.io.read.read`."""
-    given: dict[str, Any] = {k: v for k, v in options.items() if v is not None}
-    for setting in settings:
-        name, mark, value = setting.partition("=")
-        if not mark or not name.strip() or not value.strip():
-            raise click.UsageError(f"--set takes NAME=VALUE, found {setting!r}")
-        text = value.strip()
-        given[name.strip().replace("-", "_")] = int(text) if text.isdecimal() else text
-    return given
-
-
 @click.command()
 @click.argument("files", nargs=-1, required=True, metavar="FILE...")
-@_reading
+@file_options
 @json_option
 def info(
     files: tuple[str, ...],
@@ -65,7 +30,9 @@ def info(
     from metrosep.core.errors import MetrosepError
     from metrosep.io.describe import describe
 
-    given = _given(settings, unit=unit, lateral_step=lateral_step, channel=channel, format=format)
+    given = given_options(
+        settings, unit=unit, lateral_step=lateral_step, channel=channel, format=format
+    )
     results: list[dict[str, Any]] = []
     code = 0
     for name in files:
@@ -87,7 +54,7 @@ def info(
 
 @click.command()
 @click.argument("files", nargs=-1, required=True, metavar="FILE...")
-@_reading
+@file_options
 @json_option
 def check(
     files: tuple[str, ...],
@@ -106,7 +73,9 @@ def check(
     from metrosep.cli.errors import as_options
     from metrosep.io.check import check_file
 
-    given = _given(settings, unit=unit, lateral_step=lateral_step, channel=channel, format=format)
+    given = given_options(
+        settings, unit=unit, lateral_step=lateral_step, channel=channel, format=format
+    )
     found = {name: check_file(name, **given) for name in files}
     if as_json:
         items = [{"file": n, "findings": [f.to_dict() for f in fs]} for n, fs in found.items()]
@@ -175,7 +144,7 @@ def _column_text(column: Any) -> str:
 @click.argument("source", metavar="SRC")
 @click.argument("target", metavar="DST")
 @click.option("--format", "target_format", help="Format of DST; follows from its suffix.")
-@_reading
+@file_options
 @click.option("--force", is_flag=True, help="Replace DST if it exists.")
 def convert(
     source: str,
@@ -197,7 +166,9 @@ def convert(
 
     if Path(target).exists() and not force:
         raise WriteError(f"{target}: exists already; choose another name or give --force")
-    given = _given(settings, unit=unit, lateral_step=lateral_step, channel=channel, format=format)
+    given = given_options(
+        settings, unit=unit, lateral_step=lateral_step, channel=channel, format=format
+    )
     obj = read(source, **given)
     write(obj, target, format=target_format)
     say(f"{obj!r} -> {target}")

@@ -11,6 +11,7 @@ import click
 from metrosep._version import __version__
 from metrosep.cli.files import check, controllers, convert, formats, info
 from metrosep.cli.jobs import demo, run, separate, table, verify
+from metrosep.cli.measuring import form, measure, verify_softgauge
 
 __all__ = ["cli", "main"]
 
@@ -31,7 +32,21 @@ def cli(context: click.Context, verbose: int, quiet: bool) -> None:
     context.obj = {"verbose": verbose, "quiet": quiet}
 
 
-for _command in (demo, info, check, convert, separate, table, verify, run, formats, controllers):
+for _command in (
+    demo,
+    info,
+    check,
+    convert,
+    measure,
+    form,
+    separate,
+    table,
+    verify,
+    verify_softgauge,
+    run,
+    formats,
+    controllers,
+):
     cli.add_command(_command)
 
 

@@ -7,7 +7,14 @@ from typing import Any, TypeVar
 
 import click
 
-__all__ = ["json_option", "read_options", "say", "table_options"]
+__all__ = [
+    "file_options",
+    "given_options",
+    "json_option",
+    "read_options",
+    "say",
+    "table_options",
+]
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -28,6 +35,66 @@ def json_option(command: F) -> F:
     return click.option(
         "as_json", "--json", is_flag=True, help="One JSON object on standard output."
     )(command)
+
+
+def file_options(command: F) -> F:
+    """Add the options that say how a file is to be read.
+
+    Parameters
+    ----------
+    command : callable
+        To decorate.
+
+    Returns
+    -------
+    callable
+        Decorated.
+    """
+    for option in (
+        click.option("--unit", help="Unit of the heights where the file declares none."),
+        click.option("--lateral-step", help='Overrides the lateral step of the file, "1.1 um".'),
+        click.option("--channel", help="Channel of a file that holds several."),
+        click.option("--as", "format", metavar="FORMAT", help="Read it as this format."),
+        click.option(
+            "--set",
+            "settings",
+            multiple=True,
+            metavar="NAME=VALUE",
+            help='Option of the format, "sampling_rate=2 kHz"; may be repeated.',
+        ),
+    ):
+        command = option(command)
+    return command
+
+
+def given_options(settings: tuple[str, ...], **options: str | None) -> dict[str, Any]:
+    """Return the options that were given, for `metrosep.io.read.read`.
+
+    Parameters
+    ----------
+    settings : tuple of str
+        Texts ``NAME=VALUE``.
+    **options : str or None
+        Others; None is left out.
+
+    Returns
+    -------
+    dict
+        By name.
+
+    Raises
+    ------
+    UsageError
+        If a setting is no NAME=VALUE.
+    """
+    given: dict[str, Any] = {k: v for k, v in options.items() if v is not None}
+    for setting in settings:
+        name, mark, value = setting.partition("=")
+        if not mark or not name.strip() or not value.strip():
+            raise click.UsageError(f"--set takes NAME=VALUE, found {setting!r}")
+        text = value.strip()
+        given[name.strip().replace("-", "_")] = int(text) if text.isdecimal() else text
+    return given
 
 
 def read_options(command: F) -> F:

@@ -380,7 +380,7 @@ def format_engineering(value: float, unit: str, *, digits: int = 4) -> str:
     value : float
         Value in SI.
     unit : str
-        SI unit name, ``"m"`` for a length.
+        SI unit name, ``"m"`` for a length, ``"1"`` for a pure number.
     digits : int, optional
         Significant digits.
 
@@ -396,4 +396,4 @@ def format_engineering(value: float, unit: str, *, digits: int = 4) -> str:
     """
     if unit == "m":
         return format_length(value, digits=digits)
-    return f"{value:.{digits}g} {unit}".rstrip()
+    return f"{value:.{digits}g} {'' if unit == '1' else unit}".rstrip()

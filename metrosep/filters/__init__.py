@@ -2,7 +2,28 @@
 
 from __future__ import annotations
 
+from metrosep.filters.chain import primary, roughness, waviness
+from metrosep.filters.gaussian import gaussian, gaussian_support
 from metrosep.filters.kind import DoubleFilterError, profile_kind
+from metrosep.filters.morphological import closing, dilation, erosion, opening
+from metrosep.filters.robust import regression_constant, robust_gaussian
+from metrosep.filters.spline import spline
 from metrosep.spectral.band import Band
 
-__all__ = ["Band", "DoubleFilterError", "profile_kind"]
+__all__ = [
+    "Band",
+    "DoubleFilterError",
+    "closing",
+    "dilation",
+    "erosion",
+    "gaussian",
+    "gaussian_support",
+    "opening",
+    "primary",
+    "profile_kind",
+    "regression_constant",
+    "robust_gaussian",
+    "roughness",
+    "spline",
+    "waviness",
+]

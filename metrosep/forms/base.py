@@ -87,6 +87,10 @@ class Form(ABC):
             Of parameters.
         """
 
+    def units_of(self) -> dict[str, str]:
+        """Return the unit of each parameter; those of the class unless they depend on the form."""
+        return {k: self.units[k] for k in self.parameters}
+
     def scales(self, radius: float) -> dict[str, float]:
         """Return the size of a change of each parameter that matters on a part of this radius.
 
@@ -97,6 +101,11 @@ class Form(ABC):
         ----------
         radius : float, m
             Half the extent of the data.
+
+        Returns
+        -------
+        dict of str to float
+            In the unit of each parameter.
         """
         return {k: abs(v) if v else 1.0 for k, v in self.parameters.items()}
 
@@ -107,6 +116,11 @@ class Form(ABC):
         ----------
         x, y, z : ndarray, shape (n,), m
             Valid points, x and y from the assumed centre; no NaN.
+
+        Returns
+        -------
+        Form
+            Without unknown parameters.
 
         Raises
         ------
@@ -134,8 +148,8 @@ class Form(ABC):
         DataError
             If a parameter is not known yet.
         """
-        xs, ys = self._points(x, y)
-        return self.height(xs, ys)
+        xs, ys, shape = self._points(x, y)
+        return self.height(xs, ys).reshape(shape)
 
     def gradient(self, x: ArrayLike, y: ArrayLike = 0.0) -> tuple[FloatArray, FloatArray]:
         """Return dz/dx and dz/dy at points that broadcast; NaN outside the domain.
@@ -155,10 +169,13 @@ class Form(ABC):
         DataError
             If a parameter is not known yet.
         """
-        xs, ys = self._points(x, y)
-        return self.slopes(xs, ys)
+        xs, ys, shape = self._points(x, y)
+        along_x, along_y = self.slopes(xs, ys)
+        return along_x.reshape(shape), along_y.reshape(shape)
 
-    def _points(self, x: ArrayLike, y: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    def _points(
+        self, x: ArrayLike, y: ArrayLike
+    ) -> tuple[FloatArray, FloatArray, tuple[int, ...]]:
         unknown = [k for k, v in self.parameters.items() if v is None]
         if unknown:
             raise DataError(
@@ -167,7 +184,7 @@ class Form(ABC):
         xs, ys = np.broadcast_arrays(
             np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
         )
-        return np.ascontiguousarray(xs), np.ascontiguousarray(ys)
+        return np.atleast_1d(xs.copy()), np.atleast_1d(ys.copy()), xs.shape
 
     def __repr__(self) -> str:
         inside = ", ".join(
@@ -196,11 +213,14 @@ def checked(value: float | None, name: str, *, zero: bool = True) -> float | Non
     Raises
     ------
     DataError
-        If it is not finite, or zero where that is not allowed.
+        If it is no number, not finite, or zero where that is not allowed.
     """
     if value is None:
         return None
-    number = float(value)
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise DataError(f"{name} must be a number, got {value!r}") from None
     if not math.isfinite(number) or (number == 0.0 and not zero):
         raise DataError(f"{name} must be finite{'' if zero else ' and not zero'}, got {value}")
     return number

@@ -70,7 +70,7 @@ def test_separate_prints_json_on_stdout_and_the_rest_elsewhere(metrosep, runs_cs
 
     assert code == 0
     assert found["method"] == "joint"
-    assert found["stop_mm"] == pytest.approx(30.0)
+    assert found["stop_mm"] == pytest.approx(30.0, rel=1e-9, abs=0.0)
     assert 500 < found["pv_nm"] < 2500
     assert found["selected"]
     assert "separating 9 runs" in err

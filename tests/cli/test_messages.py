@@ -148,7 +148,7 @@ def test_a_sensor_in_volts_is_scaled(capsys, tmp_path):
         assert stop.value.code == 0
         found.append(json.loads(capsys.readouterr().out)["pv_nm"])
 
-    assert found[1] == pytest.approx(2.5 * found[0], rel=1e-6)
+    assert found[1] == pytest.approx(2.5 * found[0], rel=1e-6, abs=0.0)
 
 
 def test_global_flags_work_behind_the_command(capsys, failing, tmp_path):

@@ -44,12 +44,12 @@ def test_numbers_are_those_of_a_sine(share):
     result = table(lambda p: -share * wave(p)).verify(Profile(X, wave(X)))
 
     for r in result.residuals:
-        assert r.before_pv == pytest.approx(2 * A, rel=GRID)
-        assert r.before_rms == pytest.approx(A / np.sqrt(2), rel=1e-3)
+        assert r.before_pv == pytest.approx(2 * A, rel=GRID, abs=0.0)
+        assert r.before_rms == pytest.approx(A / np.sqrt(2), rel=1e-3, abs=0.0)
         assert r.after_pv == pytest.approx(2 * A * (1 - share), rel=GRID, abs=PM)
         assert r.after_rms == pytest.approx((1 - share) * A / np.sqrt(2), rel=1e-3, abs=PM)
-        assert r.wrong_sign_pv == pytest.approx(2 * A * (1 + share), rel=GRID)
-        assert r.wrong_sign_rms == pytest.approx((1 + share) * A / np.sqrt(2), rel=1e-3)
+        assert r.wrong_sign_pv == pytest.approx(2 * A * (1 + share), rel=GRID, abs=0.0)
+        assert r.wrong_sign_rms == pytest.approx((1 + share) * A / np.sqrt(2), rel=1e-3, abs=0.0)
         assert r.u_after_rms is None
     assert result.passed
 
@@ -61,7 +61,7 @@ def test_on_axis_the_error_is_taken_where_the_axis_then_is():
     left = plain.verify(Profile(X, wave(X))).after_pv
     exact = plain.exact_inverse().verify(Profile(X, wave(X))).after_pv
 
-    assert left == pytest.approx(A * A * 2 * np.pi / 10e-3, rel=0.02)
+    assert left == pytest.approx(A * A * 2 * np.pi / 10e-3, rel=0.02, abs=0.0)
     assert exact < 0.02 * left
 
 
@@ -76,17 +76,17 @@ def test_both_directions_of_runs_are_judged_apart():
 
     by_direction = {r.direction: r for r in result.residuals}
     assert by_direction[1].after_pv == pytest.approx(0.0, abs=PM)
-    assert by_direction[-1].before_pv == pytest.approx(4 * A, rel=GRID)
-    assert by_direction[-1].after_pv == pytest.approx(3 * A, rel=GRID)
+    assert by_direction[-1].before_pv == pytest.approx(4 * A, rel=GRID, abs=0.0)
+    assert by_direction[-1].after_pv == pytest.approx(3 * A, rel=GRID, abs=0.0)
     assert result.after_pv == by_direction[-1].after_pv
-    assert result.before_pv == pytest.approx(4 * A, rel=GRID)
-    assert result.wrong_sign_pv == pytest.approx(5 * A, rel=GRID)
+    assert result.before_pv == pytest.approx(4 * A, rel=GRID, abs=0.0)
+    assert result.wrong_sign_pv == pytest.approx(5 * A, rel=GRID, abs=0.0)
 
 
 def test_offset_of_a_run_is_no_error():
     result = table(lambda p: -wave(p)).verify(RunSet(runs(wave, wave, offsets=[5e-6, -9e-6])))
 
-    assert result.before_pv == pytest.approx(2 * A, rel=GRID)
+    assert result.before_pv == pytest.approx(2 * A, rel=GRID, abs=0.0)
     assert result.after_pv == pytest.approx(0.0, abs=10 * PM)
 
 
@@ -96,7 +96,7 @@ def test_line_is_removed_only_where_the_table_has_none():
     of_offset = table(lambda p: -wave(p)).verify(tilted)
     of_line = table(lambda p: -wave(p), removed="line").verify(tilted)
 
-    assert of_offset.after_pv == pytest.approx(1e-4 * L, rel=GRID)
+    assert of_offset.after_pv == pytest.approx(1e-4 * L, rel=GRID, abs=0.0)
     assert of_line.after_pv < 1e-9 * A
 
 
@@ -146,7 +146,7 @@ def test_no_overlap_is_refused_with_both_ranges():
 def test_only_the_common_part_is_compared():
     result = table(lambda p: -wave(p), span=(10e-3, 80e-3)).verify(Profile(X, wave(X)))
 
-    assert result.span == pytest.approx((10e-3, 40e-3))
+    assert result.span == pytest.approx((10e-3, 40e-3), rel=1e-9, abs=0.0)
     # linear between entries 17.5 um and samples 10 um apart: |e''| h^2/8 = 15 and 5 pm, both ways
     assert result.after_pv == pytest.approx(0.0, abs=40 * PM)
 
@@ -158,8 +158,8 @@ def test_what_was_not_measured_is_not_compared(kind):
 
     result = table(lambda p: -wave(p)).verify(against)
 
-    assert result.span == pytest.approx((15e-3, 40e-3))
-    assert result.before_pv == pytest.approx(2 * A, rel=1e-3)
+    assert result.span == pytest.approx((15e-3, 40e-3), rel=1e-9, abs=0.0)
+    assert result.before_pv == pytest.approx(2 * A, rel=1e-3, abs=0.0)
 
 
 def test_nothing_measured_is_refused():
@@ -177,8 +177,8 @@ def test_mean_of_the_runs_is_judged_and_single_runs_reported():
 
     assert r.n_runs == 2
     assert r.after_rms == pytest.approx(0.0, abs=PM)
-    assert r.run_after_rms == pytest.approx(0.3 * A / np.sqrt(2), rel=1e-2)
-    assert r.run_before_rms == pytest.approx(np.hypot(1, 0.3) * A / np.sqrt(2), rel=1e-2)
+    assert r.run_after_rms == pytest.approx(0.3 * A / np.sqrt(2), rel=1e-2, abs=0.0)
+    assert r.run_before_rms == pytest.approx(np.hypot(1, 0.3) * A / np.sqrt(2), rel=1e-2, abs=0.0)
 
 
 def test_uncertainty_is_the_scatter_of_the_runs():
@@ -190,8 +190,8 @@ def test_uncertainty_is_the_scatter_of_the_runs():
     (r,) = table(lambda p: -wave(p)).verify(RunSet(runs(*map(left, (0.1, 0.2, 0.3))))).residuals
 
     rms = np.array([0.1, 0.2, 0.3]) * A / np.sqrt(2)
-    assert r.after_rms == pytest.approx(rms.mean(), rel=1e-3)
-    assert r.u_after_rms == pytest.approx(rms.std(ddof=1) / np.sqrt(3), rel=1e-3)
+    assert r.after_rms == pytest.approx(rms.mean(), rel=1e-3, abs=0.0)
+    assert r.u_after_rms == pytest.approx(rms.std(ddof=1) / np.sqrt(3), rel=1e-3, abs=0.0)
 
 
 @pytest.mark.parametrize("shake", [20e-9, 100e-9])
@@ -209,7 +209,7 @@ def test_uncertainty_agrees_with_repeating_the_measurement(rng, shake):
         told.append(r.u_after_rms)
 
     # 150 repetitions tell a standard deviation to 6 %, five runs each of them to some more
-    assert np.sqrt(np.mean(np.square(told))) == pytest.approx(np.std(seen), rel=0.3)
+    assert np.sqrt(np.mean(np.square(told))) == pytest.approx(np.std(seen), rel=0.3, abs=0.0)
 
 
 def test_estimate_is_judged_in_both_directions(both_ways_estimate):
@@ -220,7 +220,7 @@ def test_estimate_is_judged_in_both_directions(both_ways_estimate):
     assert [r.direction for r in result.residuals] == [1, -1]
     assert result.removed == "line"
     assert result.after_pv < 0.02 * result.before_pv
-    assert result.wrong_sign_pv == pytest.approx(2 * result.before_pv, rel=0.01)
+    assert result.wrong_sign_pv == pytest.approx(2 * result.before_pv, rel=0.01, abs=0.0)
 
 
 def test_estimate_proves_itself_on_other_runs(both_ways, both_ways_estimate):
@@ -244,8 +244,8 @@ def test_scaling_scales_every_number():
         on_axis=False,
     ).residuals[0]
 
-    assert large.after_pv == pytest.approx(1e3 * small.after_pv, rel=1e-6)
-    assert large.wrong_sign_rms == pytest.approx(1e3 * small.wrong_sign_rms, rel=1e-6)
+    assert large.after_pv == pytest.approx(1e3 * small.after_pv, rel=1e-6, abs=0.0)
+    assert large.wrong_sign_rms == pytest.approx(1e3 * small.wrong_sign_rms, rel=1e-6, abs=0.0)
 
 
 def test_plain_values_are_json_with_units():
@@ -255,5 +255,5 @@ def test_plain_values_are_json_with_units():
 
     assert back["passed"] is True
     assert [r["direction"] for r in back["residuals"]] == ["forward", "reverse"]
-    assert back["residuals"][0]["after_pv_m"] == pytest.approx(A, rel=GRID)
+    assert back["residuals"][0]["after_pv_m"] == pytest.approx(A, rel=GRID, abs=0.0)
     assert back["residuals"][0]["u_after_rms_m"] is None

@@ -72,7 +72,7 @@ def test_line_removal_takes_a_plane_tilt_to_zero_and_ignores_gaps():
 
     assert np.nanmax(np.abs(flat.z)) < PM
     assert flat.n_invalid == 1
-    assert flat.history[-1].parameters["slope_rad"] == pytest.approx(2e-4, rel=1e-9)
+    assert flat.history[-1].parameters["slope_rad"] == pytest.approx(2e-4, rel=1e-9, abs=0.0)
 
 
 def test_crop_keeps_the_right_side():
@@ -87,8 +87,8 @@ def test_peak_to_valley_and_rms_of_a_sine():
     x = np.linspace(0, 1, 1000, endpoint=False)
     profile = ms.Profile(x, 2e-9 * np.sin(2 * np.pi * 5 * x) + 1e-6)
 
-    assert profile.peak_to_valley() == pytest.approx(4e-9, rel=1e-4)
-    assert profile.rms() == pytest.approx(2e-9 / np.sqrt(2), rel=1e-9)
+    assert profile.peak_to_valley() == pytest.approx(4e-9, rel=1e-4, abs=0.0)
+    assert profile.rms() == pytest.approx(2e-9 / np.sqrt(2), rel=1e-9, abs=0.0)
 
 
 def test_all_invalid_gives_nan_not_zero():

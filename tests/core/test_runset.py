@@ -13,12 +13,14 @@ X = np.linspace(0, 10e-3, 101)
 def test_time_follows_from_feed_and_step():
     run = Run(X, np.zeros(101), feed=0.05)
 
-    assert run.t[-1] == pytest.approx(10e-3 / 0.05, rel=ROUNDING)
-    assert run.sampling_rate == pytest.approx(500.0, rel=ROUNDING)
+    assert run.t[-1] == pytest.approx(10e-3 / 0.05, rel=ROUNDING, abs=0.0)
+    assert run.sampling_rate == pytest.approx(500.0, rel=ROUNDING, abs=0.0)
 
 
 def test_feed_follows_from_time():
-    assert Run(X, np.zeros(101), t=np.arange(101) * 1e-3).feed == pytest.approx(0.1, rel=ROUNDING)
+    assert Run(X, np.zeros(101), t=np.arange(101) * 1e-3).feed == pytest.approx(
+        0.1, rel=ROUNDING, abs=0.0
+    )
 
 
 def test_neither_gives_neither():
@@ -65,7 +67,7 @@ def test_feed_must_be_positive(feed):
 def test_feeds_within_two_percent_are_one():
     runs = RunSet(Run(X, np.zeros(101), feed=f) for f in (0.08, 0.0805, 0.12, 0.0795))
 
-    assert runs.feeds == pytest.approx((0.08, 0.12), rel=1e-3)
+    assert runs.feeds == pytest.approx((0.08, 0.12), rel=1e-3, abs=0.0)
     assert [len(group) for _, group in runs.by_feed()] == [3, 1]
 
 
@@ -87,8 +89,8 @@ def test_select_by_direction_and_feed():
 def test_travels():
     runs = RunSet([Run(X, np.zeros(101)), Run(X + 2e-3, np.zeros(101))])
 
-    assert runs.common_travel == pytest.approx((2e-3, 10e-3), rel=ROUNDING)
-    assert runs.full_travel == pytest.approx((0.0, 12e-3), rel=ROUNDING)
+    assert runs.common_travel == pytest.approx((2e-3, 10e-3), rel=ROUNDING, abs=0.0)
+    assert runs.full_travel == pytest.approx((0.0, 12e-3), rel=ROUNDING, abs=0.0)
     with pytest.raises(InvalidSamplesError, match="no travel in common"):
         _ = RunSet([Run(X, np.zeros(101)), Run(X + 1.0, np.zeros(101))]).common_travel
 

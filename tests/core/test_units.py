@@ -34,7 +34,7 @@ ROUNDING = 1e-15
     ],
 )
 def test_quantities(text, dimension, si):
-    assert parse_quantity(text, dimension=dimension) == pytest.approx(si, rel=ROUNDING)
+    assert parse_quantity(text, dimension=dimension) == pytest.approx(si, rel=ROUNDING, abs=0.0)
 
 
 @pytest.mark.parametrize("text", ["1.2", "mm", "", "1,2 mm", "one mm", "1.2 furlong"])
@@ -61,9 +61,9 @@ def test_case_tells_metre_from_mega():
 
 
 def test_sensitivity_keeps_its_sign():
-    assert parse_sensitivity("-2.5 um/V") == pytest.approx(-2.5e-6, rel=ROUNDING)
-    assert parse_sensitivity("1.66 um/V") == pytest.approx(1.66e-6, rel=ROUNDING)
-    assert parse_sensitivity("2 nm/mV") == pytest.approx(2e-6, rel=ROUNDING)
+    assert parse_sensitivity("-2.5 um/V") == pytest.approx(-2.5e-6, rel=ROUNDING, abs=0.0)
+    assert parse_sensitivity("1.66 um/V") == pytest.approx(1.66e-6, rel=ROUNDING, abs=0.0)
+    assert parse_sensitivity("2 nm/mV") == pytest.approx(2e-6, rel=ROUNDING, abs=0.0)
 
 
 @pytest.mark.parametrize("text", ["2.5 um", "2.5 V/um", "0 um/V", "um/V", "2.5"])

@@ -82,6 +82,18 @@ def test_assert_allclose_always_names_its_tolerance(repository):
     assert not found, "write atol= in metres (or rtol=, for a ratio): " + ", ".join(found)
 
 
+def test_approx_never_keeps_its_hidden_floor(repository):
+    """Without abs= it forgives 1e-12, which is everything in a test of square nanometres."""
+    found = []
+    for path in sorted((repository / "tests").rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            is_call = isinstance(node, ast.Call) and ast.unparse(node.func).endswith("approx")
+            if is_call and "abs" not in {keyword.arg for keyword in node.keywords}:
+                found.append(f"{path.relative_to(repository)}:{node.lineno}")
+
+    assert not found, "write abs= (0.0 for a ratio): " + ", ".join(found)
+
+
 def test_no_module_is_longer_than_a_reader_can_hold(repository):
     lengths = {
         path.relative_to(repository).as_posix(): path.read_text(encoding="utf-8").count("\n")

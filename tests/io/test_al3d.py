@@ -41,10 +41,10 @@ def test_real_file_as_independent_readers_give_it(corpus):
     assert identify(path).id == "al3d"
     assert surface.shape == (296, 200)
     assert surface.n_invalid == 0
-    assert surface.dx == pytest.approx(4.38027e-07, rel=REL)
-    assert surface.dy == pytest.approx(4.38027e-07, rel=REL)
-    assert surface.peak_to_valley() == pytest.approx(34950.67 * NM, rel=REL)
-    assert surface.rms() == pytest.approx(7688.266 * NM, rel=REL)
+    assert surface.dx == pytest.approx(4.38027e-07, rel=REL, abs=0.0)
+    assert surface.dy == pytest.approx(4.38027e-07, rel=REL, abs=0.0)
+    assert surface.peak_to_valley() == pytest.approx(34950.67 * NM, rel=REL, abs=0.0)
+    assert surface.rms() == pytest.approx(7688.266 * NM, rel=REL, abs=0.0)
 
 
 def test_rows_of_the_real_file_are_turned(corpus):
@@ -71,7 +71,7 @@ def test_top_row_of_the_file_has_the_largest_y(folder):
     surface = ms.read(folder / "padded.al3d")
 
     assert np.unravel_index(np.nanargmax(surface.z), surface.shape) == (3, 0)
-    assert surface.z[3, 0] == pytest.approx(90e-6, rel=SINGLE)
+    assert surface.z[3, 0] == pytest.approx(90e-6, rel=SINGLE, abs=0.0)
     assert np.isnan(surface.z[3, 2])
     assert surface.n_invalid == 1
     assert surface.metadata["row_order_in_file"] == "top row first"
@@ -87,7 +87,7 @@ def test_padding_of_odd_rows_is_no_height(folder):
 def test_steps_differ(folder):
     surface = ms.read(folder / "padded.al3d")
 
-    assert (surface.dx, surface.dy) == pytest.approx((4.38027e-07, 6.5e-07), rel=EXACT)
+    assert (surface.dx, surface.dy) == pytest.approx((4.38027e-07, 6.5e-07), rel=EXACT, abs=0.0)
 
 
 def test_comment_and_tags_are_in_the_header(folder):
@@ -95,7 +95,7 @@ def test_comment_and_tags_are_in_the_header(folder):
 
     assert metadata["header"]["Comment"] == "planted bump, 5 µm"
     assert metadata["header"]["CreatingApplication"] == "MeasureSuite 5.3"
-    assert metadata["invalid_value_m"] == pytest.approx(3.000000028082e15, rel=EXACT)
+    assert metadata["invalid_value_m"] == pytest.approx(3.000000028082e15, rel=EXACT, abs=0.0)
 
 
 @pytest.mark.parametrize("marker", ["3e15", "3.000000028082e+15", "2.9999999e15"])
@@ -138,9 +138,9 @@ def test_negative_marker_marks(folder, retagged, put):
 def test_lateral_step_override_stands_beside_the_own_value(folder):
     surface = ms.read(folder / "padded.al3d", lateral_step=("10 um", 20e-6))
 
-    assert (surface.dx, surface.dy) == pytest.approx((10e-6, 20e-6), rel=EXACT)
+    assert (surface.dx, surface.dy) == pytest.approx((10e-6, 20e-6), rel=EXACT, abs=0.0)
     own = surface.metadata["lateral_step_in_file_m"]
-    assert own == pytest.approx((4.38027e-07, 6.5e-07), rel=EXACT)
+    assert own == pytest.approx((4.38027e-07, 6.5e-07), rel=EXACT, abs=0.0)
 
 
 def test_unit_is_refused_since_the_format_has_one(folder):

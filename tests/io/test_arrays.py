@@ -31,7 +31,7 @@ def test_profile_from_columns_and_from_a_step(tmp_path):
 
     np.testing.assert_allclose(by_columns.x, [0.0, 1e-3, 2.5e-3], rtol=1e-15)
     np.testing.assert_allclose(by_step.z, [5e-9, -6e-9, 7e-9], rtol=1e-15)
-    assert by_step.dx == pytest.approx(0.5e-6)
+    assert by_step.dx == pytest.approx(0.5e-6, rel=1e-9, abs=0.0)
 
 
 @pytest.mark.parametrize(
@@ -99,7 +99,7 @@ def test_profile_of_two_datasets(plain):
 def test_recording_with_a_rate(plain):
     recording = ms.read(plain, sampling_rate="2 kHz")
 
-    assert recording.t[-1] == pytest.approx(1e-3)
+    assert recording.t[-1] == pytest.approx(1e-3, rel=1e-9, abs=0.0)
     assert set(recording.channels) == {"/probe", "/stage/x"}
     assert recording.units == {"/probe": "V"}
 

@@ -42,10 +42,10 @@ def test_real_file_as_the_manifest_gives_it(corpus):
     assert identify(path).id == "bcr-stm"
     assert surface.shape == (600, 960)
     assert surface.n_invalid == 0
-    assert surface.dx == pytest.approx(1.8514625e-06, rel=REL)
-    assert surface.dy == pytest.approx(1110878e-9 / 600, rel=REL)
-    assert surface.peak_to_valley() == pytest.approx(2223.759 * NM, rel=REL)
-    assert surface.rms() == pytest.approx(24.56021 * NM, rel=REL)
+    assert surface.dx == pytest.approx(1.8514625e-06, rel=REL, abs=0.0)
+    assert surface.dy == pytest.approx(1110878e-9 / 600, rel=REL, abs=0.0)
+    assert surface.peak_to_valley() == pytest.approx(2223.759 * NM, rel=REL, abs=0.0)
+    assert surface.rms() == pytest.approx(24.56021 * NM, rel=REL, abs=0.0)
 
 
 def test_rows_of_the_real_file_are_turned(corpus):

@@ -25,9 +25,9 @@ def test_real_file_as_the_manifest_gives_it(corpus):
 
     assert len(profile) == 12001
     assert profile.n_invalid == 0
-    assert profile.dx == pytest.approx(1e-6, rel=MANIFEST)
-    assert profile.peak_to_valley() == pytest.approx(5407985 * NM, rel=MANIFEST)
-    assert profile.rms() == pytest.approx(1691867 * NM, rel=MANIFEST)
+    assert profile.dx == pytest.approx(1e-6, rel=MANIFEST, abs=0.0)
+    assert profile.peak_to_valley() == pytest.approx(5407985 * NM, rel=MANIFEST, abs=0.0)
+    assert profile.rms() == pytest.approx(1691867 * NM, rel=MANIFEST, abs=0.0)
     np.testing.assert_allclose(profile.z[::-1], truth[:, 1], rtol=DOUBLE)
     assert profile.z[0] != profile.z[-1]  # so that a file that was not turned would be seen
     assert profile.metadata["point_order_in_file"] == "largest x first"
@@ -36,8 +36,10 @@ def test_real_file_as_the_manifest_gives_it(corpus):
 def test_step_override_is_recorded(samples):
     profile = ms.read(samples / "falling.dat", lateral_step="2 um")
 
-    assert profile.dx == pytest.approx(2e-6, rel=DOUBLE)
-    assert profile.metadata["lateral_step_in_file_m"] == pytest.approx(0.25e-3, rel=DOUBLE)
+    assert profile.dx == pytest.approx(2e-6, rel=DOUBLE, abs=0.0)
+    assert profile.metadata["lateral_step_in_file_m"] == pytest.approx(
+        0.25e-3, rel=DOUBLE, abs=0.0
+    )
     assert profile.metadata["lateral_step_override_m"] == 2e-6
 
 

@@ -40,9 +40,9 @@ def test_real_heights_as_the_manifest_gives_them(corpus):
 
     assert len(profile) == 435
     assert profile.n_invalid == 0
-    assert profile.peak_to_valley() == pytest.approx(33.95 * NM, rel=MANIFEST)
-    assert profile.rms() == pytest.approx(8.774851 * NM, rel=MANIFEST)
-    assert profile.dx == pytest.approx(1.02e-3, rel=MANIFEST)
+    assert profile.peak_to_valley() == pytest.approx(33.95 * NM, rel=MANIFEST, abs=0.0)
+    assert profile.rms() == pytest.approx(8.774851 * NM, rel=MANIFEST, abs=0.0)
+    assert profile.dx == pytest.approx(1.02e-3, rel=MANIFEST, abs=0.0)
 
 
 @pytest.mark.parametrize(
@@ -60,9 +60,9 @@ def test_real_slopes_as_the_manifest_gives_them(corpus, name, n, dx, pv, sq):
     profile = ms.read(path, slope="integrate")
 
     assert len(profile) == n
-    assert profile.dx == pytest.approx(dx, rel=MANIFEST)
-    assert profile.metadata["slope_pv_rad"] == pytest.approx(pv * 1e-9, rel=MANIFEST)
-    assert profile.metadata["slope_rms_rad"] == pytest.approx(sq * 1e-9, rel=MANIFEST)
+    assert profile.dx == pytest.approx(dx, rel=MANIFEST, abs=0.0)
+    assert profile.metadata["slope_pv_rad"] == pytest.approx(pv * 1e-9, rel=MANIFEST, abs=0.0)
+    assert profile.metadata["slope_rms_rad"] == pytest.approx(sq * 1e-9, rel=MANIFEST, abs=0.0)
     with pytest.raises(ms.errors.UnsupportedFeatureError, match="slope='integrate'"):
         ms.read(path)
 
@@ -146,8 +146,8 @@ def test_gap_in_slopes_is_refused(entry):
 def test_step_override_is_recorded_for_heights_and_refused_for_slopes(entry):
     profile = ms.read(entry(), lateral_step="2 mm")
 
-    assert profile.dx == pytest.approx(2e-3, rel=DOUBLE)
-    assert profile.metadata["lateral_step_in_file_m"] == pytest.approx(1e-3, rel=DOUBLE)
+    assert profile.dx == pytest.approx(2e-3, rel=DOUBLE, abs=0.0)
+    assert profile.metadata["lateral_step_in_file_m"] == pytest.approx(1e-3, rel=DOUBLE, abs=0.0)
     assert profile.metadata["lateral_step_override_m"] == 2e-3
     with pytest.raises(ms.errors.ReadError, match="takes no lateral_step"):
         ms.read(entry("slopes"), slope="integrate", lateral_step="2 mm")

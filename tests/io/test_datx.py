@@ -70,8 +70,10 @@ def test_fringes_need_scale_factor_obliquity_and_wavelength(make, read):
 
     obj = read(path)
 
-    assert obj.z[1, 0] == pytest.approx(9.0 * 0.5 * 1.1 * 633e-9, rel=RTOL)
-    assert obj.metadata["height_per_unit_m"] == pytest.approx(0.5 * 1.1 * 633e-9, rel=RTOL)
+    assert obj.z[1, 0] == pytest.approx(9.0 * 0.5 * 1.1 * 633e-9, rel=RTOL, abs=0.0)
+    assert obj.metadata["height_per_unit_m"] == pytest.approx(
+        0.5 * 1.1 * 633e-9, rel=RTOL, abs=0.0
+    )
 
 
 def test_fringes_and_nanometres_of_one_relief_give_the_same_heights(make, read):
@@ -147,9 +149,11 @@ def test_steps_may_differ_and_are_replaced(make, read):
 
     obj, replaced = read(path), read(path, lateral_step="5 um")
 
-    assert (obj.dx, obj.dy) == pytest.approx((1e-6, 3e-6))
-    assert (replaced.dx, replaced.dy) == pytest.approx((5e-6, 5e-6))
-    assert replaced.metadata["lateral_step_in_file_m"] == pytest.approx((1e-6, 3e-6))
+    assert (obj.dx, obj.dy) == pytest.approx((1e-6, 3e-6), rel=1e-9, abs=0.0)
+    assert (replaced.dx, replaced.dy) == pytest.approx((5e-6, 5e-6), rel=1e-9, abs=0.0)
+    assert replaced.metadata["lateral_step_in_file_m"] == pytest.approx(
+        (1e-6, 3e-6), rel=1e-9, abs=0.0
+    )
 
 
 @pytest.mark.parametrize(
@@ -164,7 +168,7 @@ def test_steps_may_differ_and_are_replaced(make, read):
 def test_converter_of_another_kind_is_not_calibrated(make, read, other):
     obj = read(make(**{"X Converter": other}))
 
-    assert (obj.dx, obj.dy) == (None, pytest.approx(1e-6))
+    assert (obj.dx, obj.dy) == (None, pytest.approx(1e-6, rel=1e-9, abs=0.0))
 
 
 def test_negative_step_is_refused(make, read):
@@ -193,7 +197,7 @@ def test_graph_leads_to_the_surface(make):
 
     assert ms.io.read.channels(path) == ("{B}", "{A}", "{C}")
     assert ms.read(path).shape == (2, 3)
-    assert ms.read(path, channel="{C}").z[0, 1] == pytest.approx(6e-9)
+    assert ms.read(path, channel="{C}").z[0, 1] == pytest.approx(6e-9, rel=1e-9, abs=0.0)
 
 
 def test_surface_node_without_path_is_its_own_name(make):

@@ -363,8 +363,8 @@ def test_real_stylus_export_below_its_parameters(corpus):
     profile = ms.read(path, skip_rows=27, unit={"Raw Micrometer": "um"}, format="delimited")
 
     assert len(profile) == 9600
-    assert profile.peak_to_valley() == pytest.approx(16590.45 * NM, rel=1e-6)
-    assert profile.rms() == pytest.approx(4764.233 * NM, rel=1e-6)
+    assert profile.peak_to_valley() == pytest.approx(16590.45 * NM, rel=1e-6, abs=0.0)
+    assert profile.rms() == pytest.approx(4764.233 * NM, rel=1e-6, abs=0.0)
 
 
 def test_real_contour_runs_backwards(corpus):
@@ -373,15 +373,15 @@ def test_real_contour_runs_backwards(corpus):
 
     profile = ms.read(path)
 
-    assert profile.x[-1] == pytest.approx(float(first[0]) * 1e-3, rel=1e-15)
-    assert profile.z[-1] == pytest.approx(float(first[1]) * 1e-3, rel=1e-15)
+    assert profile.x[-1] == pytest.approx(float(first[0]) * 1e-3, rel=1e-15, abs=0.0)
+    assert profile.z[-1] == pytest.approx(float(first[1]) * 1e-3, rel=1e-15, abs=0.0)
 
 
 def test_real_utf16_table_by_bare_names(corpus):
     profile = ms.read(corpus / "st" / "csv-2.csv", x="x", z="y")
 
     assert profile.metadata["header"]["columns"] == ("index", "x in \u00b5m", "y in \u00b5m")
-    assert profile.dx == pytest.approx(83.33333e-9, rel=1e-6)
+    assert profile.dx == pytest.approx(83.33333e-9, rel=1e-6, abs=0.0)
 
 
 @pytest.mark.parametrize(

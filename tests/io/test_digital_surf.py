@@ -68,10 +68,10 @@ def test_real_file_as_independent_readers_give_it(corpus):
     assert identify(path).id == "digital-surf"
     assert surface.shape == (484, 563)
     assert surface.n_invalid == 117
-    assert surface.dx == pytest.approx(3.4840002190321683e-06, rel=REL)
-    assert surface.dy == pytest.approx(3.4840002190321683e-06, rel=REL)
-    assert surface.peak_to_valley() == pytest.approx(1476.0 * NM, rel=REL)
-    assert surface.rms() == pytest.approx(17.51788 * NM, rel=REL)
+    assert surface.dx == pytest.approx(3.4840002190321683e-06, rel=REL, abs=0.0)
+    assert surface.dy == pytest.approx(3.4840002190321683e-06, rel=REL, abs=0.0)
+    assert surface.peak_to_valley() == pytest.approx(1476.0 * NM, rel=REL, abs=0.0)
+    assert surface.rms() == pytest.approx(17.51788 * NM, rel=REL, abs=0.0)
 
 
 def test_rows_of_the_real_file_are_turned(corpus, parsed):
@@ -81,7 +81,7 @@ def test_rows_of_the_real_file_are_turned(corpus, parsed):
     surface = ms.read(path)
 
     np.testing.assert_allclose(surface.z, z_mm[::-1] * 1e-3, rtol=0, atol=FM)
-    assert surface.dx == pytest.approx(steps[0] * 1e-3, rel=EXACT)
+    assert surface.dx == pytest.approx(steps[0] * 1e-3, rel=EXACT, abs=0.0)
     assert not np.array_equal(surface.z, surface.z[::-1], equal_nan=True)
 
 
@@ -97,11 +97,11 @@ def test_each_axis_has_its_own_unit(folder):
     """x in um, y in mm, z in m: 2.5 um, 4 um, 0.1 nm a count, lowest point at 30 nm."""
     surface = ms.read(folder / "surface16.sur")
 
-    assert surface.dx == pytest.approx(2.5e-6, rel=SINGLE)
-    assert surface.dy == pytest.approx(4e-6, rel=SINGLE)
-    assert surface.z[2, 0] == pytest.approx((900 + 7) * 1e-10 + 3e-8, rel=SINGLE)
-    assert surface.origin == pytest.approx((0.5e-6, -0.25e-3), rel=SINGLE)
-    assert surface.metadata["height_per_count_m"] == pytest.approx(1e-10, rel=SINGLE)
+    assert surface.dx == pytest.approx(2.5e-6, rel=SINGLE, abs=0.0)
+    assert surface.dy == pytest.approx(4e-6, rel=SINGLE, abs=0.0)
+    assert surface.z[2, 0] == pytest.approx((900 + 7) * 1e-10 + 3e-8, rel=SINGLE, abs=0.0)
+    assert surface.origin == pytest.approx((0.5e-6, -0.25e-3), rel=SINGLE, abs=0.0)
+    assert surface.metadata["height_per_count_m"] == pytest.approx(1e-10, rel=SINGLE, abs=0.0)
 
 
 def test_comment_and_every_field_are_in_the_header(folder):
@@ -146,9 +146,9 @@ def test_unknown_channel_is_refused(folder):
 def test_profile_with_override(folder):
     profile = ms.read(folder / "profile.pro", lateral_step="1 um")
 
-    assert profile.dx == pytest.approx(1e-6, rel=EXACT)
-    assert profile.metadata["lateral_step_in_file_m"] == pytest.approx(2.5e-6, rel=SINGLE)
-    assert profile.metadata["lateral_step_override_m"] == pytest.approx(1e-6, rel=EXACT)
+    assert profile.dx == pytest.approx(1e-6, rel=EXACT, abs=0.0)
+    assert profile.metadata["lateral_step_in_file_m"] == pytest.approx(2.5e-6, rel=SINGLE, abs=0.0)
+    assert profile.metadata["lateral_step_override_m"] == pytest.approx(1e-6, rel=EXACT, abs=0.0)
 
 
 def test_profile_without_step_needs_one(patched):
@@ -156,7 +156,7 @@ def test_profile_without_step_needs_one(patched):
 
     with pytest.raises(ms.errors.UnitError, match="lateral_step="):
         ms.read(path)
-    assert ms.read(path, lateral_step="1 um").dx == pytest.approx(1e-6, rel=EXACT)
+    assert ms.read(path, lateral_step="1 um").dx == pytest.approx(1e-6, rel=EXACT, abs=0.0)
 
 
 def test_profile_of_several_lines_is_a_surface(patched):
@@ -176,9 +176,9 @@ def test_without_the_flag_every_value_is_a_height(patched):
 def test_lateral_step_override_stands_beside_the_own_value(folder):
     surface = ms.read(folder / "surface16.sur", lateral_step=("10 um", 20e-6))
 
-    assert (surface.dx, surface.dy) == pytest.approx((10e-6, 20e-6), rel=EXACT)
+    assert (surface.dx, surface.dy) == pytest.approx((10e-6, 20e-6), rel=EXACT, abs=0.0)
     own = surface.metadata["lateral_step_in_file_m"]
-    assert own == pytest.approx((2.5e-6, 4e-6), rel=SINGLE)
+    assert own == pytest.approx((2.5e-6, 4e-6), rel=SINGLE, abs=0.0)
 
 
 def test_unit_is_refused_since_the_format_has_one(folder):
@@ -271,7 +271,7 @@ def test_written_file_is_read_alike_by_an_independent_parser(bump, parsed):
 
     step = (90 + 1 / 3) * NM / (2**31 - 1)  # quantisation: P-V over the counts of 31 bits
     np.testing.assert_allclose(z_mm[::-1] * 1e-3, bump.z, rtol=0, atol=0.51 * step)
-    assert steps == pytest.approx((1.5e-3, 2.5e-3), rel=SINGLE)
+    assert steps == pytest.approx((1.5e-3, 2.5e-3), rel=SINGLE, abs=0.0)
 
 
 def test_written_file_reads_back_within_half_a_step(bump, tmp_path):
@@ -280,10 +280,10 @@ def test_written_file_reads_back_within_half_a_step(bump, tmp_path):
     back = ms.read(path)
 
     step = back.metadata["height_per_count_m"]
-    assert step == pytest.approx((90 + 1 / 3) * NM / (2**31 - 1), rel=1e-6)
+    assert step == pytest.approx((90 + 1 / 3) * NM / (2**31 - 1), rel=1e-6, abs=0.0)
     np.testing.assert_allclose(back.z, bump.z, rtol=0, atol=0.51 * step)
-    assert (back.dx, back.dy) == pytest.approx((bump.dx, bump.dy), rel=SINGLE)
-    assert back.origin == pytest.approx(bump.origin, rel=SINGLE)
+    assert (back.dx, back.dy) == pytest.approx((bump.dx, bump.dy), rel=SINGLE, abs=0.0)
+    assert back.origin == pytest.approx(bump.origin, rel=SINGLE, abs=0.0)
     assert repr(step / 1e-3)[:6] in back.metadata["header"]["comment"]
     assert back.metadata["warnings"] == ()
 

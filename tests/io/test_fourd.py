@@ -37,7 +37,7 @@ def test_height_is_data_times_wavelength_times_wedge(make):
     obj = ms.read(make(rows))
 
     np.testing.assert_allclose(obj.z, rows[::-1] * 632.8e-9 * 0.5, rtol=RTOL, atol=0)
-    assert obj.metadata["height_per_wave_m"] == pytest.approx(316.4e-9, rel=RTOL)
+    assert obj.metadata["height_per_wave_m"] == pytest.approx(316.4e-9, rel=RTOL, abs=0.0)
 
 
 def test_first_row_of_the_file_is_taken_as_the_top(make):
@@ -72,7 +72,9 @@ def test_measurements_are_in_the_order_of_their_numbers(tmp_path):
             group["data"] = np.array([[number, 1.0]], dtype="f4")
 
     assert ms.io.read.channels(path) == ("measurement0", "measurement2", "measurement10")
-    assert ms.read(path, channel="measurement10").z[0, 0] == pytest.approx(10e-6)
+    assert ms.read(path, channel="measurement10").z[0, 0] == pytest.approx(
+        10e-6, rel=1e-9, abs=0.0
+    )
     with pytest.raises(ms.errors.UnsupportedFeatureError, match="measurement3"):
         ms.read(path, channel="measurement3")
 
@@ -82,10 +84,14 @@ def test_stale_pixel_is_warned_of_and_replaced(make):
 
     obj = ms.read(path, lateral_step="87.3 um")
 
-    assert obj.dx == pytest.approx(87.3e-6)
+    assert obj.dx == pytest.approx(87.3e-6, rel=1e-9, abs=0.0)
     assert any("lateral_step=" in w for w in obj.metadata["warnings"])
-    assert obj.metadata["lateral_step_in_file_m"] == pytest.approx((9.029999e-6, 9.029999e-6))
-    assert obj.metadata["lateral_step_override_m"] == pytest.approx((87.3e-6, 87.3e-6))
+    assert obj.metadata["lateral_step_in_file_m"] == pytest.approx(
+        (9.029999e-6, 9.029999e-6), rel=1e-9, abs=0.0
+    )
+    assert obj.metadata["lateral_step_override_m"] == pytest.approx(
+        (87.3e-6, 87.3e-6), rel=1e-9, abs=0.0
+    )
 
 
 def test_true_pixel_gives_no_warning(make):

@@ -25,10 +25,10 @@ def test_real_file_as_the_manifest_gives_it(corpus, language):
 
     assert surface.shape == (4, 3)
     assert surface.n_invalid == 0
-    assert surface.dx == pytest.approx(4.113333333333333e-6, rel=DOUBLE)
-    assert surface.dy == pytest.approx(5678.9 * NM / 4, rel=DOUBLE)
-    assert surface.peak_to_valley() == pytest.approx(1.5e10 * NM, rel=MANIFEST)
-    assert surface.rms() == pytest.approx(4.705752e9 * NM, rel=MANIFEST)
+    assert surface.dx == pytest.approx(4.113333333333333e-6, rel=DOUBLE, abs=0.0)
+    assert surface.dy == pytest.approx(5678.9 * NM / 4, rel=DOUBLE, abs=0.0)
+    assert surface.peak_to_valley() == pytest.approx(1.5e10 * NM, rel=MANIFEST, abs=0.0)
+    assert surface.rms() == pytest.approx(4.705752e9 * NM, rel=MANIFEST, abs=0.0)
     np.testing.assert_array_equal(surface.z[::-1], np.loadtxt(path, comments="#"))
     assert surface.metadata["title"] == "My Channel Name"
 
@@ -45,7 +45,9 @@ def test_step_override_is_recorded(samples):
     surface = ms.read(samples / "english.txt", lateral_step=("1 um", "3 um"))
 
     assert (surface.dx, surface.dy) == (1e-6, 3e-6)
-    assert surface.metadata["lateral_step_in_file_m"] == pytest.approx((2e-6, 0.5e-6), rel=DOUBLE)
+    assert surface.metadata["lateral_step_in_file_m"] == pytest.approx(
+        (2e-6, 0.5e-6), rel=DOUBLE, abs=0.0
+    )
 
 
 def test_unit_contradicting_the_file_is_refused(samples):

@@ -50,8 +50,10 @@ def test_matrix_is_a_surface_with_row_1_at_the_smallest_y(save, packed):
     obj = ms.read(save(z=z, packed=packed), unit="nm", lateral_step=("2 um", "3 um"))
 
     np.testing.assert_allclose(obj.z, z * 1e-9, rtol=RTOL, atol=0)
-    assert (obj.dx, obj.dy) == pytest.approx((2e-6, 3e-6), rel=RTOL)
-    assert obj.metadata["lateral_step_override_m"] == pytest.approx((2e-6, 3e-6), rel=RTOL)
+    assert (obj.dx, obj.dy) == pytest.approx((2e-6, 3e-6), rel=RTOL, abs=0.0)
+    assert obj.metadata["lateral_step_override_m"] == pytest.approx(
+        (2e-6, 3e-6), rel=RTOL, abs=0.0
+    )
     assert any("row 0 was taken" in w for w in obj.metadata["warnings"])
 
 
@@ -156,7 +158,7 @@ def test_capture_is_a_recording_with_the_names_of_its_channels(save, packed):
     assert tuple(obj.channels) == NAMES == ms.io.read.channels(path)
     np.testing.assert_allclose(obj.t, [0.0, 0.1, 0.2, 0.3], rtol=RTOL)
     np.testing.assert_allclose(obj[NAMES[1]], [0.0, 2e-6, 4e-6, 6e-6], rtol=RTOL)
-    assert obj.metadata["sampling_period_s"] == pytest.approx(0.1)
+    assert obj.metadata["sampling_period_s"] == pytest.approx(0.1, rel=1e-9, abs=0.0)
     assert tuple(ms.read(path, channel=NAMES[0]).channels) == NAMES[:1]
 
 

@@ -44,7 +44,7 @@ def test_real_file_as_independent_readers_give_it(corpus):
     assert surface.n_invalid == 0
     assert surface.peak_to_valley() == pytest.approx(1363.056 * NM, abs=0.5e-3 * NM)
     assert surface.rms() == pytest.approx(75.28822 * NM, abs=0.5e-5 * NM)
-    assert surface.dx == pytest.approx(1.0982520279867458e-06, rel=1e-9)
+    assert surface.dx == pytest.approx(1.0982520279867458e-06, rel=1e-9, abs=0.0)
     assert surface.dy == surface.dx
 
 
@@ -73,14 +73,14 @@ def test_height_of_a_count_by_hand(sample):
     """One count is S * O * wavelength / R = 0.5 * 1 * 632.8 nm / 32768."""
     surface = ms.read(sample)
 
-    assert surface.z[0, 3] == pytest.approx(32768 * 0.5 * 632.8e-9 / 32768, rel=1e-6)
+    assert surface.z[0, 3] == pytest.approx(32768 * 0.5 * 632.8e-9 / 32768, rel=1e-6, abs=0.0)
 
 
 @pytest.mark.parametrize(("resolution", "counts"), [(0, 4096), (1, 32768), (2, 131072)])
 def test_phase_resolution_divides_the_counts(patched, resolution, counts):
     surface = ms.read(patched(phase_resolution=resolution))
 
-    assert surface.z[1, 3] == pytest.approx(4 * 0.5 * 632.8e-9 / counts, rel=1e-6)
+    assert surface.z[1, 3] == pytest.approx(4 * 0.5 * 632.8e-9 / counts, rel=1e-6, abs=0.0)
 
 
 def test_sign_negates_and_is_recorded(patched, sample):

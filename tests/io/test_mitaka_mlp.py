@@ -70,7 +70,7 @@ def test_unit_is_mm_since_the_radius_of_the_real_edge_was_printed_elsewhere(corp
     radius = np.sqrt(c[2] + c[0] ** 2 + c[1] ** 2)
 
     assert "189.2658799" in printed
-    assert radius == pytest.approx(189.27 * UM, rel=0.01)
+    assert radius == pytest.approx(189.27 * UM, rel=0.01, abs=0.0)
 
 
 def test_real_area_is_sixteen_lines(corpus, raw):

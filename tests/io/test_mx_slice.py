@@ -36,9 +36,9 @@ def test_real_files_as_the_manifest_gives_them(corpus, name, shape, dx, n_invali
     assert identify(path).id == "mx-slice"
     assert len(profile) == shape
     assert profile.n_invalid == n_invalid
-    assert profile.dx == pytest.approx(dx, rel=REL)
-    assert profile.peak_to_valley() == pytest.approx(pv * NM, rel=REL)
-    assert profile.rms() == pytest.approx(sq * NM, rel=REL)
+    assert profile.dx == pytest.approx(dx, rel=REL, abs=0.0)
+    assert profile.peak_to_valley() == pytest.approx(pv * NM, rel=REL, abs=0.0)
+    assert profile.rms() == pytest.approx(sq * NM, rel=REL, abs=0.0)
     assert "taken as um" in profile.metadata["warnings"][0]
 
 

@@ -139,9 +139,11 @@ def test_numbers_are_contiguous_float64_and_carry_no_time(put, bump):
 def test_lateral_step_is_replaced_and_recorded(there_and_back, bump):
     obj = there_and_back(bump, lateral_step=("3 um", "4 um"))
 
-    assert (obj.dx, obj.dy) == pytest.approx((3e-6, 4e-6))
+    assert (obj.dx, obj.dy) == pytest.approx((3e-6, 4e-6), rel=1e-9, abs=0.0)
     assert obj.metadata["lateral_step_in_file_m"] == (bump.dx, bump.dy)
-    assert obj.history[-1].parameters["lateral_step_m"] == pytest.approx((3e-6, 4e-6))
+    assert obj.history[-1].parameters["lateral_step_m"] == pytest.approx(
+        (3e-6, 4e-6), rel=1e-9, abs=0.0
+    )
 
 
 def test_damaged_runset_is_refused_or_whole(tmp_path):
@@ -203,7 +205,7 @@ def test_runs_are_cut_from_the_recordings_of_loggers(put):
     runs = ms.read_runs(paths, x="encoder", z=("probe", "m"))
 
     assert [r.direction for r in runs] == [1, -1]
-    assert runs.feeds == pytest.approx((0.08,))
+    assert runs.feeds == pytest.approx((0.08,), rel=1e-9, abs=0.0)
     np.testing.assert_array_equal(runs.runs[1].t, t)
     assert runs.history[0].parameters["format"] == "metrosep-h5"
     with pytest.raises(ms.errors.UnitError, match="probe"):

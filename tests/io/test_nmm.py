@@ -44,7 +44,7 @@ def test_real_positions_are_half_a_micrometre_apart(corpus):
     assert (len(recording), len(recording.channels)) == (11, 9)
     np.testing.assert_array_equal(np.column_stack(list(recording.channels.values())), truth)
     steps = np.hypot(np.diff(recording["X"]), np.diff(recording["Y"]))
-    assert steps == pytest.approx(0.5 * UM, rel=0.01)  # the stage follows to some nm
+    assert steps == pytest.approx(0.5 * UM, rel=0.01, abs=0.0)  # the stage follows to some nm
     assert recording.units == {"X": "m", "Y": "m", "Z": "m"}
     np.testing.assert_array_equal(recording.t, 36.0 * np.arange(11))
     assert recording.metadata["header"]["3. Scan field"]["Number of lines"] == "11"

@@ -55,10 +55,10 @@ def test_real_file_as_independent_readers_give_it(corpus):
     assert identify(path).id == "opd"
     assert surface.shape == (480, 640)
     assert surface.n_invalid == 116
-    assert surface.dx == pytest.approx(1.9673303177114576e-07, rel=REL)
-    assert surface.dy == pytest.approx(surface.dx, rel=REL)  # Aspect is 1 in this file
-    assert surface.peak_to_valley() == pytest.approx(129.1542 * NM, rel=REL)
-    assert surface.rms() == pytest.approx(8.356451 * NM, rel=REL)
+    assert surface.dx == pytest.approx(1.9673303177114576e-07, rel=REL, abs=0.0)
+    assert surface.dy == pytest.approx(surface.dx, rel=REL, abs=0.0)  # Aspect is 1 in this file
+    assert surface.peak_to_valley() == pytest.approx(129.1542 * NM, rel=REL, abs=0.0)
+    assert surface.rms() == pytest.approx(8.356451 * NM, rel=REL, abs=0.0)
 
 
 def test_columns_of_the_real_file_become_columns(corpus, blocks_of):
@@ -90,8 +90,8 @@ def test_height_of_a_count_by_hand(folder):
     """577.25 nm / 4 a count; the largest value is the last of row 0, the hole the first of row 2."""
     surface = ms.read(folder / "int16.opd")
 
-    assert surface.z[0, 3] == pytest.approx(30000 * 577.25 * NM / 4, rel=EXACT)
-    assert surface.z[0, 0] == pytest.approx(-5 * 577.25 * NM / 4, rel=EXACT)
+    assert surface.z[0, 3] == pytest.approx(30000 * 577.25 * NM / 4, rel=EXACT, abs=0.0)
+    assert surface.z[0, 0] == pytest.approx(-5 * 577.25 * NM / 4, rel=EXACT, abs=0.0)
     assert np.isnan(surface.z[2, 0])
     assert surface.n_invalid == 1
     assert surface.metadata["row_order_in_file"] == "smallest y first"
@@ -100,8 +100,8 @@ def test_height_of_a_count_by_hand(folder):
 def test_pixels_are_not_square(folder):
     surface = ms.read(folder / "float.opd")
 
-    assert surface.dx == pytest.approx(1.5e-6, rel=REL)
-    assert surface.dy == pytest.approx(1.875e-6, rel=REL)
+    assert surface.dx == pytest.approx(1.5e-6, rel=REL, abs=0.0)
+    assert surface.dy == pytest.approx(1.875e-6, rel=REL, abs=0.0)
 
 
 def test_both_maps_are_channels_and_the_first_is_the_default(folder):
@@ -121,9 +121,13 @@ def test_image_is_not_a_height(folder):
 def test_lateral_step_override_stands_beside_the_own_value(folder):
     surface = ms.read(folder / "int16.opd", lateral_step=("10 um", 20e-6))
 
-    assert (surface.dx, surface.dy) == pytest.approx((10e-6, 20e-6), rel=EXACT)
-    assert surface.metadata["lateral_step_override_m"] == pytest.approx((10e-6, 20e-6), rel=EXACT)
-    assert surface.metadata["lateral_step_in_file_m"] == pytest.approx((1.5e-6, 1.875e-6), rel=REL)
+    assert (surface.dx, surface.dy) == pytest.approx((10e-6, 20e-6), rel=EXACT, abs=0.0)
+    assert surface.metadata["lateral_step_override_m"] == pytest.approx(
+        (10e-6, 20e-6), rel=EXACT, abs=0.0
+    )
+    assert surface.metadata["lateral_step_in_file_m"] == pytest.approx(
+        (1.5e-6, 1.875e-6), rel=REL, abs=0.0
+    )
 
 
 def test_unit_is_refused_since_the_format_has_one(folder):

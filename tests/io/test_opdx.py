@@ -44,9 +44,9 @@ def test_real_file_as_independent_readers_give_it(corpus):
 
     assert identify(path).id == "opdx"
     assert len(profile) == 3001
-    assert profile.dx == pytest.approx(1.6655562954266104e-08, rel=REL)
-    assert profile.peak_to_valley() == pytest.approx(17.15182 * NM, rel=REL)
-    assert profile.rms() == pytest.approx(5.307509 * NM, rel=REL)
+    assert profile.dx == pytest.approx(1.6655562954266104e-08, rel=REL, abs=0.0)
+    assert profile.peak_to_valley() == pytest.approx(17.15182 * NM, rel=REL, abs=0.0)
+    assert profile.rms() == pytest.approx(5.307509 * NM, rel=REL, abs=0.0)
     assert profile.metadata["warnings"] == ()
 
 
@@ -67,7 +67,7 @@ def test_nominal_scale_of_the_settings_is_not_used(corpus):
     own = header["/1D_Data/Raw/DataScale"]
 
     assert own["unit"] == "µm"
-    assert metadata["height_per_count_m"] == pytest.approx(own["value"] * 1e-6, rel=EXACT)
+    assert metadata["height_per_count_m"] == pytest.approx(own["value"] * 1e-6, rel=EXACT, abs=0.0)
     assert metadata["height_per_count_m"] > 1.2 * nominal
 
 
@@ -88,7 +88,7 @@ def test_first_row_has_the_smallest_y_where_origin_says_so(folder):
 
     assert np.unravel_index(np.nanargmax(surface.z), surface.shape) == (0, 3)
     assert np.isnan(surface.z[2, 0])
-    assert surface.z[0, 3] == pytest.approx(900 * 0.25 * NM, rel=EXACT)
+    assert surface.z[0, 3] == pytest.approx(900 * 0.25 * NM, rel=EXACT, abs=0.0)
     assert surface.metadata["row_order_in_file"] == "smallest y first"
 
 
@@ -103,7 +103,7 @@ def test_first_row_is_the_top_where_origin_is_missing(folder):
 def test_extent_spans_the_points_less_one(folder):
     surface = ms.read(folder / "lower-left.opdx")
 
-    assert (surface.dx, surface.dy) == pytest.approx((1.5e-6, 2.5e-6), rel=EXACT)
+    assert (surface.dx, surface.dy) == pytest.approx((1.5e-6, 2.5e-6), rel=EXACT, abs=0.0)
 
 
 def test_parser_of_the_test_gives_the_same_map(folder):
@@ -136,12 +136,12 @@ def test_lateral_step_override_stands_beside_the_own_value(folder):
     surface = ms.read(folder / "lower-left.opdx", lateral_step=("10 um", 20e-6))
     profile = ms.read(folder / "extent.opdx", lateral_step="1 um")
 
-    assert (surface.dx, surface.dy) == pytest.approx((10e-6, 20e-6), rel=EXACT)
+    assert (surface.dx, surface.dy) == pytest.approx((10e-6, 20e-6), rel=EXACT, abs=0.0)
     own = surface.metadata["lateral_step_in_file_m"]
-    assert own == pytest.approx((1.5e-6, 2.5e-6), rel=EXACT)
-    assert profile.dx == pytest.approx(1e-6, rel=EXACT)
-    assert profile.metadata["lateral_step_in_file_m"] == pytest.approx(0.5e-6, rel=EXACT)
-    assert profile.metadata["lateral_step_override_m"] == pytest.approx(1e-6, rel=EXACT)
+    assert own == pytest.approx((1.5e-6, 2.5e-6), rel=EXACT, abs=0.0)
+    assert profile.dx == pytest.approx(1e-6, rel=EXACT, abs=0.0)
+    assert profile.metadata["lateral_step_in_file_m"] == pytest.approx(0.5e-6, rel=EXACT, abs=0.0)
+    assert profile.metadata["lateral_step_override_m"] == pytest.approx(1e-6, rel=EXACT, abs=0.0)
 
 
 def test_profile_without_positions_needs_a_step(edited):
@@ -149,7 +149,7 @@ def test_profile_without_positions_needs_a_step(edited):
 
     with pytest.raises(ms.errors.UnitError, match="declare lateral_step="):
         ms.read(path)
-    assert ms.read(path, lateral_step="1 um").dx == pytest.approx(1e-6, rel=EXACT)
+    assert ms.read(path, lateral_step="1 um").dx == pytest.approx(1e-6, rel=EXACT, abs=0.0)
 
 
 def test_unit_is_refused_since_the_format_has_one(folder):
@@ -261,7 +261,7 @@ def test_zero_extent_is_not_calibrated(folder, put):
     surface = ms.read(path)
 
     assert surface.dx is None
-    assert surface.dy == pytest.approx(2.5e-6, rel=EXACT)
+    assert surface.dy == pytest.approx(2.5e-6, rel=EXACT, abs=0.0)
 
 
 def test_content_decides_not_the_suffix(folder, put):

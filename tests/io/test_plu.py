@@ -45,10 +45,10 @@ def test_real_file_as_an_independent_reader_gives_it(corpus):
     assert identify(path).id == "plu"
     assert surface.shape == (576, 768)
     assert surface.n_invalid == 0
-    assert surface.dx == pytest.approx(1.6600000858306884e-06, rel=REL)
-    assert surface.dy == pytest.approx(1.6600000858306884e-06, rel=REL)
-    assert surface.peak_to_valley() == pytest.approx(10015.62 * NM, rel=REL)
-    assert surface.rms() == pytest.approx(2834.391 * NM, rel=REL)
+    assert surface.dx == pytest.approx(1.6600000858306884e-06, rel=REL, abs=0.0)
+    assert surface.dy == pytest.approx(1.6600000858306884e-06, rel=REL, abs=0.0)
+    assert surface.peak_to_valley() == pytest.approx(10015.62 * NM, rel=REL, abs=0.0)
+    assert surface.rms() == pytest.approx(2834.391 * NM, rel=REL, abs=0.0)
 
 
 def test_heights_of_the_real_file_begin_after_the_counts(corpus):
@@ -68,7 +68,7 @@ def test_top_row_of_the_file_has_the_largest_y(folder):
     surface = ms.read(folder / "topography.plu")
 
     assert np.unravel_index(np.nanargmax(surface.z), surface.shape) == (2, 0)
-    assert surface.z[2, 0] == pytest.approx(90.5e-6, rel=EXACT)
+    assert surface.z[2, 0] == pytest.approx(90.5e-6, rel=EXACT, abs=0.0)
     assert np.isnan(surface.z[2, 3])
     assert surface.n_invalid == 1
     assert surface.metadata["row_order_in_file"] == "top row first"
@@ -77,7 +77,7 @@ def test_top_row_of_the_file_has_the_largest_y(folder):
 def test_steps_differ(folder):
     surface = ms.read(folder / "topography.plu")
 
-    assert (surface.dx, surface.dy) == pytest.approx((1.66e-6, 2.5e-6), rel=SINGLE)
+    assert (surface.dx, surface.dy) == pytest.approx((1.66e-6, 2.5e-6), rel=SINGLE, abs=0.0)
 
 
 def test_layers_are_channels_with_sizes_of_their_own(folder):
@@ -96,7 +96,9 @@ def test_every_field_is_in_the_header(folder):
     names = {n for _, _, n in plu.FIELDS} | {n for _, _, n in plu.LAYER}
     assert set(metadata["header"]) == names | {"minimum_um", "maximum_um"}
     assert metadata["header"]["comment"] == "planted bump, 5 µm"
-    assert metadata["position_m"] == pytest.approx((-52.5e-6, -6042.5e-6, 142.5e-6), rel=EXACT)
+    assert metadata["position_m"] == pytest.approx(
+        (-52.5e-6, -6042.5e-6, 142.5e-6), rel=EXACT, abs=0.0
+    )
 
 
 def test_fields_of_the_table_do_not_overlap():
@@ -109,9 +111,9 @@ def test_fields_of_the_table_do_not_overlap():
 def test_lateral_step_override_stands_beside_the_own_value(folder):
     surface = ms.read(folder / "topography.plu", lateral_step=("10 um", 20e-6))
 
-    assert (surface.dx, surface.dy) == pytest.approx((10e-6, 20e-6), rel=EXACT)
+    assert (surface.dx, surface.dy) == pytest.approx((10e-6, 20e-6), rel=EXACT, abs=0.0)
     own = surface.metadata["lateral_step_in_file_m"]
-    assert own == pytest.approx((1.66e-6, 2.5e-6), rel=SINGLE)
+    assert own == pytest.approx((1.66e-6, 2.5e-6), rel=SINGLE, abs=0.0)
 
 
 def test_profile_without_step_needs_one(patched):
@@ -119,7 +121,7 @@ def test_profile_without_step_needs_one(patched):
 
     with pytest.raises(ms.errors.UnitError, match="lateral_step="):
         ms.read(path)
-    assert ms.read(path, lateral_step="1 um").dx == pytest.approx(1e-6, rel=EXACT)
+    assert ms.read(path, lateral_step="1 um").dx == pytest.approx(1e-6, rel=EXACT, abs=0.0)
 
 
 def test_unit_is_refused_since_the_format_has_one(folder):

@@ -135,7 +135,7 @@ def test_describe_a_surface_in_plain_values(repository):
     assert facts["format"] == "x3p"
     assert facts["kind"] == "surface"
     assert facts["shape"] == [4, 3]
-    assert facts["dx_m"] == pytest.approx(1.5e-6, rel=1e-12)
+    assert facts["dx_m"] == pytest.approx(1.5e-6, rel=1e-12, abs=0.0)
     assert facts["n_invalid"] == 1
     assert facts["pv_nm"] == pytest.approx(96.0, abs=1e-9)
     heights = np.array([0, 1, 90, 2, 3, 4, 5, -6, 7, 8, 9])

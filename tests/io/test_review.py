@@ -63,7 +63,7 @@ def test_stream_refuses_a_rate_against_the_file(tdms, tmp_path):
         with pytest.raises(ms.errors.FormatMismatchError, match=r"0\.001 s apart by the file"):
             open_stream(path, sampling_rate="5 kHz")
         with open_stream(path, sampling_rate="1 kHz") as stream:
-            assert stream.time_step == pytest.approx(1e-3)
+            assert stream.time_step == pytest.approx(1e-3, rel=1e-9, abs=0.0)
 
 
 def test_stream_refuses_channels_of_different_times(tdms):
@@ -148,7 +148,7 @@ def test_rate_is_that_of_its_key_and_of_no_longer_one(tmp_path):
         raw("T\nrated range (Hz): 5\nrate (Hz): 1000\n[data]\n1\n2\n", tmp_path)
     )
 
-    assert recording.t[1] == pytest.approx(1e-3)
+    assert recording.t[1] == pytest.approx(1e-3, rel=1e-9, abs=0.0)
     with pytest.raises(ms.errors.CorruptFileError, match="twice"):
         reader.read(raw("T\nrate (Hz): 5\nRate (kHz): 1\n[data]\n1\n2\n", tmp_path))
 
@@ -246,7 +246,7 @@ def test_blank_line_between_rows_without_times_is_a_sample_not_measured(reposito
     recording = ms.read(path)
 
     np.testing.assert_array_equal(recording["a"], [1.0, 2.0, np.nan, 3.0])
-    assert recording.t[-1] == pytest.approx(3e-3)
+    assert recording.t[-1] == pytest.approx(3e-3, rel=1e-9, abs=0.0)
 
 
 def test_channels_started_at_different_moments_are_said(tmp_path):

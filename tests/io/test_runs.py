@@ -47,14 +47,14 @@ def test_corpus_runs(corpus, name, travel_mm):
 
     assert len(runs) == 9
     assert [r.run_id for r in runs] == [str(i) for i in range(9)]
-    assert runs.feeds == pytest.approx((0.08, 0.12, 0.16), rel=1e-12)
+    assert runs.feeds == pytest.approx((0.08, 0.12, 0.16), rel=1e-12, abs=0.0)
     assert runs.directions == (1,)
     assert runs.full_travel[0] == pytest.approx(travel_mm[0] * 1e-3, abs=PM)
     for i, run in enumerate(runs):
         rows = table[table[:, 0] == i]
         np.testing.assert_allclose(run.x, rows[:, 3] * 1e-3, rtol=0, atol=PM)
         np.testing.assert_allclose(run.z, rows[:, 4] * 1e-6, rtol=0, atol=PM)
-        assert run.sampling_rate == pytest.approx(1000.0, rel=1e-9)
+        assert run.sampling_rate == pytest.approx(1000.0, rel=1e-9, abs=0.0)
     assert runs.history[0].parameters["sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()
 
 
@@ -71,7 +71,7 @@ def test_corpus_runs(corpus, name, travel_mm):
 def test_columns_may_be_named_in_every_way(two_runs, x, z, feed):
     runs = ms.read_runs(two_runs, x=x, z=z, feed=feed, run="run")
 
-    assert runs.feeds == pytest.approx((4800 * MM_MIN, 7200 * MM_MIN), rel=1e-12)
+    assert runs.feeds == pytest.approx((4800 * MM_MIN, 7200 * MM_MIN), rel=1e-12, abs=0.0)
     np.testing.assert_allclose(runs[1].z, np.arange(10, 15) * 1e-6, rtol=0, atol=PM)
 
 
@@ -87,7 +87,7 @@ def test_time_column_goes_before_feed(put):
     run = ms.read_runs(path, x="x_mm", z="z_um", time="t_ms")[0]
 
     np.testing.assert_allclose(run.t, [0, 1e-3, 2.1e-3], rtol=0, atol=PM)
-    assert run.feed == pytest.approx(0.2e-3 / 2.1e-3, rel=1e-9)
+    assert run.feed == pytest.approx(0.2e-3 / 2.1e-3, rel=1e-9, abs=0.0)
 
 
 def test_time_and_rate_together_are_refused(put):
@@ -108,7 +108,7 @@ def test_one_run_per_file_with_a_feed_for_each(put):
 
     assert [r.run_id for r in runs] == ["a", "b"]
     assert [r.direction for r in runs] == [1, -1]
-    assert [r.feed for r in runs] == pytest.approx([0.08, 0.12], rel=1e-12)
+    assert [r.feed for r in runs] == pytest.approx([0.08, 0.12], rel=1e-12, abs=0.0)
     assert len(runs.history) == 2
     assert runs[1].z[0] == pytest.approx(5e-6, abs=PM)
 
@@ -192,7 +192,9 @@ def test_feed_that_varies_within_a_run_is_refused(put):
 def test_feed_with_the_sign_of_the_travel_is_accepted(put):
     path = put("x_mm,z_um,f_mm_min\n2,1,-7200\n1,2,-7200\n0,4,-7200\n")
 
-    assert ms.read_runs(path, x="x_mm", z="z_um", feed="f_mm_min")[0].feed == pytest.approx(0.12)
+    assert ms.read_runs(path, x="x_mm", z="z_um", feed="f_mm_min")[0].feed == pytest.approx(
+        0.12, rel=1e-9, abs=0.0
+    )
 
 
 def test_feed_against_the_travel_is_refused(put):

@@ -56,9 +56,9 @@ def test_real_file_as_the_manifest_gives_it(corpus):
     assert identify(path).id == "sdf"
     assert surface.shape == (4, 7)
     assert surface.n_invalid == 0
-    assert (surface.dx, surface.dy) == pytest.approx((1e-6, 1e-6), rel=REL)
-    assert surface.peak_to_valley() == pytest.approx(50.93 * NM, rel=REL)
-    assert surface.rms() == pytest.approx(13.6029 * NM, rel=REL)
+    assert (surface.dx, surface.dy) == pytest.approx((1e-6, 1e-6), rel=REL, abs=0.0)
+    assert surface.peak_to_valley() == pytest.approx(50.93 * NM, rel=REL, abs=0.0)
+    assert surface.rms() == pytest.approx(13.6029 * NM, rel=REL, abs=0.0)
     assert surface.metadata["header"]["ManufacID"] == "ISOTC213"
     assert "Tom Jones" in surface.metadata["header"]["trailer"]
 

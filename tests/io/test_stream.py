@@ -60,7 +60,7 @@ def test_chunks_are_the_whole(table, dialect, size):
     path, truth = table(800, **dialect)
 
     with open_stream(path) as stream:
-        assert stream.time_step == pytest.approx(1e-3, rel=1e-9)
+        assert stream.time_step == pytest.approx(1e-3, rel=1e-9, abs=0.0)
         found = gathered(stream, size)
 
     assert list(found) == list(truth)
@@ -161,7 +161,7 @@ def test_declared_unit_and_rate(tmp_path):
     with open_stream(path, unit={"column2": "mm"}, sampling_rate="2 kHz") as stream:
         (chunk,) = stream.chunks()
 
-    assert stream.time_step == pytest.approx(0.5e-3)
+    assert stream.time_step == pytest.approx(0.5e-3, rel=1e-9, abs=0.0)
     np.testing.assert_array_equal(chunk["column1"], [1.0, 2.0, 4.0])
     np.testing.assert_allclose(chunk["column2"], [0.01, 0.02, 0.04], rtol=1e-15)
 

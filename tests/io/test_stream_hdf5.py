@@ -55,13 +55,13 @@ def test_chunks_are_the_whole(long_file, storage):
 
     with open_stream(path) as stream:
         assert stream.n_samples == 5000
-        assert stream.time_step == pytest.approx(2e-3)
+        assert stream.time_step == pytest.approx(2e-3, rel=1e-9, abs=0.0)
         assert set(stream.channels) == {"/daq/gap", "/daq/angle", "/daq/time"}
         found = gathered(stream, 999)
 
     np.testing.assert_allclose(found["/daq/gap"], truth["gap"] * 1e-6, rtol=1e-7)
     np.testing.assert_array_equal(found["/daq/angle"], truth["angle"])
-    assert found["/daq/time"][-1] == pytest.approx(9.998)
+    assert found["/daq/time"][-1] == pytest.approx(9.998, rel=1e-9, abs=0.0)
 
 
 def test_two_files_at_once_do_not_mix(long_file):
@@ -85,7 +85,7 @@ def test_recording_of_our_own_by_its_names(tmp_path):
         found = gathered(stream, 30)
 
     np.testing.assert_array_equal(found["gap/left"], recording["gap/left"])
-    assert stream.time_step == pytest.approx(1e-3)
+    assert stream.time_step == pytest.approx(1e-3, rel=1e-9, abs=0.0)
 
 
 def test_file_without_lines_is_refused(tmp_path):

@@ -39,7 +39,7 @@ def test_real_trace_as_openpyxl_reads_it(real):
     np.testing.assert_allclose(profile.z, truth[:, 1] * UM, rtol=DOUBLE)
     np.testing.assert_allclose(profile.x, np.deg2rad(truth[:, 0]) * 0.01, rtol=DOUBLE)
     assert profile.metadata["is_closed"]
-    assert profile.metadata["angle_step_rad"] == pytest.approx(math.tau / 3600, rel=1e-9)
+    assert profile.metadata["angle_step_rad"] == pytest.approx(math.tau / 3600, rel=1e-9, abs=0.0)
 
 
 def test_real_column_is_a_deviation_and_no_radius(real):

@@ -54,8 +54,8 @@ def test_real_file_as_independent_readers_give_it(corpus):
     surface = ms.read(corpus / "st" / "x3p-2.x3p")
 
     assert surface.shape == (650, 650)
-    assert surface.dx == pytest.approx(1.27656509837346e-07, rel=1e-12)
-    assert surface.dy == pytest.approx(3.14582113527746e-07, rel=1e-12)
+    assert surface.dx == pytest.approx(1.27656509837346e-07, rel=1e-12, abs=0.0)
+    assert surface.dy == pytest.approx(3.14582113527746e-07, rel=1e-12, abs=0.0)
     assert surface.peak_to_valley() == pytest.approx(554.3362 * NM, abs=0.5e-4 * NM)
     assert surface.rms() == pytest.approx(77.28033 * NM, abs=0.5e-5 * NM)
     assert surface.metadata["warnings"] == ()
@@ -325,7 +325,7 @@ def test_point_cloud_of_x3pio_on_a_grid_is_a_surface(tmp_path):
 
     assert surface.shape == (4, 5)
     assert surface.n_invalid == 2
-    assert (surface.dx, surface.dy) == pytest.approx((2e-6, 5e-6), rel=1e-9)
+    assert (surface.dx, surface.dy) == pytest.approx((2e-6, 5e-6), rel=1e-9, abs=0.0)
     assert surface.origin == pytest.approx((1e-3, -3e-3), abs=AM)
     np.testing.assert_array_equal(surface.z[row, column], points[:, 2])
     assert surface.metadata["row_order_in_file"] == "points placed by their positions"

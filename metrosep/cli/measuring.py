@@ -1,0 +1,405 @@
+"""Commands that measure: measure, form, verify-softgauge."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import click
+
+from metrosep.cli.options import file_options, given_options, json_option, say
+
+__all__ = ["form", "measure", "verify_softgauge"]
+
+
+def _pairs(texts: tuple[str, ...], option: str) -> dict[str, str]:
+    found = {}
+    for text in texts:
+        name, mark, value = text.partition("=")
+        if not mark or not name.strip() or not value.strip():
+            raise click.UsageError(f"{option} takes NAME=VALUE, found {text!r}")
+        found[name.strip()] = value.strip()
+    return found
+
+
+def _names(text: str | None) -> tuple[str, ...]:
+    return tuple(n.strip() for n in (text or "").split(",") if n.strip())
+
+
+def _length(text: str | None, name: str) -> float | None:
+    from metrosep.core.units import parse_quantity
+
+    return None if text is None else parse_quantity(text, dimension="length", name=name)
+
+
+def flat_values(quantities: Any) -> dict[str, float | None]:
+    """Return parameters as flat keys with unit suffixes: ``sq_nm``, ``rsm_um``, ``ssk``.
+
+    Parameters
+    ----------
+    quantities : mapping of str to Quantity
+        By symbol.
+
+    Returns
+    -------
+    dict
+        Heights in nm, lengths along the surface in um, everything else in SI.
+    """
+    import math
+
+    lateral = {"rsm", "wsm", "psm", "sal"}
+    found: dict[str, float | None] = {}
+    for symbol, quantity in quantities.items():
+        name, suffix, factor = symbol.lower(), "", 1.0
+        if quantity.unit == "m":
+            suffix, factor = ("_um", 1e6) if name in lateral else ("_nm", 1e9)
+        elif quantity.unit == "rad":
+            suffix, factor = "_deg", math.degrees(1.0)
+        elif quantity.unit == "1/m":
+            suffix, factor = "_per_mm", 1e-3
+        elif quantity.unit == "1/m^2":
+            suffix, factor = "_per_mm2", 1e-6
+        value = quantity.value * factor
+        found[name + suffix] = None if math.isnan(value) else value
+    return found
+
+
+@click.command()
+@click.argument("files", nargs=-1, required=True, metavar="FILE...")
+@click.option(
+    "--form",
+    "form_text",
+    default="none",
+    show_default=True,
+    metavar="FORM",
+    help='Removed first: plane, sphere, "conic: R=50 mm", "polynomial: degree=5" ...',
+)
+@click.option("--lambda-s", metavar="LENGTH", help="S-filter: shorter waves go (Gaussian).")
+@click.option("--lambda-c", metavar="LENGTH", help="L-filter: longer waves go (Gaussian).")
+@click.option(
+    "--end",
+    type=click.Choice(["moment", "renormalise", "cut", "closed"]),
+    default="moment",
+    show_default=True,
+    help="What the filters do at the ends.",
+)
+@click.option("--kind", type=click.Choice(["P", "W", "R"]), help="Which profile it is then.")
+@click.option("--edition", help='"ISO 21920-2:2021" (default) or "ISO 4287:1997".')
+@click.option("--sections", default=5, show_default=True, help="Section lengths of a profile.")
+@click.option("--centre", is_flag=True, help="Subtract the mean again (instruments do not).")
+@click.option("--line", type=click.Choice(["lsq", "secant"]), default="lsq", show_default=True)
+@click.option("--params", metavar="SYMBOLS", help="Such as Sa,Sq,PV; all that apply if omitted.")
+@click.option(
+    "--reference",
+    type=click.Choice(["MZ", "LS", "EP", "MC", "MI"]),
+    default="MZ",
+    show_default=True,
+    help="Of straightness (STRt), flatness (FLTt), roundness (RONt).",
+)
+@click.option("--upper", multiple=True, metavar="SYMBOL=VALUE", help='Limit, "Sq=5 nm".')
+@click.option("--lower", multiple=True, metavar="SYMBOL=VALUE", help="Limit from below.")
+@click.option("--U", "expanded", multiple=True, metavar="SYMBOL=VALUE", help="Expanded U.")
+@click.option("--guard-factor", default=1.0, show_default=True, help="Guard band over U.")
+@file_options
+@json_option
+def measure(
+    files: tuple[str, ...],
+    form_text: str,
+    lambda_s: str | None,
+    lambda_c: str | None,
+    end: str,
+    kind: str | None,
+    edition: str | None,
+    sections: int,
+    centre: bool,
+    line: str,
+    params: str | None,
+    reference: str,
+    upper: tuple[str, ...],
+    lower: tuple[str, ...],
+    expanded: tuple[str, ...],
+    guard_factor: float,
+    unit: str | None,
+    lateral_step: str | None,
+    channel: str | None,
+    format: str | None,  # noqa: A002
+    settings: tuple[str, ...],
+    as_json: bool,
+) -> int:
+    """Remove the form, filter, and give the parameters of FILE, with a verdict where limits are set.
+
+    The exit code is the worst verdict: 0 accepted or no limit, 1 rejected, 3 inconclusive.
+    """
+    from metrosep.cli.errors import exit_code_of, report_error, verdict_code
+    from metrosep.cli.evaluation import Limits, Settings, evaluate
+    from metrosep.core.errors import MetrosepError
+    from metrosep.io.read import read
+
+    how = Settings(
+        form=form_text,
+        lambda_s=_length(lambda_s, "lambda_s"),
+        lambda_c=_length(lambda_c, "lambda_c"),
+        end=end,
+        kind=kind,
+        edition=edition,
+        sections=sections,
+        centre=centre,
+        line=line,
+        names=_names(params),
+        reference=reference,
+    )
+    limits = Limits(
+        lower=_pairs(lower, "--lower"),
+        upper=_pairs(upper, "--upper"),
+        U=_pairs(expanded, "--U"),
+        guard_factor=guard_factor,
+    )
+    given = given_options(
+        settings, unit=unit, lateral_step=lateral_step, channel=channel, format=format
+    )
+    results: list[dict[str, Any]] = []
+    code = 0
+    for name in files:
+        try:
+            found = evaluate(read(name, **given), how, limits)
+        except MetrosepError as error:
+            if len(files) == 1:
+                raise
+            report_error(error, verbosity=0, names={p.name for p in measure.params if p.name})
+            code = max(code, exit_code_of(error))
+            continue
+        if found.verdict is not None:
+            code = max(code, verdict_code(found.verdict))
+        results.append(_measured(name, found))
+        if not as_json:
+            _print_measured(name, found)
+    if as_json:
+        content = results[0] if len(files) == 1 else {"files": results}
+        click.echo(json.dumps(content, sort_keys=True, allow_nan=False))
+    return code
+
+
+def _measured(name: str, found: Any) -> dict[str, Any]:
+    from pathlib import Path
+
+    tables = [t.to_dict() for t in found.tables]
+    parameters = {s: q for t in tables for s, q in t["parameters"].items()}
+    unavailable = {s: why for t in tables for s, why in t["unavailable"].items()}
+    contexts = [
+        {k: v for k, v in t.items() if k not in ("parameters", "unavailable")} for t in tables
+    ]
+    return {
+        "file": Path(name).name,
+        "parameters": parameters,
+        "unavailable": unavailable,
+        "evaluations": contexts,
+        "verdicts": found.verdicts,
+        "verdict": found.verdict,
+        **flat_values(found.quantities),
+    }
+
+
+def _print_measured(name: str, found: Any) -> None:
+    click.echo(name)
+    for line in found.removed.splitlines():
+        click.echo(f"  form  {line}")
+    for table in found.tables:
+        context = table.context
+        click.echo(
+            f"  {context.edition}; {context.chain}; {context.n_valid} of {context.n_total} valid"
+        )
+        for symbol, quantity in table.items():
+            verdict = found.verdicts.get(symbol)
+            mark = f"   {verdict['verdict'].upper()}" if verdict else ""
+            click.echo(f"    {symbol:<7} {quantity!s:<22} {quantity.definition}{mark}")
+        for symbol, why in table.unavailable.items():
+            click.echo(f"    {symbol:<7} not available: {why}")
+        for note in context.notes:
+            click.echo(f"    note: {note}")
+    if found.verdict is not None:
+        click.echo(f"  verdict: {found.verdict}")
+
+
+@click.command()
+@click.argument("file")
+@click.option(
+    "--form",
+    "form_text",
+    default="plane",
+    show_default=True,
+    metavar="FORM",
+    help='Such as sphere, "conic: R=50 mm", "zernike: terms=36, order=fringe".',
+)
+@click.option("--free", metavar="NAMES", help="What may move: piston,tilt_x,tilt_y,shift_x,R ...")
+@click.option("--fix", multiple=True, metavar="NAME=VALUE", help='Held: "R=50 mm".')
+@click.option("--start", multiple=True, metavar="NAME=VALUE", help="Where to begin.")
+@click.option("--robust", type=click.Choice(["tukey", "huber"]), help="Weigh outliers down.")
+@click.option(
+    "--tilt", type=click.Choice(["plane", "rotation"]), default="plane", show_default=True
+)
+@click.option(
+    "--direction",
+    type=click.Choice(["vertical", "normal"]),
+    default="vertical",
+    show_default=True,
+    help="Of the deviation.",
+)
+@click.option("--residual", metavar="FILE", help="Write what is left: x3p, sur, h5, csv, int ...")
+@file_options
+@json_option
+def form(
+    file: str,
+    form_text: str,
+    free: str | None,
+    fix: tuple[str, ...],
+    start: tuple[str, ...],
+    robust: Any,
+    tilt: Any,
+    direction: Any,
+    residual: str | None,
+    unit: str | None,
+    lateral_step: str | None,
+    channel: str | None,
+    format: str | None,  # noqa: A002
+    settings: tuple[str, ...],
+    as_json: bool,
+) -> int:
+    """Fit an ideal surface to FILE: parameters with uncertainties, and what is left."""
+    from pathlib import Path
+
+    from metrosep.core.errors import DataError
+    from metrosep.core.profile import Profile
+    from metrosep.core.surface import Surface
+    from metrosep.forms.catalogue import form_from_text
+    from metrosep.forms.fit import fit
+    from metrosep.io.read import read
+    from metrosep.io.write import write
+
+    ideal = form_from_text(form_text)
+    given = given_options(
+        settings, unit=unit, lateral_step=lateral_step, channel=channel, format=format
+    )
+    obj = read(file, **given)
+    if not isinstance(obj, Surface | Profile):
+        raise DataError(f"{file}: a form needs a profile or a map; this is a {type(obj).__name__}")
+    result = fit(
+        obj,
+        ideal,
+        free=_names(free) if free is not None else None,
+        fixed=_numbers(fix, "--fix", ideal),
+        start=_numbers(start, "--start", ideal),
+        robust=robust,
+        tilt=tilt,
+        direction=direction,
+    )
+    if residual is not None:
+        left = result.residual
+        assert isinstance(left, Surface | Profile)  # noqa: S101
+        write(left, residual)
+        say(f"residual -> {residual}")
+    if as_json:
+        content = {"file": Path(file).name, **result.to_dict()}
+        content.update(rms_nm=result.rms * 1e9, pv_nm=result.peak_to_valley * 1e9)
+        click.echo(json.dumps(content, sort_keys=True, allow_nan=False))
+    else:
+        click.echo(result.report())
+    return 0
+
+
+def _numbers(texts: tuple[str, ...], option: str, ideal: Any) -> dict[str, float]:
+    from metrosep.forms.catalogue import parameter_value
+    from metrosep.forms.freedoms import RIGID
+
+    units = {**RIGID, **ideal.units_of()}
+    found = {}
+    for name, text in _pairs(texts, option).items():
+        if name not in units:
+            raise click.UsageError(f"{option}: {name} is none of {', '.join(units)}")
+        found[name] = parameter_value(text, units[name], name)
+    return found
+
+
+@click.command("verify-softgauge")
+@click.argument("file")
+@click.option("--lambda-c", metavar="LENGTH", help="Cut-off, where the file names none.")
+@click.option(
+    "--kind",
+    type=click.Choice(["P", "W", "R"]),
+    default="P",
+    show_default=True,
+    help="What the profile in the file is; R: it is filtered already.",
+)
+@click.option("--edition", default="ISO 4287:1997", show_default=True)
+@click.option("--sections", type=int, help="Sampling lengths; as many as fit if omitted.")
+@click.option("--centre", is_flag=True, help="Subtract the means again.")
+@click.option("--line", type=click.Choice(["lsq", "secant"]), default="lsq", show_default=True)
+@click.option(
+    "--relative-tolerance", default=0.0, show_default=True, help="Added, share of the value."
+)
+@file_options
+@json_option
+def verify_softgauge(
+    file: str,
+    lambda_c: str | None,
+    kind: Any,
+    edition: str,
+    sections: int | None,
+    centre: bool,
+    line: str,
+    relative_tolerance: float,
+    unit: str | None,
+    lateral_step: str | None,
+    channel: str | None,
+    format: str | None,  # noqa: A002
+    settings: tuple[str, ...],
+    as_json: bool,
+) -> int:
+    """Compare our parameters with those that a software gauge FILE (ISO 5436-2 .smd) expects.
+
+    The exit code is 0 when all agree, 1 when one does not, 3 when some could not be compared.
+    """
+    from pathlib import Path
+
+    from metrosep.core.errors import DataError
+    from metrosep.core.profile import Profile
+    from metrosep.io.read import read
+    from metrosep.parameters.softgauge import verify_softgauge as compare
+
+    given = given_options(
+        settings, unit=unit, lateral_step=lateral_step, channel=channel, format=format
+    )
+    profile = read(file, **given)
+    if not isinstance(profile, Profile):
+        raise DataError(f"{file}: a software gauge is a profile, this is {type(profile).__name__}")
+    rows = compare(
+        profile,
+        lambda_c=_length(lambda_c, "lambda_c"),
+        kind=kind,
+        edition=edition,
+        sections=sections,
+        centre=centre,
+        line=line,
+        relative_tolerance=relative_tolerance,
+    )
+    if as_json:
+        content = {"file": Path(file).name, "rows": [r.to_dict() for r in rows]}
+        click.echo(json.dumps(content, sort_keys=True, allow_nan=False))
+    else:
+        for row in rows:
+            click.echo(_gauge_line(row))
+    if any(r.agrees is False for r in rows):
+        return 1
+    return 3 if any(r.agrees is None for r in rows) else 0
+
+
+def _gauge_line(row: Any) -> str:
+    from metrosep.core.units import format_engineering
+
+    head = f"{row.expected.symbol:<6} expected {row.expected.printed:<16}"
+    if row.agrees is None:
+        return f"{head} not compared: {row.reason}"
+    computed = format_engineering(row.computed, row.unit, digits=7)
+    off = format_engineering(row.deviation, row.unit, digits=3)
+    allowed = format_engineering(row.tolerance, row.unit, digits=3)
+    word = "agrees" if row.agrees else "DIFFERS"
+    return f"{head} computed {computed:<14} off by {off} (allowed {allowed})  {word}"

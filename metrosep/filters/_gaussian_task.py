@@ -1,0 +1,151 @@
+"""Private: what the Gaussian filter is asked to do, checked and in samples."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
+from metrosep.core.profile import Profile
+from metrosep.core.surface import Surface
+from metrosep.core.units import format_length
+from metrosep.filters import _arguments as arguments
+from metrosep.filters._kernel import standard_deviation
+
+FloatArray = NDArray[np.float64]
+End = Literal["moment", "renormalise", "closed", "cut"]
+
+ENDS = ("moment", "renormalise", "closed", "cut")
+
+_ON_LIMIT = 1e-9
+"""A wavelength this close to a limit, relative, lies on it: decimals are not exact in binary."""
+
+
+@dataclass(frozen=True, slots=True)
+class GaussianTask:
+    """Steps and cut-offs per axis in the order of the array, and the part that was measured.
+
+    `inside` is the smallest box around the valid samples (everything for a closed profile).
+    """
+
+    inside: tuple[slice, ...]
+    steps: tuple[float, ...]
+    cutoffs: tuple[float, ...]
+
+    @property
+    def sds(self) -> tuple[float, ...]:
+        """Standard deviations in samples."""
+        return tuple(
+            standard_deviation(c, s) for c, s in zip(self.cutoffs, self.steps, strict=True)
+        )
+
+    @property
+    def named(self) -> dict[str, Any]:
+        """The cut-offs under the names that people use."""
+        if len(self.cutoffs) == 1:
+            return {"cutoff_m": self.cutoffs[0]}
+        return {"nesting_index_x_m": self.cutoffs[1], "nesting_index_y_m": self.cutoffs[0]}
+
+    def cut(self) -> tuple[slice, ...]:
+        """Return `inside` without one cut-off at each end."""
+        kept = []
+        for part, step, cutoff in zip(self.inside, self.steps, self.cutoffs, strict=True):
+            n_lost = math.ceil(cutoff / step * (1.0 - _ON_LIMIT))
+            n_left = part.stop - part.start - 2 * n_lost
+            if n_left < 2:
+                raise TooFewSamplesError(
+                    f'end="cut" takes one cut-off {format_length(cutoff)} off each end of '
+                    f"{format_length((part.stop - part.start) * step)} and leaves "
+                    f'{max(n_left, 0)} samples: measure longer, or use end="moment"'
+                )
+            kept.append(slice(part.start + n_lost, part.stop - n_lost))
+        return tuple(kept)
+
+
+def gaussian_task(
+    obj: Profile | Surface,
+    *,
+    cutoff: float | None,
+    nesting_index: float | tuple[float, float] | None,
+    upr: float | None,
+    end: str,
+) -> GaussianTask:
+    """Return the task of one object, or say what is wrong with it."""
+    if end not in ENDS:
+        raise DataError(f"end must be one of {', '.join(ENDS)}, got {end!r}")
+    if isinstance(obj, Profile):
+        if upr is not None:
+            cutoff = _cutoff_of_upr(obj, upr, cutoff, end)
+        # closed=True: a length of n steps and the whole array; the box is taken here
+        task = arguments.profile_task(
+            obj,
+            cutoff=cutoff,
+            nesting_index=nesting_index,
+            what="a Gaussian filter",
+            minimum=1 if end == "closed" else 2,
+            closed=True,
+        )
+    else:
+        if upr is not None or end == "closed":
+            raise DataError(
+                'upr= and end="closed" are for closed profiles; a surface has ends, use "moment"'
+            )
+        task = arguments.surface_task(
+            obj,
+            cutoff=cutoff,
+            nesting_index=nesting_index,
+            what="an areal Gaussian filter",
+            minimum=3,
+            closed=True,
+        )
+    inside = task.inside if end == "closed" else measured_box(obj.z)
+    for part, step, wavelength in zip(inside, task.steps, task.wavelengths, strict=True):
+        _check_cutoff(wavelength, step, (part.stop - part.start) * step)
+    return GaussianTask(inside, task.steps, task.wavelengths)
+
+
+def measured_box(z: FloatArray) -> tuple[slice, ...]:
+    """Return the smallest box around the valid samples; there is at least one."""
+    valid = ~np.isnan(z)
+    box = []
+    for axis in range(z.ndim):
+        index = np.flatnonzero(valid.any(axis=1 - axis) if z.ndim == 2 else valid)
+        box.append(slice(int(index[0]), int(index[-1]) + 1))
+    return tuple(box)
+
+
+def _check_cutoff(wavelength: float, step: float, length: float) -> None:
+    if wavelength <= 2.0 * step * (1.0 + _ON_LIMIT):
+        raise DataError(
+            f"the cut-off {format_length(wavelength)} does not exceed the sampling limit of two "
+            f"steps, {format_length(2.0 * step)}: shorter waves are not in the data; is it in m?"
+        )
+    if wavelength > length * (1.0 + _ON_LIMIT):
+        raise DataError(
+            f"the cut-off {format_length(wavelength)} is longer than what was measured, "
+            f"{format_length(length)}: remove a form instead, or measure a longer piece"
+        )
+
+
+def _cutoff_of_upr(profile: Profile, upr: float, cutoff: float | None, end: str) -> float:
+    """Return the wavelength of a cut-off in undulations per revolution."""
+    if end != "closed":
+        raise DataError('upr= counts undulations of a closed profile: say end="closed"')
+    if cutoff is not None:
+        raise DataError("give cutoff= or upr=, not both")
+    number = float(upr)
+    if not (math.isfinite(number) and number >= 1.0):
+        raise DataError(f"upr must be finite and at least 1 undulation per revolution, got {upr}")
+    if len(profile) < 2:
+        raise TooFewSamplesError("a closed profile needs at least 2 samples, got 1")
+    span = float(profile.x[-1] - profile.x[0])
+    if abs(span - 2.0 * math.pi) < 0.1 * profile.dx:
+        raise InvalidSamplesError(
+            "x spans one whole turn of 2 pi including both ends, so the last sample repeats the "
+            "first; a closed profile has the period n dx: drop the last sample"
+        )
+    return profile.dx * len(profile) / number

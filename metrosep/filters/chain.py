@@ -1,0 +1,272 @@
+"""The filter chain of profiles: primary, roughness and waviness profile (ISO 21920-2, 4287).
+
+The lambda-s filter takes noise and tip effects off the measured profile: primary profile P. The
+lambda-c filter splits P: what is shorter is roughness R, what is longer waviness W, from which
+lambda-f takes the long form. All are Gaussian mean lines. A profile carries its kind, so that
+no link of the chain is applied twice without `refilter`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from metrosep.core.errors import DataError, TooFewSamplesError
+from metrosep.core.profile import Profile
+from metrosep.core.provenance import Step
+from metrosep.core.units import format_length
+from metrosep.filters._gaussian_task import End
+from metrosep.filters.gaussian import gaussian
+from metrosep.filters.kind import DoubleFilterError, ProfileKind, profile_kind
+
+__all__ = ["primary", "roughness", "waviness"]
+
+_ALREADY = {
+    "P": "a primary profile: it has passed lambda-s already",
+    "R": "a roughness profile: it has passed lambda-c already, filtering again makes it too small",
+    "W": "a waviness profile: it has passed lambda-c already and holds no roughness",
+}
+
+
+def primary(
+    profile: Profile, *, lambda_s: float, end: End = "moment", refilter: bool = False
+) -> Profile:
+    """Return the primary profile: what is longer than lambda-s.
+
+    Parameters
+    ----------
+    profile : Profile
+        As measured, form removed; NaN = not measured.
+    lambda_s : float, m
+        Cut-off against noise and tip effects, 2.5e-6 for lambda-c = 0.8e-3.
+    end : {"moment", "renormalise", "closed", "cut"}, optional
+        End rule of the Gaussian filter.
+    refilter : bool, optional
+        Filter a profile that is P, R or W already.
+
+    Returns
+    -------
+    Profile
+        Kind P, ``metadata["lambda_s_m"]`` set.
+
+    Raises
+    ------
+    DoubleFilterError
+        If the profile is of kind P, R or W.
+    DataError
+        If the cut-off lies outside the limits of `gaussian` or the options are unknown.
+    InvalidSamplesError
+        If the cut-off is not positive and finite.
+    NotUniformError
+        If the positions are not uniform.
+    TooFewSamplesError
+        If too little was measured.
+
+    Notes
+    -----
+    A profile that its file calls P has passed lambda-s in the instrument.
+
+    References
+    ----------
+    .. [1] ISO 21920-2:2021, clause 3.1 (primary profile); ISO 4287:1997, 3.1.5.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> p = primary(Profile(np.arange(500) * 0.5e-6, np.zeros(500)), lambda_s=2.5e-6)
+    >>> p.metadata["profile_kind"], p.metadata["lambda_s_m"]
+    ('P', 2.5e-06)
+    """
+    _refuse(profile, ("P", "R", "W"), refilter)
+    result = gaussian(profile, cutoff=lambda_s, end=end, refilter=refilter)
+    return _declare(result, "P", "primary", {"lambda_s_m": float(lambda_s)})
+
+
+def roughness(
+    profile: Profile,
+    *,
+    lambda_c: float,
+    lambda_s: float | None = None,
+    end: End = "moment",
+    sections: int | None = None,
+    refilter: bool = False,
+) -> Profile:
+    """Return the roughness profile: what is shorter than lambda-c, and longer than lambda-s.
+
+    Parameters
+    ----------
+    profile : Profile
+        Form removed; a primary profile, or as measured.
+    lambda_c : float, m
+        Cut-off between roughness and waviness.
+    lambda_s : float, m, optional
+        Applied first when given; a primary profile has passed it already.
+    end : {"moment", "renormalise", "closed", "cut"}, optional
+        End rule of the Gaussian filter; ``"cut"`` discards one cut-off at each end, as
+        instruments do with run-in and run-out.
+    sections : int, optional
+        Keep this many section lengths of lambda-c in the middle, each of ``floor(lambda_c / dx)``
+        samples; without it everything is kept.
+    refilter : bool, optional
+        Filter a profile that was filtered already.
+
+    Returns
+    -------
+    Profile
+        Kind R, ``metadata["lambda_c_m"]`` and, when given, ``["lambda_s_m"]`` set.
+
+    Raises
+    ------
+    DoubleFilterError
+        If the profile is of kind R or W, or of kind P with `lambda_s` given.
+    DataError
+        If a cut-off lies outside the limits of `gaussian`, ``lambda_s >= lambda_c``, or
+        ``sections < 1``.
+    InvalidSamplesError
+        If a cut-off is not positive and finite.
+    NotUniformError
+        If the positions are not uniform.
+    TooFewSamplesError
+        If too little was measured, or less than the sections remains.
+
+    References
+    ----------
+    .. [1] ISO 21920-2:2021, clause 3.1; ISO 4287:1997, 3.1.6.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> x = np.arange(8000) * 0.5e-6
+    >>> r = roughness(Profile(x, 1e-6 * np.sin(2 * np.pi * x / 50e-6)), lambda_c=0.8e-3, sections=5)
+    >>> len(r), r.metadata["profile_kind"]
+    (8000, 'R')
+    """
+    _refuse(profile, ("R", "W") if lambda_s is None else ("P", "R", "W"), refilter)
+    _in_order(lambda_s, "lambda_s", lambda_c, "lambda_c")
+    facts: dict[str, Any] = {"lambda_c_m": float(lambda_c)}
+    result = profile
+    if lambda_s is not None:
+        facts["lambda_s_m"] = float(lambda_s)
+        result = gaussian(result, cutoff=lambda_s, end=end, refilter=refilter)
+    result = gaussian(result, cutoff=lambda_c, band="short", end=end, refilter=refilter)
+    if sections is not None:
+        result = _middle(result, sections, lambda_c)
+    return _declare(result, "R", "roughness", facts)
+
+
+def waviness(
+    profile: Profile,
+    *,
+    lambda_c: float,
+    lambda_f: float | None = None,
+    lambda_s: float | None = None,
+    end: End = "moment",
+    refilter: bool = False,
+) -> Profile:
+    """Return the waviness profile: what is longer than lambda-c, and shorter than lambda-f.
+
+    Parameters
+    ----------
+    profile : Profile
+        Form removed; a primary profile, or as measured.
+    lambda_c : float, m
+        Cut-off between roughness and waviness.
+    lambda_f : float, m, optional
+        Cut-off between waviness and form; without it only the nominal form is out.
+    lambda_s : float, m, optional
+        Applied first when given. It hardly matters to the waviness.
+    end : {"moment", "renormalise", "closed", "cut"}, optional
+        End rule of the Gaussian filter.
+    refilter : bool, optional
+        Filter a profile that was filtered already.
+
+    Returns
+    -------
+    Profile
+        Kind W, ``metadata["lambda_c_m"]`` and, when given, ``["lambda_f_m"]`` and
+        ``["lambda_s_m"]`` set.
+
+    Raises
+    ------
+    DoubleFilterError
+        If the profile is of kind R or W, or of kind P with `lambda_s` given.
+    DataError
+        If a cut-off lies outside the limits of `gaussian` or they are not in order.
+    InvalidSamplesError
+        If a cut-off is not positive and finite.
+    NotUniformError
+        If the positions are not uniform.
+    TooFewSamplesError
+        If too little was measured.
+
+    References
+    ----------
+    .. [1] ISO 21920-2:2021, clause 3.1; ISO 4287:1997, 3.1.7.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> w = waviness(Profile(np.arange(999) * 1e-5, np.zeros(999)), lambda_c=0.8e-3)
+    >>> w.metadata["profile_kind"], w.metadata["lambda_c_m"]
+    ('W', 0.0008)
+    """
+    _refuse(profile, ("R", "W") if lambda_s is None else ("P", "R", "W"), refilter)
+    _in_order(lambda_s, "lambda_s", lambda_c, "lambda_c")
+    _in_order(lambda_c, "lambda_c", lambda_f, "lambda_f")
+    facts: dict[str, Any] = {"lambda_c_m": float(lambda_c)}
+    result = profile
+    if lambda_s is not None:
+        facts["lambda_s_m"] = float(lambda_s)
+        result = gaussian(result, cutoff=lambda_s, end=end, refilter=refilter)
+    result = gaussian(result, cutoff=lambda_c, end=end, refilter=refilter)
+    if lambda_f is not None:
+        facts["lambda_f_m"] = float(lambda_f)
+        result = gaussian(result, cutoff=lambda_f, band="short", end=end, refilter=refilter)
+    return _declare(result, "W", "waviness", facts)
+
+
+def _refuse(profile: Profile, kinds: tuple[ProfileKind, ...], refilter: bool) -> None:
+    kind = profile_kind(profile)
+    if kind in kinds and not refilter:
+        raise DoubleFilterError(
+            f"the profile is {_ALREADY[kind]}; start from the profile before that filter, or say "
+            "refilter=True"
+        )
+
+
+def _in_order(short: float | None, short_name: str, long: float | None, long_name: str) -> None:
+    if short is not None and long is not None and not short < long:
+        raise DataError(
+            f"{short_name} {format_length(short)} must be shorter than {long_name} "
+            f"{format_length(long)}"
+        )
+
+
+def _middle(profile: Profile, sections: int, length: float) -> Profile:
+    """Return whole sections from the middle of a profile."""
+    if sections < 1:
+        raise DataError(f"sections must be at least 1, got {sections}")
+    n = sections * int(length / profile.dx * (1.0 + 1e-9))
+    if n > len(profile):
+        raise TooFewSamplesError(
+            f"{sections} sections of {format_length(length)} need {n} samples, {len(profile)} are "
+            "left: measure longer, or ask for fewer sections"
+        )
+    first = (len(profile) - n) // 2
+    part = slice(first, first + n)
+    step = Step("sections", {"sections": sections, "section_length_m": float(length)})
+    return Profile(
+        profile.x[part],
+        profile.z[part],
+        metadata=profile.metadata,
+        history=(*profile.history, step),
+    )
+
+
+def _declare(profile: Profile, kind: ProfileKind, name: str, facts: dict[str, Any]) -> Profile:
+    """Return the profile with its kind and cut-offs said."""
+    return Profile(
+        profile.x,
+        profile.z,
+        metadata={**profile.metadata, "profile_kind": kind, **facts},
+        history=(*profile.history, Step(name, facts)),
+    )

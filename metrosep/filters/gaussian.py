@@ -1,0 +1,356 @@
+"""Linear Gaussian filters of profiles (ISO 16610-21), surfaces (-61) and closed profiles.
+
+Weighting function ``s(x) = exp(-pi (x / (a Lc))^2) / (a Lc)``, ``a = sqrt(ln 2 / pi) = 0.4697``:
+a wave of length L keeps ``2^-(Lc / L)^2`` of its amplitude in the mean line, half of it at the
+cut-off; a crossed wave of a surface keeps ``2^-(Lc^2 (1 / Lx^2 + 1 / Ly^2))``.
+
+At ends and beside samples that were not measured the weighting function is incomplete. The
+moment criterion of ISO 16610-28 (order 1: a local straight line or plane) keeps tilts there, the
+renormalised weights (order 0) only constants: they bend a trend by 0.148 slope Lc at the end.
+"""
+
+from __future__ import annotations
+
+from typing import Any, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.core.errors import DataError, TooFewSamplesError
+from metrosep.core.profile import Profile
+from metrosep.core.provenance import Step
+from metrosep.core.surface import Surface
+from metrosep.filters import _areal as areal, _arguments as arguments, _convolve as convolve
+from metrosep.filters._arguments import FilterBand
+from metrosep.filters._gaussian_task import End, GaussianTask, gaussian_task
+from metrosep.filters.kind import filtered_profile, profile_kind
+from metrosep.spectral.band import Band
+
+__all__ = ["gaussian", "gaussian_support"]
+
+FloatArray = NDArray[np.float64]
+
+
+@overload
+def gaussian(
+    obj: Profile,
+    *,
+    cutoff: float | None = None,
+    nesting_index: None = None,
+    upr: float | None = None,
+    band: FilterBand | Band = "long",
+    end: End = "moment",
+    min_support: float = 0.1,
+    fill: bool = False,
+    refilter: bool = False,
+) -> Profile: ...
+@overload
+def gaussian(
+    obj: Surface,
+    *,
+    cutoff: None = None,
+    nesting_index: float | tuple[float, float] | None = None,
+    upr: None = None,
+    band: FilterBand | Band = "long",
+    end: End = "moment",
+    min_support: float = 0.1,
+    fill: bool = False,
+    refilter: bool = False,
+) -> Surface: ...
+def gaussian(
+    obj: Profile | Surface,
+    *,
+    cutoff: float | None = None,
+    nesting_index: float | tuple[float, float] | None = None,
+    upr: float | None = None,
+    band: FilterBand | Band = "long",
+    end: End = "moment",
+    min_support: float = 0.1,
+    fill: bool = False,
+    refilter: bool = False,
+) -> Profile | Surface:
+    """Return the Gaussian mean line or surface, what it leaves, or a band of wavelengths.
+
+    Parameters
+    ----------
+    obj : Profile or Surface
+        Uniform; NaN = not measured.
+    cutoff : float, m
+        Cut-off wavelength of a profile: more than two steps, at most its length ``n dx``.
+    nesting_index : float or tuple of (float, float), m
+        Cut-off of a surface, one for both axes or ``(x, y)``.
+    upr : float, undulations per revolution, >= 1
+        Cut-off of a closed profile instead of `cutoff`; 15, 50, 150 are usual.
+    band : {"long", "short"} or Band, optional
+        The mean line; z minus the mean line; or an S-filter at ``band.shortest`` followed by
+        an L-filter at ``band.longest`` (then no cut-off is given; an open side is not filtered).
+    end : {"moment", "renormalise", "closed", "cut"}, optional
+        Local line or plane (order 1); weights brought to sum 1 (order 0); a closed profile of
+        period ``n dx``; or order 1 with one cut-off discarded at each end.
+    min_support : float, 0 to 1, optional
+        Share of the weighting function that must lie on measured samples; below it the result
+        is NaN.
+    fill : bool, optional
+        Also give the mean line in gaps, inside the range that was measured.
+    refilter : bool, optional
+        Filter a profile that is a roughness profile already.
+
+    Returns
+    -------
+    Profile or Surface
+        Same grid (less the ends that were cut); NaN where not measured, unless `fill`, or where
+        support is low. The short band of a profile is of kind R; the long band keeps its kind.
+
+    Raises
+    ------
+    DataError
+        If the cut-off has the wrong name for the object or lies outside its limits, options
+        contradict each other, the surface has no lateral step, or the band is open on both sides.
+    DoubleFilterError
+        If the profile is a roughness profile and `refilter` is false.
+    InvalidSamplesError
+        If the cut-off is not positive and finite, or a closed profile repeats its first sample.
+    NotUniformError
+        If the positions of the profile are not uniform.
+    TooFewSamplesError
+        If nothing was measured, too little for a line or plane, cutting the ends leaves nothing,
+        or no sample reaches `min_support`.
+
+    Notes
+    -----
+    The window reaches 1.3 cut-offs, so that 3e-12 of the weight is missing. Rows and columns at
+    the rim without any valid sample are ignored, also by `fill`. Inside gaps the extrapolated
+    line is better than the mean down to a support of about 0.1, hence the default. A closed
+    profile with gaps is renormalised. Cost: O(n log n) for profiles, O(n) for surfaces.
+
+    References
+    ----------
+    .. [1] ISO 16610-21:2011, 4.1-4.2 and closed profiles.
+    .. [2] ISO 16610-28:2016, end effects, moment criterion.
+    .. [3] ISO 16610-61:2015, linear areal filters: Gaussian.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> x = np.arange(2001) * 0.5e-6
+    >>> wave = Profile(x, 1e-6 * np.cos(2 * np.pi * x / 80e-6))
+    >>> mean_line = gaussian(wave, cutoff=80e-6)
+    >>> round(float(mean_line.z[960] / wave.z[960]), 6)
+    0.5
+    """
+    if isinstance(band, Band):
+        if cutoff is not None or nesting_index is not None or upr is not None:
+            raise DataError(
+                "a Band holds the cut-offs itself: leave out cutoff, nesting_index, upr"
+            )
+        return _band(obj, band, end, min_support, fill, refilter)
+    return _filtered(
+        obj,
+        cutoff=cutoff,
+        nesting_index=nesting_index,
+        upr=upr,
+        band=band,
+        end=end,
+        min_support=min_support,
+        fill=fill,
+        refilter=refilter,
+    )
+
+
+@overload
+def gaussian_support(
+    obj: Profile,
+    *,
+    cutoff: float | None = None,
+    nesting_index: None = None,
+    upr: float | None = None,
+    end: End = "moment",
+) -> Profile: ...
+@overload
+def gaussian_support(
+    obj: Surface,
+    *,
+    cutoff: None = None,
+    nesting_index: float | tuple[float, float] | None = None,
+    upr: None = None,
+    end: End = "moment",
+) -> Surface: ...
+def gaussian_support(
+    obj: Profile | Surface,
+    *,
+    cutoff: float | None = None,
+    nesting_index: float | tuple[float, float] | None = None,
+    upr: float | None = None,
+    end: End = "moment",
+) -> Profile | Surface:
+    """Return the share of the weighting function that lies on measured samples, 0 to 1.
+
+    Parameters
+    ----------
+    obj : Profile or Surface
+        Uniform; NaN = not measured.
+    cutoff : float, m
+        Cut-off of a profile.
+    nesting_index : float or tuple of (float, float), m
+        Cut-off of a surface, one for both axes or ``(x, y)``.
+    upr : float, undulations per revolution, >= 1
+        Cut-off of a closed profile instead of `cutoff`.
+    end : {"moment", "renormalise", "closed", "cut"}, optional
+        As for the filter; beyond open ends nothing was measured.
+
+    Returns
+    -------
+    Profile or Surface
+        Its z is the share, dimensionless, without NaN; ``metadata["quantity"]`` is ``"support"``.
+
+    Raises
+    ------
+    DataError
+        If the cut-off has the wrong name for the object or lies outside its limits, options
+        contradict each other, or the surface has no lateral step.
+    InvalidSamplesError
+        If the cut-off is not positive and finite, or a closed profile repeats its first sample.
+    NotUniformError
+        If the positions of the profile are not uniform.
+    TooFewSamplesError
+        If nothing was measured, or cutting the ends leaves nothing.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> flat = Profile(np.arange(101) * 1e-6, np.zeros(101))
+    >>> gaussian_support(flat, cutoff=20e-6).z[[0, 50]].round(3).tolist()
+    [0.553, 1.0]
+    """
+    task = gaussian_task(obj, cutoff=cutoff, nesting_index=nesting_index, upr=upr, end=end)
+    kept = task.cut() if end == "cut" else tuple(slice(0, n) for n in obj.z.shape)
+    if end == "closed":
+        share = convolve.closed_support(obj.z, obj.z.size * task.steps[0] / task.cutoffs[0])
+    elif isinstance(obj, Profile):
+        share = convolve.profile_support(obj.z, task.sds[0])
+    else:
+        share = areal.areal_support(obj.z, (task.sds[0], task.sds[1]))
+    step = Step("gaussian_support", {**task.named, "end": end})
+    history = (*obj.history, step)
+    metadata = {"quantity": "support"}
+    share = share[kept]
+    if isinstance(obj, Profile):
+        return Profile(obj.x[kept], share, metadata=metadata, history=history)
+    return Surface(
+        share, obj.dx, obj.dy, origin=_origin(obj, kept), metadata=metadata, history=history
+    )
+
+
+def _filtered(
+    obj: Profile | Surface,
+    *,
+    cutoff: float | None = None,
+    nesting_index: float | tuple[float, float] | None = None,
+    upr: float | None = None,
+    band: FilterBand,
+    end: End,
+    min_support: float,
+    fill: bool,
+    refilter: bool,
+) -> Profile | Surface:
+    """Return the long or the short side of one filter."""
+    arguments.check_band(band)
+    _check_support(min_support)
+    if isinstance(obj, Profile):
+        arguments.check_single_filtering(obj, refilter)
+    task = gaussian_task(obj, cutoff=cutoff, nesting_index=nesting_index, upr=upr, end=end)
+    kept = task.cut() if end == "cut" else tuple(slice(0, n) for n in obj.z.shape)
+    low = _mean(obj.z, task, end, min_support, fill)
+    if end == "cut":
+        low = low[kept].copy()
+    if np.isnan(low).all():
+        raise TooFewSamplesError(
+            f"no sample has {min_support:g} of the weighting function on measured samples: "
+            "lower min_support, or use a shorter cut-off"
+        )
+    if band == "short":
+        np.subtract(obj.z[kept], low, out=low)
+    low.setflags(write=False)  # so that the object takes it without a copy
+    step = Step(
+        "gaussian",
+        {**task.named, "band": band, "end": end, "min_support": min_support, "fill": fill},
+    )
+    return _like(obj, low, kept, step, short=band == "short")
+
+
+def _band(
+    obj: Profile | Surface, band: Band, end: End, min_support: float, fill: bool, refilter: bool
+) -> Profile | Surface:
+    """Return the object after its S-filter and its L-filter."""
+    if band.shortest is None and band.longest is None:
+        raise DataError("the band is open on both sides: nothing is to be filtered")
+    name = "cutoff" if isinstance(obj, Profile) else "nesting_index"
+    options: dict[str, Any] = {
+        "end": end,
+        "min_support": min_support,
+        "fill": fill,
+        "refilter": refilter,
+    }
+    if band.shortest is not None:
+        options[name] = band.shortest
+        obj = _filtered(obj, band="long", **options)
+    if band.longest is not None:
+        options[name] = band.longest
+        obj = _filtered(obj, band="short", **options)
+    return obj
+
+
+def _check_support(min_support: float) -> None:
+    if not 0.0 < min_support <= 1.0:
+        raise DataError(f"min_support must lie in 0 < min_support <= 1, got {min_support}")
+
+
+def _mean(
+    z: FloatArray, task: GaussianTask, end: End, min_support: float, fill: bool
+) -> FloatArray:
+    """Return the mean line or surface on the whole grid, NaN outside what was measured."""
+    if end == "closed":
+        harmonic = z.size * task.steps[0] / task.cutoffs[0]
+        return convolve.closed_gaussian(z, harmonic, min_support=min_support, fill=fill)
+    part = z[task.inside]
+    order = 0 if end == "renormalise" else 1
+    if z.ndim == 1:
+        low = convolve.profile_gaussian(
+            part, task.sds[0], order=order, min_support=min_support, fill=fill
+        )
+    else:
+        low = areal.areal_gaussian(
+            part, (task.sds[0], task.sds[1]), order=order, min_support=min_support, fill=fill
+        )
+    if part.shape == z.shape:
+        return low
+    whole = np.full(z.shape, np.nan)
+    whole[task.inside] = low
+    return whole
+
+
+def _origin(surface: Surface, kept: tuple[slice, ...]) -> tuple[float, float]:
+    """Return the position of the first pixel that is kept."""
+    return (
+        surface.origin[0] + kept[1].start * (surface.dx or 0.0),
+        surface.origin[1] + kept[0].start * (surface.dy or 0.0),
+    )
+
+
+def _like(
+    obj: Profile | Surface, z: FloatArray, kept: tuple[slice, ...], step: Step, *, short: bool
+) -> Profile | Surface:
+    """Return the kind of object that came in, with its history and one step more."""
+    if isinstance(obj, Profile):
+        before = profile_kind(obj)
+        # what lies below a wave of a waviness profile is waviness still
+        kind = "R" if short and before != "W" else before
+        return filtered_profile(obj, z, step=step, kind=kind, x=obj.x[kept])
+    return Surface(
+        z,
+        obj.dx,
+        obj.dy,
+        origin=_origin(obj, kept),
+        metadata=obj.metadata,
+        history=(*obj.history, step),
+    )

@@ -1,0 +1,251 @@
+"""Forms by name and text, as a command line or a recipe writes them.
+
+``"plane"``, ``"conic: R=50 mm, k=-1.2"``, ``"polynomial: degree=5"``, ``"zernike: terms=36, order=fringe"``,
+``"expression: a*x**2 + b; a=1 SI, b"``. A parameter without a value, or left out, is found by the fit.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from metrosep.core.errors import DataError, UnitError
+from metrosep.core.units import parse_quantity
+from metrosep.forms.base import Form
+
+__all__ = ["form_from_text", "form_names", "parameter_value"]
+
+_SI = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*SI\s*$")
+_DIMENSIONS = {"m": "length", "rad": "angle"}
+
+
+def form_names() -> tuple[str, ...]:
+    """Return the names that `form_from_text` knows.
+
+    Returns
+    -------
+    tuple of str
+        In alphabetical order.
+    """
+    return tuple(sorted(_BUILDERS))
+
+
+def form_from_text(text: str) -> Form:
+    """Return the form that a text describes.
+
+    Parameters
+    ----------
+    text : str
+        Name, and after a colon ``key=value`` pairs separated by commas. Lengths and angles carry
+        units; a value in another unit is given as ``1.5e3 SI``.
+
+    Returns
+    -------
+    Form
+        With None for each parameter that was not given.
+
+    Raises
+    ------
+    DataError
+        If the name or a key is not known, or a value does not fit.
+
+    Examples
+    --------
+    >>> form_from_text("conic: R=50 mm, k=-1.2")
+    Conic(R=0.05, k=-1.2)
+    """
+    name, _, rest = text.partition(":")
+    key = name.strip().lower().replace("-", "_").replace(" ", "_")
+    if key not in _BUILDERS:
+        raise DataError(f"there is no form {name.strip()!r}; there are: {', '.join(form_names())}")
+    if key == "expression":
+        return _expression(rest)
+    return _BUILDERS[key](_pairs(rest, text))
+
+
+def parameter_value(text: str, unit: str, name: str) -> float:
+    """Return the value of a parameter in SI.
+
+    Parameters
+    ----------
+    text : str
+        Such as ``"50 mm"``, ``"-1.2"`` or ``"1.5e3 SI"``.
+    unit : str
+        SI unit of the parameter.
+    name : str
+        For the message.
+
+    Returns
+    -------
+    float
+        Value.
+
+    Raises
+    ------
+    DataError
+        If it is no number with a fitting unit.
+    """
+    match = _SI.match(text)
+    if match is not None:
+        return float(match[1])
+    if unit in _DIMENSIONS:
+        return parse_quantity(text.strip(), dimension=_DIMENSIONS[unit], name=name)
+    try:
+        if unit in ("1", ""):
+            return float(text)
+    except ValueError:
+        raise UnitError(f"{name} is {text!r}; a pure number is needed") from None
+    raise UnitError(
+        f"{name} is in {unit or 'SI'}: write {text.split(maxsplit=1)[0]} SI if it is that"
+    )
+
+
+def _pairs(rest: str, text: str) -> dict[str, str]:
+    pairs: dict[str, str] = {}
+    for part in filter(None, (p.strip() for p in rest.split(","))):
+        key, mark, value = part.partition("=")
+        if not mark or not key.strip() or not value.strip():
+            raise DataError(f"{text!r}: expected key=value between the commas, found {part!r}")
+        if key.strip() in pairs:
+            raise DataError(f"{text!r}: {key.strip()} stands twice")
+        pairs[key.strip()] = value.strip()
+    return pairs
+
+
+def _take(pairs: dict[str, str], units: Mapping[str, str], form: str) -> dict[str, float]:
+    """Return the values of known keys; refuse others."""
+    unknown = sorted(set(pairs) - set(units))
+    if unknown:
+        raise DataError(
+            f"{form} has no {', '.join(unknown)}; it has: {', '.join(units) or 'no parameters'}"
+        )
+    return {k: parameter_value(v, units[k], f"{k} of {form}") for k, v in pairs.items()}
+
+
+def _simple(module: str, cls: str) -> Callable[[dict[str, str]], Form]:
+    def build(pairs: dict[str, str]) -> Form:
+        import importlib
+
+        form = getattr(importlib.import_module(f"metrosep.forms.{module}"), cls)
+        units = form().units
+        made: Form = form(**_take(pairs, units, form.name))
+        return made
+
+    return build
+
+
+def _asphere(pairs: dict[str, str]) -> Form:
+    from metrosep.forms.asphere import Asphere
+
+    norm = pairs.pop("norm_radius", None)
+    terms = {k: pairs.pop(k) for k in list(pairs) if re.fullmatch(r"a\d+", k)}
+    free = [int(n.lstrip("a")) for n in pairs.pop("terms", "").split()]
+    unit = "SI" if norm is None else "m"
+    values: dict[int, float | None] = dict.fromkeys(free)
+    values |= {int(k[1:]): parameter_value(v, unit, k) for k, v in terms.items()}
+    head = _take(pairs, {"R": "m", "k": "1"}, "asphere")
+    return Asphere(
+        R=head.get("R"),
+        k=head.get("k", 0.0),
+        coefficients=values,
+        norm_radius=None if norm is None else parameter_value(norm, "m", "norm_radius"),
+    )
+
+
+def _toric(pairs: dict[str, str]) -> Form:
+    return _simple("toric", "Toric")(pairs)
+
+
+def _sine_grid(pairs: dict[str, str]) -> Form:
+    from metrosep.forms.sine_grid import SineGrid
+
+    units = {
+        "amplitude": "m",
+        "wavelength": "m",
+        "amplitude_y": "m",
+        "wavelength_y": "m",
+        "phase_x": "rad",
+        "phase_y": "rad",
+    }
+    return SineGrid(**_take(pairs, units, "sine grid"))
+
+
+def _options(pairs: dict[str, str], form: str, **known: Callable[[str], Any]) -> dict[str, Any]:
+    unknown = sorted(set(pairs) - set(known))
+    if unknown:
+        raise DataError(f"{form} has no {', '.join(unknown)}; it has: {', '.join(known)}")
+    found = {}
+    for key, value in pairs.items():
+        try:
+            found[key] = known[key](value)
+        except ValueError:
+            raise DataError(f"{form}: {key} is {value!r}, which it cannot be") from None
+    return found
+
+
+def _polynomial(pairs: dict[str, str]) -> Form:
+    from metrosep.forms.polynomial import Polynomial
+
+    given = _options(pairs, "polynomial", degree=int, kind=str, basis=str)
+    if "degree" not in given:
+        raise DataError("a polynomial needs its degree: polynomial: degree=5")
+    return Polynomial(given.pop("degree"), **given)
+
+
+def _zernike(pairs: dict[str, str]) -> Form:
+    from metrosep.forms.zernike import Zernike
+
+    given = _options(
+        pairs,
+        "zernike",
+        terms=int,
+        order=str,
+        normalisation=str,
+        radius=lambda v: parameter_value(v, "m", "radius"),
+    )
+    return Zernike(**{"terms": 36, **given})
+
+
+def _qforbes(pairs: dict[str, str]) -> Form:
+    from metrosep.forms.qforbes import QForbes
+
+    radius = pairs.pop("radius", None)
+    n = int(pairs.pop("terms", "5"))
+    kind = pairs.pop("kind", "bfs")
+    head = _take(pairs, {"R": "m", "k": "1"}, "qforbes")
+    if radius is None:
+        raise DataError("a Q form needs the radius of its aperture: qforbes: radius=10 mm, ...")
+    norm = parameter_value(radius, "m", "radius")
+    return QForbes(**head, kind=kind, coefficients=(None,) * n, radius=norm)  # type: ignore[arg-type]
+
+
+def _expression(rest: str) -> Form:
+    from metrosep.forms.expression import Expression
+
+    formula, _, tail = rest.partition(";")
+    values: dict[str, float | None] = {}
+    for part in filter(None, (p.strip() for p in tail.split(","))):
+        key, mark, value = part.partition("=")
+        try:
+            values[key.strip()] = parameter_value(value, "1", key.strip()) if mark else None
+        except UnitError:
+            raise DataError(f"expression: {part!r} must be a number in SI") from None
+    options: dict[str, Any] = dict(values)
+    return Expression(formula.strip(), **options)
+
+
+_BUILDERS: dict[str, Callable[[dict[str, str]], Form]] = {
+    "plane": _simple("plane", "Plane"),
+    "sphere": _simple("sphere", "Sphere"),
+    "cylinder": _simple("cylinder", "Cylinder"),
+    "conic": _simple("conic", "Conic"),
+    "asphere": _asphere,
+    "toric": _toric,
+    "biconic": _simple("toric", "Biconic"),
+    "sine_grid": _sine_grid,
+    "polynomial": _polynomial,
+    "zernike": _zernike,
+    "qforbes": _qforbes,
+    "expression": lambda _pairs: _expression(""),
+}

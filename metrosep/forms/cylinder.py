@@ -1,0 +1,141 @@
+"""The circular cylinder that lies on the plane z = 0."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.core.errors import DegenerateFitError
+from metrosep.forms._curvature import hessian, inside, mean_curvature
+from metrosep.forms._shape import Shape, positive_root, root
+from metrosep.forms.base import checked
+
+__all__ = ["Cylinder"]
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, repr=False)
+class Cylinder(Shape):
+    """A circular cylinder that touches the plane z = 0 along its axis direction.
+
+    Parameters
+    ----------
+    R : float or None, m
+        Radius, not zero and finite; > 0 for a concave part (a trough), < 0 for a convex one.
+        None: not known, a fit finds it.
+    angle : float or None, rad
+        Direction of the axis in the xy plane, from +x towards +y. With 0 the part is curved along
+        y, with pi/2 along x, which is what a profile sees. None: not known, a fit finds it.
+
+    Raises
+    ------
+    DataError
+        If R is zero, or a value is not finite.
+
+    Notes
+    -----
+    ``z = (t^2/R) / (1 + sqrt(1 - (t/R)^2))`` with the distance from the axis ``t = y cos(angle) -
+    x sin(angle)``. Angles that differ by pi are the same cylinder. NaN beyond ``|t| = |R|``; slopes
+    and derivatives also on it.
+
+    Examples
+    --------
+    >>> round(Cylinder(R=5e-3)(1.0, 3e-3).item(), 15)
+    0.001
+    """
+
+    R: float | None = None
+    angle: float | None = 0.0
+
+    name = "cylinder"
+    units = {"R": "m", "angle": "rad"}  # noqa: RUF012
+
+    def __post_init__(self) -> None:
+        self._set(R=checked(self.R, "R", zero=False), angle=checked(self.angle, "angle"))
+
+    def start(self, x: FloatArray, y: FloatArray, z: FloatArray) -> Self:
+        """Return the cylinder with values for its unknown parameters, good enough to start a fit.
+
+        Parameters
+        ----------
+        x, y, z : ndarray, shape (n,), m
+            Valid points, x and y from the assumed vertex line; no NaN.
+
+        Returns
+        -------
+        Cylinder
+            The axis lies along the eigenvector of the smaller curvature of the best quadratic,
+            -pi/2 < angle <= pi/2; R by algebraic regression across it.
+
+        Raises
+        ------
+        TooFewSamplesError
+            If there are fewer than 4 points.
+        DegenerateFitError
+            If the points lie in a plane to rounding, or have no extent across the axis.
+        """
+        values: dict[str, float] = {}
+        angle = self.angle
+        if angle is None:
+            curvature, direction = np.linalg.eigh(hessian(x, y, z, name=self.name))
+            axis = direction[:, int(np.argmin(np.abs(curvature)))]
+            angle = math.atan2(axis[1], axis[0])
+            angle -= math.pi * math.ceil(angle / math.pi - 0.5)
+            values["angle"] = angle
+        if self.R is None:
+            across = y * math.cos(angle) - x * math.sin(angle)
+            extent = float(np.abs(across).max(initial=0.0))
+            if extent < 1e-12 * float(np.hypot(x, y).max(initial=0.0)):
+                raise DegenerateFitError(
+                    f"the points have no extent across the axis of the cylinder (angle {angle:.4g}"
+                    " rad from +x): its radius shows nowhere; along a profile a cylinder is curved "
+                    "with angle=pi/2"
+                )
+            R = 1.0 / mean_curvature(x, y, z, name=self.name, across=across)
+            values["R"] = inside(R, extent)
+        return self.with_parameters(**values) if values else self
+
+    def scales(self, radius: float) -> dict[str, float]:
+        """Return the change of each parameter that moves the rim by about the sag.
+
+        Parameters
+        ----------
+        radius : float, m
+            Half the extent of the data.
+
+        Returns
+        -------
+        dict
+            ``|R|`` for R (1 where not known), 1 rad for the angle.
+        """
+        return {"R": abs(self.R) if self.R is not None else 1.0, "angle": 1.0}
+
+    def _parts(self, x: FloatArray, y: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+        R, angle = self._known("R", "angle")
+        t = y * math.cos(angle) - x * math.sin(angle)
+        u = t / R
+        return R, t, 1.0 - u * u
+
+    def _height(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        R, t, w = self._parts(x, y)
+        return t * (t / R) / (1.0 + root(w))
+
+    def _slopes(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        R, t, w = self._parts(x, y)
+        (angle,) = self._known("angle")
+        rate = t / (R * positive_root(w))
+        return -math.sin(angle) * rate, math.cos(angle) * rate
+
+    def _derivatives(self, x: FloatArray, y: FloatArray, names: Sequence[str]) -> list[FloatArray]:
+        R, t, w = self._parts(x, y)
+        (angle,) = self._known("angle")
+        w = positive_root(w)
+        u = t / R
+        along = x * math.cos(angle) + y * math.sin(angle)
+        return [-u * u / (w * (1.0 + w)) if n == "R" else -along * u / w for n in names]

@@ -1,0 +1,218 @@
+"""The part of `fit` that needs no iteration: forms that are linear in all that is free.
+
+A polynomial or Zernike form with unknown coefficients is solved by its own engine (moments of the
+map, orthogonal factors of a list); a known form with piston and both tilts free by the moments of
+degree 1 of what it leaves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import DegenerateFitError, NotConvergedError
+from metrosep.forms.base import Form
+from metrosep.forms.freedoms import Freedoms
+from metrosep.forms.linear import LinearFit, LinearForm
+from metrosep.forms.placement import Placement
+from metrosep.forms.points import Points
+from metrosep.forms.robust import Robust, robust_weights, spread
+
+__all__ = ["Answer", "solve_level", "solve_linear", "sum_of_squares"]
+
+_LEVELS = ("piston", "tilt_x", "tilt_y")
+_ROUNDS = 50
+_CHANGE = 1e-6
+"""Of the spread: weights have settled when no height moves by more."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Answer:
+    """What a fit found.
+
+    Parameters
+    ----------
+    form : Form
+        With its parameters.
+    rigid : dict of str to float
+        Rigid-body freedoms.
+    cov : ndarray, shape (p, p)
+        Covariance in the order of the freedoms.
+    residual : ndarray, shape of the points' z, m
+        What is left; NaN outside the domain.
+    n : int
+        Points inside the domain.
+    squares : float, m^2
+        Sum of the squared residuals.
+    """
+
+    form: Form
+    rigid: dict[str, float]
+    cov: FloatArray
+    residual: FloatArray
+    n: int
+    squares: float
+
+
+def solve_linear(
+    points: Points, form: Form, freedoms: Freedoms, robust: Robust | None
+) -> Answer | None:
+    """Return the answer of a form whose coefficients are all that is free, else None.
+
+    Parameters
+    ----------
+    points : Points
+        Measurement.
+    form : Form
+        Without coefficients.
+    freedoms : Freedoms
+        What may move.
+    robust : {"tukey", "huber"} or None
+        Rule that weighs outliers down.
+
+    Returns
+    -------
+    Answer or None
+        None where the general solver has to do it.
+
+    Raises
+    ------
+    NotConvergedError
+        If robust weights do not settle.
+    """
+    if not isinstance(form, LinearForm) or freedoms.shape != tuple(form.parameters):
+        return None
+    if freedoms.rigid or freedoms.held:
+        return None
+    fit, residual = _weighted(points, form, robust)
+    if robust is None:
+        n, squares = fit.n_valid, max(fit.residual_sum, 0.0)
+    else:
+        n, squares = sum_of_squares(residual)
+    return Answer(fit.form, {}, _covariance(fit), residual, n, squares)
+
+
+def solve_level(
+    points: Points, placed: Placement, freedoms: Freedoms, robust: Robust | None
+) -> Answer | None:
+    """Return piston and tilt of a known form on a map where nothing else is free, else None.
+
+    Parameters
+    ----------
+    points : Points
+        Measurement.
+    placed : Placement
+        The form where it begins.
+    freedoms : Freedoms
+        What may move.
+    robust : {"tukey", "huber"} or None
+        Rule that weighs outliers down.
+
+    Returns
+    -------
+    Answer or None
+        None where the general solver has to do it.
+    """
+    if points.z.shape[0] < 2 or freedoms.names != _LEVELS or robust is not None:
+        return None
+    if (placed.tilt, placed.direction) != ("plane", "vertical") or not _is_uniform(points):
+        return None
+    try:
+        return _levelled(points, placed)
+    except DegenerateFitError:  # the general solver names the freedoms that are not determined
+        return None
+
+
+def sum_of_squares(residual: FloatArray) -> tuple[int, float]:
+    """Return the number of points that are not NaN, and the sum of their squares.
+
+    Parameters
+    ----------
+    residual : ndarray, m
+        Any shape.
+
+    Returns
+    -------
+    n : int
+        Points.
+    squares : float, m^2
+        Sum.
+    """
+    squares, n = 0.0, 0
+    for part in np.array_split(residual.ravel(), max(1, residual.size >> 16)):
+        good = part[~np.isnan(part)]
+        squares += float(good @ good)
+        n += int(good.size)
+    return n, squares
+
+
+def _levelled(points: Points, placed: Placement) -> Answer:
+    """Return piston and tilt of a known form on a map."""
+    from metrosep.forms.polynomial import Polynomial
+
+    bare = Placement(
+        placed.form, {k: v for k, v in placed.rigid.items() if k not in _LEVELS}, placed.tilt
+    )
+    left = points.z
+    if placed.form.parameters:  # a plane holds nothing that is not fitted
+        left = np.empty(points.z.shape)
+        for rows, columns, x, y, z in points.blocks():
+            left[rows, columns] = bare.deviation(x, y, z)
+    fit, residual = Polynomial(1).fit_map(points.x, points.y, left)
+    c = fit.form.parameters
+    rigid = dict(
+        zip(_LEVELS, (float(c[k] or 0.0) for k in ("c_0_0", "c_1_0", "c_0_1")), strict=True)
+    )
+    n, squares = fit.n_valid, max(fit.residual_sum, 0.0)
+    return Answer(placed.form, {**bare.rigid, **rigid}, _covariance(fit), residual, n, squares)
+
+
+def _is_uniform(points: Points) -> bool:
+    for axis in (points.x, points.y):
+        steps = np.diff(axis)
+        if not steps.size or np.ptp(steps) > 1e-6 * abs(float(steps.mean())):
+            return False
+    return not points.is_scattered
+
+
+def _once(
+    points: Points, form: LinearForm, weights: FloatArray | None
+) -> tuple[LinearFit, FloatArray]:
+    if points.z.shape[0] > 1 and not points.is_scattered:
+        return form.fit_map(points.x, points.y, points.z, weights=weights)
+    y = points.y if points.is_scattered else np.broadcast_to(points.y, points.x.shape)
+    flat = None if weights is None else weights[0]
+    fit, residual = form.fit_list(points.x, y, points.z[0], weights=flat)
+    return fit, residual[None, :]
+
+
+def _weighted(
+    points: Points, form: LinearForm, rule: Robust | None
+) -> tuple[LinearFit, FloatArray]:
+    fit, residual = _once(points, form, None)
+    if rule is None:
+        return fit, residual
+    for count in range(_ROUNDS):
+        scale = spread(residual)
+        if scale <= 1e-15 * points.largest:
+            return fit, residual
+        now: Robust = "huber" if count < 5 else rule
+        weights = np.nan_to_num(robust_weights(residual, scale, now))
+        fit, fresh = _once(points, form, weights)
+        moved = float(np.nanmax(np.abs(fresh - residual)))
+        residual = fresh
+        if count > 5 and moved <= _CHANGE * scale:
+            return fit, residual
+    raise NotConvergedError(
+        f"the robust weights of the {form.name} did not settle in {_ROUNDS} rounds; there may be "
+        "as many outliers as good points: mask them, or fit without robust="
+    )
+
+
+def _covariance(fit: LinearFit) -> FloatArray:
+    """Return the covariance; NaN where there are no degrees of freedom."""
+    if fit.n_valid <= fit.inverse.shape[0]:
+        return np.full(fit.inverse.shape, np.nan)
+    return fit.covariance

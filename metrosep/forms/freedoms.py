@@ -1,0 +1,157 @@
+"""Names of the rigid-body freedoms, and which parameters a fit may move.
+
+``piston`` moves the form along z, ``shift_x`` and ``shift_y`` across it, ``tilt_x`` and ``tilt_y``
+are the slopes dz/dx and dz/dy of its base plane, ``rotation_z`` turns it about its own axis
+(counter-clockwise seen from +z).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from metrosep.core.errors import DataError
+from metrosep.forms.base import Form
+
+__all__ = ["RIGID", "Freedoms", "choose_freedoms"]
+
+RIGID = {
+    "piston": "m",
+    "tilt_x": "rad",
+    "tilt_y": "rad",
+    "shift_x": "m",
+    "shift_y": "m",
+    "rotation_z": "rad",
+}
+"""Rigid-body freedoms and their units."""
+
+DEFAULT = ("piston", "tilt_x", "tilt_y")
+
+_ALIASES = {
+    "dz": "piston",
+    "z0": "piston",
+    "tx": "tilt_x",
+    "ty": "tilt_y",
+    "dx": "shift_x",
+    "x0": "shift_x",
+    "decentre_x": "shift_x",
+    "decenter_x": "shift_x",
+    "dy": "shift_y",
+    "y0": "shift_y",
+    "decentre_y": "shift_y",
+    "decenter_y": "shift_y",
+    "rz": "rotation_z",
+    "clocking": "rotation_z",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Freedoms:
+    """What a fit moves and what it holds.
+
+    Parameters
+    ----------
+    rigid : tuple of str
+        Free rigid-body freedoms, in the order of `RIGID`.
+    shape : tuple of str
+        Free parameters of the form, in its order.
+    held : mapping of str to float
+        Rigid-body freedoms held at a value other than zero.
+    notes : tuple of str
+        What the caller should know.
+    """
+
+    rigid: tuple[str, ...]
+    shape: tuple[str, ...]
+    held: Mapping[str, float]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All free parameters, rigid ones first."""
+        return (*self.rigid, *self.shape)
+
+
+def choose_freedoms(
+    form: Form, free: Sequence[str] | None, fixed: Mapping[str, float], *, is_profile: bool
+) -> tuple[Form, Freedoms]:
+    """Return the form with its fixed values, and what is free.
+
+    Parameters
+    ----------
+    form : Form
+        As the caller gave it.
+    free : sequence of str or None
+        Names; None means piston and tilt for a form with known parameters, and only the
+        coefficients for a linear form without them.
+    fixed : mapping of str to float
+        Names and the values at which they are held, SI.
+    is_profile : bool
+        A profile has no freedoms across its line.
+
+    Returns
+    -------
+    form : Form
+        With the fixed values put in.
+    freedoms : Freedoms
+        Parameters that are not known and not fixed are always free.
+
+    Raises
+    ------
+    DataError
+        If a name is unknown, occurs twice, is free and fixed, or does not exist on a profile.
+    """
+    held = {_known(n, form): float(v) for n, v in fixed.items()}
+    for name, value in held.items():
+        if not np.isfinite(value):
+            raise DataError(f"fixed[{name!r}] is {value}; give a finite value in SI")
+    unknown = [k for k, v in form.parameters.items() if v is None and k not in held]
+    is_linear = bool(getattr(form, "is_linear", False))
+    asked = _asked(form, free, default=() if is_linear and unknown else DEFAULT)
+    if is_profile:
+        across = [n for n in asked if n in ("tilt_y", "shift_y", "rotation_z")]
+        if free is not None and across:
+            raise DataError(
+                f"a profile is the line y = 0 and has no {', '.join(across)}; leave it out of free"
+            )
+        asked = [n for n in asked if n not in across]
+    both = [n for n in asked if n in held]
+    if both:
+        raise DataError(f"{', '.join(both)} is free and fixed at once; name it once")
+    values = {k: v for k, v in held.items() if k in form.parameters}
+    shape = tuple(k for k in form.parameters if k in asked or k in unknown)
+    spanned: frozenset[str] = frozenset()
+    if is_linear and unknown:
+        spanned = getattr(form, "spanned", spanned)
+    rigid = tuple(n for n in RIGID if n in asked and n not in spanned)
+    dropped = [n for n in asked if n in spanned]
+    notes = (
+        (f"{', '.join(dropped)} is part of {form.name}: its coefficients hold it",)
+        if dropped
+        else ()
+    )
+    rest = {k: v for k, v in held.items() if k in RIGID}
+    return (form.with_parameters(**values) if values else form), Freedoms(
+        rigid, shape, rest, notes
+    )
+
+
+def _asked(form: Form, free: Sequence[str] | None, default: tuple[str, ...]) -> list[str]:
+    if free is None:
+        return list(default)
+    names = [_known(n, form) for n in ((free,) if isinstance(free, str) else free)]
+    twice = sorted({n for n in names if names.count(n) > 1})
+    if twice:
+        raise DataError(f"{', '.join(twice)} stands twice in free")
+    return names
+
+
+def _known(name: str, form: Form) -> str:
+    if name in form.parameters or name in RIGID:
+        return name
+    if name in _ALIASES:
+        return _ALIASES[name]
+    names = ", ".join((*RIGID, *form.parameters))
+    raise DataError(f"{form.name} has no freedom {name!r}; there are: {names}")

@@ -1,0 +1,454 @@
+"""Polynomials on a rectangular grid by one-dimensional Legendre moments; no design matrix.
+
+With ``W`` the weights (0 where nothing was measured), ``P_x`` and ``P_y`` the Legendre values at
+the columns and rows, the sums of least squares are two small matrices, gathered in blocks of rows::
+
+    M = P_y W P_x^T        to degree 2 d: every sum of a product of two basis functions
+    B = P_y (W z) P_x^T    to degree d: every sum of a basis function and a height
+
+The normal matrix follows from M, because a product of two Legendre polynomials is a short sum of
+others. The domain is the bounding box of the valid pixels, scaled to [-1, 1], heights are counted
+from their median, and a second pass over the residual takes back what rounding lost.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Literal, NamedTuple, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from metrosep.core._arrays import FloatArray
+from metrosep.core.blas import one_blas_thread
+from metrosep.core.errors import (
+    DataError,
+    DegenerateFitError,
+    InvalidSamplesError,
+    TooFewSamplesError,
+)
+from metrosep.forms._moment_sums import (
+    Grid,
+    Sums,
+    bounding_box,
+    grid_values,
+    inverse_of,
+    normal_matrix,
+    residual_sums,
+)
+from metrosep.forms._orthogonal import values
+
+__all__ = [
+    "GridPolynomial",
+    "evaluate_grid",
+    "fit_grid_polynomial",
+    "polynomial_terms",
+    "remove_grid",
+]
+
+Kind = Literal["total", "tensor"]
+
+_SAMPLE = 16384
+"""Pixels of the coarse map that gives a first polynomial."""
+
+_CLOSE = 1e-6
+"""Share of the sum of squares that must remain for one pass to be enough."""
+
+_SMALL = 1e-24
+"""Of the form's sum of squares: a change that small is rounding."""
+
+_OF_RESIDUAL = 1e-16
+"""Of the sum of squares left: what may still be missing from the fit."""
+
+_MOST_PASSES = 5
+"""Of refinement; one is the rule only where there was no start from a coarse map."""
+
+MAX_DEGREE = 40
+"""Far above what a surface needs; the normal matrix has up to 1681 rows there."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GridPolynomial:
+    """A Legendre polynomial on the pixels of a grid.
+
+    Parameters
+    ----------
+    coefficients : ndarray, shape (degree + 1, degree + 1), m
+        ``[i, j]`` belongs to ``P_i(u) P_j(v)``, u along x (columns), v along y (rows); 0 for terms
+        that were not fitted.
+    terms : tuple of (int, int)
+        The fitted (i, j), in the order of `inverse`.
+    centre, half_width : tuple of (float, float), pixels
+        ``u = (column - centre[0]) / half_width[0]``, ``v = (row - centre[1]) / half_width[1]``.
+    shape : tuple of int
+        Rows and columns of the grid.
+    n_valid : int
+        Pixels with a height and a weight above 0.
+    residual_sum : float, m^2
+        Weighted sum of squared residuals.
+    inverse : ndarray, shape (n_terms, n_terms)
+        Inverse of the normal matrix.
+    """
+
+    coefficients: FloatArray
+    terms: tuple[tuple[int, int], ...]
+    centre: tuple[float, float]
+    half_width: tuple[float, float]
+    shape: tuple[int, int]
+    n_valid: int
+    residual_sum: float
+    inverse: FloatArray
+
+    @property
+    def degree(self) -> int:
+        """Highest degree in x or y."""
+        return int(self.coefficients.shape[0]) - 1
+
+    @property
+    def residual_sd(self) -> float:
+        """Standard deviation of the residual in m, with the terms taken off the freedoms.
+
+        Raises
+        ------
+        TooFewSamplesError
+            If there are no more pixels than terms.
+        """
+        freedoms = self.n_valid - len(self.terms)
+        if freedoms < 1:
+            raise TooFewSamplesError(
+                f"{self.n_valid} valid pixels and {len(self.terms)} terms leave nothing to "
+                "estimate the scatter from; lower the degree"
+            )
+        return float(np.sqrt(max(self.residual_sum, 0.0) / freedoms))
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Covariance of the fitted coefficients in m^2, in the order of `terms`.
+
+        Valid for independent noise of one size in every pixel of weight 1.
+
+        Raises
+        ------
+        TooFewSamplesError
+            If there are no more pixels than terms.
+        """
+        return self.inverse * self.residual_sd**2
+
+
+def fit_grid_polynomial(
+    z: ArrayLike,
+    degree: int,
+    *,
+    kind: Kind = "total",
+    weights: ArrayLike | None = None,
+    refine: bool = True,
+) -> GridPolynomial:
+    """Return the least-squares polynomial through the valid pixels of a grid.
+
+    Parameters
+    ----------
+    z : array_like, shape (n_y, n_x), m
+        Heights; NaN where not measured.
+    degree : int
+        Highest degree, 0 to 40.
+    kind : {"total", "tensor"}, optional
+        Terms with ``i + j <= degree``, or with each of i and j ``<= degree``.
+    weights : array_like, shape (n_y, n_x), optional
+        Weight of each pixel, 0 to 1; 0 excludes it.
+    refine : bool, optional
+        Fit the residual again where rounding needs it. Without it `residual_sum` is good to a
+        millionth only where the residual is above 1e-5 of the form.
+
+    Returns
+    -------
+    GridPolynomial
+        Coefficients in the scaled domain of the valid pixels, with their covariance.
+
+    Raises
+    ------
+    DataError
+        If the degree or the kind is not one of those above.
+    InvalidSamplesError
+        If z is not two-dimensional or infinite, or weights do not fit.
+    DegenerateFitError
+        If the valid pixels do not determine the terms.
+
+    Notes
+    -----
+    NaN pixels have no part in any sum. Rows and columns without a valid pixel do not change the
+    result: NaN rows are the same as cropped rows. Cost: two passes over the map.
+    """
+    heights, invalid, given = _checked(z, weights)
+    terms = _terms(degree, kind)
+    with one_blas_thread():
+        fit, _ = _fit(heights, invalid, given, degree, terms, refine=refine, remove=False)
+    return fit
+
+
+def remove_grid(
+    z: ArrayLike,
+    degree: int,
+    *,
+    kind: Kind = "total",
+    weights: ArrayLike | None = None,
+    refine: bool = True,
+) -> tuple[FloatArray, GridPolynomial]:
+    """Return the heights without their least-squares polynomial, and that polynomial.
+
+    Parameters
+    ----------
+    z : array_like, shape (n_y, n_x), m
+        Heights; NaN where not measured.
+    degree : int
+        Highest degree, 0 to 40.
+    kind : {"total", "tensor"}, optional
+        Terms with ``i + j <= degree``, or with each of i and j ``<= degree``.
+    weights : array_like, shape (n_y, n_x), optional
+        Weight of each pixel, 0 to 1. The polynomial is removed from every valid pixel.
+    refine : bool, optional
+        Fit the residual again where rounding needs it.
+
+    Returns
+    -------
+    residual : ndarray, shape (n_y, n_x), m
+        A new array; NaN stays NaN.
+    fit : GridPolynomial
+        What was removed.
+
+    Raises
+    ------
+    DataError
+        If the degree or the kind is not one of those above.
+    InvalidSamplesError
+        If z is not two-dimensional or infinite, or weights do not fit.
+    DegenerateFitError
+        If the valid pixels do not determine the terms.
+    """
+    heights, invalid, given = _checked(z, weights)
+    terms = _terms(degree, kind)
+    with one_blas_thread():
+        fit, residual = _fit(heights, invalid, given, degree, terms, refine=refine, remove=True)
+    return cast("FloatArray", residual), fit
+
+
+def evaluate_grid(fit: GridPolynomial, shape: tuple[int, int] | None = None) -> FloatArray:
+    """Return the heights of a fitted polynomial at every pixel, also where nothing was measured.
+
+    Parameters
+    ----------
+    fit : GridPolynomial
+        What was fitted.
+    shape : tuple of int, optional
+        Rows and columns; those of the fitted grid by default.
+
+    Returns
+    -------
+    ndarray, shape (n_y, n_x), m
+        Heights; outside the bounding box of the valid pixels they are extrapolated.
+    """
+    rows, columns = fit.shape if shape is None else shape
+    px = values((np.arange(columns, dtype=float) - fit.centre[0]) / fit.half_width[0], fit.degree)
+    py = values((np.arange(rows, dtype=float) - fit.centre[1]) / fit.half_width[1], fit.degree)
+    with one_blas_thread():
+        return grid_values(fit.coefficients, px, py)
+
+
+def polynomial_terms(degree: int, kind: Kind) -> tuple[tuple[int, int], ...]:
+    """Return the powers (i along x, j along y) of a polynomial, lowest total degree first.
+
+    Parameters
+    ----------
+    degree : int
+        Highest degree, >= 0.
+    kind : {"total", "tensor"}
+        Terms with ``i + j <= degree``, or with each of i and j ``<= degree``.
+
+    Returns
+    -------
+    tuple of (int, int)
+        Such as ``(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)``.
+
+    Examples
+    --------
+    >>> polynomial_terms(1, "tensor")
+    ((0, 0), (1, 0), (0, 1), (1, 1))
+    """
+    top = degree if kind == "total" else 2 * degree
+    return tuple(
+        (t - j, j) for t in range(top + 1) for j in range(t + 1) if max(t - j, j) <= degree
+    )
+
+
+def _checked(
+    z: ArrayLike, weights: ArrayLike | None
+) -> tuple[FloatArray, NDArray[np.bool_], FloatArray | None]:
+    heights = np.asarray(z, dtype=np.float64)
+    if heights.ndim != 2:
+        raise InvalidSamplesError(f"z must have 2 dimensions, got shape {heights.shape}")
+    invalid = np.isnan(heights)
+    if weights is None:
+        return heights, invalid, None
+    given = np.asarray(weights, dtype=np.float64)
+    if given.shape != heights.shape:
+        raise InvalidSamplesError(
+            f"weights must have the shape of z, {heights.shape}, got {given.shape}"
+        )
+    if not (given.min(initial=0.0) >= 0.0 and given.max(initial=0.0) <= 1.0):
+        raise InvalidSamplesError("weights must lie between 0 and 1, and none may be NaN")
+    return heights, invalid | (given == 0.0), given
+
+
+def _terms(degree: int, kind: Kind) -> tuple[tuple[int, int], ...]:
+    if int(degree) != degree or not 0 <= degree <= MAX_DEGREE:
+        raise DataError(f"degree must be a whole number from 0 to {MAX_DEGREE}, got {degree}")
+    if kind not in ("total", "tensor"):
+        raise DataError(f'kind must be "total" or "tensor", got {kind!r}')
+    return polynomial_terms(int(degree), kind)
+
+
+def _fit(
+    z: FloatArray,
+    invalid: NDArray[np.bool_],
+    weights: FloatArray | None,
+    degree: int,
+    terms: tuple[tuple[int, int], ...],
+    *,
+    refine: bool,
+    remove: bool,
+) -> tuple[GridPolynomial, FloatArray | None]:
+    (rows, columns), n_valid = bounding_box(invalid, len(terms))
+    px, cx, hx = _axis(z.shape[1], columns, degree)
+    py, cy, hy = _axis(z.shape[0], rows, degree)
+    inside = None if weights is None else weights[rows, columns]
+    grid = Grid(z[rows, columns], invalid[rows, columns], inside, px[:, columns], py[:, rows])
+    what = f"the {len(terms)} terms of a polynomial of degree {degree}"
+    _, c, inverse, squares = solve_grid(grid, degree, terms, refine=refine, what=what)
+    c.setflags(write=False)
+    fit = GridPolynomial(c, terms, (cx, cy), (hx, hy), z.shape, n_valid, squares, inverse)
+    return fit, grid_values(c, px, py, minus_from=z) if remove else None
+
+
+class GridSolution(NamedTuple):
+    """What `solve_grid` finds: coefficients of what is fitted, the same in Legendre terms, ..."""
+
+    coefficients: FloatArray
+    legendre: FloatArray
+    inverse: FloatArray
+    residual_sum: float
+
+
+def solve_grid(
+    grid: Grid,
+    degree: int,
+    terms: tuple[tuple[int, int], ...],
+    *,
+    functions: FloatArray | None = None,
+    refine: bool = True,
+    what: str = "the terms",
+) -> GridSolution:
+    """Return the least squares of Legendre terms, or of sums of them, over a map.
+
+    Parameters
+    ----------
+    grid : Grid
+        Map and Legendre values.
+    degree : int
+        Highest degree along x or y.
+    terms : tuple of (int, int)
+        Legendre terms.
+    functions : ndarray, shape (n_functions, n_terms), optional
+        What is fitted, each as a sum of `terms`; the terms themselves by default.
+    refine : bool, optional
+        Start from a fit to a coarse map, and fit what is left until nothing is.
+    what : str, optional
+        Name of what is fitted, for the message.
+
+    Returns
+    -------
+    GridSolution
+        Coefficients, inverse normal matrix, sum of squares.
+
+    Raises
+    ------
+    InvalidSamplesError
+        If a height is infinite.
+    DegenerateFitError
+        If the valid pixels do not determine what is fitted.
+    """
+    i, j = np.array(terms).T
+
+    def normal_for(sums: Sums) -> FloatArray:
+        normal: FloatArray = normal_matrix(sums.weights, degree)[i, j][:, i, j]
+        return normal if functions is None else functions @ normal @ functions.T
+
+    def table(a: FloatArray) -> FloatArray:
+        c = np.zeros((degree + 1, degree + 1))
+        c[i, j] = a if functions is None else a @ functions
+        return c
+
+    def improved(
+        a: FloatArray, sums: Sums, inverse: FloatArray
+    ) -> tuple[FloatArray, FloatArray, float]:
+        """Return the fit plus the fit to the residual it left, and the squares left then."""
+        right = sums.heights[i, j] if functions is None else functions @ sums.heights[i, j]
+        change = inverse @ right
+        return a + change, table(a + change), sums.squares - float(change @ right)
+
+    few = _coarse(grid)
+    heights = few.z[~few.invalid]
+    middle = float(np.median(heights[:: heights.size // 4096 + 1])) if heights.size else 0.0
+    a = _constant(functions, len(terms)) * (middle if np.isfinite(middle) else 0.0)
+    c = table(a)
+    if refine and few.z.size < grid.z.size and heights.size >= 10 * len(terms):
+        sums = residual_sums(few, c, degree)
+        with suppress(DegenerateFitError):
+            a, c, _ = improved(a, sums, inverse_of(normal_for(sums), what)[0])
+    sums = residual_sums(grid, c, degree)
+    normal = normal_for(sums)
+    inverse, condition = inverse_of(normal, what)
+    a, c, squares = improved(a, sums, inverse)
+    for _ in range(_MOST_PASSES if refine else 0):
+        gain, form = sums.squares - squares, float(a @ normal @ a)
+        missing = gain * (condition * np.finfo(float).eps) ** 2
+        is_exact = missing <= max(_SMALL * form, _OF_RESIDUAL * squares)
+        if is_exact and (squares > _CLOSE * sums.squares or gain <= _SMALL * form):
+            break
+        sums = residual_sums(grid, c, degree, with_weights=False)
+        a, c, squares = improved(a, sums, inverse)
+    return GridSolution(a, c, inverse, squares)
+
+
+def _constant(functions: FloatArray | None, n_terms: int) -> FloatArray:
+    """Return what makes a height of 1; zeros where what is fitted holds no constant."""
+    if functions is None:
+        one = np.zeros(n_terms)
+        one[0] = 1.0
+        return one
+    alone = (functions[:, 0] != 0.0) & (np.count_nonzero(functions, axis=1) == 1)
+    out = np.zeros(functions.shape[0])
+    out[alone] = 1.0 / functions[alone, 0]
+    return out
+
+
+def _coarse(grid: Grid) -> Grid:
+    """Return every n-th row and column.
+
+    What is summed over the whole map is the residual from its fit, so that rounding is that of a
+    small number.
+    """
+    skip = slice(None, None, max(int(np.sqrt(grid.z.size / _SAMPLE)), 1))
+    return Grid(
+        grid.z[skip, skip],
+        grid.invalid[skip, skip],
+        None if grid.weights is None else grid.weights[skip, skip],
+        np.ascontiguousarray(grid.px[:, skip]),
+        np.ascontiguousarray(grid.py[:, skip]),
+    )
+
+
+def _axis(n: int, used: slice, degree: int) -> tuple[FloatArray, float, float]:
+    """Return Legendre values at all pixels of an axis, scaled to the used part of it."""
+    centre = 0.5 * (used.start + used.stop - 1)
+    half_width = 0.5 * (used.stop - 1 - used.start) or 1.0
+    return values((np.arange(n) - centre) / half_width, 2 * degree), centre, half_width

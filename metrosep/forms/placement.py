@@ -1,0 +1,227 @@
+"""Where a form sits: deviations of points from a placed form, and their derivatives.
+
+``tilt="plane"`` adds a plane, ``z = f(x - s) + p + t (x, y)``, as interferometer software does.
+``tilt="rotation"`` turns the form as a rigid body; then tilt_x and tilt_y are the slopes of its
+base plane, which agree with the former to first order. The difference is ``t . grad(f) f``: for a
+lens it is no plane, and looks like coma.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.forms.base import Form
+
+__all__ = ["Placement", "Tilt", "rotation_matrix"]
+
+FloatArray = NDArray[np.float64]
+Tilt = Literal["plane", "rotation"]
+Direction = Literal["vertical", "normal"]
+
+_STEP = 1e-30
+"""Complex step: the derivative of a 3 x 3 matrix is exact to the last digit."""
+
+
+def rotation_matrix(tilt_x: Any, tilt_y: Any, rotation_z: Any) -> NDArray[Any]:
+    """Return the matrix that takes coordinates of the form to those of the measurement.
+
+    Parameters
+    ----------
+    tilt_x, tilt_y : float, rad
+        Slopes of the base plane: its normal is along (-tilt_x, -tilt_y, 1).
+    rotation_z : float, rad
+        About the form's own axis, first.
+
+    Returns
+    -------
+    ndarray, shape (3, 3)
+        Shortest rotation from +z to the normal, times the rotation about z.
+    """
+    length = (1.0 + tilt_x * tilt_x + tilt_y * tilt_y) ** 0.5
+    nx, ny, nz = -tilt_x / length, -tilt_y / length, 1.0 / length
+    k = 1.0 / (1.0 + nz)
+    lean = np.array(
+        [
+            [1.0 - k * nx * nx, -k * nx * ny, nx],
+            [-k * nx * ny, 1.0 - k * ny * ny, ny],
+            [-nx, -ny, nz],
+        ]
+    )
+    c, s = np.cos(rotation_z), np.sin(rotation_z)
+    zero, one = 0.0 * c, 1.0 + 0.0 * c
+    turn = np.array([[c, -s, zero], [s, c, zero], [zero, zero, one]])
+    return np.asarray(lean @ turn)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Placement:
+    """A form at a place.
+
+    Parameters
+    ----------
+    form : Form
+        With values for all its parameters.
+    rigid : mapping of str to float
+        Rigid-body freedoms other than zero, SI.
+    tilt : {"plane", "rotation"}
+        How tilts act.
+    direction : {"vertical", "normal"}
+        Of the deviation; "normal" divides by ``sqrt(1 + |grad f|^2)``, which is the distance to
+        the form to first order in the deviation.
+    """
+
+    form: Form
+    rigid: Mapping[str, float]
+    tilt: Tilt = "plane"
+    direction: Direction = "vertical"
+
+    def get(self, name: str) -> float:
+        """Return the value of a rigid-body freedom.
+
+        Parameters
+        ----------
+        name : str
+            Of the freedom.
+
+        Returns
+        -------
+        float
+            Zero where it was not given.
+        """
+        return float(self.rigid.get(name, 0.0))
+
+    def deviation(self, x: FloatArray, y: FloatArray, z: FloatArray) -> FloatArray:
+        """Return measured minus ideal; NaN outside the domain of the form.
+
+        Parameters
+        ----------
+        x, y, z : ndarray, m
+            Points of equal shape.
+
+        Returns
+        -------
+        ndarray, m
+            Positive where there is too much material.
+        """
+        xf, yf, zf = self._to_form(x, y, z)
+        deviation = zf - self.form.height(xf, yf)
+        if self.direction == "normal":
+            gx, gy = self.form.slopes(xf, yf)
+            deviation = deviation / np.sqrt(1.0 + gx * gx + gy * gy)
+        return deviation
+
+    def linearised(
+        self,
+        x: FloatArray,
+        y: FloatArray,
+        z: FloatArray,
+        rigid: Sequence[str],
+        shape: Sequence[str],
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the deviations and minus their derivatives by the free parameters.
+
+        Parameters
+        ----------
+        x, y, z : ndarray, shape (n,), m
+            Points.
+        rigid, shape : sequence of str
+            Free freedoms and parameters.
+
+        Returns
+        -------
+        deviation : ndarray, shape (n,), m
+            Measured minus ideal.
+        jacobian : ndarray, shape (n_free, n)
+            Derivative of the ideal height by each parameter, along the deviation.
+        """
+        xf, yf, zf = self._to_form(x, y, z)
+        deviation = zf - self.form.height(xf, yf)
+        jacobian = np.empty((len(rigid) + len(shape), x.size))
+        needs_slopes = self.direction == "normal" or any(n != "piston" for n in rigid)
+        plane_only = set(rigid) <= {"piston", "tilt_x", "tilt_y"} and self.tilt == "plane"
+        gx = gy = np.zeros(0)
+        if needs_slopes and not (plane_only and self.direction == "vertical"):
+            gx, gy = self.form.slopes(xf, yf)
+        add = self._plane_columns if self.tilt == "plane" else self._rotation_columns
+        add(jacobian, rigid, (x, y, z), (xf, yf), (gx, gy))
+        if shape:
+            for row, column in enumerate(self.form.derivatives(xf, yf, shape), start=len(rigid)):
+                jacobian[row] = column
+        if self.direction == "normal":
+            weight = 1.0 / np.sqrt(1.0 + gx * gx + gy * gy)
+            deviation, jacobian = deviation * weight, jacobian * weight
+        return deviation, jacobian
+
+    def _to_form(
+        self, x: FloatArray, y: FloatArray, z: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        sx, sy, turn = self.get("shift_x"), self.get("shift_y"), self.get("rotation_z")
+        tx, ty = self.get("tilt_x"), self.get("tilt_y")
+        if self.tilt == "plane":
+            zf = z - (self.get("piston") + tx * x + ty * y) if tx or ty else z - self.get("piston")
+            xs, ys = (x - sx if sx else x), (y - sy if sy else y)
+            if turn:
+                c, s = np.cos(turn), np.sin(turn)
+                xs, ys = c * xs + s * ys, c * ys - s * xs
+            return np.ascontiguousarray(xs), np.ascontiguousarray(ys), zf
+        R = rotation_matrix(tx, ty, turn)
+        p = (x - sx, y - sy, z - self.get("piston"))
+        xf, yf, zf = (R[0, i] * p[0] + R[1, i] * p[1] + R[2, i] * p[2] for i in range(3))
+        return xf, yf, zf
+
+    def _plane_columns(
+        self,
+        jacobian: FloatArray,
+        rigid: Sequence[str],
+        points: tuple[FloatArray, FloatArray, FloatArray],
+        placed: tuple[FloatArray, FloatArray],
+        slopes: tuple[FloatArray, FloatArray],
+    ) -> None:
+        x, y, _ = points
+        turn = self.get("rotation_z")
+        c, s = np.cos(turn), np.sin(turn)
+        for row, name in enumerate(rigid):
+            if name == "piston":
+                jacobian[row] = 1.0
+            elif name == "tilt_x":
+                jacobian[row] = x
+            elif name == "tilt_y":
+                jacobian[row] = y
+            elif name == "shift_x":
+                jacobian[row] = s * slopes[1] - c * slopes[0]
+            elif name == "shift_y":
+                jacobian[row] = -s * slopes[0] - c * slopes[1]
+            else:
+                jacobian[row] = slopes[0] * placed[1] - slopes[1] * placed[0]
+
+    def _rotation_columns(
+        self,
+        jacobian: FloatArray,
+        rigid: Sequence[str],
+        points: tuple[FloatArray, FloatArray, FloatArray],
+        placed: tuple[FloatArray, FloatArray],
+        slopes: tuple[FloatArray, FloatArray],
+    ) -> None:
+        del placed
+        angles = [self.get(n) for n in ("tilt_x", "tilt_y", "rotation_z")]
+        R = rotation_matrix(*angles)
+        x = points[0] - self.get("shift_x")
+        y = points[1] - self.get("shift_y")
+        z = points[2] - self.get("piston")
+        gx, gy = slopes
+        for row, name in enumerate(rigid):
+            if name in ("piston", "shift_x", "shift_y"):
+                axis = ("shift_x", "shift_y", "piston").index(name)
+                jacobian[row] = R[axis, 2] - gx * R[axis, 0] - gy * R[axis, 1]
+                continue
+            which = ("tilt_x", "tilt_y", "rotation_z").index(name)
+            moved: list[complex] = list(angles)
+            moved[which] = angles[which] + 1j * _STEP
+            D = rotation_matrix(*moved).imag / _STEP
+            dx, dy, dz = (D[0, i] * x + D[1, i] * y + D[2, i] * z for i in range(3))
+            jacobian[row] = gx * dx + gy * dy - dz

@@ -1,0 +1,284 @@
+"""The valid points of a profile, a map or a list, in blocks: a map never becomes a list of points."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from metrosep.core._arrays import frozen_float, same_length
+from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
+from metrosep.core.profile import Profile
+from metrosep.core.provenance import Step, freeze_mapping
+from metrosep.core.surface import Surface
+
+__all__ = ["PointSet", "Points", "points_of"]
+
+FloatArray = NDArray[np.float64]
+
+_BLOCK = 1 << 15
+"""Points in a block: its columns stay in the cache of a core."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class PointSet:
+    """Heights at scattered positions, such as the list of a coordinate measuring machine.
+
+    Parameters
+    ----------
+    x, y : array_like, shape (n,), m
+        Positions in any order; one may occur more than once.
+    z : array_like, shape (n,), m
+        Heights; NaN where not measured.
+    metadata : mapping, optional
+        What the file said.
+    history : tuple of Step, optional
+        Where it came from.
+
+    Raises
+    ------
+    InvalidSamplesError
+        If the lengths differ, or a position is not finite.
+    TooFewSamplesError
+        If there is no point.
+
+    Examples
+    --------
+    >>> PointSet([0, 1e-3, 1e-3], [0, 0, 2e-3], [0, 1e-6, 2e-6])
+    PointSet(3 points)
+    """
+
+    x: FloatArray
+    y: FloatArray
+    z: FloatArray
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+    history: tuple[Step, ...] = ()
+
+    def __init__(
+        self,
+        x: ArrayLike,
+        y: ArrayLike,
+        z: ArrayLike,
+        *,
+        metadata: Mapping[str, Any] | None = None,
+        history: tuple[Step, ...] = (),
+    ) -> None:
+        arrays = {n: frozen_float(v, name=n, ndim=1) for n, v in (("x", x), ("y", y), ("z", z))}
+        same_length(**arrays)
+        for name in ("x", "y"):
+            bad = np.flatnonzero(np.isnan(arrays[name]))
+            if bad.size:
+                raise InvalidSamplesError(
+                    f"position {name} is NaN at point {int(bad[0])}; drop the point"
+                )
+        for name, array in arrays.items():
+            object.__setattr__(self, name, array)
+        object.__setattr__(self, "metadata", freeze_mapping(metadata))
+        object.__setattr__(self, "history", tuple(history))
+
+    @property
+    def n_invalid(self) -> int:
+        """Number of points that were not measured."""
+        return int(np.isnan(self.z).sum())
+
+    def peak_to_valley(self) -> float:
+        """Return the largest minus the smallest valid height.
+
+        Returns
+        -------
+        float
+            P-V in m; NaN when nothing is valid.
+        """
+        valid = self.z[~np.isnan(self.z)]
+        return float(np.ptp(valid)) if valid.size else float("nan")
+
+    def __repr__(self) -> str:
+        return f"PointSet({self.z.size} points)"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Points:
+    """Positions and heights of a measurement, from an assumed centre.
+
+    Parameters
+    ----------
+    x, y : ndarray, shape (n_x,) and (n_y,), m
+        Positions of columns and rows from the centre; one row for a profile. With scattered
+        points both have one value per point.
+    z : ndarray, shape (n_y, n_x), m
+        Heights; NaN where not measured. One row of scattered points.
+    centre : tuple of (float, float), m
+        In the coordinates of the object.
+    n_valid : int
+        Number of points that were measured.
+    is_scattered : bool
+        Whether positions are those of single points, not of rows and columns.
+    """
+
+    x: FloatArray
+    y: FloatArray
+    z: FloatArray
+    centre: tuple[float, float]
+    n_valid: int
+    is_scattered: bool = False
+
+    @property
+    def largest(self) -> float:
+        """Largest magnitude of the heights, m."""
+        low, high = (float(f.reduce(self.z, axis=None)) for f in (np.fmin, np.fmax))
+        return max(abs(low), abs(high))
+
+    def rows(self) -> Iterator[slice]:
+        """Yield slices of whole rows, about 32 000 points each.
+
+        Yields
+        ------
+        slice
+            Of the rows.
+        """
+        step, rows = max(1, _BLOCK // self.x.size), self.z.shape[0]
+        for start in range(0, rows, step):
+            yield slice(start, min(start + step, rows))
+
+    def columns(self) -> Iterator[slice]:
+        """Yield slices of columns: a profile is one row and is cut along x.
+
+        Yields
+        ------
+        slice
+            Of the columns.
+        """
+        step = self.x.size if self.z.shape[0] > 1 else _BLOCK
+        for start in range(0, self.x.size, step):
+            yield slice(start, min(start + step, self.x.size))
+
+    def blocks(self) -> Iterator[tuple[slice, slice, FloatArray, FloatArray, FloatArray]]:
+        """Yield rows, columns, x, y and z of each block, the arrays two-dimensional.
+
+        Yields
+        ------
+        tuple
+            Two slices and three arrays.
+        """
+        for rows in self.rows():
+            for columns in self.columns():
+                x = np.broadcast_to(
+                    self.x[columns], (rows.stop - rows.start, self.x[columns].size)
+                )
+                y = self.y[None, columns]
+                if not self.is_scattered:
+                    y = np.broadcast_to(self.y[rows, None], x.shape)
+                yield rows, columns, x, y, self.z[rows, columns]
+
+    def valid_blocks(self) -> Iterator[tuple[FloatArray, FloatArray, FloatArray]]:
+        """Yield x, y and z of the valid points of each block, one-dimensional.
+
+        Yields
+        ------
+        tuple of ndarray
+            Equal lengths; empty where a block has no valid point.
+        """
+        for _, _, x, y, z in self.blocks():
+            bad = np.isnan(z)
+            if bad.any():
+                good = ~bad
+                yield x[good], y[good], z[good]
+            else:
+                yield x.ravel(), y.ravel(), z.ravel()
+
+    def sample(self, n: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return all valid points, or about `n` of them drawn at random with a fixed seed.
+
+        Parameters
+        ----------
+        n : int
+            Number wanted.
+
+        Returns
+        -------
+        tuple of ndarray
+            x, y and z.
+        """
+        total = self.n_valid
+        if total <= n:
+            parts = list(self.valid_blocks())
+            return (
+                np.concatenate([p[0] for p in parts]),
+                np.concatenate([p[1] for p in parts]),
+                np.concatenate([p[2] for p in parts]),
+            )
+        rng = np.random.default_rng(20080415)
+        flat = rng.integers(0, self.z.size, size=int(n * self.z.size / total) + 1)
+        row, column = np.unravel_index(np.unique(flat), self.z.shape)
+        z = self.z[row, column]
+        good = ~np.isnan(z)
+        y = self.y[column[good]] if self.is_scattered else self.y[row[good]]
+        return self.x[column[good]], y, z[good]
+
+    @property
+    def radius(self) -> float:
+        """Half the larger extent, m."""
+        return float(max(np.ptp(self.x), np.ptp(self.y)) / 2.0)
+
+
+def points_of(
+    obj: Surface | Profile | PointSet, *, centre: tuple[float, float] | None, middle: bool
+) -> Points:
+    """Return the points of an object, measured from a centre.
+
+    Parameters
+    ----------
+    obj : Surface, Profile or PointSet
+        With lateral calibration.
+    centre : tuple of (float, float) or None, m
+        Where the form has its origin, in the coordinates of the object (`Surface.origin`, or the
+        x of a profile).
+    middle : bool
+        Without a centre: whether a map whose origin was not declared (it is 0, 0) is measured from
+        its middle. Otherwise its coordinates are taken as they are.
+
+    Returns
+    -------
+    Points
+        Views, nothing copied.
+
+    Raises
+    ------
+    DataError
+        If the object is neither, or the surface has no lateral calibration.
+    TooFewSamplesError
+        If nothing was measured.
+    """
+    if isinstance(obj, Profile):
+        x0 = 0.0 if centre is None else float(centre[0])
+        points = Points(
+            obj.x - x0, np.zeros(1), obj.z[None, :], (x0, 0.0), len(obj) - obj.n_invalid
+        )
+    elif isinstance(obj, Surface):
+        if obj.dx is None or obj.dy is None:
+            raise DataError(
+                "the surface has no lateral calibration (dx or dy is None), and a form needs one: "
+                "read the file with lateral_step=..."
+            )
+        rows, columns = obj.shape
+        x: FloatArray = obj.origin[0] + obj.dx * np.arange(columns, dtype=np.float64)
+        y: FloatArray = obj.origin[1] + obj.dy * np.arange(rows, dtype=np.float64)
+        if centre is None:
+            undeclared = middle and obj.origin == (0.0, 0.0)
+            centre = (float(x.mean()), float(y.mean())) if undeclared else (0.0, 0.0)
+        x0, y0 = float(centre[0]), float(centre[1])
+        points = Points(x - x0, y - y0, obj.z, (x0, y0), obj.z.size - obj.n_invalid)
+    elif isinstance(obj, PointSet):
+        x0, y0 = (0.0, 0.0) if centre is None else (float(centre[0]), float(centre[1]))
+        n = obj.z.size - obj.n_invalid
+        points = Points(obj.x - x0, obj.y - y0, obj.z[None, :], (x0, y0), n, is_scattered=True)
+    else:
+        raise DataError(
+            f"a form is fitted to a Surface, a Profile or a PointSet, got {type(obj).__name__}"
+        )
+    if points.n_valid == 0:
+        raise TooFewSamplesError("no sample was measured (all are NaN): nothing can be fitted")
+    return points

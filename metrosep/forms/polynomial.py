@@ -1,0 +1,594 @@
+"""Polynomials as forms: powers of x and y, Legendre or Chebyshev polynomials on a scaled domain.
+
+Every fit is made in Legendre polynomials on the domain of the data, and converted at the end. A
+power basis is for printing and for programs that want it; it is never fitted in.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import DataError
+from metrosep.forms._orthogonal import Basis, values, values_and_slopes
+from metrosep.forms.base import checked
+from metrosep.forms.linear import LinearFit, LinearForm
+from metrosep.forms.moments import MAX_DEGREE, Kind, polynomial_terms
+from metrosep.forms.polynomial_fit import (
+    Domain,
+    fit_grid,
+    fit_points,
+    fit_profile,
+    in_basis,
+    remove_map,
+)
+
+__all__ = ["Polynomial"]
+
+_LETTERS = {"power": "c", "legendre": "L", "chebyshev": "T"}
+
+_BLOCK = 65536
+"""Points that are evaluated at once."""
+
+
+class Polynomial(LinearForm):
+    """A polynomial in x, or in x and y.
+
+    Parameters
+    ----------
+    degree : int
+        Highest degree, 0 to 40.
+    kind : {"total", "tensor"}, optional
+        Terms with ``i + j <= degree``, or with each of i and j ``<= degree``.
+    basis : {"power", "legendre", "chebyshev"}, optional
+        Functions of each variable.
+    variables : {1, 2}, optional
+        1 for a profile, z(x). Default: as `coefficients` say, else 2.
+    coefficients : array_like or mapping, optional
+        ``c[i]`` or ``c[i, j]`` (i along x) or values by parameter name, SI. None: not known yet.
+    centre : float or tuple of float, m, optional
+        Where each variable is zero. Default: the origin for powers, the middle of the fitted data
+        for the others.
+    half_width : float or tuple of float, m, optional
+        Length that the variables are divided by; powers are of metres and have none. Default: that
+        of the fitted data.
+
+    Raises
+    ------
+    DataError
+        If an argument is not one of those above, or the coefficients do not fit the degree.
+
+    Notes
+    -----
+    Parameters are ``c0, c1, ...`` of x, or ``c_i_j`` of ``x^i y^j`` in ``m^(1-i-j)``; with letter L
+    or T, in m, of ``P_i(u) P_j(v)`` or ``T_i(u) T_j(v)``, ``u = (x - centre) / half_width``.
+
+    Examples
+    --------
+    >>> line = Polynomial(1, coefficients=[1e-6, 2e-3])
+    >>> float(line(0.5e-3))
+    2e-06
+    """
+
+    name = "polynomial"
+    has_centre = False
+
+    def __init__(
+        self,
+        degree: int,
+        *,
+        kind: Kind = "total",
+        basis: Basis = "power",
+        variables: Literal[1, 2] | None = None,
+        coefficients: ArrayLike | Mapping[str, float | None] | None = None,
+        centre: float | Sequence[float] | None = None,
+        half_width: float | Sequence[float] | None = None,
+    ) -> None:
+        if basis not in _LETTERS:
+            raise DataError(f"basis must be one of {', '.join(_LETTERS)}, got {basis!r}")
+        if kind not in ("total", "tensor"):
+            raise DataError(f'kind must be "total" or "tensor", got {kind!r}')
+        if isinstance(degree, bool) or int(degree) != degree or not 0 <= degree <= MAX_DEGREE:
+            raise DataError(f"degree must be a whole number from 0 to {MAX_DEGREE}, got {degree}")
+        self.degree, self.kind, self.basis_name = int(degree), kind, basis
+        self.variables = _variables(variables, coefficients)
+        self.terms = (
+            polynomial_terms(self.degree, kind)
+            if self.variables == 2
+            else tuple((i, 0) for i in range(self.degree + 1))
+        )
+        self._values = self._given(coefficients)
+        self.centre, self.half_width = self._domain(centre, half_width)
+
+    def _domain(
+        self, centre: float | Sequence[float] | None, half_width: float | Sequence[float] | None
+    ) -> tuple[tuple[float, ...] | None, tuple[float, ...] | None]:
+        if self.basis_name == "power":
+            if half_width is not None:
+                raise DataError("powers are of metres; half_width goes with legendre or chebyshev")
+            return _each(0.0 if centre is None else centre, self.variables, "centre"), (
+                1.0,
+            ) * self.variables
+        if (centre is None) != (half_width is None):
+            raise DataError("give both centre and half_width, or neither")
+        known = all(v is not None for v in self._values)
+        if centre is None or half_width is None:
+            if known:
+                raise DataError(
+                    f"{self.basis_name} coefficients mean nothing without their domain; give "
+                    "centre and half_width"
+                )
+            return None, None
+        widths = _each(half_width, self.variables, "half_width")
+        if not min(widths) > 0.0:
+            raise DataError(f"half_width must be positive, got {half_width}")
+        return _each(centre, self.variables, "centre"), widths
+
+    def _given(self, given: Any) -> tuple[float | None, ...]:
+        names = self.names
+        if given is None:
+            return (None,) * len(names)
+        if isinstance(given, Mapping):
+            stray = [k for k in given if k not in names]
+            if stray:
+                raise DataError(f"{self.name} has no parameter {stray[0]!r}; {_few(names)}")
+            return tuple(checked(given.get(k), k) for k in names)
+        c = np.asarray(given, dtype=np.float64)
+        n = self.degree + 1
+        if c.shape != (n,) * self.variables:
+            raise DataError(
+                f"degree {self.degree} needs coefficients of shape {(n,) * self.variables}, got "
+                f"{c.shape}"
+            )
+        if not np.isfinite(c).all():
+            raise DataError("coefficients must be finite")
+        table = c.reshape(n, -1)
+        if np.count_nonzero(table) != np.count_nonzero([table[t] for t in self.terms]):
+            raise DataError(
+                f'a coefficient above total degree {self.degree} is not zero; use kind="tensor"'
+            )
+        return tuple(float(table[t]) for t in self.terms)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters, lowest total degree first."""
+        letter = _LETTERS[self.basis_name]
+        if self.variables == 1:
+            short = "" if letter == "c" else "_"
+            return tuple(f"{letter}{short}{i}" for i, _ in self.terms)
+        return tuple(f"{letter}_{i}_{j}" for i, j in self.terms)
+
+    @property
+    def units(self) -> Mapping[str, str]:  # type: ignore[override]
+        """SI unit of each parameter."""
+        if self.basis_name != "power":
+            return dict.fromkeys(self.names, "m")
+        return dict(zip(self.names, (_unit(i + j) for i, j in self.terms), strict=True))
+
+    @property
+    def spanned(self) -> frozenset[str]:
+        """Rigid-body freedoms that the coefficients already hold."""
+        flat = {"piston"} if self.degree == 0 else {"piston", "tilt_x", "tilt_y"}
+        return frozenset(flat | {"shift_x", "shift_y"} if self.basis_name == "power" else flat)
+
+    @property
+    def parameters(self) -> dict[str, float | None]:
+        """Coefficients by name, SI; None where not known yet."""
+        return dict(zip(self.names, self._values, strict=True))
+
+    @property
+    def coefficients(self) -> FloatArray:
+        """Coefficients as an array, shape (degree + 1,) or (degree + 1, degree + 1), i along x.
+
+        Raises
+        ------
+        DataError
+            If one is not known yet.
+        """
+        c = np.zeros((self.degree + 1, self.degree + 1 if self.variables == 2 else 1))
+        for term, name, value in zip(self.terms, self.names, self._values, strict=True):
+            if value is None:
+                raise DataError(f"{name} of the {self.name} is not known yet: give one, or fit it")
+            c[term] = value
+        return c if self.variables == 2 else c[:, 0]
+
+    def with_parameters(self, **values: float) -> Polynomial:
+        """Return the polynomial with other values of some coefficients.
+
+        Parameters
+        ----------
+        **values : float
+            By name, SI.
+
+        Returns
+        -------
+        Polynomial
+            On the same domain.
+
+        Raises
+        ------
+        DataError
+            If a name is not one of the parameters.
+        """
+        return self._copy({**self.parameters, **values}, self.centre, self.half_width)
+
+    def for_profile(self) -> Polynomial:
+        """Return the polynomial of one variable of the same degree, its coefficients not known.
+
+        Returns
+        -------
+        Polynomial
+            The form itself if it has one variable.
+        """
+        if self.variables == 1:
+            return self
+        power = self.basis_name == "power"
+        centre = None if self.centre is None else self.centre[:1]
+        width = None if self.half_width is None or power else self.half_width[:1]
+        return Polynomial(
+            self.degree, basis=self.basis_name, variables=1, centre=centre, half_width=width
+        )
+
+    def _copy(self, values: Any, centre: Any, half_width: Any) -> Polynomial:
+        return Polynomial(
+            self.degree,
+            kind=self.kind,
+            basis=self.basis_name,
+            variables=self.variables,
+            coefficients=values,
+            centre=centre,
+            half_width=None if self.basis_name == "power" else half_width,
+        )
+
+    def _scaled(self, x: FloatArray, y: FloatArray) -> list[FloatArray]:
+        if self.centre is None or self.half_width is None:
+            raise DataError(f"the {self.name} has no domain yet: give centre and half_width")
+        points = (x, y)[: self.variables]
+        return [(p - c) / h for p, c, h in zip(points, self.centre, self.half_width, strict=True)]
+
+    def height(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Return z at points of equal shape.
+
+        Parameters
+        ----------
+        x, y : ndarray, m
+            Positions; a polynomial of one variable is the same for every y.
+
+        Returns
+        -------
+        ndarray, m
+            Heights, also outside the domain, where a polynomial soon goes astray.
+        """
+        return self._sums(x, y, ((0, 0),))[0]
+
+    def slopes(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return dz/dx and dz/dy at points of equal shape.
+
+        Parameters
+        ----------
+        x, y : ndarray, m
+            Positions.
+
+        Returns
+        -------
+        tuple of ndarray
+            Slopes, dimensionless.
+        """
+        if self.variables == 1:
+            return self._sums(x, y, ((1, 0),))[0], np.zeros_like(x)
+        dx, dy = self._sums(x, y, ((1, 0), (0, 1)))
+        return dx, dy
+
+    def _sums(
+        self, x: FloatArray, y: FloatArray, orders: tuple[tuple[int, int], ...]
+    ) -> list[FloatArray]:
+        c = self.coefficients.reshape(self.degree + 1, -1)
+        flat = [u.ravel() for u in self._scaled(x, y)]
+        widths = self.half_width or ()
+        out = [np.empty(x.size) for _ in orders]
+        for start in range(0, x.size, _BLOCK):
+            part = slice(start, start + _BLOCK)
+            tables = [values_and_slopes(u[part], self.degree, basis=self.basis_name) for u in flat]
+            for target, order in zip(out, orders, strict=True):
+                along = tables[0][order[0]]
+                if self.variables == 1:
+                    target[part] = c[:, 0] @ along
+                else:
+                    target[part] = np.einsum("in,in->n", along, c @ tables[1][order[1]])
+                for width, o in zip(widths, order, strict=False):
+                    target[part] /= width**o
+        return [o.reshape(x.shape) for o in out]
+
+    def basis(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Return the functions at points of equal shape, shape (n_parameters, *x.shape).
+
+        Parameters
+        ----------
+        x, y : ndarray, m
+            Positions.
+
+        Returns
+        -------
+        ndarray
+            In the order of `names`.
+        """
+        tables = [values(u, self.degree, basis=self.basis_name) for u in self._scaled(x, y)]
+        i, j = np.array(self.terms).T
+        out: FloatArray = tables[0][i]
+        return out if self.variables == 1 else out * tables[1][j]
+
+    def scales(self, radius: float) -> dict[str, float]:
+        """Return a change of each coefficient that moves the surface by the same height.
+
+        Parameters
+        ----------
+        radius : float, m
+            Half the extent of the data.
+
+        Returns
+        -------
+        dict of str to float
+            SI.
+        """
+        power = [
+            radius ** (i + j) if self.basis_name == "power" and radius > 0.0 else 1.0
+            for i, j in self.terms
+        ]
+        sizes = [abs(v or 0.0) * p for v, p in zip(self._values, power, strict=True)]
+        height = max(sizes) or 1.0
+        return {k: height / p for k, p in zip(self.names, power, strict=True)}
+
+    def start(self, x: FloatArray, y: FloatArray, z: FloatArray) -> Polynomial:
+        """Return the least-squares polynomial through points.
+
+        Parameters
+        ----------
+        x, y, z : ndarray, shape (n,), m
+            Valid points.
+
+        Returns
+        -------
+        Polynomial
+            With all coefficients; the form itself if all are known.
+
+        Raises
+        ------
+        DegenerateFitError
+            If the points do not determine the coefficients.
+        """
+        if all(v is not None for v in self._values):
+            return self
+        fitted = self.fit_points(x, y, z).form
+        given = {k: v for k, v in self.parameters.items() if v is not None}
+        return fitted.with_parameters(**given)  # type: ignore[return-value]
+
+    def fit_profile(
+        self, x: ArrayLike, z: ArrayLike, *, weights: ArrayLike | None = None
+    ) -> LinearFit:
+        """Return the least-squares polynomial of one variable through a profile.
+
+        Parameters
+        ----------
+        x : array_like, shape (n,), m
+            Positions, in any order and with any spacing.
+        z : array_like, shape (n,), m
+            Heights; NaN where not measured.
+        weights : array_like, shape (n,), optional
+            Weight of each point, >= 0.
+
+        Returns
+        -------
+        LinearFit
+            ``.form``, ``.covariance``, ``.residual_sd``.
+
+        Raises
+        ------
+        InvalidSamplesError
+            If lengths differ, or something is infinite.
+        DegenerateFitError
+            If the valid points do not determine the coefficients.
+        """
+        if self.variables == 2:
+            return self.for_profile().fit_profile(x, z, weights=weights)
+        return self._fitted(*fit_profile(x, z, self.degree, weights=weights))
+
+    def fit_points(
+        self, x: ArrayLike, y: ArrayLike, z: ArrayLike, *, weights: ArrayLike | None = None
+    ) -> LinearFit:
+        """Return the least-squares polynomial through scattered points.
+
+        Parameters
+        ----------
+        x, y : array_like, shape (n,), m
+            Positions.
+        z : array_like, shape (n,), m
+            Heights; NaN where not measured.
+        weights : array_like, shape (n,), optional
+            Weight of each point, >= 0.
+
+        Returns
+        -------
+        LinearFit
+            ``.form``, ``.covariance``, ``.residual_sd``.
+
+        Raises
+        ------
+        InvalidSamplesError
+            If lengths differ, or something is infinite.
+        DegenerateFitError
+            If the valid points do not determine the coefficients.
+        """
+        if self.variables == 1:
+            return self.fit_profile(x, z, weights=weights)
+        return self._fitted(*fit_points(x, y, z, self.terms, weights=weights))
+
+    def fit_grid(
+        self, x: ArrayLike, y: ArrayLike, z: ArrayLike, *, weights: ArrayLike | None = None
+    ) -> LinearFit:
+        """Return the least-squares polynomial through a map, without a design matrix.
+
+        Parameters
+        ----------
+        x : array_like, shape (n_x,), m
+            Positions of the columns, uniform.
+        y : array_like, shape (n_y,), m
+            Positions of the rows, uniform.
+        z : array_like, shape (n_y, n_x), m
+            Heights; NaN where not measured.
+        weights : array_like, shape (n_y, n_x), optional
+            Weight of each pixel, 0 to 1.
+
+        Returns
+        -------
+        LinearFit
+            ``.form``, ``.covariance``, ``.residual_sd``.
+
+        Raises
+        ------
+        DataError
+            If the polynomial has one variable.
+        InvalidSamplesError
+            If shapes differ, or something is infinite.
+        NotUniformError
+            If x or y is not uniform.
+        DegenerateFitError
+            If the valid pixels do not determine the coefficients.
+        """
+        if self.variables == 1:
+            raise DataError("a map needs a polynomial of two variables; this one has one")
+        return self._fitted(*fit_grid(x, y, z, self.degree, self.kind, weights=weights))
+
+    def fit_list(
+        self, x: ArrayLike, y: ArrayLike, z: ArrayLike, *, weights: ArrayLike | None = None
+    ) -> tuple[LinearFit, FloatArray]:
+        """Return the least-squares polynomial through points, and what it leaves.
+
+        Parameters
+        ----------
+        x, y : array_like, shape (n,), m
+            Positions.
+        z : array_like, shape (n,), m
+            Heights; NaN where not measured.
+        weights : array_like, shape (n,), optional
+            Weight of each point, >= 0.
+
+        Returns
+        -------
+        fit : LinearFit
+            ``.form``, ``.covariance``, ``.residual_sd``.
+        residual : ndarray, shape (n,), m
+            Evaluated on the scaled domain, so that powers far from their origin cost no digits.
+
+        Raises
+        ------
+        InvalidSamplesError
+            If lengths differ, or something is infinite.
+        DegenerateFitError
+            If the valid points do not determine the coefficients.
+        """
+        xs, ys, zs = (np.asarray(v, dtype=np.float64) for v in (x, y, z))
+        if self.variables == 1:
+            raw = fit_profile(xs, zs, self.degree, weights=weights)
+        else:
+            raw = fit_points(xs, ys, zs, self.terms, weights=weights)
+        twin = Polynomial(self.degree, kind=self.kind, basis="legendre", variables=self.variables)
+        scaled = twin._fitted(*raw).form  # another instance of this class
+        return self._fitted(*raw), zs - scaled.height(xs, ys)
+
+    def fit_map(
+        self, x: ArrayLike, y: ArrayLike, z: ArrayLike, *, weights: ArrayLike | None = None
+    ) -> tuple[LinearFit, FloatArray]:
+        """Return the least-squares polynomial through a map, and the map without it.
+
+        Parameters
+        ----------
+        x : array_like, shape (n_x,), m
+            Positions of the columns, uniform.
+        y : array_like, shape (n_y,), m
+            Positions of the rows, uniform.
+        z : array_like, shape (n_y, n_x), m
+            Heights; NaN where not measured.
+        weights : array_like, shape (n_y, n_x), optional
+            Weight of each pixel, 0 to 1.
+
+        Returns
+        -------
+        fit : LinearFit
+            ``.form``, ``.covariance``, ``.residual_sd``.
+        residual : ndarray, shape (n_y, n_x), m
+            What is left.
+
+        Raises
+        ------
+        DataError
+            If the polynomial has one variable.
+        InvalidSamplesError
+            If shapes differ, or something is infinite.
+        NotUniformError
+            If x or y is not uniform.
+        DegenerateFitError
+            If the valid pixels do not determine the coefficients.
+        """
+        if self.variables == 1:
+            raise DataError("a map needs a polynomial of two variables; this one has one")
+        raw, residual = remove_map(x, y, z, self.degree, self.kind, weights=weights)
+        return self._fitted(*raw), residual
+
+    def _fitted(
+        self,
+        c: NDArray[Any],
+        inverse: FloatArray,
+        squares: float,
+        n: int,
+        domain: Domain,
+        /,
+    ) -> LinearFit:
+        target = (
+            domain
+            if self.centre is None or self.half_width is None
+            else list(zip(self.centre, self.half_width, strict=True))
+        )
+        new, inverse = in_basis(c, inverse, self.terms, self.basis_name, domain, target)
+        centre, width = ([d[k] for d in target] for k in (0, 1))
+        named = dict(zip(self.names, (float(new[t]) for t in self.terms), strict=True))
+        return LinearFit(self._copy(named, centre, width), inverse, squares, n)
+
+    def __repr__(self) -> str:
+        if any(v is None for v in self._values):
+            return f"Polynomial({self.degree}, {self.basis_name}, {self.kind}, not fitted)"
+        return super().__repr__()
+
+
+def _variables(given: int | None, coefficients: Any) -> Literal[1, 2]:
+    implied: int | None = None
+    if isinstance(coefficients, Mapping):
+        if coefficients:
+            implied = 1 if all(re.fullmatch(r"c\d+|[LT]_\d+", k) for k in coefficients) else 2
+    elif coefficients is not None:
+        implied = int(np.ndim(coefficients))
+    number = given if given is not None else (implied or 2)
+    if number not in (1, 2):
+        raise DataError(f"a polynomial has 1 or 2 variables, got {number}")
+    return 1 if number == 1 else 2
+
+
+def _each(value: float | Sequence[float], n: int, name: str) -> tuple[float, ...]:
+    numbers = tuple(float(v) for v in np.atleast_1d(np.asarray(value, dtype=np.float64)))
+    if len(numbers) == 1:
+        numbers *= n
+    if len(numbers) != n or not np.isfinite(numbers).all():
+        raise DataError(f"{name} must be {n} finite value(s) in m, got {value}")
+    return numbers
+
+
+def _unit(power: int) -> str:
+    return {0: "m", 1: "1"}.get(power, f"m^{1 - power}")
+
+
+def _few(names: Sequence[str]) -> str:
+    return "there are: " + ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")

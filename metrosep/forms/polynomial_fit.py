@@ -1,0 +1,379 @@
+"""Least squares of polynomials over profiles, points and maps, in Legendre polynomials.
+
+Each fit returns coefficients on the domain of its data, ``[i, j]`` along x and y, the inverse of
+the normal matrix of its terms, the sum of squares left, the number of points, and the domain.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from metrosep.core._arrays import FloatArray, same_length
+from metrosep.core.errors import DegenerateFitError, InvalidSamplesError, NotUniformError
+from metrosep.forms._conversion import conversion_matrix, converted
+from metrosep.forms._orthogonal import Basis, values
+from metrosep.forms.linear import solve_blocks
+from metrosep.forms.moments import GridPolynomial, Kind, fit_grid_polynomial, remove_grid
+
+__all__ = ["Domain", "RawFit", "fit_grid", "fit_points", "fit_profile", "in_basis"]
+
+Domain = list[tuple[float, float]]
+"""Centre and half width of each variable, m."""
+
+_EXTENDED = 16384
+"""Points up to which the residual is fitted once more, in extended precision where there is one."""
+
+RawFit = tuple[NDArray[Any], FloatArray, float, int, Domain]
+
+_UNIFORM = 1e-6
+"""Largest deviation of a position from the uniform grid, in steps."""
+
+
+def fit_profile(
+    x: ArrayLike, z: ArrayLike, degree: int, *, weights: ArrayLike | None = None
+) -> RawFit:
+    """Return the least-squares polynomial z(x), in Legendre polynomials on the span of the data.
+
+    Parameters
+    ----------
+    x : array_like, shape (n,), m
+        Positions, in any order and with any spacing.
+    z : array_like, shape (n,), m
+        Heights; NaN where not measured.
+    degree : int
+        Highest degree, >= 0.
+    weights : array_like, shape (n,), optional
+        Weight of each point, >= 0.
+
+    Returns
+    -------
+    RawFit
+        Coefficients of shape (degree + 1, 1), inverse, sum of squares, points, domain.
+
+    Raises
+    ------
+    InvalidSamplesError
+        If lengths differ, or something is infinite.
+    DegenerateFitError
+        If the valid points do not determine the coefficients.
+
+    Notes
+    -----
+    Orthogonal factorisation in blocks: a million points need no more memory than a block.
+    """
+    xs, zs, w = _valid(x, z, weights)
+    terms = tuple((i, 0) for i in range(degree + 1))
+    c, inverse, squares, n, domain = _fit(xs, None, zs, terms, w)
+    return c[:, :1], inverse, squares, n, domain[:1]
+
+
+def fit_points(
+    x: ArrayLike,
+    y: ArrayLike,
+    z: ArrayLike,
+    terms: tuple[tuple[int, int], ...],
+    *,
+    weights: ArrayLike | None = None,
+) -> RawFit:
+    """Return the least-squares polynomial through scattered points, in Legendre polynomials.
+
+    Parameters
+    ----------
+    x, y : array_like, shape (n,), m
+        Positions.
+    z : array_like, shape (n,), m
+        Heights; NaN where not measured.
+    terms : tuple of (int, int)
+        Degrees along x and y to fit.
+    weights : array_like, shape (n,), optional
+        Weight of each point, >= 0.
+
+    Returns
+    -------
+    RawFit
+        Coefficients, inverse, sum of squares, points, domain.
+
+    Raises
+    ------
+    InvalidSamplesError
+        If lengths differ, or something is infinite.
+    DegenerateFitError
+        If the valid points do not determine the coefficients.
+    """
+    ys = np.asarray(y, dtype=np.float64).ravel()
+    xs, zs, w, keep = _checked(x, z, weights)
+    same_length(x=xs, y=ys)
+    if not np.isfinite(ys).all():
+        raise InvalidSamplesError("a position y is not finite; drop the point")
+    return _fit(xs[keep], ys[keep], zs[keep], terms, w)
+
+
+def _checked(
+    x: ArrayLike, z: ArrayLike, weights: ArrayLike | None
+) -> tuple[FloatArray, FloatArray, FloatArray | None, np.ndarray[tuple[int], np.dtype[np.bool_]]]:
+    xs = np.asarray(x, dtype=np.float64).ravel()
+    zs = np.asarray(z, dtype=np.float64).ravel()
+    same_length(x=xs, z=zs)
+    if not np.isfinite(xs).all():
+        raise InvalidSamplesError("a position x is not finite; drop the point")
+    keep = ~np.isnan(zs)
+    if weights is None:
+        return xs, zs, None, keep
+    w = np.asarray(weights, dtype=np.float64).ravel()
+    same_length(z=zs, weights=w)
+    if not (np.isfinite(w).all() and w.min(initial=0.0) >= 0.0):
+        raise InvalidSamplesError("weights must be finite and not negative")
+    keep &= w > 0.0
+    return xs, zs, w[keep], keep
+
+
+def _valid(
+    x: ArrayLike, z: ArrayLike, weights: ArrayLike | None
+) -> tuple[FloatArray, FloatArray, FloatArray | None]:
+    xs, zs, w, keep = _checked(x, z, weights)
+    return xs[keep], zs[keep], w
+
+
+def _fit(
+    x: FloatArray,
+    y: FloatArray | None,
+    z: FloatArray,
+    terms: tuple[tuple[int, int], ...],
+    weights: FloatArray | None,
+) -> RawFit:
+    degree = max(max(t) for t in terms)
+    if z.size < len(terms):
+        raise DegenerateFitError(
+            f"{z.size} valid points cannot determine {len(terms)} coefficients; lower the degree "
+            "or measure more of the part"
+        )
+    domain = [_span(x), _span(x if y is None else y)]
+    i, j = np.array(terms).T
+
+    def functions(part: slice, number: type[np.floating[Any]] = np.float64) -> NDArray[Any]:
+        along = [
+            values((p[part].astype(number) - centre) / width, degree)
+            for p, (centre, width) in zip((x,) if y is None else (x, y), domain, strict=False)
+        ]
+        out: NDArray[Any] = along[0][i]
+        return out if y is None else out * along[1][j]
+
+    offset = float(np.median(z[:: z.size // 4096 + 1]))
+    heights = z - (offset if np.isfinite(offset) else 0.0)
+    what = f"{len(terms)} coefficients"
+    found, inverse, squares = solve_blocks(functions, heights, weights=weights, what=what)
+    c = np.zeros((degree + 1, degree + 1), dtype=np.longdouble)
+    c[i, j] = found
+    if z.size <= _EXTENDED:
+        rest = heights - found.astype(np.longdouble) @ functions(slice(None), np.longdouble)
+        more, _, squares = solve_blocks(
+            functions, rest.astype(np.float64), weights=weights, what=what
+        )
+        c[i, j] += more
+    c[0, 0] += offset
+    return c, inverse, squares, z.size, domain
+
+
+def _span(x: FloatArray) -> tuple[float, float]:
+    low, high = float(x.min()), float(x.max())
+    return 0.5 * (low + high), 0.5 * (high - low) or 1.0
+
+
+def fit_grid(
+    x: ArrayLike,
+    y: ArrayLike,
+    z: ArrayLike,
+    degree: int,
+    kind: Kind,
+    *,
+    weights: ArrayLike | None = None,
+) -> RawFit:
+    """Return the least-squares polynomial through a map, in Legendre polynomials.
+
+    Parameters
+    ----------
+    x : array_like, shape (n_x,), m
+        Positions of the columns, uniform.
+    y : array_like, shape (n_y,), m
+        Positions of the rows, uniform.
+    z : array_like, shape (n_y, n_x), m
+        Heights; NaN where not measured.
+    degree : int
+        Highest degree, 0 to 40.
+    kind : {"total", "tensor"}
+        Which terms.
+    weights : array_like, shape (n_y, n_x), optional
+        Weight of each pixel, 0 to 1.
+
+    Returns
+    -------
+    RawFit
+        Coefficients, inverse, sum of squares, points, domain of the valid pixels.
+
+    Raises
+    ------
+    InvalidSamplesError
+        If shapes differ, or something is infinite.
+    NotUniformError
+        If x or y is not uniform.
+    DegenerateFitError
+        If the valid pixels do not determine the coefficients.
+    """
+    axes = _axes(x, y, z)
+    return _from_grid(fit_grid_polynomial(z, degree, kind=kind, weights=weights), axes)
+
+
+def remove_map(
+    x: ArrayLike,
+    y: ArrayLike,
+    z: ArrayLike,
+    degree: int,
+    kind: Kind,
+    *,
+    weights: ArrayLike | None = None,
+) -> tuple[RawFit, FloatArray]:
+    """Return the least-squares polynomial through a map, and the map without it.
+
+    Parameters
+    ----------
+    x : array_like, shape (n_x,), m
+        Positions of the columns, uniform.
+    y : array_like, shape (n_y,), m
+        Positions of the rows, uniform.
+    z : array_like, shape (n_y, n_x), m
+        Heights; NaN where not measured.
+    degree : int
+        Highest degree, 0 to 40.
+    kind : {"total", "tensor"}
+        Which terms.
+    weights : array_like, shape (n_y, n_x), optional
+        Weight of each pixel, 0 to 1.
+
+    Returns
+    -------
+    fit : RawFit
+        As of `fit_grid`.
+    residual : ndarray, shape (n_y, n_x), m
+        Evaluated on the scaled domain, so that powers far from their origin cost no digits.
+
+    Raises
+    ------
+    InvalidSamplesError
+        If shapes differ, or something is infinite.
+    NotUniformError
+        If x or y is not uniform.
+    DegenerateFitError
+        If the valid pixels do not determine the coefficients.
+    """
+    axes = _axes(x, y, z)
+    residual, fit = remove_grid(z, degree, kind=kind, weights=weights)
+    return _from_grid(fit, axes), residual
+
+
+Axis = tuple[float, float, int]
+
+
+def _axes(x: ArrayLike, y: ArrayLike, z: ArrayLike) -> tuple[Axis, Axis]:
+    axes = (uniform_axis(x, "x"), uniform_axis(y, "y"))
+    if np.shape(z) != (axes[1][2], axes[0][2]):
+        raise InvalidSamplesError(
+            f"z must have shape (n_y, n_x) = {(axes[1][2], axes[0][2])}, got {np.shape(z)}"
+        )
+    return axes
+
+
+def _from_grid(fit: GridPolynomial, axes: tuple[Axis, Axis]) -> RawFit:
+    """Return the fit in metres: Legendre coefficients and the domain of the valid pixels."""
+    domain = [
+        (first + step * centre, abs(step) * width)
+        for (first, step, _), centre, width in zip(axes, fit.centre, fit.half_width, strict=True)
+    ]
+    falling = [(-1.0) ** np.arange(fit.degree + 1) if step < 0 else 1.0 for _, step, _ in axes]
+    signs = np.ones_like(fit.coefficients) * np.reshape(falling[0], (-1, 1)) * falling[1]
+    i, j = np.array(fit.terms).T
+    s = signs[i, j]
+    inverse = fit.inverse * np.outer(s, s)
+    return fit.coefficients * signs, inverse, fit.residual_sum, fit.n_valid, domain
+
+
+def uniform_axis(x: ArrayLike, name: str) -> tuple[float, float, int]:
+    """Return first position, step and number of uniform positions.
+
+    Parameters
+    ----------
+    x : array_like, shape (n,), m
+        Positions.
+    name : str
+        For the message.
+
+    Returns
+    -------
+    tuple of (float, float, int)
+        The step of a single position is 1.
+
+    Raises
+    ------
+    InvalidSamplesError
+        If there is no position.
+    NotUniformError
+        If they are not uniform, to a millionth of the step.
+    """
+    xs = np.asarray(x, dtype=np.float64)
+    if xs.ndim != 1 or xs.size == 0:
+        raise InvalidSamplesError(f"{name} must be a list of positions, got shape {xs.shape}")
+    if xs.size == 1:
+        return float(xs[0]), 1.0, 1
+    step = float(xs[-1] - xs[0]) / (xs.size - 1)
+    off = np.abs(xs - (xs[0] + step * np.arange(xs.size))).max()
+    if not (step != 0.0 and off <= _UNIFORM * abs(step)):
+        raise NotUniformError(
+            f"positions {name} of a map must be uniform; resample, or fit its points with "
+            "fit_points"
+        )
+    return float(xs[0]), step, int(xs.size)
+
+
+def in_basis(
+    c: NDArray[Any],
+    inverse: FloatArray,
+    terms: tuple[tuple[int, int], ...],
+    basis: Basis,
+    source: Domain,
+    target: Domain,
+) -> tuple[FloatArray, FloatArray]:
+    """Return coefficients and inverse normal matrix in another basis on another domain.
+
+    Parameters
+    ----------
+    c : ndarray, shape (n, n) or (n, 1)
+        Legendre coefficients.
+    inverse : ndarray, shape (n_terms, n_terms)
+        Inverse of the normal matrix.
+    terms : tuple of (int, int)
+        Degrees along x and y, in the order of `inverse`.
+    basis : {"power", "legendre", "chebyshev"}
+        New functions.
+    source, target : list of (float, float), m
+        Centre and half width of each variable.
+
+    Returns
+    -------
+    coefficients : ndarray
+        Shape of c.
+    inverse : ndarray, shape (n_terms, n_terms)
+        Inverse of the new normal matrix.
+    """
+    n = c.shape[0] - 1
+    flat = c[:, 0] if len(source) == 1 else c
+    new = converted(flat, basis, source, target).reshape(c.shape)
+    matrices = [
+        conversion_matrix(n, basis, old, to) for old, to in zip(source, target, strict=True)
+    ]
+    i, j = np.array(terms).T
+    jacobian = matrices[0][np.ix_(i, i)]
+    if len(matrices) == 2:
+        jacobian = jacobian * matrices[1][np.ix_(j, j)]
+    return new, jacobian @ inverse @ jacobian.T

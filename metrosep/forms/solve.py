@@ -1,0 +1,374 @@
+"""Levenberg-Marquardt in blocks, with analytic derivatives and columns of unit length.
+
+The columns of the Jacobian are scaled to unit length, so that a fit in nanometres and one in
+metres take the same steps. A map is reduced to its Gram matrix block by block; few points are
+solved by orthogonal factors, which costs no digits. Tied parameters are named, never regularised
+away.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.core.errors import DegenerateFitError, NotConvergedError
+
+__all__ = ["Normal", "Solution", "solve"]
+
+FloatArray = NDArray[np.float64]
+Block = tuple[FloatArray, FloatArray]
+Linearise = Callable[[FloatArray], Iterable[Block]]
+"""From a vector of parameters to blocks of deviations (n,) and Jacobian (p, n), already weighted."""
+
+_DEGENERATE = 1e-13
+"""Smallest eigenvalue of the scaled Gram matrix that still determines a direction: 1000 eps."""
+_STEP_SHARE, _STEP_SHARE_LARGE, _LARGE = 1e-10, 1e-6, 200_000
+"""Steps whose effect on the heights is below this share of the residual end the iteration; they are
+taken. With few points the residual may be large and the convergence linear; on a large map, which
+starts from the answer of a sample, what is left after the last step is smaller by the square."""
+_ROUNDING = 16.0 * float(np.finfo(float).eps)
+"""Of the largest height: what a noise-free fit ends at."""
+_LEAST_DAMPING, _MAX_DAMPING = 1e-12, 1e12
+_DAMPING_OF_TIES = 1e-9
+_CAUTION = (0.0, 1e-2, 10.0)
+"""Damping at the start of each attempt: a careful one begins where a bold one did not arrive."""
+"""Relative to columns of unit length. Small at first: nearly tied freedoms leave a long, bent
+valley, which a strong damping walks in tiny steps."""
+
+
+@dataclass(slots=True, eq=False)
+class Normal:
+    """What the blocks of one linearisation add up to.
+
+    Parameters
+    ----------
+    gram : ndarray, shape (p, p)
+        Sum of J J'.
+    gradient : ndarray, shape (p,)
+        Sum of J r.
+    squares : float
+        Sum of r^2.
+    n : int
+        Points inside the domain.
+    n_outside : int
+        Points where the form is not defined.
+    negligible : ndarray or None, shape (p,)
+        Derivatives up to this size are rounding.
+    """
+
+    gram: FloatArray
+    gradient: FloatArray
+    squares: float = 0.0
+    n: int = 0
+    n_outside: int = 0
+    negligible: FloatArray | None = None
+
+    @property
+    def works(self) -> NDArray[np.bool_]:
+        """Whether each parameter moves the heights by more than rounding, shape (p,)."""
+        rms = np.sqrt(np.diag(self.gram) / max(self.n, 1))
+        return np.asarray(rms > (0.0 if self.negligible is None else self.negligible))
+
+    @property
+    def mean_square(self) -> float:
+        """Mean of r^2."""
+        return self.squares / self.n if self.n else np.inf
+
+
+@dataclass(slots=True, eq=False)
+class Solution:
+    """Where the iteration ended.
+
+    Parameters
+    ----------
+    values : ndarray, shape (p,)
+        Parameters.
+    normal : Normal
+        At these values.
+    n_iterations : int
+        Accepted steps.
+    trace : list of float
+        Root mean square after each.
+    """
+
+    values: FloatArray
+    normal: Normal
+    n_iterations: int
+    trace: list[float] = field(default_factory=list)
+
+
+def accumulate(blocks: Iterable[Block], p: int) -> Normal:
+    """Return the sums over blocks of deviations and derivatives.
+
+    Parameters
+    ----------
+    blocks : iterable of (ndarray (n,), ndarray (p, n))
+        Points where the deviation or a derivative is NaN are outside the domain.
+    p : int
+        Number of parameters.
+
+    Returns
+    -------
+    Normal
+        Sums.
+    """
+    total = Normal(np.zeros((p, p)), np.zeros(p))
+    for r, J in blocks:
+        bad = np.isnan(r)
+        if p:
+            bad |= np.isnan(J.sum(axis=0))
+        if bad.any():
+            total.n_outside += int(np.count_nonzero(bad))
+            _add(total, r[~bad], J[:, ~bad])
+        else:
+            _add(total, r, J)
+    return total
+
+
+def _add(total: Normal, r: FloatArray, J: FloatArray) -> None:
+    with np.errstate(over="ignore", invalid="ignore"):  # a wild trial: refused for its sum
+        total.gram += J @ J.T
+        total.gradient += J @ r
+        total.squares += float(r @ r)
+    total.n += int(r.size)
+
+
+def solve(
+    linearise: Linearise,
+    start: FloatArray,
+    names: Sequence[str],
+    *,
+    height: float,
+    reach: FloatArray | None = None,
+    linear: Sequence[int] = (),
+    is_exact: bool = True,
+    max_iterations: int = 100,
+) -> Solution:
+    """Return the parameters of least squares.
+
+    Parameters
+    ----------
+    linearise : callable
+        Deviations and derivatives at given parameters, in blocks.
+    start : ndarray, shape (p,)
+        Where to begin.
+    names : sequence of str
+        Of the parameters, for messages.
+    height : float, m
+        Largest magnitude of the heights, which sets the rounding.
+    reach : ndarray, shape (p,), optional
+        Largest sensible change of each parameter; one that moves no height by more than rounding
+        within it has no effect. Infinite where it is not known.
+    linear : sequence of int, optional
+        Parameters in which the heights are linear; they are solved anew at each trial (variable
+        projection), since a shifted lens also moves up and tilts.
+    is_exact : bool, optional
+        Whether these are linear exactly, so that no second pass is needed.
+    max_iterations : int, optional
+        Steps, accepted or not.
+
+    Returns
+    -------
+    Solution
+        With the sums at the end.
+
+    Raises
+    ------
+    DegenerateFitError
+        If the form is defined at fewer points than there are parameters, or the points do not
+        determine a parameter.
+    NotConvergedError
+        If the steps do not become small.
+    """
+    job = _Job(
+        linearise,
+        tuple(names),
+        height,
+        np.zeros(start.size) if reach is None else _ROUNDING * height / reach,
+        np.asarray(linear, dtype=np.intp),
+        is_exact,
+    )
+    begin = start.astype(np.float64)
+    failure: NotConvergedError | DegenerateFitError | None = None
+    for caution in _CAUTION:
+        try:
+            return _descend(job, begin, max_iterations, caution=caution)
+        except (NotConvergedError, DegenerateFitError) as error:
+            failure = failure or error
+    assert failure is not None  # noqa: S101
+    raise failure
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Job:
+    """What stays the same on the way down."""
+
+    linearise: Linearise
+    names: tuple[str, ...]
+    height: float
+    negligible: FloatArray
+    linear: NDArray[np.intp]
+    is_exact: bool
+
+    def sums(self, values: FloatArray) -> Normal:
+        normal = accumulate(self.linearise(values), values.size)
+        normal.negligible = self.negligible
+        return normal
+
+
+def _descend(job: _Job, values: FloatArray, max_iterations: int, *, caution: float) -> Solution:
+    """Walk down; `caution` is the damping at the start: a far start may be thrown onto a plateau."""
+    normal = job.sums(values)
+    _enough(normal, values.size, job.names)
+    trace = [float(np.sqrt(normal.mean_square))]
+    damping, accepted, effect = caution, 0, np.inf
+    least = max(_LEAST_DAMPING, 1e-6 * caution)
+    for _ in range(max_iterations):
+        step, effect = _step(normal, damping, job.names)
+        rms = float(np.sqrt(normal.mean_square))
+        share = _STEP_SHARE if normal.n < _LARGE else _STEP_SHARE_LARGE
+        if effect <= share * rms or effect <= _ROUNDING * job.height:
+            if damping > 0.0:  # the step is small because it was held back
+                damping = 0.0
+                continue
+            _determined(normal, job.names)
+            return Solution(values + step, normal, accepted, trace)
+        moved, trial = _trial(job, values + step)
+        if _is_better(trial, normal):
+            values, normal = moved, trial
+            accepted += 1
+            trace.append(float(np.sqrt(normal.mean_square)))
+            damping = damping / (10.0 if caution else 100.0) if damping > least else 0.0
+        else:
+            damping = max(damping * 10.0, least)
+            if damping > _MAX_DAMPING:
+                break
+    raise NotConvergedError(
+        f"the fit of {', '.join(job.names)} did not settle in {max_iterations} steps (RMS "
+        f"{trace[-1]:.3g} m, last step still moves the form by {effect:.3g} m RMS); give a start "
+        "closer to the answer, or free fewer parameters"
+    )
+
+
+def _is_better(trial: Normal, normal: Normal) -> bool:
+    """Whether a trial lowers the residual, keeps the points and still feels every parameter."""
+    return bool(
+        trial.n >= 0.95 * normal.n
+        and trial.mean_square <= normal.mean_square * (1.0 + 1e-12)
+        and trial.works.all()
+    )
+
+
+def _trial(job: _Job, values: FloatArray) -> tuple[FloatArray, Normal]:
+    """Return the sums at trial values, with the linear parameters solved for them."""
+    normal, linear = job.sums(values), job.linear
+    if linear.size == 0 or linear.size == values.size or not np.isfinite(normal.squares):
+        return values, normal
+    part = normal.gram[np.ix_(linear, linear)]
+    if normal.n < linear.size or not _is_sound(part):
+        return values, normal
+    change = np.linalg.solve(part, normal.gradient[linear])
+    moved = values.copy()
+    moved[linear] += change
+    if not job.is_exact:
+        return moved, job.sums(moved)
+    squares = normal.squares - float(normal.gradient[linear] @ change)
+    if squares < 1e-6 * normal.squares:  # the difference has lost its digits
+        return moved, job.sums(moved)
+    normal.gradient -= normal.gram[:, linear] @ change
+    normal.squares = squares
+    return moved, normal
+
+
+def _is_sound(part: FloatArray) -> bool:
+    """Whether a block of the Gram matrix can be solved."""
+    length = np.sqrt(np.diag(part))
+    return bool((length > 0.0).all() and np.linalg.cond(part / np.outer(length, length)) < 1e12)
+
+
+def _enough(normal: Normal, p: int, names: Sequence[str]) -> None:
+    if normal.n < max(p, 1):
+        outside = f" ({normal.n_outside} lie outside its domain)" if normal.n_outside else ""
+        raise DegenerateFitError(
+            f"{p} free parameters ({', '.join(names)}) need at least {max(p, 1)} points, got "
+            f"{normal.n}{outside}"
+        )
+
+
+def scaled_gram(normal: Normal, names: Sequence[str]) -> tuple[FloatArray, FloatArray]:
+    """Return the Gram matrix with unit diagonal, and the lengths it was divided by.
+
+    Parameters
+    ----------
+    normal : Normal
+        Sums.
+    names : sequence of str
+        Of the parameters.
+
+    Returns
+    -------
+    gram : ndarray, shape (p, p)
+        Correlations of the columns.
+    length : ndarray, shape (p,)
+        Euclidean length of each column.
+
+    Raises
+    ------
+    DegenerateFitError
+        If a parameter has no effect on any point.
+    """
+    length = np.sqrt(np.diag(normal.gram))
+    largest = float(length.max(initial=0.0))
+    idle = [name for name, works in zip(names, normal.works, strict=True) if not works]
+    if idle or not np.isfinite(largest):
+        raise DegenerateFitError(
+            f"{', '.join(idle) or ', '.join(names)} changes nothing at the measured points, so it "
+            "cannot be found from them; hold it with fixed={...}"
+        )
+    return normal.gram / np.outer(length, length), length
+
+
+def tied(normal: Normal, names: Sequence[str]) -> list[str]:
+    """Return the parameters of the least determined direction, the strongest first.
+
+    Parameters
+    ----------
+    normal : Normal
+        Sums.
+    names : sequence of str
+        Of the parameters.
+
+    Returns
+    -------
+    list of str
+        Those with a share above a tenth of the largest.
+    """
+    gram, _ = scaled_gram(normal, names)
+    vector = np.abs(np.linalg.eigh(gram)[1][:, 0])
+    order = np.argsort(-vector)
+    return [names[i] for i in order if vector[i] > 0.1 * vector[order[0]]]
+
+
+def _determined(normal: Normal, names: Sequence[str]) -> None:
+    """Raise where the answer leaves a direction open; on the way there it may be so."""
+    if names and float(np.linalg.eigvalsh(scaled_gram(normal, names)[0])[0]) < _DEGENERATE:
+        raise DegenerateFitError(
+            f"the points cannot tell {' from '.join(tied(normal, names))}: moving them together "
+            "changes nothing; hold one with fixed={...} or leave it out of free"
+        )
+
+
+def _step(normal: Normal, damping: float, names: Sequence[str]) -> tuple[FloatArray, float]:
+    """Return the step, and the root mean square by which it moves the heights."""
+    if not names:
+        return np.zeros(0), 0.0
+    gram, length = scaled_gram(normal, names)
+    if float(np.linalg.eigvalsh(gram)[0]) < _DEGENERATE:
+        damping = max(damping, _DAMPING_OF_TIES)
+    scaled = np.linalg.solve(gram + damping * np.eye(len(names)), normal.gradient / length)
+    squared = float(scaled @ gram @ scaled) / normal.n
+    effect = float(np.sqrt(max(squared, 0.0)))
+    return scaled / length, effect

@@ -1,0 +1,367 @@
+"""Least squares of Zernike terms over maps and points.
+
+On a map, terms of low order are sums of products of Legendre polynomials on the square around the
+disc, exactly, so that the moments of `metrosep.forms.moments` serve them too. For higher orders
+those sums cancel; there the terms are evaluated in blocks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from metrosep.core._arrays import FloatArray
+from metrosep.core.blas import one_blas_thread
+from metrosep.core.errors import DataError, DegenerateFitError, InvalidSamplesError
+from metrosep.forms._moment_sums import Grid, grid_values, inverse_of
+from metrosep.forms._orthogonal import values
+from metrosep.forms.linear import solve_blocks
+from metrosep.forms.moments import polynomial_terms, solve_grid
+from metrosep.forms.polynomial_fit import uniform_axis
+from metrosep.forms.zernike_terms import zernike_values
+
+__all__ = ["RIM", "ZernikeFit", "fit_zernike_grid", "fit_zernike_points", "zernike_map"]
+
+Terms = tuple[tuple[int, int], ...]
+
+ZernikeFit = tuple[FloatArray, FloatArray, float, int, float]
+"""Coefficients (1 at the rim), inverse normal matrix, sum of squares, points, radius."""
+
+RIM = 1e-9
+"""Of the radius: a point this far outside still counts as on the rim."""
+
+_SEPARABLE = 12
+"""Largest order whose sums of Legendre products lose no more than three digits (105 terms: 13)."""
+
+_BLOCK = 16384
+_SAMPLE = 20000
+
+
+def fit_zernike_grid(
+    z: ArrayLike,
+    x: ArrayLike,
+    y: ArrayLike,
+    nm: Terms,
+    *,
+    radius: float | None = None,
+    weights: ArrayLike | None = None,
+) -> ZernikeFit:
+    """Return the least-squares Zernike coefficients of a map on a disc around the origin.
+
+    Parameters
+    ----------
+    z : array_like, shape (n_y, n_x), m
+        Heights; NaN where not measured.
+    x : array_like, shape (n_x,), m
+        Positions of the columns from the centre of the disc, uniform.
+    y : array_like, shape (n_y,), m
+        Positions of the rows from the centre of the disc, uniform.
+    nm : tuple of (int, int)
+        Radial and azimuthal order of each term.
+    radius : float, m, optional
+        Of the disc; points beyond it have no part. Default: the farthest valid pixel.
+    weights : array_like, shape (n_y, n_x), optional
+        Weight of each pixel, 0 to 1.
+
+    Returns
+    -------
+    ZernikeFit
+        Coefficients of terms that are 1 at the rim, inverse normal matrix, sum of squares,
+        points, radius.
+
+    Raises
+    ------
+    DataError
+        If the radius is not positive.
+    InvalidSamplesError
+        If shapes differ, or something is infinite.
+    NotUniformError
+        If x or y is not uniform.
+    DegenerateFitError
+        If the valid pixels inside the disc do not determine the terms.
+
+    Notes
+    -----
+    Cost: one pass over the map for orders up to 12.
+    """
+    heights = np.asarray(z, dtype=np.float64)
+    xs, ys = _axis(x, "x"), _axis(y, "y")
+    if heights.shape != (ys.size, xs.size):
+        raise InvalidSamplesError(
+            f"z must have shape (n_y, n_x) = {(ys.size, xs.size)}, got {heights.shape}"
+        )
+    invalid = np.isnan(heights)
+    given = _weights(weights, heights.shape)
+    if given is not None:
+        invalid |= given == 0.0
+    size = _farthest(xs, ys, invalid) if radius is None else _radius(radius)
+    u, v = xs / size, ys / size
+    rows, columns = (slice(*np.searchsorted(p, (-1 - RIM, 1 + RIM))) for p in (v, u))
+    u, v = u[columns], v[rows]
+    outside = _outside(u, v)
+    outside |= invalid[rows, columns]
+    n_valid = int(outside.size) - int(np.count_nonzero(outside))
+    _enough(n_valid, len(nm))
+    inside = heights[rows, columns]
+    part = None if given is None else given[rows, columns]
+    fit = _separable if max(n for n, _ in nm) <= _SEPARABLE else _in_blocks
+    with one_blas_thread():
+        return (*fit(inside, outside, part, u, v, nm), n_valid, size)
+
+
+def fit_zernike_points(
+    x: ArrayLike,
+    y: ArrayLike,
+    z: ArrayLike,
+    nm: Terms,
+    *,
+    radius: float | None = None,
+    weights: ArrayLike | None = None,
+) -> ZernikeFit:
+    """Return the least-squares Zernike coefficients of points on a disc around the origin.
+
+    Parameters
+    ----------
+    x, y : array_like, shape (n,), m
+        Positions from the centre of the disc.
+    z : array_like, shape (n,), m
+        Heights; NaN where not measured.
+    nm : tuple of (int, int)
+        Radial and azimuthal order of each term.
+    radius : float, m, optional
+        Of the disc; points beyond it have no part. Default: the farthest valid point.
+    weights : array_like, shape (n,), optional
+        Weight of each point, >= 0.
+
+    Returns
+    -------
+    ZernikeFit
+        Coefficients of terms that are 1 at the rim, inverse normal matrix, sum of squares,
+        points, radius.
+
+    Raises
+    ------
+    DataError
+        If the radius is not positive.
+    InvalidSamplesError
+        If lengths differ, or something is infinite.
+    DegenerateFitError
+        If the valid points inside the disc do not determine the terms.
+    """
+    xs, ys, zs = (np.asarray(a, dtype=np.float64).ravel() for a in (x, y, z))
+    if not xs.size == ys.size == zs.size:
+        raise InvalidSamplesError(f"arrays must be equally long: {xs.size}, {ys.size}, {zs.size}")
+    if not (np.isfinite(xs).all() and np.isfinite(ys).all()):
+        raise InvalidSamplesError("a position is not finite; drop the point")
+    w = None if weights is None else np.asarray(weights, dtype=np.float64).ravel()
+    if w is not None and not (w.size == zs.size and np.isfinite(w).all() and w.min() >= 0.0):
+        raise InvalidSamplesError("weights must be as long as z, finite and not negative")
+    keep = ~np.isnan(zs) if w is None else ~np.isnan(zs) & (w > 0.0)
+    _enough(int(keep.sum()), len(nm))
+    rho = np.hypot(xs, ys)
+    size = _positive(float(rho[keep].max())) if radius is None else _radius(radius)
+    keep &= rho <= size * (1.0 + RIM)
+    _enough(int(keep.sum()), len(nm))
+    u, v, inside = xs[keep] / size, ys[keep] / size, zs[keep]
+    a, inverse, squares = solve_blocks(
+        lambda part: zernike_values(u[part], v[part], nm),
+        inside,
+        weights=None if w is None else w[keep],
+        what=f"{len(nm)} Zernike terms",
+    )
+    return a, inverse, squares, int(inside.size), size
+
+
+def zernike_map(
+    x: ArrayLike, y: ArrayLike, nm: Terms, coefficients: FloatArray, *, radius: float
+) -> FloatArray:
+    """Return a sum of Zernike terms on a grid, NaN beyond the radius.
+
+    Parameters
+    ----------
+    x : array_like, shape (n_x,), m
+        Positions of the columns from the centre of the disc.
+    y : array_like, shape (n_y,), m
+        Positions of the rows.
+    nm : tuple of (int, int)
+        Radial and azimuthal order of each term.
+    coefficients : ndarray, shape (n_terms,), m
+        Of terms that are 1 at the rim.
+    radius : float, m
+        Of the disc.
+
+    Returns
+    -------
+    ndarray, shape (n_y, n_x), m
+        Heights: separable for orders up to 12, by recurrence above.
+    """
+    u, v = _axis(x, "x") / radius, _axis(y, "y") / radius
+    outside = np.greater(u * u, ((1.0 + RIM) ** 2 - v * v)[:, None])
+    degree = max(n for n, _ in nm)
+    if degree > _SEPARABLE:
+        out = np.full(outside.shape, np.nan)
+        for row in range(v.size):
+            some = ~outside[row]
+            line = np.full(int(some.sum()), v[row])
+            out[row, some] = coefficients @ zernike_values(u[some], line, nm)
+        return out
+    functions, terms = _in_legendre(nm)
+    i, j = np.array(terms).T
+    table = np.zeros((degree + 1, degree + 1))
+    table[i, j] = coefficients @ functions
+    inside = np.clip(u, -1.0 - RIM, 1.0 + RIM), np.clip(v, -1.0 - RIM, 1.0 + RIM)
+    with one_blas_thread():
+        out = grid_values(table, *(values(p, degree) for p in inside))
+    out[outside] = np.nan
+    return out
+
+
+def _outside(u: FloatArray, v: FloatArray) -> NDArray[np.bool_]:
+    """Return which pixels lie off the disc; comparing small whole numbers is quick."""
+    half = np.sqrt(np.maximum((1.0 + RIM) ** 2 - v * v, 0.0))
+    number = np.dtype(np.int16 if u.size < 32767 else np.int64)
+    first: NDArray[Any] = np.searchsorted(u, -half, side="left").astype(number)[:, None]
+    after: NDArray[Any] = np.searchsorted(u, half, side="right").astype(number)[:, None]
+    place: NDArray[Any] = np.arange(u.size).astype(number)
+    out: NDArray[np.bool_] = place < first
+    out |= place >= after
+    return out
+
+
+def _axis(values_: ArrayLike, name: str) -> FloatArray:
+    first, step, n = uniform_axis(values_, name)
+    if step < 0.0:
+        raise InvalidSamplesError(f"positions {name} must grow; turn the map round")
+    return np.asarray(values_, dtype=np.float64) if n > 1 else np.array([first])
+
+
+def _weights(weights: ArrayLike | None, shape: tuple[int, ...]) -> FloatArray | None:
+    if weights is None:
+        return None
+    given = np.asarray(weights, dtype=np.float64)
+    if given.shape != shape:
+        raise InvalidSamplesError(f"weights must have the shape of z, {shape}, got {given.shape}")
+    if not (given.min(initial=0.0) >= 0.0 and given.max(initial=0.0) <= 1.0):
+        raise InvalidSamplesError("weights must lie between 0 and 1, and none may be NaN")
+    return given
+
+
+def _farthest(x: FloatArray, y: FloatArray, invalid: NDArray[np.bool_]) -> float:
+    """Return the distance of the farthest valid pixel: of each row, only the ends matter."""
+    rows = np.flatnonzero(~invalid.all(axis=1))
+    if not rows.size:
+        raise DegenerateFitError("no pixel of the map is valid")
+    first = (~invalid[rows]).argmax(axis=1)
+    last = x.size - 1 - (~invalid[rows, ::-1]).argmax(axis=1)
+    reach = np.maximum(np.abs(x[first]), np.abs(x[last]))
+    return _positive(float(np.hypot(reach, y[rows]).max()))
+
+
+def _positive(radius: float) -> float:
+    if not radius > 0.0:
+        raise DegenerateFitError("all valid points are at the centre; a disc needs a radius")
+    return radius
+
+
+def _radius(radius: float) -> float:
+    if not (np.isfinite(radius) and radius > 0.0):
+        raise DataError(f"radius must be positive and finite, got {radius}")
+    return float(radius)
+
+
+def _enough(n: int, needed: int) -> None:
+    if n < needed:
+        raise DegenerateFitError(
+            f"{n} valid points inside the disc cannot determine {needed} Zernike terms; use fewer "
+            "terms or a larger radius"
+        )
+
+
+@lru_cache(maxsize=16)
+def _in_legendre(nm: Terms) -> tuple[FloatArray, Terms]:
+    """Return each Zernike term as a sum of Legendre products, by exact quadrature."""
+    degree = max(n for n, _ in nm)
+    nodes, weights = np.polynomial.legendre.leggauss(degree + 1)
+    p = values(nodes, degree) * weights * (np.arange(degree + 1)[:, None] + 0.5)
+    x, y = np.meshgrid(nodes, nodes, indexing="ij")
+    table = np.einsum("kxy,ix,jy->kij", zernike_values(x, y, nm), p, p, optimize=True)
+    terms = polynomial_terms(degree, "total")
+    i, j = np.array(terms).T
+    out = table[:, i, j]
+    # parity: a term holds only products that are even or odd as it is itself
+    for row, (n, m) in zip(out, nm, strict=True):
+        odd_y = m < 0
+        row[((i + j - n) % 2 != 0) | ((j % 2 == 1) != odd_y)] = 0.0
+    out.setflags(write=False)
+    return out, terms
+
+
+def _separable(
+    z: FloatArray,
+    outside: NDArray[np.bool_],
+    weights: FloatArray | None,
+    u: FloatArray,
+    v: FloatArray,
+    nm: Terms,
+) -> tuple[FloatArray, FloatArray, float]:
+    functions, terms = _in_legendre(nm)
+    degree = max(n for n, _ in nm)
+    grid = Grid(z, outside, weights, values(u, 2 * degree), values(v, 2 * degree))
+    found = solve_grid(grid, degree, terms, functions=functions, what=f"{len(nm)} Zernike terms")
+    return found.coefficients, found.inverse, found.residual_sum
+
+
+def _in_blocks(
+    z: FloatArray,
+    outside: NDArray[np.bool_],
+    weights: FloatArray | None,
+    u: FloatArray,
+    v: FloatArray,
+    nm: Terms,
+) -> tuple[FloatArray, FloatArray, float]:
+    """Start from a sample, then add the normal equations of what that leaves, block by block."""
+    places = np.flatnonzero(~outside)
+    heights = z[~outside]
+    if not np.isfinite(heights).all():
+        raise InvalidSamplesError("z is infinite somewhere; write NaN where nothing was measured")
+    w = None if weights is None else weights[~outside]
+
+    def functions(part: slice) -> FloatArray:
+        row, column = np.divmod(places[part], outside.shape[1])
+        return zernike_values(u[column], v[row], nm)
+
+    few = slice(None, None, max(1, places.size // _SAMPLE))
+    what = f"{len(nm)} Zernike terms"
+    if few.step == 1:
+        return solve_blocks(functions, heights, weights=w, what=what)
+    a = _from_sample(functions, heights, w, few.step, len(nm))
+    gram, right, squares = np.zeros((len(nm), len(nm))), np.zeros(len(nm)), 0.0
+    for start in range(0, places.size, _BLOCK):
+        part = slice(start, min(start + _BLOCK, places.size))
+        f = functions(part)
+        r = heights[part] - a @ f
+        weighted = f if w is None else f * w[part]
+        gram += weighted @ f.T
+        right += weighted @ r
+        squares += float(r @ r if w is None else (w[part] * r) @ r)
+    inverse, _ = inverse_of(gram, what)
+    change = inverse @ right
+    return a + change, inverse, squares - float(change @ right)
+
+
+def _from_sample(
+    functions: Callable[[slice], FloatArray],
+    z: FloatArray,
+    weights: FloatArray | None,
+    step: int,
+    n: int,
+) -> FloatArray:
+    some = slice(None, None, step)
+    f = functions(some)
+    root = np.ones(f.shape[1]) if weights is None else np.sqrt(weights[some])
+    found, *_ = np.linalg.lstsq((f * root).T, z[some] * root, rcond=1e-6)
+    return np.asarray(found, dtype=np.float64).reshape(n)

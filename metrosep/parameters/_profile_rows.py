@@ -1,0 +1,168 @@
+"""The catalogue of profile parameters: symbols in both editions, unit, reach and rule.
+
+A row says over what a parameter reaches: "field" parameters are means of section values in 1997
+and over the whole evaluation length in 2021.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from metrosep.core.errors import TooFewSamplesError
+from metrosep.filters.kind import ProfileKind
+from metrosep.parameters.elements import ProfileElements, profile_elements
+from metrosep.parameters.hybrid import valid_gradient
+from metrosep.parameters.material_ratio import CoreHeight, CoreLine, abbott_curve, core_height
+from metrosep.parameters.sections import Evaluation
+
+__all__ = ["HEIGHT_THRESHOLD", "NEW", "OLD", "ROWS", "SPACING_THRESHOLD", "Edition", "Row", "Work"]
+
+Edition = Literal["ISO 21920-2:2021", "ISO 4287:1997"]
+
+OLD: Edition = "ISO 4287:1997"
+NEW: Edition = "ISO 21920-2:2021"
+
+HEIGHT_THRESHOLD = 0.1
+"""Peaks and valleys below this share of Rz do not count for RSm and Rc (default of both)."""
+
+SPACING_THRESHOLD = 0.01
+"""Portions shorter than this share of a section do not count (1997 only)."""
+
+
+class Work:
+    """An evaluation with what several parameters share, worked out when first needed."""
+
+    def __init__(self, evaluation: Evaluation, line: CoreLine) -> None:
+        self.evaluation = evaluation
+        self._line = line
+        self._core: CoreHeight | None = None
+        self._elements: list[ProfileElements] | None = None
+
+    @property
+    def core(self) -> CoreHeight:
+        if self._core is None:
+            curve = abbott_curve(self.evaluation.whole)
+            self._core = core_height(curve.heights, line=self._line)
+        return self._core
+
+    @property
+    def elements(self) -> list[ProfileElements]:
+        """Elements of each section (1997) or of the whole (2021), none of them empty."""
+        if self._elements is None:
+            self._elements = _elements(self.evaluation)
+        return self._elements
+
+    def gradient(self, of: Callable[[Any], float]) -> float:
+        e = self.evaluation
+        traces = e.parts if e.by_section else (e.whole,)
+        return float(np.mean([of(valid_gradient(z, dx=e.dx)) for z in traces]))
+
+
+def _elements(e: Evaluation) -> list[ProfileElements]:
+    heights = e.section_values(lambda a: a.z)
+    if e.by_section:
+        found = [
+            profile_elements(
+                x, z, min_height=HEIGHT_THRESHOLD * h, min_width=SPACING_THRESHOLD * float(width)
+            )
+            for x, z, h, width in zip(
+                e.positions, e.parts, heights, e.section_lengths, strict=True
+            )
+        ]
+    else:
+        limit = HEIGHT_THRESHOLD * float(np.mean(heights))
+        found = [profile_elements(e.x, e.whole, min_height=limit)]
+    for k, elements in enumerate(found):
+        if len(elements) == 0:
+            where = f"section {k + 1} of {len(found)}" if e.by_section else "the evaluation length"
+            raise TooFewSamplesError(
+                f"{where} holds no complete profile element (three crossings of z = 0 between "
+                "portions above the thresholds); use longer sections"
+            )
+    return found
+
+
+def _mean_of_elements(work: Work, of: Callable[[ProfileElements], float]) -> float:
+    return float(np.mean([of(e) for e in work.elements]))
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One parameter in both editions; symbols without kind, None where the edition lacks it."""
+
+    old: str | None
+    new: str | None
+    unit: str
+    what: str
+    reach: Literal["field", "sections", "whole", "largest"]
+    clause: str
+    evaluate: Callable[[Work], float]
+
+    def symbol(self, kind: ProfileKind, edition: Edition) -> str:
+        name = self.old if edition == OLD else self.new
+        if name in ("Mr1", "Mr2", "A1", "A2") and kind == "R":
+            return name
+        return f"{kind}{name}"
+
+    def text(self, edition: Edition, e: Evaluation) -> str:
+        n = len(e.parts)
+        by_section = self.reach == "sections" or (self.reach == "field" and e.by_section)
+        if self.reach == "largest":
+            over = f"largest of {n} sections"
+        elif by_section and n > 1:
+            over = f"mean of {n} sections"
+        else:
+            over = "over the evaluation length"
+        source = self.clause if edition == OLD else edition
+        return f"{self.what}, {over} ({source}, recalled)"
+
+
+ROWS = (
+    Row("a", "a", "m", "arithmetic mean height", "field", "ISO 4287:1997, 4.2.1",
+         lambda w: w.evaluation.field(lambda h: h.a)),
+    Row("q", "q", "m", "root mean square height", "field", "ISO 4287:1997, 4.2.2",
+         lambda w: w.evaluation.field(lambda h: h.q)),
+    Row("sk", "sk", "1", "skewness", "field", "ISO 4287:1997, 4.2.3",
+         lambda w: w.evaluation.field(lambda h: h.sk)),
+    Row("ku", "ku", "1", "kurtosis, 3 for Gauss", "field", "ISO 4287:1997, 4.2.4",
+         lambda w: w.evaluation.field(lambda h: h.ku)),
+    Row("p", "p", "m", "highest peak", "sections", "ISO 4287:1997, 4.1.1",
+         lambda w: float(np.mean(w.evaluation.section_values(lambda h: h.p)))),
+    Row("v", "v", "m", "deepest valley", "sections", "ISO 4287:1997, 4.1.2",
+         lambda w: float(np.mean(w.evaluation.section_values(lambda h: h.v)))),
+    Row("z", "z", "m", "highest peak plus deepest valley", "sections", "ISO 4287:1997, 4.1.3",
+         lambda w: float(np.mean(w.evaluation.section_values(lambda h: h.z)))),
+    Row("z1max", "zx", "m", "highest peak plus deepest valley", "largest", "ISO 4288:1996",
+         lambda w: max(w.evaluation.section_values(lambda h: h.z))),
+    Row("t", "t", "m", "highest minus lowest sample", "whole", "ISO 4287:1997, 4.1.5",
+         lambda w: w.evaluation.amplitude.z),
+    Row("c", "c", "m", "mean height of the profile elements", "field", "ISO 4287:1997, 4.1.4",
+         lambda w: _mean_of_elements(w, lambda e: e.mean_height)),
+    Row("Sm", "sm", "m", "mean width of the profile elements", "field", "ISO 4287:1997, 4.3.1",
+         lambda w: _mean_of_elements(w, lambda e: e.mean_spacing)),
+    Row("dq", "dq", "1", "root mean square gradient, 7-point", "field", "ISO 4287:1997, 4.4.1",
+         lambda w: w.gradient(lambda g: float(np.sqrt(np.mean(g * g))))),
+    Row(None, "da", "1", "mean absolute gradient, 7-point", "field", "",
+         lambda w: w.gradient(lambda g: float(np.mean(np.abs(g))))),
+    Row("k", "k", "m", "core height", "whole", "ISO 13565-2:1996", lambda w: w.core.k),
+    Row("pk", "pk", "m", "reduced peak height", "whole", "ISO 13565-2:1996",
+         lambda w: w.core.pk),
+    Row("vk", "vk", "m", "reduced valley depth", "whole", "ISO 13565-2:1996",
+         lambda w: w.core.vk),
+    Row("Mr1", "mrk1", "1", "material ratio at the top of the core", "whole",
+         "ISO 13565-2:1996", lambda w: w.core.mr1),
+    Row("Mr2", "mrk2", "1", "material ratio at the bottom of the core", "whole",
+         "ISO 13565-2:1996", lambda w: w.core.mr2),
+    Row(None, "pkx", "m", "height of the peaks above the core", "whole", "",
+         lambda w: w.core.pkx),
+    Row(None, "vkx", "m", "depth of the valleys below the core", "whole", "",
+         lambda w: w.core.vkx),
+    Row("A1", "ak1", "m", "peak area per unit of material ratio", "whole",
+         "ISO 13565-2:1996", lambda w: w.core.a1),
+    Row("A2", "ak2", "m", "valley area per unit of material ratio", "whole",
+         "ISO 13565-2:1996", lambda w: w.core.a2),
+)  # fmt: skip

@@ -1,0 +1,466 @@
+"""Spatial parameters of a map from its autocorrelation: Sal, Str and Std.
+
+The autocorrelation at a lag is the mean product of the pairs of valid pixels that far apart, over
+the mean square. It is divided by the number of pairs at that lag, not by the number of pixels, so
+it does not fall only because the map ends or has holes; nothing is filled. Lags reach to half the
+map in each direction. The function is even, so half a plane of lags holds all of it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from metrosep.core._arrays import frozen_float
+from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
+
+__all__ = [
+    "Autocorrelation",
+    "CentralLobe",
+    "autocorrelation",
+    "central_lobe",
+    "texture_direction",
+]
+
+FloatArray = NDArray[np.float64]
+
+_MIN_SIZE = 8
+"""Fewest rows and columns: lags to four pixels."""
+
+_ANGLE_STEP = math.radians(0.25)
+"""Width of a bin of the angular spectrum."""
+
+_ANGLE_SMOOTHING = math.radians(2.0)
+"""Standard deviation of the smoothing of the angular spectrum: a wave of 15 periods on the map has
+directions this far apart."""
+
+_RIVAL = 0.9
+"""Second maximum over the first above which no direction dominates."""
+
+_MIN_PAIRS = 0.1
+"""Fewest pairs at a lag as a share of the valid pixels; half lags of a complete map have 0.25."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Autocorrelation:
+    """Autocorrelation of a map at the lags of its grid.
+
+    Parameters
+    ----------
+    values : ndarray, shape (m_y + 1, 2 m_x + 1)
+        1 at lag zero, ``values[0, m_x]``; rows are lags 0 to m_y in y, columns -m_x to m_x in x.
+        NaN at lags with too few pairs.
+    dx, dy : float, m
+        Lateral steps.
+    """
+
+    values: FloatArray
+    dx: float
+    dy: float
+
+    @property
+    def m_x(self) -> int:
+        """Largest lag in x, pixels."""
+        return int(self.values.shape[1] // 2)
+
+    @property
+    def m_y(self) -> int:
+        """Largest lag in y, pixels."""
+        return int(self.values.shape[0] - 1)
+
+
+@dataclass(frozen=True, slots=True)
+class CentralLobe:
+    """How far from lag zero the autocorrelation falls to the threshold.
+
+    Parameters
+    ----------
+    shortest : float, m
+        Sal, the shortest distance over all directions.
+    longest : float or None, m
+        The longest one; None if the lobe reaches the largest lag, so that it is not known.
+    direction_shortest, direction_longest : float or None, rad
+        Where they are, counter-clockwise from +x to +y, 0 to pi.
+    """
+
+    shortest: float
+    longest: float | None
+    direction_shortest: float
+    direction_longest: float | None
+
+    @property
+    def aspect_ratio(self) -> float | None:
+        """Str, shortest over longest, 0 to 1; None where the longest is not known."""
+        return None if self.longest is None else self.shortest / self.longest
+
+
+def autocorrelation(z: ArrayLike, dx: float, dy: float) -> Autocorrelation:
+    """Return the autocorrelation of the valid pixels about their mean.
+
+    Parameters
+    ----------
+    z : array_like, shape (n_y, n_x), m
+        Heights; NaN where not measured.
+    dx, dy : float, m
+        Lateral steps, > 0.
+
+    Returns
+    -------
+    Autocorrelation
+        Dimensionless, for lags up to half the map.
+
+    Raises
+    ------
+    TooFewSamplesError
+        If the map has fewer than 8 rows or columns.
+    InvalidSamplesError
+        If a step is not positive, z is infinite, or nothing is valid.
+    DataError
+        If all heights are equal: nothing is correlated.
+
+    Notes
+    -----
+    With d = z - mean and m = 1 where valid, 0 elsewhere (d = 0 there):
+    acf(t) = [sum d(x) d(x + t) / sum m(x) m(x + t)] / [sum d^2 / sum m], both sums by FFT with
+    zeros behind the map, so that nothing wraps round. Lags with fewer pairs than a tenth of the
+    valid pixels are NaN. O(n log n).
+
+    References
+    ----------
+    .. [1] ISO 25178-2:2021, autocorrelation function (the standard shifts a limited area; the
+       count of pairs is this package's estimate of it).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> x = np.arange(200)
+    >>> acf = autocorrelation(np.tile(np.cos(2 * np.pi * x / 20), (50, 1)), 1e-6, 1e-6)
+    >>> f"{acf.values[0, acf.m_x + 20]:.3f} {acf.values[7, acf.m_x - 10]:.3f}"
+    '1.000 -1.000'
+    """
+    heights = _cropped(frozen_float(z, name="z", ndim=2))
+    _check_map(heights, dx, dy)
+    measured = heights == heights
+    n = int(np.count_nonzero(measured))
+    complete = n == heights.size
+    n_y, n_x = heights.shape
+    sums = _half_plane_sums(_centred(heights, measured, n))
+    if complete:
+        pairs = np.outer(
+            n_y - np.arange(n_y // 2 + 1), n_x - np.abs(np.arange(-(n_x // 2), n_x // 2 + 1))
+        ).astype(np.float64)
+    else:
+        pairs = np.rint(_half_plane_sums(measured.astype(np.float64)))
+        pairs[pairs < _MIN_PAIRS * n] = np.nan
+    sums /= pairs
+    sums /= sums[0, n_x // 2]
+    return Autocorrelation(sums, dx, dy)
+
+
+def _cropped(heights: FloatArray) -> FloatArray:
+    """Return the map without the empty rows and columns around it: they hold no lag."""
+    measured = heights == heights
+    rows, columns = (np.nonzero(measured.any(axis=a))[0] for a in (1, 0))
+    if rows.size == 0:
+        raise InvalidSamplesError("no pixel is valid: there is nothing to correlate")
+    return heights[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+
+
+def _centred(heights: FloatArray, measured: NDArray[np.bool_], n: int) -> FloatArray:
+    """Return the heights about their mean over the largest of them, zero where not measured.
+
+    The second mean takes off what rounding left of the first.
+    """
+    d = np.where(measured, heights, 0.0)
+    low = float(np.min(heights, where=measured, initial=np.inf))
+    high = float(np.max(heights, where=measured, initial=-np.inf))
+    if low == high:
+        raise DataError("all heights are equal: there is no texture to correlate")
+    for _ in range(2):
+        mean = float(np.add.reduce(d, axis=None)) / n
+        np.subtract(d, mean, out=d, where=measured)
+    d /= high - low
+    return d
+
+
+def _check_map(heights: FloatArray, dx: float, dy: float) -> None:
+    for name, step in (("dx", dx), ("dy", dy)):
+        if not (math.isfinite(step) and step > 0.0):
+            raise InvalidSamplesError(f"{name} is {step} m; a lateral step must be positive")
+    if min(heights.shape) < _MIN_SIZE:
+        raise TooFewSamplesError(
+            f"an autocorrelation needs at least {_MIN_SIZE} x {_MIN_SIZE} pixels, got "
+            f"{heights.shape[0]} x {heights.shape[1]}"
+        )
+
+
+def _half_plane_sums(d: FloatArray) -> FloatArray:
+    """Return sum d(x) d(x + t) for lags 0 to n_y / 2 in y and -n_x / 2 to n_x / 2 in x."""
+    from scipy import fft
+
+    n_y, n_x = d.shape
+    m_y, m_x = n_y // 2, n_x // 2
+    shape = (fft.next_fast_len(n_y + m_y, real=True), fft.next_fast_len(n_x + m_x, real=True))
+    spectrum = fft.rfft2(d, shape)
+    power = spectrum.real**2
+    power += spectrum.imag**2
+    lags = fft.irfft2(power, shape, overwrite_x=True)
+    return np.concatenate([lags[: m_y + 1, -m_x:], lags[: m_y + 1, : m_x + 1]], axis=1)
+
+
+def central_lobe(acf: Autocorrelation, *, threshold: float = 0.2) -> CentralLobe:
+    """Return how far the central lobe of an autocorrelation reaches, shortest and longest.
+
+    Parameters
+    ----------
+    acf : Autocorrelation
+        From `autocorrelation`.
+    threshold : float, optional
+        Value that ends the lobe, 0 to 1, both excluded.
+
+    Returns
+    -------
+    CentralLobe
+        Distances in m.
+
+    Raises
+    ------
+    DataError
+        If the threshold is not between 0 and 1, or the lobe reaches the largest lag in its
+        shortest direction, so that Sal is not known.
+
+    Notes
+    -----
+    A lag belongs to the lobe if the straight line from lag zero to it stays at or above the
+    threshold. The end of the lobe is looked for on every grid line between two lags, one inside
+    and one below the threshold, so each direction that the grid can tell apart is tried; the two
+    ends that count are then found with a cubic interpolation along their direction. If the lobe
+    reaches the edge of the lags, its shortest distance is given only where it is shorter than any
+    lag of that edge; the longest is never given.
+
+    References
+    ----------
+    .. [1] ISO 25178-2:2021, 4.3.2 (Sal) and 4.3.3 (Str); threshold 0.2 from ISO 25178-3 (clause
+       numbers recalled, not checked).
+    """
+    from scipy import ndimage
+
+    if not 0.0 < threshold < 1.0:
+        raise DataError(
+            f"the threshold of the autocorrelation is between 0 and 1, got {threshold}"
+        )
+    values = np.nan_to_num(acf.values, nan=-1.0)
+    labels, _ = ndimage.label(values >= threshold)
+    lobe = labels == labels[0, acf.m_x]
+    edge = _distance_of_open_edge(acf, lobe)
+    ends = _ends(acf, values, lobe, threshold)
+    distances = np.hypot(ends[:, 0] * acf.dx, ends[:, 1] * acf.dy)
+    order = np.argsort(distances, kind="stable")
+    if not order.size or distances[order[0]] > edge:
+        raise DataError(
+            f"the autocorrelation is still above {threshold:g} at the largest lag, half the map: "
+            "the map is too small for its texture, or form or waviness was not removed"
+        )
+    shortest, towards = _polished(acf, values, ends[order[0]], threshold, sign=1.0)
+    if math.isfinite(edge):
+        return CentralLobe(shortest, None, towards, None)
+    end = _farthest_in_sight(values, ends[order[::-1]], acf.m_x, threshold)
+    longest, along = _polished(acf, values, end, threshold, sign=-1.0)
+    return CentralLobe(shortest, max(longest, shortest), towards, along)
+
+
+def _distance_of_open_edge(acf: Autocorrelation, lobe: NDArray[np.bool_]) -> float:
+    """Return the distance of the nearest lag of the lobe beyond which nothing is known; inf if none."""
+    from scipy import ndimage
+
+    unknown = np.isnan(np.pad(acf.values, ((0, 1), (1, 1)), constant_values=np.nan))
+    beside = ndimage.binary_dilation(unknown)[:-1, 1:-1] & lobe
+    rows, columns = np.nonzero(beside)
+    if rows.size == 0:
+        return math.inf
+    return float(np.hypot((columns - acf.m_x) * acf.dx, rows * acf.dy).min())
+
+
+def _ends(
+    acf: Autocorrelation, values: FloatArray, lobe: NDArray[np.bool_], threshold: float
+) -> FloatArray:
+    """Return where grid lines leave the lobe, shape (n, 2), x and y in pixels from lag zero."""
+    found: list[FloatArray] = []
+    for along_y, along_x in ((0, 1), (0, -1), (1, 0), (-1, 0)):
+        here = tuple(slice(max(0, -a), min(0, -a) or None) for a in (along_y, along_x))
+        there = tuple(slice(max(0, a), min(0, a) or None) for a in (along_y, along_x))
+        below = (values[there] < threshold) & ~np.isnan(acf.values[there])
+        rows, columns = np.nonzero(lobe[here] & below)
+        inside = values[here][rows, columns]
+        share = (inside - threshold) / (inside - values[there][rows, columns])
+        x = columns + here[1].start - acf.m_x + along_x * share
+        y = rows + here[0].start + along_y * share
+        found.append(np.stack([x, y], axis=1))
+    return np.concatenate(found)
+
+
+def _farthest_in_sight(
+    values: FloatArray, ends: FloatArray, m_x: int, threshold: float
+) -> FloatArray:
+    """Return the first of the ends that lag zero sees along a straight line inside the lobe."""
+    from scipy import ndimage
+
+    for end in ends:
+        length = math.hypot(float(end[0]), float(end[1]))
+        t = np.arange(0.0, length - 1.0, 0.5) / max(length, 1.0)
+        line = ndimage.map_coordinates(values, [end[1] * t, m_x + end[0] * t], order=1)
+        if (line >= threshold).all():
+            found: FloatArray = end
+            return found
+    return np.asarray(ends[-1])
+
+
+def _polished(
+    acf: Autocorrelation, values: FloatArray, end: FloatArray, threshold: float, *, sign: float
+) -> tuple[float, float]:
+    """Return distance in m and direction of an end of the lobe, by a cubic through its surroundings.
+
+    `sign` is 1 for the shortest distance and -1 for the longest: directions within a pixel on
+    either side are tried as well.
+    """
+    from scipy import optimize
+
+    length, angle = math.hypot(float(end[0]), float(end[1])), math.atan2(end[1], end[0])
+    excess = _cubic_around(acf, values, end, threshold)
+
+    def distance(a: float) -> float:
+        c, s = math.cos(a), math.sin(a)
+        low, high = max(length - 1.5, 0.0), length + 1.5
+        if excess is None or not excess(low * c, low * s) > 0.0 > excess(high * c, high * s):
+            root = length if a == angle else math.nan
+        else:
+            root = float(optimize.brentq(lambda t: excess(t * c, t * s), low, high, xtol=1e-9))
+        return root * math.hypot(c * acf.dx, s * acf.dy)
+
+    here = distance(angle)
+    reach = 1.0 / max(length, 1.0)
+    trials = [(here, angle)]
+    if excess is not None:
+        found = optimize.minimize_scalar(
+            lambda a: sign * np.nan_to_num(distance(a), nan=sign * math.inf),
+            bounds=(angle - reach, angle + reach),
+            method="bounded",
+            options={"xatol": 1e-3 * reach},
+        )
+        trials.append((distance(float(found.x)), float(found.x)))
+    best, a = min((t for t in trials if not math.isnan(t[0])), key=lambda t: sign * t[0])
+    return best, _half_turn(math.atan2(math.sin(a) * acf.dy, math.cos(a) * acf.dx))
+
+
+def _half_turn(angle: float) -> float:
+    """Return an angle modulo pi, 0 <= angle < pi also after rounding."""
+    turned = angle % math.pi
+    return turned if turned < math.pi else 0.0
+
+
+def _cubic_around(
+    acf: Autocorrelation, values: FloatArray, end: FloatArray, threshold: float
+) -> Callable[[float, float], float] | None:
+    """Return the autocorrelation less the threshold near an end, x and y in pixels from lag zero."""
+    from scipy import ndimage
+
+    reach = 8
+    x0, y0 = round(float(end[0])) - reach, round(float(end[1])) - reach
+    ys, xs = np.mgrid[y0 : y0 + 2 * reach + 1, x0 : x0 + 2 * reach + 1]
+    # The half plane and, for lags below zero in y, its mirror image.
+    ys, xs = np.where(ys < 0, -ys, ys), np.where(ys < 0, -xs, xs)
+    if int(ys.max()) > acf.m_y or int(np.abs(xs).max()) > acf.m_x:
+        return None
+    cubic = ndimage.spline_filter(values[ys, xs + acf.m_x], order=3)
+
+    def excess(x: float, y: float) -> float:
+        at = [[y - y0], [x - x0]]
+        return float(ndimage.map_coordinates(cubic, at, order=3, prefilter=False)[0] - threshold)
+
+    return excess
+
+
+def texture_direction(acf: Autocorrelation) -> float:
+    """Return the direction Std in which the angular spectrum is largest.
+
+    Parameters
+    ----------
+    acf : Autocorrelation
+        From `autocorrelation`.
+
+    Returns
+    -------
+    float
+        Angle in rad, counter-clockwise from +x to +y, 0 <= Std < pi. It is the direction of the
+        waves: the lay (grooves, ridges) runs at right angles to it.
+
+    Raises
+    ------
+    DataError
+        If no direction dominates: a second maximum of the angular spectrum has at least 90 % of
+        the first.
+
+    Notes
+    -----
+    The power spectrum is the Fourier transform of the autocorrelation under a Hann window, so a
+    map with holes has one too. Its power is summed in sectors of 0.25 deg inside the largest
+    circle of frequencies that both axes have, and smoothed over the angle by a Gaussian of 2 deg.
+
+    References
+    ----------
+    .. [1] ISO 25178-2:2021, 4.3.4 (number recalled, not checked). The 2012 edition takes the
+       power, as here; the 2021 edition is said to take the amplitude.
+    """
+    angles, spectrum = _angular_spectrum(acf)
+    best = int(np.argmax(spectrum))
+    n = angles.size
+    before, after = spectrum[best - 1], spectrum[(best + 1) % n]
+    bend = before - 2.0 * spectrum[best] + after
+    shift = 0.5 * (before - after) / bend if bend < 0.0 else 0.0
+    rivals = (spectrum >= np.roll(spectrum, 1)) & (spectrum > np.roll(spectrum, -1))
+    away = np.abs((np.arange(n) - best + n // 2) % n - n // 2) > round(
+        2.0 * _ANGLE_SMOOTHING / _ANGLE_STEP
+    )
+    second = float(np.max(spectrum, where=rivals & away, initial=0.0))
+    if second >= _RIVAL * spectrum[best]:
+        rival = float(np.degrees(angles[int(np.argmax(np.where(rivals & away, spectrum, -1.0)))]))
+        raise DataError(
+            f"no direction dominates: the angular spectrum at {rival:.0f} deg has "
+            f"{100 * second / spectrum[best]:.0f} % of its maximum at "
+            f"{math.degrees(angles[best]):.0f} deg; the texture is crossed or isotropic"
+        )
+    return _half_turn(float(angles[best]) + float(shift) * _ANGLE_STEP)
+
+
+def _angular_spectrum(acf: Autocorrelation) -> tuple[FloatArray, FloatArray]:
+    """Return angles and the power in each direction, smoothed over the angle."""
+    from scipy import fft, ndimage
+
+    m_y, m_x = acf.m_y, acf.m_x
+    shape = (2 * m_y + 2, 2 * m_x + 2)
+    wrapped = np.zeros(shape)
+    lags_y, lags_x = np.arange(m_y + 1), np.arange(-m_x, m_x + 1)
+    window = np.outer(
+        np.cos(0.5 * np.pi * lags_y / (m_y + 1)) ** 2,
+        np.cos(0.5 * np.pi * lags_x / (m_x + 1)) ** 2,
+    )
+    half = np.nan_to_num(acf.values) * window
+    wrapped[np.ix_(lags_y, lags_x)] = half
+    wrapped[np.ix_(-lags_y[1:], -lags_x)] = half[1:]
+    power = fft.rfft2(wrapped).real
+    f_y = fft.fftfreq(shape[0], acf.dy)[:, None]
+    f_x = fft.rfftfreq(shape[1], acf.dx)[None, :]
+    inside = f_x**2 + f_y**2 < min(0.5 / acf.dx, 0.5 / acf.dy) ** 2
+    inside[0, 0] = False
+    # A column f_x = 0 holds both f and -f, every other one stands for its mirror image too.
+    power[:, 1:] *= 2.0
+    n = round(math.pi / _ANGLE_STEP)
+    sector = np.rint(np.arctan2(f_y, f_x)[inside] / _ANGLE_STEP).astype(np.intp) % n
+    spectrum = np.bincount(sector, weights=power[inside], minlength=n)
+    smooth = ndimage.gaussian_filter1d(spectrum, _ANGLE_SMOOTHING / _ANGLE_STEP, mode="wrap")
+    angles: FloatArray = np.arange(n, dtype=np.float64) * _ANGLE_STEP
+    return angles, np.asarray(smooth, dtype=np.float64)

@@ -1,0 +1,385 @@
+"""Monte Carlo for parameters of whole profiles and maps (JCGM 101), bias included.
+
+Noise changes a P-V by its extremes: on the average it grows, and first-order propagation is wrong
+in value and in spread. So each result gives, beside the spread, what noise adds on the average.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from metrosep.core.errors import DataError, TooFewSamplesError
+from metrosep.core.profile import Profile
+from metrosep.core.quantity import Quantity
+from metrosep.core.surface import Surface
+from metrosep.parameters._named import (
+    EXTREMES,
+    PEAK_TO_VALLEY,
+    check_name,
+    is_centred,
+    rows,
+    valid_heights,
+    value_of,
+    with_heights,
+)
+from metrosep.parameters.effects import Effect
+from metrosep.parameters.noise import Noise, StationaryNoise, sampling_of
+from metrosep.parameters.uncertainty import expected_range
+
+__all__ = ["MonteCarloResult", "monte_carlo", "shortest_interval"]
+
+FloatArray = NDArray[np.float64]
+
+_SEQUENCE = 10_000
+"""Draws of one sequence of the adaptive procedure (JCGM 101, 7.9.4)."""
+
+_COPIES = 3
+"""Arrays of the size of a block that are alive at once: noise, effect, squares."""
+
+_NOTABLE = 0.1
+"""A bias of this share of u is worth a sentence."""
+
+
+def shortest_interval(values: ArrayLike, coverage: float = 0.95) -> tuple[float, float]:
+    """Return the shortest interval that holds a share of the values.
+
+    Parameters
+    ----------
+    values : array_like, shape (n,)
+        Draws, n >= 2, finite.
+    coverage : float, optional
+        Share, between 0 and 1.
+
+    Returns
+    -------
+    tuple of (float, float)
+        Ends; the first of equally short ones.
+
+    Raises
+    ------
+    TooFewSamplesError
+        If there are too few values for this coverage.
+    DataError
+        If the coverage is not between 0 and 1.
+
+    References
+    ----------
+    .. [1] JCGM 101:2008, 7.7.
+
+    Examples
+    --------
+    >>> shortest_interval([0.0, 1.0, 1.1, 1.2, 1.3, 9.0], 0.5)
+    (1.0, 1.3)
+    """
+    y = np.sort(np.asarray(values, dtype=np.float64).ravel())
+    q = _draws_inside(y.size, coverage)
+    r = int(np.argmin(y[q:] - y[:-q]))
+    return float(y[r]), float(y[r + q])
+
+
+def _draws_inside(n: int, coverage: float) -> int:
+    if not 0.0 < coverage < 1.0:
+        raise DataError(f"a coverage probability lies between 0 and 1, got {coverage}")
+    q = int(coverage * n + 0.5)
+    if q < 1 or q >= n:
+        raise TooFewSamplesError(
+            f"{n} draws do not resolve an interval of {100 * coverage:g} %; take at least "
+            f"{math.ceil(100 / (1.0 - coverage))}"
+        )
+    return q
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MonteCarloResult:
+    """A parameter under noise.
+
+    Parameters
+    ----------
+    value : float
+        Of the object as it is, without added noise.
+    mean, u : float
+        Mean and standard deviation of the draws.
+    interval : tuple of (float, float)
+        Shortest interval that holds the share `coverage` of the draws.
+    coverage : float
+        Its probability.
+    bias : float
+        Mean of the draws less `value`: what this noise adds on the average.
+    u_bias : float
+        Standard error of `mean` and `bias` from the finite number of draws.
+    draws : ndarray, shape (n,)
+        All draws.
+    stable : bool or None
+        Whether the adaptive procedure reached two significant digits; None if it was not asked.
+    notes : tuple of str
+        What a reader must know.
+    """
+
+    value: float
+    mean: float
+    u: float
+    interval: tuple[float, float]
+    coverage: float
+    bias: float
+    u_bias: float
+    draws: FloatArray
+    stable: bool | None
+    notes: tuple[str, ...]
+
+    def to_quantity(self, unit: str, definition: str, *, symbol: str = "") -> Quantity:
+        """Return the value with the standard uncertainty of the draws; the bias stays in.
+
+        Parameters
+        ----------
+        unit, definition : str
+            As in `Quantity`.
+        symbol : str, optional
+            Its symbol.
+
+        Returns
+        -------
+        Quantity
+            `value` with u.
+        """
+        return Quantity(self.value, unit, definition, u=self.u, symbol=symbol)
+
+    def __repr__(self) -> str:
+        low, high = self.interval
+        head = (
+            f"MonteCarloResult({self.value:.6g} without added noise; {self.draws.size} draws: mean "
+            f"{self.mean:.6g}, u = {self.u:.2g}, bias {self.bias:+.3g} +- {self.u_bias:.1g}, "
+            f"{100 * self.coverage:g} % in {low:.6g} ... {high:.6g})"
+        )
+        return "\n".join([head, *(f"  note: {n}" for n in self.notes)])
+
+
+def monte_carlo(
+    evaluate: str | Callable[[Profile | Surface], float | Quantity],
+    obj: Profile | Surface,
+    *,
+    noise: Noise | None = None,
+    effects: Sequence[Effect] = (),
+    draws: int = 10_000,
+    seed: int = 1,
+    coverage: float = 0.95,
+    adaptive: bool = False,
+    max_draws: int = 1_000_000,
+    centre: bool | None = None,
+    max_bytes: int = 16_000_000,
+) -> MonteCarloResult:
+    """Return how a parameter scatters, and shifts, under noise and common effects.
+
+    Parameters
+    ----------
+    evaluate : str or callable
+        Name of a parameter ("PV", "Pt", "Rt", "Sz", "Pq", "Rq", "Sq", "RMS", "Ra", "Sa", "Sp",
+        "Ssk", ...; whole length, no sections), evaluated on many draws at once; or a function of
+        an object that returns a number or a `Quantity`.
+    obj : Profile or Surface
+        Form removed and filtered; a function may do that itself.
+    noise : Noise, optional
+        What differs from point to point.
+    effects : sequence of Effect, optional
+        What is common to all points.
+    draws : int, optional
+        Number of draws, at least 100 / (1 - coverage) is wise.
+    seed : int, optional
+        Same seed, same numbers, whatever `max_bytes`.
+    coverage : float, optional
+        Probability of the interval.
+    adaptive : bool, optional
+        Whether sequences of 10 000 draws follow until mean, u and both ends are stable to two
+        significant digits of u, or `max_draws` is reached; `draws` is not used.
+    max_draws : int, optional
+        See `adaptive`.
+    centre : bool, optional
+        For a name: whether the mean height is removed. By default for areal parameters and RMS,
+        not for P, R and W.
+    max_bytes : int, optional
+        Bound of the memory for blocks of draws; one draw at least.
+
+    Returns
+    -------
+    MonteCarloResult
+        Mean, u, shortest interval, bias with its standard error, notes.
+
+    Raises
+    ------
+    DataError
+        If there is neither noise nor effect, the name is not known, an evaluation is not finite,
+        or a number is out of range.
+    TooFewSamplesError
+        If fewer than 2 heights are valid, or draws < 2 or too few for the interval.
+    NotUniformError
+        If the noise is correlated and a step is not known or not uniform.
+
+    Notes
+    -----
+    The object already holds the noise of its own measurement: `bias` is what a second dose adds.
+    Where the first dose is as large (a map close to the noise floor), average repeats first
+    (`from_repeats`) or use `noise_free_rms`. NaN stays NaN in every draw.
+
+    References
+    ----------
+    .. [1] JCGM 101:2008, 7.3 to 7.9.
+
+    Examples
+    --------
+    >>> from metrosep.parameters.noise import WhiteNoise
+    >>> x = np.arange(500) * 1e-6
+    >>> wave = Profile(x, 50e-9 * np.cos(2 * np.pi * x / 100e-6))
+    >>> result = monte_carlo("PV", wave, noise=WhiteNoise(2e-9), draws=2000)
+    >>> f"{result.value * 1e9:.1f} {result.mean * 1e9:.1f} {result.bias * 1e9:+.1f} nm"
+    '100.0 107.9 +7.9 nm'
+    """
+    if noise is None and not effects:
+        raise DataError("a Monte Carlo needs noise= or at least one effect")
+    if not adaptive and draws < 2:
+        raise TooFewSamplesError(f"a Monte Carlo needs at least 2 draws, got {draws}")
+    _draws_inside(_SEQUENCE if adaptive else draws, coverage)
+    if max_draws < 2 * _SEQUENCE and adaptive:
+        raise DataError(f"max_draws must allow two sequences of {_SEQUENCE}, got {max_draws}")
+    if isinstance(evaluate, str):
+        check_name(evaluate)
+    value = value_of(evaluate, obj, centre=centre)
+    source = _Draws(evaluate, obj, noise, tuple(effects), seed, centre, max_bytes)
+    stable: bool | None = None
+    if adaptive:
+        results, stable = _adaptive(source, coverage, max_draws)
+    else:
+        results = source.take(draws)
+    results.setflags(write=False)
+    mean, u = float(results.mean()), float(results.std(ddof=1))
+    bias, u_bias = mean - value, u / math.sqrt(results.size)
+    return MonteCarloResult(
+        value,
+        mean,
+        u,
+        shortest_interval(results, coverage),
+        coverage,
+        bias,
+        u_bias,
+        results,
+        stable,
+        tuple(_notes(evaluate, obj, noise, (value, bias, u, u_bias), stable)),
+    )
+
+
+class _Draws:
+    """A stream of values of the parameter; each cause has a generator of its own."""
+
+    def __init__(
+        self,
+        evaluate: str | Callable[[Profile | Surface], float | Quantity],
+        obj: Profile | Surface,
+        noise: Noise | None,
+        effects: tuple[Effect, ...],
+        seed: int,
+        centre: bool | None,
+        max_bytes: int,
+    ) -> None:
+        self.evaluate, self.obj, self.noise, self.centre = evaluate, obj, noise, centre
+        self.heights, self.mask = valid_heights(obj)
+        self.changes = [(e, _change(e, obj)[self.mask]) for e in effects]
+        streams = np.random.SeedSequence(seed).spawn(1 + len(effects))
+        self.rngs = [np.random.default_rng(s) for s in streams]
+        self.block = max(1, int(max_bytes) // (8 * _COPIES * obj.z.size))
+
+    def take(self, count: int) -> FloatArray:
+        return np.concatenate([self._values(k) for k in self._sizes(count)])
+
+    def _sizes(self, count: int) -> Iterator[int]:
+        for start in range(0, count, self.block):
+            yield min(self.block, count - start)
+
+    def _values(self, size: int) -> FloatArray:
+        block = self._heights(size)
+        if isinstance(self.evaluate, str):
+            centred = is_centred(self.evaluate, self.centre)
+            return rows(self.evaluate, block, centred=centred)
+        return np.array([value_of(self.evaluate, self._object(row)) for row in block])
+
+    def _heights(self, size: int) -> FloatArray:
+        if self.noise is None:
+            block = np.zeros((size, self.heights.size))
+        else:
+            fields = self.noise.draw(sampling_of(self.obj), self.rngs[0], size)
+            block = fields.reshape(size, -1)
+            if not self.mask.all():
+                block = block[:, self.mask.ravel()]
+        block += self.heights
+        for (effect, change), rng in zip(self.changes, self.rngs[1:], strict=True):
+            block += effect.draw(rng, size)[:, None] * change
+        return block
+
+    def _object(self, heights: FloatArray) -> Profile | Surface:
+        z = np.full(self.obj.z.shape, np.nan)
+        z[self.mask] = heights
+        return with_heights(self.obj, z)
+
+
+def _change(effect: Effect, obj: Profile | Surface) -> FloatArray:
+    change = np.asarray(effect.change(obj.z), dtype=np.float64)
+    if change.shape != obj.z.shape or not np.isfinite(change[~np.isnan(obj.z)]).all():
+        raise DataError(
+            f"the effect {effect.line.name} must give one finite change for each valid height"
+        )
+    return change
+
+
+def _adaptive(source: _Draws, coverage: float, max_draws: int) -> tuple[FloatArray, bool]:
+    """Return draws by JCGM 101, 7.9.4, and whether they are stable."""
+    sequences: list[FloatArray] = []
+    figures: list[tuple[float, float, float, float]] = []
+    while (len(sequences) + 1) * _SEQUENCE <= max_draws:
+        values = source.take(_SEQUENCE)
+        sequences.append(values)
+        low, high = shortest_interval(values, coverage)
+        figures.append((float(values.mean()), float(values.std(ddof=1)), low, high))
+        if len(sequences) < 2:
+            continue
+        u = float(np.concatenate(sequences).std(ddof=1))
+        errors = np.std(figures, axis=0, ddof=1) / math.sqrt(len(figures))
+        if u == 0.0 or (2.0 * errors < _numerical_tolerance(u)).all():
+            return np.concatenate(sequences), True
+    return np.concatenate(sequences), False
+
+
+def _numerical_tolerance(u: float) -> float:
+    """Return half a unit of the second significant digit (JCGM 101, 7.9.2)."""
+    return float(0.5 * 10.0 ** (math.floor(math.log10(u)) - 1))
+
+
+def _notes(
+    evaluate: str | Callable[[Profile | Surface], float | Quantity],
+    obj: Profile | Surface,
+    noise: Noise | None,
+    figures: tuple[float, float, float, float],
+    stable: bool | None,
+) -> Iterator[str]:
+    value, bias, u, u_bias = figures
+    if stable is False:
+        yield "not stable to two digits after the largest number of draws"
+    if abs(bias) > max(3.0 * u_bias, _NOTABLE * u):
+        kind = "an extreme, which noise pushes outwards" if evaluate in EXTREMES else "not linear"
+        yield (
+            f"the parameter is {kind}: this noise moves it by {bias:+.3g} on the average "
+            f"({bias / u:+.1f} u); u alone does not say so. Average repeats or filter, and report "
+            "raw and averaged values"
+        )
+    if evaluate in PEAK_TO_VALLEY and isinstance(noise, StationaryNoise):
+        sigma = noise.standard_deviation(obj)
+        n = int(np.isfinite(obj.z).sum())
+        floor = expected_range(n) * sigma
+        if floor > 0.0:
+            yield (
+                f"noise alone has a P-V of {floor:.3g} on {n} independent points (less if "
+                f"neighbours share noise), {100 * floor / value:.3g} % of the value"
+                if value > 0.0
+                else f"noise alone has a P-V of {floor:.3g} on {n} independent points"
+            )

@@ -1,0 +1,480 @@
+"""Noise models for Monte Carlo: what a second measurement would add to the heights.
+
+Each model draws fields of zero mean on the points of an object. A generator is used field by
+field, so that the first k fields are the same whatever number is asked for at once.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from metrosep.core.errors import DataError, InvalidSamplesError, NotUniformError
+from metrosep.core.profile import Profile
+from metrosep.core.surface import Surface
+from metrosep.parameters.repeat_noise import residuals_of, stack_repeats
+
+__all__ = [
+    "CorrelatedNoise",
+    "Noise",
+    "NoiseFromPsd",
+    "NoiseFromRepeats",
+    "Sampling",
+    "StationaryNoise",
+    "WhiteNoise",
+    "sampling_of",
+]
+
+FloatArray = NDArray[np.float64]
+
+_REACH = 6.0
+"""The Gaussian ACF is 2e-16 at this many correlation lengths: the far end does not see it."""
+
+
+class Sampling(NamedTuple):
+    """Where noise is wanted.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Of the heights.
+    steps : tuple of (float or None), m
+        Step along each axis of the array (a surface: dy, dx); None where it is not known or not
+        uniform.
+    """
+
+    shape: tuple[int, ...]
+    steps: tuple[float | None, ...]
+
+
+Target = Profile | Surface | Sampling | tuple[int, ...]
+
+
+def sampling_of(target: Target) -> Sampling:
+    """Return the shape and the steps of an object.
+
+    Parameters
+    ----------
+    target : Profile, Surface, Sampling or tuple of int
+        A bare shape has no steps.
+
+    Returns
+    -------
+    Sampling
+        In the order of the axes of the array.
+    """
+    if isinstance(target, Profile):
+        return Sampling((len(target),), (target.dx if target.is_uniform else None,))
+    if isinstance(target, Surface):
+        return Sampling(target.shape, (target.dy, target.dx))
+    if isinstance(target, Sampling):
+        return target
+    return Sampling(tuple(target), (None,) * len(target))
+
+
+class Noise(ABC):
+    """Base of the models; a model of your own defines `_fields`."""
+
+    __slots__ = ()
+
+    def draw(self, target: Target, rng: np.random.Generator, size: int = 1) -> FloatArray:
+        """Return noise fields.
+
+        Parameters
+        ----------
+        target : Profile, Surface, Sampling or tuple of int
+            Where; its heights are not used.
+        rng : numpy.random.Generator
+            Used field by field.
+        size : int, optional
+            Number of fields, >= 1.
+
+        Returns
+        -------
+        ndarray, shape (size, ...), m
+            Noise on all points, measured or not.
+
+        Raises
+        ------
+        DataError
+            If size < 1, or the model does not fit the target.
+        NotUniformError
+            If the noise is correlated and a step is not known or not uniform.
+        """
+        if size < 1:
+            raise DataError(f"the number of noise fields must be at least 1, got {size}")
+        return self._fields(sampling_of(target), rng, size)
+
+    @abstractmethod
+    def _fields(self, target: Sampling, rng: np.random.Generator, size: int) -> FloatArray: ...
+
+
+class StationaryNoise(Noise):
+    """Base of the models whose covariance depends on the distance only."""
+
+    __slots__ = ()
+
+    def autocovariance(self, target: Target) -> FloatArray:
+        """Return the covariance against lag, on a torus at least twice as long as the object.
+
+        Parameters
+        ----------
+        target : Profile, Surface, Sampling or tuple of int
+            Where.
+
+        Returns
+        -------
+        ndarray, m^2
+            First element: the variance; negative lags at the end, as in a DFT.
+
+        Raises
+        ------
+        NotUniformError
+            If the noise is correlated and a step is not known or not uniform.
+        """
+        eigenvalues = self._eigenvalues(sampling_of(target))
+        covariance: FloatArray = np.fft.ifftn(eigenvalues).real
+        return covariance
+
+    def standard_deviation(self, target: Target) -> float:
+        """Return the standard deviation of one point.
+
+        Parameters
+        ----------
+        target : Profile, Surface, Sampling or tuple of int
+            Where: the part of a spectrum below the Nyquist frequency depends on the step.
+
+        Returns
+        -------
+        float
+            In m.
+
+        Raises
+        ------
+        NotUniformError
+            If the noise is correlated and a step is not known or not uniform.
+        """
+        return math.sqrt(float(self._eigenvalues(sampling_of(target)).mean()))
+
+    @abstractmethod
+    def _eigenvalues(self, target: Sampling, *, doubled: bool = True) -> FloatArray:
+        """Return the DFT of the covariance on a torus, >= 0.
+
+        The torus is at least twice as long as the object, so that a product with the covariance
+        does not wrap; for drawing it may be shorter.
+        """
+
+    def _fields(self, target: Sampling, rng: np.random.Generator, size: int) -> FloatArray:
+        eigenvalues = self._eigenvalues(target, doubled=False)
+        torus = eigenvalues.shape
+        root = np.sqrt(eigenvalues)[..., : torus[-1] // 2 + 1]
+        axes = tuple(range(len(torus)))
+        crop = tuple(slice(0, n) for n in target.shape)
+        fields = np.empty((size, *target.shape))
+        for k in range(size):
+            spectrum = np.fft.rfftn(rng.standard_normal(torus), axes=axes)
+            fields[k] = np.fft.irfftn(spectrum * root, s=torus, axes=axes)[crop]
+        return fields
+
+
+def _checked_positive(value: float, name: str, *, zero: bool = False) -> None:
+    if not (math.isfinite(value) and (value > 0.0 or (zero and value == 0.0))):
+        limit = "not negative" if zero else "positive"
+        raise DataError(f"the {name} of the noise must be finite and {limit}, got {value}")
+
+
+def _known_steps(target: Sampling) -> tuple[float, ...]:
+    steps = tuple(s for s in target.steps if s is not None)
+    if len(steps) != len(target.shape):
+        raise NotUniformError(
+            "correlated noise needs a uniform, known step along each axis; resample the profile, "
+            "give the surface its dx and dy, or use WhiteNoise"
+        )
+    return steps
+
+
+def _torus_size(n: int, reach: float = 0.0, *, doubled: bool = True) -> int:
+    from scipy.fft import next_fast_len
+
+    return int(next_fast_len(max(2 * n if doubled else n, n + math.ceil(reach)), real=True))
+
+
+@dataclass(frozen=True, slots=True)
+class WhiteNoise(StationaryNoise):
+    """Independent normal noise on every point.
+
+    Parameters
+    ----------
+    sigma : float, m
+        Standard deviation, >= 0.
+
+    Raises
+    ------
+    DataError
+        If sigma is negative or not finite.
+
+    Notes
+    -----
+    White noise per pixel makes u(Sq) far too small for most instruments: neighbours share noise.
+
+    Examples
+    --------
+    >>> WhiteNoise(2e-9).draw((3,), np.random.default_rng(1), 2).shape
+    (2, 3)
+    """
+
+    sigma: float
+
+    def __post_init__(self) -> None:
+        _checked_positive(self.sigma, "standard deviation sigma", zero=True)
+
+    def standard_deviation(self, target: Target) -> float:
+        """Return sigma.
+
+        Parameters
+        ----------
+        target : Profile, Surface, Sampling or tuple of int
+            Not used.
+
+        Returns
+        -------
+        float
+            In m.
+        """
+        return self.sigma
+
+    def _eigenvalues(self, target: Sampling, *, doubled: bool = True) -> FloatArray:
+        return np.full(tuple(_torus_size(n) for n in target.shape), self.sigma**2)
+
+    def _fields(self, target: Sampling, rng: np.random.Generator, size: int) -> FloatArray:
+        fields = rng.standard_normal((size, *target.shape))
+        fields *= self.sigma
+        return fields
+
+
+@dataclass(frozen=True, slots=True)
+class CorrelatedNoise(StationaryNoise):
+    """Normal noise with a Gaussian autocorrelation, the same in all directions.
+
+    Parameters
+    ----------
+    sigma : float, m
+        Standard deviation of a point, >= 0.
+    correlation_length : float, m
+        Distance at which the autocorrelation exp(-(d / length)^2) has fallen to 1/e, > 0.
+
+    Raises
+    ------
+    DataError
+        If sigma is negative, the length not positive, or one of them not finite.
+
+    Notes
+    -----
+    Drawn by circulant embedding on a torus that is longer than the object by 6 correlation
+    lengths: its ends are not neighbours.
+
+    References
+    ----------
+    .. [1] C. R. Dietrich, G. N. Newsam, SIAM J. Sci. Comput. 18 (1997) 1088.
+
+    Examples
+    --------
+    >>> noise = CorrelatedNoise(2e-9, 10e-6)
+    >>> x = np.arange(100) * 1e-6
+    >>> noise.draw(Profile(x, 0.0 * x), np.random.default_rng(1)).shape
+    (1, 100)
+    """
+
+    sigma: float
+    correlation_length: float
+
+    def __post_init__(self) -> None:
+        _checked_positive(self.sigma, "standard deviation sigma", zero=True)
+        _checked_positive(self.correlation_length, "correlation length")
+
+    def _eigenvalues(self, target: Sampling, *, doubled: bool = True) -> FloatArray:
+        eigenvalues = np.array(self.sigma**2)
+        for n, step in zip(target.shape, _known_steps(target), strict=True):
+            reach = _REACH * self.correlation_length / step
+            m = _torus_size(n, reach, doubled=doubled)
+            lag = np.arange(m) * step / self.correlation_length
+            turn = m * step / self.correlation_length
+            # The torus sees each lag from both sides; the far one is below rounding in the crop.
+            acf = np.exp(-(lag**2)) + np.exp(-((turn - lag) ** 2)) + np.exp(-((turn + lag) ** 2))
+            eigenvalues = np.multiply.outer(eigenvalues, np.maximum(np.fft.fft(acf).real, 0.0))
+        return eigenvalues
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NoiseFromPsd(StationaryNoise):
+    """Normal noise with a given power spectral density.
+
+    Parameters
+    ----------
+    frequency : array_like, shape (n,), 1/m
+        Spatial frequencies, >= 0, rising. For a surface: the radial frequency.
+    density : array_like, shape (n,)
+        For a profile the one-sided density in m^3, whose integral over frequency is the
+        variance. For a surface the two-sided areal density in m^4, whose integral over the
+        plane of frequencies is the variance.
+
+    Raises
+    ------
+    InvalidSamplesError
+        If the arrays differ in length, are empty, not finite or negative, or the frequencies do
+        not rise.
+
+    Notes
+    -----
+    Linear between the given frequencies, the first density below them, nothing above them. What
+    lies above the Nyquist frequency of the object is left out, not folded back.
+
+    Examples
+    --------
+    >>> noise = NoiseFromPsd([0.0, 1e4], [1e-22, 1e-22])
+    >>> x = np.arange(500) * 1e-6
+    >>> round(float(noise.autocovariance(Profile(x, 0.0 * x)).flat[0]) * 1e18, 2)
+    1.0
+    """
+
+    frequency: FloatArray
+    density: FloatArray
+
+    def __init__(self, frequency: ArrayLike, density: ArrayLike) -> None:
+        f = np.array(frequency, dtype=np.float64)
+        s = np.array(density, dtype=np.float64)
+        if f.ndim != 1 or f.shape != s.shape or f.size == 0:
+            raise InvalidSamplesError(
+                f"frequency and density must be equally long lists, got shapes {f.shape} and "
+                f"{s.shape}"
+            )
+        if not (np.isfinite(f).all() and np.isfinite(s).all()) or f[0] < 0.0 or (s < 0.0).any():
+            raise InvalidSamplesError("a spectrum must be finite and must not be negative")
+        if (np.diff(f) <= 0.0).any():
+            raise InvalidSamplesError("the frequencies of a spectrum must rise strictly")
+        f.setflags(write=False)
+        s.setflags(write=False)
+        object.__setattr__(self, "frequency", f)
+        object.__setattr__(self, "density", s)
+
+    def _eigenvalues(self, target: Sampling, *, doubled: bool = True) -> FloatArray:
+        steps = _known_steps(target)
+        if len(steps) == 1:
+            return self._line(_torus_size(target.shape[0]), steps[0])
+        squared = np.array(0.0)
+        for n, step in zip(target.shape, steps, strict=True):
+            squared = np.add.outer(squared, np.fft.fftfreq(_torus_size(n), step) ** 2)
+        density = np.interp(np.sqrt(squared), self.frequency, self.density, right=0.0)
+        eigenvalues: FloatArray = density / math.prod(steps)
+        return eigenvalues
+
+    def _line(self, m: int, step: float) -> FloatArray:
+        """Return the power of each bin of the DFT, by integrals: the variance is exact."""
+        width = 1.0 / (m * step)
+        centres = np.abs(np.fft.fftfreq(m, step))
+        low = np.maximum(centres - 0.5 * width, 0.0)
+        high = np.minimum(centres + 0.5 * width, 0.5 / step)
+        power = self._integral(high) - self._integral(low)
+        both_sides = (centres == 0.0) | (centres == 0.5 / step)
+        eigenvalues: FloatArray = np.maximum(np.where(both_sides, power, 0.5 * power), 0.0) * m
+        return eigenvalues
+
+    def _integral(self, f: FloatArray) -> FloatArray:
+        """Return the integral of the density from 0 to f."""
+        knots, density = self.frequency, self.density
+        if knots[0] > 0.0:
+            knots, density = np.r_[0.0, knots], np.r_[density[0], density]
+        pieces = 0.5 * (density[1:] + density[:-1]) * np.diff(knots)
+        whole = np.concatenate([[0.0], np.cumsum(pieces)])
+        inside = np.minimum(f, knots[-1])
+        i = np.maximum(np.searchsorted(knots, inside, side="right") - 1, 0)
+        value = np.interp(inside, knots, density)
+        total: FloatArray = whole[i] + 0.5 * (density[i] + value) * (inside - knots[i])
+        return total
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NoiseFromRepeats(Noise):
+    """Noise drawn from what repeats of the same measurement differ by.
+
+    Parameters
+    ----------
+    objects : sequence of Profile or of Surface
+        At least 2, on the same points. The target must have their shape.
+    method : {"shift", "combine"}, optional
+        ``"shift"``: the residual of one repeat, whole, with random sign and circular shift;
+        for noise that is alike everywhere. ``"combine"``: sum of all residuals with normal
+        weights; keeps where the noise sits (edges, drift) and allows gaps.
+    remove_mean : bool, optional
+        Whether the mean height of each repeat is taken out first.
+
+    Raises
+    ------
+    TooFewSamplesError
+        If there are fewer than 2 repeats or fewer than 2 points valid in all.
+    InvalidSamplesError
+        If profiles and surfaces are mixed, or the points differ.
+    DataError
+        If the method is not known, or a point is missing and the method shifts.
+
+    Notes
+    -----
+    Residuals from the mean of R repeats are scaled by sqrt(R / (R - 1)). A shift wraps round:
+    one seam per axis. ``"combine"`` has the sample covariance of the repeats, of rank R - 1:
+    below some ten repeats its extremes follow few patterns; it is zero where not measured.
+    """
+
+    residuals: FloatArray
+    method: Literal["shift", "combine"]
+
+    def __init__(
+        self,
+        objects: Sequence[Profile | Surface],
+        *,
+        method: Literal["shift", "combine"] = "shift",
+        remove_mean: bool = True,
+    ) -> None:
+        if method not in ("shift", "combine"):
+            raise DataError(f'the method is "shift" or "combine", got {method!r}')
+        stack = stack_repeats(objects)
+        gaps = int(np.isnan(stack[0]).sum())
+        if gaps and method == "shift":
+            raise DataError(
+                f"{gaps} point(s) are not valid in all repeats, and a shift would move these gaps "
+                'onto measured points; crop, take method="combine", or CorrelatedNoise with the '
+                "sigma and length of noise_of_repeats"
+            )
+        residuals = residuals_of(stack, remove_mean=remove_mean)
+        residuals *= math.sqrt(len(objects) / (len(objects) - 1))
+        residuals[np.isnan(residuals)] = 0.0
+        residuals.setflags(write=False)
+        object.__setattr__(self, "residuals", residuals)
+        object.__setattr__(self, "method", method)
+
+    def _fields(self, target: Sampling, rng: np.random.Generator, size: int) -> FloatArray:
+        n_repeats, *shape = self.residuals.shape
+        if tuple(shape) != target.shape:
+            raise DataError(
+                f"the repeats have shape {tuple(shape)}, the object {target.shape}; noise from "
+                "repeats fits objects on the points of the repeats"
+            )
+        fields = np.zeros((size, *shape))
+        if self.method == "combine":
+            weights = rng.standard_normal((size, n_repeats)) / math.sqrt(n_repeats)
+            spread = (-1,) + (1,) * len(shape)
+            for r in range(n_repeats):
+                fields += weights[:, r].reshape(spread) * self.residuals[r]
+            return fields
+        chances = rng.random((size, 2 + len(shape)))
+        axes = tuple(range(len(shape)))
+        for k, (which, sign, *turn) in enumerate(chances.tolist()):
+            shifts = tuple(int(t * n) for t, n in zip(turn, shape, strict=True))
+            rolled = np.roll(self.residuals[int(which * n_repeats)], shifts, axis=axes)
+            fields[k] = rolled if sign < 0.5 else -rolled
+        return fields

@@ -1,0 +1,319 @@
+"""P, W and R parameters of a profile after ISO 4287:1997 or ISO 21920-2:2021.
+
+The profile is taken as it is: form removed and filtered by others, mean line z = 0, out of the
+material. Which profile it is (P, W, R) is declared, and a wrong declaration is refused. Every
+table says edition, sections, centring and thresholds; the same file gives other numbers with
+others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from metrosep.core.errors import DataError, FitError
+from metrosep.core.profile import Profile
+from metrosep.core.quantity import Quantity
+from metrosep.core.units import format_length
+from metrosep.filters.kind import DoubleFilterError, ProfileKind, profile_kind
+from metrosep.parameters._profile_rows import (
+    HEIGHT_THRESHOLD,
+    NEW,
+    OLD,
+    ROWS,
+    SPACING_THRESHOLD,
+    Edition,
+    Row,
+    Work,
+)
+from metrosep.parameters.material_ratio import CoreLine
+from metrosep.parameters.sections import Evaluation
+from metrosep.parameters.table import Context, ParameterTable
+
+__all__ = ["Edition", "ProfileParameterTable", "profile_parameters"]
+
+_EDITIONS: Mapping[str, Edition] = {
+    "iso4287:1997": OLD,
+    "iso4287": OLD,
+    "iso21920-2:2021": NEW,
+    "iso21920-2": NEW,
+    "iso21920:2021": NEW,
+}
+
+_OFFSET_SHARE = 0.05
+"""A mean of the heights above this share of q deserves a note: sk and ku depend on it."""
+
+_OTHER_SPELLINGS = {
+    "mr1": "mrk1",
+    "mr2": "mrk2",
+    "a1": "ak1",
+    "a2": "ak2",
+    "z1max": "zx",
+    "\N{GREEK SMALL LETTER DELTA}q": "dq",
+}
+"""Spelling without kind, small letters, to the one spelling that entries are compared by."""
+
+
+class ProfileParameterTable(ParameterTable):
+    """Profile parameters; a symbol of the other edition finds the same parameter.
+
+    Parameters
+    ----------
+    quantities : sequence of Quantity
+        Each with its symbol.
+    context : Context
+        Edition, filter chain, valid share, settings.
+    unavailable : mapping of str to str, optional
+        Symbols that could not be evaluated, each with the reason and what to do.
+
+    Examples
+    --------
+    >>> table = ProfileParameterTable([Quantity(1e-4, "m", "mean spacing", symbol="Rsm")],
+    ...                               Context("ISO 21920-2:2021", n_valid=4, n_total=4))
+    >>> table["RSm"].value, "RSm" in table, list(table)
+    (0.0001, True, ['Rsm'])
+    """
+
+    __slots__ = ()
+
+    def __getitem__(self, symbol: str) -> Quantity:
+        return super().__getitem__(self._own(symbol))
+
+    def __contains__(self, symbol: object) -> bool:
+        return isinstance(symbol, str) and super().__contains__(self._own(symbol))
+
+    def with_uncertainties(self, u: Mapping[str, float]) -> ProfileParameterTable:
+        """Return the table with standard uncertainties.
+
+        Parameters
+        ----------
+        u : mapping of str to float
+            Standard uncertainty by symbol of either edition, in the unit of the parameter.
+
+        Returns
+        -------
+        ProfileParameterTable
+            Other parameters are as they were.
+
+        Raises
+        ------
+        DataError
+            If a symbol is not in the table.
+        """
+        table = super().with_uncertainties({self._own(s): value for s, value in u.items()})
+        return ProfileParameterTable(
+            list(table.values()), self.context, unavailable=self.unavailable
+        )
+
+    def _own(self, symbol: str) -> str:
+        known = (*self, *self.unavailable)
+        if symbol in known:
+            return symbol
+        kind = str(self.context.settings.get("kind", "R"))
+        meant = _plain(symbol, kind)
+        return next((s for s in known if _plain(s, kind) == meant), symbol)
+
+
+def profile_parameters(
+    profile: Profile,
+    *,
+    kind: ProfileKind = "P",
+    edition: str = NEW,
+    sections: int = 5,
+    centre: bool = False,
+    line: CoreLine = "lsq",
+    names: Sequence[str] | None = None,
+) -> ProfileParameterTable:
+    """Return the parameters of a P, W or R profile.
+
+    Parameters
+    ----------
+    profile : Profile
+        Uniform; form removed and filtered as its kind asks. Nothing is filtered here.
+    kind : {"P", "W", "R"}, optional
+        Which profile it is; refused where the profile itself declares another.
+    edition : {"ISO 21920-2:2021", "ISO 4287:1997"}, optional
+        Whose definitions and symbols.
+    sections : int, >= 1, optional
+        Section (sampling) lengths in the evaluation length; P always uses one.
+    centre : bool, optional
+        Subtract the mean of the heights, of each section (1997) or of the whole (2021).
+        Instruments do not: the filter's mean line stays zero.
+    line : {"lsq", "secant"}, optional
+        Core line of the Rk family; Mitutoyo instruments use the secant.
+    names : sequence of str, optional
+        Symbols wanted, in the spelling of either edition; all by default.
+
+    Returns
+    -------
+    ProfileParameterTable
+        Parameters in the order of the standard; those that cannot be given are listed in
+        ``unavailable`` with the reason.
+
+    Raises
+    ------
+    DataError
+        If an option is unknown, or P data are asked for R or W parameters.
+    DoubleFilterError
+        If the profile is declared R or W and asked as something else.
+    TooFewSamplesError
+        If fewer than two samples are valid, or too few for the sections.
+    NotUniformError
+        If the positions are not uniform.
+
+    Notes
+    -----
+    Missing ends are cut off before sections are formed. Inside, heights use the valid samples,
+    gradients the complete 7-point stencils, and elements never bridge a gap. O(n log n).
+    1997: a, q, sk, ku, dq, Sm, c per section, then their mean. 2021: these over the whole.
+    Both: p, v, z are means of the section values; t is over the whole.
+
+    References
+    ----------
+    .. [1] ISO 4287:1997, 4.1 to 4.5; ISO 13565-2:1996 (clauses recalled).
+    .. [2] ISO 21920-2:2021 (recalled).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> i = np.arange(4000)
+    >>> sine = Profile(i * 1e-6, 50e-9 * np.cos(2 * np.pi * i / 100))
+    >>> table = profile_parameters(sine, kind="R", names=["Rq", "RSm"])
+    >>> f"{table['Rq'].value:.5g} {table['RSm'].value:.5g}"
+    '3.5355e-08 0.0001'
+    """
+    chosen = _edition(edition)
+    if kind not in ("P", "W", "R"):
+        raise DataError(f'kind is "P", "W" or "R", got {kind!r}')
+    if line not in ("lsq", "secant"):
+        raise DataError(f'line is "lsq" or "secant", got {line!r}')
+    _check_kind(profile, kind)
+    wanted = _wanted(names, kind, chosen)
+    evaluation = Evaluation.of(
+        profile,
+        sections=1 if kind == "P" else sections,
+        by_section=chosen == OLD,
+        centre=centre,
+    )
+    work = Work(evaluation, line)
+    quantities, unavailable = [], {}
+    for row in wanted:
+        symbol = row.symbol(kind, chosen)
+        try:
+            value = row.evaluate(work)
+        except (DataError, FitError) as reason:
+            unavailable[symbol] = str(reason)
+        else:
+            text = row.text(chosen, evaluation)
+            quantities.append(Quantity(float(value), row.unit, text, symbol=symbol))
+    context = Context(
+        edition=chosen,
+        n_valid=len(profile) - profile.n_invalid,
+        n_total=len(profile),
+        history=profile.history,
+        settings=_settings(evaluation, kind, centre=centre, line=line),
+        notes=tuple(_notes(profile, evaluation, kind, wanted, centre=centre)),
+    )
+    return ProfileParameterTable(quantities, context, unavailable=unavailable)
+
+
+def _edition(edition: str) -> Edition:
+    found = _EDITIONS.get("".join(str(edition).lower().split()))
+    if found is None:
+        raise DataError(f'edition is "{NEW}" or "{OLD}", got {edition!r}')
+    return found
+
+
+def _plain(symbol: str, kind: str) -> str:
+    """Return a spelling that is the same for both editions, without the kind."""
+    rest = symbol.lower()
+    if rest not in _OTHER_SPELLINGS:
+        rest = rest[1:] if rest[:1] == kind.lower() else "?" + rest
+    return _OTHER_SPELLINGS.get(rest, rest)
+
+
+def _wanted(names: Sequence[str] | None, kind: ProfileKind, edition: Edition) -> list[Row]:
+    rows = [r for r in ROWS if (r.old if edition == OLD else r.new) is not None]
+    if names is None:
+        return rows
+    if isinstance(names, str):
+        raise DataError(f"names is a sequence of symbols, got the text {names!r}")
+    by_plain = {_plain(r.symbol(kind, edition), kind): r for r in rows}
+    unknown = [n for n in names if _plain(n, kind) not in by_plain]
+    if unknown:
+        known = ", ".join(r.symbol(kind, edition) for r in rows)
+        raise DataError(f"{', '.join(unknown)}: not in {edition} for kind {kind}; it has {known}")
+    plain = {_plain(n, kind) for n in names}
+    return [r for p, r in by_plain.items() if p in plain]
+
+
+def _check_kind(profile: Profile, kind: ProfileKind) -> None:
+    declared = profile_kind(profile)
+    if declared is None or declared == kind:
+        return
+    if declared == "P":
+        raise DataError(
+            f"the profile is declared P (not filtered by a cutoff) and {kind} parameters were "
+            "asked; filter it first, with metrosep.filters.gaussian(profile, cutoff=..., "
+            f'band="{"short" if kind == "R" else "long"}")'
+        )
+    raise DoubleFilterError(
+        f"the profile is declared {declared}, already filtered, and {kind} parameters were asked; "
+        f'pass kind="{declared}" or start from the unfiltered profile'
+    )
+
+
+def _settings(e: Evaluation, kind: str, *, centre: bool, line: str) -> dict[str, Any]:
+    return {
+        "kind": kind,
+        "sections": len(e.parts),
+        "section_length_m": float(e.section_lengths.mean()),
+        "evaluation_length_m": e.whole.size * e.dx,
+        "dx_m": e.dx,
+        "centre": centre,
+        "line": line,
+        "height_threshold": HEIGHT_THRESHOLD,
+        "spacing_threshold": SPACING_THRESHOLD if e.by_section else None,
+    }
+
+
+def _notes(
+    profile: Profile, e: Evaluation, kind: str, wanted: list[Row], *, centre: bool
+) -> list[str]:
+    notes = []
+    if profile_kind(profile) is None:
+        notes.append(f"Nobody declared which profile this is; it was taken as {kind} as asked.")
+    elif kind != "P" and not any(s.name != "read" for s in profile.history):
+        notes.append(f"The file declares it {kind}: form and filter were dealt with before it.")
+    cut = len(profile) - e.whole.size
+    inside = int(np.isnan(e.whole).sum())
+    if cut:
+        notes.append(
+            f"{cut} missing samples at the ends were cut off before sections were formed."
+        )
+    if inside:
+        notes.append(
+            f"{inside} of {e.whole.size} samples are missing inside; heights use the others, "
+            "gradients complete 7-point stencils, elements stop at gaps."
+        )
+    sizes = sorted({p.size for p in e.parts})
+    if len(sizes) > 1:
+        notes.append(f"Sections hold {sizes[0]} or {sizes[-1]} samples: they do not divide.")
+    mean = float(np.nanmean(e.whole))
+    if not centre and abs(mean) > _OFFSET_SHARE * e.amplitude.q:
+        notes.append(
+            f"The mean of the heights is {format_length(mean)}, not 0; a, q, sk, ku, p and v count "
+            "from z = 0 (centre=True removes it)."
+        )
+    if kind == "R" and any(r.new in ("k", "pk", "vk") for r in wanted) and not _robust(profile):
+        notes.append(
+            "The core family is of the profile as it is; ISO 13565-1 and ISO 21920 ask for a "
+            "valley-suppressing (robust) filter before it."
+        )
+    return notes
+
+
+def _robust(profile: Profile) -> bool:
+    return any("robust" in s.name or "13565" in s.name for s in profile.history)

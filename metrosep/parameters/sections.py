@@ -1,0 +1,261 @@
+"""Sections of an evaluation length, and which parameter looks at which of them.
+
+ISO 4287:1997 evaluates most parameters in each section (sampling length) and gives their mean;
+ISO 21920-2:2021 evaluates most over the whole evaluation length and keeps sections for p, v and z.
+Sections have equal length in x; where the samples do not divide, they differ by one sample.
+"""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import DataError, TooFewSamplesError
+from metrosep.core.profile import Profile
+from metrosep.parameters.amplitude import Amplitudes, amplitudes
+
+__all__ = ["Evaluation", "section_slices", "trim"]
+
+_MIN_SECTION = 2
+"""Fewest samples in a section."""
+
+
+def section_slices(n: int, sections: int) -> tuple[slice, ...]:
+    """Return the slices of equal sections of n samples at a uniform step.
+
+    Parameters
+    ----------
+    n : int
+        Samples of the evaluation length.
+    sections : int, >= 1
+        Number of sections.
+
+    Returns
+    -------
+    tuple of slice
+        Section k holds the samples ``round(k n / sections)`` up to the next such index.
+
+    Raises
+    ------
+    DataError
+        If `sections` is not a whole number >= 1.
+    TooFewSamplesError
+        If a section would hold fewer than 2 samples.
+
+    Examples
+    --------
+    >>> section_slices(10, 3)
+    (slice(0, 3, None), slice(3, 7, None), slice(7, 10, None))
+    """
+    count = -1 if isinstance(sections, bool) else _whole_number(sections)
+    if count < 1:
+        raise DataError(f"sections must be a whole number from 1, got {sections!r}")
+    if n < _MIN_SECTION * count:
+        raise TooFewSamplesError(
+            f"{count} section(s) need {_MIN_SECTION * count} samples or more, got {n}; use "
+            "fewer sections"
+        )
+    edges = [(2 * k * n + count) // (2 * count) for k in range(count + 1)]
+    return tuple(slice(a, b) for a, b in pairwise(edges))
+
+
+def trim(z: FloatArray) -> slice:
+    """Return the slice from the first to the last valid sample.
+
+    Parameters
+    ----------
+    z : ndarray, shape (n,), m
+        Heights; NaN where not measured.
+
+    Returns
+    -------
+    slice
+        What is left when missing ends are cut off.
+
+    Raises
+    ------
+    TooFewSamplesError
+        If fewer than two samples are valid.
+    """
+    valid = np.flatnonzero(~np.isnan(z))
+    if valid.size < _MIN_SECTION:
+        raise TooFewSamplesError(
+            f"profile parameters need 2 valid samples or more, got {valid.size} of {z.size}"
+        )
+    return slice(int(valid[0]), int(valid[-1]) + 1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Evaluation:
+    """A trace with its sections, centred as asked.
+
+    Parameters
+    ----------
+    x : ndarray, shape (n,), m
+        Positions, uniform.
+    whole : ndarray, shape (n,), m
+        Heights over the evaluation length; NaN where not measured.
+    parts : tuple of ndarray, m
+        Heights of each section.
+    slices : tuple of slice
+        Where the sections lie.
+    dx : float, m
+        Step.
+    by_section : bool
+        True for ISO 4287:1997: field parameters are means of section values.
+    amplitude : Amplitudes
+        Of the whole evaluation length.
+    section_amplitudes : tuple of Amplitudes
+        Of the sections; empty where a section holds no valid sample.
+    """
+
+    x: FloatArray
+    whole: FloatArray
+    parts: tuple[FloatArray, ...]
+    slices: tuple[slice, ...]
+    dx: float
+    by_section: bool
+    amplitude: Amplitudes
+    section_amplitudes: tuple[Amplitudes, ...]
+
+    @classmethod
+    def of(cls, profile: Profile, *, sections: int, by_section: bool, centre: bool) -> Evaluation:
+        """Return the evaluation of a profile: missing ends cut off, sections formed, centred.
+
+        Parameters
+        ----------
+        profile : Profile
+            Uniform.
+        sections : int, >= 1
+            Number of sections.
+        by_section : bool
+            Whether field parameters are means of section values (1997).
+        centre : bool
+            Whether to subtract the mean: of each section if `by_section`, else of the whole.
+
+        Returns
+        -------
+        Evaluation
+            Ready for the parameters.
+
+        Raises
+        ------
+        TooFewSamplesError
+            If fewer than two samples are valid or the sections are too short.
+        NotUniformError
+            If the positions are not uniform.
+        DataError
+            If `sections` is not a whole number >= 1.
+        """
+        kept = trim(profile.z)
+        x, z = profile.x[kept], profile.z[kept]
+        dx = profile.dx
+        slices = section_slices(z.size, sections)
+        whole = z - np.nanmean(z) if centre else z
+        parts = tuple(
+            _section(z if by_section else whole, s, centre and by_section) for s in slices
+        )
+        empty = any(np.isnan(p).all() for p in parts)
+        return cls(
+            x=x,
+            whole=whole,
+            parts=parts,
+            slices=slices,
+            dx=dx,
+            by_section=by_section,
+            amplitude=amplitudes(whole),
+            section_amplitudes=() if empty else tuple(amplitudes(p) for p in parts),
+        )
+
+    @property
+    def positions(self) -> tuple[FloatArray, ...]:
+        """Positions of the samples of each section, m."""
+        return tuple(self.x[s] for s in self.slices)
+
+    @property
+    def section_lengths(self) -> NDArray[np.float64]:
+        """Length of each section, samples times step, m."""
+        return np.array([p.size for p in self.parts]) * self.dx
+
+    def section_values(self, of: Callable[[Amplitudes], float | None]) -> list[float]:
+        """Return an amplitude parameter of each section.
+
+        Parameters
+        ----------
+        of : callable
+            Takes the amplitudes of one section; None means the section has zero height.
+
+        Returns
+        -------
+        list of float
+            One per section.
+
+        Raises
+        ------
+        TooFewSamplesError
+            If a section holds no valid sample.
+        DataError
+            If the parameter does not exist in a section of zero height.
+        """
+        if not self.section_amplitudes:
+            bad = [k + 1 for k, p in enumerate(self.parts) if np.isnan(p).all()]
+            raise TooFewSamplesError(
+                f"section {bad[0]} of {len(self.parts)} holds no valid sample; use fewer sections "
+                "or crop the profile"
+            )
+        values: list[float] = []
+        for k, amplitude in enumerate(self.section_amplitudes):
+            value = of(amplitude)
+            if value is None:
+                raise DataError(f"zero height: all samples of section {k + 1} are equal")
+            values.append(value)
+        return values
+
+    def field(self, of: Callable[[Amplitudes], float | None]) -> float:
+        """Return an amplitude parameter: mean of the sections (1997) or of the whole (2021).
+
+        Parameters
+        ----------
+        of : callable
+            Takes amplitudes; None means zero height.
+
+        Returns
+        -------
+        float
+            The parameter.
+
+        Raises
+        ------
+        TooFewSamplesError
+            If a section holds no valid sample.
+        DataError
+            If the parameter does not exist because all heights are equal.
+        """
+        if self.by_section:
+            return float(np.mean(self.section_values(of)))
+        value = of(self.amplitude)
+        if value is None:
+            raise DataError("zero height: all samples are equal")
+        return value
+
+
+def _section(z: FloatArray, s: slice, centre: bool) -> FloatArray:
+    part = z[s]
+    if not centre or np.isnan(part).all():
+        return part
+    centred: FloatArray = part - np.nanmean(part)
+    return centred
+
+
+def _whole_number(value: object) -> int:
+    """Return a whole number as int, -1 where it is none."""
+    try:
+        return operator.index(value)  # type: ignore[arg-type]
+    except TypeError:
+        return -1

@@ -1,0 +1,311 @@
+"""Feature parameters of a map: significant peaks and pits after watershed and Wolf pruning.
+
+A hill is the region from which all paths of steepest ascent, from pixel to pixel, end at the same
+peak; its saddle is the highest point of its border. Wolf pruning takes the hill that stands lowest above its saddle,
+joins it with the hill across that saddle, and goes on until every hill stands higher than the
+threshold. Of two hills that meet the lower peak always goes, so the peaks that stay are those
+whose height above the saddle that joins them to a higher one reaches the threshold; that needs
+only the tree of highest saddles, which is the change tree.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from metrosep.core._arrays import frozen_float
+from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
+
+__all__ = ["Peaks", "five_point_height", "mean_peak_curvature", "significant_peaks"]
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
+
+_FIVE = 5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Peaks:
+    """Significant peaks of a map, the highest first.
+
+    Parameters
+    ----------
+    rows, columns : ndarray of int, shape (n,)
+        Pixels.
+    heights : ndarray, shape (n,), m
+        As in the map.
+    prominences : ndarray, shape (n,), m
+        Height above the saddle to a higher hill; infinite for the highest peak of a region that
+        is not connected with a higher one.
+    threshold : float, m
+        Least prominence that was asked for.
+    """
+
+    rows: IntArray
+    columns: IntArray
+    heights: FloatArray
+    prominences: FloatArray
+    threshold: float
+
+    def __len__(self) -> int:
+        return int(self.heights.size)
+
+
+def significant_peaks(z: ArrayLike, *, pruning: float = 0.05) -> Peaks:
+    """Return the peaks that stand a share of the total height above their saddle.
+
+    Parameters
+    ----------
+    z : array_like, shape (n_y, n_x), m
+        Heights; NaN where not measured. Pits are the peaks of ``-z``.
+    pruning : float, optional
+        Least height above the saddle as a share of Sz, 0 to 1.
+
+    Returns
+    -------
+    Peaks
+        Those inside; none at the edge of the map or of a hole.
+
+    Raises
+    ------
+    DataError
+        If `pruning` is not between 0 and 1.
+    InvalidSamplesError
+        If nothing is valid, all heights are equal, or one is infinite.
+
+    Notes
+    -----
+    Neighbours are the eight pixels around one. A flat top is one peak, at the pixel nearest its
+    middle. At the edge of the map or of a hole the highest pixel may be no more than the flank of
+    a hill outside: it takes part in the pruning, but is not given as a peak. So the number of
+    peaks over the area is not biased by the length of the edge. O(n log n).
+
+    References
+    ----------
+    .. [1] ISO 25178-2:2021, clause 5; pruning 5 % from ISO 25178-3 (recalled, not checked).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> c = np.cos(2 * np.pi * (np.arange(100) - 12) / 25)
+    >>> len(significant_peaks(c[:, None] + c[None, :]))
+    16
+    """
+    if not 0.0 <= pruning < 1.0:
+        raise DataError(f"pruning is a share of Sz from 0 to below 1, got {pruning}")
+    heights = frozen_float(z, name="z", ndim=2)
+    measured = heights == heights
+    if not measured.any():
+        raise InvalidSamplesError("no pixel is valid: there are no peaks")
+    highest = float(heights[measured].max())
+    lowest = float(heights[measured].min())
+    if highest == lowest:
+        raise InvalidSamplesError("all heights are equal: there are no peaks")
+    threshold = pruning * (highest - lowest)
+    filled = np.where(measured, heights, -math.inf)
+    labels, tops, complete = _hills(filled, measured)
+    prominences = _prominences(filled, labels, filled.reshape(-1)[tops])
+    # A flat shoulder ends its own paths, at no height above the saddle to the hill behind it.
+    kept = np.nonzero((prominences >= threshold) & (prominences > 0.0) & complete)[0]
+    kept = kept[np.argsort(-filled.reshape(-1)[tops[kept]], kind="stable")]
+    rows, columns = np.divmod(tops[kept], heights.shape[1])
+    return Peaks(rows, columns, heights[rows, columns], prominences[kept], threshold)
+
+
+def _hills(
+    filled: FloatArray, measured: NDArray[np.bool_]
+) -> tuple[NDArray[np.int32], IntArray, NDArray[np.bool_]]:
+    """Return the hill of each pixel (from 1; 0 not measured), and of each peak: index and inside.
+
+    The index is that of the flat map. Inside means that all pixels around the peak were measured.
+    """
+    from scipy import ndimage
+
+    eight = np.ones((3, 3), dtype=bool)
+    target = _steepest_ascent(filled)
+    summits = (target == np.arange(filled.size).reshape(filled.shape)) & measured
+    markers, n = ndimage.label(summits, structure=eight)
+    ways = target.reshape(-1)
+    while not np.array_equal(further := ways[ways], ways):
+        ways = further
+    labels = np.where(measured, markers.reshape(-1)[ways].reshape(filled.shape), 0)
+    # Of a flat top: the pixel nearest its middle.
+    index = np.nonzero(summits.reshape(-1))[0]
+    of = markers.reshape(-1)[index] - 1
+    rows, columns = np.divmod(index, filled.shape[1])
+    size = np.bincount(of, minlength=n)
+    middle_y = np.bincount(of, rows, minlength=n) / size
+    middle_x = np.bincount(of, columns, minlength=n) / size
+    off = (rows - middle_y[of]) ** 2 + (columns - middle_x[of]) ** 2
+    order = np.lexsort((off, of))
+    first = np.searchsorted(of[order], np.arange(n))
+    around = ndimage.binary_erosion(measured, structure=eight, border_value=0)
+    open_ = np.bincount(of, ~around.reshape(-1)[index], minlength=n) > 0
+    return np.asarray(labels, dtype=np.int32), index[order[first]], ~open_
+
+
+def _steepest_ascent(filled: FloatArray) -> NDArray[np.int64]:
+    """Return the flat index of the highest of the nine pixels around each, itself on a tie."""
+    n_y, n_x = filled.shape
+    padded = np.pad(filled, 1, constant_values=-math.inf)
+    best = filled.copy()
+    step = np.zeros(filled.shape, dtype=np.int64)
+    for dy, dx in itertools.product((-1, 0, 1), repeat=2):
+        neighbour = padded[1 + dy : 1 + dy + n_y, 1 + dx : 1 + dx + n_x]
+        higher = neighbour > best
+        np.copyto(best, neighbour, where=higher)
+        np.copyto(step, dy * n_x + dx, where=higher)
+    step += np.arange(filled.size).reshape(filled.shape)
+    return step
+
+
+def _prominences(filled: FloatArray, labels: NDArray[np.int32], tops: FloatArray) -> FloatArray:
+    """Return the height of each peak above the saddle that joins it to a higher one."""
+    first, second, saddle = _highest_saddles(filled, labels, tops.size)
+    prominence = np.full(tops.size, math.inf)
+    parent = list(range(tops.size))
+
+    def root(i: int) -> int:
+        while parent[i] != i:
+            parent[i] = parent[parent[i]]
+            i = parent[i]
+        return i
+
+    height = tops.tolist()
+    order = np.argsort(-saddle, kind="stable")
+    for a, b, level in zip(
+        first[order].tolist(), second[order].tolist(), saddle[order].tolist(), strict=True
+    ):
+        i, j = root(a), root(b)
+        if i == j:
+            continue
+        if (height[i], -i) < (height[j], -j):
+            i, j = j, i
+        parent[j] = i
+        prominence[j] = height[j] - level
+    return prominence
+
+
+def _highest_saddles(
+    filled: FloatArray, labels: NDArray[np.int32], n: int
+) -> tuple[IntArray, IntArray, FloatArray]:
+    """Return the pairs of hills of the tree of highest saddles, from 0, and the saddle heights."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import minimum_spanning_tree
+
+    keys: list[IntArray] = []
+    levels: list[FloatArray] = []
+    for here, there in _neighbours():
+        a, b = labels[here], labels[there]
+        border = (a != b) & (a > 0) & (b > 0)
+        low = np.minimum(a[border], b[border]).astype(np.intp) - 1
+        high = np.maximum(a[border], b[border]).astype(np.intp) - 1
+        keys.append(low * n + high)
+        levels.append(np.minimum(filled[here][border], filled[there][border]))
+    key, level = np.concatenate(keys), np.concatenate(levels)
+    if key.size == 0:
+        empty = np.empty(0, dtype=np.intp)
+        return empty, empty, np.empty(0)
+    order = np.lexsort((-level, key))
+    key, level = key[order], level[order]
+    new = np.concatenate([[True], key[1:] != key[:-1]])
+    key, level = key[new], level[new]
+    # Weights of a spanning tree must not be zero: ranks from 1, the highest saddle first.
+    rank = np.empty(level.size)
+    rank[np.argsort(-level, kind="stable")] = np.arange(1.0, level.size + 1.0)
+    tree = minimum_spanning_tree(coo_array((rank, np.divmod(key, n)), shape=(n, n)).tocsr())
+    chosen = tree.tocoo()
+    by_rank = np.sort(level)[::-1]
+    return (
+        chosen.row.astype(np.intp),
+        chosen.col.astype(np.intp),
+        by_rank[chosen.data.astype(np.intp) - 1],
+    )
+
+
+def _neighbours() -> Sequence[tuple[tuple[slice, slice], tuple[slice, slice]]]:
+    """Give the slices of each of the four pairs of neighbours: right, down, and both diagonals."""
+    all_, head, tail = slice(None), slice(None, -1), slice(1, None)
+    return (
+        ((all_, head), (all_, tail)),
+        ((head, all_), (tail, all_)),
+        ((head, head), (tail, tail)),
+        ((tail, head), (head, tail)),
+    )
+
+
+def five_point_height(peaks: Peaks, mean: float) -> float:
+    """Return S5p, the mean height of the five highest significant peaks above the mean.
+
+    Parameters
+    ----------
+    peaks : Peaks
+        From `significant_peaks`; those of ``-z`` with ``-mean`` give S5v.
+    mean : float, m
+        Of the heights of the map.
+
+    Returns
+    -------
+    float
+        S5p in m.
+
+    Raises
+    ------
+    TooFewSamplesError
+        If there are fewer than five significant peaks.
+
+    References
+    ----------
+    .. [1] ISO 25178-2:2021, clause 5.8 (S5p, S5v, S10z; recalled, not checked).
+    """
+    if len(peaks) < _FIVE:
+        raise TooFewSamplesError(
+            f"only {len(peaks)} significant peak(s) or pit(s) of the five that are averaged; map "
+            "a larger area, or prune less"
+        )
+    return float(np.mean(peaks.heights[:_FIVE] - mean))
+
+
+def mean_peak_curvature(z: ArrayLike, peaks: Peaks, dx: float, dy: float) -> float:
+    """Return Spc, the mean of the principal curvatures over the significant peaks.
+
+    Parameters
+    ----------
+    z : array_like, shape (n_y, n_x), m
+        Heights; NaN where not measured.
+    peaks : Peaks
+        From `significant_peaks` of the same map.
+    dx, dy : float, m
+        Lateral steps, > 0.
+
+    Returns
+    -------
+    float
+        Spc in 1/m, positive for a rounded peak.
+
+    Raises
+    ------
+    TooFewSamplesError
+        If there is no significant peak.
+
+    Notes
+    -----
+    -(d2z/dx2 + d2z/dy2) / 2 by second differences at the peak pixel. A noisy pixel is a sharp peak:
+    filter first.
+
+    References
+    ----------
+    .. [1] ISO 25178-2:2021, clause 5.8 (Spc; recalled, not checked).
+    """
+    if len(peaks) == 0:
+        raise TooFewSamplesError("no significant peak inside the map, so no curvature")
+    heights = np.asarray(z, dtype=np.float64)
+    y, x = peaks.rows, peaks.columns
+    bend_x = (heights[y, x - 1] - 2.0 * heights[y, x] + heights[y, x + 1]) / dx**2
+    bend_y = (heights[y - 1, x] - 2.0 * heights[y, x] + heights[y + 1, x]) / dy**2
+    return float(np.mean(-0.5 * (bend_x + bend_y)))

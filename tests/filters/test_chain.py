@@ -1,0 +1,133 @@
+"""Primary, roughness and waviness profile: closed forms, kinds, refusals."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from metrosep.core.errors import DataError, TooFewSamplesError
+from metrosep.core.profile import Profile
+from metrosep.filters.chain import primary, roughness, waviness
+from metrosep.filters.kind import DoubleFilterError, profile_kind
+
+UM = 1e-6
+LAMBDA_S, LAMBDA_C, LAMBDA_F = 2.5 * UM, 0.8e-3, 4e-3
+X = np.arange(20_000) * 0.5 * UM
+WAVES = {"noise": 2.5 * UM, "tool": 50 * UM, "chatter": 2e-3}
+MIDDLE = slice(5000, 15_000)
+GAIN = 2e-3
+"""Projection over 2.5 waves of the longest wave that is asked for."""
+
+
+def _wave(length: float) -> Profile:
+    return Profile(X, np.cos(2 * np.pi * X / length))
+
+
+def _amplitude(result: Profile, length: float) -> float:
+    wave = np.cos(2 * np.pi * result.x / length)[MIDDLE]
+    return float(result.z[MIDDLE] @ wave / (wave @ wave))
+
+
+def _passes(cutoff: float, length: float) -> float:
+    return 2.0 ** -((cutoff / length) ** 2)
+
+
+@pytest.mark.parametrize("length", WAVES.values(), ids=list(WAVES))
+def test_shares_of_a_wave_in_each_profile(length: float) -> None:
+    """P = S; R = S (1 - C); W = S C (1 - F), each a power of two of (cut-off / wavelength)^2."""
+    s, c, f = (_passes(v, length) for v in (LAMBDA_S, LAMBDA_C, LAMBDA_F))
+    wave = _wave(length)
+    p = primary(wave, lambda_s=LAMBDA_S)
+
+    tolerance = GAIN if length > 10 * UM else 1e-1  # 5 samples per cut-off: sampled weights
+    assert _amplitude(p, length) == pytest.approx(s, abs=tolerance)
+    assert _amplitude(roughness(p, lambda_c=LAMBDA_C), length) == pytest.approx(
+        s * (1 - c), abs=tolerance
+    )
+    w = waviness(p, lambda_c=LAMBDA_C, lambda_f=LAMBDA_F)
+    assert _amplitude(w, length) == pytest.approx(s * c * (1 - f), abs=GAIN)
+
+
+def test_chain_in_one_call_equals_its_links() -> None:
+    rng = np.random.default_rng(1)
+    measured = Profile(X, rng.normal(size=X.size))
+    linked = roughness(primary(measured, lambda_s=LAMBDA_S), lambda_c=LAMBDA_C)
+    at_once = roughness(measured, lambda_c=LAMBDA_C, lambda_s=LAMBDA_S)
+
+    assert np.array_equal(linked.z, at_once.z)
+    assert linked.metadata == at_once.metadata
+
+
+def test_roughness_and_waviness_add_up_to_the_primary_profile() -> None:
+    p = primary(Profile(X, np.random.default_rng(2).normal(size=X.size)), lambda_s=LAMBDA_S)
+    total = roughness(p, lambda_c=LAMBDA_C).z + waviness(p, lambda_c=LAMBDA_C).z
+
+    assert np.abs(total - p.z).max() < 1e-14
+
+
+def test_kinds_cutoffs_and_history_are_recorded() -> None:
+    measured = Profile(X, np.zeros(X.size), metadata={"part": "7"})
+    p = primary(measured, lambda_s=LAMBDA_S)
+    r = roughness(p, lambda_c=LAMBDA_C)
+    w = waviness(p, lambda_c=LAMBDA_C, lambda_f=LAMBDA_F)
+
+    assert [profile_kind(q) for q in (p, r, w)] == ["P", "R", "W"]
+    assert dict(r.metadata) == {
+        "part": "7",
+        "profile_kind": "R",
+        "lambda_s_m": LAMBDA_S,
+        "lambda_c_m": LAMBDA_C,
+    }
+    assert w.metadata["lambda_f_m"] == LAMBDA_F
+    assert [s.name for s in r.history] == ["gaussian", "primary", "gaussian", "roughness"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "refused"),
+    [("P", ["primary", "with_s"]), ("R", "all"), ("W", "all"), (None, [])],
+)
+def test_double_filtering_is_refused(kind: str | None, refused: object) -> None:
+    profile = Profile(X, np.zeros(X.size), metadata={"profile_kind": kind} if kind else {})
+    links = {
+        "primary": lambda **o: primary(profile, lambda_s=LAMBDA_S, **o),
+        "roughness": lambda **o: roughness(profile, lambda_c=LAMBDA_C, **o),
+        "waviness": lambda **o: waviness(profile, lambda_c=LAMBDA_C, **o),
+        "with_s": lambda **o: roughness(profile, lambda_c=LAMBDA_C, lambda_s=LAMBDA_S, **o),
+    }
+    for name, link in links.items():
+        if refused == "all" or name in list(refused):
+            with pytest.raises(DoubleFilterError, match="refilter=True"):
+                link()
+        else:
+            link()
+        assert profile_kind(link(refilter=True)) in ("P", "R", "W")
+
+
+def test_sections_are_whole_and_in_the_middle() -> None:
+    """4 sections of floor(2.5 mm / 1.5 um) = 1666 samples: the 6664 of the Mitutoyo export."""
+    x = np.arange(10_100) * 1.5 * UM
+    r = roughness(Profile(x, np.zeros(x.size)), lambda_c=2.5e-3, end="cut", sections=4)
+
+    assert len(r) == 6664
+    assert r.x[0] == pytest.approx(x[-1] - r.x[-1], abs=1.6 * UM)
+
+
+def test_cut_takes_one_cutoff_off_each_end() -> None:
+    r = roughness(Profile(X, np.zeros(X.size)), lambda_c=LAMBDA_C, end="cut")
+
+    assert len(r) == X.size - 2 * 1600
+    assert r.x[0] == X[1600]
+
+
+def test_bad_options() -> None:
+    p = Profile(X, np.zeros(X.size))
+    with pytest.raises(DataError, match=r"lambda_s .* shorter than lambda_c"):
+        roughness(p, lambda_c=LAMBDA_C, lambda_s=LAMBDA_C)
+    with pytest.raises(DataError, match=r"lambda_c .* shorter than lambda_f"):
+        waviness(p, lambda_c=LAMBDA_C, lambda_f=LAMBDA_C)
+    with pytest.raises(DataError, match="at least 1"):
+        roughness(p, lambda_c=LAMBDA_C, sections=0)
+    with pytest.raises(TooFewSamplesError, match="fewer sections"):
+        roughness(p, lambda_c=LAMBDA_C, sections=13)
+    with pytest.raises(DataError, match="sampling limit"):
+        primary(p, lambda_s=1.0 * UM)

@@ -1,0 +1,76 @@
+"""Forms from text."""
+
+import numpy as np
+import pytest
+
+from metrosep.core.errors import DataError, UnitError
+from metrosep.forms.catalogue import form_from_text, form_names, parameter_value
+
+EXACT = 1e-15
+
+
+@pytest.mark.parametrize("name", form_names())
+def test_every_name_makes_a_form_or_says_what_it_needs(name):
+    needs = {
+        "polynomial": ": degree=2",
+        "qforbes": ": radius=10 mm",
+        "expression": ": a*x**2; a",
+    }
+
+    form = form_from_text(name + needs.get(name, ""))
+
+    assert form.name.replace(" ", "_") in (name, "sine_grid", "Q asphere", form.name)
+    if name in needs:
+        with pytest.raises(DataError):
+            form_from_text(name)
+
+
+def test_values_carry_units():
+    form = form_from_text("conic: R=-50 mm, k=-1.2")
+
+    assert form.parameters == {"R": -0.05, "k": -1.2}
+
+
+def test_what_is_not_given_is_not_known():
+    assert form_from_text("conic: k=0").parameters == {"R": None, "k": 0.0}
+    assert form_from_text("Sine-Grid: wavelength=100 um").parameters["amplitude"] is None
+
+
+def test_coefficients_of_an_asphere():
+    form = form_from_text("asphere: R=50 mm, k=-1, a4=1.5e3 SI, terms=6")
+
+    assert form.parameters["a4"] == 1.5e3
+    assert form.parameters["a6"] is None
+
+
+def test_expression_keeps_its_formula():
+    form = form_from_text("expression: a*x**2 + sin(y/L); a=2, L=1e-3")
+
+    np.testing.assert_allclose(form(1e-3, 0.0), 2e-6, rtol=EXACT, atol=0)
+
+
+@pytest.mark.parametrize(
+    ("text", "error", "match"),
+    [
+        ("cone", DataError, "there is no form 'cone'"),
+        ("conic: R=50", UnitError, "unit"),
+        ("conic: R=50 kg", UnitError, "kg"),
+        ("conic: R", DataError, "key=value"),
+        ("conic: R=1 mm, R=2 mm", DataError, "twice"),
+        ("conic: Q=3", DataError, "conic has no Q"),
+        ("plane: tilt=1", DataError, "no parameters"),
+        ("polynomial: degree=two", DataError, "degree is 'two'"),
+        ("zernike: order=latin", DataError, "order"),
+        ("asphere: a4=3 mm", DataError, "a4"),
+        ("expression: a*x; a=", DataError, "a="),
+    ],
+)
+def test_wrong_text_is_one_clear_sentence(text, error, match):
+    with pytest.raises(error, match=match):
+        form_from_text(text)
+
+
+def test_a_value_in_an_odd_unit_says_si():
+    assert parameter_value("3 SI", "m^-3", "a4") == 3.0
+    with pytest.raises(UnitError, match="3 SI"):
+        parameter_value("3", "m^-3", "a4")

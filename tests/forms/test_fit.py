@@ -1,0 +1,581 @@
+"""The fit: planted freedoms come back with their signs, their uncertainty, and their ties."""
+
+import numpy as np
+import pytest
+
+import metrosep as ms
+from metrosep.core.errors import (
+    DataError,
+    DegenerateFitError,
+    NotConvergedError,
+    TooFewSamplesError,
+)
+from metrosep.forms.base import Form
+from metrosep.forms.conic import Conic
+from metrosep.forms.fit import fit, remove
+from metrosep.forms.plane import Plane
+from metrosep.forms.points import PointSet
+from metrosep.forms.polynomial import Polynomial
+from metrosep.forms.sine_grid import SineGrid
+from metrosep.forms.sphere import Sphere
+from metrosep.forms.zernike import Zernike
+
+EXACT = 1e-8
+"""Relative, of a noise-free fit: acceptance row Z06."""
+FM = 1e-15
+"""m: a noise-free residual of millimetre sag is float64 rounding."""
+PM = 1e-12
+"""m."""
+
+RIGID = ("piston", "tilt_x", "tilt_y")
+
+
+def grid(n=81, half=10e-3):
+    x = np.linspace(-half, half, n)
+    return (*np.meshgrid(x, x * 0.8), x[1] - x[0], 0.8 * (x[1] - x[0]))
+
+
+def centred(z, dx, dy):
+    rows, columns = z.shape
+    return ms.Surface(z, dx, dy, origin=(-dx * (columns - 1) / 2, -dy * (rows - 1) / 2))
+
+
+def disc(step=0.2e-3):
+    """Grid G12 of the acceptance table."""
+    x = step * np.arange(-50, 51)
+    X, Y = np.meshgrid(x, x)
+    inside = X**2 + Y**2 <= 100e-6 * (1 + 1e-12)
+    return X, Y, inside, step
+
+
+# ---- truth -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("origin", [(-10e-3, -10e-3), (0.0, 0.0)])
+def test_conic_comes_back(origin):
+    """Acceptance Z06, with the origin declared and not."""
+    X, Y, inside, step = disc()
+    c, k = 1 / 50e-3, -1.2
+    r2 = X**2 + Y**2
+    z = np.where(inside, c * r2 / (1 + np.sqrt(1 - (1 + k) * c * c * r2)), np.nan)
+
+    found = fit(ms.Surface(z, step, step, origin=origin), Conic())
+
+    np.testing.assert_allclose(found.params["R"], 50e-3, rtol=EXACT, atol=0)
+    np.testing.assert_allclose(found.params["k"], -1.2, rtol=EXACT, atol=0)
+    assert found.rms < FM
+    assert found.n_points == inside.sum()
+
+
+def test_plane_is_that_of_textbook_least_squares(rng):
+    X, Y, dx, dy = grid()
+    z = 3e-6 + 2e-4 * X - 1e-4 * Y + 1e-8 * rng.standard_normal(X.shape)
+    z[3:9, 5:30] = np.nan
+    good = ~np.isnan(z)
+    design = np.column_stack([np.ones(good.sum()), X[good], Y[good]])
+    truth, rss = np.linalg.lstsq(design, z[good], rcond=None)[:2]
+
+    found = fit(centred(z, dx, dy), Plane())
+
+    np.testing.assert_allclose([found.params[n] for n in RIGID], truth, rtol=1e-10, atol=0)
+    cov = np.linalg.inv(design.T @ design) * rss[0] / (good.sum() - 3)
+    np.testing.assert_allclose(found.cov, cov, rtol=1e-8, atol=1e-30)
+    assert found.dof == good.sum() - 3
+
+
+def test_level_sine_grid_of_the_table():
+    """Acceptance A11: Sq 49.9994 nm after the least-squares plane, not 50."""
+    i = np.arange(500)
+    wave = 0.05e-6 * np.cos(2 * np.pi * i / 100)
+    X, Y = np.meshgrid(i * 1e-6, i * 1e-6)
+    z = wave[None, :] + wave[:, None] + 2e-4 * X + 1e-4 * Y + 3e-6
+
+    left = remove(ms.Surface(z, 1e-6, 1e-6), Plane())
+
+    np.testing.assert_allclose(left.rms(), 49.9994e-9, rtol=1e-5, atol=0)
+
+
+PLANTED = {
+    "piston": 2e-6,
+    "tilt_x": 1e-3,
+    "tilt_y": -2e-3,
+    "shift_x": 0.3e-3,
+    "shift_y": -0.1e-3,
+    "rotation_z": 0.05,
+}
+
+
+class Saddle(Form):
+    """A surface without any symmetry, so that all six freedoms are seen."""
+
+    name = "saddle"
+    units = {}  # noqa: RUF012
+
+    parameters = property(lambda self: {})
+
+    def with_parameters(self, **values):
+        assert not values
+        return self
+
+    def height(self, x, y):
+        return 3.0 * x * x - 2.0 * y * y + 90.0 * x**3 + 40.0 * x * y * y + x * y
+
+    def slopes(self, x, y):
+        return 6.0 * x + 270.0 * x * x + 40.0 * y * y + y, -4.0 * y + 80.0 * x * y + x
+
+    def derivatives(self, x, y, names):
+        raise AssertionError("no parameter is free")
+
+
+def test_each_freedom_has_its_sign_when_a_plane_is_the_tilt():
+    """Planted by hand: turned counter-clockwise, then moved by +s, then raised by a plane."""
+    X, Y, dx, dy = grid()
+    c, s = np.cos(0.05), np.sin(0.05)
+    u, v = X - PLANTED["shift_x"], Y - PLANTED["shift_y"]
+    z = Saddle().height(c * u + s * v, c * v - s * u) + 2e-6 + 1e-3 * X - 2e-3 * Y
+
+    found = fit(centred(z, dx, dy), Saddle(), free=tuple(PLANTED))
+
+    for name, value in PLANTED.items():
+        np.testing.assert_allclose(found.params[name], value, rtol=1e-7, atol=0, err_msg=name)
+    assert found.rms < 10 * FM
+
+
+def test_each_freedom_has_its_sign_when_the_form_is_turned():
+    """Points of the form are turned by Rodrigues' formula and found again on the grid by Newton."""
+    X, Y, dx, dy = grid(41)
+    normal = np.array([-1e-3, 2e-3, 1.0])
+    normal /= np.linalg.norm(normal)
+    axis = np.cross([0.0, 0.0, 1.0], normal)
+    K = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+    lean = np.eye(3) + K + K @ K / (1.0 + normal[2])
+    c, s = np.cos(0.05), np.sin(0.05)
+    R = lean @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    shift = np.array([PLANTED["shift_x"], PLANTED["shift_y"], PLANTED["piston"]])
+    target = np.stack([X.ravel(), Y.ravel()])
+    u = target.copy()
+    for _ in range(20):  # find (u, v) of the form that lands on the grid
+        p = R @ np.vstack([u, Saddle().height(*u)]) + shift[:, None]
+        u = u - (p[:2] - target)
+    z = p[2].reshape(X.shape)
+
+    found = fit(centred(z, dx, dy), Saddle(), free=tuple(PLANTED), tilt="rotation")
+
+    for name, value in PLANTED.items():
+        np.testing.assert_allclose(found.params[name], value, rtol=1e-6, atol=0, err_msg=name)
+    assert found.rms < 100 * FM
+    np.testing.assert_allclose(found.evaluate(X, Y), z, rtol=0, atol=PM)
+
+
+def test_turned_sphere_has_its_centre_where_geometry_puts_it():
+    """A sphere that touches the tilted base plane at the origin has its centre at R n."""
+    X, Y, dx, dy = grid()
+    tx, ty, radius = 0.02, -0.01, 50e-3
+    n = np.array([-tx, -ty, 1.0]) / np.sqrt(1 + tx**2 + ty**2)
+    cx, cy, cz = radius * n
+    z = cz - np.sqrt(radius**2 - (X - cx) ** 2 - (Y - cy) ** 2)
+
+    found = fit(centred(z, dx, dy), Sphere(R=radius), free=("tilt_x", "tilt_y"), tilt="rotation")
+
+    np.testing.assert_allclose(found.params["tilt_x"], tx, rtol=EXACT, atol=0)
+    np.testing.assert_allclose(found.params["tilt_y"], ty, rtol=EXACT, atol=0)
+
+
+def test_profile_need_not_be_uniform_and_keeps_its_coordinates(rng):
+    x = np.sort(rng.uniform(20e-3, 30e-3, 300))
+    z = Sphere(R=-80e-3)(x - 24e-3) + 5e-6
+
+    found = fit(ms.Profile(x, z), Sphere(), free=("piston", "shift_x"))
+
+    np.testing.assert_allclose(found.params["R"], -80e-3, rtol=EXACT, atol=0)
+    np.testing.assert_allclose(found.params["shift_x"], 24e-3, rtol=EXACT, atol=0)
+    np.testing.assert_allclose(found.params["piston"], 5e-6, rtol=1e-6, atol=0)
+
+
+def test_scattered_points_in_any_order_and_twice(rng):
+    x, y = rng.uniform(-10e-3, 10e-3, (2, 200))
+    z = Sphere(R=70e-3)(x - 1e-3, y + 2e-3) + 4e-6
+    z[7] = np.nan
+    points = PointSet(np.append(x, x[3]), np.append(y, y[3]), np.append(z, z[3]))
+
+    found = fit(points, Sphere(), free=("piston", "shift_x", "shift_y"))
+
+    np.testing.assert_allclose(found.params["R"], 70e-3, rtol=EXACT, atol=0)
+    np.testing.assert_allclose(found.params["shift_x"], 1e-3, rtol=EXACT, atol=0)
+    np.testing.assert_allclose(found.params["shift_y"], -2e-3, rtol=EXACT, atol=0)
+    assert found.n_points == 200
+    assert isinstance(found.residual, PointSet)
+    assert found.lmfit().success
+
+
+def test_normal_deviation_is_the_distance_to_the_sphere():
+    """A sphere of radius R + d is d away from one of R with the same centre, everywhere."""
+    X, Y, dx, dy = grid()
+    radius, d = 30e-3, 1e-7
+    z = radius - np.sqrt((radius + d) ** 2 - X**2 - Y**2)  # same centre at z = R
+
+    found = fit(
+        centred(z, dx, dy), Sphere(R=radius), free=(), fixed={"piston": 0.0}, direction="normal"
+    )
+
+    np.testing.assert_allclose(found.residual.z, -d, rtol=1e-3, atol=0)
+
+
+# ---- linear forms: no iteration ----------------------------------------------------------------
+
+
+def test_polynomial_of_a_profile_far_from_its_origin():
+    """NIST StRD Wampler1, and the same 1 m away: the residual keeps its digits."""
+    x = np.arange(21.0)
+    z = sum(x**k for k in range(6))
+
+    found = fit(ms.Profile(x, z), Polynomial(5))
+
+    assert list(found.params) == ["c0", "c1", "c2", "c3", "c4", "c5"]
+    np.testing.assert_allclose(list(found.params.values()), 1.0, rtol=0, atol=1e-8)
+    far = ms.Profile(1.0 + 1e-3 * x, 1e-9 * z)
+    assert fit(far, Polynomial(5)).rms < 1e-16  # positions near 1 m are rounded to 1e-16 m
+
+
+def test_polynomial_of_a_map_is_that_of_dense_least_squares(rng):
+    X, Y, dx, dy = grid(41)
+    z = 1e-3 * X + 3.0 * X * Y - 50.0 * Y**3 + 1e-8 * rng.standard_normal(X.shape)
+    z[4:9, 20:25] = np.nan
+    good = ~np.isnan(z)
+    powers = [(i, j) for i in range(4) for j in range(4 - i)]
+    design = np.column_stack([(X[good] / 1e-2) ** i * (Y[good] / 1e-2) ** j for i, j in powers])
+    truth, rss, *_ = np.linalg.lstsq(design, z[good], rcond=None)
+    cov = np.linalg.inv(design.T @ design) * rss[0] / (good.sum() - len(powers))
+
+    found = fit(centred(z, dx, dy), Polynomial(3))
+
+    for k, (i, j) in enumerate(powers):
+        name, scale = f"c_{i}_{j}", 1e-2 ** (i + j)
+        np.testing.assert_allclose(found.params[name] * scale, truth[k], rtol=1e-9, atol=1e-19)
+        np.testing.assert_allclose(found.u[name] * scale, np.sqrt(cov[k, k]), rtol=1e-7, atol=0)
+    np.testing.assert_allclose(found.rms, np.sqrt(rss[0] / good.sum()), rtol=1e-9, atol=0)
+    assert "piston" not in found.params
+
+
+def test_zernike_terms_come_back_on_a_map_without_origin():
+    x = np.linspace(-1, 1, 101)
+    X, Y = np.meshgrid(x, x)
+    rho2 = X**2 + Y**2
+    z = np.where(rho2 <= 1, 3e-7 * (2 * rho2 - 1) - 1e-7 * (X**2 - Y**2) + 2e-6, np.nan)
+
+    found = fit(ms.Surface(z, 1e-4, 1e-4), Zernike(9, "fringe", radius=5e-3))
+
+    np.testing.assert_allclose(found.params["Z1"], 2e-6, rtol=1e-10, atol=0)
+    np.testing.assert_allclose(found.params["Z4"], 3e-7, rtol=1e-10, atol=0)
+    np.testing.assert_allclose(found.params["Z5"], -1e-7, rtol=1e-10, atol=0)
+    assert found.rms < 1e-18
+
+
+def test_explicit_piston_of_a_polynomial_is_its_own():
+    X, _, dx, dy = grid(21)
+
+    found = fit(centred(1e-6 + 1e-3 * X, dx, dy), Polynomial(2), free=RIGID)
+
+    assert "piston" in found.notes[0]
+    np.testing.assert_allclose(found.params["c_0_0"], 1e-6, rtol=1e-9, atol=0)
+
+
+@pytest.mark.parametrize("what", ["map", "profile", "points"])
+def test_robust_polynomial_is_not_moved_by_dust(what, rng):
+    X, Y, dx, dy = grid(41)
+    truth = 5.0 * X**2 + 1e-3 * Y
+    noise = 1e-9 * rng.standard_normal(X.shape)
+    dust = np.where(rng.random(X.shape) < 0.1, rng.uniform(1e-7, 3e-6, X.shape), 0.0)
+    z = truth + noise + dust
+    if what == "map":
+        obj = centred(z, dx, dy)
+    elif what == "profile":
+        obj, truth = ms.Profile(X[20], z[20] - truth[20] + 5.0 * X[20] ** 2), 5.0 * X[20] ** 2
+    else:
+        obj, truth = PointSet(X.ravel(), Y.ravel(), z.ravel()), truth.ravel()
+
+    found = fit(obj, Polynomial(2), robust="tukey")
+
+    ideal = obj.z - found.residual.z
+    assert np.abs(ideal - truth).max() < 2e-9
+
+
+# ---- uncertainty ---------------------------------------------------------------------------------
+
+
+def test_covariance_is_the_scatter_of_repeated_fits():
+    X, Y, dx, dy = grid(31)
+    truth = Conic(R=40e-3, k=-0.5)(X, Y)
+    results = []
+    for seed in range(200):
+        noise = 2e-9 * np.random.default_rng(seed).standard_normal(X.shape)
+        results.append(fit(centred(truth + noise, dx, dy), Conic(k=-0.5)))
+    values = np.array([[r.params[n] for n in r.names] for r in results])
+    stated = np.mean([list(r.u.values()) for r in results], axis=0)
+
+    # the standard deviation of 200 draws is known to 5 %: four times that
+    np.testing.assert_allclose(values.std(axis=0, ddof=1), stated, rtol=0.2, atol=0)
+    np.testing.assert_allclose(
+        np.corrcoef(values.T), np.mean([r.correlations for r in results], axis=0), rtol=0, atol=0.2
+    )
+
+
+def test_robust_fit_is_not_moved_by_dust(rng):
+    X, Y, dx, dy = grid()
+    noise = 1e-9 * rng.standard_normal(X.shape)
+    z = Sphere(R=60e-3)(X, Y) + 1e-6 + noise
+    dust = rng.random(X.shape) < 0.1
+    clean = fit(centred(np.where(dust, np.nan, z), dx, dy), Sphere())
+    z = np.where(dust, z + rng.uniform(0.1e-6, 3e-6, X.shape), z)
+
+    plain = fit(centred(z, dx, dy), Sphere())
+    for rule in ("tukey", "huber"):
+        found = fit(centred(z, dx, dy), Sphere(), robust=rule)
+
+        assert abs(plain.params["piston"] - 1e-6) > 100e-9
+        assert abs(found.params["piston"] - 1e-6) < (0.1e-9 if rule == "tukey" else 1e-9)
+        assert 0.8 < found.u["R"] / clean.u["R"] < 2.5 if rule == "tukey" else True
+        assert found.robust == rule
+
+
+def test_robust_fit_of_exact_data_with_one_spike_is_exact():
+    x = np.linspace(-1e-3, 1e-3, 101)
+    z = 3e-6 + 1e-3 * x
+    z[30] += 1e-3
+
+    found = fit(ms.Profile(x, z), Plane(), robust="tukey")
+
+    np.testing.assert_allclose(found.params["piston"], 3e-6, rtol=0, atol=PM)
+    np.testing.assert_allclose(found.params["tilt_x"], 1e-3, rtol=1e-6, atol=0)
+
+
+def test_lmfit_agrees(rng):
+    x = np.linspace(-4e-3, 5e-3, 120)
+    z = Conic(R=20e-3, k=0.7)(x - 0.2e-3) + 1e-6 + 1e-9 * rng.standard_normal(x.size)
+    found = fit(ms.Profile(x, z), Conic(), free=("piston", "shift_x"))
+
+    second = found.lmfit()
+
+    for name in found.names:
+        assert abs(second.params[name].value - found.params[name]) < 0.01 * found.u[name]
+        np.testing.assert_allclose(second.params[name].stderr, found.u[name], rtol=0.02, atol=0)
+
+
+# ---- starts and ties -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("shift", [0.4, 37.0, -45.0])
+def test_grid_is_found_wherever_it_lies(shift):
+    x = np.arange(300) * 1e-6
+    X, Y = np.meshgrid(x, x)
+    form = SineGrid(amplitude=50e-9, wavelength=100e-6)
+    z = form(X - shift * 1e-6, Y - 20e-6) + 1e-6
+    z[50:80, 100:140] = np.nan
+
+    found = fit(ms.Surface(z, 1e-6, 1e-6), form, free=("piston", "shift_x", "shift_y"))
+
+    period = 100e-6
+    off = [(found.params["shift_x"] - shift * 1e-6), (found.params["shift_y"] - 20e-6)]
+    np.testing.assert_allclose(
+        [o - period * round(o / period) for o in off], 0, rtol=0, atol=1e-11
+    )
+    assert sum("whole periods" in w for w in found.warnings) == 2
+
+
+def test_shift_and_tilt_of_a_sphere_are_said_to_hang_together(rng):
+    X, Y, dx, dy = grid()
+    z = Sphere(R=500e-3)(X, Y) + 1e-9 * rng.standard_normal(X.shape)
+
+    found = fit(centred(z, dx, dy), Sphere(R=500e-3), free=(*RIGID, "shift_x"))
+
+    assert any("shift_x and tilt_x" in w or "tilt_x and shift_x" in w for w in found.warnings)
+
+
+def test_freedom_without_effect_is_named():
+    X, Y, dx, dy = grid()
+
+    with pytest.raises(DegenerateFitError, match="rotation_z changes nothing"):
+        fit(
+            centred(Sphere(R=50e-3)(X, Y), dx, dy),
+            Sphere(R=50e-3),
+            free=("piston", "rotation_z"),
+        )
+
+
+def test_plane_cannot_tell_its_shift():
+    X, _, dx, dy = grid()
+
+    with pytest.raises(DegenerateFitError, match="shift_x"):
+        fit(centred(1e-3 * X, dx, dy), Plane(), free=(*RIGID, "shift_x"))
+
+
+def test_tilted_lens_is_told_about_rotation():
+    X, Y, dx, dy = grid()
+    z = Sphere(R=50e-3)(X, Y) + 2e-3 * X
+
+    found = fit(centred(z, dx, dy), Sphere(R=50e-3))
+
+    assert any("tilt='rotation'" in w for w in found.warnings)
+
+
+# ---- invariances ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1e-3, 1e3])
+def test_a_fit_in_other_units_is_the_same_fit(scale, rng):
+    X, Y, dx, dy = grid(41)
+    z = Conic(R=50e-3, k=-1.2)(X - 1e-4, Y) + 1e-8 * rng.standard_normal(X.shape)
+    free = ("piston", "shift_x", "shift_y", "R", "k")
+    one = fit(centred(z, dx, dy), Conic(), free=free)
+
+    other = fit(centred(z * scale, dx * scale, dy * scale), Conic(), free=free)
+
+    for name in one.names:
+        factor = 1.0 if name == "k" else scale
+        np.testing.assert_allclose(
+            other.params[name], one.params[name] * factor, rtol=1e-6, atol=0
+        )
+        np.testing.assert_allclose(other.u[name], one.u[name] * factor, rtol=1e-6, atol=0)
+
+
+def test_nan_rows_are_as_if_cropped(rng):
+    X, Y, dx, dy = grid(41)
+    z = Conic(R=50e-3, k=-1.2)(X, Y) + 1e-8 * rng.standard_normal(X.shape)
+    z[30:] = np.nan
+    whole = centred(z, dx, dy)
+    part = ms.Surface(z[:30], dx, dy, origin=whole.origin)
+
+    a, b = fit(whole, Conic()), fit(part, Conic())
+
+    for name in a.names:
+        np.testing.assert_allclose(a.params[name], b.params[name], rtol=1e-9, atol=1e-18)
+
+
+def test_sample_and_all_points_give_one_answer(rng):
+    """A map of more than 200 000 points starts on 20 000 of them and must not show it."""
+    X, Y, dx, dy = grid(480)
+    z = Conic(R=50e-3, k=-1.2)(X, Y) + 1e-9 * rng.standard_normal(X.shape)
+    design = [np.ones(X.size), X.ravel(), Y.ravel()]
+    found = fit(centred(z, dx, dy), Conic(R=50e-3, k=-1.2))
+
+    left = z - Conic(R=50e-3, k=-1.2)(X, Y)
+    truth = np.linalg.lstsq(np.column_stack(design), left.ravel(), rcond=None)[0]
+
+    np.testing.assert_allclose([found.params[n] for n in RIGID], truth, rtol=1e-6, atol=1e-16)
+
+
+# ---- what is recorded ----------------------------------------------------------------------------
+
+
+def test_result_says_what_it_is(rng):
+    X, Y, dx, dy = grid(21)
+    z = Sphere(R=50e-3)(X, Y) + 1e-9 * rng.standard_normal(X.shape)
+    surface = centred(z, dx, dy)
+
+    found = fit(surface, Sphere(), fixed={"tilt_y": 0.0}, free=("piston", "tilt_x"))
+
+    assert found.names == ("piston", "tilt_x", "R")
+    assert found.residual.history[-1].name == "fit sphere"
+    assert found.residual.origin == surface.origin
+    frame = found.to_frame()
+    assert frame.loc["R", "unit"] == "m"
+    assert not frame.loc["tilt_y", "free"]
+    text = found.report()
+    assert "RMS" in text
+    assert "held" in text
+    plain = found.to_dict()
+    assert plain["parameters"]["R"]["free"]
+    np.testing.assert_allclose(found.evaluate(X, Y) + found.residual.z, z, rtol=0, atol=FM)
+
+
+# ---- bad input -----------------------------------------------------------------------------------
+
+
+def flat(n=5):
+    return ms.Surface(np.zeros((n, n)), 1e-6, 1e-6)
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "match"),
+    [
+        ({"free": ("wobble",)}, DataError, "no freedom 'wobble'"),
+        ({"free": ("piston", "piston")}, DataError, "twice"),
+        ({"free": ("piston",), "fixed": {"piston": 0.0}}, DataError, "free and fixed"),
+        ({"fixed": {"tilt_x": np.nan}}, DataError, "finite"),
+        ({"tilt": "wedge"}, DataError, "tilt must be one of"),
+        ({"robust": "median"}, DataError, "robust must be one of"),
+        ({"direction": "up"}, DataError, "direction"),
+        ({"start": {"shift_x": 0.0}}, DataError, "not free"),
+    ],
+)
+def test_wrong_options_are_named(options, error, match):
+    with pytest.raises(error, match=match):
+        fit(flat(), Plane(), **options)
+
+
+def test_wrong_objects_are_named():
+    with pytest.raises(DataError, match="Surface, a Profile or a PointSet"):
+        fit(np.zeros((3, 3)), Plane())
+    with pytest.raises(DataError, match="metrosep form"):
+        fit(flat(), "plane")
+    with pytest.raises(DataError, match="calibration"):
+        fit(ms.Surface(np.zeros((3, 3))), Plane())
+    with pytest.raises(DataError, match="line y = 0"):
+        fit(ms.Profile([0, 1e-3, 2e-3], [0, 0, 0]), Plane(), free=("tilt_y",))
+
+
+def test_nothing_measured_and_too_little_measured():
+    with pytest.raises(TooFewSamplesError, match="no sample"):
+        fit(ms.Surface(np.full((3, 3), np.nan), 1e-6, 1e-6), Plane())
+    one = np.full((3, 3), np.nan)
+    one[1, 1] = 1e-9
+    with pytest.raises(DegenerateFitError, match="at least 3 points"):
+        fit(ms.Surface(one, 1e-6, 1e-6), Plane())
+    row = np.full((5, 5), np.nan)
+    row[2] = 0.0
+    with pytest.raises(DegenerateFitError, match="tilt_y"):
+        fit(ms.Surface(row, 1e-6, 1e-6), Plane())
+
+
+def test_as_many_points_as_freedoms_have_no_uncertainty():
+    z = np.full((2, 2), 0.0)
+    z[0, 1], z[1, 1] = 1e-9, np.nan
+
+    found = fit(ms.Surface(z, 1e-6, 1e-6), Plane())
+
+    assert found.dof == 0
+    assert all(np.isnan(v) for v in found.u.values())
+    assert found.to_dict()["parameters"]["piston"]["u"] is None
+
+
+def test_points_beyond_the_sphere_are_counted():
+    X, Y, dx, dy = grid()
+    z = Sphere(R=11e-3)(X, Y)
+    z[np.isnan(z)] = 0.0
+
+    found = fit(centred(z, dx, dy), Sphere(R=11e-3), free=("piston",))
+
+    outside = int((X**2 + Y**2 > 121e-6).sum())
+    assert outside > 0
+    assert f"{outside} of" in found.notes[0]
+    assert found.n_points == X.size - outside
+
+
+def test_integers_are_heights_too():
+    found = fit(ms.Profile([0, 1, 2, 3], [1, 2, 3, 5]), Plane())
+
+    np.testing.assert_allclose(found.params["tilt_x"], 1.3, rtol=1e-12, atol=0)
+
+
+def test_too_few_iterations_are_an_error():
+    X, Y, dx, dy = grid(31)
+    z = Conic(R=20e-3, k=-4.0)(X - 1e-3, Y)
+
+    with pytest.raises(NotConvergedError, match="did not settle"):
+        fit(
+            centred(z, dx, dy),
+            Conic(R=200e-3, k=3.0),
+            free=("piston", "shift_x", "R", "k"),
+            start={"R": 200e-3, "k": 3.0},
+            max_iterations=1,
+        )

@@ -1,0 +1,312 @@
+"""Areal parameters against the closed forms of the sine grid and of known distributions."""
+
+import math
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from metrosep import Surface
+from metrosep.core.errors import DataError, InvalidSamplesError
+from metrosep.core.provenance import Step
+from metrosep.parameters.areal import areal_parameters, is_form_removed
+from metrosep.parameters.areal_heights import height_statistics
+from metrosep.parameters.material_ratio import abbott_curve
+from metrosep.parameters.volumes import material_volume, void_volume, volumes
+
+UM, NM = 1e-6, 1e-9
+EXACT = 1e-12
+"""Sums of a quarter of a million terms in double precision."""
+PRINTED = 1e-9
+"""References with ten digits."""
+ZERO = 1e-9
+"""Skewness that is zero by symmetry."""
+STATED = 1e-6
+"""References of row A12, seven digits."""
+SLOPE, AREA = 2e-3, 3e-3
+"""Rows A04 and A05."""
+CORE = 5e-3
+"""Row A07: core line of a sampled distribution."""
+STEPS = 1e-4
+"""The curve of n samples stands half a sample off the continuous one."""
+
+HEIGHTS = ["Sq", "Ssk", "Sku", "Sp", "Sv", "Sz", "Sa"]
+RATIOS = {"Ssk", "Sku", "Str", "Std", "Sdq", "Sdr", "Smr1", "Smr2"}
+
+
+def sine_grid(amplitude=0.05 * UM, n=500, step=UM):
+    c = amplitude * np.cos(2 * np.pi * np.arange(n) * step / (100 * UM))
+    return Surface(c[:, None] + c[None, :], step, step)
+
+
+def exact_sq_ku(integers):
+    """Return Sq^2, the third and the fourth central moment of integers, as fractions."""
+    values = [Fraction(int(v)) for v in integers.ravel()]
+    mean = sum(values) / len(values)
+    return [sum((v - mean) ** p for v in values) / len(values) for p in (2, 3, 4)]
+
+
+def random_map(rng, shape=(90, 120)):
+    from scipy.ndimage import gaussian_filter
+
+    z = gaussian_filter(rng.normal(size=shape), (2.0, 4.0))
+    return Surface((np.exp(2 * z) - 1) * 100 * NM, 2 * UM, 3 * UM)
+
+
+def same(a, b, factors=None, rel=1e-9):
+    assert set(a) == set(b)
+    for symbol, quantity in a.items():
+        factor = 1.0 if factors is None else factors(symbol)
+        assert b[symbol].value == pytest.approx(quantity.value * factor, rel=rel, abs=0.0), symbol
+
+
+def test_heights_of_the_sine_grid():
+    table = areal_parameters(sine_grid(), names=HEIGHTS)
+    assert list(table) == HEIGHTS
+    assert table["Sa"].value == pytest.approx(40.52180942 * NM, rel=1e-8, abs=0.0)
+    assert table["Sq"].value == pytest.approx(50 * NM, rel=PRINTED, abs=0.0)
+    assert table["Sz"].value == pytest.approx(200 * NM, rel=PRINTED, abs=0.0)
+    assert table["Ssk"].value == pytest.approx(0.0, abs=ZERO)
+    assert table["Sku"].value == pytest.approx(2.25, abs=ZERO)
+    assert table["Sp"].unit == "m"
+
+
+def test_slopes_core_and_correlation_of_the_sine_grid():
+    deep = areal_parameters(sine_grid(10 * UM), names=["Sdq", "Sdr"])
+    assert deep["Sdq"].value == pytest.approx(0.6283185, rel=SLOPE, abs=0.0)
+    assert deep["Sdr"].value == pytest.approx(0.1780102, rel=AREA, abs=0.0)
+    table = areal_parameters(sine_grid())
+    assert table["Sk"].value == pytest.approx(2.393377 * 50 * NM, rel=CORE, abs=0.0)
+    assert table["Smr1"].value == pytest.approx(0.14344, rel=CORE, abs=0.0)
+    assert table["Smr2"].value == pytest.approx(0.85656, rel=CORE, abs=0.0)
+    assert table["Sal"].value == pytest.approx(30.823 * UM, rel=5e-2, abs=0.0)
+    assert table["Str"].value == pytest.approx(0.87462, rel=3e-2, abs=0.0)
+    assert table["S10z"].value == pytest.approx(200 * NM, rel=PRINTED, abs=0.0)
+    assert table["Spc"].value == pytest.approx(
+        50 * NM * (2 * math.pi / (100 * UM)) ** 2, rel=1e-3, abs=0.0
+    )
+    # Peaks at 100, 200, 300, 400 um in x and in y; those at the edge are not known to be peaks.
+    assert table["Spd"].value == pytest.approx(16 / (500 * UM) ** 2, rel=EXACT, abs=0.0)
+    assert "crossed or isotropic" in table.unavailable["Std"]
+
+
+def test_sine_grid_with_a_hole():
+    surface = sine_grid()
+    z = np.array(surface.z)
+    z[100:150, 200:300] = np.nan
+    table = areal_parameters(Surface(z, UM, UM))
+    assert table["Sq"].value == pytest.approx(49.9999958 * NM, rel=STATED, abs=0.0)
+    assert table["Sa"].value == pytest.approx(40.5222053 * NM, rel=STATED, abs=0.0)
+    assert table["Sz"].value == pytest.approx(200 * NM, rel=STATED, abs=0.0)
+    assert (table.context.n_valid, table.context.n_total) == (245_000, 250_000)
+    assert table["Sdr"].value == pytest.approx(4.934787e-6, rel=AREA, abs=0.0)
+
+
+def test_moments_of_integers_are_exact(rng):
+    k = rng.integers(-40, 90, size=(40, 50))
+    second, third, fourth = (float(m) for m in exact_sq_ku(k))
+    s = height_statistics(k)
+    assert s.Sq**2 == pytest.approx(second, rel=EXACT, abs=0.0)
+    assert s.Ssk == pytest.approx(third / second**1.5, rel=EXACT, abs=0.0)
+    assert s.Sku == pytest.approx(fourth / second**2, rel=EXACT, abs=0.0)
+    assert s.Sa == pytest.approx(np.abs(k - k.mean()).mean(), rel=EXACT, abs=0.0)
+    assert s.Sp + s.Sv == pytest.approx(s.Sz, rel=EXACT, abs=0.0)
+
+
+def test_nanometres_on_an_offset_of_a_million_metres(rng):
+    # Multiples of 2^-30 m are exact at 10^6 m, so nothing may be lost.
+    k = rng.integers(-40, 90, size=(300, 300)) * 2.0**-30
+    k[5:9, 7] = np.nan
+    near, far = height_statistics(k), height_statistics(k + 1e6)
+    for name in HEIGHTS:
+        assert getattr(far, name) == pytest.approx(getattr(near, name), rel=EXACT, abs=0.0), name
+
+
+def test_blocks_and_holes_give_the_numbers_of_the_plain_formulas(rng):
+    z = rng.gamma(2.0, size=(300, 400))
+    z[rng.random(z.shape) < 0.05] = np.nan
+    s = height_statistics(z)
+    d = z[~np.isnan(z)] - z[~np.isnan(z)].mean()
+    assert s.n_valid == d.size
+    assert s.Sq == pytest.approx(d.std(), rel=EXACT, abs=0.0)
+    assert s.Ssk == pytest.approx((d**3).mean() / d.std() ** 3, rel=1e-10, abs=0.0)
+    assert s.Sku == pytest.approx((d**4).mean() / d.std() ** 4, rel=1e-10, abs=0.0)
+    assert s.Sp == pytest.approx(d.max(), rel=EXACT, abs=0.0)
+    assert s.Sv == pytest.approx(-d.min(), rel=EXACT, abs=0.0)
+
+
+def test_volumes_of_a_uniform_distribution():
+    # Heights 0 to 1: Smc(q) = 1 - q, so Vm(p) = p^2 / 2 and Vv(p) = (1 - p)^2 / 2.
+    curve = abbott_curve((np.arange(100_000) + 0.5) / 100_000)
+    for p in (0.0, 0.1, 0.37, 0.8, 1.0):
+        assert material_volume(curve, p) == pytest.approx(p**2 / 2, abs=STEPS)
+        assert void_volume(curve, p) == pytest.approx((1 - p) ** 2 / 2, abs=STEPS)
+        assert void_volume(curve, p) - material_volume(curve, p) == pytest.approx(
+            curve.height(p) - 0.5, abs=EXACT
+        )
+    v = volumes(curve)
+    assert (v.Vmp, v.Vmc, v.Vvc, v.Vvv) == pytest.approx((0.005, 0.315, 0.385, 0.02), abs=STEPS)
+    with pytest.raises(DataError, match="peak < valley"):
+        volumes(curve, peak=0.8, valley=0.1)
+    with pytest.raises(DataError, match="fraction"):
+        material_volume(curve, 10.0)
+
+
+def test_volumes_and_extreme_height_of_gaussian_heights():
+    # Normal scores: Smc(p) = quantile; Vm(p) = phi(c) - c p for standard normal heights.
+    from scipy.stats import norm
+
+    n = 400 * 500
+    z = norm.isf((np.arange(n) + 0.5) / n).reshape(400, 500) * UM
+    table = areal_parameters(Surface(z), names=["Vmp", "Vmc", "Vvc", "Vvv", "Sxp", "Sku", "Sa"])
+
+    def vm(p):
+        return norm.pdf(norm.isf(p)) - norm.isf(p) * p
+
+    def vv(p):
+        return vm(p) + norm.isf(p)
+
+    expected = [vm(0.1), vm(0.8) - vm(0.1), vv(0.1) - vv(0.8), vv(0.8)]
+    found = [table[s].value / UM for s in ("Vmp", "Vmc", "Vvc", "Vvv")]
+    assert found == pytest.approx(expected, abs=STEPS)
+    assert table["Sxp"].value == pytest.approx(norm.isf(0.025) * UM, rel=STEPS, abs=0.0)
+    assert table["Sa"].value == pytest.approx(math.sqrt(2 / math.pi) * UM, rel=STEPS, abs=0.0)
+    assert table["Sku"].value == pytest.approx(3.0, rel=1e-3, abs=0.0)
+
+
+def test_five_segment_distribution_has_its_core():
+    m = (np.arange(20_000) + 0.5) / 20_000
+    z = np.interp(m, [0, 0.1, 0.8, 1], [2.8, 0.8, -0.6, -3.6]).reshape(100, 200) * UM
+    for line in ("lsq", "secant"):
+        t = areal_parameters(Surface(z), names=["Sk", "Spk", "Svk", "Smr1", "Smr2"], line=line)
+        found = [t[s].value for s in ("Sk", "Spk", "Svk", "Smr1", "Smr2")]
+        expected = [2.0 * UM, 1.8 * UM, 2.6 * UM, 0.09, 0.826667]
+        assert found == pytest.approx(expected, rel=CORE, abs=0.0)
+        assert t.context.settings["line"] == line
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1e3])
+def test_scaling_heights_and_steps_together_is_a_change_of_unit(rng, unit):
+    a = random_map(rng)
+    b = Surface(a.z * unit, a.dx * unit, a.dy * unit)
+
+    def factor(symbol):
+        if symbol in RATIOS:
+            return 1.0
+        return {"Spd": unit**-2, "Spc": 1 / unit}.get(symbol, unit)
+
+    same(areal_parameters(a), areal_parameters(b), factor, rel=1e-6)
+
+
+def test_flip_exchanges_peaks_and_pits(rng):
+    a = random_map(rng)
+    up, down = areal_parameters(a), areal_parameters(Surface(-a.z, a.dx, a.dy))
+    for one, other in (("Sp", "Sv"), ("Sv", "Sp"), ("S5p", "S5v"), ("S5v", "S5p"), ("Spk", "Svk")):
+        assert down[one].value == pytest.approx(up[other].value, rel=1e-9, abs=0.0)
+    assert up["Ssk"].value > 0.2
+    assert down["Ssk"].value == pytest.approx(-up["Ssk"].value, rel=1e-9, abs=0.0)
+    assert down["Smr1"].value == pytest.approx(1 - up["Smr2"].value, rel=1e-3, abs=0.0)
+    for symbol in ("Sa", "Sq", "Sz", "Sku", "Sdq", "Sdr", "Sal", "Str", "Std", "Sk", "S10z"):
+        assert down[symbol].value == pytest.approx(up[symbol].value, rel=1e-6, abs=0.0), symbol
+
+
+def test_transposing_with_the_steps_changes_only_the_direction(rng):
+    a = random_map(rng)
+    straight, turned = areal_parameters(a), areal_parameters(Surface(a.z.T, a.dy, a.dx))
+    for symbol in set(straight) - {"Std"}:
+        assert turned[symbol].value == pytest.approx(straight[symbol].value, rel=1e-6, abs=0.0), (
+            symbol
+        )
+    total = straight["Std"].value + turned["Std"].value
+    assert math.remainder(total - math.pi / 2, math.pi) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_offset_and_nan_rows_change_nothing(rng):
+    a = random_map(rng)
+    z = np.full((99, 120), np.nan)
+    z[4:94] = a.z + 1e-3
+    same(areal_parameters(a), areal_parameters(Surface(z, a.dx, a.dy)), rel=1e-6)
+
+
+def test_without_lateral_steps_the_heights_still_come(rng):
+    z = random_map(rng).z
+    table = areal_parameters(Surface(z, dx=UM))
+    lateral = {"Sal", "Str", "Std", "Sdq", "Sdr", "Spd", "Spc"}
+    assert set(table.unavailable) == lateral
+    assert "dy is not calibrated" in table.unavailable["Sdr"]
+    assert {"Sq", "Sk", "Vvv", "Sxp", "S10z"} <= set(table)
+    with pytest.raises(DataError, match="Sal cannot be given"):
+        table["Sal"]
+
+
+def test_constant_and_single_pixel_maps():
+    for z in (np.full((12, 12), 0.1), [[3]]):
+        table = areal_parameters(Surface(z, UM, UM))
+        assert [table[s].value for s in ("Sa", "Sq", "Sp", "Sv", "Sz")] == [0.0] * 5
+        assert {"Ssk", "Sku", "Sk", "Str", "S10z"} <= set(table.unavailable)
+
+
+def test_only_what_is_asked_is_computed_and_names_are_checked(monkeypatch):
+    from metrosep.parameters import areal
+
+    def never(*_):
+        raise AssertionError("not asked for")
+
+    monkeypatch.setattr(areal, "abbott_curve", never)
+    monkeypatch.setattr(areal, "autocorrelation", never)
+    monkeypatch.setattr(areal, "significant_peaks", never)
+    assert list(areal_parameters(sine_grid(n=50), names=("Sdq", "Sa"))) == ["Sa", "Sdq"]
+    with pytest.raises(DataError, match="Ra: not an areal parameter"):
+        areal_parameters(sine_grid(n=50), names=["Sa", "Ra"])
+    with pytest.raises(DataError, match="sequence"):
+        areal_parameters(sine_grid(n=50), names="Sa")
+    with pytest.raises(DataError, match="line is"):
+        areal_parameters(sine_grid(n=50), line="chord")
+    with pytest.raises(DataError, match="pruning"):
+        areal_parameters(sine_grid(n=50), pruning=5)
+
+
+def test_bad_heights_are_named():
+    with pytest.raises(InvalidSamplesError, match="none of the 6 pixels"):
+        areal_parameters(Surface(np.full((2, 3), np.nan)))
+    with pytest.raises(InvalidSamplesError, match="infinite"):
+        height_statistics([[1.0, np.inf], [-np.inf, 0.0]])
+    with pytest.raises(InvalidSamplesError, match="dimension"):
+        height_statistics([1.0, 2.0])
+
+
+def test_note_until_a_form_was_removed():
+    z = sine_grid(n=50).z
+    raw = areal_parameters(Surface(z), names=["Sq"])
+    assert "No form removal" in raw.context.notes[0]
+    step = Step("fit plane", {"removed": "piston, tilt_x, tilt_y"})
+    assert areal_parameters(Surface(z, history=(step,)), names=["Sq"]).context.notes == ()
+    assert is_form_removed((Step("gaussian", {"band": "short"}),))
+    assert not is_form_removed((Step("read"), Step("gaussian", {"band": "long"})))
+
+
+def test_sine_grid_on_a_tilt_after_the_plane():
+    from metrosep.forms.fit import fit
+    from metrosep.forms.plane import Plane
+
+    y, x = np.mgrid[:500, :500] * UM
+    tilted = Surface(sine_grid().z + 2e-4 * x + 1e-4 * y + 3 * UM, UM, UM)
+    assert areal_parameters(tilted, names=["Sq"])["Sq"].value == pytest.approx(
+        59.386 * NM, rel=1e-5, abs=0.0
+    )
+    residual = fit(tilted, Plane()).residual
+    table = areal_parameters(residual, names=["Sq"])
+    assert table["Sq"].value == pytest.approx(49.9994 * NM, rel=1e-5, abs=0.0)
+    assert table.context.notes == ()
+
+
+def test_a_map_that_is_mostly_empty():
+    # Whole blocks of pixels are NaN; no warning may come out of them.
+    z = np.full((500, 400), np.nan)
+    z[250:270, 100:120] = sine_grid(n=20).z
+    inner, whole = (height_statistics(m) for m in (z[250:270, 100:120], z))
+    assert whole.n_valid == 400
+    for name in HEIGHTS:
+        assert getattr(whole, name) == pytest.approx(getattr(inner, name), rel=EXACT, abs=0.0), (
+            name
+        )

@@ -1,0 +1,498 @@
+"""Profile parameters: closed forms (P01 to P08), editions, invariances, refusals."""
+
+import json
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from metrosep import Profile
+from metrosep.core.errors import (
+    DataError,
+    InvalidSamplesError,
+    NotUniformError,
+    TooFewSamplesError,
+)
+from metrosep.core.provenance import Step
+from metrosep.filters.kind import DoubleFilterError
+from metrosep.parameters.hybrid import local_gradient
+from metrosep.parameters.profile import profile_parameters
+from metrosep.parameters.sections import section_slices
+
+UM = 1e-6
+NEW = "ISO 21920-2:2021"
+OLD = "ISO 4287:1997"
+EXACT = 1e-9  # relative; closed forms on the samples themselves
+ROUNDING = 1e-9  # relative; other order of summation, other unit
+LENGTHS = {"Ra", "Rq", "Rp", "Rv", "Rz", "Rzx", "Rz1max", "Rt", "Rc"} | {
+    "Rk", "Rpk", "Rvk", "Rpkx", "Rvkx", "Rak1", "Rak2", "A1", "A2"
+}  # fmt: skip
+
+
+def trace(z, *, dx=UM, unit=UM, **kwargs):
+    z = np.asarray(z, dtype=float) * unit
+    return Profile(np.arange(z.size) * dx, z, **kwargs)
+
+
+def sine(n=4000, period=100, amplitude=0.05):
+    return amplitude * np.cos(2 * np.pi * np.arange(n) / period)
+
+
+@pytest.fixture
+def rough(rng):
+    """Skewed, correlated heights with a mean line of zero only roughly."""
+    z = np.convolve(rng.standard_normal(2006), np.ones(7) / 17, mode="valid")
+    return np.exp(3 * z) - np.exp(3 * z).mean() + 0.01
+
+
+def values(table):
+    return {s: q.value for s, q in table.items()}
+
+
+# closed forms
+
+
+def test_sine_heights():
+    table = profile_parameters(trace(sine()), kind="R")
+
+    assert table["Ra"].value == pytest.approx(
+        2 * 0.05 * UM / 100 / np.tan(np.pi / 100), rel=1e-7, abs=0.0
+    )
+    assert table["Ra"].value == pytest.approx(31.8205160e-9, rel=1e-7, abs=0.0)
+    assert table["Rq"].value == pytest.approx(35.3553391e-9, rel=1e-7, abs=0.0)
+    assert table["Rku"].value == pytest.approx(1.5, rel=EXACT, abs=0.0)  # not the excess -1.5
+    assert table["Rt"].value == pytest.approx(0.1 * UM, rel=EXACT, abs=0.0)
+
+
+@pytest.mark.parametrize("edition", [NEW, OLD])
+def test_sine_spacing(edition):
+    table = profile_parameters(trace(sine()), kind="R", edition=edition, names=["RSm", "Rc"])
+
+    assert table["RSm"].value == pytest.approx(100 * UM, rel=1e-6, abs=0.0)
+    assert table["Rc"].value == pytest.approx(0.1 * UM, rel=EXACT, abs=0.0)
+
+
+def test_narrow_notches_count_in_2021_only():
+    z = np.cos(2 * np.pi * np.arange(5000) / 200)
+    z[::200] = -1.0  # 1 um wide, sections of 1000 um: below 1 %
+
+    old = profile_parameters(trace(z), kind="R", edition=OLD)["RSm"].value
+    new = profile_parameters(trace(z), kind="R")["Rsm"].value
+
+    assert old == pytest.approx(200 * UM, rel=1e-6, abs=0.0)
+    assert new == pytest.approx(100 * UM, rel=0.05, abs=0.0)  # two elements in a period
+
+
+@pytest.mark.parametrize("edition", [NEW, OLD])
+def test_sine_gradient_is_nearly_the_continuous_one(edition):
+    table = profile_parameters(trace(sine(period=10)), kind="R", edition=edition)
+
+    # the 2-point formula is 1.6 % low, the central difference 6.4 %
+    assert table["Rdq"].value == pytest.approx(np.sqrt(2) * np.pi * 0.05 / 10, rel=2e-3, abs=0.0)
+
+
+@pytest.mark.parametrize(("edition", "n"), [(NEW, 4006), (OLD, 5 * 806)])
+def test_sine_gradient_by_seven_points(edition, n):
+    """Six samples lose their stencil in each trace; what is left are whole periods."""
+    table = profile_parameters(trace(sine(n=n, period=10)), kind="R", edition=edition)
+    w = 2 * np.pi / 10
+    seven = 0.05 / np.sqrt(2) / 30 * abs(45 * np.sin(w) - 9 * np.sin(2 * w) + np.sin(3 * w))
+
+    assert table["Rdq"].value == pytest.approx(seven, rel=EXACT, abs=0.0)
+
+
+def test_gradient_is_exact_to_degree_six():
+    x = np.linspace(-1, 1, 41)
+    gradient = local_gradient(x**6 - 2 * x**3, dx=0.05)
+
+    assert gradient[3:-3] == pytest.approx((6 * x**5 - 6 * x**2)[3:-3], abs=1e-12)
+    assert np.isnan(gradient[[0, 1, 2, -3, -2, -1]]).all()
+
+
+@pytest.mark.parametrize(("edition", "largest"), [(NEW, "Rzx"), (OLD, "Rz1max")])
+def test_growing_sections(edition, largest):
+    z = np.concatenate([a * np.cos(2 * np.pi * np.arange(1000) / 100) for a in range(1, 6)])
+
+    table = profile_parameters(trace(z), kind="R", edition=edition)
+
+    assert table["Rz"].value == pytest.approx(6 * UM, rel=EXACT, abs=0.0)
+    assert table["Rp"].value == pytest.approx(3 * UM, rel=EXACT, abs=0.0)
+    assert table["Rt"].value == pytest.approx(10 * UM, rel=EXACT, abs=0.0)
+    assert table[largest].value == pytest.approx(10 * UM, rel=EXACT, abs=0.0)
+    assert largest in list(table)
+
+
+def test_growing_sections_tell_the_editions_apart():
+    z = np.concatenate([a * np.cos(2 * np.pi * np.arange(1000) / 100) for a in range(1, 6)])
+
+    old = profile_parameters(trace(z), kind="R", edition=OLD)
+    new = profile_parameters(trace(z), kind="R")
+
+    assert old["Rq"].value == pytest.approx(3 / np.sqrt(2) * UM, rel=EXACT, abs=0.0)
+    assert new["Rq"].value == pytest.approx(np.sqrt(11 / 2) * UM, rel=EXACT, abs=0.0)
+    assert old["Ra"].value == pytest.approx(new["Ra"].value, rel=EXACT, abs=0.0)
+    assert old["Rku"].value == pytest.approx(1.5, rel=EXACT, abs=0.0)
+    assert new["Rku"].value == pytest.approx(
+        1.5 * 979 / 5 / 11**2, rel=EXACT, abs=0.0
+    )  # mean a^4/mean a^2
+
+
+@pytest.mark.parametrize("edition", [NEW, OLD])
+def test_rectangle_about_its_mean(edition):
+    z = (np.arange(1000) % 100 < 10).astype(int)
+
+    table = profile_parameters(trace(z), kind="R", edition=edition, centre=True)
+
+    assert table["Ra"].value == pytest.approx(0.18 * UM, rel=EXACT, abs=0.0)
+    assert table["Rq"].value == pytest.approx(0.3 * UM, rel=EXACT, abs=0.0)
+    assert table["Rsk"].value == pytest.approx(8 / 3, rel=EXACT, abs=0.0)
+    assert table["Rku"].value == pytest.approx(73 / 9, rel=EXACT, abs=0.0)
+    assert (table["Rp"].value, table["Rv"].value) == pytest.approx(
+        (0.9 * UM, 0.1 * UM), rel=1e-9, abs=0.0
+    )
+
+
+def test_rectangle_as_it_is():
+    z = (np.arange(1000) % 100 < 10).astype(float)
+
+    table = profile_parameters(trace(z), kind="R")
+
+    assert table["Ra"].value == pytest.approx(0.1 * UM, rel=EXACT, abs=0.0)
+    assert table["Rq"].value == pytest.approx(np.sqrt(0.1) * UM, rel=EXACT, abs=0.0)
+    assert any("mean of the heights is 100 nm" in note for note in table.context.notes)
+
+
+@pytest.mark.parametrize("line", ["lsq", "secant"])
+def test_core_family(rng, line):
+    m = (np.arange(20_000) + 0.5) / 20_000
+    z = rng.permutation(np.interp(m, [0, 0.1, 0.8, 1], [2.8, 0.8, -0.6, -3.6]))
+
+    table = profile_parameters(trace(z), kind="R", line=line)
+
+    expected = {"Rk": 2e-6, "Rpk": 1.8e-6, "Rvk": 2.6e-6, "Mr1": 0.09, "Mr2": 0.826667}
+    for symbol, value in expected.items():
+        assert table[symbol].value == pytest.approx(value, rel=5e-3, abs=0.0)
+    assert table.context.settings["line"] == line
+
+
+def test_primary_profile_has_one_section():
+    z = np.concatenate([np.full(500, -1.0), np.full(500, 3.0)])
+
+    table = profile_parameters(trace(z))
+
+    assert table["Pt"].value == table["Pz"].value == pytest.approx(4 * UM, rel=EXACT, abs=0.0)
+    assert table.context.settings["sections"] == 1
+    assert not any(symbol.startswith("R") for symbol in table)
+
+
+def test_waviness_symbols():
+    table = profile_parameters(trace(sine()), kind="W", edition=OLD)
+
+    assert {"Wa", "WSm", "Wz1max", "WMr1"} <= set(table)
+
+
+# symbols, context
+
+
+@pytest.mark.parametrize("edition", [NEW, OLD])
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        ("RSm", "Rsm"),
+        ("Rz1max", "Rzx"),
+        ("Mr1", "Rmrk1"),
+        ("Rmr2", "Mr2"),
+        ("RDq", "Rdq"),
+        ("R\N{GREEK CAPITAL LETTER DELTA}q", "Rdq"),
+        ("A1", "Rak1"),
+    ],
+)
+def test_spelling_of_the_other_edition_is_found(edition, one, other):
+    table = profile_parameters(trace(sine()), kind="R", edition=edition)
+
+    assert one in table
+    assert other in table
+    assert table[one] is table[other]
+    assert profile_parameters(trace(sine()), kind="R", edition=edition, names=[one])[other]
+
+
+def test_editions_use_their_own_symbols():
+    old = profile_parameters(trace(sine()), kind="R", edition=OLD)
+    new = profile_parameters(trace(sine()), kind="R", edition="ISO21920:2021")
+
+    assert {"RSm", "Rz1max", "Mr1", "A2"} <= set(old)
+    assert not set(old) & {"Rsm", "Rzx", "Rmrk1", "Rpkx", "Rda"}
+    assert {"Rsm", "Rzx", "Rmrk1", "Rak2", "Rpkx", "Rvkx", "Rda"} <= set(new)
+    assert not set(new) & {"RSm", "Rz1max", "Mr1", "A2"}
+
+
+def test_names_select_in_the_order_of_the_standard():
+    table = profile_parameters(trace(sine()), kind="R", names=["Rt", "Ra"])
+
+    assert list(table) == ["Ra", "Rt"]
+    assert not any("core family" in note for note in table.context.notes)
+
+
+def test_context_says_how():
+    history = (Step("gaussian", {"cutoff_m": 8e-4}),)
+    profile = trace(sine(), metadata={"profile_kind": "R"}, history=history)
+
+    table = profile_parameters(profile, kind="R", edition=OLD, sections=4, centre=True)
+
+    settings = table.context.settings
+    assert settings["section_length_m"] == pytest.approx(1e-3, rel=1e-9, abs=0.0)
+    assert (settings["sections"], settings["centre"]) == (4, True)
+    assert (settings["height_threshold"], settings["spacing_threshold"]) == (0.1, 0.01)
+    assert table.context.edition == OLD
+    assert "gaussian" in table.context.chain
+    assert "mean of 4 sections (ISO 4287:1997, 4.2.1" in table["Ra"].definition
+    assert not any("Nobody" in n or "dealt with" in n for n in table.context.notes)
+    assert profile_parameters(profile, kind="R").context.settings["spacing_threshold"] is None
+    json.dumps(table.to_dict(), allow_nan=False)
+
+
+def test_uncertainty_by_the_other_spelling():
+    table = profile_parameters(trace(sine()), kind="R").with_uncertainties({"RSm": 1e-7})
+
+    assert table["Rsm"].u == 1e-7
+    assert table["RSm"].u == 1e-7
+
+
+def test_sections_that_do_not_divide_are_noted():
+    table = profile_parameters(trace(sine(n=4003)), kind="R")
+
+    assert any("800 or 801 samples" in note for note in table.context.notes)
+
+
+@pytest.mark.parametrize(("n", "sections"), [(10, 3), (6664, 5), (6664, 4), (1001, 7), (2, 1)])
+def test_section_slices_cover_all_samples_once(n, sections):
+    slices = section_slices(n, sections)
+
+    sizes = [s.stop - s.start for s in slices]
+    assert (slices[0].start, slices[-1].stop, len(slices)) == (0, n, sections)
+    assert all(a.stop == b.start for a, b in pairwise(slices))
+    assert max(sizes) - min(sizes) <= (n % sections > 0)
+    assert sizes == sizes[::-1]  # the direction of x does not matter
+
+
+# kind
+
+
+def test_undeclared_kind_is_taken_with_a_note():
+    notes = profile_parameters(trace(sine()), kind="R").context.notes
+
+    assert any("Nobody declared" in note for note in notes)
+
+
+@pytest.mark.parametrize("kind", ["R", "W"])
+def test_unfiltered_data_asked_as_filtered_raise(kind):
+    profile = trace(sine(), metadata={"profile_kind": "P"})
+
+    with pytest.raises(DataError, match="filter it first"):
+        profile_parameters(profile, kind=kind)
+
+
+@pytest.mark.parametrize(("declared", "kind"), [("R", "P"), ("R", "W"), ("W", "R"), ("W", "P")])
+def test_filtered_data_asked_as_other_raise(declared, kind):
+    profile = trace(sine(), metadata={"profile_kind": declared})
+
+    with pytest.raises(DoubleFilterError, match="already filtered"):
+        profile_parameters(profile, kind=kind)
+
+
+# properties
+
+
+@pytest.mark.parametrize("edition", [NEW, OLD])
+@pytest.mark.parametrize("scale", [1e-9, 1e-3, 1.0])
+def test_unit_of_height(rough, edition, scale):
+    one = profile_parameters(trace(rough, unit=1.0), kind="R", edition=edition)
+    other = profile_parameters(trace(rough, unit=scale), kind="R", edition=edition)
+
+    assert list(one) == list(other)
+    for symbol in one:
+        slope = symbol in {"Rdq", "Rda"}
+        factor = scale if symbol in LENGTHS or slope else 1.0
+        assert other[symbol].value == pytest.approx(
+            factor * one[symbol].value, rel=ROUNDING, abs=0.0
+        )
+
+
+def test_unit_of_length(rough):
+    one = profile_parameters(trace(rough), kind="R")
+    other = profile_parameters(trace(rough, dx=1e-3), kind="R")
+
+    factor = {"Rsm": 1e3, "Rdq": 1e-3, "Rda": 1e-3}
+    for symbol in one:
+        expected = factor.get(symbol, 1.0) * one[symbol].value
+        assert other[symbol].value == pytest.approx(expected, rel=ROUNDING, abs=0.0)
+
+
+@pytest.mark.parametrize("edition", [NEW, OLD])
+def test_flip(rough, edition):
+    one = profile_parameters(trace(rough), kind="R", edition=edition)
+    other = profile_parameters(trace(-rough), kind="R", edition=edition)
+
+    for symbol in ("Ra", "Rq", "Rku", "Rz", "Rt", "Rdq", "RSm", "Rc", "Rk"):
+        assert other[symbol].value == pytest.approx(one[symbol].value, rel=ROUNDING, abs=0.0)
+    assert other["Rp"].value == pytest.approx(one["Rv"].value, rel=ROUNDING, abs=0.0)
+    assert other["Rpk"].value == pytest.approx(one["Rvk"].value, rel=ROUNDING, abs=0.0)
+    assert other["Rsk"].value == pytest.approx(-one["Rsk"].value, rel=ROUNDING, abs=0.0)
+    assert one["Rsk"].value > 0.5  # the asymmetry is there
+
+
+@pytest.mark.parametrize("edition", [NEW, OLD])
+def test_shift_in_x_and_centred_shift_in_z(rough, edition):
+    plain = trace(rough)
+    moved = Profile(plain.x + 5e-3, plain.z + 3e-6)
+
+    one = profile_parameters(plain, kind="R", edition=edition, centre=True)
+    other = profile_parameters(moved, kind="R", edition=edition, centre=True)
+
+    for symbol in one:
+        assert other[symbol].value == pytest.approx(one[symbol].value, rel=1e-7, abs=0.0)
+
+
+@pytest.mark.parametrize("edition", [NEW, OLD])
+def test_reversed_x(rough, edition):
+    one = profile_parameters(trace(rough), kind="R", edition=edition)
+    other = profile_parameters(trace(rough[::-1]), kind="R", edition=edition)
+
+    for symbol in set(one) - {"RSm", "Rsm", "Rc"}:  # elements pair from the first crossing on
+        assert other[symbol].value == pytest.approx(one[symbol].value, rel=ROUNDING, abs=0.0)
+
+
+def test_profile_measured_twice(rough):
+    one = profile_parameters(trace(rough), kind="R", names=["Ra", "Rq", "Rsk", "Rt", "Rk"])
+    twice = profile_parameters(trace(np.tile(rough, 2)), kind="R", names=list(one))
+
+    for symbol in one:
+        assert twice[symbol].value == pytest.approx(one[symbol].value, rel=1e-3, abs=0.0)
+
+
+# missing samples
+
+
+@pytest.mark.parametrize("edition", [NEW, OLD])
+def test_missing_ends_are_cropped_ends(rough, edition):
+    holed = rough.copy()
+    holed[:101] = holed[-57:] = np.nan
+
+    one = profile_parameters(trace(holed), kind="R", edition=edition)
+    other = profile_parameters(trace(rough[101:-57]), kind="R", edition=edition)
+
+    assert values(one) == pytest.approx(values(other), rel=ROUNDING, abs=0.0)
+    assert one.context.n_valid == rough.size - 158
+    assert one.context.n_total == rough.size
+    assert any("158 missing samples at the ends" in note for note in one.context.notes)
+
+
+def test_missing_inside_counts_only_valid_samples():
+    z = sine(period=100)
+    z[1000:1100] = np.nan  # one whole period: the statistics of the rest are the same
+
+    table = profile_parameters(trace(z), kind="R")
+
+    assert table["Ra"].value == pytest.approx(31.8205160e-9, rel=1e-7, abs=0.0)
+    assert table["Rq"].value == pytest.approx(35.3553391e-9, rel=1e-7, abs=0.0)
+    assert table["Rsm"].value == pytest.approx(100 * UM, rel=1e-6, abs=0.0)
+    assert any("100 of 4000 samples are missing inside" in n for n in table.context.notes)
+
+
+def test_gradient_uses_complete_stencils_only():
+    z = np.arange(700.0)
+    z[::8] += 1e3
+    z[::8] = np.nan  # the outliers are not measured; 7 valid samples between them
+
+    table = profile_parameters(trace(z), kind="R", names=["Rdq"])
+
+    assert table["Rdq"].value == pytest.approx(1.0, rel=EXACT, abs=0.0)
+
+
+def test_empty_section_leaves_what_does_not_need_it():
+    z = sine()
+    z[800:1600] = np.nan
+
+    new = profile_parameters(trace(z), kind="R")
+    old = profile_parameters(trace(z), kind="R", edition=OLD)
+
+    assert "section 2 of 5" in new.unavailable["Rz"]
+    assert "Ra" in new
+    assert "Rt" in new
+    assert {"Ra", "Rz", "RSm"} <= set(old.unavailable)
+    with pytest.raises(DataError, match="Rz cannot be given: section 2"):
+        new["Rz"]
+
+
+# bad input
+
+
+def test_constant_has_no_shape():
+    table = profile_parameters(trace(np.full(1000, 2.0)), kind="R")
+
+    assert table["Ra"].value == pytest.approx(2 * UM, rel=1e-9, abs=0.0)
+    assert table["Rt"].value == 0.0
+    assert table["Rdq"].value == 0.0
+    for symbol in ("Rsk", "Rku", "Rk", "Mr1"):
+        reason = table.unavailable[symbol] if symbol != "Mr1" else table.unavailable["Rmrk1"]
+        assert "zero height" in reason
+    assert "no complete profile element" in table.unavailable["Rsm"]
+    with pytest.raises(DataError, match="zero height"):
+        table["Mr1"]
+
+
+def test_too_short_for_the_stencil_still_gives_the_table():
+    table = profile_parameters(trace([0, 1, 0, -1, 0, 1]), kind="P")
+
+    assert "7 consecutive valid samples" in table.unavailable["Pdq"]
+    assert table["Pt"].value == pytest.approx(2 * UM, rel=1e-9, abs=0.0)
+
+
+@pytest.mark.parametrize("z", [[1.0], [np.nan] * 20, [np.nan, 1.0, np.nan]])
+def test_nothing_to_evaluate_raises(z):
+    with pytest.raises(TooFewSamplesError, match="2 valid samples"):
+        profile_parameters(trace(z))
+
+
+def test_too_many_sections_raise():
+    with pytest.raises(TooFewSamplesError, match="fewer sections"):
+        profile_parameters(trace(np.arange(9.0)), kind="R", sections=5)
+
+
+@pytest.mark.parametrize("sections", [0, -1, 2.5, True, "5"])
+def test_bad_sections_raise(sections):
+    with pytest.raises(DataError, match="whole number"):
+        profile_parameters(trace(sine()), kind="R", sections=sections)
+
+
+def test_bad_options_raise():
+    with pytest.raises(DataError, match="edition"):
+        profile_parameters(trace(sine()), edition="ISO 4287:1984")
+    with pytest.raises(DataError, match="kind"):
+        profile_parameters(trace(sine()), kind="Q")
+    with pytest.raises(DataError, match="secant"):
+        profile_parameters(trace(sine()), line="tangent")
+    with pytest.raises(DataError, match="RzJIS: not in"):
+        profile_parameters(trace(sine()), kind="R", names=["Ra", "RzJIS"])
+    with pytest.raises(DataError, match="sequence"):
+        profile_parameters(trace(sine()), kind="R", names="Ra")
+
+
+def test_uneven_positions_raise():
+    x = np.arange(100.0) ** 1.1
+
+    with pytest.raises(NotUniformError, match="resample"):
+        profile_parameters(Profile(x, np.sin(x)))
+
+
+def test_infinite_height_raises():
+    with pytest.raises(InvalidSamplesError, match="infinite"):
+        profile_parameters(trace([0, np.inf, 1]))
+
+
+def test_integers_are_taken():
+    z = np.arange(1000, dtype=np.int16) % 7
+
+    table = profile_parameters(Profile(np.arange(1000), z), kind="P")
+
+    assert table["Pt"].value == 6.0

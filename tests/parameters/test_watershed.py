@@ -1,0 +1,170 @@
+"""Peaks and pits that can be counted by hand, and pruning at known saddles."""
+
+import numpy as np
+import pytest
+
+from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
+from metrosep.parameters.watershed import (
+    five_point_height,
+    mean_peak_curvature,
+    significant_peaks,
+)
+
+ROUNDING = 1e-12
+SECOND_DIFFERENCE = 1e-3
+"""(k dx)^2 / 12 of the second difference at 50 samples a wave, and a peak between pixels."""
+
+
+def sine_grid(n=250, wave=50, phase=25):
+    """Peaks at the middles of n / wave by n / wave cells."""
+    c = np.cos(2 * np.pi * (np.arange(n) - phase) / wave)
+    return c[:, None] + c[None, :]
+
+
+def bumps(centres, heights, width=4.0, shape=(80, 100)):
+    y, x = np.mgrid[: shape[0], : shape[1]] * 1.0
+    return sum(
+        h * np.exp(-((x - cx) ** 2 + (y - cy) ** 2) / (2 * width**2))
+        for (cy, cx), h in zip(centres, heights, strict=True)
+    )
+
+
+def test_sine_grid_has_one_peak_a_cell_at_its_middle():
+    peaks = significant_peaks(sine_grid())
+    assert len(peaks) == 25
+    assert {int(r) % 50 for r in peaks.rows} == {25}
+    assert {int(c) % 50 for c in peaks.columns} == {25}
+    # From a saddle at 0 to a peak at 2; only the first of equals has no higher neighbour.
+    assert sorted(peaks.prominences.tolist())[:24] == pytest.approx(
+        [2.0] * 24, rel=ROUNDING, abs=0.0
+    )
+
+
+def test_pits_and_the_edge():
+    # The pits of the grid lie on the lines between the cells: 4 x 4 of them inside the map.
+    assert len(significant_peaks(-sine_grid())) == 16
+    assert len(significant_peaks(np.add.outer(np.arange(9.0), np.arange(7.0)))) == 0
+
+
+def test_pruning_at_a_known_saddle():
+    # Along the ridge of two cosines the saddle is where both are; heights are read off the map.
+    z = bumps([(40, 30), (40, 42), (20, 80)], [1.0, 0.8, 0.5])
+    ridge = z[40, 30:43]
+    saddle = ridge.min()
+    low = z[38:43, 40:45].max()
+    all_ = significant_peaks(z, pruning=0.0)
+    assert all_.heights == pytest.approx(
+        [z.max(), low, z[18:23, 78:83].max()], rel=ROUNDING, abs=0.0
+    )
+    assert all_.prominences[1] == pytest.approx(low - saddle, rel=ROUNDING, abs=0.0)
+    share = (low - saddle) / np.ptp(z)
+    assert len(significant_peaks(z, pruning=share * 1.001)) == 2
+    assert len(significant_peaks(z, pruning=share * 0.999)) == 3
+
+
+def test_a_chain_of_hills_goes_over_the_highest_saddle():
+    # One row of hills 5 3 4 with cuts at 2 and 1: 3 joins 5 over 2, 4 joins 5 over 1.
+    row = np.interp(np.arange(61.0), [0, 10, 20, 30, 40, 50, 60], [0, 5, 2, 3, 1, 4, 0])
+    z = row[None, :] - 0.5 * np.abs(np.arange(-3, 4))[:, None]
+    peaks = significant_peaks(z, pruning=0.0)
+    assert peaks.heights.tolist() == [5.0, 4.0, 3.0]
+    assert peaks.prominences[1:] == pytest.approx([3.0, 1.0], rel=ROUNDING, abs=0.0)
+
+
+def test_noise_below_the_threshold_adds_no_peak(rng):
+    z = sine_grid() + 0.06 * rng.uniform(-1, 1, size=(250, 250))
+    assert len(significant_peaks(z)) == 25
+    assert len(significant_peaks(z, pruning=0.0)) > 50
+
+
+def test_plateau_is_one_peak_at_its_middle():
+    z = np.zeros((20, 30))
+    z[5:10, 10:17] = 1.0
+    peaks = significant_peaks(z)
+    assert (peaks.rows.tolist(), peaks.columns.tolist()) == ([7], [13])
+
+
+def test_a_flat_shoulder_is_not_a_peak():
+    row = np.array([0.0, 1, 2, 2, 2, 3, 5, 3, 0, 0])
+    z = row[None, :] - 0.1 * np.abs(np.arange(-4, 5))[:, None]
+    assert significant_peaks(z, pruning=0.0).heights.tolist() == [5.0]
+    steps = np.repeat(np.repeat(sine_grid(60, 20, 10).round(1), 3, axis=0), 3, axis=1)
+    assert len(significant_peaks(steps, pruning=0.0)) == 9
+
+
+def test_prominences_are_those_of_a_flooding(rng):
+    # Another way: lower the level; h is the peak's own drop until its region meets a higher one.
+    from scipy.ndimage import label
+
+    z = rng.integers(0, 12, size=(25, 30)).astype(float) + rng.uniform(0, 1e-3, size=(25, 30))
+    peaks = significant_peaks(z, pruning=0.0)
+    for row, column, height, prominence in zip(
+        peaks.rows, peaks.columns, peaks.heights, peaks.prominences, strict=True
+    ):
+        for level in np.sort(z[z < height].ravel())[::-1]:
+            regions, _ = label(z >= level, structure=np.ones((3, 3)))
+            if z[regions == regions[row, column]].max() > height:
+                assert prominence == pytest.approx(height - level, rel=ROUNDING, abs=0.0)
+                break
+        else:
+            assert np.isinf(prominence)
+
+
+def test_holes_are_neither_peaks_nor_bridges():
+    z = sine_grid()
+    z[60:90, 60:90] = np.nan
+    peaks = significant_peaks(z)
+    assert len(peaks) == 24
+    assert not np.isnan(peaks.heights).any()
+    z[:, 100] = np.nan
+    assert np.isinf(significant_peaks(z).prominences).sum() == 2
+
+
+def test_nan_rows_are_cropped_rows_and_transposing_exchanges_axes(rng):
+    from scipy.ndimage import gaussian_filter
+
+    z = gaussian_filter(rng.normal(size=(60, 90)), 2.0)
+    padded = np.full((70, 90), np.nan)
+    padded[4:64] = z
+    a, b, c = significant_peaks(z), significant_peaks(padded), significant_peaks(z.T)
+    assert np.array_equal(a.rows, b.rows - 4)
+    assert np.array_equal(a.columns, b.columns)
+    assert np.array_equal(a.rows, c.columns)
+    scaled = significant_peaks(1e-9 * z + 3e-9)
+    assert np.array_equal(a.rows, scaled.rows)
+
+
+def test_five_point_height_of_known_bumps():
+    centres = [(15, 15), (15, 45), (15, 80), (60, 20), (60, 50), (60, 80)]
+    z = bumps(centres, [6.0, 5.0, 4.0, 3.0, 2.0, 1.0])
+    peaks = significant_peaks(z)
+    assert len(peaks) == 6
+    assert five_point_height(peaks, mean=0.5) == pytest.approx(4.0 - 0.5, abs=1e-6)
+    with pytest.raises(TooFewSamplesError, match="only 3"):
+        five_point_height(significant_peaks(bumps(centres[:3], [6.0, 5.0, 4.0])), 0.0)
+
+
+def test_curvature_of_a_sine_grid_with_unequal_steps():
+    z = sine_grid()
+    k = 2 * np.pi / 50
+    peaks = significant_peaks(z)
+    found = mean_peak_curvature(z, peaks, 1.0, 2.0)
+    assert found == pytest.approx((k**2 + (k / 2) ** 2) / 2, rel=2 * SECOND_DIFFERENCE, abs=0.0)
+    assert mean_peak_curvature(3 * z, peaks, 0.1, 0.2) == pytest.approx(
+        300 * found, rel=ROUNDING, abs=0.0
+    )
+    assert mean_peak_curvature(z.T, significant_peaks(z.T), 2.0, 1.0) == pytest.approx(
+        found, rel=ROUNDING, abs=0.0
+    )
+
+
+def test_bad_input_is_named():
+    with pytest.raises(DataError, match="pruning"):
+        significant_peaks(sine_grid(), pruning=5.0)
+    with pytest.raises(InvalidSamplesError, match="no pixel"):
+        significant_peaks(np.full((5, 5), np.nan))
+    with pytest.raises(InvalidSamplesError, match="equal"):
+        significant_peaks(np.ones((5, 5), dtype=int))
+    flat = significant_peaks(np.add.outer(np.arange(5.0), np.arange(5.0)))
+    with pytest.raises(TooFewSamplesError, match="no significant peak"):
+        mean_peak_curvature(np.zeros((5, 5)), flat, 1.0, 1.0)
