@@ -11,6 +11,7 @@ VENV ?= .venv
 PEERS ?= .venv-peers
 DEMO ?= metrosep-demo
 PYTEST_FLAGS ?=
+WORKERS ?= 2
 
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
@@ -59,7 +60,7 @@ demo: $(VENV)/.installed
 	@find $(DEMO) -type f \( -name '*.html' -o -name '*.comp' -o -name '*.csv' -o -name 'result.json' \) | LC_ALL=C sort | sed 's/^/  /'
 
 test: $(VENV)/.installed-test
-	$(PYTEST) $(PYTEST_FLAGS)
+	$(PYTEST) -n $(WORKERS) $(PYTEST_FLAGS)
 
 # ---- what a developer calls --------------------------------------------------------------------
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from metrosep.core.errors import DataError
+from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
 
@@ -129,11 +129,13 @@ def evaluate(obj: Any, settings: Settings, limits: Limits) -> Evaluation:
 
     Raises
     ------
+    InvalidSamplesError
+        If the object is neither a profile nor a map.
     DataError
         If the object has no such parameter, or a limit names none.
     """
     if not isinstance(obj, Surface | Profile):
-        raise DataError(
+        raise InvalidSamplesError(
             f"parameters need a profile or a map, and this file holds a {type(obj).__name__}; "
             "name a channel, or separate it first"
         )

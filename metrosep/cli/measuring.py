@@ -267,7 +267,7 @@ def form(
     """Fit an ideal surface to FILE: parameters with uncertainties, and what is left."""
     from pathlib import Path
 
-    from metrosep.core.errors import DataError
+    from metrosep.core.errors import InvalidSamplesError
     from metrosep.core.profile import Profile
     from metrosep.core.surface import Surface
     from metrosep.forms.catalogue import form_from_text
@@ -281,7 +281,9 @@ def form(
     )
     obj = read(file, **given)
     if not isinstance(obj, Surface | Profile):
-        raise DataError(f"{file}: a form needs a profile or a map; this is a {type(obj).__name__}")
+        raise InvalidSamplesError(
+            f"{file}: a form needs a profile or a map; this is a {type(obj).__name__}"
+        )
     result = fit(
         obj,
         ideal,
@@ -360,7 +362,7 @@ def verify_softgauge(
     """
     from pathlib import Path
 
-    from metrosep.core.errors import DataError
+    from metrosep.core.errors import InvalidSamplesError
     from metrosep.core.profile import Profile
     from metrosep.io.read import read
     from metrosep.parameters.softgauge import verify_softgauge as compare
@@ -370,7 +372,9 @@ def verify_softgauge(
     )
     profile = read(file, **given)
     if not isinstance(profile, Profile):
-        raise DataError(f"{file}: a software gauge is a profile, this is {type(profile).__name__}")
+        raise InvalidSamplesError(
+            f"{file}: a software gauge is a profile, this is {type(profile).__name__}"
+        )
     rows = compare(
         profile,
         lambda_c=_length(lambda_c, "lambda_c"),

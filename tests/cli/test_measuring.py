@@ -1,0 +1,262 @@
+"""Commands that measure: what they print, their JSON, their exit codes."""
+
+import json
+
+import numpy as np
+import pytest
+
+import metrosep as ms
+from metrosep.cli.main import main
+
+NM = 1e-9
+EXACT = 1e-9
+"""Relative: JSON keeps all digits, x3p and h5 as well."""
+
+
+@pytest.fixture
+def metrosep(capsys):
+    """Run a command line in this process: (code, stdout, stderr)."""
+
+    def call(*words):
+        with pytest.raises(SystemExit) as stop:
+            main([str(w) for w in words])
+        out = capsys.readouterr()
+        return stop.value.code, out.out, out.err
+
+    return call
+
+
+@pytest.fixture
+def waves(tmp_path):
+    """Sine grid of the acceptance table on a tilted plane: Sq 49.9994 nm after the plane."""
+    i = np.arange(500)
+    wave = 50 * NM * np.cos(2 * np.pi * i / 100)
+    X, Y = np.meshgrid(i * 1e-6, i * 1e-6)
+    z = wave[None, :] + wave[:, None] + 2e-4 * X + 1e-4 * Y + 3e-6
+    path = tmp_path / "waves.h5"
+    ms.write(ms.Surface(z, 1e-6, 1e-6), path)
+    return path
+
+
+@pytest.fixture
+def sine(tmp_path):
+    """Profile: amplitude 50 nm, wavelength 100 um, over 4 mm."""
+    x = np.arange(4000) * 1e-6
+    path = tmp_path / "sine.h5"
+    ms.write(ms.Profile(x, 50 * NM * np.cos(2 * np.pi * x / 100e-6)), path)
+    return path
+
+
+def test_a_map_is_levelled_and_measured(metrosep, waves):
+    code, out, err = metrosep(
+        "measure", waves, "--form", "plane", "--params", "Sq,PV,FLTt", "--json"
+    )
+
+    found = json.loads(out)
+    assert code == 0
+    np.testing.assert_allclose(found["sq_nm"], 49.9994, rtol=1e-5, atol=0)
+    np.testing.assert_allclose(
+        found["parameters"]["Sq"]["value"] / NM, found["sq_nm"], rtol=EXACT, atol=0
+    )
+    assert set(found["parameters"]) == {"Sq", "PV", "FLTt"}
+    assert "fit plane" in found["evaluations"][0]["chain"]
+    assert err == ""
+
+
+def test_the_text_says_what_was_done(metrosep, waves):
+    code, out, _ = metrosep(
+        "measure", waves, "--form", "plane", "--lambda-s", "10 um", "--params", "Sa"
+    )
+
+    assert code == 0
+    assert "ISO 25178-2" in out
+    assert "plane fitted to 250000 points" in out
+    assert "gaussian" in out
+    assert "250000 of 250000 valid" in out
+
+
+def test_a_profile_in_either_edition(metrosep, sine):
+    _, new, _ = metrosep("measure", sine, "--kind", "R", "--json")
+    _, old, _ = metrosep(
+        "measure", sine, "--kind", "R", "--edition", "ISO 4287:1997", "--sections", 4, "--json"
+    )
+
+    new, old = json.loads(new), json.loads(old)
+    np.testing.assert_allclose(new["ra_nm"], 31.8205160, rtol=1e-7, atol=0)
+    np.testing.assert_allclose(old["rsm_um"], 100.0, rtol=1e-6, atol=0)
+    assert new["evaluations"][0]["edition"] == "ISO 21920-2:2021"
+    assert old["evaluations"][0]["settings"]["sections"] == 4
+
+
+def test_filter_makes_the_profile_rough(metrosep, sine):
+    code, out, _ = metrosep(
+        "measure", sine, "--lambda-c", "0.8 mm", "--params", "Rq,RSm", "--json"
+    )
+
+    assert code == 0
+    assert json.loads(out)["rq_nm"] > 35.0
+
+
+@pytest.mark.parametrize(
+    ("limit", "U", "code"), [("60 nm", "2 nm", 0), ("40 nm", "2 nm", 1), ("51 nm", "2 nm", 3)]
+)
+def test_exit_code_is_the_verdict(metrosep, waves, limit, U, code):
+    found, out, _ = metrosep(
+        "measure",
+        waves,
+        "--form",
+        "plane",
+        "--params",
+        "Sq",
+        "--upper",
+        f"Sq={limit}",
+        "--U",
+        f"Sq={U}",
+    )
+
+    assert found == code
+    assert {0: "ACCEPT", 1: "REJECT", 3: "INCONCLUSIVE"}[code] in out
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "match"),
+    [
+        (("--params", "Sq", "--upper", "Sq=5 nm"), 2, "state it: --U"),
+        (("--params", "Sq", "--upper", "Sa=5 nm"), 2, "which was not measured"),
+        (("--params", "Sq", "--upper", "Sq=5", "--U", "Sq=1 nm"), 2, "unit"),
+        (("--params", "Sq", "--upper", "Sq"), 2, "NAME=VALUE"),
+        (("--params", "Ra"), 2, "a map has no parameter 'Ra'"),
+        (("--form", "cone"), 2, "there is no form 'cone'"),
+        (("--lambda-c", "0.5 um"), 2, "um"),
+        (("--lambda-c", "80"), 2, "unit"),
+        (("--edition", "ISO 1", "--kind", "R", "--params", "Sq"), 0, ""),
+    ],
+)
+def test_wrong_words_are_one_sentence(metrosep, waves, options, code, match):
+    found, _, err = metrosep("measure", waves, *options)
+
+    assert found == code
+    assert match in err
+    assert err.count("error:") == (1 if code else 0)
+
+
+def test_a_bad_file_among_good_ones_is_named_and_the_rest_goes_on(metrosep, waves, tmp_path):
+    bad = tmp_path / "bad.h5"
+    bad.write_bytes(b"nothing")
+
+    code, out, err = metrosep("measure", bad, waves, "--params", "Sq", "--json")
+
+    assert code == 4
+    assert len(json.loads(out)["files"]) == 1
+    assert "bad.h5" in err
+
+
+def test_roughness_of_an_instrument_is_not_filtered_again(metrosep, corpus):
+    path = corpus / "st" / "mitutoyo_2_mock.xlsx"
+
+    code, out, _ = metrosep(
+        "measure",
+        path,
+        "--edition",
+        "ISO 4287:1997",
+        "--sections",
+        4,
+        "--params",
+        "Ra,Rz",
+        "--json",
+    )
+    again, _, err = metrosep("measure", path, "--lambda-c", "0.8 mm")
+
+    assert code == 0
+    np.testing.assert_allclose(json.loads(out)["ra_nm"], 3308, rtol=0, atol=0.5)
+    np.testing.assert_allclose(json.loads(out)["rz_nm"], 18485, rtol=0, atol=0.6)
+    assert again == 2
+    assert "filtering again" in err
+
+
+def test_a_form_with_its_parameters_and_what_is_left(metrosep, tmp_path):
+    x = np.linspace(-5e-3, 5e-3, 101)
+    X, Y = np.meshgrid(x, x)
+    part, left = tmp_path / "lens.h5", tmp_path / "left.h5"
+    ms.write(
+        ms.Surface(ms.forms.Conic(R=50e-3, k=-1.2)(X, Y) + 1e-6, x[1] - x[0], x[1] - x[0]), part
+    )
+
+    code, out, err = metrosep("form", part, "--form", "conic", "--residual", left, "--json")
+
+    found = json.loads(out)
+    assert code == 0
+    np.testing.assert_allclose(found["parameters"]["R"]["value"], 50e-3, rtol=1e-8, atol=0)
+    np.testing.assert_allclose(found["parameters"]["k"]["value"], -1.2, rtol=1e-8, atol=0)
+    assert found["rms_nm"] < 1e-6
+    assert "left.h5" in err
+    assert ms.read(left).peak_to_valley() < 1e-14
+
+
+def test_form_holds_what_is_fixed(metrosep, sine):
+    code, out, _ = metrosep(
+        "form", sine, "--form", "sphere", "--fix", "R=1 m", "--free", "piston", "--json"
+    )
+
+    found = json.loads(out)["parameters"]
+    assert code == 0
+    assert found["R"] == {"value": 1.0, "unit": "m", "u": None, "free": False}
+    assert set(found) == {"piston", "R"}
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "match"),
+    [
+        (("--form", "plane", "--free", "wobble"), 2, "wobble"),
+        (("--fix", "wobble=1 mm"), 2, "wobble"),
+        (("--fix", "piston=1"), 2, "unit"),
+        (("--form", "polynomial"), 2, "degree"),
+    ],
+)
+def test_form_says_what_is_wrong(metrosep, sine, options, code, match):
+    found, _, err = metrosep("form", sine, *options)
+
+    assert found == code
+    assert match in err
+
+
+def gauge(path, lines):
+    """Write a sine of 0.5 um as an ISO 5436-2 file."""
+    n = 8000
+    z = 0.5 * np.sin(2 * np.pi * np.arange(n) / 100)
+    head = [
+        "ISO 5436 - 2000 test\0",
+        "PRF\0 1 ISO5436\0",
+        f"CX\0 I\0 {n} mm\0 1.0e0 D\0 1e-3",
+        f"CZ\0 A\0 {n} um\0 1.0e0 D\0",
+    ]
+    records = ["\r\n".join(r) for r in (head, lines, [f"{v:.12e}" for v in z])]
+    body = "".join(r + "\r\n\x03\r\n" for r in records).encode("ascii")
+    path.write_bytes(body + f"{sum(body) % 65536}\r\n\x03\r\n\x1a".encode("ascii"))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("line", "code", "word"),
+    [
+        ("PARAMETER_VALUE Pt 1.0000 um 0", 0, "agrees"),
+        ("PARAMETER_VALUE Pt 1.0100 um 0", 1, "DIFFERS"),
+        ("PARAMETER_VALUE Ra 0.3 um 0", 3, "not compared"),
+    ],
+)
+def test_softgauge(metrosep, tmp_path, line, code, word):
+    path = gauge(tmp_path / "gauge.smd", [line])
+
+    found, out, _ = metrosep("verify-softgauge", path)
+    as_json, rows, _ = metrosep("verify-softgauge", path, "--json")
+
+    assert (found, as_json) == (code, code)
+    assert word in out
+    assert json.loads(rows)["rows"][0]["agrees"] == {0: True, 1: False, 3: None}[code]
+
+
+def test_a_file_that_is_no_gauge(metrosep, waves):
+    code, _, err = metrosep("verify-softgauge", waves)
+
+    assert code == 4
+    assert "profile" in err
