@@ -43,7 +43,7 @@ def prysm_zernike(z):
 
     _, _, r, t = disc(z.shape[0])
     modes = np.stack(list(zernike_nm_sequence([noll_to_nm(j) for j in range(1, 37)], r, t)))
-    return float(lstsq(modes, z)[3])
+    return float(lstsq(modes, z)[5])
 
 
 def surfalize_gaussian(z):

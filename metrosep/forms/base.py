@@ -87,6 +87,35 @@ class Form(ABC):
             Of parameters.
         """
 
+    def expansion(
+        self, x: FloatArray, y: FloatArray, names: Sequence[str], *, slopes: bool
+    ) -> tuple[FloatArray, tuple[FloatArray, FloatArray] | None, list[FloatArray]]:
+        """Return heights, slopes and derivatives at once; a form may share work between them.
+
+        Parameters
+        ----------
+        x, y : ndarray, m
+            Positions in the form's frame, of equal shape.
+        names : sequence of str
+            Of parameters.
+        slopes : bool
+            Whether slopes are wanted.
+
+        Returns
+        -------
+        height : ndarray, m
+            As `height`.
+        slopes : tuple of ndarray or None
+            As `slopes`.
+        derivatives : list of ndarray
+            As `derivatives`.
+        """
+        return (
+            self.height(x, y),
+            self.slopes(x, y) if slopes else None,
+            self.derivatives(x, y, names) if names else [],
+        )
+
     def units_of(self) -> dict[str, str]:
         """Return the unit of each parameter; those of the class unless they depend on the form."""
         return {k: self.units[k] for k in self.parameters}

@@ -140,3 +140,43 @@ class Conic(Shape):
         w = positive_root(w)
         common = square / (R * R * w * (1.0 + w))
         return [-common if n == "R" else common * square / (2.0 * R * (1.0 + w)) for n in names]
+
+    def expansion(
+        self, x: FloatArray, y: FloatArray, names: Sequence[str], *, slopes: bool
+    ) -> tuple[FloatArray, tuple[FloatArray, FloatArray] | None, list[FloatArray]]:
+        """Return heights, slopes and derivatives at once, from one square root.
+
+        Parameters
+        ----------
+        x, y : ndarray, m
+            Positions in the form's frame, of equal shape.
+        names : sequence of str
+            Of parameters.
+        slopes : bool
+            Whether slopes are wanted.
+
+        Returns
+        -------
+        height : ndarray, m
+            NaN also on the equator, where slopes are infinite.
+        slopes : tuple of ndarray or None
+            dz/dx and dz/dy.
+        derivatives : list of ndarray
+            In the order of the names.
+
+        Raises
+        ------
+        DataError
+            If a name is unknown or a parameter is not known yet.
+        """
+        self._check_names(names)
+        R, square, w = self._parts(x, y)
+        w = positive_root(w)
+        height = square / (R * (1.0 + w))
+        found = None
+        if slopes:
+            rate = 1.0 / (R * w)
+            found = x * rate, y * rate
+        common = height / (R * w) if names else w
+        derived = [-common if n == "R" else 0.5 * common * height for n in names]
+        return height, found, derived

@@ -122,8 +122,8 @@ class Placement:
         z: FloatArray,
         rigid: Sequence[str],
         shape: Sequence[str],
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return the deviations and minus their derivatives by the free parameters.
+    ) -> FloatArray:
+        """Return derivatives of the ideal height by what is free, and the deviations.
 
         Parameters
         ----------
@@ -134,28 +134,24 @@ class Placement:
 
         Returns
         -------
-        deviation : ndarray, shape (n,), m
-            Measured minus ideal.
-        jacobian : ndarray, shape (n_free, n)
-            Derivative of the ideal height by each parameter, along the deviation.
+        ndarray, shape (n_free + 1, n)
+            A row per freedom and parameter, along the deviation; the last row is measured minus
+            ideal.
         """
         xf, yf, zf = self._to_form(x, y, z)
-        deviation = zf - self.form.height(xf, yf)
-        jacobian = np.empty((len(rigid) + len(shape), x.size))
-        needs_slopes = self.direction == "normal" or any(n != "piston" for n in rigid)
-        plane_only = set(rigid) <= {"piston", "tilt_x", "tilt_y"} and self.tilt == "plane"
-        gx = gy = np.zeros(0)
-        if needs_slopes and not (plane_only and self.direction == "vertical"):
-            gx, gy = self.form.slopes(xf, yf)
+        block = np.empty((len(rigid) + len(shape) + 1, x.size))
+        is_level = set(rigid) <= {"piston", "tilt_x", "tilt_y"} and self.tilt == "plane"
+        wanted = self.direction == "normal" or bool(rigid and not is_level)
+        height, slopes, derived = self.form.expansion(xf, yf, shape, slopes=wanted)
+        np.subtract(zf, height, out=block[-1])
+        gx, gy = slopes if slopes is not None else (height, height)
         add = self._plane_columns if self.tilt == "plane" else self._rotation_columns
-        add(jacobian, rigid, (x, y, z), (xf, yf), (gx, gy))
-        if shape:
-            for row, column in enumerate(self.form.derivatives(xf, yf, shape), start=len(rigid)):
-                jacobian[row] = column
+        add(block, rigid, (x, y, z), (xf, yf), (gx, gy))
+        for row, column in enumerate(derived, start=len(rigid)):
+            block[row] = column
         if self.direction == "normal":
-            weight = 1.0 / np.sqrt(1.0 + gx * gx + gy * gy)
-            deviation, jacobian = deviation * weight, jacobian * weight
-        return deviation, jacobian
+            block /= np.sqrt(1.0 + gx * gx + gy * gy)
+        return block
 
     def _to_form(
         self, x: FloatArray, y: FloatArray, z: FloatArray

@@ -19,7 +19,7 @@ __all__ = ["PointSet", "Points", "points_of"]
 
 FloatArray = NDArray[np.float64]
 
-_BLOCK = 1 << 15
+_BLOCK = 1 << 14
 """Points in a block: its columns stay in the cache of a core."""
 
 
@@ -132,7 +132,7 @@ class Points:
         return max(abs(low), abs(high))
 
     def rows(self) -> Iterator[slice]:
-        """Yield slices of whole rows, about 32 000 points each.
+        """Yield slices of whole rows, about 16 000 points each.
 
         Yields
         ------

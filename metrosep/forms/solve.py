@@ -16,12 +16,11 @@ from numpy.typing import NDArray
 
 from metrosep.core.errors import DegenerateFitError, NotConvergedError
 
-__all__ = ["Normal", "Solution", "solve"]
+__all__ = ["Normal", "Solution", "one_step", "solve"]
 
 FloatArray = NDArray[np.float64]
-Block = tuple[FloatArray, FloatArray]
-Linearise = Callable[[FloatArray], Iterable[Block]]
-"""From a vector of parameters to blocks of deviations (n,) and Jacobian (p, n), already weighted."""
+Linearise = Callable[[FloatArray], Iterable[FloatArray]]
+"""From a vector of parameters to blocks of derivatives and deviations, shape (p + 1, n), weighted."""
 
 _DEGENERATE = 1e-13
 """Smallest eigenvalue of the scaled Gram matrix that still determines a direction: 1000 eps."""
@@ -100,13 +99,14 @@ class Solution:
     trace: list[float] = field(default_factory=list)
 
 
-def accumulate(blocks: Iterable[Block], p: int) -> Normal:
-    """Return the sums over blocks of deviations and derivatives.
+def accumulate(blocks: Iterable[FloatArray], p: int) -> Normal:
+    """Return the sums over blocks of derivatives and deviations.
 
     Parameters
     ----------
-    blocks : iterable of (ndarray (n,), ndarray (p, n))
-        Points where the deviation or a derivative is NaN are outside the domain.
+    blocks : iterable of ndarray, shape (p + 1, n)
+        Derivatives and, in the last row, deviations. Points where one is NaN are outside the
+        domain.
     p : int
         Number of parameters.
 
@@ -115,25 +115,17 @@ def accumulate(blocks: Iterable[Block], p: int) -> Normal:
     Normal
         Sums.
     """
-    total = Normal(np.zeros((p, p)), np.zeros(p))
-    for r, J in blocks:
-        bad = np.isnan(r)
-        if p:
-            bad |= np.isnan(J.sum(axis=0))
-        if bad.any():
-            total.n_outside += int(np.count_nonzero(bad))
-            _add(total, r[~bad], J[:, ~bad])
-        else:
-            _add(total, r, J)
-    return total
-
-
-def _add(total: Normal, r: FloatArray, J: FloatArray) -> None:
+    total, n, n_outside = np.zeros((p + 1, p + 1)), 0, 0
     with np.errstate(over="ignore", invalid="ignore"):  # a wild trial: refused for its sum
-        total.gram += J @ J.T
-        total.gradient += J @ r
-        total.squares += float(r @ r)
-    total.n += int(r.size)
+        for block in blocks:
+            inside, part = block, block @ block.T
+            if np.isnan(part).any():
+                inside = block[:, ~np.isnan(block).any(axis=0)]
+                part = inside @ inside.T
+            total += part
+            n += inside.shape[1]
+            n_outside += block.shape[1] - inside.shape[1]
+    return Normal(total[:p, :p], total[:p, p], float(total[p, p]), n, n_outside)
 
 
 def solve(
@@ -200,6 +192,50 @@ def solve(
             failure = failure or error
     assert failure is not None  # noqa: S101
     raise failure
+
+
+def one_step(
+    linearise: Linearise,
+    start: FloatArray,
+    names: Sequence[str],
+    *,
+    height: float,
+    reach: FloatArray,
+) -> tuple[Solution, float]:
+    """Return one undamped step from a start that is nearly there, and the squares it must leave.
+
+    Parameters
+    ----------
+    linearise : callable
+        Deviations and derivatives at given parameters, in blocks.
+    start : ndarray, shape (p,)
+        Answer of a sample.
+    names : sequence of str
+        Of the parameters.
+    height : float, m
+        Largest magnitude of the heights.
+    reach : ndarray, shape (p,)
+        As for `solve`.
+
+    Returns
+    -------
+    solution : Solution
+        After the step, with the sums before it.
+    squares : float
+        Sum of squares that a form linear in its parameters would leave.
+
+    Raises
+    ------
+    DegenerateFitError
+        If the points do not determine the parameters.
+    """
+    normal = accumulate(linearise(start), start.size)
+    normal.negligible = _ROUNDING * height / reach
+    _enough(normal, start.size, names)
+    _determined(normal, names)
+    step, _ = _step(normal, 0.0, names)
+    left = normal.squares - float(normal.gradient @ step)
+    return Solution(start + step, normal, 1), left
 
 
 @dataclass(frozen=True, slots=True, eq=False)

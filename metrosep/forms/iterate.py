@@ -1,0 +1,319 @@
+"""The iterative part of `fit`: where it begins, a sample first, robust weights, covariance."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import DataError
+from metrosep.forms.base import Form
+from metrosep.forms.fit_linear import Answer, solve_level, solve_linear, sum_of_squares
+from metrosep.forms.freedoms import RIGID, Freedoms
+from metrosep.forms.placement import Direction, Placement, Tilt
+from metrosep.forms.points import Points
+from metrosep.forms.robust import Robust, robust_weights, spread
+from metrosep.forms.solve import Solution, one_step, scaled_gram, solve
+from metrosep.forms.starts import best_shift, vertex
+
+__all__ = ["find"]
+
+_SAMPLE = 20_000
+"""Points that find the place before all points polish it."""
+_START = 4000
+"""Points that a first guess is made of."""
+_KEPT_PROMISE = 1e-2
+"""Of the variance of a point."""
+_WORTH_SAMPLING = 10
+"""A map needs this many times the sample for the detour to pay."""
+_ROBUST_ROUNDS = 50
+_ROBUST_CHANGE = 1e-6
+"""Of the spread: weights have settled when the heights move less."""
+
+
+@dataclass(slots=True, eq=False)
+class _Job:
+    """A measurement, a place to begin, and what may move."""
+
+    points: Points
+    begin: Placement
+    freedoms: Freedoms
+    sample: tuple[FloatArray, FloatArray, FloatArray]
+
+    def vector(self) -> FloatArray:
+        shape = self.begin.form.parameters
+        rigid = [self.begin.get(n) for n in self.freedoms.rigid]
+        return np.array([*rigid, *(shape[n] for n in self.freedoms.shape)], dtype=np.float64)
+
+    def reach(self) -> FloatArray:
+        """Largest sensible change of each freedom: the extent, a radian; a parameter has none."""
+        extent = {"m": max(self.points.radius, np.finfo(float).tiny), "rad": 1.0}
+        sizes = [np.inf if n == "piston" else extent[RIGID[n]] for n in self.freedoms.rigid]
+        return np.array([*sizes, *(np.inf for _ in self.freedoms.shape)], dtype=np.float64)
+
+    def linear(self) -> list[int]:
+        """Where the freedoms stand in which the heights are linear (with a plane for the tilt)."""
+        names = self.freedoms.names
+        of_form = self.freedoms.shape if getattr(self.begin.form, "is_linear", False) else ()
+        return [
+            i for i, n in enumerate(names) if n in ("piston", "tilt_x", "tilt_y") or n in of_form
+        ]
+
+    def solve(
+        self,
+        values: FloatArray,
+        max_iterations: int,
+        *,
+        sample: tuple[FloatArray, FloatArray, FloatArray] | None = None,
+        weights: list[FloatArray] | None = None,
+    ) -> Solution:
+        def on_sample(p: FloatArray) -> Iterator[FloatArray]:
+            assert sample is not None  # noqa: S101
+            yield self.placed(p).linearised(*sample, self.freedoms.rigid, self.freedoms.shape)
+
+        return solve(
+            on_sample if sample is not None else (lambda p: self.linearise(p, weights)),
+            values,
+            self.freedoms.names,
+            height=self.points.largest,
+            reach=self.reach(),
+            linear=self.linear(),
+            is_exact=self.begin.tilt == "plane" and self.begin.direction == "vertical",
+            max_iterations=max_iterations,
+        )
+
+    def placed(self, values: FloatArray) -> Placement:
+        n = len(self.freedoms.rigid)
+        rigid = {**self.begin.rigid, **dict(zip(self.freedoms.rigid, values[:n], strict=True))}
+        shape = dict(zip(self.freedoms.shape, (float(v) for v in values[n:]), strict=True))
+        form = self.begin.form.with_parameters(**shape) if shape else self.begin.form
+        return replace(self.begin, form=form, rigid={k: float(v) for k, v in rigid.items()})
+
+    def linearise(
+        self, values: FloatArray, weights: list[FloatArray] | None = None
+    ) -> Iterator[FloatArray]:
+        placed = self.placed(values)
+        for i, (x, y, z) in enumerate(self.points.valid_blocks()):
+            if z.size == 0:
+                continue
+            block = placed.linearised(x, y, z, self.freedoms.rigid, self.freedoms.shape)
+            yield block if weights is None else block * np.sqrt(weights[i])
+
+    def deviations(self, values: FloatArray) -> list[FloatArray]:
+        placed = self.placed(values)
+        return [
+            placed.deviation(x, y, z) if z.size else np.empty(0)
+            for x, y, z in self.points.valid_blocks()
+        ]
+
+
+def find(
+    points: Points,
+    form: Form,
+    freedoms: Freedoms,
+    start: dict[str, float],
+    robust: Robust | None,
+    *,
+    tilt: Tilt,
+    direction: Direction,
+    max_iterations: int,
+) -> tuple[Answer, Placement, int]:
+    """Return what was found, where the form sits, and the steps that it took.
+
+    Parameters
+    ----------
+    points : Points
+        Measurement.
+    form : Form
+        Some parameters may be None.
+    freedoms : Freedoms
+        What may move.
+    start : dict of str to float
+        Where to begin, SI.
+    robust : {"tukey", "huber"} or None
+        Rule that weighs outliers down.
+    tilt, direction : str
+        As in `fit`.
+    max_iterations : int
+        Of each descent.
+
+    Returns
+    -------
+    answer : Answer
+        Form, covariance, residual.
+    placed : Placement
+        The form at its place.
+    n_iterations : int
+        0 where everything that is free is linear.
+
+    Raises
+    ------
+    DataError
+        If a start is given for what is not free.
+    DegenerateFitError
+        If the points do not determine what is free.
+    NotConvergedError
+        If the iteration does not settle.
+    """
+    if not start:
+        answer = solve_linear(points, form, freedoms, robust)
+        if answer is not None:
+            return answer, Placement(answer.form, {}, tilt, direction), 0
+    sample = points.sample(_SAMPLE)
+    begin = _begin(points, form, freedoms, start, sample, tilt=tilt, direction=direction)
+    answer = solve_level(points, begin, freedoms, robust)
+    if answer is not None:
+        return answer, replace(begin, rigid=answer.rigid), 0
+    return _iterate(_Job(points, begin, freedoms, sample), robust, max_iterations)
+
+
+def _iterate(
+    job: _Job, robust: Robust | None, max_iterations: int
+) -> tuple[Answer, Placement, int]:
+    solution, residual = _solve(job, max_iterations)
+    weights = None
+    if robust is not None:
+        solution, weights = _reweighted(job, solution, robust, max_iterations)
+        residual = None
+    placed = job.placed(solution.values)
+    if residual is None:
+        residual = _residual(job.points, placed)
+    n, squares = sum_of_squares(residual)
+    cov = _covariance(solution, job.freedoms.names, squares, n, weights)
+    answer = Answer(placed.form, dict(placed.rigid), cov, residual, n, squares)
+    return answer, placed, solution.n_iterations
+
+
+def _begin(
+    points: Points,
+    form: Form,
+    freedoms: Freedoms,
+    start: dict[str, float],
+    sample: tuple[FloatArray, FloatArray, FloatArray],
+    *,
+    tilt: Tilt,
+    direction: Direction,
+) -> Placement:
+    """Return the form with values for all parameters, at a place to start from."""
+    stray = [k for k in start if k not in freedoms.names]
+    if stray:
+        raise DataError(
+            f"start names {', '.join(stray)}, which is not free; free are: "
+            f"{', '.join(freedoms.names) or 'none'}"
+        )
+    thin = max(1, sample[2].size // _START)
+    x, y, z = (v[::thin] for v in sample)
+    rigid = dict(freedoms.held)
+    given = {k: float(v) for k, v in start.items() if k not in RIGID}
+    if given:
+        form = form.with_parameters(**given)
+    shifts = [n for n in ("shift_x", "shift_y") if n in freedoms.rigid]
+    tilts = {"tilt_x", "tilt_y"} & set(freedoms.rigid)
+    if shifts and form.has_centre and not tilts:
+        rigid.update(
+            {
+                n: v
+                for n, v in zip(("shift_x", "shift_y"), vertex(x, y, z), strict=True)
+                if n in shifts
+            }
+        )
+    if any(v is None for v in form.parameters.values()):
+        form = form.start(x - rigid.get("shift_x", 0.0), y - rigid.get("shift_y", 0.0), z)
+    if shifts and not form.has_centre and not set(shifts) & set(start) and _is_uniform(points):
+        found = best_shift(form, points, free=("shift_x" in shifts, "shift_y" in shifts))
+        rigid.update(
+            {n: v for n, v in zip(("shift_x", "shift_y"), found, strict=True) if n in shifts}
+        )
+    if "piston" in freedoms.rigid and z.size:
+        placed = Placement(form, rigid, tilt).deviation(x, y, z)
+        inside = placed[~np.isnan(placed)]
+        rigid["piston"] = float(np.median(inside)) if inside.size else float(np.median(z))
+    rigid.update({k: float(v) for k, v in start.items() if k in RIGID})
+    return Placement(form, rigid, tilt, direction)
+
+
+def _is_uniform(points: Points) -> bool:
+    steps = np.diff(points.x)
+    return bool(
+        not points.is_scattered and steps.size and np.ptp(steps) <= 1e-6 * abs(float(steps.mean()))
+    )
+
+
+def _solve(job: _Job, max_iterations: int) -> tuple[Solution, FloatArray | None]:
+    """Solve on a sample first where the map is large, then on all points.
+
+    From the answer of the sample one step is enough where it leaves the squares that it promised,
+    to a share of the variance that moves no parameter by a hundredth of its uncertainty. The
+    residual that proves it comes along.
+    """
+    values = job.vector()
+    if not values.size or job.points.n_valid <= _WORTH_SAMPLING * _SAMPLE:
+        return job.solve(values, max_iterations), None
+    values = job.solve(values, max_iterations, sample=job.sample).values
+    solution, promised = one_step(
+        job.linearise, values, job.freedoms.names, height=job.points.largest, reach=job.reach()
+    )
+    residual = _residual(job.points, job.placed(solution.values))
+    n, squares = sum_of_squares(residual)
+    if n == solution.normal.n and abs(squares - promised) <= _KEPT_PROMISE * squares / n:
+        return solution, residual
+    return job.solve(solution.values, max_iterations), None
+
+
+def _reweighted(
+    job: _Job, solution: Solution, rule: Robust, max_iterations: int
+) -> tuple[Solution, list[FloatArray]]:
+    """Iterate weights and fit; a few rounds of Huber first, whose answer does not depend on the start."""
+    names = job.freedoms.names
+    height = job.points.largest
+    weights: list[FloatArray] = []
+    for count in range(_ROBUST_ROUNDS):
+        deviations = job.deviations(solution.values)
+        scale = spread(np.concatenate(deviations))
+        if scale <= 1e-15 * height:
+            scale = 0.0
+        now: Robust = "huber" if count < 5 else rule
+        weights = [
+            np.nan_to_num(robust_weights(d, scale, now) if scale else np.ones_like(d))
+            for d in deviations
+        ]
+        if not names or scale == 0.0:
+            break
+        last = solution.values
+        solution = job.solve(last, max_iterations, weights=weights)
+        change = solution.values - last
+        moved = float(change @ solution.normal.gram @ change) / solution.normal.n
+        if count > 5 and moved <= (_ROBUST_CHANGE * scale) ** 2:
+            break
+    return solution, weights
+
+
+def _residual(points: Points, placed: Placement) -> FloatArray:
+    residual = np.empty(points.z.shape)
+    for rows, columns, x, y, z in points.blocks():
+        residual[rows, columns] = placed.deviation(x, y, z)
+    return residual
+
+
+def _covariance(
+    solution: Solution,
+    names: Sequence[str],
+    squares: float,
+    n: int,
+    weights: list[FloatArray] | None,
+) -> FloatArray:
+    """Return s^2 (J'J)^-1; NaN where there are no degrees of freedom."""
+    normal = solution.normal
+    p = len(names)
+    if p == 0:
+        return np.zeros((0, 0))
+    gram, length = scaled_gram(normal, names)
+    if weights is None:
+        dof, squared = float(n - p), squares
+    else:
+        dof, squared = float(sum(w.sum() for w in weights)) - p, normal.squares
+    if dof <= 0:
+        return np.full((p, p), np.nan)
+    return np.asarray(np.linalg.inv(gram) / np.outer(length, length) * (squared / dof))
