@@ -68,7 +68,7 @@ def fit(
     tilt : {"plane", "rotation"}, optional
         Add a plane, or turn the form as a rigid body.
     direction : {"vertical", "normal"}, optional
-        Of the deviation; "normal" is the distance to the form, to first order.
+        Of the deviation; "normal" is the distance to the nearest point of the form.
     centre : tuple of (float, float), optional, m
         Origin of the form in the coordinates of `obj`. If omitted: the coordinates as they are,
         but the middle of a map whose origin was not declared, for a form with a vertex.
@@ -120,14 +120,14 @@ def fit(
         form = form.for_profile()
     points = points_of(obj, centre=centre, middle=form.has_centre)
     form, freedoms = choose_freedoms(
-        form, free, dict(fixed or {}), is_profile=isinstance(obj, Profile)
+        form, free, {} if fixed is None else fixed, is_profile=isinstance(obj, Profile)
     )
     with one_blas_thread():
         answer, placed, n_iterations = find(
             points,
             form,
             freedoms,
-            dict(start or {}),
+            {} if start is None else start,
             robust,
             tilt=tilt,
             direction=direction,

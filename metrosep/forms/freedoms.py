@@ -7,7 +7,7 @@ are the slopes dz/dx and dz/dy of its base plane, ``rotation_z`` turns it about 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -103,10 +103,7 @@ def choose_freedoms(
     DataError
         If a name is unknown, occurs twice, is free and fixed, or does not exist on a profile.
     """
-    held = {_known(n, form): float(v) for n, v in fixed.items()}
-    for name, value in held.items():
-        if not np.isfinite(value):
-            raise DataError(f"fixed[{name!r}] is {value}; give a finite value in SI")
+    held = known_values(fixed, form, "fixed")
     unknown = [k for k, v in form.parameters.items() if v is None and k not in held]
     is_linear = bool(getattr(form, "is_linear", False))
     asked = _asked(form, free, default=() if is_linear and unknown else DEFAULT)
@@ -117,6 +114,8 @@ def choose_freedoms(
                 f"a profile is the line y = 0 and has no {', '.join(across)}; leave it out of free"
             )
         asked = [n for n in asked if n not in across]
+    if free is None:  # what is held gives way for nothing that was not asked for
+        asked = [n for n in asked if n not in held]
     both = [n for n in asked if n in held]
     if both:
         raise DataError(f"{', '.join(both)} is free and fixed at once; name it once")
@@ -138,9 +137,52 @@ def choose_freedoms(
     )
 
 
+def known_values(values: Mapping[str, float], form: Form, option: str) -> dict[str, float]:
+    """Return values by the proper name of each freedom.
+
+    Parameters
+    ----------
+    values : mapping of str to float
+        By name or alias, SI.
+    form : Form
+        With its parameters.
+    option : {"fixed", "start"}
+        For the message.
+
+    Returns
+    -------
+    dict of str to float
+        Finite values.
+
+    Raises
+    ------
+    DataError
+        If it is no mapping, a name is unknown or stands twice, or a value is no finite number.
+    """
+    if not isinstance(values, Mapping):
+        raise DataError(
+            f"{option} maps names to values in SI, such as {{'R': 0.05}}; got {values!r}"
+        )
+    found: dict[str, float] = {}
+    for name, value in values.items():
+        key = _known(name, form)
+        if key in found:
+            raise DataError(f"{option} holds {key} twice, by two of its names")
+        try:
+            number = float(value)
+        except (TypeError, ValueError):
+            number = float("nan")
+        if not np.isfinite(number):
+            raise DataError(f"{option}[{name!r}] is {value!r}; give a finite number in SI")
+        found[key] = number
+    return found
+
+
 def _asked(form: Form, free: Sequence[str] | None, default: tuple[str, ...]) -> list[str]:
     if free is None:
         return list(default)
+    if not isinstance(free, str | Iterable):
+        raise DataError(f"free is a list of names, got {free!r}")
     names = [_known(n, form) for n in ((free,) if isinstance(free, str) else free)]
     twice = sorted({n for n in names if names.count(n) > 1})
     if twice:
@@ -149,6 +191,8 @@ def _asked(form: Form, free: Sequence[str] | None, default: tuple[str, ...]) -> 
 
 
 def _known(name: str, form: Form) -> str:
+    if not isinstance(name, str):
+        raise DataError(f"a freedom is named by a text, got {name!r}")
     if name in form.parameters or name in RIGID:
         return name
     if name in _ALIASES:

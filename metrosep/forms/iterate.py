@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,7 +11,8 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.forms.base import Form
 from metrosep.forms.fit_linear import Answer, solve_level, solve_linear, sum_of_squares
-from metrosep.forms.freedoms import RIGID, Freedoms
+from metrosep.forms.freedoms import RIGID, Freedoms, known_values
+from metrosep.forms.linear import LinearForm
 from metrosep.forms.placement import Direction, Placement, Tilt
 from metrosep.forms.points import Points
 from metrosep.forms.robust import Robust, robust_weights, spread
@@ -113,7 +114,7 @@ def find(
     points: Points,
     form: Form,
     freedoms: Freedoms,
-    start: dict[str, float],
+    start: Mapping[str, float],
     robust: Robust | None,
     *,
     tilt: Tilt,
@@ -130,7 +131,7 @@ def find(
         Some parameters may be None.
     freedoms : Freedoms
         What may move.
-    start : dict of str to float
+    start : mapping of str to float
         Where to begin, SI.
     robust : {"tukey", "huber"} or None
         Rule that weighs outliers down.
@@ -157,10 +158,10 @@ def find(
     NotConvergedError
         If the iteration does not settle.
     """
-    if not start:
+    if not start and direction == "vertical":
         answer = solve_linear(points, form, freedoms, robust)
         if answer is not None:
-            return answer, Placement(answer.form, {}, tilt, direction), 0
+            return answer, Placement(answer.form, {}, tilt), 0
     sample = points.sample(_SAMPLE)
     begin = _begin(points, form, freedoms, start, sample, tilt=tilt, direction=direction)
     answer = solve_level(points, begin, freedoms, robust)
@@ -190,13 +191,14 @@ def _begin(
     points: Points,
     form: Form,
     freedoms: Freedoms,
-    start: dict[str, float],
+    start: Mapping[str, float],
     sample: tuple[FloatArray, FloatArray, FloatArray],
     *,
     tilt: Tilt,
     direction: Direction,
 ) -> Placement:
     """Return the form with values for all parameters, at a place to start from."""
+    start = known_values(start, form, "start")
     stray = [k for k in start if k not in freedoms.names]
     if stray:
         raise DataError(
@@ -205,6 +207,7 @@ def _begin(
         )
     thin = max(1, sample[2].size // _START)
     x, y, z = (v[::thin] for v in sample)
+    is_line = points.y.size == 1 and not points.is_scattered
     rigid = dict(freedoms.held)
     given = {k: float(v) for k, v in start.items() if k not in RIGID}
     if given:
@@ -219,7 +222,7 @@ def _begin(
                 if n in shifts
             }
         )
-    if any(v is None for v in form.parameters.values()):
+    if any(v is None for v in form.parameters.values()) or isinstance(form, LinearForm):
         form = form.start(x - rigid.get("shift_x", 0.0), y - rigid.get("shift_y", 0.0), z)
     if shifts and not form.has_centre and not set(shifts) & set(start) and _is_uniform(points):
         found = best_shift(form, points, free=("shift_x" in shifts, "shift_y" in shifts))
@@ -231,7 +234,7 @@ def _begin(
         inside = placed[~np.isnan(placed)]
         rigid["piston"] = float(np.median(inside)) if inside.size else float(np.median(z))
     rigid.update({k: float(v) for k, v in start.items() if k in RIGID})
-    return Placement(form, rigid, tilt, direction)
+    return Placement(form, rigid, tilt, direction, is_line=is_line)
 
 
 def _is_uniform(points: Points) -> bool:

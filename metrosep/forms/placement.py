@@ -9,7 +9,7 @@ lens it is no plane, and looks like coma.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -22,6 +22,9 @@ __all__ = ["Placement", "Tilt", "rotation_matrix"]
 FloatArray = NDArray[np.float64]
 Tilt = Literal["plane", "rotation"]
 Direction = Literal["vertical", "normal"]
+
+_FOOT_STEPS, _FOOT_SHARE = 50, 1e-15
+"""The foot of a normal has settled when it moves by less than this share of the coordinates."""
 
 _STEP = 1e-30
 """Complex step: the derivative of a 3 x 3 matrix is exact to the last digit."""
@@ -71,14 +74,16 @@ class Placement:
     tilt : {"plane", "rotation"}
         How tilts act.
     direction : {"vertical", "normal"}
-        Of the deviation; "normal" divides by ``sqrt(1 + |grad f|^2)``, which is the distance to
-        the form to first order in the deviation.
+        Of the deviation; "normal" is the distance to the nearest point of the placed form.
+    is_line : bool
+        Whether the points are a profile: the nearest point is looked for along it only.
     """
 
     form: Form
     rigid: Mapping[str, float]
     tilt: Tilt = "plane"
     direction: Direction = "vertical"
+    is_line: bool = False
 
     def get(self, name: str) -> float:
         """Return the value of a rigid-body freedom.
@@ -108,12 +113,10 @@ class Placement:
         ndarray, m
             Positive where there is too much material.
         """
-        xf, yf, zf = self._to_form(x, y, z)
-        deviation = zf - self.form.height(xf, yf)
         if self.direction == "normal":
-            gx, gy = self.form.slopes(xf, yf)
-            deviation = deviation / np.sqrt(1.0 + gx * gx + gy * gy)
-        return deviation
+            return self._foot(x, y, z)[1]
+        xf, yf, zf = self._to_form(x, y, z)
+        return np.asarray(zf - self.form.height(xf, yf))
 
     def linearised(
         self,
@@ -137,11 +140,22 @@ class Placement:
         ndarray, shape (n_free + 1, n)
             A row per freedom and parameter, along the deviation; the last row is measured minus
             ideal.
+
+        Notes
+        -----
+        By the envelope theorem the derivative of the distance is that of the height at the foot
+        of the normal, over ``sqrt(1 + |slope|^2)``: no second derivative of the form is needed.
         """
+        if self.direction == "normal":
+            on_form, distance, secant = self._foot(x, y, z)
+            block = replace(self, direction="vertical").linearised(*on_form, rigid, shape)
+            block /= secant
+            block[-1] = distance
+            return block
         xf, yf, zf = self._to_form(x, y, z)
         block = np.empty((len(rigid) + len(shape) + 1, x.size))
         is_level = set(rigid) <= {"piston", "tilt_x", "tilt_y"} and self.tilt == "plane"
-        wanted = self.direction == "normal" or bool(rigid and not is_level)
+        wanted = bool(rigid and not is_level)
         height, slopes, derived = self.form.expansion(xf, yf, shape, slopes=wanted)
         np.subtract(zf, height, out=block[-1])
         gx, gy = slopes if slopes is not None else (height, height)
@@ -149,9 +163,54 @@ class Placement:
         add(block, rigid, (x, y, z), (xf, yf), (gx, gy))
         for row, column in enumerate(derived, start=len(rigid)):
             block[row] = column
-        if self.direction == "normal":
-            block /= np.sqrt(1.0 + gx * gx + gy * gy)
         return block
+
+    def _foot(
+        self, x: FloatArray, y: FloatArray, z: FloatArray
+    ) -> tuple[tuple[FloatArray, FloatArray, FloatArray], FloatArray, FloatArray]:
+        """Return the nearest points of the form, the signed distances, and ``sqrt(1 + slope^2)``.
+
+        Each step goes to the foot on the tangent plane; it shrinks the error by the deviation over
+        the radius of curvature.
+        """
+        turned = self.tilt == "rotation"
+        if turned:
+            x, y, z = self._to_form(x, y, z)
+        u, v = x.copy(), y.copy()
+        reach = float(np.nanmax(np.abs(z), initial=0.0)) + float(np.abs(x).max(initial=0.0))
+        h, mu, mv = self._surface(u, v)
+        for _ in range(_FOOT_STEPS):
+            dw = z - h
+            a, b = x - u + mu * dw, y - v + mv * dw
+            k = (mu * a + mv * b) / (1.0 + mu * mu + mv * mv)
+            a -= mu * k
+            b -= mv * k
+            u += a
+            if not self.is_line:
+                v += b
+            h, mu, mv = self._surface(u, v)
+            moved = np.abs(a) if self.is_line else np.maximum(np.abs(a), np.abs(b))
+            if not float(np.fmax.reduce(moved, axis=None, initial=0.0)) > _FOOT_SHARE * reach:
+                break
+        secant = np.sqrt(1.0 + mu * mu + mv * mv)
+        distance = ((z - h) - mu * (x - u) - mv * (y - v)) / secant
+        if turned:
+            R = rotation_matrix(*(self.get(n) for n in ("tilt_x", "tilt_y", "rotation_z")))
+            shift = [self.get(n) for n in ("shift_x", "shift_y", "piston")]
+            u, v, h = (R[i, 0] * u + R[i, 1] * v + R[i, 2] * h + shift[i] for i in range(3))
+        return (u, v, h), distance, secant
+
+    def _surface(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return height and slopes in the frame where `_foot` works."""
+        if self.tilt == "rotation":
+            gx, gy = self.form.slopes(x, y)
+            return self.form.height(x, y), gx, np.zeros_like(gy) if self.is_line else gy
+        xf, yf, minus = self._to_form(x, y, np.zeros_like(x))
+        gx, gy = self.form.slopes(xf, yf)
+        c, s = np.cos(self.get("rotation_z")), np.sin(self.get("rotation_z"))
+        mu = c * gx - s * gy + self.get("tilt_x")
+        mv = np.zeros_like(mu) if self.is_line else s * gx + c * gy + self.get("tilt_y")
+        return self.form.height(xf, yf) - minus, mu, mv
 
     def _to_form(
         self, x: FloatArray, y: FloatArray, z: FloatArray

@@ -248,10 +248,12 @@ def points_of(
     Raises
     ------
     DataError
-        If the object is neither, or the surface has no lateral calibration.
+        If the object is neither, the surface has no lateral calibration, or the centre is no pair
+        of finite numbers.
     TooFewSamplesError
         If nothing was measured.
     """
+    centre = None if centre is None else _pair(centre)
     if isinstance(obj, Profile):
         x0 = 0.0 if centre is None else float(centre[0])
         points = Points(
@@ -282,3 +284,14 @@ def points_of(
     if points.n_valid == 0:
         raise TooFewSamplesError("no sample was measured (all are NaN): nothing can be fitted")
     return points
+
+
+def _pair(centre: Any) -> tuple[float, float]:
+    """Return the centre as two finite numbers."""
+    try:
+        x0, y0 = (float(v) for v in centre)
+    except (TypeError, ValueError):
+        x0 = y0 = float("nan")
+    if not (np.isfinite(x0) and np.isfinite(y0)):
+        raise DataError(f"centre is a pair of finite positions (x, y) in m, got {centre!r}")
+    return x0, y0
