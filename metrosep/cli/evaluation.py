@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
+from metrosep.core.units import format_length
 
 if TYPE_CHECKING:
     from metrosep.core.quantity import Quantity
@@ -36,8 +37,8 @@ class Settings:
         P, W or R; None takes what the file or the filter says, else P.
     edition : str or None
         Of the profile standard; None is the present one.
-    sections : int
-        Sampling lengths.
+    sections : int or None
+        Sampling lengths; as many as there are cut-offs in a filtered profile, else 5.
     centre : bool
         Subtract means again.
     line : str
@@ -54,7 +55,7 @@ class Settings:
     end: str = "moment"
     kind: str | None = None
     edition: str | None = None
-    sections: int = 5
+    sections: int | None = None
     centre: bool = False
     line: str = "lsq"
     names: tuple[str, ...] = ()
@@ -139,6 +140,7 @@ def evaluate(obj: Any, settings: Settings, limits: Limits) -> Evaluation:
             f"parameters need a profile or a map, and this file holds a {type(obj).__name__}; "
             "name a channel, or separate it first"
         )
+    _check_applies(obj, settings)
     removed = ""
     if settings.form.strip().lower() != "none":
         from metrosep.forms.catalogue import form_from_text
@@ -151,24 +153,45 @@ def evaluate(obj: Any, settings: Settings, limits: Limits) -> Evaluation:
     return Evaluation(tables, _verdicts(tables, limits), removed)
 
 
-def _filtered(obj: Any, settings: Settings) -> Any:
-    from metrosep.filters import chain, gaussian
+def _check_applies(obj: Surface | Profile, settings: Settings) -> None:
+    """Refuse what would be ignored."""
+    if settings.end != "moment" and settings.lambda_s is None and settings.lambda_c is None:
+        raise DataError("--end says what a filter does at the ends; give --lambda-s or --lambda-c")
+    if isinstance(obj, Surface):
+        given = {
+            "--kind": settings.kind,
+            "--edition": settings.edition,
+            "--sections": settings.sections,
+            "--centre": settings.centre or None,
+        }
+        stray = [k for k, v in given.items() if v is not None]
+        if stray:
+            raise DataError(f"{', '.join(stray)} belongs to profiles, and this file holds a map")
 
-    if settings.lambda_s is None and settings.lambda_c is None:
+
+def _filtered(obj: Any, settings: Settings) -> Any:
+    from metrosep.filters import Band, chain, gaussian
+
+    short, long = settings.lambda_s, settings.lambda_c
+    if short is not None and long is not None and not short < long:
+        raise DataError(
+            f"lambda_s = {format_length(short)} must be shorter than lambda_c = "
+            f"{format_length(long)}: the S-filter takes the short waves away, the L-filter the "
+            "long ones"
+        )
+    if short is None and long is None:
         return obj
     options: dict[str, Any] = {"end": settings.end}
     if isinstance(obj, Surface):
-        if settings.lambda_s is not None:
-            obj = gaussian(obj, nesting_index=settings.lambda_s, band="long", **options)
-        if settings.lambda_c is not None:
-            obj = gaussian(obj, nesting_index=settings.lambda_c, band="short", **options)
-        return obj
-    if settings.lambda_s is not None:
-        obj = chain.primary(obj, lambda_s=settings.lambda_s, **options)
-    if settings.lambda_c is None:
-        return obj
-    part = chain.waviness if settings.kind == "W" else chain.roughness
-    return part(obj, lambda_c=settings.lambda_c, **options)
+        return gaussian(obj, band=Band(shortest=short, longest=long), **options)
+    if long is None:
+        assert short is not None  # noqa: S101  # one of them is given
+        return chain.primary(obj, lambda_s=short, **options)
+    if settings.kind == "W":
+        return chain.waviness(obj, lambda_c=long, lambda_s=short, **options)
+    if settings.sections is not None:
+        options["sections"] = settings.sections
+    return chain.roughness(obj, lambda_c=long, lambda_s=short, **options)
 
 
 def _tables(obj: Surface | Profile, settings: Settings) -> list[ParameterTable]:
@@ -196,6 +219,8 @@ def _families(obj: Surface | Profile, names: Sequence[str]) -> dict[str, list[st
             family = "interferometric"
         elif name[:3] in _FORM:
             family = name[:3]
+        elif isinstance(obj, Profile) and name in ("Mr1", "Mr2", "A1", "A2"):
+            family = "R"
         elif isinstance(obj, Profile) and name[:1] in ("P", "W", "R"):
             family = name[0]
         elif isinstance(obj, Surface) and name[:1] in ("S", "V"):
@@ -257,13 +282,15 @@ def _profile(
 
     if not isinstance(obj, Profile):
         raise DataError(f"{family} parameters belong to a profile; a map has S parameters")
+    if family and settings.kind and family != settings.kind:
+        raise DataError(f"--kind {settings.kind} has no parameter {', '.join(names or ())}")
     kind: Any = family or settings.kind or profile_kind(obj) or "P"
     edition = {} if settings.edition is None else {"edition": settings.edition}
     line: Any = settings.line
     return profile_parameters(
         obj,
         kind=kind,
-        sections=settings.sections,
+        sections=settings.sections or _sections(obj),
         centre=settings.centre,
         line=line,
         names=names,
@@ -271,16 +298,36 @@ def _profile(
     )
 
 
+def _find(tables: Sequence[ParameterTable], symbol: str) -> Quantity:
+    """Return a parameter by its symbol or the spelling of the other edition."""
+    for table in tables:
+        if symbol in table:
+            return table[symbol]
+        if symbol in table.unavailable:
+            raise DataError(f"no verdict on {symbol}: {table.unavailable[symbol]}")
+    raise DataError(f"a limit is set for {symbol}, which was not measured")
+
+
+def _sections(profile: Profile) -> int:
+    """Return how many cut-offs fit into a profile that metrosep or its file filtered, else 5."""
+    cutoff = profile.metadata.get("lambda_c_m")
+    if not isinstance(cutoff, float) or len(profile) < 2:
+        return 5
+    span = float(profile.x[-1] - profile.x[0]) * len(profile) / (len(profile) - 1)
+    return max(1, int(span / cutoff + 1e-6))
+
+
 def _verdicts(tables: Sequence[ParameterTable], limits: Limits) -> dict[str, dict[str, Any]]:
     from metrosep.forms.catalogue import parameter_value
     from metrosep.parameters.decision import decide
 
-    found = {s: t[s] for t in tables for s in t}
     verdicts: dict[str, dict[str, Any]] = {}
-    for symbol in {**limits.lower, **limits.upper}:
-        if symbol not in found:
-            raise DataError(f"a limit is set for {symbol}, which was not measured")
-        quantity = found[symbol]
+    asked = {**limits.lower, **limits.upper}
+    idle = [s for s in limits.U if s not in asked]
+    if idle:
+        raise DataError(f"--U is given for {', '.join(idle)}, which has no limit")
+    for symbol in asked:
+        quantity = _find(tables, symbol)
 
         def number(given: dict[str, str], symbol: str = symbol, unit: str = quantity.unit) -> Any:
             text = given.get(symbol)
@@ -298,5 +345,5 @@ def _verdicts(tables: Sequence[ParameterTable], limits: Limits) -> dict[str, dic
         verdict = decide(
             quantity.value, lower=lower, upper=upper, U=U, guard_factor=limits.guard_factor
         )
-        verdicts[symbol] = {"verdict": verdict, "lower": lower, "upper": upper, "U": U}
+        verdicts[quantity.symbol] = {"verdict": verdict, "lower": lower, "upper": upper, "U": U}
     return verdicts

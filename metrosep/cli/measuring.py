@@ -9,6 +9,9 @@ import click
 
 from metrosep.cli.options import file_options, given_options, json_option, say
 
+_WORST_FIRST = (4, 2, 1, 3)
+"""Exit codes: a file that was not measured, then reject, then inconclusive."""
+
 __all__ = ["form", "measure", "verify_softgauge"]
 
 
@@ -18,6 +21,8 @@ def _pairs(texts: tuple[str, ...], option: str) -> dict[str, str]:
         name, mark, value = text.partition("=")
         if not mark or not name.strip() or not value.strip():
             raise click.UsageError(f"{option} takes NAME=VALUE, found {text!r}")
+        if name.strip() in found:
+            raise click.UsageError(f"{option} is given twice for {name.strip()}")
         found[name.strip()] = value.strip()
     return found
 
@@ -43,7 +48,8 @@ def flat_values(quantities: Any) -> dict[str, float | None]:
     Returns
     -------
     dict
-        Heights in nm, lengths along the surface in um, everything else in SI.
+        Heights in nm, lengths along the surface in um, everything else in SI. Pv, the deepest
+        valley of a P profile, is ``p_v_nm``: ``pv_nm`` is peak to valley in every command.
     """
     import math
 
@@ -51,6 +57,8 @@ def flat_values(quantities: Any) -> dict[str, float | None]:
     found: dict[str, float | None] = {}
     for symbol, quantity in quantities.items():
         name, suffix, factor = symbol.lower(), "", 1.0
+        if symbol == "Pv":  # the deepest valley of a P profile; pv_nm is peak to valley everywhere
+            name = "p_v"
         if quantity.unit == "m":
             suffix, factor = ("_um", 1e6) if name in lateral else ("_nm", 1e9)
         elif quantity.unit == "rad":
@@ -85,7 +93,9 @@ def flat_values(quantities: Any) -> dict[str, float | None]:
 )
 @click.option("--kind", type=click.Choice(["P", "W", "R"]), help="Which profile it is then.")
 @click.option("--edition", help='"ISO 21920-2:2021" (default) or "ISO 4287:1997".')
-@click.option("--sections", default=5, show_default=True, help="Section lengths of a profile.")
+@click.option(
+    "--sections", type=click.IntRange(min=1), help="Section lengths; one per cut-off, else 5."
+)
 @click.option("--centre", is_flag=True, help="Subtract the mean again (instruments do not).")
 @click.option("--line", type=click.Choice(["lsq", "secant"]), default="lsq", show_default=True)
 @click.option("--params", metavar="SYMBOLS", help="Such as Sa,Sq,PV; all that apply if omitted.")
@@ -110,7 +120,7 @@ def measure(
     end: str,
     kind: str | None,
     edition: str | None,
-    sections: int,
+    sections: int | None,
     centre: bool,
     line: str,
     params: str | None,
@@ -128,8 +138,11 @@ def measure(
 ) -> int:
     """Remove the form, filter, and give the parameters of FILE, with a verdict where limits are set.
 
-    The exit code is the worst verdict: 0 accepted or no limit, 1 rejected, 3 inconclusive.
+    The exit code is the worst of all files: 4 unreadable or 2 not to be measured so, 1 rejected,
+    3 inconclusive, 0 accepted or no limit.
     """
+    from pathlib import Path
+
     from metrosep.cli.errors import exit_code_of, report_error, verdict_code
     from metrosep.cli.evaluation import Limits, Settings, evaluate
     from metrosep.core.errors import MetrosepError
@@ -158,7 +171,7 @@ def measure(
         settings, unit=unit, lateral_step=lateral_step, channel=channel, format=format
     )
     results: list[dict[str, Any]] = []
-    code = 0
+    codes = []
     for name in files:
         try:
             found = evaluate(read(name, **given), how, limits)
@@ -166,17 +179,17 @@ def measure(
             if len(files) == 1:
                 raise
             report_error(error, verbosity=0, names={p.name for p in measure.params if p.name})
-            code = max(code, exit_code_of(error))
+            codes.append(exit_code_of(error))
+            results.append({"file": Path(name).name, "error": str(error)})
             continue
-        if found.verdict is not None:
-            code = max(code, verdict_code(found.verdict))
+        codes.append(0 if found.verdict is None else verdict_code(found.verdict))
         results.append(_measured(name, found))
         if not as_json:
             _print_measured(name, found)
     if as_json:
         content = results[0] if len(files) == 1 else {"files": results}
         click.echo(json.dumps(content, sort_keys=True, allow_nan=False))
-    return code
+    return next((c for c in _WORST_FIRST if c in codes), 0)
 
 
 def _measured(name: str, found: Any) -> dict[str, Any]:
@@ -244,6 +257,7 @@ def _print_measured(name: str, found: Any) -> None:
     show_default=True,
     help="Of the deviation.",
 )
+@click.option("--centre", metavar="X,Y", help='Origin of the form in the data: "1.5 mm, 2 mm".')
 @click.option("--residual", metavar="FILE", help="Write what is left: x3p, sur, h5, csv, int ...")
 @file_options
 @json_option
@@ -256,6 +270,7 @@ def form(
     robust: Any,
     tilt: Any,
     direction: Any,
+    centre: str | None,
     residual: str | None,
     unit: str | None,
     lateral_step: str | None,
@@ -293,6 +308,7 @@ def form(
         robust=robust,
         tilt=tilt,
         direction=direction,
+        centre=_centre(centre),
     )
     if residual is not None:
         left = result.residual
@@ -306,6 +322,21 @@ def form(
     else:
         click.echo(result.report())
     return 0
+
+
+def _centre(text: str | None) -> tuple[float, float] | None:
+    from metrosep.core.units import parse_quantity
+
+    if text is None:
+        return None
+    parts = text.split(",")
+    if len(parts) > 2:
+        raise click.UsageError(f"--centre takes X,Y with units, found {text!r}")
+    x, y = (*parts, "0 m")[:2]
+    return (
+        parse_quantity(x.strip(), dimension="length", name="centre x"),
+        parse_quantity(y.strip(), dimension="length", name="centre y"),
+    )
 
 
 def _numbers(texts: tuple[str, ...], option: str, ideal: Any) -> dict[str, float]:

@@ -140,7 +140,10 @@ def _asphere(pairs: dict[str, str]) -> Form:
 
     norm = pairs.pop("norm_radius", None)
     terms = {k: pairs.pop(k) for k in list(pairs) if re.fullmatch(r"a\d+", k)}
-    free = [int(n.lstrip("a")) for n in pairs.pop("terms", "").split()]
+    words = pairs.pop("terms", "").split()
+    if not all(re.fullmatch(r"a?\d+", w) for w in words):
+        raise DataError(f"asphere: terms are powers such as 4 6 8, got {' '.join(words)!r}")
+    free = [int(w.lstrip("a")) for w in words]
     unit = "SI" if norm is None else "m"
     values: dict[int, float | None] = dict.fromkeys(free)
     values |= {int(k[1:]): parameter_value(v, unit, k) for k, v in terms.items()}
@@ -211,13 +214,15 @@ def _qforbes(pairs: dict[str, str]) -> Form:
     from metrosep.forms.qforbes import QForbes
 
     radius = pairs.pop("radius", None)
-    n = int(pairs.pop("terms", "5"))
+    count = pairs.pop("terms", "5")
+    if not count.isdecimal() or not int(count):
+        raise DataError(f"qforbes: terms is a number of terms, 1 or more, got {count!r}")
     kind = pairs.pop("kind", "bfs")
     head = _take(pairs, {"R": "m", "k": "1"}, "qforbes")
     if radius is None:
         raise DataError("a Q form needs the radius of its aperture: qforbes: radius=10 mm, ...")
     norm = parameter_value(radius, "m", "radius")
-    return QForbes(**head, kind=kind, coefficients=(None,) * n, radius=norm)  # type: ignore[arg-type]
+    return QForbes(**head, kind=kind, coefficients=(None,) * int(count), radius=norm)  # type: ignore[arg-type]
 
 
 def _expression(rest: str) -> Form:

@@ -18,14 +18,22 @@ from metrosep.forms.freedoms import Freedoms
 from metrosep.forms.linear import LinearFit, LinearForm
 from metrosep.forms.placement import Placement
 from metrosep.forms.points import Points
-from metrosep.forms.robust import Robust, robust_weights, spread
+from metrosep.forms.robust import (
+    Robust,
+    has_settled,
+    robust_variance,
+    robust_weights,
+    spread,
+    trimmed_start,
+)
 
 __all__ = ["Answer", "solve_level", "solve_linear", "sum_of_squares"]
 
 _LEVELS = ("piston", "tilt_x", "tilt_y")
-_ROUNDS = 50
-_CHANGE = 1e-6
-"""Of the spread: weights have settled when no height moves by more."""
+_ROUNDS = 300
+"""Of weights: they settle linearly."""
+_SAMPLE = 20_000
+"""Points that the trimmed start is made of."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,11 +94,10 @@ def solve_linear(
         return None
     if freedoms.rigid or freedoms.held:
         return None
-    fit, residual = _weighted(points, form, robust)
-    if robust is None:
-        n, squares = fit.n_valid, max(fit.residual_sum, 0.0)
-    else:
-        n, squares = sum_of_squares(residual)
+    if robust is not None:
+        return _robust(points, form, robust)
+    fit, residual = _once(points, form, None)
+    n, squares = fit.n_valid, max(fit.residual_sum, 0.0)
     return Answer(fit.form, {}, _covariance(fit), residual, n, squares)
 
 
@@ -188,27 +195,57 @@ def _once(
     return fit, residual[None, :]
 
 
-def _weighted(
-    points: Points, form: LinearForm, rule: Robust | None
-) -> tuple[LinearFit, FloatArray]:
-    fit, residual = _once(points, form, None)
-    if rule is None:
-        return fit, residual
-    for count in range(_ROUNDS):
+def _robust(points: Points, form: LinearForm, rule: Robust) -> Answer:
+    """Return the MM-estimate: trimmed start, spread held, weights repeated; twice."""
+    least, residual = _once(points, form, None)
+    form = least.form  # its domain stays, whatever the weights
+    x, y, z = points.sample(_SAMPLE)
+    left = z - form.height(x, y)
+    inside = ~np.isnan(left)
+    change = trimmed_start(form.basis(x, y)[:, inside], left[inside])
+    values = {
+        k: float(v or 0.0) + float(d)
+        for (k, v), d in zip(form.parameters.items(), change, strict=True)
+    }
+    residual = np.where(
+        np.isnan(residual), np.nan, _left_by(points, form.with_parameters(**values))
+    )
+    fit, scale = least, 0.0
+    for _ in range(2):
         scale = spread(residual)
         if scale <= 1e-15 * points.largest:
-            return fit, residual
-        now: Robust = "huber" if count < 5 else rule
-        weights = np.nan_to_num(robust_weights(residual, scale, now))
+            scale = 0.0
+        fit, residual = _with_scale(points, form, residual, scale, rule)
+        if scale == 0.0:
+            break
+    flat = residual[~np.isnan(residual)]
+    p = len(form.parameters)
+    cov = robust_variance(flat, scale, rule, p) * least.inverse
+    n, squares = sum_of_squares(residual)
+    return Answer(fit.form, {}, cov, residual, n, squares)
+
+
+def _with_scale(
+    points: Points, form: LinearForm, residual: FloatArray, scale: float, rule: Robust
+) -> tuple[LinearFit, FloatArray]:
+    for _ in range(_ROUNDS):
+        weights = np.nan_to_num(robust_weights(residual, scale, rule))
         fit, fresh = _once(points, form, weights)
-        moved = float(np.nanmax(np.abs(fresh - residual)))
+        n, squares = sum_of_squares(fresh - residual)
         residual = fresh
-        if count > 5 and moved <= _CHANGE * scale:
+        if scale == 0.0 or has_settled(float(np.sqrt(squares / n)), scale):
             return fit, residual
     raise NotConvergedError(
-        f"the robust weights of the {form.name} did not settle in {_ROUNDS} rounds; there may be "
-        "as many outliers as good points: mask them, or fit without robust="
+        f"the robust weights of the {form.name} did not settle in {_ROUNDS} rounds: there is no "
+        "clear majority of good points; mask the bad ones, or fit without robust="
     )
+
+
+def _left_by(points: Points, form: Form) -> FloatArray:
+    placed, left = Placement(form, {}), np.empty(points.z.shape)
+    for rows, columns, x, y, z in points.blocks():
+        left[rows, columns] = placed.deviation(x, y, z)
+    return left
 
 
 def _covariance(fit: LinearFit) -> FloatArray:

@@ -8,15 +8,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError
+from metrosep.core.errors import DataError, NotConvergedError
 from metrosep.forms.base import Form
 from metrosep.forms.fit_linear import Answer, solve_level, solve_linear, sum_of_squares
 from metrosep.forms.freedoms import RIGID, Freedoms, known_values
 from metrosep.forms.linear import LinearForm
 from metrosep.forms.placement import Direction, Placement, Tilt
 from metrosep.forms.points import Points
-from metrosep.forms.robust import Robust, robust_weights, spread
-from metrosep.forms.solve import Solution, one_step, scaled_gram, solve
+from metrosep.forms.robust import (
+    Robust,
+    has_settled,
+    robust_variance,
+    robust_weights,
+    spread,
+    trimmed_start,
+)
+from metrosep.forms.solve import Normal, Solution, accumulate, one_step, scaled_gram, solve
 from metrosep.forms.starts import best_shift, vertex
 
 __all__ = ["find"]
@@ -29,9 +36,10 @@ _KEPT_PROMISE = 1e-2
 """Of the variance of a point."""
 _WORTH_SAMPLING = 10
 """A map needs this many times the sample for the detour to pay."""
-_ROBUST_ROUNDS = 50
-_ROBUST_CHANGE = 1e-6
-"""Of the spread: weights have settled when the heights move less."""
+_ROBUST_ROUNDS = 300
+"""Of weights: they settle linearly."""
+
+Sample = tuple[FloatArray, FloatArray, FloatArray]
 
 
 @dataclass(slots=True, eq=False)
@@ -41,7 +49,7 @@ class _Job:
     points: Points
     begin: Placement
     freedoms: Freedoms
-    sample: tuple[FloatArray, FloatArray, FloatArray]
+    sample: Sample
 
     def vector(self) -> FloatArray:
         shape = self.begin.form.parameters
@@ -67,15 +75,11 @@ class _Job:
         values: FloatArray,
         max_iterations: int,
         *,
-        sample: tuple[FloatArray, FloatArray, FloatArray] | None = None,
+        sample: Sample | None = None,
         weights: list[FloatArray] | None = None,
     ) -> Solution:
-        def on_sample(p: FloatArray) -> Iterator[FloatArray]:
-            assert sample is not None  # noqa: S101
-            yield self.placed(p).linearised(*sample, self.freedoms.rigid, self.freedoms.shape)
-
         return solve(
-            on_sample if sample is not None else (lambda p: self.linearise(p, weights)),
+            lambda p: self.linearise(p, weights, sample=sample),
             values,
             self.freedoms.names,
             height=self.points.largest,
@@ -92,21 +96,27 @@ class _Job:
         form = self.begin.form.with_parameters(**shape) if shape else self.begin.form
         return replace(self.begin, form=form, rigid={k: float(v) for k, v in rigid.items()})
 
+    def blocks(self, sample: Sample | None) -> Iterator[Sample]:
+        return self.points.valid_blocks() if sample is None else iter((sample,))
+
     def linearise(
-        self, values: FloatArray, weights: list[FloatArray] | None = None
+        self,
+        values: FloatArray,
+        weights: list[FloatArray] | None = None,
+        *,
+        sample: Sample | None = None,
     ) -> Iterator[FloatArray]:
         placed = self.placed(values)
-        for i, (x, y, z) in enumerate(self.points.valid_blocks()):
+        for i, (x, y, z) in enumerate(self.blocks(sample)):
             if z.size == 0:
                 continue
             block = placed.linearised(x, y, z, self.freedoms.rigid, self.freedoms.shape)
             yield block if weights is None else block * np.sqrt(weights[i])
 
-    def deviations(self, values: FloatArray) -> list[FloatArray]:
+    def deviations(self, values: FloatArray, *, sample: Sample | None = None) -> list[FloatArray]:
         placed = self.placed(values)
         return [
-            placed.deviation(x, y, z) if z.size else np.empty(0)
-            for x, y, z in self.points.valid_blocks()
+            placed.deviation(x, y, z) if z.size else np.empty(0) for x, y, z in self.blocks(sample)
         ]
 
 
@@ -173,16 +183,20 @@ def find(
 def _iterate(
     job: _Job, robust: Robust | None, max_iterations: int
 ) -> tuple[Answer, Placement, int]:
+    names = job.freedoms.names
     solution, residual = _solve(job, max_iterations)
-    weights = None
+    normal, scale = solution.normal, 0.0
     if robust is not None:
-        solution, weights = _reweighted(job, solution, robust, max_iterations)
-        residual = None
+        solution, scale = _robust(job, solution, robust, max_iterations)
+        normal, residual = accumulate(job.linearise(solution.values), len(names)), None
     placed = job.placed(solution.values)
     if residual is None:
         residual = _residual(job.points, placed)
     n, squares = sum_of_squares(residual)
-    cov = _covariance(solution, job.freedoms.names, squares, n, weights)
+    variance = squares / max(n - len(names), 1)
+    if robust is not None:
+        variance = robust_variance(residual.ravel(), scale, robust, len(names))
+    cov = _covariance(normal, names, variance)
     answer = Answer(placed.form, dict(placed.rigid), cov, residual, n, squares)
     return answer, placed, solution.n_iterations
 
@@ -192,7 +206,7 @@ def _begin(
     form: Form,
     freedoms: Freedoms,
     start: Mapping[str, float],
-    sample: tuple[FloatArray, FloatArray, FloatArray],
+    sample: Sample,
     *,
     tilt: Tilt,
     direction: Direction,
@@ -265,32 +279,59 @@ def _solve(job: _Job, max_iterations: int) -> tuple[Solution, FloatArray | None]
     return job.solve(solution.values, max_iterations), None
 
 
-def _reweighted(
+def _robust(
     job: _Job, solution: Solution, rule: Robust, max_iterations: int
-) -> tuple[Solution, list[FloatArray]]:
-    """Iterate weights and fit; a few rounds of Huber first, whose answer does not depend on the start."""
+) -> tuple[Solution, float]:
+    """Return the MM-estimate and its spread: trimmed start, spread held, weights repeated; twice.
+
+    A large map is settled on its sample first.
+    """
     names = job.freedoms.names
-    height = job.points.largest
-    weights: list[FloatArray] = []
-    for count in range(_ROBUST_ROUNDS):
-        deviations = job.deviations(solution.values)
-        scale = spread(np.concatenate(deviations))
-        if scale <= 1e-15 * height:
-            scale = 0.0
-        now: Robust = "huber" if count < 5 else rule
+    if not names:
+        return solution, 0.0
+    block = next(iter(job.linearise(solution.values, sample=job.sample)))
+    block = block[:, ~np.isnan(block).any(axis=0)]
+    values = solution.values + trimmed_start(block[:-1], block[-1])
+    if not np.isfinite(accumulate(job.linearise(values, sample=job.sample), len(names)).squares):
+        values = solution.values
+    is_large = job.points.n_valid > _WORTH_SAMPLING * _SAMPLE
+    scale = 0.0
+    for sample in (job.sample, None) if is_large else (None,):
+        for _ in range(2):
+            scale = spread(np.concatenate(job.deviations(values, sample=sample)))
+            if scale <= 1e-15 * job.points.largest:
+                scale = 0.0
+            solution = _with_scale(job, values, scale, rule, max_iterations, sample)
+            values = solution.values
+            if scale == 0.0:
+                break
+    return solution, scale
+
+
+def _with_scale(
+    job: _Job,
+    values: FloatArray,
+    scale: float,
+    rule: Robust,
+    max_iterations: int,
+    sample: Sample | None,
+) -> Solution:
+    for _ in range(_ROBUST_ROUNDS):
         weights = [
-            np.nan_to_num(robust_weights(d, scale, now) if scale else np.ones_like(d))
-            for d in deviations
+            np.nan_to_num(robust_weights(d, scale, rule))
+            for d in job.deviations(values, sample=sample)
         ]
-        if not names or scale == 0.0:
-            break
-        last = solution.values
-        solution = job.solve(last, max_iterations, weights=weights)
-        change = solution.values - last
+        solution = job.solve(values, max_iterations, sample=sample, weights=weights)
+        change = solution.values - values
+        values = solution.values
         moved = float(change @ solution.normal.gram @ change) / solution.normal.n
-        if count > 5 and moved <= (_ROBUST_CHANGE * scale) ** 2:
-            break
-    return solution, weights
+        if scale == 0.0 or has_settled(float(np.sqrt(max(moved, 0.0))), scale):
+            return solution
+    raise NotConvergedError(
+        f"the robust weights of the {job.begin.form.name} did not settle in {_ROBUST_ROUNDS} "
+        "rounds: there is no clear majority of good points; mask the bad ones, or fit without "
+        "robust="
+    )
 
 
 def _residual(points: Points, placed: Placement) -> FloatArray:
@@ -300,23 +341,12 @@ def _residual(points: Points, placed: Placement) -> FloatArray:
     return residual
 
 
-def _covariance(
-    solution: Solution,
-    names: Sequence[str],
-    squares: float,
-    n: int,
-    weights: list[FloatArray] | None,
-) -> FloatArray:
-    """Return s^2 (J'J)^-1; NaN where there are no degrees of freedom."""
-    normal = solution.normal
+def _covariance(normal: Normal, names: Sequence[str], variance: float) -> FloatArray:
+    """Return variance (J'J)^-1; NaN where there are no degrees of freedom."""
     p = len(names)
     if p == 0:
         return np.zeros((0, 0))
-    gram, length = scaled_gram(normal, names)
-    if weights is None:
-        dof, squared = float(n - p), squares
-    else:
-        dof, squared = float(sum(w.sum() for w in weights)) - p, normal.squares
-    if dof <= 0:
+    if normal.n <= p:
         return np.full((p, p), np.nan)
-    return np.asarray(np.linalg.inv(gram) / np.outer(length, length) * (squared / dof))
+    gram, length = scaled_gram(normal, names)
+    return np.asarray(np.linalg.inv(gram) / np.outer(length, length) * variance)

@@ -93,7 +93,9 @@ class Polynomial(LinearForm):
             raise DataError(f"basis must be one of {', '.join(_LETTERS)}, got {basis!r}")
         if kind not in ("total", "tensor"):
             raise DataError(f'kind must be "total" or "tensor", got {kind!r}')
-        if isinstance(degree, bool) or int(degree) != degree or not 0 <= degree <= MAX_DEGREE:
+        given: Any = degree
+        is_whole = isinstance(given, int | np.integer) and not isinstance(given, bool)
+        if not is_whole or not 0 <= degree <= MAX_DEGREE:
             raise DataError(f"degree must be a whole number from 0 to {MAX_DEGREE}, got {degree}")
         self.degree, self.kind, self.basis_name = int(degree), kind, basis
         self.variables = _variables(variables, coefficients)

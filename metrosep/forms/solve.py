@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from metrosep.core.errors import DegenerateFitError, NotConvergedError
 
-__all__ = ["Normal", "Solution", "one_step", "solve"]
+__all__ = ["Normal", "Solution", "accumulate", "one_step", "scaled_gram", "solve"]
 
 FloatArray = NDArray[np.float64]
 Linearise = Callable[[FloatArray], Iterable[FloatArray]]
@@ -266,7 +266,7 @@ def _descend(job: _Job, values: FloatArray, max_iterations: int, *, caution: flo
         step, effect = _step(normal, damping, job.names)
         rms = float(np.sqrt(normal.mean_square))
         share = _STEP_SHARE if normal.n < _LARGE else _STEP_SHARE_LARGE
-        if effect <= share * rms or effect <= _ROUNDING * job.height:
+        if effect <= max(share * rms, _ROUNDING * job.height, _resolution(normal, values)):
             if damping > 0.0:  # the step is small because it was held back
                 damping = 0.0
                 continue
@@ -287,6 +287,12 @@ def _descend(job: _Job, values: FloatArray, max_iterations: int, *, caution: flo
         f"{trace[-1]:.3g} m, last step still moves the form by {effect:.3g} m RMS); give a start "
         "closer to the answer, or free fewer parameters"
     )
+
+
+def _resolution(normal: Normal, values: FloatArray) -> float:
+    """Return how far the last digits of the parameters move the heights (root mean square)."""
+    moves = np.finfo(float).eps * np.abs(values) * np.sqrt(np.diag(normal.gram) / normal.n)
+    return 4.0 * float(np.sqrt(moves @ moves))
 
 
 def _is_better(trial: Normal, normal: Normal) -> bool:

@@ -263,7 +263,12 @@ def term_indices(terms: int | Sequence[int], order: ZernikeOrder) -> tuple[int, 
     if isinstance(terms, int) and not isinstance(terms, bool):
         indices = tuple(range(first, first + terms))
     else:
-        indices = tuple(terms)  # type: ignore[arg-type]
+        try:
+            indices = tuple(int(i) for i in terms)  # type: ignore[union-attr]
+        except (TypeError, ValueError):
+            raise DataError(
+                f"terms is a number of terms or a list of them, got {terms!r}"
+            ) from None
     if not indices:
         raise DataError(f"terms must name at least one Zernike term, got {terms}")
     for index in indices:

@@ -92,6 +92,8 @@ def straightness_deviation(
         held = (zone.indices, zone.sides, zone.weights)
     elif reference == "LS":
         slope, height, centre = least_squares_line(x, z)
+        if normal:
+            slope, height, centre = _total_least_squares(x, z)
     elif reference == "EP":
         slope, height, centre = float(z[-1] - z[0]) / float(x[-1] - x[0]), float(z[0]), float(x[0])
     else:
@@ -122,6 +124,20 @@ def straightness_deviation(
         objective=float(np.ptp(local)) if reference == "MZ" else math.nan,
         bound=width,
     )
+
+
+def _total_least_squares(
+    x: NDArray[np.float64], z: NDArray[np.float64]
+) -> tuple[float, float, float]:
+    """Return slope, height and position of the middle of the line of least normal deviations."""
+    centre, height = float(x.mean()), float(z.mean())
+    scale = float(x[-1] - x[0])
+    u, w = (x - centre) / scale, (z - height) / scale
+    difference, both = float(u @ u - w @ w), 2.0 * float(u @ w)
+    length = math.hypot(difference, both)
+    # tan of half the angle, from the side that loses no digits
+    slope = both / (difference + length) if difference > 0.0 else (length - difference) / both
+    return slope, height, centre
 
 
 def _line(slope: float, intercept: float, reference: str) -> dict[str, Quantity]:

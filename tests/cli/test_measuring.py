@@ -129,7 +129,12 @@ def test_exit_code_is_the_verdict(metrosep, waves, limit, U, code):
         (("--form", "cone"), 2, "there is no form 'cone'"),
         (("--lambda-c", "0.5 um"), 2, "um"),
         (("--lambda-c", "80"), 2, "unit"),
-        (("--edition", "ISO 1", "--kind", "R", "--params", "Sq"), 0, ""),
+        (("--edition", "ISO 1", "--kind", "R", "--params", "Sq"), 2, "belongs to profiles"),
+        (("--params", "Sq", "--end", "cut"), 2, "--lambda-s"),
+        (("--lambda-s", "80 um", "--lambda-c", "20 um"), 2, "must be shorter"),
+        (("--params", "Sq", "--U", "Sa=1 nm"), 2, "no limit"),
+        (("--params", "Sq", "--upper", "Sq=1 nm", "--upper", "Sq=2 nm"), 2, "twice"),
+        (("--params", "PVr", "--upper", "PVr=1 um", "--U", "PVr=1 nm"), 2, "not a disc"),
     ],
 )
 def test_wrong_words_are_one_sentence(metrosep, waves, options, code, match):
@@ -140,6 +145,66 @@ def test_wrong_words_are_one_sentence(metrosep, waves, options, code, match):
     assert err.count("error:") == (1 if code else 0)
 
 
+def test_filters_of_a_profile_are_in_order_or_refused(metrosep, sine):
+    code, _, err = metrosep("measure", sine, "--lambda-s", "0.8 mm", "--lambda-c", "0.08 mm")
+
+    assert code == 2
+    assert "must be shorter" in err
+
+
+def test_sections_are_cut_offs_long(metrosep, sine):
+    _, out, _ = metrosep("measure", sine, "--lambda-c", "0.4 mm", "--params", "Rz", "--json")
+    _, five, _ = metrosep(
+        "measure", sine, "--lambda-c", "0.4 mm", "--params", "Rz", "--sections", 5, "--json"
+    )
+
+    assert json.loads(out)["evaluations"][0]["settings"]["sections"] == 10
+    assert json.loads(five)["evaluations"][0]["n_total"] == 2000
+
+
+def test_reject_counts_more_than_inconclusive(metrosep, sine, tmp_path):
+    x = np.arange(4000) * 1e-6
+    larger = tmp_path / "larger.h5"
+    ms.write(ms.Profile(x, 80 * NM * np.cos(2 * np.pi * x / 100e-6)), larger)
+    limits = ("--kind", "R", "--params", "Ra", "--upper", "Ra=32 nm", "--U", "Ra=1 nm")
+
+    assert metrosep("measure", sine, *limits)[0] == 3
+    assert metrosep("measure", larger, sine, *limits)[0] == 1
+    assert metrosep("measure", sine, larger, *limits)[0] == 1
+
+
+def test_pv_nm_is_peak_to_valley_in_every_command(metrosep, sine):
+    _, told, _ = metrosep("info", sine, "--json")
+    _, out, _ = metrosep("measure", sine, "--kind", "P", "--json")
+
+    found = json.loads(out)
+    assert "pv_nm" not in found
+    np.testing.assert_allclose(found["pt_nm"], json.loads(told)["pv_nm"], rtol=1e-9, atol=0)
+    np.testing.assert_allclose(found["p_v_nm"], 50.0, rtol=1e-9, atol=0)
+
+
+def test_a_limit_may_use_the_spelling_of_the_other_edition(metrosep, sine):
+    code, out, _ = metrosep(
+        "measure", sine, "--kind", "R", "--params", "RSm", "--upper", "RSm=1 mm", "--U", "RSm=1 um"
+    )
+
+    assert code == 0
+    assert "ACCEPT" in out
+
+
+def test_ratios_by_their_old_names(metrosep, sine):
+    old = ("--edition", "ISO 4287:1997", "--kind", "R", "--params", "Mr1,A2", "--json")
+
+    code, out, _ = metrosep("measure", sine, *old)
+
+    assert code == 0
+    assert set(json.loads(out)["parameters"]) == {"Mr1", "A2"}
+
+
+def test_kind_and_symbol_must_agree(metrosep, sine):
+    assert metrosep("measure", sine, "--kind", "R", "--params", "Pa")[0] == 2
+
+
 def test_a_bad_file_among_good_ones_is_named_and_the_rest_goes_on(metrosep, waves, tmp_path):
     bad = tmp_path / "bad.h5"
     bad.write_bytes(b"nothing")
@@ -147,7 +212,10 @@ def test_a_bad_file_among_good_ones_is_named_and_the_rest_goes_on(metrosep, wave
     code, out, err = metrosep("measure", bad, waves, "--params", "Sq", "--json")
 
     assert code == 4
-    assert len(json.loads(out)["files"]) == 1
+    first, second = json.loads(out)["files"]
+    assert first["file"] == "bad.h5"
+    assert "error" in first
+    assert "sq_nm" in second
     assert "bad.h5" in err
 
 
@@ -204,9 +272,26 @@ def test_form_holds_what_is_fixed(metrosep, sine):
     assert set(found) == {"piston", "R"}
 
 
+def test_centre_of_the_form(metrosep, tmp_path):
+    x = np.linspace(0, 10e-3, 201)
+    path = tmp_path / "arc.h5"
+    ms.write(ms.Profile(x, ms.forms.Sphere(R=-30e-3)(x - 4e-3)), path)
+
+    code, out, _ = metrosep(
+        "form", path, "--form", "sphere", "--free", "piston", "--centre", "4 mm", "--json"
+    )
+
+    assert code == 0
+    np.testing.assert_allclose(
+        json.loads(out)["parameters"]["R"]["value"], -30e-3, rtol=1e-9, atol=0
+    )
+
+
 @pytest.mark.parametrize(
     ("options", "code", "match"),
     [
+        (("--form", "qforbes: radius=6 mm, terms=x"), 2, "terms"),
+        (("--centre", "nowhere"), 2, "centre"),
         (("--form", "plane", "--free", "wobble"), 2, "wobble"),
         (("--fix", "wobble=1 mm"), 2, "wobble"),
         (("--fix", "piston=1"), 2, "unit"),

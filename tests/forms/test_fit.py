@@ -218,7 +218,82 @@ def test_normal_deviation_is_the_distance_to_the_sphere():
         centred(z, dx, dy), Sphere(R=radius), free=(), fixed={"piston": 0.0}, direction="normal"
     )
 
-    np.testing.assert_allclose(found.residual.z, -d, rtol=1e-3, atol=0)
+    np.testing.assert_allclose(found.residual.z, -d, rtol=1e-9, atol=0)
+
+
+@pytest.mark.parametrize("form", [Plane(), Polynomial(1)])
+@pytest.mark.parametrize("obj", ["map", "profile"])
+def test_normal_deviation_from_a_steep_plane(form, obj, rng):
+    """Total least squares: the smallest singular value is the root of the sum of squares."""
+    x = np.linspace(-1e-3, 1e-3, 41)
+    X, Y = np.meshgrid(x, x)
+    noise = 1e-9 * rng.standard_normal(X.shape)
+    if obj == "map":
+        data = ms.Surface(0.5 * X + noise, 5e-5, 5e-5, origin=(x[0], x[0]))
+        points = np.stack([X.ravel(), Y.ravel(), data.z.ravel()])
+    else:
+        data = ms.Profile(x, 0.5 * x + noise[0])
+        points = np.stack([x, data.z])
+    smallest = np.linalg.svd(points - points.mean(axis=1, keepdims=True))[1][-1]
+
+    found = fit(data, form, direction="normal")
+
+    np.testing.assert_allclose(found.rms, smallest / np.sqrt(points.shape[1]), rtol=1e-6, atol=0)
+    assert found.to_dict()["direction"] == "normal"
+
+
+def test_normal_fit_is_the_orthogonal_least_squares_of_scipy():
+    """Profile of a conic, a circle fitted: centre and radius by geometric distances."""
+    from scipy.optimize import least_squares
+
+    x = np.linspace(-3e-3, 3e-3, 61)
+    z = Conic(R=8e-3, k=-2.0)(x)
+
+    def distances(p):
+        return 1e6 * (p[1] - np.hypot(x, z - p[0] - p[1]))
+
+    truth = least_squares(distances, [0.0, 8e-3], x_scale=[1e-6, 1e-3], xtol=1e-15, ftol=1e-15)
+
+    found = fit(ms.Profile(x, z), Sphere(), free=("piston",), direction="normal")
+
+    np.testing.assert_allclose(found.params["R"], truth.x[1], rtol=1e-7, atol=0)
+    np.testing.assert_allclose(found.residual.z * 1e6, distances(truth.x), rtol=0, atol=1e-6)
+
+
+def test_normal_fit_of_a_turned_form_and_large_residuals():
+    x, y = np.linspace(-3e-3, 4e-3, 31), np.linspace(-2e-3, 3.5e-3, 23)
+    X, Y = np.meshgrid(x, y)
+    z = Conic(R=8e-3, k=-0.5)(X, Y)
+
+    found = fit(
+        PointSet(X.ravel(), Y.ravel(), z.ravel()),
+        Sphere(R=8e-3),
+        tilt="rotation",
+        direction="normal",
+    )
+
+    centre = found.params["piston"] * np.array([0, 0, 1.0])
+    t = np.array([-found.params["tilt_x"], -found.params["tilt_y"], 1.0])
+    centre += 8e-3 * t / np.linalg.norm(t)
+    from_centre = np.sqrt((X - centre[0]) ** 2 + (Y - centre[1]) ** 2 + (z - centre[2]) ** 2)
+    np.testing.assert_allclose(found.residual.z, (8e-3 - from_centre).ravel(), rtol=0, atol=PM)
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("far", [0.3, 5.0])
+def test_coordinates_far_from_zero(far, seed):
+    X, Y = np.meshgrid(far + np.arange(61) * 5e-5, np.arange(41) * 7e-5)
+    noise = 1e-10 * np.random.default_rng(seed).standard_normal(X.shape)
+    z = Sphere(R=0.05)(X - far - 1.4e-3, Y - 1.6e-3) + noise
+
+    found = fit(
+        PointSet(X.ravel(), Y.ravel(), z.ravel()),
+        Sphere(),
+        free=("piston", "shift_x", "shift_y"),
+    )
+
+    assert abs(found.params["shift_x"] - far - 1.4e-3) < 6 * found.u["shift_x"] + 1e-15 * far
+    np.testing.assert_allclose(found.rms, 1e-10, rtol=0.1, atol=0)
 
 
 # ---- linear forms: no iteration ----------------------------------------------------------------
@@ -336,6 +411,56 @@ def test_robust_fit_is_not_moved_by_dust(rng):
         assert abs(found.params["piston"] - 1e-6) < (0.1e-9 if rule == "tukey" else 1e-9)
         assert 0.8 < found.u["R"] / clean.u["R"] < 2.5 if rule == "tukey" else True
         assert found.robust == rule
+
+
+@pytest.mark.parametrize(
+    ("form", "rule", "share"),
+    [
+        (Plane(), "tukey", 0.0),
+        (Plane(), "tukey", 0.2),
+        (Plane(), "huber", 0.1),
+        (Polynomial(1), "tukey", 0.1),
+        (Polynomial(1), "huber", 0.0),
+    ],
+)
+def test_uncertainty_of_a_robust_fit_is_its_scatter(form, rule, share):
+    X, _, dx, dy = grid(15)
+    values, stated = [], []
+    for seed in range(120):
+        rng = np.random.default_rng(seed)
+        z = 10e-9 * rng.standard_normal(X.shape) + 1e-6 * (rng.random(X.shape) < share)
+        found = fit(centred(z, dx, dy), form, robust=rule)
+        name = "piston" if "piston" in found.params else "c_0_0"
+        values.append(found.params[name])
+        stated.append(found.u[name])
+
+    # the standard deviation of 120 draws is known to 6.5 %: four times that
+    np.testing.assert_allclose(np.std(values) / np.mean(stated), 1.0, rtol=0, atol=0.26)
+
+
+@pytest.mark.parametrize("height", [0.1e-6, 1e-6])
+@pytest.mark.parametrize("form", [Plane(), Polynomial(1)])
+def test_a_third_of_the_points_on_a_step_does_not_win(height, form):
+    X, _, dx, dy = grid(23)
+    wrong = 0
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        z = 10e-9 * rng.standard_normal(X.shape) + height * (rng.random(X.shape) < 0.33)
+        found = fit(centred(z, dx, dy), form, robust="tukey")
+        name = "piston" if "piston" in found.params else "c_0_0"
+        wrong += abs(found.params[name]) > 4e-9
+
+    assert wrong == 0
+
+
+def test_robust_zernike_of_a_wrong_form_settles(rng):
+    """Structure that no term holds is not noise, but it must not keep the weights from settling."""
+    X, Y, dx, dy = grid(31, half=3e-3)
+    z = Conic(R=8e-3, k=-0.5)(X, Y) + 10e-9 * rng.standard_normal(X.shape)
+
+    found = fit(centred(z, dx, dy), Zernike(10), robust="tukey")
+
+    assert found.robust == "tukey"
 
 
 def test_robust_fit_of_exact_data_with_one_spike_is_exact():
@@ -506,11 +631,49 @@ def flat(n=5):
         ({"robust": "median"}, DataError, "robust must be one of"),
         ({"direction": "up"}, DataError, "direction"),
         ({"start": {"shift_x": 0.0}}, DataError, "not free"),
+        ({"start": [1]}, DataError, "maps names"),
+        ({"start": {"piston": np.inf}}, DataError, "start"),
+        ({"fixed": "R"}, DataError, "maps names"),
+        ({"fixed": {"piston": "five"}}, DataError, "finite number"),
+        ({"fixed": {"piston": None}}, DataError, "finite number"),
+        ({"fixed": {"dz": 0.0, "piston": 0.0}}, DataError, "twice"),
+        ({"free": 5}, DataError, "list of names"),
+        ({"centre": (np.nan, 0.0)}, DataError, "centre"),
+        ({"centre": 3}, DataError, "centre"),
+        ({"centre": (0.0,)}, DataError, "centre"),
     ],
 )
 def test_wrong_options_are_named(options, error, match):
     with pytest.raises(error, match=match):
         fit(flat(), Plane(), **options)
+
+
+def test_what_is_fixed_is_not_free_by_default():
+    found = fit(flat(), Plane(), fixed={"tilt_y": 0.0})
+
+    assert found.names == ("piston", "tilt_x")
+
+
+def test_aliases_start_too():
+    found = fit(flat(), Plane(), start={"dz": 1e-6})
+
+    assert found.params["piston"] == 0.0
+
+
+def test_all_terms_may_be_started_or_fixed():
+    values = dict.fromkeys(("Z0", "Z1", "Z2"), 0.0)
+
+    assert fit(flat(), Zernike(3), start=values).rms < 1e-20
+    assert fit(flat(), Zernike(3), fixed=values).names == ("piston", "tilt_x", "tilt_y")
+
+
+def test_legendre_coefficients_without_a_domain_mean_nothing():
+    with pytest.raises(DataError, match="domain"):
+        fit(
+            flat(),
+            Polynomial(1, basis="legendre"),
+            fixed={"L_0_0": 0.0, "L_1_0": 0.0, "L_0_1": 0.0},
+        )
 
 
 def test_wrong_objects_are_named():

@@ -301,3 +301,17 @@ def test_a_million_points_in_time(shape):
         assert result.value == pytest.approx(1.0, rel=1e-11, abs=0.0)
     if shape == "cubic":
         assert result.value == pytest.approx(2.0, rel=1e-11, abs=0.0)
+
+
+@pytest.mark.parametrize("slope", [0.0, 1e-4, 0.8, -3.0])
+def test_normal_least_squares_line_is_that_of_the_singular_values(slope):
+    rng = np.random.default_rng(8)
+    x = np.sort(rng.uniform(0, 1e-3, 30))
+    z = slope * x + 1e-5 * rng.standard_normal(30)
+    points = np.stack([x - x.mean(), z - z.mean()])
+    along = np.linalg.svd(points)[0][:, 0]
+    off = along[0] * points[1] - along[1] * points[0]
+
+    found = straightness_deviation(Profile(x, z), reference="LS", normal=True)
+
+    assert found.value == pytest.approx(np.ptp(off), rel=1e-9, abs=0.0)
