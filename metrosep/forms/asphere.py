@@ -156,25 +156,6 @@ class Asphere(Shape):
         conic = Conic(self.R, self.k).start(x, y, rest)
         return form.with_parameters(**{n: v for n, v in conic.parameters.items() if v is not None})
 
-    def scales(self, radius: float) -> dict[str, float]:
-        """Return the change of each parameter that moves the rim by about the sag of the conic.
-
-        Parameters
-        ----------
-        radius : float, m
-            Half the extent of the data.
-
-        Returns
-        -------
-        dict
-            As for `Conic`, and ``radius^2/(2 |R|) / radius^n`` for a_n; 1 where R is not known.
-        """
-        found = Conic(self.R, self.k).scales(radius)
-        rim = radius / (self.norm_radius or 1.0)
-        known = self.R is not None and radius > 0.0
-        sag = radius**2 / (2.0 * abs(self.R or 1.0))
-        return found | {f"a{n}": sag / rim**n if known else 1.0 for n, _ in self.terms}
-
     def departure(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return the added powers alone, the departure from the conic.
 

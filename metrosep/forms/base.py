@@ -120,24 +120,6 @@ class Form(ABC):
         """Return the unit of each parameter; those of the class unless they depend on the form."""
         return {k: self.units[k] for k in self.parameters}
 
-    def scales(self, radius: float) -> dict[str, float]:
-        """Return the size of a change of each parameter that matters on a part of this radius.
-
-        A fit works with parameters divided by these. The default is the magnitude of the
-        parameter, or 1 where it is zero or not known.
-
-        Parameters
-        ----------
-        radius : float, m
-            Half the extent of the data.
-
-        Returns
-        -------
-        dict of str to float
-            In the unit of each parameter.
-        """
-        return {k: abs(v) if v else 1.0 for k, v in self.parameters.items()}
-
     def start(self, x: FloatArray, y: FloatArray, z: FloatArray) -> Form:
         """Return the form with values for its unknown parameters, good enough to start a fit.
 

@@ -104,23 +104,6 @@ class Conic(Shape):
             values["R"] = math.copysign(max(abs(R), least), R)
         return self.with_parameters(**values) if values else self
 
-    def scales(self, radius: float) -> dict[str, float]:
-        """Return the change of each parameter that moves the rim by about the sag.
-
-        Parameters
-        ----------
-        radius : float, m
-            Half the extent of the data.
-
-        Returns
-        -------
-        dict
-            ``|R|`` for R and ``4 (R/radius)^2`` for k; 1 where R is not known.
-        """
-        if self.R is None or radius <= 0.0:
-            return {"R": 1.0, "k": 1.0}
-        return {"R": abs(self.R), "k": 4.0 * (self.R / radius) ** 2}
-
     def _parts(self, x: FloatArray, y: FloatArray) -> tuple[float, FloatArray, FloatArray]:
         R, k = self._known("R", "k")
         square = x * x + y * y

@@ -101,21 +101,6 @@ class Cylinder(Shape):
             values["R"] = inside(R, extent)
         return self.with_parameters(**values) if values else self
 
-    def scales(self, radius: float) -> dict[str, float]:
-        """Return the change of each parameter that moves the rim by about the sag.
-
-        Parameters
-        ----------
-        radius : float, m
-            Half the extent of the data.
-
-        Returns
-        -------
-        dict
-            ``|R|`` for R (1 where not known), 1 rad for the angle.
-        """
-        return {"R": abs(self.R) if self.R is not None else 1.0, "angle": 1.0}
-
     def _parts(self, x: FloatArray, y: FloatArray) -> tuple[float, FloatArray, FloatArray]:
         R, angle = self._known("R", "angle")
         t = y * math.cos(angle) - x * math.sin(angle)

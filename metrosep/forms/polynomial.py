@@ -324,27 +324,6 @@ class Polynomial(LinearForm):
         out: FloatArray = tables[0][i]
         return out if self.variables == 1 else out * tables[1][j]
 
-    def scales(self, radius: float) -> dict[str, float]:
-        """Return a change of each coefficient that moves the surface by the same height.
-
-        Parameters
-        ----------
-        radius : float, m
-            Half the extent of the data.
-
-        Returns
-        -------
-        dict of str to float
-            SI.
-        """
-        power = [
-            radius ** (i + j) if self.basis_name == "power" and radius > 0.0 else 1.0
-            for i, j in self.terms
-        ]
-        sizes = [abs(v or 0.0) * p for v, p in zip(self._values, power, strict=True)]
-        height = max(sizes) or 1.0
-        return {k: height / p for k, p in zip(self.names, power, strict=True)}
-
     def start(self, x: FloatArray, y: FloatArray, z: FloatArray) -> Polynomial:
         """Return the least-squares polynomial through points.
 

@@ -266,23 +266,6 @@ class QForbes(Shape):
             now |= {n: v for n, v in conic.parameters.items() if n in now}
         return self._with(now, radius)
 
-    def scales(self, radius: float) -> dict[str, float]:
-        """Return the change of each parameter that moves the rim by about the sag of the base.
-
-        Parameters
-        ----------
-        radius : float, m
-            Half the extent of the data.
-
-        Returns
-        -------
-        dict
-            As for `Conic`, and the sag for every coefficient; 1 where R is not known.
-        """
-        base = {n: v for n, v in self.base.scales(radius).items() if n in self.parameters}
-        sag = radius**2 / (2.0 * abs(self.R)) if self.R and radius > 0.0 else 1.0
-        return base | {f"a{m}": sag for m in range(len(self.coefficients))}
-
     def departure(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return the height above the sphere or conic, along the axis.
 

@@ -140,28 +140,6 @@ class SineGrid(Shape):
         }
         return self.with_parameters(**{n: guess[n] for n in unknown})
 
-    def scales(self, radius: float) -> dict[str, float]:
-        """Return the change of each parameter that moves heights by about the amplitude.
-
-        Parameters
-        ----------
-        radius : float, m
-            Half the extent of the data.
-
-        Returns
-        -------
-        dict
-            The amplitude itself, ``L^2 / (2 pi radius)`` for a wavelength, 1 rad for a phase; 1
-            where it is not known or zero.
-        """
-        found: dict[str, float] = {}
-        for name, value in self.parameters.items():
-            size = abs(value) if value else 1.0
-            if name.startswith("wavelength") and value:
-                size = min(value, value * value / (2.0 * math.pi * radius)) if radius else value
-            found[name] = 1.0 if name.startswith("phase") else size
-        return found
-
     def _values(self) -> tuple[float, float, float, float]:
         """Return amplitude and wavelength along x, and along y."""
         Lx, Ly = self.period

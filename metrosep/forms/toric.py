@@ -229,26 +229,6 @@ class Biconic(Shape):
             Ry = Ry * math.sqrt(load) if self.Ry is None else Ry
         return self.with_parameters(Rx=Rx, Ry=Ry, kx=kx, ky=ky)
 
-    def scales(self, radius: float) -> dict[str, float]:
-        """Return the change of each parameter that moves the rim by about the sag.
-
-        Parameters
-        ----------
-        radius : float, m
-            Half the extent of the data.
-
-        Returns
-        -------
-        dict
-            ``|R|`` for a radius, ``4 (R/radius)^2`` for a conic constant; 1 where R is not known.
-        """
-        found: dict[str, float] = {}
-        for axis, R in (("x", self.Rx), ("y", self.Ry)):
-            found[f"R{axis}"] = abs(R) if R is not None else 1.0
-            known = R is not None and radius > 0.0
-            found[f"k{axis}"] = 4.0 * ((R or 1.0) / radius) ** 2 if known else 1.0
-        return {name: found[name] for name in self.units}
-
     def _parts(self, x: FloatArray, y: FloatArray) -> tuple[list[float], FloatArray, FloatArray]:
         """Return the parameters, the numerator, and the square of the root."""
         Rx, Ry, kx, ky = values = self._known("Rx", "Ry", "kx", "ky")

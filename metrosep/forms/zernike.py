@@ -239,21 +239,6 @@ class Zernike(LinearForm):
         terms = zernike_values(u, v, self.nm) * self._norms.reshape(-1, *(1,) * u.ndim)
         return np.where(np.isnan(u), np.nan, terms)
 
-    def scales(self, radius: float) -> dict[str, float]:
-        """Return one height for all coefficients: the largest, or 1 m where none is known.
-
-        Parameters
-        ----------
-        radius : float, m
-            Half the extent of the data; not needed here.
-
-        Returns
-        -------
-        dict of str to float
-            In m.
-        """
-        return dict.fromkeys(self.names, max(abs(v or 0.0) for v in self._values) or 1.0)
-
     def start(self, x: FloatArray, y: FloatArray, z: FloatArray) -> Zernike:
         """Return the least-squares form through points.
 

@@ -309,9 +309,6 @@ def test_start_determines_the_unknown_coefficients():
 
     assert form.parameters["c2"] == pytest.approx(3.0, rel=1e-9, abs=0.0)
     assert form.start(x, x, x) is form
-    assert form.scales(1e-3)["c2"] == pytest.approx(
-        form.scales(1e-3)["c0"] * 1e6, rel=1e-9, abs=0.0
-    )
 
 
 def test_what_a_form_holds_of_the_rigid_body():

@@ -228,7 +228,6 @@ def test_unknown_parameters_start_from_the_data():
     assert form.parameters["a0"] == 0.0
     assert pytest.approx(60e-3, rel=1e-2, abs=0.0) == form.R
     assert form.radius == pytest.approx(np.hypot(x, y).max(), rel=1e-9, abs=0.0)
-    assert set(form.scales(form.radius)) == {"R", "a0", "a1"}
     known = QForbes(R=50e-3, k=None, kind="con", coefficients=(None,), radius=20e-3)
     assert known.start(x, y, truth(x, y)).R == 50e-3
 

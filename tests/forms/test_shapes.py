@@ -252,29 +252,6 @@ def test_centre_is_finite(case):
     assert all(np.isfinite(d).all() for d in form.derivatives(zero, zero, list(form.parameters)))
 
 
-def test_scales_are_positive_and_finite(case):
-    form, _ = case
-
-    for radius in (1e-6, 0.5):
-        scales = form.scales(radius)
-        assert list(scales) == list(form.parameters)
-        assert all(0.0 < s < np.inf for s in scales.values())
-
-
-def test_a_change_by_the_scale_moves_the_rim_by_the_size_of_the_form(case):
-    form, _ = case
-    radius = 0.1
-    t = np.linspace(0, 2 * np.pi, 100)
-    x, y = radius * np.cos(t), radius * np.sin(t)
-    size = max(np.abs(form(x, y)).max(), 1e-12)
-
-    for name, scale in form.scales(radius).items():
-        if form.name == "expression" or (form.parameters[name] == 0.0 and "phase" not in name):
-            continue
-        move = np.abs(form.derivatives(x, y, [name])[0]).max() * scale
-        assert 0.1 * size < move < 10.0 * size, name
-
-
 def test_copies_and_pickles(case, points):
     form, _ = case
 
