@@ -28,14 +28,14 @@ def prysm_polynomial(z):
     powers = [(i, j) for i in range(6) for j in range(6 - i)]
     modes = np.stack([X**i * Y**j for i, j in powers])
     left = z - sum_of_2d_modes(modes, lstsq(modes, z))
-    return float(np.nanstd(left))
+    return left
 
 
 def surfalize_polynomial(z):
     from surfalize import Surface
 
     left = Surface(z * 1e6, 1.0, 1.0).detrend_polynomial(degree=5)
-    return float(np.nanstd(left.data)) * 1e-6
+    return left.data * 1e-6
 
 
 def prysm_zernike(z):
@@ -104,8 +104,11 @@ def main():
         else:
             z = np.load(Path(job["data"]))
             started = time.perf_counter()
-            value = CASES[job["case"]](z)
-            answer = {"seconds": time.perf_counter() - started, "value": value}
+            result = CASES[job["case"]](z)
+            seconds = time.perf_counter() - started
+            # a map is compared by its standard deviation, which is not part of the task
+            value = float(np.nanstd(result)) if np.ndim(result) else float(result)
+            answer = {"seconds": seconds, "value": value}
         print(json.dumps(answer), flush=True)
 
 

@@ -96,7 +96,7 @@ class Profile:
     @property
     def n_invalid(self) -> int:
         """Number of samples that were not measured."""
-        return int(np.isnan(self.z).sum())
+        return int(np.count_nonzero(np.isnan(self.z)))
 
     @property
     def is_uniform(self) -> bool:

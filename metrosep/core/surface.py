@@ -97,7 +97,7 @@ class Surface:
     @property
     def n_invalid(self) -> int:
         """Number of pixels that were not measured."""
-        return int(np.isnan(self.z).sum())
+        return int(np.count_nonzero(np.isnan(self.z)))
 
     def peak_to_valley(self) -> float:
         """Return the largest minus the smallest valid height, nothing removed or filtered.

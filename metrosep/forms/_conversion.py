@@ -1,7 +1,8 @@
 """Private helpers: a Legendre series on one domain as a series of another kind on another domain.
 
 In powers of x the coefficients of degree ten are differences of numbers that are many decades
-larger. The conversion is therefore done in fractions of whole numbers, and rounded once at the end.
+larger. The conversion is therefore done in fractions of whole numbers (low degrees: in extended
+precision from exact matrices), and rounded once at the end.
 """
 
 from __future__ import annotations
@@ -19,6 +20,9 @@ from metrosep.forms._orthogonal import Basis
 __all__ = ["conversion_matrix", "converted"]
 
 Row = list[Fraction]
+
+_LOW = 6
+"""Up to this degree extended precision (64 bits) loses nothing that a float64 could hold."""
 
 
 @lru_cache(maxsize=64)
@@ -40,6 +44,21 @@ def _exact(
                 row[i] -= Fraction(k, k + 1) * value
         rows.append(row)
     return tuple(tuple(row + [Fraction(0)] * (degree + 1 - len(row))) for row in rows)
+
+
+@lru_cache(maxsize=64)
+def _extended(
+    degree: int, basis: Basis, centre: float, half_width: float, to_centre: float, to_half: float
+) -> NDArray[np.longdouble]:
+    """Return the rows of `_exact` in extended precision."""
+    rows = _exact(degree, basis, centre, half_width, to_centre, to_half)
+    high = np.array([[float(v) for v in row] for row in rows])
+    rest = [
+        [float(v - Fraction(h)) for v, h in zip(*p, strict=True)]
+        for p in zip(rows, high.tolist(), strict=True)
+    ]
+    out: NDArray[np.longdouble] = high.astype(np.longdouble) + np.array(rest)
+    return out
 
 
 def _times_u(row: Row, basis: Basis) -> Row:
@@ -77,6 +96,12 @@ def converted(
     """
     if basis == "legendre" and source == target:
         return np.asarray(c, dtype=np.float64)
+    if max(c.shape) <= _LOW + 1:
+        extended = np.asarray(c, dtype=np.longdouble)
+        for axis, (old, new) in enumerate(zip(source, target, strict=True)):
+            rows = _extended(c.shape[axis] - 1, basis, *old, *new)
+            extended = np.moveaxis(np.tensordot(rows, extended, axes=([0], [axis])), 0, axis)
+        return np.asarray(extended, dtype=np.float64)
     ratios = [Fraction(*v.as_integer_ratio()) for v in c.ravel()]
     exact = np.array(ratios, dtype=object).reshape(c.shape)
     for axis, (old, new) in enumerate(zip(source, target, strict=True)):
