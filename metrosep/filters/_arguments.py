@@ -14,13 +14,25 @@ from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
-from metrosep.filters.kind import DoubleFilterError, filtered_profile, profile_kind
+from metrosep.filters.kind import (
+    DoubleFilterError,
+    ProfileKind,
+    filtered_profile,
+    profile_kind,
+)
+from metrosep.spectral._checks import instance_of, real_number
 
 FloatArray = NDArray[np.float64]
 FilterBand = Literal["long", "short"]
 
 _ON_LIMIT = 1e-9
 """A wavelength this close to a limit, relative, lies on it: decimals are not exact in binary."""
+
+ALL_THE_SAME = "(refilter=True in Python does it all the same)"
+"""How a refusal to filter twice ends; no other way in has this option."""
+
+_L_FILTERS = ("gaussian", "spline", "robust_gaussian")
+"""Names in the history of filters by cut-off."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,12 +63,48 @@ def check_band(band: str) -> None:
         )
 
 
-def check_single_filtering(profile: Profile, refilter: bool) -> None:
-    """Refuse a roughness profile unless the caller insists."""
-    if profile_kind(profile) == "R" and not refilter:
+def check_object(obj: object) -> None:
+    """Refuse what is neither a profile nor a surface, such as a bare array."""
+    instance_of(obj, (Profile, Surface), "a filter")
+
+
+def check_single_filtering(obj: Profile | Surface, refilter: bool, *, band: str = "long") -> None:
+    """Refuse a roughness profile, or a surface whose long waves are out, unless told otherwise.
+
+    A surface has no kind, so its history is asked: its long waves may be taken off only once. What
+    is long may still be taken, as by an S-filter after the L-filter.
+    """
+    if refilter:
+        return
+    if isinstance(obj, Profile):
+        if profile_kind(obj) == "R":
+            raise DoubleFilterError(
+                "the profile is a roughness profile already: filtering it again makes its "
+                f"parameters too small; start from the primary profile {ALL_THE_SAME}"
+            )
+        return
+    before = [s.name for s in obj.history if s.name in _L_FILTERS and _is_short(s)]
+    if band == "short" and before:
         raise DoubleFilterError(
-            "the profile is a roughness profile already: filtering it again makes its parameters "
-            "too small; start from the primary profile, or say refilter=True"
+            f"the surface has passed the filter {before[-1]} with band short already: filtering it "
+            "again makes its parameters too small; start from the surface before that filter "
+            f"{ALL_THE_SAME}"
+        )
+
+
+def _is_short(step: Step) -> bool:
+    return step.parameters.get("band") == "short"
+
+
+def check_not_repeated(profile: Profile) -> None:
+    """Refuse a closed profile over one turn whose last sample repeats the first."""
+    if len(profile) < 2:
+        raise TooFewSamplesError("a closed profile needs at least 2 samples, got 1")
+    span = float(profile.x[-1] - profile.x[0])
+    if abs(span - 2.0 * math.pi) < 0.1 * profile.dx:
+        raise InvalidSamplesError(
+            "x spans one whole turn of 2 pi including both ends, so the last sample repeats the "
+            "first; a closed profile has the period n dx: drop the last sample"
         )
 
 
@@ -159,18 +207,21 @@ def finish(
     """Return the asked side of a filter as the kind of object that came in."""
     z = low if band == "long" else obj.z - low
     if isinstance(obj, Profile):
-        kind = "R" if band == "short" else profile_kind(obj)
+        kind = kind_of_band(obj, short=band == "short")
         return filtered_profile(obj, z, step=step, kind=kind)
     return Surface(
         z, obj.dx, obj.dy, origin=obj.origin, metadata=obj.metadata, history=(*obj.history, step)
     )
 
 
+def kind_of_band(profile: Profile, *, short: bool) -> ProfileKind | None:
+    """Return the kind of a side of a filter: what lies below a wave of waviness is waviness."""
+    before = profile_kind(profile)
+    return "R" if short and before != "W" else before
+
+
 def _wavelength(value: object, name: str, step: float, length: float) -> float:
-    try:
-        wavelength = float(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError):
-        raise DataError(f"{name} must be a wavelength in m, got {value!r}") from None
+    wavelength = real_number(value, name, "a wavelength in m")
     if not (math.isfinite(wavelength) and wavelength > 0.0):
         raise InvalidSamplesError(f"{name} must be positive and finite, got {wavelength} m")
     if wavelength < 2.0 * step * (1.0 - _ON_LIMIT):

@@ -13,6 +13,7 @@ from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
 from metrosep.filters import _arguments as arguments
+from metrosep.spectral._checks import real_number
 
 FloatArray = NDArray[np.float64]
 
@@ -51,6 +52,7 @@ def checked_element(
     obj: Profile | Surface, radius: float | None, length: float | None
 ) -> tuple[Element, tuple[float, ...]]:
     """Return the element that was asked for and the steps of the grid, in the order of the array."""
+    arguments.check_object(obj)
     if (radius is None) == (length is None):
         raise DataError(
             "give one structuring element: radius= of a disc or ball, or length= of a flat "
@@ -64,7 +66,7 @@ def checked_element(
     else:
         steps = arguments.surface_steps(obj)
     name = "length" if radius is None else "radius"
-    size = float(length if radius is None else radius)  # type: ignore[arg-type]
+    size = real_number(length if radius is None else radius, name, "a length in m")
     if not (math.isfinite(size) and size > 0.0):
         raise InvalidSamplesError(f"{name} must be positive and finite, got {size} m")
     smallest = max(steps) * (2.0 if radius is None else 1.0)

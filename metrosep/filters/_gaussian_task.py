@@ -9,12 +9,13 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
+from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
 from metrosep.filters import _arguments as arguments
 from metrosep.filters._kernel import standard_deviation
+from metrosep.spectral._checks import real_number
 
 FloatArray = NDArray[np.float64]
 End = Literal["moment", "renormalise", "closed", "cut"]
@@ -77,7 +78,10 @@ def gaussian_task(
     """Return the task of one object, or say what is wrong with it."""
     if end not in ENDS:
         raise DataError(f"end must be one of {', '.join(ENDS)}, got {end!r}")
+    arguments.check_object(obj)
     if isinstance(obj, Profile):
+        if end == "closed":
+            arguments.check_not_repeated(obj)
         if upr is not None:
             cutoff = _cutoff_of_upr(obj, upr, cutoff, end)
         # closed=True: a length of n steps and the whole array; the box is taken here
@@ -137,15 +141,7 @@ def _cutoff_of_upr(profile: Profile, upr: float, cutoff: float | None, end: str)
         raise DataError('upr= counts undulations of a closed profile: say end="closed"')
     if cutoff is not None:
         raise DataError("give cutoff= or upr=, not both")
-    number = float(upr)
+    number = real_number(upr, "upr", "a number of undulations per revolution")
     if not (math.isfinite(number) and number >= 1.0):
         raise DataError(f"upr must be finite and at least 1 undulation per revolution, got {upr}")
-    if len(profile) < 2:
-        raise TooFewSamplesError("a closed profile needs at least 2 samples, got 1")
-    span = float(profile.x[-1] - profile.x[0])
-    if abs(span - 2.0 * math.pi) < 0.1 * profile.dx:
-        raise InvalidSamplesError(
-            "x spans one whole turn of 2 pi including both ends, so the last sample repeats the "
-            "first; a closed profile has the period n dx: drop the last sample"
-        )
     return profile.dx * len(profile) / number

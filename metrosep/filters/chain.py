@@ -14,9 +14,11 @@ from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.units import format_length
+from metrosep.filters._arguments import ALL_THE_SAME
 from metrosep.filters._gaussian_task import End
 from metrosep.filters.gaussian import gaussian
 from metrosep.filters.kind import DoubleFilterError, ProfileKind, profile_kind
+from metrosep.spectral._checks import instance_of, real_number, whole_number
 
 __all__ = ["primary", "roughness", "waviness"]
 
@@ -77,6 +79,7 @@ def primary(
     ('P', 2.5e-06)
     """
     _refuse(profile, ("P", "R", "W"), refilter)
+    real_number(lambda_s, "lambda_s", "a wavelength in m")
     result = gaussian(profile, cutoff=lambda_s, end=end, refilter=refilter)
     return _declare(result, "P", "primary", {"lambda_s_m": float(lambda_s)})
 
@@ -120,7 +123,7 @@ def roughness(
         If the profile is of kind R or W, or of kind P with `lambda_s` given.
     DataError
         If a cut-off lies outside the limits of `gaussian`, ``lambda_s >= lambda_c``, or
-        ``sections < 1``.
+        `sections` is not a whole number from 1.
     InvalidSamplesError
         If a cut-off is not positive and finite.
     NotUniformError
@@ -142,7 +145,9 @@ def roughness(
     """
     _refuse(profile, ("R", "W") if lambda_s is None else ("P", "R", "W"), refilter)
     _in_order(lambda_s, "lambda_s", lambda_c, "lambda_c")
-    facts: dict[str, Any] = {"lambda_c_m": float(lambda_c)}
+    if sections is not None:
+        sections = whole_number(sections, "sections")
+    facts: dict[str, Any] = {"lambda_c_m": real_number(lambda_c, "lambda_c", "a wavelength in m")}
     result = profile
     if lambda_s is not None:
         facts["lambda_s_m"] = float(lambda_s)
@@ -212,7 +217,7 @@ def waviness(
     _refuse(profile, ("R", "W") if lambda_s is None else ("P", "R", "W"), refilter)
     _in_order(lambda_s, "lambda_s", lambda_c, "lambda_c")
     _in_order(lambda_c, "lambda_c", lambda_f, "lambda_f")
-    facts: dict[str, Any] = {"lambda_c_m": float(lambda_c)}
+    facts: dict[str, Any] = {"lambda_c_m": real_number(lambda_c, "lambda_c", "a wavelength in m")}
     result = profile
     if lambda_s is not None:
         facts["lambda_s_m"] = float(lambda_s)
@@ -225,15 +230,19 @@ def waviness(
 
 
 def _refuse(profile: Profile, kinds: tuple[ProfileKind, ...], refilter: bool) -> None:
+    instance_of(profile, Profile, "the filter chain")
     kind = profile_kind(profile)
     if kind in kinds and not refilter:
         raise DoubleFilterError(
-            f"the profile is {_ALREADY[kind]}; start from the profile before that filter, or say "
-            "refilter=True"
+            f"the profile is {_ALREADY[kind]}; start from the profile before that filter "
+            f"{ALL_THE_SAME}"
         )
 
 
 def _in_order(short: float | None, short_name: str, long: float | None, long_name: str) -> None:
+    for name, value in ((short_name, short), (long_name, long)):
+        if value is not None:
+            real_number(value, name, "a wavelength in m")
     if short is not None and long is not None and not short < long:
         raise DataError(
             f"{short_name} {format_length(short)} must be shorter than {long_name} "
@@ -243,8 +252,6 @@ def _in_order(short: float | None, short_name: str, long: float | None, long_nam
 
 def _middle(profile: Profile, sections: int, length: float) -> Profile:
     """Return whole sections from the middle of a profile."""
-    if sections < 1:
-        raise DataError(f"sections must be at least 1, got {sections}")
     n = sections * int(length / profile.dx * (1.0 + 1e-9))
     if n > len(profile):
         raise TooFewSamplesError(

@@ -23,7 +23,8 @@ from metrosep.core.surface import Surface
 from metrosep.filters import _areal as areal, _arguments as arguments, _convolve as convolve
 from metrosep.filters._arguments import FilterBand
 from metrosep.filters._gaussian_task import End, GaussianTask, gaussian_task
-from metrosep.filters.kind import filtered_profile, profile_kind
+from metrosep.filters.kind import filtered_profile
+from metrosep.spectral._checks import real_number
 from metrosep.spectral.band import Band
 
 __all__ = ["gaussian", "gaussian_support"]
@@ -93,13 +94,14 @@ def gaussian(
     fill : bool, optional
         Also give the mean line in gaps, inside the range that was measured.
     refilter : bool, optional
-        Filter a profile that is a roughness profile already.
+        Filter a roughness profile, or take the short band of a surface, once more.
 
     Returns
     -------
     Profile or Surface
         Same grid (less the ends that were cut); NaN where not measured, unless `fill`, or where
-        support is low. The short band of a profile is of kind R; the long band keeps its kind.
+        support is low. The short band of a profile is of kind R (of a W profile W); the long band
+        keeps its kind.
 
     Raises
     ------
@@ -107,7 +109,8 @@ def gaussian(
         If the cut-off has the wrong name for the object or lies outside its limits, options
         contradict each other, the surface has no lateral step, or the band is open on both sides.
     DoubleFilterError
-        If the profile is a roughness profile and `refilter` is false.
+        If the profile is a roughness profile, or the short band of a surface is asked that has
+        passed a filter with the short band already, and `refilter` is false.
     InvalidSamplesError
         If the cut-off is not positive and finite, or a closed profile repeats its first sample.
     NotUniformError
@@ -121,7 +124,9 @@ def gaussian(
     The window reaches 1.3 cut-offs, so that 3e-12 of the weight is missing. Rows and columns at
     the rim without any valid sample are ignored, also by `fill`. Inside gaps the extrapolated
     line is better than the mean down to a support of about 0.1, hence the default. A closed
-    profile with gaps is renormalised. Cost: O(n log n) for profiles, O(n) for surfaces.
+    profile with gaps is renormalised. Its x may be an angle or an arc, which nobody can tell from
+    the numbers: n dx is taken as one revolution, so x over half a turn or two gives another
+    cut-off than `upr` says. Cost: O(n log n) for profiles, O(n) for surfaces.
 
     References
     ----------
@@ -254,10 +259,10 @@ def _filtered(
     refilter: bool,
 ) -> Profile | Surface:
     """Return the long or the short side of one filter."""
+    arguments.check_object(obj)
     arguments.check_band(band)
     _check_support(min_support)
-    if isinstance(obj, Profile):
-        arguments.check_single_filtering(obj, refilter)
+    arguments.check_single_filtering(obj, refilter, band=band)
     task = gaussian_task(obj, cutoff=cutoff, nesting_index=nesting_index, upr=upr, end=end)
     kept = task.cut() if end == "cut" else tuple(slice(0, n) for n in obj.z.shape)
     low = _mean(obj.z, task, end, min_support, fill)
@@ -301,7 +306,7 @@ def _band(
 
 
 def _check_support(min_support: float) -> None:
-    if not 0.0 < min_support <= 1.0:
+    if not 0.0 < real_number(min_support, "min_support") <= 1.0:
         raise DataError(f"min_support must lie in 0 < min_support <= 1, got {min_support}")
 
 
@@ -342,9 +347,7 @@ def _like(
 ) -> Profile | Surface:
     """Return the kind of object that came in, with its history and one step more."""
     if isinstance(obj, Profile):
-        before = profile_kind(obj)
-        # what lies below a wave of a waviness profile is waviness still
-        kind = "R" if short and before != "W" else before
+        kind = arguments.kind_of_band(obj, short=short)
         return filtered_profile(obj, z, step=step, kind=kind, x=obj.x[kept])
     return Surface(
         z,

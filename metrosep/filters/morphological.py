@@ -175,7 +175,8 @@ def closing(
     Returns
     -------
     Profile or Surface
-        Same grid, NaN where not measured. A profile of the short band is of kind R.
+        Same grid, NaN where not measured. A profile of the short band is of kind R
+        (of a W profile W).
 
     Raises
     ------
@@ -255,7 +256,8 @@ def opening(
     Returns
     -------
     Profile or Surface
-        Same grid, NaN where not measured. A profile of the short band is of kind R.
+        Same grid, NaN where not measured. A profile of the short band is of kind R
+        (of a W profile W).
 
     Raises
     ------
@@ -298,6 +300,7 @@ def _filtered(
     name: Literal["closing", "opening"],
     sign: float,
 ) -> Profile | Surface:
+    arguments.check_object(obj)
     arguments.check_band(band)
     if isinstance(obj, Profile):
         arguments.check_single_filtering(obj, refilter)

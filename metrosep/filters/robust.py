@@ -24,6 +24,7 @@ from metrosep.core.surface import Surface
 from metrosep.filters import _arguments as arguments
 from metrosep.filters._arguments import FilterBand
 from metrosep.filters._robust_moments import Kernel, local_regression
+from metrosep.spectral._checks import real_number, whole_number
 
 __all__ = ["regression_constant", "robust_gaussian"]
 
@@ -142,13 +143,13 @@ def robust_gaussian(
     max_iterations : int, optional
         Largest number of regressions after the first.
     refilter : bool, optional
-        Filter a profile that is a roughness profile already.
+        Filter a roughness profile, or take the short band of a surface, once more.
 
     Returns
     -------
     Profile or Surface
-        Same grid; NaN where not measured. A profile of the short band is of kind R. The history
-        has the number of iterations, c, and the number of unsupported samples.
+        Same grid; NaN where not measured. A profile of the short band is of kind R (of a W profile
+        W). The history has the number of iterations, c, and the number of unsupported samples.
 
     Raises
     ------
@@ -156,7 +157,8 @@ def robust_gaussian(
         If the argument is of the wrong name for the object, the cut-off is outside its limits, an
         option is unknown, or the surface has no lateral step.
     DoubleFilterError
-        If the profile is a roughness profile and `refilter` is false.
+        If the profile is a roughness profile, or the short band of a surface is asked that has
+        passed a filter with the short band already, and `refilter` is false.
     InvalidSamplesError
         If the cut-off is not positive and finite.
     NotUniformError
@@ -190,16 +192,18 @@ def robust_gaussian(
     >>> bool(np.abs(plateau.z).max() < 1e-12)
     True
     """
+    arguments.check_object(obj)
     arguments.check_band(band)
     kernel_constant = regression_constant(order)
     if unsupported not in ("raise", "nan"):
         raise DataError(f'unsupported must be "raise" or "nan", got {unsupported!r}')
-    if not tolerance > 0.0 or max_iterations < 1:
+    whole_number(max_iterations, "max_iterations", minimum=0)
+    if not real_number(tolerance, "tolerance") > 0.0 or max_iterations < 1:
         raise DataError(
             f"need tolerance > 0 and max_iterations >= 1, got {tolerance} and {max_iterations}"
         )
+    arguments.check_single_filtering(obj, refilter, band=band)
     if isinstance(obj, Profile):
-        arguments.check_single_filtering(obj, refilter)
         task = arguments.profile_task(
             obj,
             cutoff=cutoff,

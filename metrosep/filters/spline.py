@@ -29,6 +29,7 @@ from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
 from metrosep.filters import _arguments as arguments
 from metrosep.filters._arguments import FilterBand
+from metrosep.spectral._checks import real_number, whole_number
 
 __all__ = ["spline"]
 
@@ -103,14 +104,15 @@ def spline(
         Also give the mean line (``band="long"``) in the gaps. Beyond the first and the last
         measured row, column or sample it stays NaN: nothing is extrapolated.
     refilter : bool, optional
-        Filter a profile that is a roughness profile already.
+        Filter a roughness profile, or take the short band of a surface, once more.
     max_iterations : int, optional
         Limit of the iteration that a surface or a closed profile with gaps needs.
 
     Returns
     -------
     Profile or Surface
-        Same grid; NaN where not measured unless `fill`. A profile of the short band is of kind R.
+        Same grid; NaN where not measured unless `fill`. A profile of the short band is of kind R
+        (of a W profile W).
 
     Raises
     ------
@@ -118,9 +120,10 @@ def spline(
         If the argument is of the wrong name for the object, the cut-off is outside its limits, an
         option is unknown, or the surface has no lateral step.
     DoubleFilterError
-        If the profile is a roughness profile and `refilter` is false.
+        If the profile is a roughness profile, or the short band of a surface is asked that has
+        passed a filter with the short band already, and `refilter` is false.
     InvalidSamplesError
-        If the cut-off is not positive and finite.
+        If the cut-off is not positive and finite, or a closed profile repeats its first sample.
     NotUniformError
         If the positions of the profile are not uniform.
     TooFewSamplesError
@@ -156,11 +159,15 @@ def spline(
     >>> round(float(mean_line.z[960] / wave.z[960]), 6)
     0.5
     """
+    arguments.check_object(obj)
     arguments.check_band(band)
     _check_options(end, tension)
+    whole_number(max_iterations, "max_iterations", minimum=0)
     closed = end == "closed"
+    arguments.check_single_filtering(obj, refilter, band=band)
     if isinstance(obj, Profile):
-        arguments.check_single_filtering(obj, refilter)
+        if closed:
+            arguments.check_not_repeated(obj)
         task = arguments.profile_task(
             obj,
             cutoff=cutoff,
@@ -193,7 +200,7 @@ def spline(
 def _check_options(end: str, tension: float) -> None:
     if end not in ("natural", "closed"):
         raise DataError(f'end must be "natural" or "closed", got {end!r}')
-    if not 0.0 <= tension < 1.0:
+    if not 0.0 <= real_number(tension, "tension") < 1.0:
         raise DataError(f"tension must lie in 0 <= tension < 1, got {tension}")
 
 

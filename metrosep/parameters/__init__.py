@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from metrosep.parameters.areal import areal_parameters
+from metrosep.parameters.areal import ArealParameterTable, areal_parameters
 from metrosep.parameters.budget import Budget, Contribution, coverage_factor, report_value
 from metrosep.parameters.budget_lines import (
     alternatives_line,
@@ -69,6 +69,7 @@ from metrosep.parameters.uncertainty import (
 __all__ = [
     "SETTING_CLASSES",
     "AbbottCurve",
+    "ArealParameterTable",
     "Budget",
     "Context",
     "Contribution",

@@ -12,25 +12,51 @@ from typing import Any, Literal
 
 import numpy as np
 
-from metrosep.core.errors import TooFewSamplesError
+from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.filters.kind import ProfileKind
 from metrosep.parameters.elements import ProfileElements, profile_elements
 from metrosep.parameters.hybrid import valid_gradient
 from metrosep.parameters.material_ratio import CoreHeight, CoreLine, abbott_curve, core_height
 from metrosep.parameters.sections import Evaluation
 
-__all__ = ["HEIGHT_THRESHOLD", "NEW", "OLD", "ROWS", "SPACING_THRESHOLD", "Edition", "Row", "Work"]
+__all__ = [
+    "HEIGHT_THRESHOLD",
+    "NEW",
+    "OLD",
+    "ROWS",
+    "SPACING_THRESHOLD",
+    "Edition",
+    "Row",
+    "Work",
+    "named_edition",
+]
 
 Edition = Literal["ISO 21920-2:2021", "ISO 4287:1997"]
 
 OLD: Edition = "ISO 4287:1997"
 NEW: Edition = "ISO 21920-2:2021"
 
+_EDITIONS: dict[str, Edition] = {
+    "iso4287:1997": OLD,
+    "iso4287": OLD,
+    "iso21920-2:2021": NEW,
+    "iso21920-2": NEW,
+    "iso21920:2021": NEW,
+}
+
 HEIGHT_THRESHOLD = 0.1
 """Peaks and valleys below this share of Rz do not count for RSm and Rc (default of both)."""
 
 SPACING_THRESHOLD = 0.01
 """Portions shorter than this share of a section do not count (1997 only)."""
+
+
+def named_edition(edition: str) -> Edition:
+    """Return the edition that a text names, spaces and case aside."""
+    found = _EDITIONS.get("".join(str(edition).lower().split()))
+    if found is None:
+        raise DataError(f'edition is "{NEW}" or "{OLD}", got {edition!r}')
+    return found
 
 
 class Work:
@@ -58,6 +84,8 @@ class Work:
 
     def gradient(self, of: Callable[[Any], float]) -> float:
         e = self.evaluation
+        if e.by_section:
+            e.check_sections()
         traces = e.parts if e.by_section else (e.whole,)
         return float(np.mean([of(valid_gradient(z, dx=e.dx)) for z in traces]))
 

@@ -7,7 +7,7 @@ share (moments, sorted heights, slopes, autocorrelation, peaks) is computed once
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -43,13 +43,69 @@ from metrosep.parameters.watershed import (
     mean_peak_curvature,
     significant_peaks,
 )
+from metrosep.spectral._checks import instance_of, real_number, symbols
 
-__all__ = ["EDITION", "areal_parameters", "is_form_removed"]
+__all__ = ["EDITION", "ArealParameterTable", "areal_parameters", "is_form_removed"]
 
 EDITION = "ISO 25178-2:2021"
 """Whose definitions the table follows."""
 
+_ALIASES = {"Smrk1": "Smr1", "Smrk2": "Smr2"}
+"""Symbols of 2021 that stand in the table under the older ones."""
+
 _CONSTANT = "all valid heights are equal, so Sq is zero and the ratio is not defined"
+
+
+class ArealParameterTable(ParameterTable):
+    """Areal parameters; Smrk1 and Smrk2 find Smr1 and Smr2.
+
+    Parameters
+    ----------
+    quantities : sequence of Quantity
+        Each with its symbol.
+    context : Context
+        Edition, filter chain, valid share, settings.
+    unavailable : mapping of str to str, optional
+        Symbols that could not be evaluated, each with the reason and what to do.
+
+    Examples
+    --------
+    >>> table = ArealParameterTable([Quantity(0.1, "1", "material ratio", symbol="Smr1")],
+    ...                             Context(EDITION, n_valid=4, n_total=4))
+    >>> table["Smrk1"].value, "Smrk1" in table, list(table)
+    (0.1, True, ['Smr1'])
+    """
+
+    __slots__ = ()
+
+    def __getitem__(self, symbol: str) -> Quantity:
+        return super().__getitem__(_ALIASES.get(symbol, symbol))
+
+    def __contains__(self, symbol: object) -> bool:
+        return isinstance(symbol, str) and super().__contains__(_ALIASES.get(symbol, symbol))
+
+    def with_uncertainties(self, u: Mapping[str, float]) -> ArealParameterTable:
+        """Return the table with standard uncertainties.
+
+        Parameters
+        ----------
+        u : mapping of str to float
+            Standard uncertainty by symbol, in the unit of the parameter.
+
+        Returns
+        -------
+        ArealParameterTable
+            Other parameters are as they were.
+
+        Raises
+        ------
+        DataError
+            If a symbol is not in the table.
+        """
+        table = super().with_uncertainties({_ALIASES.get(s, s): value for s, value in u.items()})
+        return ArealParameterTable(
+            list(table.values()), self.context, unavailable=self.unavailable
+        )
 
 
 def areal_parameters(
@@ -58,7 +114,7 @@ def areal_parameters(
     names: Sequence[str] | None = None,
     line: CoreLine = "lsq",
     pruning: float = 0.05,
-) -> ParameterTable:
+) -> ArealParameterTable:
     """Return the areal parameters of a map.
 
     Parameters
@@ -66,7 +122,8 @@ def areal_parameters(
     surface : Surface
         Form removed and filtered as the specification asks. Nothing is filtered here.
     names : sequence of str, optional
-        Symbols wanted; all by default. What is not asked is not computed.
+        Symbols wanted; all by default. What is not asked is not computed. Smrk1 and Smrk2 find
+        Smr1 and Smr2, here and in the table.
     line : {"lsq", "secant"}, optional
         Core line of the Sk family.
     pruning : float, optional
@@ -74,7 +131,7 @@ def areal_parameters(
 
     Returns
     -------
-    ParameterTable
+    ArealParameterTable
         In SI and in the order of the standard: ratios are numbers from 0 to 1 and not per cent
         (Sdr, Str, Smr1, Smr2), angles are in rad, volumes in m^3/m^2 = m. What cannot be given is
         listed in ``unavailable`` with the reason.
@@ -82,7 +139,8 @@ def areal_parameters(
     Raises
     ------
     DataError
-        If a name or the line is unknown, or `pruning` is not a share.
+        If a name or the line is unknown, `pruning` is not a share, an argument is of the wrong
+        type, a height is beyond 1e60 m, or their range is below 1e-60 m and not zero.
     InvalidSamplesError
         If no pixel is valid.
 
@@ -105,10 +163,11 @@ def areal_parameters(
     >>> [f"{q.value * 1e9:.4f} nm" for q in table.values()]
     ['50.0000 nm', '200.0000 nm', '40.5218 nm']
     """
+    instance_of(surface, Surface, "a table of areal parameters")
     rows = _wanted(names)
     if line not in ("lsq", "secant"):
         raise DataError(f'line is "lsq" or "secant", got {line!r}')
-    if not 0.0 <= pruning < 1.0:
+    if not 0.0 <= real_number(pruning, "pruning", "a share of Sz") < 1.0:
         raise DataError(f"pruning is a share of Sz from 0 to below 1, got {pruning}")
     work = _Work(surface, line, pruning)
     n_valid = work.heights.n_valid
@@ -121,11 +180,11 @@ def areal_parameters(
             unavailable[row.symbol] = str(reason)
         else:
             quantities.append(Quantity(value, row.unit, row.text, symbol=row.symbol))
-    symbols = {row.symbol for row in rows}
+    given = {row.symbol for row in rows}
     settings: dict[str, Any] = {"dx_m": surface.dx, "dy_m": surface.dy}
-    if symbols & {"Sk", "Spk", "Svk", "Smr1", "Smr2"}:
+    if given & {"Sk", "Spk", "Svk", "Smr1", "Smr2"}:
         settings["line"] = line
-    if symbols & {"S5p", "S5v", "S10z", "Spd", "Spc"}:
+    if given & {"S5p", "S5v", "S10z", "Spd", "Spc"}:
         settings["pruning"] = pruning
     context = Context(
         edition=EDITION,
@@ -135,7 +194,7 @@ def areal_parameters(
         settings=settings,
         notes=_notes(surface),
     )
-    return ParameterTable(quantities, context, unavailable=unavailable)
+    return ArealParameterTable(quantities, context, unavailable=unavailable)
 
 
 def is_form_removed(history: Sequence[Step]) -> bool:
@@ -348,12 +407,11 @@ _ROWS = (
 def _wanted(names: Sequence[str] | None) -> list[_Row]:
     if names is None:
         return list(_ROWS)
-    if isinstance(names, str):
-        raise DataError(f"names is a sequence of symbols, got the text {names!r}")
-    unknown = sorted(set(names) - {r.symbol for r in _ROWS})
+    wanted = {_ALIASES.get(n, n) for n in symbols(names)}
+    unknown = sorted(wanted - {r.symbol for r in _ROWS})
     if unknown:
         raise DataError(
             f"{', '.join(unknown)}: not an areal parameter; there are "
             + ", ".join(r.symbol for r in _ROWS)
         )
-    return [r for r in _ROWS if r.symbol in names]
+    return [r for r in _ROWS if r.symbol in wanted]

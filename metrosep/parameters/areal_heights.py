@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.core._arrays import frozen_float
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import InvalidSamplesError
+from metrosep.parameters._range import LARGEST, check_range
 
 __all__ = ["HeightStatistics", "height_statistics"]
 
@@ -73,6 +74,8 @@ def height_statistics(z: ArrayLike) -> HeightStatistics:
 
     Raises
     ------
+    DataError
+        If a height is beyond 1e60 m, or their range is below 1e-60 m and not zero.
     InvalidSamplesError
         If no pixel is valid, a height is infinite, or z is not two-dimensional.
     TooFewSamplesError
@@ -95,7 +98,7 @@ def height_statistics(z: ArrayLike) -> HeightStatistics:
     (3, '1e-09 4e-09')
     """
     heights = np.ascontiguousarray(_as_map(z)).reshape(-1)
-    with np.errstate(invalid="ignore"):
+    with np.errstate(invalid="ignore", over="ignore"):
         total = float(np.add.reduce(heights))
         complete = not math.isnan(total)
         n = heights.size if complete else int(np.count_nonzero(heights == heights))
@@ -112,8 +115,7 @@ def height_statistics(z: ArrayLike) -> HeightStatistics:
             rest = sums.first / n
             if abs(rest) > _MEAN_REST * sums.absolute / n:
                 sums = _central_sums(heights, complete, centre, rest)
-    if math.isinf(sums.low) or math.isinf(sums.high):
-        raise InvalidSamplesError("z is infinite somewhere; write NaN where nothing was measured")
+    check_range(sums.low, sums.high)
     return _statistics(sums, n, centre, rest)
 
 
@@ -166,7 +168,10 @@ def _sum_of_valid(heights: FloatArray) -> float:
         np.copyto(measured, block)
         np.copyto(measured, 0.0, where=block != block)
         parts.append(float(np.add.reduce(measured)))
-    return math.fsum(parts)
+    try:
+        return math.fsum(parts)
+    except (OverflowError, ValueError):
+        return math.inf  # heights beyond any range, which are refused where they are seen
 
 
 def _central_sums(heights: FloatArray, complete: bool, centre: float, rest: float) -> _Sums:
@@ -195,5 +200,7 @@ def _central_sums(heights: FloatArray, complete: bool, centre: float, rest: floa
         lowest, highest = float(smallest.reduce(block)), float(largest.reduce(block))
         low = min(low, lowest)
         high = max(high, highest)
+        if max(-low, high) > LARGEST:
+            check_range(low, high)
     totals = [math.fsum(column) for column in zip(*parts, strict=True)]
     return _Sums(totals[0], totals[1], totals[2], totals[3], totals[4], low, high)

@@ -423,7 +423,7 @@ def report_value(value: float, expanded: float, unit: str) -> str:
         raise DataError(f"cannot report {value} +- {expanded}: both finite and U >= 0 are needed")
     prefix, power = _prefix(max(abs(value), expanded), unit)
     name = "" if unit == "1" else f" {prefix}{unit}"
-    y = Decimal(repr(float(value))).scaleb(-power)
+    y = Decimal(repr(float(value) + 0.0)).scaleb(-power)  # + 0.0: no negative zero
     if expanded == 0.0:
         return f"({float(y):.9g} +- 0){name}"
     U = Decimal(repr(float(expanded))).scaleb(-power)
@@ -432,6 +432,8 @@ def report_value(value: float, expanded: float, unit: str) -> str:
         rounded = U.quantize(Decimal(1).scaleb(U.adjusted() - 1))
         place = Decimal(1).scaleb(rounded.adjusted() - 1)  # 0.0996 becomes 0.10, not 0.100
         U, y = rounded.quantize(place), y.quantize(place)
+    if y.is_zero():
+        y = abs(y)
     return f"({y:f} +- {U:f}){name}"
 
 

@@ -10,6 +10,7 @@ import math
 from typing import Literal
 
 from metrosep.core.errors import DataError
+from metrosep.spectral._checks import real_number
 
 __all__ = ["Verdict", "decide", "worst"]
 
@@ -45,7 +46,8 @@ def decide(
     Raises
     ------
     DataError
-        If there is no limit, the limits cross, or U or the factor is negative or not finite.
+        If there is no limit, the limits cross, U or the factor is negative or not finite, or one
+        of them is no number.
 
     References
     ----------
@@ -58,12 +60,13 @@ def decide(
     """
     if lower is None and upper is None:
         raise DataError("a decision needs a lower or an upper limit")
-    low = -math.inf if lower is None else float(lower)
-    high = math.inf if upper is None else float(upper)
+    value = real_number(value, "value")
+    low = -math.inf if lower is None else real_number(lower, "lower")
+    high = math.inf if upper is None else real_number(upper, "upper")
     if math.isnan(low) or math.isnan(high) or low > high:
         raise DataError(f"the limits {lower} ... {upper} are not in order")
     for name, number in (("U", U), ("guard_factor", guard_factor)):
-        if not (math.isfinite(number) and number >= 0.0):
+        if not (math.isfinite(real_number(number, name)) and number >= 0.0):
             raise DataError(f"{name} must be finite and not negative, got {number}")
     guard = guard_factor * U
     if low + guard <= value <= high - guard:

@@ -22,6 +22,7 @@ from metrosep.core.surface import Surface
 from metrosep.parameters.areal import is_form_removed
 from metrosep.parameters.areal_heights import HeightStatistics, height_statistics
 from metrosep.parameters.table import Context, ParameterTable
+from metrosep.spectral._checks import instance_of, symbols
 
 __all__ = ["interferometric_parameters", "robust_peak_to_valley"]
 
@@ -66,7 +67,8 @@ def interferometric_parameters(
     Raises
     ------
     DataError
-        If a name is unknown.
+        If a name is unknown, an argument is of the wrong type, a height is beyond 1e60 m, or
+        their range is below 1e-60 m and not zero.
     InvalidSamplesError
         If no pixel is valid.
 
@@ -89,6 +91,7 @@ def interferometric_parameters(
     >>> [f"{q.value * 1e9:.4f} nm" for q in table.values()]
     ['200.0000 nm', '50.0000 nm']
     """
+    instance_of(surface, Surface, "a table of interferometric parameters")
     rows = _wanted(names)
     work = _Work(surface)
     n_valid = work.heights.n_valid
@@ -132,7 +135,7 @@ def robust_peak_to_valley(surface: Surface) -> float:
     Raises
     ------
     DataError
-        If a lateral step is not calibrated, or the outline of the valid pixels is not a disc.
+        If it is no surface, a lateral step is not calibrated, the heights are out of range, or the outline of the valid pixels is not a disc.
     InvalidSamplesError
         If no pixel is valid.
     TooFewSamplesError
@@ -160,6 +163,7 @@ def robust_peak_to_valley(surface: Surface) -> float:
     >>> f"{robust_peak_to_valley(power):.4g}"
     '2e-07'
     """
+    instance_of(surface, Surface, "PVr")
     return _Work(surface).pv_of_fit_and_residual()
 
 
@@ -347,12 +351,11 @@ _ROWS = (
 def _wanted(names: Sequence[str] | None) -> list[_Row]:
     if names is None:
         return list(_ROWS)
-    if isinstance(names, str):
-        raise DataError(f"names is a sequence of symbols, got the text {names!r}")
-    unknown = sorted(set(names) - {r.symbol for r in _ROWS})
+    wanted = set(symbols(names))
+    unknown = sorted(wanted - {r.symbol for r in _ROWS})
     if unknown:
         raise DataError(
             f"{', '.join(unknown)}: not an interferometric parameter; there are "
             + ", ".join(r.symbol for r in _ROWS)
         )
-    return [r for r in _ROWS if r.symbol in names]
+    return [r for r in _ROWS if r.symbol in wanted]

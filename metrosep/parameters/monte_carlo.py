@@ -30,6 +30,7 @@ from metrosep.parameters._named import (
 from metrosep.parameters.effects import Effect
 from metrosep.parameters.noise import Noise, StationaryNoise, sampling_of
 from metrosep.parameters.uncertainty import expected_range
+from metrosep.spectral._checks import instance_of, real_number, whole_number
 
 __all__ = ["MonteCarloResult", "monte_carlo", "shortest_interval"]
 
@@ -83,7 +84,7 @@ def shortest_interval(values: ArrayLike, coverage: float = 0.95) -> tuple[float,
 
 
 def _draws_inside(n: int, coverage: float) -> int:
-    if not 0.0 < coverage < 1.0:
+    if not 0.0 < real_number(coverage, "coverage", "a probability") < 1.0:
         raise DataError(f"a coverage probability lies between 0 and 1, got {coverage}")
     q = int(coverage * n + 0.5)
     if q < 1 or q >= n:
@@ -212,7 +213,7 @@ def monte_carlo(
     ------
     DataError
         If there is neither noise nor effect, the name is not known, an evaluation is not finite,
-        or a number is out of range.
+        a number is out of range or not whole, or an argument is of the wrong type.
     TooFewSamplesError
         If fewer than 2 heights are valid, or draws < 2 or too few for the interval.
     NotUniformError
@@ -237,8 +238,11 @@ def monte_carlo(
     >>> f"{result.value * 1e9:.1f} {result.mean * 1e9:.1f} {result.bias * 1e9:+.1f} nm"
     '100.0 107.9 +7.9 nm'
     """
-    if noise is None and not effects:
-        raise DataError("a Monte Carlo needs noise= or at least one effect")
+    effects = _checked_causes(obj, noise, effects)
+    whole_number(draws, "draws", minimum=0)
+    whole_number(max_draws, "max_draws", minimum=0)
+    whole_number(seed, "seed", minimum=0)
+    real_number(max_bytes, "max_bytes")
     if not adaptive and draws < 2:
         raise TooFewSamplesError(f"a Monte Carlo needs at least 2 draws, got {draws}")
     _draws_inside(_SEQUENCE if adaptive else draws, coverage)
@@ -247,7 +251,7 @@ def monte_carlo(
     if isinstance(evaluate, str):
         check_name(evaluate)
     value = value_of(evaluate, obj, centre=centre)
-    source = _Draws(evaluate, obj, noise, tuple(effects), seed, centre, max_bytes)
+    source = _Draws(evaluate, obj, noise, effects, seed, centre, max_bytes)
     stable: bool | None = None
     if adaptive:
         results, stable = _adaptive(source, coverage, max_draws)
@@ -268,6 +272,27 @@ def monte_carlo(
         stable,
         tuple(_notes(evaluate, obj, noise, (value, bias, u, u_bias), stable)),
     )
+
+
+def _checked_causes(obj: object, noise: object, effects: object) -> tuple[Effect, ...]:
+    """Return the effects; a bare number as noise or effect is refused with what it should be."""
+    instance_of(obj, (Profile, Surface), "a Monte Carlo")
+    if noise is not None and not isinstance(noise, Noise):
+        example = (
+            f"WhiteNoise({noise!r})" if isinstance(noise, int | float) else "WhiteNoise(2e-9)"
+        )
+        raise DataError(f"noise must be a noise model, such as {example}, got {noise!r}")
+    try:
+        given: tuple[object, ...] = tuple(effects)  # type: ignore[arg-type]
+    except TypeError:
+        raise DataError(f"effects is a sequence of Effect, got {effects!r}") from None
+    found = tuple(e for e in given if isinstance(e, Effect))
+    if len(found) < len(given):
+        wrong = next(e for e in given if not isinstance(e, Effect))
+        raise DataError(f"an effect must be an Effect, such as scale_effect(1e-6), got {wrong!r}")
+    if noise is None and not found:
+        raise DataError("a Monte Carlo needs noise= or at least one effect")
+    return found
 
 
 class _Draws:

@@ -27,23 +27,20 @@ from metrosep.parameters._profile_rows import (
     Edition,
     Row,
     Work,
+    named_edition,
 )
 from metrosep.parameters.material_ratio import CoreLine
 from metrosep.parameters.sections import Evaluation
 from metrosep.parameters.table import Context, ParameterTable
+from metrosep.spectral._checks import instance_of, symbols
 
 __all__ = ["Edition", "ProfileParameterTable", "profile_parameters"]
 
-_EDITIONS: Mapping[str, Edition] = {
-    "iso4287:1997": OLD,
-    "iso4287": OLD,
-    "iso21920-2:2021": NEW,
-    "iso21920-2": NEW,
-    "iso21920:2021": NEW,
-}
-
 _OFFSET_SHARE = 0.05
 """A mean of the heights above this share of q deserves a note: sk and ku depend on it."""
+
+_CUTOFF_SHARE = 0.01
+"""A section length further from the cut-off than this share of it (and a step) deserves a note."""
 
 _OTHER_SPELLINGS = {
     "mr1": "mrk1",
@@ -155,7 +152,8 @@ def profile_parameters(
     Raises
     ------
     DataError
-        If an option is unknown, or P data are asked for R or W parameters.
+        If an option is unknown or of the wrong type, P data are asked for R or W parameters, a
+        height is beyond 1e60 m, or their range is below 1e-60 m and not zero.
     DoubleFilterError
         If the profile is declared R or W and asked as something else.
     TooFewSamplesError
@@ -166,7 +164,8 @@ def profile_parameters(
     Notes
     -----
     Missing ends are cut off before sections are formed. Inside, heights use the valid samples,
-    gradients the complete 7-point stencils, and elements never bridge a gap. O(n log n).
+    gradients the complete 7-point stencils, and elements never bridge a gap. Where less than half
+    of one of several sections is valid, what needs the sections is unavailable. O(n log n).
     1997: a, q, sk, ku, dq, Sm, c per section, then their mean. 2021: these over the whole.
     Both: p, v, z are means of the section values; t is over the whole.
 
@@ -184,7 +183,8 @@ def profile_parameters(
     >>> f"{table['Rq'].value:.5g} {table['RSm'].value:.5g}"
     '3.5355e-08 0.0001'
     """
-    chosen = _edition(edition)
+    instance_of(profile, Profile, "a table of profile parameters")
+    chosen = named_edition(edition)
     if kind not in ("P", "W", "R"):
         raise DataError(f'kind is "P", "W" or "R", got {kind!r}')
     if line not in ("lsq", "secant"):
@@ -219,13 +219,6 @@ def profile_parameters(
     return ProfileParameterTable(quantities, context, unavailable=unavailable)
 
 
-def _edition(edition: str) -> Edition:
-    found = _EDITIONS.get("".join(str(edition).lower().split()))
-    if found is None:
-        raise DataError(f'edition is "{NEW}" or "{OLD}", got {edition!r}')
-    return found
-
-
 def _plain(symbol: str, kind: str) -> str:
     """Return a spelling that is the same for both editions, without the kind."""
     rest = symbol.lower()
@@ -238,8 +231,7 @@ def _wanted(names: Sequence[str] | None, kind: ProfileKind, edition: Edition) ->
     rows = [r for r in ROWS if (r.old if edition == OLD else r.new) is not None]
     if names is None:
         return rows
-    if isinstance(names, str):
-        raise DataError(f"names is a sequence of symbols, got the text {names!r}")
+    names = symbols(names)
     by_plain = {_plain(r.symbol(kind, edition), kind): r for r in rows}
     unknown = [n for n in names if _plain(n, kind) not in by_plain]
     if unknown:
@@ -254,10 +246,10 @@ def _check_kind(profile: Profile, kind: ProfileKind) -> None:
     if declared is None or declared == kind:
         return
     if declared == "P":
+        chain = "roughness" if kind == "R" else "waviness"
         raise DataError(
             f"the profile is declared P (not filtered by a cutoff) and {kind} parameters were "
-            "asked; filter it first, with metrosep.filters.gaussian(profile, cutoff=..., "
-            f'band="{"short" if kind == "R" else "long"}")'
+            f"asked; filter it first, with metrosep.filters.{chain}(profile, lambda_c=...)"
         )
     raise DoubleFilterError(
         f"the profile is declared {declared}, already filtered, and {kind} parameters were asked; "
@@ -298,9 +290,21 @@ def _notes(
             f"{inside} of {e.whole.size} samples are missing inside; heights use the others, "
             "gradients complete 7-point stencils, elements stop at gaps."
         )
+    gapped = [
+        f"section {k + 1} ({count} of {part.size} samples)"
+        for k, (count, part) in enumerate(zip(e.valid_counts, e.parts, strict=True))
+        if count < part.size
+    ]
+    if gapped and len(e.parts) > 1:
+        notes.append(
+            f"Not complete: {', '.join(gapped)}; each section counts alike in means, and one with "
+            "less than half of its samples stops them."
+        )
     sizes = sorted({p.size for p in e.parts})
     if len(sizes) > 1:
         notes.append(f"Sections hold {sizes[0]} or {sizes[-1]} samples: they do not divide.")
+    if kind != "P":
+        notes.extend(_cutoff_note(profile, e, kind))
     mean = float(np.nanmean(e.whole))
     if not centre and abs(mean) > _OFFSET_SHARE * e.amplitude.q:
         notes.append(
@@ -313,6 +317,23 @@ def _notes(
             "valley-suppressing (robust) filter before it."
         )
     return notes
+
+
+def _cutoff_note(profile: Profile, e: Evaluation, kind: str) -> list[str]:
+    """Return a note where the sections are not those of the cut-off (nor of lambda_f for W)."""
+    length = float(e.section_lengths.mean())
+    names = ("lambda_c_m", "lambda_f_m") if kind == "W" else ("lambda_c_m",)
+    cutoffs = [c for c in map(profile.metadata.get, names) if isinstance(c, float) and c > 0.0]
+    if not cutoffs or any(abs(length - c) <= max(_CUTOFF_SHARE * c, e.dx) for c in cutoffs):
+        return []
+    n = max(1, int(e.whole.size * e.dx / cutoffs[0] * (1.0 + 1e-9)))
+    chain = f", or metrosep.filters.roughness(..., sections={n})" if kind == "R" else ""
+    note = (
+        f"Used are sections of {format_length(length)}, while lambda_c is "
+        f"{format_length(cutoffs[0])}: the standard takes sections of one cut-off; pass "
+        f"sections={n}{chain}."
+    )
+    return [note]
 
 
 def _robust(profile: Profile) -> bool:

@@ -3,11 +3,11 @@
 ISO 4287:1997 evaluates most parameters in each section (sampling length) and gives their mean;
 ISO 21920-2:2021 evaluates most over the whole evaluation length and keeps sections for p, v and z.
 Sections have equal length in x; where the samples do not divide, they differ by one sample.
+Each counts alike in a mean, so one with less than half of its samples valid stops the mean.
 """
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
@@ -18,12 +18,17 @@ from numpy.typing import NDArray
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.profile import Profile
+from metrosep.parameters._range import check_range
 from metrosep.parameters.amplitude import Amplitudes, amplitudes
+from metrosep.spectral._checks import whole_number
 
-__all__ = ["Evaluation", "section_slices", "trim"]
+__all__ = ["MIN_VALID_SHARE", "Evaluation", "section_slices", "trim"]
 
 _MIN_SECTION = 2
 """Fewest samples in a section."""
+
+MIN_VALID_SHARE = 0.5
+"""Least share of valid samples of one section among several: with fewer it is no full section."""
 
 
 def section_slices(n: int, sections: int) -> tuple[slice, ...]:
@@ -53,9 +58,7 @@ def section_slices(n: int, sections: int) -> tuple[slice, ...]:
     >>> section_slices(10, 3)
     (slice(0, 3, None), slice(3, 7, None), slice(7, 10, None))
     """
-    count = -1 if isinstance(sections, bool) else _whole_number(sections)
-    if count < 1:
-        raise DataError(f"sections must be a whole number from 1, got {sections!r}")
+    count = whole_number(sections, "sections")
     if n < _MIN_SECTION * count:
         raise TooFewSamplesError(
             f"{count} section(s) need {_MIN_SECTION * count} samples or more, got {n}; use "
@@ -112,7 +115,7 @@ class Evaluation:
     amplitude : Amplitudes
         Of the whole evaluation length.
     section_amplitudes : tuple of Amplitudes
-        Of the sections; empty where a section holds no valid sample.
+        Of the sections; empty where one of several sections is valid in less than half.
     """
 
     x: FloatArray
@@ -151,17 +154,20 @@ class Evaluation:
         NotUniformError
             If the positions are not uniform.
         DataError
-            If `sections` is not a whole number >= 1.
+            If `sections` is not a whole number >= 1, a height is beyond 1e60 m, or their range is
+            below 1e-60 m and not zero.
         """
         kept = trim(profile.z)
         x, z = profile.x[kept], profile.z[kept]
+        check_range(float(np.nanmin(z)), float(np.nanmax(z)))
         dx = profile.dx
         slices = section_slices(z.size, sections)
         whole = z - np.nanmean(z) if centre else z
         parts = tuple(
             _section(z if by_section else whole, s, centre and by_section) for s in slices
         )
-        empty = any(np.isnan(p).all() for p in parts)
+        counts = [int(np.count_nonzero(~np.isnan(p))) for p in parts]
+        full = all(_is_full(c, p.size, len(parts)) for c, p in zip(counts, parts, strict=True))
         return cls(
             x=x,
             whole=whole,
@@ -170,7 +176,7 @@ class Evaluation:
             dx=dx,
             by_section=by_section,
             amplitude=amplitudes(whole),
-            section_amplitudes=() if empty else tuple(amplitudes(p) for p in parts),
+            section_amplitudes=tuple(amplitudes(p) for p in parts) if full else (),
         )
 
     @property
@@ -182,6 +188,29 @@ class Evaluation:
     def section_lengths(self) -> NDArray[np.float64]:
         """Length of each section, samples times step, m."""
         return np.array([p.size for p in self.parts]) * self.dx
+
+    @property
+    def valid_counts(self) -> tuple[int, ...]:
+        """Number of valid samples of each section."""
+        return tuple(int(np.count_nonzero(~np.isnan(p))) for p in self.parts)
+
+    def check_sections(self) -> None:
+        """Refuse sections of which one has too few valid samples to count as a full one.
+
+        Raises
+        ------
+        TooFewSamplesError
+            If less than half of one of several sections is valid.
+        """
+        if self.section_amplitudes:
+            return
+        for k, (count, part) in enumerate(zip(self.valid_counts, self.parts, strict=True)):
+            if not _is_full(count, part.size, len(self.parts)):
+                raise TooFewSamplesError(
+                    f"section {k + 1} of {len(self.parts)} holds {count or 'no'} valid sample"
+                    f"{'s' if count > 1 else ''} of {part.size}, less than half; use fewer "
+                    "sections or crop the profile"
+                )
 
     def section_values(self, of: Callable[[Amplitudes], float | None]) -> list[float]:
         """Return an amplitude parameter of each section.
@@ -199,16 +228,11 @@ class Evaluation:
         Raises
         ------
         TooFewSamplesError
-            If a section holds no valid sample.
+            If less than half of one of several sections is valid.
         DataError
             If the parameter does not exist in a section of zero height.
         """
-        if not self.section_amplitudes:
-            bad = [k + 1 for k, p in enumerate(self.parts) if np.isnan(p).all()]
-            raise TooFewSamplesError(
-                f"section {bad[0]} of {len(self.parts)} holds no valid sample; use fewer sections "
-                "or crop the profile"
-            )
+        self.check_sections()
         values: list[float] = []
         for k, amplitude in enumerate(self.section_amplitudes):
             value = of(amplitude)
@@ -233,7 +257,7 @@ class Evaluation:
         Raises
         ------
         TooFewSamplesError
-            If a section holds no valid sample.
+            If less than half of one of several sections is valid.
         DataError
             If the parameter does not exist because all heights are equal.
         """
@@ -245,17 +269,13 @@ class Evaluation:
         return value
 
 
+def _is_full(n_valid: int, n: int, sections: int) -> bool:
+    return n_valid > 0 and (sections == 1 or n_valid >= MIN_VALID_SHARE * n)
+
+
 def _section(z: FloatArray, s: slice, centre: bool) -> FloatArray:
     part = z[s]
     if not centre or np.isnan(part).all():
         return part
     centred: FloatArray = part - np.nanmean(part)
     return centred
-
-
-def _whole_number(value: object) -> int:
-    """Return a whole number as int, -1 where it is none."""
-    try:
-        return operator.index(value)  # type: ignore[arg-type]
-    except TypeError:
-        return -1

@@ -14,6 +14,7 @@ from typing import Literal
 
 from metrosep.core.errors import DataError, NotConvergedError
 from metrosep.core.units import format_length
+from metrosep.spectral._checks import real_number
 
 __all__ = ["SETTING_CLASSES", "SettingClass", "setting_class", "settle_cutoff", "suggested_cutoff"]
 
@@ -225,7 +226,7 @@ def settle_cutoff(
 
 
 def _positive(name: str, value: float | None) -> float:
-    number = math.nan if value is None else float(value)
+    number = real_number(value, name, "finite and positive, in m")
     if not (math.isfinite(number) and number > 0.0):
         raise DataError(f"{name} must be finite and positive, in m, got {value}")
     return number

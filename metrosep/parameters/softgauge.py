@@ -1,7 +1,8 @@
 """Type F1 software gauges (ISO 5436-2): profile and expected values in one file, compared.
 
 The ``.smd`` file holds a primary profile, form-free and lambda_s filtered, and lines
-``PARAMETER_VALUE symbol value unit uncertainty``. P parameters are taken from the profile as it
+``PARAMETER_VALUE symbol value unit uncertainty``. The word after the value is the unit where it is
+no number or exactly ``1``; any other number there is the uncertainty of a pure number. P parameters are taken from the profile as it
 is; R and W ones after a Gaussian filter with the lambda_c of the file's ``PROFILE_FILTER`` line or
 of the caller.
 """
@@ -19,16 +20,16 @@ from metrosep.core.errors import DataError, MetrosepError, UnitError
 from metrosep.core.profile import Profile
 from metrosep.core.units import parse_unit
 from metrosep.filters.kind import ProfileKind
+from metrosep.parameters._profile_rows import named_edition
+from metrosep.spectral._checks import finite_number, instance_of, whole_number
 
 __all__ = ["Expectation", "GaugeRow", "GaugeSettings", "expectations", "verify_softgauge"]
 
-_LINE = re.compile(
-    r"^PARAMETER_VALUE\s+(?P<symbol>[A-Za-z][\w()]*)\s+(?P<value>\S+)(?:\s+(?P<unit>[^\s\d]\S*))?"
-    r"(?:\s+(?P<u>[-+.\dEe]+))?\s*$"
-)
+_SYMBOL = re.compile(r"[A-Za-z][\w()]*")
 _LENGTH = r"([-+.\dEe]+)\s*([^\s\d.]\w*)"
 _FILTER = re.compile(r"^PROFILE_FILTER\s+(?P<name>\w+)(?P<rest>.*)$", re.IGNORECASE)
-_PURE = {"1", "-", "none", "%"}
+_PURE = {"1": 1.0, "-": 1.0, "none": 1.0, "%": 0.01}
+_DIMENSIONS = {"m": "length", "1": "number", "rad": "angle"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +48,8 @@ class Expectation:
         Uncertainty as printed, in SI; None where it is not given or zero.
     printed : str
         Value and unit as the file has them.
+    dimension : str, optional
+        Of the unit: ``"length"``, ``"number"``, ``"angle"``, ...; empty where it is not known.
     """
 
     symbol: str
@@ -54,6 +57,7 @@ class Expectation:
     half_digit: float
     u: float | None
     printed: str
+    dimension: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,13 +209,15 @@ def verify_softgauge(
     Returns
     -------
     tuple of GaugeRow
-        One per expected value. A parameter that metrosep does not have, or cannot give for this
-        profile, stands there with the reason.
+        One per expected value. A parameter that metrosep does not have, cannot give for this
+        profile (no cut-off, filtered already), or that the file gives in a unit of another
+        dimension, stands there with the reason.
 
     Raises
     ------
     DataError
-        If the file expects no value, or needs a cut-off that nobody gives.
+        If the file expects no value, a line cannot be understood, or an option is unknown or out
+        of range.
 
     Notes
     -----
@@ -223,6 +229,8 @@ def verify_softgauge(
     ----------
     .. [1] ISO 5436-2:2012, type F1 (layout of the lines as recalled in the file's description).
     """
+    instance_of(profile, Profile, "a software gauge")
+    _check_options(kind, edition, sections, line, relative_tolerance)
     header = profile.metadata.get("header")
     lines: Sequence[str] = header.get("information", ()) if isinstance(header, Mapping) else ()
     expected, settings = expectations(lines)
@@ -252,36 +260,64 @@ def verify_softgauge(
 
 
 def _expectation(text: str) -> Expectation:
-    match = _LINE.match(text)
-    if match is None:
+    words = text.split()[1:]
+    if len(words) < 2 or _SYMBOL.fullmatch(words[0]) is None:
         raise DataError(f"expected PARAMETER_VALUE symbol value unit uncertainty, found {text!r}")
+    symbol, number, rest = words[0], words[1], words[2:]
     try:
-        printed = Decimal(match["value"])
+        printed = Decimal(number)
     except InvalidOperation:
         raise DataError(f"the value in {text!r} is no number") from None
     if not printed.is_finite():
         raise DataError(f"the value in {text!r} is not finite")
-    unit = match["unit"] or "1"
-    factor = _factor(unit, text)
-    exponent = printed.as_tuple().exponent
-    half = 0.5 * 10.0 ** int(exponent)
-    u = abs(float(match["u"])) * factor if match["u"] else 0.0
+    # "Psk 0.0888 1" states the unit of a pure number, "Psk 0.0888 0.01" its uncertainty
+    stated = rest.pop(0) if rest and (rest[0] == "1" or not _is_number(rest[0])) else ""
+    if len(rest) > 1:
+        raise DataError(f"expected PARAMETER_VALUE symbol value unit uncertainty, found {text!r}")
+    factor, dimension = _unit(stated or "1", text)
+    u = abs(_uncertainty(rest[0], text)) * factor if rest else 0.0
+    half = 0.5 * 10.0 ** int(printed.as_tuple().exponent)
     return Expectation(
-        symbol=match["symbol"],
+        symbol=symbol,
         value=float(printed) * factor,
         half_digit=half * factor,
         u=u or None,
-        printed=f"{match['value']} {match['unit'] or ''}".strip(),
+        printed=f"{number} {stated}".strip(),
+        dimension=dimension,
     )
 
 
-def _factor(unit: str, text: str) -> float:
-    if unit.lower() in _PURE:
-        return 0.01 if unit == "%" else 1.0
+def _is_number(word: str) -> bool:
     try:
-        return parse_unit(unit).factor
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+def _uncertainty(word: str, text: str) -> float:
+    u = float(word) if _is_number(word) else math.nan
+    if not math.isfinite(u):
+        raise DataError(f"the uncertainty {word!r} in {text!r} is no finite number")
+    return u
+
+
+def _unit(unit: str, text: str) -> tuple[float, str]:
+    """Return factor to SI and dimension of a unit."""
+    if unit.lower() in _PURE:
+        return _PURE[unit.lower()], "number"
+    try:
+        found = parse_unit(unit)
     except UnitError as error:
         raise DataError(f"the unit in {text!r} is not known: {error}") from None
+    return found.factor, found.dimension
+
+
+def _cutoff(number: str, unit: str, text: str) -> float:
+    factor, dimension = _unit(unit, text)
+    if not _is_number(number) or dimension != "length":
+        raise DataError(f"the cut-off {number} {unit} in {text!r} is no length")
+    return float(number) * factor
 
 
 def _settings(match: re.Match[str]) -> GaugeSettings:
@@ -289,7 +325,7 @@ def _settings(match: re.Match[str]) -> GaugeSettings:
     for key in ("LC", "LS"):
         part = re.search(rf"\b{key}\s*=?\s*{_LENGTH}", match["rest"], re.IGNORECASE)
         if part is not None:
-            found[key] = float(part[1]) * _factor(part[2], match[0])
+            found[key] = _cutoff(part[1], part[2], match[0])
     if "gauss" not in match["name"].lower():
         raise DataError(f"the file asks for the filter {match['name']}; only Gaussian is defined")
     return GaugeSettings(lambda_c=found.get("LC"), lambda_s=found.get("LS"))
@@ -314,8 +350,10 @@ def _table(
         return DataError(f"metrosep knows parameters of P, W and R profiles, not of {letter}")
     wanted: ProfileKind = letter  # type: ignore[assignment]
     try:
-        if wanted == "P" and kind != "P":
-            raise DataError(f"the profile was declared {kind}: it has no P parameters")
+        if kind not in ("P", wanted):
+            raise DataError(
+                f"the profile was declared {kind}, filtered already: it has no {wanted} parameters"
+            )
         used = profile
         if wanted != kind:
             if cutoff is None:
@@ -347,5 +385,27 @@ def _row(item: Expectation, table: Any, relative_tolerance: float) -> GaugeRow:
     try:
         quantity = table[item.symbol]
     except (KeyError, DataError) as error:
-        return GaugeRow(item, math.nan, "", tolerance, str(error).strip("'\""))
+        return GaugeRow(item, math.nan, "", tolerance, str(error.args[0]))
+    needed = _DIMENSIONS.get(quantity.unit, quantity.unit)
+    if item.dimension not in ("", needed):
+        unit = item.printed.partition(" ")[2] or "1"
+        reason = (
+            f"the file gives it in {unit}, a {item.dimension}, but {item.symbol} is a {needed}"
+        )
+        return GaugeRow(item, math.nan, "", tolerance, reason)
     return GaugeRow(item, float(quantity.value), quantity.unit, tolerance)
+
+
+def _check_options(
+    kind: str, edition: str, sections: object, line: str, relative_tolerance: object
+) -> None:
+    """Refuse at the call what would else stand as a reason in every row."""
+    named_edition(edition)
+    if kind not in ("P", "W", "R"):
+        raise DataError(f'kind is "P", "W" or "R", got {kind!r}')
+    if line not in ("lsq", "secant"):
+        raise DataError(f'line is "lsq" or "secant", got {line!r}')
+    if sections is not None:
+        whole_number(sections, "sections")
+    if finite_number(relative_tolerance, "relative_tolerance") < 0.0:
+        raise DataError(f"relative_tolerance must not be negative, got {relative_tolerance}")

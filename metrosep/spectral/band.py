@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from metrosep.core.errors import DataError
 from metrosep.core.units import format_length
+from metrosep.spectral._checks import real_number
 
 __all__ = ["Band"]
 
@@ -41,7 +42,7 @@ class Band:
             value = getattr(self, name)
             if value is None:
                 continue
-            number = float(value)
+            number = real_number(value, f"the {name} wavelength of a band")
             if not (math.isfinite(number) and number > 0.0):
                 raise DataError(
                     f"the {name} wavelength of a band must be positive and finite, got {value} m"

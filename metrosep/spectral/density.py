@@ -20,6 +20,7 @@ from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesEr
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
+from metrosep.spectral._checks import instance_of
 from metrosep.spectral.band import Band
 from metrosep.spectral.hann import hann_weights, taper_weights
 from metrosep.spectral.spectra import AmplitudeSpectrum, ArealPsd, Psd, RadialPsd
@@ -68,7 +69,7 @@ def profile_psd(
     Raises
     ------
     DataError
-        If an option is unknown.
+        If an option is unknown, or it is no profile.
     InvalidSamplesError
         If a sample was not measured.
     NotUniformError
@@ -123,7 +124,7 @@ def amplitude_spectrum(
     Raises
     ------
     DataError
-        If an option is unknown.
+        If an option is unknown, or it is no profile.
     InvalidSamplesError
         If a sample was not measured.
     NotUniformError
@@ -180,7 +181,7 @@ def areal_psd(
     Raises
     ------
     DataError
-        If an option is unknown or the surface has no lateral step.
+        If an option is unknown, it is no surface, or the surface has no lateral step.
     InvalidSamplesError
         If a pixel was not measured.
     TooFewSamplesError
@@ -196,6 +197,7 @@ def areal_psd(
     """
     from scipy import fft
 
+    instance_of(surface, Surface, "an areal spectrum")
     dx, dy = _steps(surface)
     z = _complete(surface.z, "surface", "pixels", 4)
     z = _detrended(z, detrend, "plane")
@@ -233,7 +235,7 @@ def radial_psd(
     Raises
     ------
     DataError
-        If an option is unknown or the surface has no lateral step.
+        If an option is unknown, it is no surface, or the surface has no lateral step.
     InvalidSamplesError
         If a pixel was not measured.
     TooFewSamplesError
@@ -334,6 +336,7 @@ def _in_band(frequency: FloatArray, band: Band) -> NDArray[np.bool_]:
 def _prepared_profile(
     profile: Profile, window: Window, detrend: str | None
 ) -> tuple[FloatArray, FloatArray]:
+    instance_of(profile, Profile, "the spectrum of a profile")
     z = _complete(profile.z, "profile", "samples", 4)
     _ = profile.dx  # refuses positions that are not uniform
     return _detrended(z, detrend, "line"), _weights(z.size, window)

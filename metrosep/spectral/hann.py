@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core.errors import DataError
+from metrosep.spectral._checks import real_number, whole_number
 
 __all__ = ["coherent_gain", "hann_weights", "noise_bandwidth", "taper_weights"]
 
@@ -35,7 +36,7 @@ def hann_weights(n: int) -> FloatArray:
     Raises
     ------
     DataError
-        If n < 1.
+        If n is not a whole number from 1.
 
     Examples
     --------
@@ -63,7 +64,7 @@ def taper_weights(n: int, fraction: float) -> FloatArray:
     Raises
     ------
     DataError
-        If n < 1 or the fraction is outside 0 ... 1.
+        If n is not a whole number from 1 or the fraction is outside 0 ... 1.
 
     Notes
     -----
@@ -78,9 +79,8 @@ def taper_weights(n: int, fraction: float) -> FloatArray:
     >>> taper_weights(8, 0.5).round(12).tolist()
     [0.0, 0.5, 1.0, 1.0, 1.0, 1.0, 1.0, 0.5]
     """
-    if n < 1:
-        raise DataError(f"a window needs n >= 1 samples, got {n}")
-    if not 0.0 <= fraction <= 1.0:
+    n = whole_number(n, "the number of samples n of a window")
+    if not 0.0 <= real_number(fraction, "the tapered fraction") <= 1.0:
         raise DataError(f"the tapered fraction must lie in 0 ... 1, got {fraction}")
     if fraction == 0.0:
         return np.ones(n)

@@ -12,13 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core.errors import DataError
+from metrosep.spectral._checks import whole_number
 
 __all__ = ["kono_weights", "tukey_weights"]
 
 
 def _check(n: int, n_taper: int) -> None:
-    if n < 1:
-        raise DataError(f"a window needs n >= 1 samples, got {n}")
+    whole_number(n, "the number of samples n of a window")
+    whole_number(n_taper, "the number of samples N of a taper", minimum=0)
     if n_taper < 1 or 2 * n_taper > n:
         raise DataError(
             f"the taper must have 1 <= N <= n/2 samples at each end, got N = {n_taper} for n = {n}"
@@ -44,7 +45,7 @@ def kono_weights(n: int, n_taper: int) -> NDArray[np.float64]:
     Raises
     ------
     DataError
-        If N is out of range.
+        If n or N is not a whole number, or N is out of range.
 
     Notes
     -----
@@ -90,7 +91,7 @@ def tukey_weights(n: int, n_taper: int) -> NDArray[np.float64]:
     Raises
     ------
     DataError
-        If `n_taper` is out of range.
+        If `n` or `n_taper` is not a whole number, or `n_taper` is out of range.
 
     Examples
     --------

@@ -125,9 +125,39 @@ def test_bad_options() -> None:
         roughness(p, lambda_c=LAMBDA_C, lambda_s=LAMBDA_C)
     with pytest.raises(DataError, match=r"lambda_c .* shorter than lambda_f"):
         waviness(p, lambda_c=LAMBDA_C, lambda_f=LAMBDA_C)
-    with pytest.raises(DataError, match="at least 1"):
+    with pytest.raises(DataError, match="whole number from 1"):
         roughness(p, lambda_c=LAMBDA_C, sections=0)
     with pytest.raises(TooFewSamplesError, match="fewer sections"):
         roughness(p, lambda_c=LAMBDA_C, sections=13)
     with pytest.raises(DataError, match="sampling limit"):
         primary(p, lambda_s=1.0 * UM)
+
+
+@pytest.mark.parametrize("sections", [1.5, "a", True, 0, -1, np.nan])
+def test_sections_that_are_no_whole_number_are_refused(sections: object) -> None:
+    p = Profile(X, np.zeros(X.size))
+    with pytest.raises(DataError, match="sections must be a whole number from 1"):
+        roughness(p, lambda_c=LAMBDA_C, sections=sections)
+
+
+@pytest.mark.parametrize("link", [primary, roughness, waviness])
+def test_what_is_no_profile_is_refused(link) -> None:
+    name = "lambda_s" if link is primary else "lambda_c"
+    with pytest.raises(DataError, match="needs a Profile, got ndarray"):
+        link(np.zeros(X.size), **{name: LAMBDA_C})
+
+
+@pytest.mark.parametrize("name", ["lambda_c", "lambda_s"])
+def test_cutoffs_that_are_no_numbers_are_refused(name: str) -> None:
+    with pytest.raises(DataError, match=name):
+        roughness(Profile(X, np.zeros(X.size)), **{"lambda_c": LAMBDA_C, name: "a"})
+    with pytest.raises(DataError, match="lambda_c"):
+        waviness(Profile(X, np.zeros(X.size)), lambda_c=None)
+
+
+def test_refusal_names_the_way_round_it_in_python() -> None:
+    p = Profile(X, np.zeros(X.size), metadata={"profile_kind": "R"})
+    with pytest.raises(
+        DoubleFilterError, match=r"\(refilter=True in Python does it all the same\)"
+    ):
+        roughness(p, lambda_c=LAMBDA_C)

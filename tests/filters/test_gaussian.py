@@ -14,6 +14,7 @@ from metrosep.core.errors import (
     TooFewSamplesError,
 )
 from metrosep.core.profile import Profile
+from metrosep.core.surface import Surface
 from metrosep.filters.gaussian import gaussian, gaussian_support
 from metrosep.filters.kind import DoubleFilterError, profile_kind
 from metrosep.spectral.band import Band
@@ -352,3 +353,62 @@ def test_integers_and_a_cutoff_of_the_whole_length_are_taken() -> None:
     low = gaussian(p, cutoff=100)
 
     assert np.isfinite(low.z).all()
+
+
+@pytest.mark.parametrize("filtered", [gaussian, gaussian_support])
+@pytest.mark.parametrize("start", [0.0, -math.pi, 1.0])
+def test_closed_by_cutoff_that_repeats_its_first_sample_is_refused(filtered, start: float) -> None:
+    """As with upr=: the closed period n dx would be one step longer than the turn."""
+    t = np.linspace(start, start + 2.0 * np.pi, 721)
+    with pytest.raises(InvalidSamplesError, match="drop the last sample"):
+        filtered(Profile(t, np.cos(t)), cutoff=0.4, end="closed")
+    assert len(filtered(Profile(t[:-1], np.cos(t[:-1])), cutoff=0.4, end="closed")) == 720
+    assert len(filtered(Profile(t, np.cos(t)), cutoff=0.4)) == 721
+
+
+def test_waviness_stays_waviness_in_both_bands() -> None:
+    p = Profile(np.arange(300) * UM, np.zeros(300), metadata={"profile_kind": "W"})
+
+    for band in ("long", "short"):
+        assert profile_kind(gaussian(p, cutoff=50 * UM, band=band)) == "W"
+
+
+def test_surface_is_not_filtered_short_twice() -> None:
+    """A surface has no kind; its history says that the waviness is out already."""
+    s = Surface(np.random.default_rng(12).normal(size=(40, 40)), UM, UM)
+    for first in ("short", Band(5 * UM, 20 * UM)):
+        index = {"nesting_index": 20 * UM} if first == "short" else {}
+        rough = gaussian(s, band=first, **index)
+        with pytest.raises(
+            DoubleFilterError, match=r"refilter=True in Python does it all the same"
+        ):
+            gaussian(rough, nesting_index=20 * UM, band="short")
+        with pytest.raises(DoubleFilterError, match="gaussian"):
+            gaussian(rough, band=Band(5 * UM, 20 * UM))
+        again = gaussian(rough, nesting_index=20 * UM, band="short", refilter=True)
+        assert again.shape == (40, 40)
+        # an S-filter after the L-filter takes another part away
+        assert gaussian(rough, nesting_index=5 * UM).shape == (40, 40)
+    long = gaussian(s, nesting_index=5 * UM)
+    assert gaussian(long, nesting_index=20 * UM, band="short").shape == (40, 40)
+
+
+@pytest.mark.parametrize("filtered", [gaussian, gaussian_support])
+@pytest.mark.parametrize("obj", [np.zeros(300), [0.0] * 300, None])
+def test_what_is_no_profile_and_no_surface_is_refused(filtered, obj: object) -> None:
+    with pytest.raises(DataError, match="needs a Profile or Surface, got"):
+        filtered(obj, cutoff=50 * UM)
+
+
+@pytest.mark.parametrize(
+    ("options", "match"),
+    [
+        ({"upr": "a", "end": "closed"}, "upr"),
+        ({"cutoff": 50 * UM, "min_support": "a"}, "min_support"),
+        ({"cutoff": "a"}, "cutoff"),
+        ({"cutoff": True}, "cutoff"),
+    ],
+)
+def test_options_that_are_no_numbers_are_refused(options: dict[str, object], match: str) -> None:
+    with pytest.raises(DataError, match=match):
+        gaussian(Profile(np.arange(300) * UM, np.zeros(300)), **options)

@@ -237,3 +237,23 @@ def test_one_row_and_one_measured_sample_are_fine():
 
     assert closing(Profile(np.arange(9), z), radius=3).z[4] == 2.0
     assert dilation(Surface(np.arange(9.0)[None], 1, 1), radius=3).z[0, 8] == 8.0
+
+
+@pytest.mark.parametrize("filtered", [closing, opening])
+def test_waviness_stays_waviness_in_both_bands(filtered):
+    p = Profile(np.arange(50.0), np.zeros(50), metadata={"profile_kind": "W"})
+
+    assert [profile_kind(filtered(p, length=4, band=b)) for b in ("long", "short")] == ["W", "W"]
+
+
+@pytest.mark.parametrize("filtered", [closing, opening, dilation, erosion])
+@pytest.mark.parametrize("obj", [np.zeros(300), None])
+def test_what_is_no_profile_and_no_surface_is_refused(filtered, obj):
+    with pytest.raises(DataError, match="needs a Profile or Surface, got"):
+        filtered(obj, length=4)
+
+
+@pytest.mark.parametrize("name", ["radius", "length"])
+def test_size_that_is_no_number_is_refused(name):
+    with pytest.raises(DataError, match=name):
+        closing(Profile(np.arange(50.0), np.zeros(50)), **{name: "a"})

@@ -300,3 +300,33 @@ def test_too_few_iterations_are_told():
     z = np.random.default_rng(7).standard_normal(200)
     with pytest.raises(NotConvergedError, match="in 2 iterations"):
         robust_gaussian(Profile(np.arange(200), z), cutoff=50, max_iterations=2)
+
+
+def test_waviness_stays_waviness_in_both_bands():
+    z = np.random.default_rng(1).normal(size=300)
+    p = Profile(np.arange(300.0), z, metadata={"profile_kind": "W"})
+
+    kinds = [profile_kind(robust_gaussian(p, cutoff=50, band=b)) for b in ("long", "short")]
+    assert kinds == ["W", "W"]
+
+
+def test_surface_is_not_filtered_short_twice():
+    s = Surface(np.random.default_rng(12).normal(size=(40, 40)), 1.0, 1.0)
+    rough = robust_gaussian(s, nesting_index=20, band="short")
+
+    with pytest.raises(DoubleFilterError, match="robust_gaussian"):
+        robust_gaussian(rough, nesting_index=20, band="short")
+    again = robust_gaussian(rough, nesting_index=20, band="short", refilter=True)
+    assert again.shape == (40, 40)
+
+
+@pytest.mark.parametrize("obj", [np.zeros(300), None])
+def test_what_is_no_profile_and_no_surface_is_refused(obj):
+    with pytest.raises(DataError, match="needs a Profile or Surface, got"):
+        robust_gaussian(obj, cutoff=50)
+
+
+@pytest.mark.parametrize("options", [{"tolerance": "a"}, {"max_iterations": 2.5}])
+def test_options_that_are_no_numbers_are_refused(options):
+    with pytest.raises(DataError, match=next(iter(options))):
+        robust_gaussian(Profile(np.arange(300.0), np.zeros(300)), cutoff=50, **options)

@@ -303,3 +303,42 @@ def test_roughness_is_not_filtered_again():
 @pytest.fixture
 def rng():
     return np.random.default_rng(16610)
+
+
+def test_closed_profile_that_repeats_its_first_sample_is_refused():
+    t = np.linspace(0.0, 2.0 * np.pi, 721)
+    with pytest.raises(InvalidSamplesError, match="drop the last sample"):
+        spline(Profile(t, np.cos(t)), cutoff=0.4, end="closed")
+    assert len(spline(Profile(t[:-1], np.cos(t[:-1])), cutoff=0.4, end="closed")) == 720
+    assert len(spline(Profile(t, np.cos(t)), cutoff=0.4)) == 721
+
+
+def test_waviness_stays_waviness_in_both_bands():
+    p = Profile(np.arange(300) * UM, np.zeros(300), metadata={"profile_kind": "W"})
+
+    assert [profile_kind(spline(p, cutoff=50 * UM, band=b)) for b in ("long", "short")] == [
+        "W"
+    ] * 2
+
+
+def test_surface_is_not_filtered_short_twice():
+    s = Surface(np.random.default_rng(12).normal(size=(40, 40)), UM, UM)
+    rough = spline(s, nesting_index=20 * UM, band="short")
+
+    with pytest.raises(DoubleFilterError, match="spline"):
+        spline(rough, nesting_index=20 * UM, band="short")
+    again = spline(rough, nesting_index=20 * UM, band="short", refilter=True)
+    assert np.abs(again.z).sum() < np.abs(rough.z).sum()  # too small: why it is refused
+    assert spline(rough, nesting_index=5 * UM).shape == (40, 40)
+
+
+@pytest.mark.parametrize("obj", [np.zeros(300), None])
+def test_what_is_no_profile_and_no_surface_is_refused(obj):
+    with pytest.raises(DataError, match="needs a Profile or Surface, got"):
+        spline(obj, cutoff=50 * UM)
+
+
+@pytest.mark.parametrize("options", [{"tension": "a"}, {"max_iterations": 2.5}])
+def test_options_that_are_no_numbers_are_refused(options):
+    with pytest.raises(DataError, match=next(iter(options))):
+        spline(Profile(np.arange(300) * UM, np.zeros(300)), cutoff=50 * UM, **options)

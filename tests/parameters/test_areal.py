@@ -6,7 +6,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from metrosep import Surface
+from metrosep import Profile, Surface
 from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.core.provenance import Step
 from metrosep.parameters.areal import areal_parameters, is_form_removed
@@ -310,3 +310,59 @@ def test_a_map_that_is_mostly_empty():
         assert getattr(whole, name) == pytest.approx(getattr(inner, name), rel=EXACT, abs=0.0), (
             name
         )
+
+
+@pytest.mark.parametrize(("old", "new"), [("Smr1", "Smrk1"), ("Smr2", "Smrk2")])
+def test_symbols_of_2021_are_found(rng, old, new):
+    surface = Surface(rng.normal(size=(60, 60)) * NM, UM, UM)
+    table = areal_parameters(surface)
+
+    assert old in table
+    assert new in table
+    assert table[new] is table[old]
+    assert list(areal_parameters(surface, names=[new])) == [old]
+    assert areal_parameters(surface, names=[new])[new].value == table[old].value
+    assert table.with_uncertainties({new: 0.01})[new].u == 0.01
+    assert table.with_uncertainties({new: 0.01})[old].u == 0.01
+    assert "line" in areal_parameters(surface, names=[new]).context.settings
+
+
+def test_alias_of_what_cannot_be_given_says_why():
+    with pytest.raises(DataError, match="Smr1 cannot be given"):
+        areal_parameters(Surface(np.zeros((9, 9)), UM, UM))["Smrk1"]
+    with pytest.raises(KeyError, match="Smrk3"):
+        areal_parameters(Surface(np.eye(9), UM, UM))["Smrk3"]
+
+
+@pytest.mark.parametrize("obj", [Profile(np.arange(9.0), np.zeros(9)), np.zeros((9, 9)), None])
+def test_what_is_no_surface_is_refused(obj):
+    with pytest.raises(DataError, match=f"needs a Surface, got {type(obj).__name__}"):
+        areal_parameters(obj)
+
+
+@pytest.mark.parametrize(
+    "options", [{"names": [1]}, {"names": 1}, {"pruning": "a"}, {"pruning": None}]
+)
+def test_options_of_the_wrong_type_are_refused(options):
+    with pytest.raises(DataError, match=next(iter(options))):
+        areal_parameters(Surface(np.eye(9), UM, UM), **options)
+
+
+@pytest.mark.parametrize("gap", [False, True])
+@pytest.mark.parametrize("size", [1e-207, 1e-100, 1e100, 1e153, 1e300])
+def test_heights_beyond_any_instrument_are_refused(rng, size, gap):
+    z = rng.normal(size=(60, 60))
+    if gap:
+        z[5] = np.nan
+    with pytest.raises(DataError, match=r"range of the heights|heights reach"):
+        areal_parameters(Surface(z * size, UM, UM))
+
+
+@pytest.mark.parametrize("size", [1e-50, 1e50])
+def test_heights_within_the_limits_are_taken(rng, size):
+    z = rng.normal(size=(60, 60))
+    one = areal_parameters(Surface(z, UM, UM), names=["Sku", "Sq"])
+    other = areal_parameters(Surface(z * size, UM, UM), names=["Sku", "Sq"])
+
+    assert other["Sku"].value == pytest.approx(one["Sku"].value, rel=1e-9, abs=0.0)
+    assert other["Sq"].value == pytest.approx(size * one["Sq"].value, rel=1e-9, abs=0.0)

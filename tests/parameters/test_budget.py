@@ -305,3 +305,16 @@ def test_bad_ready_lines_raise():
         alternatives_line("cutoff", [1.0])
     with pytest.raises(InvalidSamplesError, match="cutoff"):
         alternatives_line("cutoff", [1.0, math.nan])
+
+
+@pytest.mark.parametrize(
+    ("value", "expanded", "printed"),
+    [
+        (-1.2e-6, 3e-3, "(0.0 +- 3.0) mm"),
+        (-0.0, 3e-3, "(0.0 +- 3.0) mm"),
+        (-0.0, 0.0, "(0 +- 0) m"),
+        (-1.2e-3, 3e-3, "(-1.2 +- 3.0) mm"),
+    ],
+)
+def test_no_negative_zero_is_printed(value, expanded, printed):
+    assert report_value(value, expanded, "m") == printed

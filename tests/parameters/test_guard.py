@@ -249,3 +249,23 @@ def test_bad_guard_factors_raise():
         guard_factor(0.95, sides=3)
     with pytest.raises(DataError, match="coverage factor"):
         guard_factor(0.95, coverage_factor=-2.0)
+
+
+@pytest.mark.parametrize(
+    ("value", "options", "match"),
+    [
+        ("1", {}, "value"),
+        (None, {}, "value"),
+        (1.0, {"U": "a"}, "U"),
+        (1.0, {"upper": "a"}, "upper"),
+        (1.0, {"lower": "a"}, "lower"),
+        (1.0, {"guard_factor": None}, "guard_factor"),
+    ],
+)
+def test_decision_on_what_is_no_number_is_refused(value, options, match):
+    with pytest.raises(DataError, match=match):
+        decide(value, **{"upper": 2.0, "U": 0.1, **options})
+
+
+def test_value_that_is_not_measured_stays_inconclusive():
+    assert decide(math.nan, upper=2.0, U=0.1) == "inconclusive"

@@ -176,3 +176,23 @@ def test_metropro_file(corpus):
     flat = interferometric_parameters(fit(surface, Plane()).residual, names=["RMS"])
     assert flat["RMS"].value == pytest.approx(13.33498 * NM, rel=FILE, abs=0.0)
     assert flat.context.notes == ()
+
+
+@pytest.mark.parametrize("call", [interferometric_parameters, robust_peak_to_valley])
+@pytest.mark.parametrize("obj", [np.zeros((9, 9)), None])
+def test_what_is_no_surface_is_refused(call, obj):
+    with pytest.raises(DataError, match=f"needs a Surface, got {type(obj).__name__}"):
+        call(obj)
+
+
+@pytest.mark.parametrize("names", [[1], 1])
+def test_names_that_are_no_texts_are_refused(names):
+    with pytest.raises(DataError, match="names"):
+        interferometric_parameters(Surface(np.eye(9), 1e-3, 1e-3), names=names)
+
+
+@pytest.mark.parametrize("size", [1e-207, 1e-100, 1e100, 1e153, 1e300])
+def test_heights_beyond_any_instrument_are_refused(rng, size):
+    surface = Surface(rng.normal(size=(60, 60)) * size, 1e-3, 1e-3)
+    with pytest.raises(DataError, match=r"range of the heights|heights reach"):
+        interferometric_parameters(surface)

@@ -350,3 +350,38 @@ def test_bad_effects_raise():
         monte_carlo("PV", WAVE, effects=[bad])
     with pytest.raises(DataError, match="value"):
         scale_effect(-1.0)
+
+
+@pytest.mark.parametrize(
+    ("options", "match"),
+    [
+        ({"draws": 2.5}, "draws"),
+        ({"draws": "a"}, "draws"),
+        ({"draws": True}, "draws"),
+        ({"seed": "a"}, "seed"),
+        ({"seed": -1}, "seed"),
+        ({"seed": 1.5}, "seed"),
+        ({"noise": 2e-9}, r"noise.*WhiteNoise\(2e-09\)"),
+        ({"noise": "white"}, "noise"),
+        ({"effects": [2e-9]}, "effect"),
+        ({"effects": 2e-9}, "effect"),
+        ({"coverage": "a"}, "coverage"),
+        ({"max_draws": 2.5}, "max_draws"),
+        ({"max_bytes": "a"}, "max_bytes"),
+    ],
+)
+def test_arguments_of_the_wrong_type_are_refused(options, match):
+    with pytest.raises(DataError, match=match):
+        monte_carlo("PV", WAVE, **{"noise": NOISE, "draws": 100, **options})
+
+
+@pytest.mark.parametrize("obj", [WAVE.z, None])
+def test_what_is_no_profile_and_no_surface_is_refused(obj):
+    with pytest.raises(DataError, match="needs a Profile or Surface"):
+        monte_carlo("PV", obj, noise=NOISE, draws=100)
+
+
+def test_numbers_of_numpy_are_taken():
+    one = monte_carlo("PV", WAVE, noise=NOISE, draws=np.int64(100), seed=np.uint8(0))
+
+    assert one.draws.size == 100

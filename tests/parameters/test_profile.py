@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from metrosep import Profile
+from metrosep import Profile, Surface
 from metrosep.core.errors import (
     DataError,
     InvalidSamplesError,
@@ -14,6 +14,7 @@ from metrosep.core.errors import (
     TooFewSamplesError,
 )
 from metrosep.core.provenance import Step
+from metrosep.filters.chain import roughness, waviness
 from metrosep.filters.kind import DoubleFilterError
 from metrosep.parameters.hybrid import local_gradient
 from metrosep.parameters.profile import profile_parameters
@@ -275,6 +276,39 @@ def test_section_slices_cover_all_samples_once(n, sections):
     assert sizes == sizes[::-1]  # the direction of x does not matter
 
 
+@pytest.mark.parametrize(
+    ("cutoff", "sections", "noted"),
+    [(0.8e-3, 5, False), (0.806e-3, 5, False), (0.25e-3, 5, True), (0.25e-3, 16, False)],
+)
+def test_sections_that_are_not_the_cutoff_are_noted(cutoff, sections, noted):
+    """4 mm in 5 sections are sections of 0.8 mm: right for that cut-off only."""
+    profile = trace(sine(), metadata={"profile_kind": "R", "lambda_c_m": cutoff})
+
+    table = profile_parameters(profile, kind="R", sections=sections)
+
+    notes = [n for n in table.context.notes if "lambda_c" in n]
+    assert bool(notes) is noted
+    if noted:
+        assert "800 um" in notes[0]
+        assert "250 um" in notes[0]
+        assert "sections=16" in notes[0]
+
+
+def test_filtered_profile_knows_its_cutoff():
+    profile = roughness(trace(sine(n=8000)), lambda_c=0.8e-3)
+
+    notes = profile_parameters(profile, kind="R").context.notes
+
+    assert any("sections of 1.6 mm" in n and "sections=10" in n for n in notes)
+
+
+def test_sections_of_a_waviness_profile_may_be_those_of_lambda_f():
+    facts = {"profile_kind": "W", "lambda_c_m": 0.25e-3, "lambda_f_m": 0.8e-3}
+    profile = trace(sine(), metadata=facts)
+
+    assert not any("lambda_c" in n for n in profile_parameters(profile, kind="W").context.notes)
+
+
 # kind
 
 
@@ -284,12 +318,15 @@ def test_undeclared_kind_is_taken_with_a_note():
     assert any("Nobody declared" in note for note in notes)
 
 
-@pytest.mark.parametrize("kind", ["R", "W"])
-def test_unfiltered_data_asked_as_filtered_raise(kind):
+@pytest.mark.parametrize(("kind", "name"), [("R", "roughness"), ("W", "waviness")])
+def test_unfiltered_data_asked_as_filtered_raise(kind, name):
+    """The advice must lead out: the filter that it names gives that kind."""
     profile = trace(sine(), metadata={"profile_kind": "P"})
 
-    with pytest.raises(DataError, match="filter it first"):
+    with pytest.raises(DataError, match=rf"metrosep\.filters\.{name}\(profile, lambda_c=\.\.\.\)"):
         profile_parameters(profile, kind=kind)
+    filtered = {"roughness": roughness, "waviness": waviness}[name](profile, lambda_c=0.8e-3)
+    assert "t" in {s[1:] for s in profile_parameters(filtered, kind=kind)}
 
 
 @pytest.mark.parametrize(("declared", "kind"), [("R", "P"), ("R", "W"), ("W", "R"), ("W", "P")])
@@ -424,6 +461,40 @@ def test_empty_section_leaves_what_does_not_need_it():
         new["Rz"]
 
 
+def gapped(first, last):
+    """A sine of 5 sections of 1000 samples, some samples of section 2 not measured."""
+    z = np.cos(2 * np.pi * np.arange(5000) / 100)
+    z[first:last] = np.nan
+    return trace(z)
+
+
+def test_section_of_few_samples_does_not_count_as_a_full_one():
+    """One valid sample has no height: as a full section it would make Rz 1.6 um of 2.0 um."""
+    new = profile_parameters(gapped(1001, 2000), kind="R")
+    old = profile_parameters(gapped(1001, 2000), kind="R", edition=OLD)
+
+    assert "section 2 of 5 holds 1 valid sample" in new.unavailable["Rz"]
+    assert {"Rp", "Rv", "Rz", "Rzx", "Rsm"} <= set(new.unavailable)
+    assert new["Rt"].value == pytest.approx(2 * UM, rel=EXACT, abs=0.0)
+    assert {"Ra", "Rq", "Rz", "Rdq", "RSm"} <= set(old.unavailable)
+    assert "section 2 of 5" in old.unavailable["Rdq"]
+
+
+@pytest.mark.parametrize(("missing", "given"), [(500, True), (501, False)])
+def test_section_needs_half_of_its_samples(missing, given):
+    table = profile_parameters(gapped(1250, 1250 + missing), kind="R", edition=OLD)
+
+    assert ("Rz" in table) is given
+    note = f"section 2 ({1000 - missing} of 1000 samples)"
+    assert any(note in n for n in table.context.notes)
+
+
+def test_one_section_is_the_evaluation_length_whatever_its_gaps():
+    table = profile_parameters(gapped(500, 4500), kind="P", edition=OLD)
+
+    assert table["Pz"].value == pytest.approx(2 * UM, rel=EXACT, abs=0.0)
+
+
 # bad input
 
 
@@ -496,3 +567,32 @@ def test_integers_are_taken():
     table = profile_parameters(Profile(np.arange(1000), z), kind="P")
 
     assert table["Pt"].value == 6.0
+
+
+@pytest.mark.parametrize("obj", [Surface(np.zeros((50, 50)), UM, UM), np.zeros(50), None])
+def test_what_is_no_profile_is_refused(obj):
+    with pytest.raises(DataError, match=f"needs a Profile, got {type(obj).__name__}"):
+        profile_parameters(obj)
+
+
+@pytest.mark.parametrize("names", [[1], 1, [None, "Ra"]])
+def test_names_that_are_no_texts_are_refused(names):
+    with pytest.raises(DataError, match="names"):
+        profile_parameters(trace(sine()), kind="R", names=names)
+
+
+@pytest.mark.parametrize("edition", [NEW, OLD])
+@pytest.mark.parametrize("size", [1e-207, 1e-100, 1e100, 1e153, 1e300])
+def test_heights_beyond_any_instrument_are_refused(rough, size, edition):
+    """Fourth powers of such heights are 0 or infinite in double precision."""
+    with pytest.raises(DataError, match=r"range of the heights|heights reach"):
+        profile_parameters(trace(rough, unit=size), kind="R", edition=edition)
+
+
+@pytest.mark.parametrize("size", [1e-50, 1e50])
+def test_heights_within_the_limits_are_taken(rough, size):
+    one = profile_parameters(trace(rough, unit=1.0), kind="R", names=["Rku", "Rq"])
+    other = profile_parameters(trace(rough, unit=size), kind="R", names=["Rku", "Rq"])
+
+    assert other["Rku"].value == pytest.approx(one["Rku"].value, rel=ROUNDING, abs=0.0)
+    assert other["Rq"].value == pytest.approx(size * one["Rq"].value, rel=ROUNDING, abs=0.0)

@@ -116,3 +116,11 @@ def test_bad_calls_raise():
         suggested_cutoff("Rz", 201 * UM)
     with pytest.raises(DataError, match="one of"):
         settle_cutoff("Ra", lambda _: 1e-6, start=1e-3)
+
+
+@pytest.mark.parametrize("limit", ["5 nm", True, [1e-6, 2e-6]])
+def test_limit_that_is_no_number_is_refused(limit):
+    with pytest.raises(DataError, match="Ra must be"):
+        setting_class(Ra=limit)
+    with pytest.raises(DataError, match="Rz must be"):
+        suggested_cutoff("Rz", limit)

@@ -93,6 +93,81 @@ def test_tolerance_is_half_of_the_last_digit_and_the_uncertainty():
 
 
 @pytest.mark.parametrize(
+    ("line", "u"),
+    [
+        ("PARAMETER_VALUE Psk 0.0888", None),
+        ("PARAMETER_VALUE Psk 0.0888 1", None),
+        ("PARAMETER_VALUE Psk 0.0888 1 0", None),
+        ("PARAMETER_VALUE Psk 0.0888 1 0.01", 0.01),
+        ("PARAMETER_VALUE Psk 0.0888 - 0.01", 0.01),
+        ("PARAMETER_VALUE Psk 0.0888 0.01", 0.01),
+        ("PARAMETER_VALUE Psk 0.0888 0", None),
+    ],
+)
+def test_pure_numbers_with_and_without_their_unit(line, u):
+    """Exactly "1" is the unit of a pure number; an uncertainty of 1 would accept anything."""
+    (value,), _ = expectations([line])
+
+    assert (value.value, value.u) == (0.0888, u)
+    assert math.isclose(value.half_digit, 0.5e-4, rel_tol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("line", "unit"),
+    [
+        ("PARAMETER_VALUE Pa 0.4 deg 0", "deg"),
+        ("PARAMETER_VALUE Psk 0.1 mm 0", "mm"),
+        ("PARAMETER_VALUE Pa 0.4", "1"),
+    ],
+)
+def test_unit_of_another_dimension_is_not_compared(tmp_path, line, unit):
+    (row,) = verify_softgauge(gauge(tmp_path / "a.smd", sine(), 1e-3, [line]))
+
+    assert row.agrees is None
+    assert f"in {unit}" in row.reason
+
+
+@pytest.mark.parametrize(("kind", "symbol"), [("R", "Wt"), ("W", "Rt"), ("R", "Pt"), ("W", "Pt")])
+def test_filtered_profile_is_never_filtered_again(tmp_path, kind, symbol):
+    lines = ["PROFILE_FILTER Gaussian LC 0.8 mm", f"PARAMETER_VALUE {symbol} 1.0 um 9"]
+    profile = gauge(tmp_path / "a.smd", sine(), 1e-3, lines)
+
+    (row,) = verify_softgauge(profile, kind=kind)
+
+    assert row.agrees is None
+    assert f"declared {kind}" in row.reason
+
+
+@pytest.mark.parametrize(
+    ("options", "match"),
+    [
+        ({"sections": 0}, "sections"),
+        ({"sections": 2.5}, "sections"),
+        ({"sections": "5"}, "sections"),
+        ({"sections": True}, "sections"),
+        ({"edition": "ISO 4287:1984"}, "edition"),
+        ({"relative_tolerance": -0.1}, "relative_tolerance"),
+        ({"relative_tolerance": math.nan}, "relative_tolerance"),
+        ({"relative_tolerance": "much"}, "relative_tolerance"),
+        ({"kind": "Q"}, "kind"),
+        ({"line": "tangent"}, "secant"),
+    ],
+)
+def test_bad_options_are_refused_at_the_call(tmp_path, options, match):
+    profile = gauge(tmp_path / "a.smd", sine(), 1e-3, ["PARAMETER_VALUE Pt 1.0 um"])
+
+    with pytest.raises(DataError, match=match):
+        verify_softgauge(profile, **options)
+
+
+def test_reason_keeps_its_quotes(tmp_path):
+    lines = ["PROFILE_FILTER Gaussian LC 0.8 mm", "PARAMETER_VALUE RzJIS 1 um"]
+    (row,) = verify_softgauge(gauge(tmp_path / "a.smd", sine(), 1e-3, lines))
+
+    assert row.reason.startswith("'RzJIS' is not among")
+
+
+@pytest.mark.parametrize(
     ("lines", "match"),
     [
         (["PARAMETER_VALUE Ra lots um 0"], "no number"),
@@ -101,6 +176,10 @@ def test_tolerance_is_half_of_the_last_digit_and_the_uncertainty():
         (["PARAMETER_VALUE Ra 1.0 furlong 0"], "furlong"),
         (["PARAMETER_VALUE Ra 1 um 0", "PARAMETER_VALUE Ra 2 um 0"], "two values of Ra"),
         (["PROFILE_FILTER Spline LC 0.8 mm"], "Spline"),
+        (["PARAMETER_VALUE Ra 0.4 um 1..2"], "Ra 0.4 um 1..2"),
+        (["PARAMETER_VALUE Ra 0.4 um nan"], "Ra 0.4 um nan"),
+        (["PARAMETER_VALUE Ra 0.4 um 0.1 0.2"], "expected PARAMETER_VALUE"),
+        (["PARAMETER_VALUE Psk 0.4 0.1 0.2"], "expected PARAMETER_VALUE"),
     ],
 )
 def test_a_line_that_cannot_be_understood_is_quoted(lines, match):

@@ -273,7 +273,40 @@ def test_bad_data():
         profile_psd(Profile([0, 1, 2, 4], [0, 1, 2, 3]))
     with pytest.raises(DataError, match="no lateral step"):
         areal_psd(Surface(np.zeros((5, 5)), 1))
-    with pytest.raises(DataError, match="n >= 1"):
+    with pytest.raises(DataError, match="whole number from 1"):
         hann_weights(0)
     with pytest.raises(DataError, match="no wave of the data lies in"):
         band_rms(profile_psd(Profile(np.arange(8), np.arange(8))), Band(longest=1.5))
+
+
+@pytest.mark.parametrize("call", [profile_psd, amplitude_spectrum])
+@pytest.mark.parametrize("obj", [Surface(np.eye(9), 1.0, 1.0), np.zeros(9), None])
+def test_what_is_no_profile_is_refused(call, obj) -> None:
+    with pytest.raises(DataError, match=f"needs a Profile, got {type(obj).__name__}"):
+        call(obj)
+
+
+@pytest.mark.parametrize("call", [areal_psd, radial_psd])
+@pytest.mark.parametrize("obj", [Profile(np.arange(9.0), np.zeros(9)), np.zeros((9, 9)), None])
+def test_what_is_no_surface_is_refused(call, obj) -> None:
+    with pytest.raises(DataError, match=f"needs a Surface, got {type(obj).__name__}"):
+        call(obj)
+
+
+@pytest.mark.parametrize("limits", [("a", 1), (1, "a"), (True, 2), ([1, 2], 3)])
+def test_band_limits_that_are_no_numbers_are_refused(limits) -> None:
+    with pytest.raises(DataError, match="wavelength of a band"):
+        Band(*limits)
+
+
+@pytest.mark.parametrize("n", [2.5, "a", True, 0, -1, None])
+def test_window_of_no_whole_number_of_samples_is_refused(n) -> None:
+    with pytest.raises(DataError, match="whole number from 1"):
+        hann_weights(n)
+    with pytest.raises(DataError, match="whole number from 1"):
+        taper_weights(n, 0.5)
+
+
+def test_taper_of_no_number_is_refused() -> None:
+    with pytest.raises(DataError, match="tapered fraction"):
+        taper_weights(8, "a")

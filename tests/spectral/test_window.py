@@ -71,3 +71,10 @@ def test_tukey_is_symmetric_and_kono_is_not():
 def test_taper_out_of_range_raises(n, taper):
     with pytest.raises(DataError, match=r"taper|samples"):
         kono_weights(n, taper)
+
+
+@pytest.mark.parametrize("weights", [kono_weights, tukey_weights])
+@pytest.mark.parametrize("sizes", [(100, 2.5), (100.5, 2), ("a", 2), (100, "a"), (100, True)])
+def test_numbers_of_samples_that_are_not_whole_are_refused(weights, sizes):
+    with pytest.raises(DataError, match="whole number"):
+        weights(*sizes)
