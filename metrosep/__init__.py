@@ -6,10 +6,10 @@ SI inside; error = actual - nominal; correction = -error, added to the command; 
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from metrosep._version import __version__
+from metrosep.core._lazy import lazy_names
 
 if TYPE_CHECKING:
     from metrosep import (
@@ -35,17 +35,16 @@ if TYPE_CHECKING:
     from metrosep.io.write import write as write
     from metrosep.recipe.recipe import Recipe as Recipe
 
-_OBJECTS = {
-    "Profile": "metrosep.core.profile",
-    "Quantity": "metrosep.core.quantity",
-    "Recording": "metrosep.core.recording",
-    "Recipe": "metrosep.recipe.recipe",
-    "Run": "metrosep.core.runset",
-    "RunSet": "metrosep.core.runset",
-    "Surface": "metrosep.core.surface",
-    "read": "metrosep.io.read",
-    "read_runs": "metrosep.io.runs",
-    "write": "metrosep.io.write",
+_HOMES = {
+    "core.profile": ("Profile",),
+    "core.quantity": ("Quantity",),
+    "core.recording": ("Recording",),
+    "core.runset": ("Run", "RunSet"),
+    "core.surface": ("Surface",),
+    "io.read": ("read",),
+    "io.runs": ("read_runs",),
+    "io.write": ("write",),
+    "recipe.recipe": ("Recipe",),
 }
 
 _PACKAGES = (
@@ -62,18 +61,12 @@ _PACKAGES = (
     "spectral",
 )
 
-__all__ = ["__version__", *sorted((*_OBJECTS, *_PACKAGES))]  # noqa: PLE0604
+__all__ = [  # noqa: PLE0604
+    "__version__",
+    *sorted((*_PACKAGES, *(name for names in _HOMES.values() for name in names))),
+]
 
-
-def __getattr__(name: str) -> Any:
-    if name in _PACKAGES:
-        return importlib.import_module(f"metrosep.{name}")
-    if name in _OBJECTS:
-        module = importlib.import_module(_OBJECTS[name])
-        value = getattr(module, name)
-        globals()[name] = value
-        return value
-    raise AttributeError(f"module 'metrosep' has no attribute {name!r}")
+__getattr__ = lazy_names(__name__, _HOMES)
 
 
 def __dir__() -> list[str]:

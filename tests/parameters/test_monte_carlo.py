@@ -17,8 +17,8 @@ from metrosep.parameters.effects import (
     nonlinearity_effect,
     scale_effect,
 )
-from metrosep.parameters.monte_carlo import monte_carlo, shortest_interval
 from metrosep.parameters.noise import CorrelatedNoise, NoiseFromRepeats, WhiteNoise
+from metrosep.parameters.propagation import monte_carlo, shortest_interval
 
 A = 50e-9
 X = np.arange(500) * 1e-6

@@ -15,8 +15,8 @@ from metrosep.core.errors import (
 )
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
-from metrosep.parameters.monte_carlo import monte_carlo
 from metrosep.parameters.noise import CorrelatedNoise, NoiseFromPsd, WhiteNoise
+from metrosep.parameters.propagation import monte_carlo
 from metrosep.parameters.uncertainty import (
     effective_number,
     expected_range,
