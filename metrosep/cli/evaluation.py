@@ -303,8 +303,8 @@ def _find(tables: Sequence[ParameterTable], symbol: str) -> Quantity:
     for table in tables:
         if symbol in table:
             return table[symbol]
-        if symbol in table.unavailable:
-            raise DataError(f"no verdict on {symbol}: {table.unavailable[symbol]}")
+        if (own := table.own_symbol(symbol)) in table.unavailable:
+            raise DataError(f"no verdict on {symbol}: {table.unavailable[own]}")
     raise DataError(f"a limit is set for {symbol}, which was not measured")
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.filters.kind import ProfileKind
+from metrosep.parameters._rows import Row
 from metrosep.parameters.elements import ProfileElements, profile_elements
 from metrosep.parameters.hybrid import valid_gradient
 from metrosep.parameters.material_ratio import CoreHeight, CoreLine, abbott_curve, core_height
@@ -26,7 +27,7 @@ __all__ = [
     "ROWS",
     "SPACING_THRESHOLD",
     "Edition",
-    "Row",
+    "ProfileRow",
     "Work",
     "named_edition",
 ]
@@ -119,7 +120,7 @@ def _mean_of_elements(work: Work, of: Callable[[ProfileElements], float]) -> flo
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class ProfileRow:
     """One parameter in both editions; symbols without kind, None where the edition lacks it."""
 
     old: str | None
@@ -129,6 +130,9 @@ class Row:
     reach: Literal["field", "sections", "whole", "largest"]
     clause: str
     evaluate: Callable[[Work], float]
+
+    def row(self, kind: ProfileKind, edition: Edition, e: Evaluation) -> Row:
+        return Row(self.symbol(kind, edition), self.unit, self.text(edition, e), self.evaluate)
 
     def symbol(self, kind: ProfileKind, edition: Edition) -> str:
         name = self.old if edition == OLD else self.new
@@ -150,47 +154,47 @@ class Row:
 
 
 ROWS = (
-    Row("a", "a", "m", "arithmetic mean height", "field", "ISO 4287:1997, 4.2.1",
+    ProfileRow("a", "a", "m", "arithmetic mean height", "field", "ISO 4287:1997, 4.2.1",
          lambda w: w.evaluation.field(lambda h: h.a)),
-    Row("q", "q", "m", "root mean square height", "field", "ISO 4287:1997, 4.2.2",
+    ProfileRow("q", "q", "m", "root mean square height", "field", "ISO 4287:1997, 4.2.2",
          lambda w: w.evaluation.field(lambda h: h.q)),
-    Row("sk", "sk", "1", "skewness", "field", "ISO 4287:1997, 4.2.3",
+    ProfileRow("sk", "sk", "1", "skewness", "field", "ISO 4287:1997, 4.2.3",
          lambda w: w.evaluation.field(lambda h: h.sk)),
-    Row("ku", "ku", "1", "kurtosis, 3 for Gauss", "field", "ISO 4287:1997, 4.2.4",
+    ProfileRow("ku", "ku", "1", "kurtosis, 3 for Gauss", "field", "ISO 4287:1997, 4.2.4",
          lambda w: w.evaluation.field(lambda h: h.ku)),
-    Row("p", "p", "m", "highest peak", "sections", "ISO 4287:1997, 4.1.1",
+    ProfileRow("p", "p", "m", "highest peak", "sections", "ISO 4287:1997, 4.1.1",
          lambda w: float(np.mean(w.evaluation.section_values(lambda h: h.p)))),
-    Row("v", "v", "m", "deepest valley", "sections", "ISO 4287:1997, 4.1.2",
+    ProfileRow("v", "v", "m", "deepest valley", "sections", "ISO 4287:1997, 4.1.2",
          lambda w: float(np.mean(w.evaluation.section_values(lambda h: h.v)))),
-    Row("z", "z", "m", "highest peak plus deepest valley", "sections", "ISO 4287:1997, 4.1.3",
+    ProfileRow("z", "z", "m", "highest peak plus deepest valley", "sections", "ISO 4287:1997, 4.1.3",
          lambda w: float(np.mean(w.evaluation.section_values(lambda h: h.z)))),
-    Row("z1max", "zx", "m", "highest peak plus deepest valley", "largest", "ISO 4288:1996",
+    ProfileRow("z1max", "zx", "m", "highest peak plus deepest valley", "largest", "ISO 4288:1996",
          lambda w: max(w.evaluation.section_values(lambda h: h.z))),
-    Row("t", "t", "m", "highest minus lowest sample", "whole", "ISO 4287:1997, 4.1.5",
+    ProfileRow("t", "t", "m", "highest minus lowest sample", "whole", "ISO 4287:1997, 4.1.5",
          lambda w: w.evaluation.amplitude.z),
-    Row("c", "c", "m", "mean height of the profile elements", "field", "ISO 4287:1997, 4.1.4",
+    ProfileRow("c", "c", "m", "mean height of the profile elements", "field", "ISO 4287:1997, 4.1.4",
          lambda w: _mean_of_elements(w, lambda e: e.mean_height)),
-    Row("Sm", "sm", "m", "mean width of the profile elements", "field", "ISO 4287:1997, 4.3.1",
+    ProfileRow("Sm", "sm", "m", "mean width of the profile elements", "field", "ISO 4287:1997, 4.3.1",
          lambda w: _mean_of_elements(w, lambda e: e.mean_spacing)),
-    Row("dq", "dq", "1", "root mean square gradient, 7-point", "field", "ISO 4287:1997, 4.4.1",
+    ProfileRow("dq", "dq", "1", "root mean square gradient, 7-point", "field", "ISO 4287:1997, 4.4.1",
          lambda w: w.gradient(lambda g: float(np.sqrt(np.mean(g * g))))),
-    Row(None, "da", "1", "mean absolute gradient, 7-point", "field", "",
+    ProfileRow(None, "da", "1", "mean absolute gradient, 7-point", "field", "",
          lambda w: w.gradient(lambda g: float(np.mean(np.abs(g))))),
-    Row("k", "k", "m", "core height", "whole", "ISO 13565-2:1996", lambda w: w.core.k),
-    Row("pk", "pk", "m", "reduced peak height", "whole", "ISO 13565-2:1996",
+    ProfileRow("k", "k", "m", "core height", "whole", "ISO 13565-2:1996", lambda w: w.core.k),
+    ProfileRow("pk", "pk", "m", "reduced peak height", "whole", "ISO 13565-2:1996",
          lambda w: w.core.pk),
-    Row("vk", "vk", "m", "reduced valley depth", "whole", "ISO 13565-2:1996",
+    ProfileRow("vk", "vk", "m", "reduced valley depth", "whole", "ISO 13565-2:1996",
          lambda w: w.core.vk),
-    Row("Mr1", "mrk1", "1", "material ratio at the top of the core", "whole",
+    ProfileRow("Mr1", "mrk1", "1", "material ratio at the top of the core", "whole",
          "ISO 13565-2:1996", lambda w: w.core.mr1),
-    Row("Mr2", "mrk2", "1", "material ratio at the bottom of the core", "whole",
+    ProfileRow("Mr2", "mrk2", "1", "material ratio at the bottom of the core", "whole",
          "ISO 13565-2:1996", lambda w: w.core.mr2),
-    Row(None, "pkx", "m", "height of the peaks above the core", "whole", "",
+    ProfileRow(None, "pkx", "m", "height of the peaks above the core", "whole", "",
          lambda w: w.core.pkx),
-    Row(None, "vkx", "m", "depth of the valleys below the core", "whole", "",
+    ProfileRow(None, "vkx", "m", "depth of the valleys below the core", "whole", "",
          lambda w: w.core.vkx),
-    Row("A1", "ak1", "m", "peak area per unit of material ratio", "whole",
+    ProfileRow("A1", "ak1", "m", "peak area per unit of material ratio", "whole",
          "ISO 13565-2:1996", lambda w: w.core.a1),
-    Row("A2", "ak2", "m", "valley area per unit of material ratio", "whole",
+    ProfileRow("A2", "ak2", "m", "valley area per unit of material ratio", "whole",
          "ISO 13565-2:1996", lambda w: w.core.a2),
 )  # fmt: skip

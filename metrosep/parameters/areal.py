@@ -7,7 +7,7 @@ share (moments, sorted heights, slopes, autocorrelation, peaks) is computed once
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.core.errors import DataError, FitError
+from metrosep.core.errors import DataError
 from metrosep.core.provenance import Step
-from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
+from metrosep.parameters._rows import Row, chosen_rows, evaluated
 from metrosep.parameters.areal_heights import HeightStatistics, height_statistics
 from metrosep.parameters.autocorrelation import (
     Autocorrelation,
@@ -43,7 +43,7 @@ from metrosep.parameters.watershed import (
     mean_peak_curvature,
     significant_peaks,
 )
-from metrosep.spectral._checks import instance_of, real_number, symbols
+from metrosep.spectral._checks import instance_of, real_number
 
 __all__ = ["EDITION", "ArealParameterTable", "areal_parameters", "is_form_removed"]
 
@@ -70,6 +70,7 @@ class ArealParameterTable(ParameterTable):
 
     Examples
     --------
+    >>> from metrosep.core.quantity import Quantity
     >>> table = ArealParameterTable([Quantity(0.1, "1", "material ratio", symbol="Smr1")],
     ...                             Context(EDITION, n_valid=4, n_total=4))
     >>> table["Smrk1"].value, "Smrk1" in table, list(table)
@@ -78,34 +79,20 @@ class ArealParameterTable(ParameterTable):
 
     __slots__ = ()
 
-    def __getitem__(self, symbol: str) -> Quantity:
-        return super().__getitem__(_ALIASES.get(symbol, symbol))
-
-    def __contains__(self, symbol: object) -> bool:
-        return isinstance(symbol, str) and super().__contains__(_ALIASES.get(symbol, symbol))
-
-    def with_uncertainties(self, u: Mapping[str, float]) -> ArealParameterTable:
-        """Return the table with standard uncertainties.
+    def own_symbol(self, symbol: str) -> str:
+        """Return the symbol under which the table holds a parameter.
 
         Parameters
         ----------
-        u : mapping of str to float
-            Standard uncertainty by symbol, in the unit of the parameter.
+        symbol : str
+            Such as Smrk1.
 
         Returns
         -------
-        ArealParameterTable
-            Other parameters are as they were.
-
-        Raises
-        ------
-        DataError
-            If a symbol is not in the table.
+        str
+            Such as Smr1.
         """
-        table = super().with_uncertainties({_ALIASES.get(s, s): value for s, value in u.items()})
-        return ArealParameterTable(
-            list(table.values()), self.context, unavailable=self.unavailable
-        )
+        return _ALIASES.get(symbol, symbol)
 
 
 def areal_parameters(
@@ -164,22 +151,14 @@ def areal_parameters(
     ['50.0000 nm', '200.0000 nm', '40.5218 nm']
     """
     instance_of(surface, Surface, "a table of areal parameters")
-    rows = _wanted(names)
+    rows = chosen_rows(_ROWS, names, "an areal parameter", _ALIASES)
     if line not in ("lsq", "secant"):
         raise DataError(f'line is "lsq" or "secant", got {line!r}')
     if not 0.0 <= real_number(pruning, "pruning", "a share of Sz") < 1.0:
         raise DataError(f"pruning is a share of Sz from 0 to below 1, got {pruning}")
     work = _Work(surface, line, pruning)
     n_valid = work.heights.n_valid
-    quantities: list[Quantity] = []
-    unavailable: dict[str, str] = {}
-    for row in rows:
-        try:
-            value = float(row.value(work))
-        except (DataError, FitError) as reason:
-            unavailable[row.symbol] = str(reason)
-        else:
-            quantities.append(Quantity(value, row.unit, row.text, symbol=row.symbol))
+    quantities, unavailable = evaluated(rows, work)
     given = {row.symbol for row in rows}
     settings: dict[str, Any] = {"dx_m": surface.dx, "dy_m": surface.dy}
     if given & {"Sk", "Spk", "Svk", "Smr1", "Smr2"}:
@@ -300,118 +279,93 @@ def _peak_density(work: _Work) -> float:
     return len(work.peaks) / (work.heights.n_valid * dx * dy)
 
 
-@dataclass(frozen=True, slots=True)
-class _Row:
-    """One parameter of the table."""
-
-    symbol: str
-    unit: str
-    text: str
-    value: Callable[[_Work], float]
-
-
 _ROWS = (
-    _Row("Sq", "m", "root mean square height about the mean", lambda w: w.heights.Sq),
-    _Row("Ssk", "1", "skewness of the heights", lambda w: _given(w.heights.Ssk, _CONSTANT)),
-    _Row(
+    Row("Sq", "m", "root mean square height about the mean", lambda w: w.heights.Sq),
+    Row("Ssk", "1", "skewness of the heights", lambda w: _given(w.heights.Ssk, _CONSTANT)),
+    Row(
         "Sku",
         "1",
         "kurtosis of the heights, 3 for Gaussian ones",
         lambda w: _given(w.heights.Sku, _CONSTANT),
     ),
-    _Row("Sp", "m", "highest peak above the mean", lambda w: w.heights.Sp),
-    _Row("Sv", "m", "deepest pit below the mean, positive", lambda w: w.heights.Sv),
-    _Row("Sz", "m", "maximum height Sp + Sv", lambda w: w.heights.Sz),
-    _Row("Sa", "m", "arithmetic mean height about the mean", lambda w: w.heights.Sa),
-    _Row(
+    Row("Sp", "m", "highest peak above the mean", lambda w: w.heights.Sp),
+    Row("Sv", "m", "deepest pit below the mean, positive", lambda w: w.heights.Sv),
+    Row("Sz", "m", "maximum height Sp + Sv", lambda w: w.heights.Sz),
+    Row("Sa", "m", "arithmetic mean height about the mean", lambda w: w.heights.Sa),
+    Row(
         "Sal",
         "m",
         "autocorrelation length, shortest distance of the decay to 0.2",
         lambda w: w.lobe.shortest,
     ),
-    _Row(
+    Row(
         "Str",
         "1",
         "texture aspect ratio, shortest over longest distance of the decay to 0.2",
         _aspect_ratio,
     ),
-    _Row(
+    Row(
         "Std",
         "rad",
         "direction of the largest angular spectrum, from +x to +y, 0 to pi; the lay is at right "
         "angles to it",
         lambda w: texture_direction(w.acf),
     ),
-    _Row("Sdq", "1", "root mean square gradient", lambda w: w.gradients.Sdq),
-    _Row(
+    Row("Sdq", "1", "root mean square gradient", lambda w: w.gradients.Sdq),
+    Row(
         "Sdr",
         "1",
         "developed interfacial area ratio, as a number (1 is 100 %)",
         lambda w: w.gradients.Sdr,
     ),
-    _Row("Sk", "m", "core height", lambda w: w.core.k),
-    _Row("Spk", "m", "reduced peak height", lambda w: w.core.pk),
-    _Row("Svk", "m", "reduced dale height", lambda w: w.core.vk),
-    _Row(
+    Row("Sk", "m", "core height", lambda w: w.core.k),
+    Row("Spk", "m", "reduced peak height", lambda w: w.core.pk),
+    Row("Svk", "m", "reduced dale height", lambda w: w.core.vk),
+    Row(
         "Smr1",
         "1",
         "material ratio at the top of the core, 0 to 1 (Smrk1 of 2021)",
         lambda w: w.core.mr1,
     ),
-    _Row(
+    Row(
         "Smr2",
         "1",
         "material ratio at the bottom of the core, 0 to 1 (Smrk2 of 2021)",
         lambda w: w.core.mr2,
     ),
-    _Row("Vmp", "m", "peak material volume per area, Vm(10 %)", lambda w: w.volumes.Vmp),
-    _Row(
-        "Vmc", "m", "core material volume per area, Vm(80 %) - Vm(10 %)", lambda w: w.volumes.Vmc
-    ),
-    _Row("Vvc", "m", "core void volume per area, Vv(10 %) - Vv(80 %)", lambda w: w.volumes.Vvc),
-    _Row("Vvv", "m", "dale void volume per area, Vv(80 %)", lambda w: w.volumes.Vvv),
-    _Row(
+    Row("Vmp", "m", "peak material volume per area, Vm(10 %)", lambda w: w.volumes.Vmp),
+    Row("Vmc", "m", "core material volume per area, Vm(80 %) - Vm(10 %)", lambda w: w.volumes.Vmc),
+    Row("Vvc", "m", "core void volume per area, Vv(10 %) - Vv(80 %)", lambda w: w.volumes.Vvc),
+    Row("Vvv", "m", "dale void volume per area, Vv(80 %)", lambda w: w.volumes.Vvv),
+    Row(
         "Sxp",
         "m",
         "peak extreme height Smc(2.5 %) - Smc(50 %)",
         lambda w: w.curve.height_difference(0.025, 0.5),
     ),
-    _Row(
+    Row(
         "S5p",
         "m",
         "mean height of the five highest significant peaks",
         lambda w: five_point_height(w.peaks, 0.0),
     ),
-    _Row(
+    Row(
         "S5v",
         "m",
         "mean depth of the five deepest significant pits, positive",
         lambda w: five_point_height(w.pits, 0.0),
     ),
-    _Row(
+    Row(
         "S10z",
         "m",
         "ten-point height S5p + S5v",
         lambda w: five_point_height(w.peaks, 0.0) + five_point_height(w.pits, 0.0),
     ),
-    _Row("Spd", "1/m^2", "density of significant peaks", _peak_density),
-    _Row(
+    Row("Spd", "1/m^2", "density of significant peaks", _peak_density),
+    Row(
         "Spc",
         "1/m",
         "mean curvature of the significant peaks",
         lambda w: mean_peak_curvature(w.surface.z, w.peaks, *w.steps),
     ),
 )
-
-
-def _wanted(names: Sequence[str] | None) -> list[_Row]:
-    if names is None:
-        return list(_ROWS)
-    wanted = {_ALIASES.get(n, n) for n in symbols(names)}
-    unknown = sorted(wanted - {r.symbol for r in _ROWS})
-    if unknown:
-        raise DataError(
-            f"{', '.join(unknown)}: not an areal parameter; there are "
-            + ", ".join(r.symbol for r in _ROWS)
-        )
-    return [r for r in _ROWS if r.symbol in wanted]

@@ -9,20 +9,20 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.core.errors import DataError, FitError, TooFewSamplesError
-from metrosep.core.quantity import Quantity
+from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.surface import Surface
+from metrosep.parameters._rows import Row, chosen_rows, evaluated
 from metrosep.parameters.areal import is_form_removed
 from metrosep.parameters.areal_heights import HeightStatistics, height_statistics
 from metrosep.parameters.table import Context, ParameterTable
-from metrosep.spectral._checks import instance_of, symbols
+from metrosep.spectral._checks import instance_of
 
 __all__ = ["interferometric_parameters", "robust_peak_to_valley"]
 
@@ -92,21 +92,13 @@ def interferometric_parameters(
     ['200.0000 nm', '50.0000 nm']
     """
     instance_of(surface, Surface, "a table of interferometric parameters")
-    rows = _wanted(names)
+    rows = chosen_rows(_ROWS, names, "an interferometric parameter")
     work = _Work(surface)
     n_valid = work.heights.n_valid
-    quantities: list[Quantity] = []
-    unavailable: dict[str, str] = {}
     notes: list[str] = []
     if not is_form_removed(surface.history):
         notes.append("No form removal is in the history: tilt and power of the map are in PV.")
-    for row in rows:
-        try:
-            value = float(row.value(work))
-        except (DataError, FitError) as reason:
-            unavailable[row.symbol] = str(reason)
-        else:
-            quantities.append(Quantity(value, "m", row.text, symbol=row.symbol))
+    quantities, unavailable = evaluated(rows, work)
     notes.extend(work.notes)
     context = Context(
         edition=_EDITION,
@@ -321,41 +313,28 @@ def _circle_through(p: FloatArray) -> tuple[FloatArray, float] | None:
     return p[0] + offset, float(np.hypot(*offset))
 
 
-@dataclass(frozen=True, slots=True)
-class _Row:
-    """One parameter of the table."""
-
-    symbol: str
-    text: str
-    value: Callable[[_Work], float]
-
-
 _ROWS = (
-    _Row("PV", "largest minus smallest valid height", lambda w: w.heights.Sz),
-    _Row("RMS", "root mean square of the valid heights about their mean", lambda w: w.heights.Sq),
-    _Row(
+    Row("PV", "m", "largest minus smallest valid height", lambda w: w.heights.Sz),
+    Row(
+        "RMS",
+        "m",
+        "root mean square of the valid heights about their mean",
+        lambda w: w.heights.Sq,
+    ),
+    Row(
         "PVr",
+        "m",
         "P-V of a 36-term Fringe Zernike fit + 3 RMS of its residual, on the smallest circle "
         "around the valid pixels",
         _Work.pv_of_fit_and_residual,
     ),
-    _Row(
+    Row(
         "PVq",
+        "m",
         "range of the middle 99.9 % of the valid heights (quantiles 0.05 % and 99.95 %)",
         _Work.quantile_range,
     ),
-    _Row("PV20", "mean of the 10 highest minus mean of the 10 lowest pixels", _Work.ten_and_ten),
+    Row(
+        "PV20", "m", "mean of the 10 highest minus mean of the 10 lowest pixels", _Work.ten_and_ten
+    ),
 )
-
-
-def _wanted(names: Sequence[str] | None) -> list[_Row]:
-    if names is None:
-        return list(_ROWS)
-    wanted = set(symbols(names))
-    unknown = sorted(wanted - {r.symbol for r in _ROWS})
-    if unknown:
-        raise DataError(
-            f"{', '.join(unknown)}: not an interferometric parameter; there are "
-            + ", ".join(r.symbol for r in _ROWS)
-        )
-    return [r for r in _ROWS if r.symbol in wanted]

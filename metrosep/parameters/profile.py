@@ -8,14 +8,13 @@ others.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from metrosep.core.errors import DataError, FitError
+from metrosep.core.errors import DataError
 from metrosep.core.profile import Profile
-from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_length
 from metrosep.filters.kind import DoubleFilterError, ProfileKind, profile_kind
 from metrosep.parameters._profile_rows import (
@@ -25,10 +24,11 @@ from metrosep.parameters._profile_rows import (
     ROWS,
     SPACING_THRESHOLD,
     Edition,
-    Row,
+    ProfileRow,
     Work,
     named_edition,
 )
+from metrosep.parameters._rows import evaluated
 from metrosep.parameters.material_ratio import CoreLine
 from metrosep.parameters.sections import Evaluation
 from metrosep.parameters.table import Context, ParameterTable
@@ -67,6 +67,7 @@ class ProfileParameterTable(ParameterTable):
 
     Examples
     --------
+    >>> from metrosep.core.quantity import Quantity
     >>> table = ProfileParameterTable([Quantity(1e-4, "m", "mean spacing", symbol="Rsm")],
     ...                               Context("ISO 21920-2:2021", n_valid=4, n_total=4))
     >>> table["RSm"].value, "RSm" in table, list(table)
@@ -75,36 +76,19 @@ class ProfileParameterTable(ParameterTable):
 
     __slots__ = ()
 
-    def __getitem__(self, symbol: str) -> Quantity:
-        return super().__getitem__(self._own(symbol))
-
-    def __contains__(self, symbol: object) -> bool:
-        return isinstance(symbol, str) and super().__contains__(self._own(symbol))
-
-    def with_uncertainties(self, u: Mapping[str, float]) -> ProfileParameterTable:
-        """Return the table with standard uncertainties.
+    def own_symbol(self, symbol: str) -> str:
+        """Return the symbol under which the table holds a parameter.
 
         Parameters
         ----------
-        u : mapping of str to float
-            Standard uncertainty by symbol of either edition, in the unit of the parameter.
+        symbol : str
+            In the spelling of either edition.
 
         Returns
         -------
-        ProfileParameterTable
-            Other parameters are as they were.
-
-        Raises
-        ------
-        DataError
-            If a symbol is not in the table.
+        str
+            In that of the table's edition.
         """
-        table = super().with_uncertainties({self._own(s): value for s, value in u.items()})
-        return ProfileParameterTable(
-            list(table.values()), self.context, unavailable=self.unavailable
-        )
-
-    def _own(self, symbol: str) -> str:
         known = (*self, *self.unavailable)
         if symbol in known:
             return symbol
@@ -198,16 +182,8 @@ def profile_parameters(
         centre=centre,
     )
     work = Work(evaluation, line)
-    quantities, unavailable = [], {}
-    for row in wanted:
-        symbol = row.symbol(kind, chosen)
-        try:
-            value = row.evaluate(work)
-        except (DataError, FitError) as reason:
-            unavailable[symbol] = str(reason)
-        else:
-            text = row.text(chosen, evaluation)
-            quantities.append(Quantity(float(value), row.unit, text, symbol=symbol))
+    rows = [r.row(kind, chosen, evaluation) for r in wanted]
+    quantities, unavailable = evaluated(rows, work)
     context = Context(
         edition=chosen,
         n_valid=len(profile) - profile.n_invalid,
@@ -227,7 +203,7 @@ def _plain(symbol: str, kind: str) -> str:
     return _OTHER_SPELLINGS.get(rest, rest)
 
 
-def _wanted(names: Sequence[str] | None, kind: ProfileKind, edition: Edition) -> list[Row]:
+def _wanted(names: Sequence[str] | None, kind: ProfileKind, edition: Edition) -> list[ProfileRow]:
     rows = [r for r in ROWS if (r.old if edition == OLD else r.new) is not None]
     if names is None:
         return rows
@@ -272,7 +248,7 @@ def _settings(e: Evaluation, kind: str, *, centre: bool, line: str) -> dict[str,
 
 
 def _notes(
-    profile: Profile, e: Evaluation, kind: str, wanted: list[Row], *, centre: bool
+    profile: Profile, e: Evaluation, kind: str, wanted: list[ProfileRow], *, centre: bool
 ) -> list[str]:
     notes = []
     if profile_kind(profile) is None:

@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 from metrosep._version import __version__
 from metrosep.core.errors import DataError
@@ -138,14 +138,30 @@ class ParameterTable(Mapping[str, Quantity]):
         self.context = context
         self.unavailable = MappingProxyType(dict(unavailable or {}))
 
+    def own_symbol(self, symbol: str) -> str:
+        """Return the symbol under which the table holds a parameter.
+
+        Parameters
+        ----------
+        symbol : str
+            In any spelling that the table understands; a subclass may know several.
+
+        Returns
+        -------
+        str
+            The symbol itself where nothing else is meant.
+        """
+        return symbol
+
     def __getitem__(self, symbol: str) -> Quantity:
+        own = self.own_symbol(symbol)
         try:
-            return self._quantities[symbol]
+            return self._quantities[own]
         except KeyError:
             pass
-        if symbol in self.unavailable:
-            raise DataError(f"{symbol} cannot be given: {self.unavailable[symbol]}")
-        raise KeyError(f"{symbol!r} is not among {', '.join(self._quantities)}")
+        if own in self.unavailable:
+            raise DataError(f"{own} cannot be given: {self.unavailable[own]}")
+        raise KeyError(f"{own!r} is not among {', '.join(self._quantities)}")
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._quantities)
@@ -154,9 +170,9 @@ class ParameterTable(Mapping[str, Quantity]):
         return len(self._quantities)
 
     def __contains__(self, symbol: object) -> bool:
-        return symbol in self._quantities
+        return isinstance(symbol, str) and self.own_symbol(symbol) in self._quantities
 
-    def with_uncertainties(self, u: Mapping[str, float]) -> ParameterTable:
+    def with_uncertainties(self, u: Mapping[str, float]) -> Self:
         """Return the table with standard uncertainties.
 
         Parameters
@@ -167,20 +183,21 @@ class ParameterTable(Mapping[str, Quantity]):
         Returns
         -------
         ParameterTable
-            Other parameters are as they were.
+            Of the same class; other parameters are as they were.
 
         Raises
         ------
         DataError
             If a symbol is not in the table.
         """
-        unknown = sorted(set(u) - set(self._quantities))
+        own = {self.own_symbol(s): value for s, value in u.items()}
+        unknown = sorted(set(own) - set(self._quantities))
         if unknown:
             raise DataError(f"no parameter {', '.join(unknown)} in this table")
         quantities = [
-            replace(q, u=float(u[s])) if s in u else q for s, q in self._quantities.items()
+            replace(q, u=float(own[s])) if s in own else q for s, q in self._quantities.items()
         ]
-        return ParameterTable(quantities, self.context, unavailable=self.unavailable)
+        return type(self)(quantities, self.context, unavailable=self.unavailable)
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON, SI.
