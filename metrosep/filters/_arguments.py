@@ -25,7 +25,7 @@ from metrosep.spectral._checks import instance_of, real_number
 FloatArray = NDArray[np.float64]
 FilterBand = Literal["long", "short"]
 
-_ON_LIMIT = 1e-9
+ON_LIMIT = 1e-9
 """A wavelength this close to a limit, relative, lies on it: decimals are not exact in binary."""
 
 ALL_THE_SAME = "(refilter=True in Python does it all the same)"
@@ -144,7 +144,7 @@ def profile_task(
         raise DataError("a profile filter needs cutoff=, a wavelength in m")
     require_valid(profile.z, minimum, what)
     dx = profile.dx
-    inside = (slice(0, len(profile)),) if closed else _measured_box(profile.z)
+    inside = (slice(0, len(profile)),) if closed else measured_box(profile.z)
     z = profile.z[inside]
     wavelength = _wavelength(cutoff, "cutoff", dx, dx * (z.size if closed else z.size - 1))
     return Task(z, inside, (dx,), (wavelength,))
@@ -174,9 +174,8 @@ def surface_task(
     else:
         index_x = index_y = nesting_index
     require_valid(surface.z, minimum, what)
-    inside = _measured_box(surface.z)
-    if closed:
-        inside = (slice(0, surface.shape[0]), slice(0, surface.shape[1]))
+    whole = (slice(0, surface.shape[0]), slice(0, surface.shape[1]))
+    inside = whole if closed else measured_box(surface.z)
     z = surface.z[inside]
     n_y, n_x = z.shape
     if min(n_x, n_y) < 3:
@@ -191,7 +190,8 @@ def surface_task(
     return Task(z, inside, (dy, dx), wavelengths)
 
 
-def _measured_box(z: FloatArray) -> tuple[slice, ...]:
+def measured_box(z: FloatArray) -> tuple[slice, ...]:
+    """Return the smallest box around the valid samples; there is at least one."""
     valid = ~np.isnan(z)
     box = []
     for axis in range(z.ndim):
@@ -206,11 +206,36 @@ def finish(
 ) -> Profile | Surface:
     """Return the asked side of a filter as the kind of object that came in."""
     z = low if band == "long" else obj.z - low
+    return like(obj, z, step=step, short=band == "short")
+
+
+def like(
+    obj: Profile | Surface,
+    z: FloatArray,
+    *,
+    step: Step,
+    short: bool,
+    kept: tuple[slice, ...] | None = None,
+) -> Profile | Surface:
+    """Return heights as the kind of object that came in, with one step more; `kept` cuts the grid."""
     if isinstance(obj, Profile):
-        kind = kind_of_band(obj, short=band == "short")
-        return filtered_profile(obj, z, step=step, kind=kind)
+        x = obj.x if kept is None else obj.x[kept]
+        return filtered_profile(obj, z, step=step, kind=kind_of_band(obj, short=short), x=x)
     return Surface(
-        z, obj.dx, obj.dy, origin=obj.origin, metadata=obj.metadata, history=(*obj.history, step)
+        z,
+        obj.dx,
+        obj.dy,
+        origin=obj.origin if kept is None else cut_origin(obj, kept),
+        metadata=obj.metadata,
+        history=(*obj.history, step),
+    )
+
+
+def cut_origin(surface: Surface, kept: tuple[slice, ...]) -> tuple[float, float]:
+    """Return the position of the first pixel that is kept."""
+    return (
+        surface.origin[0] + kept[1].start * (surface.dx or 0.0),
+        surface.origin[1] + kept[0].start * (surface.dy or 0.0),
     )
 
 
@@ -224,12 +249,12 @@ def _wavelength(value: object, name: str, step: float, length: float) -> float:
     wavelength = real_number(value, name, "a wavelength in m")
     if not (math.isfinite(wavelength) and wavelength > 0.0):
         raise InvalidSamplesError(f"{name} must be positive and finite, got {wavelength} m")
-    if wavelength < 2.0 * step * (1.0 - _ON_LIMIT):
+    if wavelength < 2.0 * step * (1.0 - ON_LIMIT):
         raise DataError(
             f"{name} {format_length(wavelength)} lies below the sampling limit of two steps, "
             f"{format_length(2.0 * step)}: such waves are not in the data; is the unit m?"
         )
-    if wavelength > length * (1.0 + _ON_LIMIT):
+    if wavelength > length * (1.0 + ON_LIMIT):
         raise DataError(
             f"{name} {format_length(wavelength)} is longer than the data, "
             f"{format_length(length)}: remove a form instead, or measure a longer piece"

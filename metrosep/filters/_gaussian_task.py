@@ -22,9 +22,6 @@ End = Literal["moment", "renormalise", "closed", "cut"]
 
 ENDS = ("moment", "renormalise", "closed", "cut")
 
-_ON_LIMIT = 1e-9
-"""A wavelength this close to a limit, relative, lies on it: decimals are not exact in binary."""
-
 
 @dataclass(frozen=True, slots=True)
 class GaussianTask:
@@ -55,7 +52,7 @@ class GaussianTask:
         """Return `inside` without one cut-off at each end."""
         kept = []
         for part, step, cutoff in zip(self.inside, self.steps, self.cutoffs, strict=True):
-            n_lost = math.ceil(cutoff / step * (1.0 - _ON_LIMIT))
+            n_lost = math.ceil(cutoff / step * (1.0 - arguments.ON_LIMIT))
             n_left = part.stop - part.start - 2 * n_lost
             if n_left < 2:
                 raise TooFewSamplesError(
@@ -106,29 +103,19 @@ def gaussian_task(
             minimum=3,
             closed=True,
         )
-    inside = task.inside if end == "closed" else measured_box(obj.z)
+    inside = task.inside if end == "closed" else arguments.measured_box(obj.z)
     for part, step, wavelength in zip(inside, task.steps, task.wavelengths, strict=True):
         _check_cutoff(wavelength, step, (part.stop - part.start) * step)
     return GaussianTask(inside, task.steps, task.wavelengths)
 
 
-def measured_box(z: FloatArray) -> tuple[slice, ...]:
-    """Return the smallest box around the valid samples; there is at least one."""
-    valid = ~np.isnan(z)
-    box = []
-    for axis in range(z.ndim):
-        index = np.flatnonzero(valid.any(axis=1 - axis) if z.ndim == 2 else valid)
-        box.append(slice(int(index[0]), int(index[-1]) + 1))
-    return tuple(box)
-
-
 def _check_cutoff(wavelength: float, step: float, length: float) -> None:
-    if wavelength <= 2.0 * step * (1.0 + _ON_LIMIT):
+    if wavelength <= 2.0 * step * (1.0 + arguments.ON_LIMIT):
         raise DataError(
             f"the cut-off {format_length(wavelength)} does not exceed the sampling limit of two "
             f"steps, {format_length(2.0 * step)}: shorter waves are not in the data; is it in m?"
         )
-    if wavelength > length * (1.0 + _ON_LIMIT):
+    if wavelength > length * (1.0 + arguments.ON_LIMIT):
         raise DataError(
             f"the cut-off {format_length(wavelength)} is longer than what was measured, "
             f"{format_length(length)}: remove a form instead, or measure a longer piece"

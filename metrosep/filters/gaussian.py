@@ -23,7 +23,6 @@ from metrosep.core.surface import Surface
 from metrosep.filters import _areal as areal, _arguments as arguments, _convolve as convolve
 from metrosep.filters._arguments import FilterBand
 from metrosep.filters._gaussian_task import End, GaussianTask, gaussian_task
-from metrosep.filters.kind import filtered_profile
 from metrosep.spectral._checks import real_number
 from metrosep.spectral.band import Band
 
@@ -242,7 +241,12 @@ def gaussian_support(
     if isinstance(obj, Profile):
         return Profile(obj.x[kept], share, metadata=metadata, history=history)
     return Surface(
-        share, obj.dx, obj.dy, origin=_origin(obj, kept), metadata=metadata, history=history
+        share,
+        obj.dx,
+        obj.dy,
+        origin=arguments.cut_origin(obj, kept),
+        metadata=metadata,
+        history=history,
     )
 
 
@@ -280,7 +284,7 @@ def _filtered(
         "gaussian",
         {**task.named, "band": band, "end": end, "min_support": min_support, "fill": fill},
     )
-    return _like(obj, low, kept, step, short=band == "short")
+    return arguments.like(obj, low, step=step, short=band == "short", kept=kept)
 
 
 def _band(
@@ -332,28 +336,3 @@ def _mean(
     whole = np.full(z.shape, np.nan)
     whole[task.inside] = low
     return whole
-
-
-def _origin(surface: Surface, kept: tuple[slice, ...]) -> tuple[float, float]:
-    """Return the position of the first pixel that is kept."""
-    return (
-        surface.origin[0] + kept[1].start * (surface.dx or 0.0),
-        surface.origin[1] + kept[0].start * (surface.dy or 0.0),
-    )
-
-
-def _like(
-    obj: Profile | Surface, z: FloatArray, kept: tuple[slice, ...], step: Step, *, short: bool
-) -> Profile | Surface:
-    """Return the kind of object that came in, with its history and one step more."""
-    if isinstance(obj, Profile):
-        kind = arguments.kind_of_band(obj, short=short)
-        return filtered_profile(obj, z, step=step, kind=kind, x=obj.x[kept])
-    return Surface(
-        z,
-        obj.dx,
-        obj.dy,
-        origin=_origin(obj, kept),
-        metadata=obj.metadata,
-        history=(*obj.history, step),
-    )
