@@ -1,0 +1,149 @@
+"""Parts and readings as callers give them: mappings, arrays or profiles."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from metrosep.core.errors import DataError, InvalidSamplesError
+from metrosep.core.profile import Profile
+from metrosep.core.provenance import Step
+
+FloatArray = NDArray[np.float64]
+
+
+def given_parts(
+    method: str,
+    truth: Mapping[str, ArrayLike],
+    errors: Mapping[str, ArrayLike],
+    *,
+    truth_parts: Sequence[str],
+    error_parts: Sequence[str],
+) -> dict[str, FloatArray]:
+    """Return all parts of a simulation, zeros where one is missing.
+
+    Parameters
+    ----------
+    method : str
+        Name for messages.
+    truth, errors : mapping of str to array_like
+        What the caller gave.
+    truth_parts, error_parts : sequence of str
+        What there is.
+
+    Returns
+    -------
+    dict of str to ndarray
+        Every part, of one shape.
+
+    Raises
+    ------
+    DataError
+        If a part is unknown, none is given, or their shapes differ.
+    """
+    for given, known, kind in ((truth, truth_parts, "truth"), (errors, error_parts, "error")):
+        for name in given:
+            if name not in known:
+                raise DataError(f"{method} has no {kind} part {name!r}; it has {', '.join(known)}")
+    found = {k: np.asarray(v, dtype=np.float64) for k, v in {**truth, **errors}.items()}
+    shapes = {v.shape for v in found.values()}
+    if len(shapes) != 1:
+        problem = "none is given" if not shapes else f"the shapes are {sorted(shapes)}"
+        raise DataError(f"{method}: parts of one shape are needed to simulate, {problem}")
+    zero = np.zeros(shapes.pop())
+    return {k: found.get(k, zero) for k in (*truth_parts, *error_parts)}
+
+
+def curves(
+    items: Sequence[ArrayLike | Profile], *, what: str, axis: str
+) -> tuple[list[Any], FloatArray | None, tuple[Step, ...]]:
+    """Return readings as arrays, with the positions and the history that profiles carry.
+
+    Parameters
+    ----------
+    items : sequence of array_like or Profile
+        Either all profiles or none.
+    what : str
+        Name of the method for messages.
+    axis : str
+        What positions are: ``"x"`` in m or ``"angle"`` in rad.
+
+    Returns
+    -------
+    readings : list
+        Heights.
+    positions : ndarray or None
+        Of the profiles.
+    history : tuple of Step
+        Of all profiles.
+
+    Raises
+    ------
+    DataError
+        If profiles are mixed with arrays, or lie on different positions.
+    """
+    profiles = [item for item in items if isinstance(item, Profile)]
+    if not profiles:
+        return list(items), None, ()
+    if len(profiles) != len(items):
+        raise DataError(f"{what}: give all readings as profiles, or all as arrays, not mixed")
+    first = profiles[0]
+    step = abs(float(np.ptp(first.x))) / max(len(first) - 1, 1)
+    for i, other in enumerate(profiles[1:], start=2):
+        if len(other) != len(first):
+            raise DataError(
+                f"{what}: reading {i} has {len(other)} samples, the first has {len(first)}; "
+                "resample both onto the same positions"
+            )
+        shift = float(np.max(np.abs(other.x - first.x)))
+        if shift > 1e-6 * step:
+            raise DataError(
+                f"{what}: the {axis} positions of reading {i} differ from the first by up to "
+                f"{shift:.6g} {'rad' if axis == 'angle' else 'm'}; both must be given over the "
+                "positions of the artefact (a reversal turns it by half a revolution)"
+            )
+    history = tuple(step for p in profiles for step in p.history)
+    return [p.z for p in profiles], first.x, history
+
+
+def stacked(readings: Sequence[ArrayLike], what: str) -> FloatArray:
+    """Return curves, each perhaps repeated, as one array; missing repeats are NaN.
+
+    Parameters
+    ----------
+    readings : sequence of array_like, shape (n,) or (M, n)
+        Of one length n; the numbers of repeats may differ.
+    what : str
+        Name of the method for messages.
+
+    Returns
+    -------
+    ndarray, shape (n_readings, M, n)
+        Padded with NaN.
+
+    Raises
+    ------
+    DataError
+        If the lengths differ.
+    InvalidSamplesError
+        If a reading holds no numbers.
+    """
+    try:
+        arrays = [np.asarray(r, dtype=np.float64) for r in readings]
+    except (TypeError, ValueError) as exc:
+        raise InvalidSamplesError(f"{what}: a reading holds no numbers ({exc})") from None
+    shapes = [a.shape for a in arrays]
+    if any(len(s) not in (1, 2) for s in shapes) or len({s[-1] for s in shapes}) != 1:
+        raise DataError(
+            f"{what}: readings must be curves of equal length, got the shapes "
+            f"{', '.join(str(s) for s in shapes)}; resample them onto the same positions"
+        )
+    most = max(a.shape[0] if a.ndim == 2 else 1 for a in arrays)
+    out = np.full((len(arrays), most, shapes[0][-1]), np.nan)
+    for i, a in enumerate(arrays):
+        rows = np.atleast_2d(a)
+        out[i, : rows.shape[0]] = rows
+    return out

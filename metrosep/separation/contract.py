@@ -1,0 +1,414 @@
+"""The contract of every separation: simulate, separate, correct, and a stated null space.
+
+A method is an object that holds how the set-up is built (angles, distances, radii). It turns known
+parts into the readings they would give (`simulate`), readings into parts (`separate`), and takes
+the machine's share out of readings (`correct`). What it cannot see is listed by `null_space`.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from metrosep.core.errors import DataError
+from metrosep.core.profile import html_table
+from metrosep.core.provenance import Step, history_as_dicts
+from metrosep.core.quantity import Quantity
+from metrosep.core.units import format_engineering
+from metrosep.separation.null_space import Unobservable, suppressed_harmonics
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["Separation", "SeparationMethod"]
+
+FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+_UNKNOWN_NOISE = Quantity(
+    math.nan, "m", "standard deviation of one reading; not known", symbol="s"
+)
+
+
+def _frozen(items: Mapping[str, Any], dtype: type) -> Mapping[str, Any]:
+    out = {}
+    for name, values in items.items():
+        array: NDArray[Any] = np.array(values, dtype=dtype)
+        array.flags.writeable = False
+        out[name] = array
+    return MappingProxyType(out)
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Separation:
+    """Parts into which readings were separated, with what is known about them.
+
+    Every part is also an attribute: ``result.artefact`` is ``result.parts["artefact"]``.
+
+    Parameters
+    ----------
+    method : str
+        Name of the method.
+    parts : mapping of str to array_like
+        Each part, SI; NaN where the readings do not determine it.
+    u : mapping of str to array_like
+        Standard uncertainty of each part, of the same shape; NaN where it is not known.
+    units : mapping of str to str
+        SI unit of each part.
+    coordinates : mapping of str to array_like
+        What the samples of the parts are sampled over, such as ``{"angle": ...}`` in rad or
+        ``{"x": ...}`` in m.
+    null_space : tuple of Unobservable
+        What the method cannot see.
+    noise : Quantity, optional
+        Standard deviation of one reading: found from repeats or redundancy, or as stated.
+    harmonics, harmonics_u : mapping of str to array_like, optional
+        Complex coefficients c_k, k = 0 ... K, of ``sum_k Re(c_k exp(j k angle))``, NaN where
+        suppressed, and the standard uncertainty of their real and imaginary parts each.
+    audit : mapping, optional
+        What was done: plain values, keys with unit suffixes.
+    messages : tuple of str, optional
+        What the user should know, in plain words.
+    history : tuple of Step, optional
+        From the files on.
+
+    Raises
+    ------
+    DataError
+        If a part lacks its uncertainty or unit, or their shapes differ.
+
+    Examples
+    --------
+    >>> result = Separation("example", {"artefact": [1e-9, 2e-9]}, {"artefact": [0.0, 0.0]},
+    ...                     {"artefact": "m"}, {"x": [0.0, 1e-3]}, ())
+    >>> result.artefact.tolist()
+    [1e-09, 2e-09]
+    """
+
+    method: str
+    parts: Mapping[str, FloatArray]
+    u: Mapping[str, FloatArray]
+    units: Mapping[str, str]
+    coordinates: Mapping[str, FloatArray]
+    null_space: tuple[Unobservable, ...]
+    noise: Quantity = _UNKNOWN_NOISE
+    harmonics: Mapping[str, ComplexArray] = field(default_factory=dict)
+    harmonics_u: Mapping[str, FloatArray] = field(default_factory=dict)
+    audit: Mapping[str, Any] = field(default_factory=dict)
+    messages: tuple[str, ...] = ()
+    history: tuple[Step, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in ("parts", "u", "coordinates", "harmonics_u"):
+            object.__setattr__(self, name, _frozen(getattr(self, name), np.float64))
+        object.__setattr__(self, "harmonics", _frozen(self.harmonics, np.complex128))
+        for name in ("units", "audit"):
+            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
+        for name, values in self.parts.items():
+            if name not in self.u or name not in self.units:
+                raise DataError(f"the part {name!r} needs an uncertainty and a unit")
+            if self.u[name].shape != values.shape:
+                raise DataError(
+                    f"the part {name!r} has the shape {values.shape}, its uncertainty "
+                    f"{self.u[name].shape}"
+                )
+
+    def __getattr__(self, name: str) -> FloatArray:
+        parts = {} if name.startswith("_") else object.__getattribute__(self, "parts")
+        if name in parts:
+            values: FloatArray = parts[name]
+            return values
+        known = ", ".join(parts)
+        raise AttributeError(f"a Separation has no attribute {name!r}; its parts are {known}")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Separation.from_dict, (self.to_dict(),)
+
+    @property
+    def suppressed(self) -> list[int]:
+        """Undulations per revolution that are not observable, of any part, rising."""
+        return suppressed_harmonics(self.null_space)
+
+    def with_type_b(self, terms: Mapping[str, float], *, part: str | None = None) -> Separation:
+        """Return the same parts with further standard uncertainties combined in quadrature.
+
+        Parameters
+        ----------
+        terms : mapping of str to float
+            Name and standard uncertainty of each term, in the unit of the part: form of the
+            artefact, linearity of the sensor, index angle, temperature.
+        part : str, optional
+            Which part they concern; all if omitted.
+
+        Returns
+        -------
+        Separation
+            With larger `u`, the terms in ``audit["type_b"]``.
+
+        Raises
+        ------
+        DataError
+            If the part does not exist, or a term is negative or not finite.
+        """
+        names = list(self.parts) if part is None else [part]
+        for name in names:
+            if name not in self.parts:
+                raise DataError(f"there is no part {name!r}; there are {', '.join(self.parts)}")
+        for label, value in terms.items():
+            if not (math.isfinite(value) and value >= 0.0):
+                raise DataError(f"the standard uncertainty {label!r} is {value}; it must be >= 0")
+        total = math.fsum(value**2 for value in terms.values())
+        u = {n: np.sqrt(v**2 + total) if n in names else v for n, v in self.u.items()}
+        before = dict(self.audit.get("type_b", {}))
+        for name in names:
+            unit = self.units[name]
+            before[name] = {
+                **before.get(name, {}),
+                **{f"{k} / {unit}": float(v) for k, v in terms.items()},
+            }
+        return replace(self, u=u, audit={**self.audit, "type_b": before})
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return parts that share the first coordinate as columns with unit suffixes.
+
+        Returns
+        -------
+        pandas.DataFrame
+            One row for each sample: the coordinate, each part and its standard uncertainty, SI.
+
+        Raises
+        ------
+        DataError
+            If the parts are maps: take ``parts`` instead.
+        """
+        import pandas as pd
+
+        if len(self.coordinates) != 1:
+            raise DataError("parts that are maps have no table; use .parts and .u")
+        ((name, positions),) = self.coordinates.items()
+        columns = {f"{name}_{'rad' if name == 'angle' else 'm'}": positions}
+        for part, values in self.parts.items():
+            if values.shape == positions.shape:
+                columns[f"{part}_{self.units[part]}"] = values
+                columns[f"u_{part}_{self.units[part]}"] = self.u[part]
+        return pd.DataFrame(columns)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return everything as plain values for JSON (NaN as None).
+
+        Returns
+        -------
+        dict
+            Readable by `from_dict`.
+        """
+        return {
+            "method": self.method,
+            "parts": {k: _plain(v) for k, v in self.parts.items()},
+            "u": {k: _plain(v) for k, v in self.u.items()},
+            "units": dict(self.units),
+            "coordinates": {k: _plain(v) for k, v in self.coordinates.items()},
+            "null_space": [item.to_dict() for item in self.null_space],
+            "noise": self.noise.to_dict(),
+            "harmonics": {
+                k: {"real": _plain(v.real), "imag": _plain(v.imag)}
+                for k, v in self.harmonics.items()
+            },
+            "harmonics_u": {k: _plain(v) for k, v in self.harmonics_u.items()},
+            "audit": dict(self.audit),
+            "messages": list(self.messages),
+            "history": history_as_dicts(self.history),
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Separation:
+        """Return the separation that `to_dict` wrote.
+
+        Parameters
+        ----------
+        data : mapping
+            Its plain values.
+
+        Returns
+        -------
+        Separation
+            With the same numbers.
+
+        Raises
+        ------
+        DataError
+            If a key is missing or of the wrong kind.
+        """
+        try:
+            noise = data["noise"]
+            return cls(
+                str(data["method"]),
+                {k: _array(v) for k, v in data["parts"].items()},
+                {k: _array(v) for k, v in data["u"].items()},
+                data["units"],
+                {k: _array(v) for k, v in data["coordinates"].items()},
+                tuple(Unobservable.from_dict(item) for item in data["null_space"]),
+                Quantity(
+                    math.nan if noise["value"] is None else float(noise["value"]),
+                    noise["unit"],
+                    noise["definition"],
+                    u=noise["u"],
+                    symbol=noise["symbol"],
+                ),
+                {
+                    k: _array(v["real"]) + 1j * _array(v["imag"])
+                    for k, v in data["harmonics"].items()
+                },
+                {k: _array(v) for k, v in data["harmonics_u"].items()},
+                data["audit"],
+                tuple(data["messages"]),
+                tuple(Step(s["step"], s["parameters"], s["version"]) for s in data["history"]),
+            )
+        except (KeyError, TypeError, ValueError, AttributeError) as exc:
+            raise DataError(
+                f"this is not a stored separation ({type(exc).__name__}: {exc})"
+            ) from exc
+
+    def _rows(self) -> dict[str, str]:
+        rows = {}
+        for name, values in self.parts.items():
+            unit = self.units[name]
+            known = values[np.isfinite(values)]
+            if known.size == 0:
+                rows[name] = "not determined"
+                continue
+            text = f"P-V {format_engineering(float(np.ptp(known)), unit)}"
+            u = self.u[name][np.isfinite(self.u[name])]
+            mean_u = math.sqrt(float(np.mean(u**2))) if u.size else math.nan
+            text += (
+                f", u {format_engineering(mean_u, unit, digits=2)}" if u.size else ", u not known"
+            )
+            rows[name] = text
+        rows.update({f"not seen {i + 1}": str(item) for i, item in enumerate(self.null_space)})
+        return rows
+
+    def __repr__(self) -> str:
+        parts = "; ".join(f"{k} {v}" for k, v in self._rows().items() if k in self.parts)
+        return f"Separation({self.method}: {parts}; {len(self.null_space)} null-space terms)"
+
+    def _repr_html_(self) -> str:
+        """Return a small table for notebooks."""
+        rows = self._rows()
+        rows.update({f"message {i + 1}": m for i, m in enumerate(self.messages)})
+        return html_table(f"Separation: {self.method}", rows)
+
+
+class SeparationMethod(ABC):
+    """A way to separate readings of one set-up; frozen dataclasses implement it."""
+
+    name: ClassVar[str]
+    """Name of the method in results and recipes."""
+
+    truth_parts: ClassVar[tuple[str, ...]]
+    """Parts that belong to what is measured: artefact, part, surface."""
+
+    error_parts: ClassVar[tuple[str, ...]]
+    """Parts that belong to the machine or the instrument."""
+
+    @abstractmethod
+    def simulate(
+        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
+    ) -> FloatArray:
+        """Return the noise-free readings that given parts produce.
+
+        Parameters
+        ----------
+        truth : mapping of str to array_like
+            `truth_parts`; a missing one is zero.
+        errors : mapping of str to array_like
+            `error_parts`; a missing one is zero.
+
+        Returns
+        -------
+        ndarray, shape (n_readings, ...)
+            First axis: the set-ups or sensors, in the order that `separate` expects.
+
+        Raises
+        ------
+        DataError
+            If a part is unknown, or neither truth nor errors are given.
+        """
+
+    @abstractmethod
+    def separate(self, readings: ArrayLike, *, u_reading: float | None = None) -> Separation:
+        """Return the parts that readings consist of.
+
+        Parameters
+        ----------
+        readings : array_like, shape (n_readings, ...)
+            As `simulate` returns them; NaN = not measured.
+        u_reading : float, optional
+            Standard uncertainty of one reading, for methods without redundancy.
+
+        Returns
+        -------
+        Separation
+            Parts, uncertainties, null space, audit.
+
+        Raises
+        ------
+        DataError
+            If the readings cannot be used.
+        """
+
+    @abstractmethod
+    def null_space(self) -> tuple[Unobservable, ...]:
+        """Return what this set-up cannot see.
+
+        Returns
+        -------
+        tuple of Unobservable
+            Empty where everything is determined.
+        """
+
+    def correct(self, readings: ArrayLike) -> FloatArray:
+        """Return the readings without the machine's share, as far as it is determined.
+
+        Parameters
+        ----------
+        readings : array_like, shape (n_readings, ...)
+            As for `separate`.
+
+        Returns
+        -------
+        ndarray, shape (n_readings, ...)
+            Readings minus what the separated machine errors would read.
+
+        Raises
+        ------
+        DataError
+            If the readings cannot be used.
+        """
+        found = self.separate(readings)
+        errors = {name: found.parts[name] for name in self.error_parts if name in found.parts}
+        return np.asarray(readings, dtype=np.float64) - self.simulate({}, errors)
+
+
+def _plain(values: FloatArray) -> Any:
+    if values.ndim == 0:
+        value = float(values)
+        return None if math.isnan(value) else value
+    return [_plain(v) for v in values] if values.ndim > 1 else _plain_row(values)
+
+
+def _plain_row(values: FloatArray) -> list[float | None]:
+    bad = np.isnan(values)
+    row: list[float | None] = values.tolist()
+    for i in np.flatnonzero(bad):
+        row[int(i)] = None
+    return row
+
+
+def _array(values: Any) -> FloatArray:
+    return np.array(values, dtype=np.float64)
