@@ -368,8 +368,8 @@ def format_length(value: float | None, *, digits: int = 4) -> str:
         return "0 m"
     for limit, name, factor in _LENGTH_STEPS:
         if size < limit:
-            return f"{value / factor:.{digits}g} {name}"
-    return f"{value:.{digits}g} m"
+            return f"{_plain_digits(value / factor, digits)} {name}"
+    return f"{_plain_digits(value, digits)} m"
 
 
 def format_engineering(value: float, unit: str, *, digits: int = 4) -> str:
@@ -396,4 +396,10 @@ def format_engineering(value: float, unit: str, *, digits: int = 4) -> str:
     """
     if unit == "m":
         return format_length(value, digits=digits)
-    return f"{value:.{digits}g} {'' if unit == '1' else unit}".rstrip()
+    return f"{_plain_digits(value, digits)} {'' if unit == '1' else unit}".rstrip()
+
+
+def _plain_digits(value: float, digits: int) -> str:
+    """Return significant digits without an exponent where the number is of ordinary size."""
+    text = f"{value:.{digits}g}"
+    return f"{float(text):.0f}" if "e+" in text and abs(value) < 1e6 else text

@@ -106,3 +106,16 @@ def test_lengths_print_with_a_readable_prefix():
     ]
     assert format_length(None) == "not known"
     assert format_length(math.nan) == "not known"
+
+
+@pytest.mark.parametrize(
+    ("value", "digits", "text"),
+    [
+        (400e-12, 2, "400 pm"),
+        (437e-9, 2, "440 nm"),
+        (-123e-9, 1, "-100 nm"),
+        (999.96e-9, 4, "1000 nm"),
+    ],
+)
+def test_few_digits_of_hundreds_have_no_exponent(value, digits, text):
+    assert format_length(value, digits=digits) == text
