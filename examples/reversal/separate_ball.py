@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from metrosep.io.readings import read_readings
-from metrosep.separation.roundness_reversal import donaldson
+from metrosep.separation import donaldson
 
 here = Path(__file__).parent
 

@@ -125,7 +125,8 @@ def read_readings(
             values.append([whole[r] for r in rows])
             names.append(column.name if len(files) == 1 else f"{file.name}: {column.name}")
         warnings += [f"{file.name}: {w}" for w in table.warnings]
-        facts = {"readings": ", ".join(str(c) for c in columns), "scale": str(scale)}
+        facts = {"readings": ", ".join(str(c) for c in columns)}
+        facts |= {} if scale is None else {"scale": str(scale)}
         history += file.history(format_id, facts)
     return Readings(
         _stack(values, names),

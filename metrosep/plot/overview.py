@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from metrosep.plot.error import before_after
+from metrosep.plot.separation import separation_parts
 from metrosep.plot.spectra import residual_psd, spectrum
 from metrosep.plot.style import house_style
 from metrosep.plot.table import table_plot
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 __all__ = ["drawable", "overview"]
 
 
-def drawable(document: Mapping[str, Any]) -> dict[str, Callable[..., Axes]]:
+def drawable(document: Mapping[str, Any]) -> dict[str, Callable[..., Axes | Figure]]:
     """Return the drawing functions that have something to draw, by name.
 
     Parameters
@@ -28,15 +29,18 @@ def drawable(document: Mapping[str, Any]) -> dict[str, Callable[..., Axes]]:
     Returns
     -------
     dict of str to callable
-        Any of ``before_after``, ``spectrum``, ``residual_psd``, ``table_plot``, in this order.
+        Any of ``before_after``, ``spectrum``, ``residual_psd``, ``table_plot``,
+        ``separation_parts``, in this order.
     """
     estimate = document.get("estimate") or {}
-    has = {
+    separation = document.get("separation") or {}
+    has: dict[Callable[..., Axes | Figure], Any] = {
         before_after: (document.get("plots") or {}).get("x_mm"),
         spectrum: (estimate.get("feed_spectra") or {}).get("feed_mm_min")
         or (estimate.get("spectrum") or {}).get("wavelength_mm"),
         residual_psd: (estimate.get("residual_psd") or {}).get("frequency_hz"),
         table_plot: (document.get("table") or {}).get("positions_m"),
+        separation_parts: separation.get("parts"),
     }
     return {draw.__name__: draw for draw, present in has.items() if present}
 

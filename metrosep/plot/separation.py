@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["parts_plot", "reversal_quartet"]
+__all__ = ["parts_plot", "reversal_quartet", "separation_parts"]
 
 FloatArray = NDArray[np.float64]
 
@@ -117,6 +117,35 @@ def parts_plot(separation: Separation, ax: Axes | None = None) -> Figure | Axes:
         _draw_parts(list(panels), separation, x)
         _label_abscissa(panels[-1], label)
     return figure
+
+
+def separation_parts(document: Mapping[str, Any]) -> Figure:
+    """Return the parts of a stored separation, as `parts_plot` draws them.
+
+    Parameters
+    ----------
+    document : mapping
+        A result (schema ``metrosep.result/1``) of a named separation.
+
+    Returns
+    -------
+    matplotlib Figure
+        One panel for each part.
+
+    Raises
+    ------
+    DataError
+        If the result holds no separation of curves.
+    """
+    from matplotlib.figure import Figure
+
+    separation = document.get("separation")
+    if not separation:
+        raise DataError("this result holds no separation: nothing to draw")
+    drawn = parts_plot(Separation.from_dict(separation))
+    if not isinstance(drawn, Figure):
+        raise DataError("the parts of this separation are no curves")
+    return drawn
 
 
 def _draw_parts(panels: Sequence[Axes], separation: Separation, x: FloatArray) -> None:

@@ -100,6 +100,8 @@ def _names(output: Mapping[str, Any], place: Place) -> list[str]:
         machine_limits(output, place)
         name = output_name(output["path"], place)
         return [name, f"{name}.json"]
+    if output["kind"] == "parts":
+        return [output_name(output.get("path", "parts.csv"), place)]
     known = report_formats()
     formats = output.get("formats", ["html"])
     for name in formats:

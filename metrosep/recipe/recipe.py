@@ -12,10 +12,19 @@ from typing import Any
 
 from metrosep.core.errors import RecipeError, UnsupportedFeatureError
 from metrosep.core.provenance import freeze_mapping
+from metrosep.recipe.methods import METHODS, input_fields
 from metrosep.recipe.preflight import check_recipe
 from metrosep.recipe.result import Result
 from metrosep.recipe.schema import Field, Place, checked_table
-from metrosep.recipe.steps import CHECK, INPUT, OUTPUTS, STEPS, TOP
+from metrosep.recipe.steps import (
+    CHECK,
+    INPUT,
+    METHOD_CHECK,
+    METHOD_OUTPUTS,
+    OUTPUTS,
+    STEPS,
+    TOP,
+)
 
 __all__ = ["Recipe"]
 
@@ -51,6 +60,11 @@ class Recipe:
     steps: tuple[Mapping[str, Any], ...]
     checks: tuple[Mapping[str, Any], ...] = ()
     outputs: tuple[Mapping[str, Any], ...] = field(default=())
+
+    @property
+    def is_method(self) -> bool:
+        """Whether the step is one of the named separations, not that of repeated runs."""
+        return self.steps[0]["op"] in METHODS
 
     @property
     def sha256(self) -> str:
@@ -119,20 +133,41 @@ class Recipe:
                 f"metrosep = {data['metrosep']}: this version reads recipes of version 1",
                 "metrosep",
             )
-        steps = _several(data.get("step"), STEPS, "op", "[[step]]", top)
-        if [s["op"] for s in steps].count("separate") != 1:
-            raise top.error('a recipe needs exactly one [[step]] with op = "separate"', "step")
+        ops = {**STEPS, **{op: method.fields for op, method in METHODS.items()}}
+        steps = _several(data.get("step"), ops, "op", "[[step]]", top)
+        named = [s["op"] for s in steps]
+        method = METHODS.get(named[0]) if named else None
+        wanted = named.count("separate") if method is None else len(named)
+        if wanted != 1:
+            raise top.error(
+                'a recipe needs exactly one [[step]] that separates: op = "separate", or one of '
+                + ", ".join(METHODS),
+                "step",
+            )
+        fields = INPUT if method is None else input_fields(method)
         recipe = cls(
             name=name,
             text=text,
             folder=Path(folder),
             title=data.get("title", ""),
             input=freeze_mapping(
-                checked_table(data["input"], INPUT, Place(name, text, "[input]"), what="[input]")
+                checked_table(data["input"], fields, Place(name, text, "[input]"), what="[input]")
             ),
             steps=steps,
-            checks=_several(data.get("check", []), {"": CHECK}, "", "[[check]]", top),
-            outputs=_several(data.get("output", []), OUTPUTS, "kind", "[[output]]", top),
+            checks=_several(
+                data.get("check", []),
+                {"": CHECK if method is None else METHOD_CHECK},
+                "",
+                "[[check]]",
+                top,
+            ),
+            outputs=_several(
+                data.get("output", []),
+                OUTPUTS if method is None else METHOD_OUTPUTS,
+                "kind",
+                "[[output]]",
+                top,
+            ),
         )
         check_recipe(recipe)
         return recipe

@@ -48,15 +48,31 @@ class Result:
     ----------
     document : mapping
         Content of result.json.
-    estimate : ErrorEstimate
-        The separated error.
+    produced : ErrorEstimate, Separation or what else the method returns
+        The result as an object.
     files : tuple of Path
         Files that were written, result.json last.
     """
 
     document: Mapping[str, Any]
-    estimate: ErrorEstimate
+    produced: Any
     files: tuple[Path, ...] = field(default=())
+
+    @property
+    def estimate(self) -> ErrorEstimate:
+        """The separated error of repeated runs.
+
+        Raises
+        ------
+        DataError
+            If the recipe separated something else; that is in `produced`.
+        """
+        if isinstance(self.produced, ErrorEstimate):
+            return self.produced
+        raise DataError(
+            f"this result is a {type(self.produced).__name__}, not the error of an axis over "
+            "repeated runs; take .produced"
+        )
 
     @property
     def verdict(self) -> str | None:

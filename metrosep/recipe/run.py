@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from metrosep._version import __version__
 from metrosep.compensation import fit_polynomial
 from metrosep.core.errors import ReadError, RecipeError
-from metrosep.core.provenance import history_as_dicts
+from metrosep.core.provenance import Step, history_as_dicts
 from metrosep.core.runset import RunSet
 from metrosep.recipe.characteristics import DECISION_RULE, characteristics
 from metrosep.recipe.outputs import (
@@ -29,7 +29,7 @@ from metrosep.separation.base import ErrorEstimate
 if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe
 
-__all__ = ["input_files", "run_recipe"]
+__all__ = ["input_files", "input_records", "run_recipe", "versions"]
 
 PathLike = str | os.PathLike[str]
 Progress = Callable[[str], None]
@@ -67,6 +67,10 @@ def run_recipe(
     """
     tell = progress or _silent
     files = input_files(recipe, inputs)
+    if recipe.is_method:
+        from metrosep.recipe.method_run import run_method
+
+        return run_method(recipe, files, out=None if out is None else Path(out), tell=tell)
     tell(f"reading {len(files)} file(s)")
     runs = _read(recipe, files)
     if out is None:
@@ -94,7 +98,7 @@ def _document(
         "schema": SCHEMA,
         "metrosep": __version__,
         "title": recipe.title or "Separation of repeated runs",
-        "inputs": _inputs(runs),
+        "inputs": input_records(runs.history),
         "estimate": estimate.to_dict(),
         "plots": plot_data(runs, estimate),
         "table": described[0] if described else None,
@@ -107,7 +111,7 @@ def _document(
         ],
         "provenance": history_as_dicts(estimate.history),
         "recipe": {"name": recipe.name, "text": recipe.text, "sha256": recipe.sha256},
-        "versions": _versions(),
+        "versions": versions(),
         "decision_rule": DECISION_RULE,
         **characteristics(recipe, estimate, [t.verification for t in tables]),
     }
@@ -204,7 +208,19 @@ def _polynomial(recipe: Recipe, runs: RunSet, estimate: ErrorEstimate) -> dict[s
     return None
 
 
-def _inputs(runs: RunSet) -> list[dict[str, Any]]:
+def input_records(history: Iterable[Step]) -> list[dict[str, Any]]:
+    """Return name, hash, size and format of the files that a history begins with.
+
+    Parameters
+    ----------
+    history : iterable of Step
+        Of what was read.
+
+    Returns
+    -------
+    list of dict
+        One for each file.
+    """
     return [
         {
             "name": step.parameters.get("file"),
@@ -212,12 +228,19 @@ def _inputs(runs: RunSet) -> list[dict[str, Any]]:
             "size": step.parameters.get("size"),
             "format": step.parameters.get("format"),
         }
-        for step in runs.history
+        for step in history
         if step.name == "read"
     ]
 
 
-def _versions() -> dict[str, str]:
+def versions() -> dict[str, str]:
+    """Return the versions that a result depends on.
+
+    Returns
+    -------
+    dict of str to str
+        Of Python, numpy and scipy.
+    """
     import numpy as np
     import scipy
 

@@ -36,6 +36,11 @@ Kind = Literal[
     "degree",
     "spacing",
     "table",
+    "angle",
+    "angles",
+    "lengths",
+    "numbers",
+    "limit",
 ]
 
 
@@ -277,6 +282,25 @@ def _spacing(value: Any) -> Any:
     raise TypeError('a spacing such as "1 mm" or a number of points is needed here')
 
 
+def _limit(value: Any) -> float:
+    """Return a limit of any dimension: a length or an angle with its unit, or a plain number."""
+    if not isinstance(value, str):
+        return _number(value)
+    try:
+        return parse_quantity(value, dimension="length")
+    except UnitError:
+        return parse_quantity(value, dimension="angle")
+
+
+def _list_of(check: Callable[[Any], float], example: str) -> Callable[[Any], tuple[float, ...]]:
+    def checked(value: Any) -> tuple[float, ...]:
+        if not isinstance(value, list) or not value:
+            raise TypeError(f"a list is needed here, such as {example}")
+        return tuple(check(item) for item in value)
+
+    return checked
+
+
 _KINDS: dict[str, Callable[[Any], Any]] = {
     "text": _typed(str, "a text"),
     "flag": _typed(bool, "true or false"),
@@ -295,4 +319,9 @@ _KINDS: dict[str, Callable[[Any], Any]] = {
     "degree": _degree,
     "spacing": _spacing,
     "table": _typed(dict, "a table"),
+    "angle": _quantity("angle"),
+    "angles": _list_of(_quantity("angle"), '["0 deg", "45 deg"]'),
+    "lengths": _list_of(_quantity("length"), '["0 mm", "10 mm"]'),
+    "limit": _limit,
+    "numbers": _list_of(_number, "[1.0, 2.0]"),
 }

@@ -4,7 +4,16 @@ from __future__ import annotations
 
 from metrosep.recipe.schema import Field
 
-__all__ = ["CHECK", "INPUT", "METRICS", "OUTPUTS", "STEPS", "TOP"]
+__all__ = [
+    "CHECK",
+    "INPUT",
+    "METHOD_CHECK",
+    "METHOD_OUTPUTS",
+    "METRICS",
+    "OUTPUTS",
+    "STEPS",
+    "TOP",
+]
 
 TOP = {
     "metrosep": Field("integer", required=True),
@@ -97,4 +106,18 @@ OUTPUTS = {
         "formats": Field("texts"),
         "path": Field("text"),
     },
+}
+
+METHOD_CHECK = {
+    "name": Field("text"),
+    "metric": Field("text", required=True),
+    "upper": Field("limit"),
+    "lower": Field("limit"),
+    "U": Field("limit"),
+    "guard_factor": Field("number"),
+}
+
+METHOD_OUTPUTS = {
+    "parts": {"kind": Field("text", required=True), "path": Field("text")},
+    "report": OUTPUTS["report"],
 }

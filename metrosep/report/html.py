@@ -23,6 +23,7 @@ _TITLES = {
     "spectrum": "Amplitude over wavelength",
     "residual_psd": "What was separated, over frequency",
     "table_plot": "Compensation table",
+    "separation_parts": "Parts of the readings",
 }
 
 
@@ -125,5 +126,9 @@ def _captions(document: Mapping[str, Any]) -> dict[str, str]:
         "table_plot": (
             "Correction c = −e that is added to the command, at its entries; joined as the "
             "controller joins them and constant outside. Filter: none."
+        ),
+        "separation_parts": (
+            "Each part with ± 2 standard uncertainties. What the method cannot see is removed, and "
+            "listed above as not seen. Gaps were not measured. Filter: none."
         ),
     }

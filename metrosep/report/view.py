@@ -6,6 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from metrosep.report.separation import SEPARATED_NOTE, separation_audit, separation_rows
 from metrosep.report.text import (
     decimals_for,
     length,
@@ -51,19 +52,20 @@ def view(document: Document) -> dict[str, Any]:
         If a verdict is unknown.
     """
     estimate = document.get("estimate") or {}
+    separation = document.get("separation") or {}
     return {
         "title": document.get("title") or "Separation of repeated runs",
         "version": document.get("metrosep") or "",
         "stamp": stamp(document.get("verdict")),
         "decision_rule": _sentence(document.get("decision_rule")),
-        "summary": _summary(document, estimate),
+        "summary": _summary(document, estimate) + separation_rows(separation),
         "characteristics": [_characteristic(c) for c in document.get("characteristics") or []],
-        "uncertainty_note": _NOT_IN_BAND,
+        "uncertainty_note": SEPARATED_NOTE if separation else _NOT_IN_BAND,
         "messages": _messages(document, estimate),
         "wavelengths": _wavelengths(estimate.get("spectrum") or {}),
         "table": _table(document.get("table")),
         "polynomial": _polynomial(document.get("polynomial")),
-        "settings": _settings(estimate.get("audit") or {}),
+        "settings": _settings(estimate.get("audit") or separation_audit(separation)),
         "inputs": [_input(i) for i in document.get("inputs") or []],
         "steps": [_step(s) for s in document.get("provenance") or []],
         "recipe": document.get("recipe") or None,

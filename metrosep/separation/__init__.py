@@ -8,8 +8,11 @@ from __future__ import annotations
 
 from metrosep.separation.average import separate_mean
 from metrosep.separation.base import ErrorEstimate
+from metrosep.separation.face import face_reversal
 from metrosep.separation.fourier import separate_kono
 from metrosep.separation.joint import separate_joint
+from metrosep.separation.reversals import straightedge_reversal
+from metrosep.separation.roundness_reversal import donaldson
 from metrosep.separation.separate import separate
 from metrosep.separation.simulate import KONO_WAVES, SimulatedAxis, machine_axis
 from metrosep.separation.spectra import feed_spectra
@@ -19,6 +22,8 @@ __all__ = [
     "KONO_WAVES",
     "ErrorEstimate",
     "SimulatedAxis",
+    "donaldson",
+    "face_reversal",
     "feed_spectra",
     "kono_weights",
     "machine_axis",
@@ -26,4 +31,5 @@ __all__ = [
     "separate_joint",
     "separate_kono",
     "separate_mean",
+    "straightedge_reversal",
 ]

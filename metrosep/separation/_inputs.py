@@ -147,3 +147,28 @@ def stacked(readings: Sequence[ArrayLike], what: str) -> FloatArray:
         rows = np.atleast_2d(a)
         out[i, : rows.shape[0]] = rows
     return out
+
+
+def require_turn(angle: FloatArray) -> None:
+    """Refuse angles that are not equally spaced over one revolution.
+
+    Parameters
+    ----------
+    angle : ndarray, shape (n,), rad
+        Rising.
+
+    Raises
+    ------
+    InvalidSamplesError
+        If they are not.
+    """
+    n = angle.size
+    step = 2.0 * np.pi / n
+    if np.max(np.abs(np.diff(angle) - step)) > 1e-6 * step:
+        hint = ""
+        if np.max(np.abs(np.diff(angle) - 360.0 / n)) < 1e-6 * 360.0 / n:
+            hint = "; these look like degrees"
+        raise InvalidSamplesError(
+            f"the angles must be equally spaced over one revolution, {n} steps of {step:.6g} rad"
+            f"{hint}: resample them (the last sample is not the first one again)"
+        )

@@ -9,10 +9,10 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from metrosep.core.errors import DataError, InvalidSamplesError
+from metrosep.core.errors import DataError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
-from metrosep.separation._inputs import curves, stacked
+from metrosep.separation._inputs import curves, require_turn, stacked
 from metrosep.separation._readings import (
     checked_readings,
     harmonics_of,
@@ -180,7 +180,7 @@ def donaldson(
     """
     readings, angle, history = curves((m1, m2), what="donaldson", axis="angle")
     if angle is not None:
-        _check_turn(angle)
+        require_turn(angle)
     array = stacked(readings, "donaldson")
     return DonaldsonReversal(u_index).separate(array, u_reading=u_reading, history=history)
 
@@ -231,16 +231,3 @@ def _half_turn_doubts(array: FloatArray) -> tuple[str, ...]:
         )
         return (text,)
     return ()
-
-
-def _check_turn(angle: FloatArray) -> None:
-    n = angle.size
-    step = 2.0 * np.pi / n
-    if np.max(np.abs(np.diff(angle) - step)) > 1e-6 * step:
-        hint = ""
-        if np.max(np.abs(np.diff(angle) - 360.0 / n)) < 1e-6 * 360.0 / n:
-            hint = "; these look like degrees"
-        raise InvalidSamplesError(
-            f"the angles must be equally spaced over one revolution, {n} steps of {step:.6g} rad"
-            f"{hint}: resample them (the last sample is not the first one again)"
-        )

@@ -1,0 +1,184 @@
+"""Carrying out a recipe whose step is one of the named separations (`metrosep.recipe.methods`)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from metrosep._version import __version__
+from metrosep.core.provenance import Step, history_as_dicts
+from metrosep.core.quantity import Quantity
+from metrosep.parameters.decision import decide, worst
+from metrosep.recipe.characteristics import DECISION_RULE
+from metrosep.recipe.method_inputs import load_inputs, sources
+from metrosep.recipe.methods import METHODS
+from metrosep.recipe.outputs import write_reports
+from metrosep.recipe.parts import write_parts
+from metrosep.recipe.preflight import RESULT_NAME
+from metrosep.recipe.result import SCHEMA, Result, clean
+from metrosep.recipe.staging import staged
+from metrosep.separation.contract import Separation
+
+if TYPE_CHECKING:
+    from metrosep.recipe.recipe import Recipe
+
+__all__ = ["quantities", "run_method"]
+
+
+def run_method(
+    recipe: Recipe, files: list[Path], *, out: Path | None, tell: Callable[[str], None]
+) -> Result:
+    """Read, separate, judge and write.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        Whose step names a method.
+    files : list of Path
+        Inputs, in order.
+    out : Path or None
+        Folder for the results.
+    tell : callable
+        Told what is being done.
+
+    Returns
+    -------
+    Result
+        Document, separation, files.
+
+    Raises
+    ------
+    MetrosepError
+        Of any kind of its tree; nothing is left in `out` then.
+    """
+    step = recipe.steps[0]
+    method = METHODS[step["op"]]
+    tell(f"reading {len(files)} file(s)")
+    inputs = load_inputs(method, files, {k: v for k, v in recipe.input.items() if k != "files"})
+    tell(f"separating: {method.what}")
+    produced = method.call(inputs, {k: v for k, v in step.items() if k != "op"})
+    history, warnings = sources(inputs)
+    document = _document(recipe, produced, history, warnings)
+    if out is None:
+        return Result(document, produced)
+    with staged(out) as stage:
+        names = write_parts(recipe, produced, stage, tell)
+        names += write_reports(recipe, document, stage, tell)
+        Result(document, produced).write(stage / RESULT_NAME)
+    return Result(document, produced, tuple(out / n for n in (*names, RESULT_NAME)))
+
+
+def quantities(produced: Any) -> dict[str, Quantity]:
+    """Return the numbers of a result that a recipe can check, by metric.
+
+    Parameters
+    ----------
+    produced : Separation, ParameterTable or an object with ``.table``
+        What a method returned.
+
+    Returns
+    -------
+    dict of str to Quantity
+        ``part.pv`` and ``part.rms`` of a separation; the symbols of a table.
+    """
+    table = getattr(produced, "table", produced)
+    if isinstance(table, Mapping):
+        return {str(k): q for k, q in table.items()}
+    if not isinstance(produced, Separation):
+        return {}
+    found = {}
+    for name, values in produced.parts.items():
+        known = np.isfinite(values)
+        if not known.any():
+            continue
+        unit, u = produced.units[name], produced.u[name]
+        flat, flat_u = values[known], u[known]
+        high, low = int(np.argmax(flat)), int(np.argmin(flat))
+        u_pv = math.hypot(flat_u[high], flat_u[low])
+        rms = math.sqrt(float(np.mean((flat - flat.mean()) ** 2)))
+        text = name.replace("_", " ")
+        found[f"{name}.pv"] = Quantity(
+            float(flat[high] - flat[low]),
+            unit,
+            f"P-V of the separated {text}; u of the two extremes as if independent",
+            u=None if math.isnan(u_pv) else u_pv,
+            symbol=f"PV {text}",
+        )
+        found[f"{name}.rms"] = Quantity(
+            rms,
+            unit,
+            f"RMS of the separated {text} about its mean",
+            symbol=f"RMS {text}",
+        )
+    return found
+
+
+def _document(
+    recipe: Recipe, produced: Any, history: Iterable[Step], warnings: tuple[str, ...]
+) -> dict[str, Any]:
+    from metrosep.recipe.run import input_records, versions
+
+    steps = tuple(history)
+    name = recipe.steps[0]["op"]
+    messages = tuple(getattr(produced, "messages", ()))
+    return clean(  # type: ignore[no-any-return]
+        {
+            "schema": SCHEMA,
+            "metrosep": __version__,
+            "title": recipe.title or METHODS[name].what.capitalize(),
+            "inputs": input_records(steps),
+            "estimate": None,
+            "separation": {"op": name, "what": METHODS[name].what, **produced.to_dict()},
+            "plots": None,
+            "table": None,
+            "more_tables": [],
+            "polynomial": None,
+            "messages": [*warnings, *messages],
+            "provenance": history_as_dicts((*steps, Step(name, dict(recipe.steps[0])))),
+            "recipe": {"name": recipe.name, "text": recipe.text, "sha256": recipe.sha256},
+            "versions": versions(),
+            "decision_rule": DECISION_RULE,
+            **_judged(recipe, quantities(produced)),
+        }
+    )
+
+
+def _judged(recipe: Recipe, found: Mapping[str, Quantity]) -> dict[str, Any]:
+    """Return what was measured, and the verdict of each check."""
+    entries = []
+    verdicts = []
+    for i, check in enumerate(recipe.checks):
+        metric, place = check["metric"], recipe.place("[[check]]", i)
+        if metric not in found:
+            known = ", ".join(found)
+            raise place.error(
+                f'metric = "{metric}" is not in this result; there are {known}', "metric"
+            )
+        quantity = found[metric]
+        expanded = check.get("U", None if quantity.u is None else 2.0 * quantity.u)
+        if expanded is None:
+            raise place.error(
+                f'the uncertainty of {metric} is not known; state it: U = "10 nm"', "metric"
+            )
+        limits = {k: check.get(k) for k in ("lower", "upper")}
+        verdict = decide(
+            quantity.value, **limits, U=expanded, guard_factor=check.get("guard_factor", 1.0)
+        )
+        verdicts.append(verdict)
+        name = check.get("name", quantity.definition)
+        entries.append(
+            {**quantity.to_dict(), "metric": metric, "name": name, **limits, "U": expanded}
+            | {"verdict": verdict}
+        )
+    checked = {c["metric"] for c in recipe.checks}
+    rest = [
+        {**q.to_dict(), "metric": k, "name": q.symbol or k, "lower": None, "upper": None}
+        | {"U": None, "verdict": None}
+        for k, q in found.items()
+        if k not in checked
+    ]
+    return {"characteristics": [*entries, *rest], "verdict": worst(verdicts)}

@@ -1,0 +1,78 @@
+"""What a report says about a named separation: method, noise, null space, audit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from metrosep.report.text import readable_unit
+
+__all__ = ["SEPARATED_NOTE", "separation_audit", "separation_rows"]
+
+Document = Mapping[str, Any]
+
+_MOST_INDICES = 16
+
+SEPARATED_NOTE = (
+    "The standard uncertainty u holds what the readings tell and what was stated for the method; "
+    "linearity of the sensor and temperature are in it only where they were given."
+)
+
+
+def separation_rows(separation: Document) -> list[tuple[str, str]]:
+    """Return the summary of a separation.
+
+    Parameters
+    ----------
+    separation : mapping
+        That part of a result; empty where the result holds none.
+
+    Returns
+    -------
+    list of (str, str)
+        Method, noise of a reading, and what the method cannot see.
+    """
+    if not separation:
+        return []
+    rows = [("Method", f"{separation.get('op')}: {separation.get('what')}")]
+    noise = separation.get("noise") or {}
+    if noise.get("definition"):
+        rows.append(("Noise", f"{_value(noise)}: {noise['definition']}"))
+    rows += [
+        (f"Not seen, {item['part']}", _unobservable(item))
+        for item in separation.get("null_space") or []
+    ]
+    return rows
+
+
+def separation_audit(separation: Document) -> dict[str, Any]:
+    """Return the settings of a separation, one level deep, for the list of what was done.
+
+    Parameters
+    ----------
+    separation : mapping
+        That part of a result.
+
+    Returns
+    -------
+    dict
+        Plain values; nested ones in the group that their key names.
+    """
+    return dict(separation.get("audit") or {})
+
+
+def _value(noise: Document) -> str:
+    value = noise.get("value")
+    if value is None:
+        return "not known"
+    unit, factor = readable_unit([value], noise.get("unit") or "m")
+    return f"{value / factor:.3g} {unit}"
+
+
+def _unobservable(item: Document) -> str:
+    indices = list(item.get("indices") or [])
+    shown = ", ".join(f"{i:.6g}" if isinstance(i, float) else str(i) for i in indices)
+    if len(indices) > _MOST_INDICES:
+        first = ", ".join(str(i) for i in indices[:_MOST_INDICES])
+        shown = f"{first}, … ({len(indices)} in all)"
+    return f"{item.get('kind')} {shown}: {item.get('reason')}"
