@@ -310,11 +310,12 @@ def _find(tables: Sequence[ParameterTable], symbol: str) -> Quantity:
 
 def _sections(profile: Profile) -> int:
     """Return how many cut-offs fit into a profile that metrosep or its file filtered, else 5."""
+    from metrosep.parameters.sections import sections_that_fit
+
     cutoff = profile.metadata.get("lambda_c_m")
-    if not isinstance(cutoff, float) or len(profile) < 2:
+    if not isinstance(cutoff, float) or not profile.is_uniform:
         return 5
-    span = float(profile.x[-1] - profile.x[0]) * len(profile) / (len(profile) - 1)
-    return max(1, int(span / cutoff + 1e-6))
+    return sections_that_fit(profile, cutoff)
 
 
 def _verdicts(tables: Sequence[ParameterTable], limits: Limits) -> dict[str, dict[str, Any]]:

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from metrosep.cli.options import file_options, given_options, json_option, say
+from metrosep.cli.options import file_options, json_option, say
 
 __all__ = ["check", "controllers", "convert", "formats", "info"]
 
@@ -18,11 +18,7 @@ __all__ = ["check", "controllers", "convert", "formats", "info"]
 @json_option
 def info(
     files: tuple[str, ...],
-    unit: str | None,
-    lateral_step: str | None,
-    channel: str | None,
-    format: str | None,  # noqa: A002
-    settings: tuple[str, ...],
+    reading: dict[str, Any],
     as_json: bool,
 ) -> int:
     """Say what is in FILE: format, shape, steps, heights, gaps, hash."""
@@ -30,14 +26,11 @@ def info(
     from metrosep.core.errors import MetrosepError
     from metrosep.io.describe import describe
 
-    given = given_options(
-        settings, unit=unit, lateral_step=lateral_step, channel=channel, format=format
-    )
     results: list[dict[str, Any]] = []
     code = 0
     for name in files:
         try:
-            results.append(describe(name, **given))
+            results.append(describe(name, **reading))
         except MetrosepError as exc:
             if len(files) == 1:
                 raise
@@ -58,11 +51,7 @@ def info(
 @json_option
 def check(
     files: tuple[str, ...],
-    unit: str | None,
-    lateral_step: str | None,
-    channel: str | None,
-    format: str | None,  # noqa: A002
-    settings: tuple[str, ...],
+    reading: dict[str, Any],
     as_json: bool,
 ) -> int:
     """Say what is odd about FILE: level, problem, fix.
@@ -73,10 +62,7 @@ def check(
     from metrosep.cli.errors import as_options
     from metrosep.io.check import check_file
 
-    given = given_options(
-        settings, unit=unit, lateral_step=lateral_step, channel=channel, format=format
-    )
-    found = {name: check_file(name, **given) for name in files}
+    found = {name: check_file(name, **reading) for name in files}
     if as_json:
         items = [{"file": n, "findings": [f.to_dict() for f in fs]} for n, fs in found.items()]
         content = items[0] if len(items) == 1 else {"files": items}
@@ -150,11 +136,7 @@ def convert(
     source: str,
     target: str,
     target_format: str | None,
-    unit: str | None,
-    lateral_step: str | None,
-    channel: str | None,
-    format: str | None,  # noqa: A002
-    settings: tuple[str, ...],
+    reading: dict[str, Any],
     force: bool,
 ) -> int:
     """Read SRC and write it as DST (csv, h5, int, sdf, sur, x3p, xyz)."""
@@ -166,10 +148,7 @@ def convert(
 
     if Path(target).exists() and not force:
         raise WriteError(f"{target}: exists already; choose another name or give --force")
-    given = given_options(
-        settings, unit=unit, lateral_step=lateral_step, channel=channel, format=format
-    )
-    obj = read(source, **given)
+    obj = read(source, **reading)
     write(obj, target, format=target_format)
     say(f"{obj!r} -> {target}")
     if Path(target).suffix.lower() == ".int" or target_format == "int":

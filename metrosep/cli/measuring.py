@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from metrosep.cli.options import file_options, given_options, json_option, say
+from metrosep.cli.options import file_options, json_option, name_values, say
 
 _WORST_FIRST = (4, 2, 1, 3)
 """Exit codes: a file that was not measured, then reject, then inconclusive."""
@@ -16,14 +16,11 @@ __all__ = ["form", "measure", "verify_softgauge"]
 
 
 def _pairs(texts: tuple[str, ...], option: str) -> dict[str, str]:
-    found = {}
-    for text in texts:
-        name, mark, value = text.partition("=")
-        if not mark or not name.strip() or not value.strip():
-            raise click.UsageError(f"{option} takes NAME=VALUE, found {text!r}")
-        if name.strip() in found:
-            raise click.UsageError(f"{option} is given twice for {name.strip()}")
-        found[name.strip()] = value.strip()
+    found: dict[str, str] = {}
+    for name, value in name_values(texts, option):
+        if name in found:
+            raise click.UsageError(f"{option} is given twice for {name}")
+        found[name] = value
     return found
 
 
@@ -129,11 +126,7 @@ def measure(
     lower: tuple[str, ...],
     expanded: tuple[str, ...],
     guard_factor: float,
-    unit: str | None,
-    lateral_step: str | None,
-    channel: str | None,
-    format: str | None,  # noqa: A002
-    settings: tuple[str, ...],
+    reading: dict[str, Any],
     as_json: bool,
 ) -> int:
     """Remove the form, filter, and give the parameters of FILE, with a verdict where limits are set.
@@ -167,14 +160,11 @@ def measure(
         U=_pairs(expanded, "--U"),
         guard_factor=guard_factor,
     )
-    given = given_options(
-        settings, unit=unit, lateral_step=lateral_step, channel=channel, format=format
-    )
     results: list[dict[str, Any]] = []
     codes = []
     for name in files:
         try:
-            found = evaluate(read(name, **given), how, limits)
+            found = evaluate(read(name, **reading), how, limits)
         except MetrosepError as error:
             if len(files) == 1:
                 raise
@@ -272,11 +262,7 @@ def form(
     direction: Any,
     centre: str | None,
     residual: str | None,
-    unit: str | None,
-    lateral_step: str | None,
-    channel: str | None,
-    format: str | None,  # noqa: A002
-    settings: tuple[str, ...],
+    reading: dict[str, Any],
     as_json: bool,
 ) -> int:
     """Fit an ideal surface to FILE: parameters with uncertainties, and what is left."""
@@ -291,10 +277,7 @@ def form(
     from metrosep.io.write import write
 
     ideal = form_from_text(form_text)
-    given = given_options(
-        settings, unit=unit, lateral_step=lateral_step, channel=channel, format=format
-    )
-    obj = read(file, **given)
+    obj = read(file, **reading)
     if not isinstance(obj, Surface | Profile):
         raise InvalidSamplesError(
             f"{file}: a form needs a profile or a map; this is a {type(obj).__name__}"
@@ -380,11 +363,7 @@ def verify_softgauge(
     centre: bool,
     line: str,
     relative_tolerance: float,
-    unit: str | None,
-    lateral_step: str | None,
-    channel: str | None,
-    format: str | None,  # noqa: A002
-    settings: tuple[str, ...],
+    reading: dict[str, Any],
     as_json: bool,
 ) -> int:
     """Compare our parameters with those that a software gauge FILE (ISO 5436-2 .smd) expects.
@@ -398,10 +377,7 @@ def verify_softgauge(
     from metrosep.io.read import read
     from metrosep.parameters.softgauge import verify_softgauge as compare
 
-    given = given_options(
-        settings, unit=unit, lateral_step=lateral_step, channel=channel, format=format
-    )
-    profile = read(file, **given)
+    profile = read(file, **reading)
     if not isinstance(profile, Profile):
         raise InvalidSamplesError(
             f"{file}: a software gauge is a profile, this is {type(profile).__name__}"

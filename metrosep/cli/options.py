@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -9,14 +10,17 @@ import click
 
 __all__ = [
     "file_options",
-    "given_options",
     "json_option",
+    "name_values",
     "read_options",
     "say",
     "table_options",
 ]
 
 F = TypeVar("F", bound=Callable[..., Any])
+
+_READING = ("unit", "lateral_step", "channel", "format")
+"""Options of a file beside --set."""
 
 
 def json_option(command: F) -> F:
@@ -37,19 +41,28 @@ def json_option(command: F) -> F:
     )(command)
 
 
-def file_options(command: F) -> F:
+def file_options(command: Callable[..., int]) -> Callable[..., int]:
     """Add the options that say how a file is to be read.
 
     Parameters
     ----------
     command : callable
-        To decorate.
+        To decorate. It takes the options that were given as one dict ``reading``, the keywords of
+        `metrosep.io.read.read`.
 
     Returns
     -------
     callable
-        Decorated.
+        Decorated. It raises UsageError if a ``--set`` is no NAME=VALUE.
     """
+
+    @functools.wraps(command)
+    def with_reading(settings: tuple[str, ...], **options: Any) -> int:
+        plain = {name: options.pop(name) for name in _READING}
+        reading = {name: value for name, value in plain.items() if value is not None}
+        return command(reading={**reading, **_settings(settings)}, **options)
+
+    decorated: Callable[..., int] = with_reading
     for option in (
         click.option("--unit", help="Unit of the heights where the file declares none."),
         click.option("--lateral-step", help='Overrides the lateral step of the file, "1.1 um".'),
@@ -63,38 +76,43 @@ def file_options(command: F) -> F:
             help='Option of the format, "sampling_rate=2 kHz"; may be repeated.',
         ),
     ):
-        command = option(command)
-    return command
+        decorated = option(decorated)
+    return decorated
 
 
-def given_options(settings: tuple[str, ...], **options: str | None) -> dict[str, Any]:
-    """Return the options that were given, for `metrosep.io.read.read`.
+def _settings(texts: tuple[str, ...]) -> dict[str, Any]:
+    """Return what ``--set`` gave, by name; the last of a name counts."""
+    given = ((name.replace("-", "_"), value) for name, value in name_values(texts, "--set"))
+    return {name: int(value) if value.isdecimal() else value for name, value in given}
+
+
+def name_values(texts: tuple[str, ...], option: str) -> list[tuple[str, str]]:
+    """Return the names and values of an option that is written NAME=VALUE.
 
     Parameters
     ----------
-    settings : tuple of str
-        Texts ``NAME=VALUE``.
-    **options : str or None
-        Others; None is left out.
+    texts : tuple of str
+        As typed.
+    option : str
+        Its name, for the message.
 
     Returns
     -------
-    dict
-        By name.
+    list of (str, str)
+        Name and value without spaces around them.
 
     Raises
     ------
     UsageError
-        If a setting is no NAME=VALUE.
+        If a text is no NAME=VALUE.
     """
-    given: dict[str, Any] = {k: v for k, v in options.items() if v is not None}
-    for setting in settings:
-        name, mark, value = setting.partition("=")
-        if not mark or not name.strip() or not value.strip():
-            raise click.UsageError(f"--set takes NAME=VALUE, found {setting!r}")
-        text = value.strip()
-        given[name.strip().replace("-", "_")] = int(text) if text.isdecimal() else text
-    return given
+    found = []
+    for text in texts:
+        name, _, value = (part.strip() for part in text.partition("="))
+        if not name or not value:
+            raise click.UsageError(f"{option} takes NAME=VALUE, found {text!r}")
+        found.append((name, value))
+    return found
 
 
 def read_options(command: F) -> F:

@@ -34,16 +34,29 @@ class Form(ABC):
     has_centre : bool
         Whether the form has a vertex or centre, which a fit puts in the middle of a map whose
         origin was not declared; periodic forms and polynomials have none.
+    is_linear : bool
+        Whether the heights are linear in all parameters.
     """
 
     name: str = "form"
     units: Mapping[str, str] = {}
     has_centre: bool = True
+    is_linear: bool = False
 
     @property
     @abstractmethod
     def parameters(self) -> dict[str, float | None]:
         """Shape parameters by name, SI; None where not known yet."""
+
+    @property
+    def spanned(self) -> frozenset[str]:
+        """Rigid-body freedoms that the parameters already hold."""
+        return frozenset()
+
+    @property
+    def period(self) -> tuple[float, float] | None:
+        """Period along x and y, m; None for a form that does not repeat."""
+        return None
 
     @abstractmethod
     def with_parameters(self, **values: float) -> Form:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DegenerateFitError, NotConvergedError
+from metrosep.core.errors import DegenerateFitError
 from metrosep.forms.base import Form
 from metrosep.forms.freedoms import Freedoms
 from metrosep.forms.linear import LinearFit, LinearForm
@@ -20,9 +20,9 @@ from metrosep.forms.placement import Placement
 from metrosep.forms.points import Points
 from metrosep.forms.robust import (
     Robust,
-    has_settled,
+    Weigh,
+    robust_fit,
     robust_variance,
-    robust_weights,
     spread,
     trimmed_start,
 )
@@ -30,10 +30,6 @@ from metrosep.forms.robust import (
 __all__ = ["Answer", "solve_level", "solve_linear", "sum_of_squares"]
 
 _LEVELS = ("piston", "tilt_x", "tilt_y")
-_ROUNDS = 300
-"""Of weights: they settle linearly."""
-_SAMPLE = 20_000
-"""Points that the trimmed start is made of."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,7 +120,7 @@ def solve_level(
     """
     if points.z.shape[0] < 2 or freedoms.names != _LEVELS or robust is not None:
         return None
-    if (placed.tilt, placed.direction) != ("plane", "vertical") or not _is_uniform(points):
+    if (placed.tilt, placed.direction) != ("plane", "vertical") or not points.is_uniform:
         return None
     try:
         return _levelled(points, placed)
@@ -164,9 +160,7 @@ def _levelled(points: Points, placed: Placement) -> Answer:
     )
     left = points.z
     if placed.form.parameters:  # a plane holds nothing that is not fitted
-        left = np.empty(points.z.shape)
-        for rows, columns, x, y, z in points.blocks():
-            left[rows, columns] = bare.deviation(x, y, z)
+        left = points.over_blocks(bare.deviation)
     fit, residual = Polynomial(1).fit_map(points.x, points.y, left)
     c = fit.form.parameters
     rigid = dict(
@@ -174,14 +168,6 @@ def _levelled(points: Points, placed: Placement) -> Answer:
     )
     n, squares = fit.n_valid, max(fit.residual_sum, 0.0)
     return Answer(placed.form, {**bare.rigid, **rigid}, _covariance(fit), residual, n, squares)
-
-
-def _is_uniform(points: Points) -> bool:
-    for axis in (points.x, points.y):
-        steps = np.diff(axis)
-        if not steps.size or np.ptp(steps) > 1e-6 * abs(float(steps.mean())):
-            return False
-    return not points.is_scattered
 
 
 def _once(
@@ -196,10 +182,10 @@ def _once(
 
 
 def _robust(points: Points, form: LinearForm, rule: Robust) -> Answer:
-    """Return the MM-estimate: trimmed start, spread held, weights repeated; twice."""
+    """Return the MM-estimate: trimmed start of a sample, then weights of all points."""
     least, residual = _once(points, form, None)
     form = least.form  # its domain stays, whatever the weights
-    x, y, z = points.sample(_SAMPLE)
+    x, y, z = points.sample()
     left = z - form.height(x, y)
     inside = ~np.isnan(left)
     change = trimmed_start(form.basis(x, y)[:, inside], left[inside])
@@ -207,45 +193,28 @@ def _robust(points: Points, form: LinearForm, rule: Robust) -> Answer:
         k: float(v or 0.0) + float(d)
         for (k, v), d in zip(form.parameters.items(), change, strict=True)
     }
-    residual = np.where(
-        np.isnan(residual), np.nan, _left_by(points, form.with_parameters(**values))
+    trimmed = Placement(form.with_parameters(**values), {})
+    residual = np.where(np.isnan(residual), np.nan, points.over_blocks(trimmed.deviation))
+
+    def refit(
+        last: tuple[LinearFit, FloatArray], weigh: Weigh
+    ) -> tuple[tuple[LinearFit, FloatArray], float]:
+        fit, fresh = _once(points, form, weigh(last[1]))
+        n, squares = sum_of_squares(fresh - last[1])
+        return (fit, fresh), float(np.sqrt(squares / n))
+
+    (fit, residual), scale = robust_fit(
+        (least, residual),
+        lambda found: spread(found[1]),
+        refit,
+        rule,
+        largest=points.largest,
+        name=form.name,
     )
-    fit, scale = least, 0.0
-    for _ in range(2):
-        scale = spread(residual)
-        if scale <= 1e-15 * points.largest:
-            scale = 0.0
-        fit, residual = _with_scale(points, form, residual, scale, rule)
-        if scale == 0.0:
-            break
     flat = residual[~np.isnan(residual)]
-    p = len(form.parameters)
-    cov = robust_variance(flat, scale, rule, p) * least.inverse
+    cov = robust_variance(flat, scale, rule, len(form.parameters)) * least.inverse
     n, squares = sum_of_squares(residual)
     return Answer(fit.form, {}, cov, residual, n, squares)
-
-
-def _with_scale(
-    points: Points, form: LinearForm, residual: FloatArray, scale: float, rule: Robust
-) -> tuple[LinearFit, FloatArray]:
-    for _ in range(_ROUNDS):
-        weights = np.nan_to_num(robust_weights(residual, scale, rule))
-        fit, fresh = _once(points, form, weights)
-        n, squares = sum_of_squares(fresh - residual)
-        residual = fresh
-        if scale == 0.0 or has_settled(float(np.sqrt(squares / n)), scale):
-            return fit, residual
-    raise NotConvergedError(
-        f"the robust weights of the {form.name} did not settle in {_ROUNDS} rounds: there is no "
-        "clear majority of good points; mask the bad ones, or fit without robust="
-    )
-
-
-def _left_by(points: Points, form: Form) -> FloatArray:
-    placed, left = Placement(form, {}), np.empty(points.z.shape)
-    for rows, columns, x, y, z in points.blocks():
-        left[rows, columns] = placed.deviation(x, y, z)
-    return left
 
 
 def _covariance(fit: LinearFit) -> FloatArray:

@@ -105,8 +105,8 @@ def choose_freedoms(
     """
     held = known_values(fixed, form, "fixed")
     unknown = [k for k, v in form.parameters.items() if v is None and k not in held]
-    is_linear = bool(getattr(form, "is_linear", False))
-    asked = _asked(form, free, default=() if is_linear and unknown else DEFAULT)
+    is_open = form.is_linear and bool(unknown)
+    asked = _asked(form, free, default=() if is_open else DEFAULT)
     if is_profile:
         across = [n for n in asked if n in ("tilt_y", "shift_y", "rotation_z")]
         if free is not None and across:
@@ -121,9 +121,7 @@ def choose_freedoms(
         raise DataError(f"{', '.join(both)} is free and fixed at once; name it once")
     values = {k: v for k, v in held.items() if k in form.parameters}
     shape = tuple(k for k in form.parameters if k in asked or k in unknown)
-    spanned: frozenset[str] = frozenset()
-    if is_linear and unknown:
-        spanned = getattr(form, "spanned", spanned)
+    spanned = form.spanned if is_open else frozenset()
     rigid = tuple(n for n in RIGID if n in asked and n not in spanned)
     dropped = [n for n in asked if n in spanned]
     notes = (

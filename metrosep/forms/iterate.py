@@ -8,18 +8,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError, NotConvergedError
+from metrosep.core.errors import DataError
 from metrosep.forms.base import Form
 from metrosep.forms.fit_linear import Answer, solve_level, solve_linear, sum_of_squares
 from metrosep.forms.freedoms import RIGID, Freedoms, known_values
 from metrosep.forms.linear import LinearForm
 from metrosep.forms.placement import Direction, Placement, Tilt
-from metrosep.forms.points import Points
+from metrosep.forms.points import SAMPLE, Points
 from metrosep.forms.robust import (
     Robust,
-    has_settled,
+    Weigh,
+    robust_fit,
     robust_variance,
-    robust_weights,
     spread,
     trimmed_start,
 )
@@ -28,16 +28,12 @@ from metrosep.forms.starts import best_shift, vertex
 
 __all__ = ["find"]
 
-_SAMPLE = 20_000
-"""Points that find the place before all points polish it."""
 _START = 4000
 """Points that a first guess is made of."""
 _KEPT_PROMISE = 1e-2
 """Of the variance of a point."""
 _WORTH_SAMPLING = 10
 """A map needs this many times the sample for the detour to pay."""
-_ROBUST_ROUNDS = 300
-"""Of weights: they settle linearly."""
 
 Sample = tuple[FloatArray, FloatArray, FloatArray]
 
@@ -65,7 +61,7 @@ class _Job:
     def linear(self) -> list[int]:
         """Where the freedoms stand in which the heights are linear (with a plane for the tilt)."""
         names = self.freedoms.names
-        of_form = self.freedoms.shape if getattr(self.begin.form, "is_linear", False) else ()
+        of_form = self.freedoms.shape if self.begin.form.is_linear else ()
         return [
             i for i, n in enumerate(names) if n in ("piston", "tilt_x", "tilt_y") or n in of_form
         ]
@@ -172,7 +168,7 @@ def find(
         answer = solve_linear(points, form, freedoms, robust)
         if answer is not None:
             return answer, Placement(answer.form, {}, tilt), 0
-    sample = points.sample(_SAMPLE)
+    sample = points.sample()
     begin = _begin(points, form, freedoms, start, sample, tilt=tilt, direction=direction)
     answer = solve_level(points, begin, freedoms, robust)
     if answer is not None:
@@ -191,7 +187,7 @@ def _iterate(
         normal, residual = accumulate(job.linearise(solution.values), len(names)), None
     placed = job.placed(solution.values)
     if residual is None:
-        residual = _residual(job.points, placed)
+        residual = job.points.over_blocks(placed.deviation)
     n, squares = sum_of_squares(residual)
     variance = squares / max(n - len(names), 1)
     if robust is not None:
@@ -238,7 +234,7 @@ def _begin(
         )
     if any(v is None for v in form.parameters.values()) or isinstance(form, LinearForm):
         form = form.start(x - rigid.get("shift_x", 0.0), y - rigid.get("shift_y", 0.0), z)
-    if shifts and not form.has_centre and not set(shifts) & set(start) and _is_uniform(points):
+    if shifts and not form.has_centre and not set(shifts) & set(start) and points.is_uniform:
         found = best_shift(form, points, free=("shift_x" in shifts, "shift_y" in shifts))
         rigid.update(
             {n: v for n, v in zip(("shift_x", "shift_y"), found, strict=True) if n in shifts}
@@ -251,13 +247,6 @@ def _begin(
     return Placement(form, rigid, tilt, direction, is_line=is_line)
 
 
-def _is_uniform(points: Points) -> bool:
-    steps = np.diff(points.x)
-    return bool(
-        not points.is_scattered and steps.size and np.ptp(steps) <= 1e-6 * abs(float(steps.mean()))
-    )
-
-
 def _solve(job: _Job, max_iterations: int) -> tuple[Solution, FloatArray | None]:
     """Solve on a sample first where the map is large, then on all points.
 
@@ -266,13 +255,13 @@ def _solve(job: _Job, max_iterations: int) -> tuple[Solution, FloatArray | None]
     residual that proves it comes along.
     """
     values = job.vector()
-    if not values.size or job.points.n_valid <= _WORTH_SAMPLING * _SAMPLE:
+    if not values.size or job.points.n_valid <= _WORTH_SAMPLING * SAMPLE:
         return job.solve(values, max_iterations), None
     values = job.solve(values, max_iterations, sample=job.sample).values
     solution, promised = one_step(
         job.linearise, values, job.freedoms.names, height=job.points.largest, reach=job.reach()
     )
-    residual = _residual(job.points, job.placed(solution.values))
+    residual = job.points.over_blocks(job.placed(solution.values).deviation)
     n, squares = sum_of_squares(residual)
     if n == solution.normal.n and abs(squares - promised) <= _KEPT_PROMISE * squares / n:
         return solution, residual
@@ -294,51 +283,36 @@ def _robust(
     values = solution.values + trimmed_start(block[:-1], block[-1])
     if not np.isfinite(accumulate(job.linearise(values, sample=job.sample), len(names)).squares):
         values = solution.values
-    is_large = job.points.n_valid > _WORTH_SAMPLING * _SAMPLE
-    scale = 0.0
+    is_large = job.points.n_valid > _WORTH_SAMPLING * SAMPLE
+    solution, scale = replace(solution, values=values), 0.0
     for sample in (job.sample, None) if is_large else (None,):
-        for _ in range(2):
-            scale = spread(np.concatenate(job.deviations(values, sample=sample)))
-            if scale <= 1e-15 * job.points.largest:
-                scale = 0.0
-            solution = _with_scale(job, values, scale, rule, max_iterations, sample)
-            values = solution.values
-            if scale == 0.0:
-                break
+        solution, scale = _reweighted(job, solution, rule, max_iterations, sample)
     return solution, scale
 
 
-def _with_scale(
-    job: _Job,
-    values: FloatArray,
-    scale: float,
-    rule: Robust,
-    max_iterations: int,
-    sample: Sample | None,
-) -> Solution:
-    for _ in range(_ROBUST_ROUNDS):
-        weights = [
-            np.nan_to_num(robust_weights(d, scale, rule))
-            for d in job.deviations(values, sample=sample)
-        ]
-        solution = job.solve(values, max_iterations, sample=sample, weights=weights)
-        change = solution.values - values
-        values = solution.values
+def _reweighted(
+    job: _Job, start: Solution, rule: Robust, max_iterations: int, sample: Sample | None
+) -> tuple[Solution, float]:
+    """Return the solution whose weights have settled, and the spread of the good points."""
+
+    def spread_of(last: Solution) -> float:
+        return spread(np.concatenate(job.deviations(last.values, sample=sample)))
+
+    def refit(last: Solution, weigh: Weigh) -> tuple[Solution, float]:
+        weights = [weigh(d) for d in job.deviations(last.values, sample=sample)]
+        solution = job.solve(last.values, max_iterations, sample=sample, weights=weights)
+        change = solution.values - last.values
         moved = float(change @ solution.normal.gram @ change) / solution.normal.n
-        if scale == 0.0 or has_settled(float(np.sqrt(max(moved, 0.0))), scale):
-            return solution
-    raise NotConvergedError(
-        f"the robust weights of the {job.begin.form.name} did not settle in {_ROBUST_ROUNDS} "
-        "rounds: there is no clear majority of good points; mask the bad ones, or fit without "
-        "robust="
+        return solution, float(np.sqrt(max(moved, 0.0)))
+
+    return robust_fit(
+        start,
+        spread_of,
+        refit,
+        rule,
+        largest=job.points.largest,
+        name=job.begin.form.name,
     )
-
-
-def _residual(points: Points, placed: Placement) -> FloatArray:
-    residual = np.empty(points.z.shape)
-    for rows, columns, x, y, z in points.blocks():
-        residual[rows, columns] = placed.deviation(x, y, z)
-    return residual
 
 
 def _covariance(normal: Normal, names: Sequence[str], variance: float) -> FloatArray:

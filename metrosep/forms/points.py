@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,12 +15,15 @@ from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.surface import Surface
 
-__all__ = ["PointSet", "Points", "points_of"]
+__all__ = ["SAMPLE", "PointSet", "Points", "points_of"]
 
 FloatArray = NDArray[np.float64]
 
 _BLOCK = 1 << 14
 """Points in a block: its columns stay in the cache of a core."""
+
+SAMPLE = 20_000
+"""Points that find the place, or the trimmed start, before all points polish it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -131,6 +134,15 @@ class Points:
         low, high = (float(f.reduce(self.z, axis=None)) for f in (np.fmin, np.fmax))
         return max(abs(low), abs(high))
 
+    @property
+    def is_uniform(self) -> bool:
+        """Whether columns, and rows if there are several, stand at equal steps, to 1e-6."""
+        if self.is_scattered or self.x.size < 2:
+            return False
+        axes = (self.x, self.y) if self.y.size > 1 else (self.x,)
+        steps = [np.diff(axis) for axis in axes]
+        return all(bool(np.ptp(s) <= 1e-6 * abs(float(s.mean()))) for s in steps)
+
     def rows(self) -> Iterator[slice]:
         """Yield slices of whole rows, about 16 000 points each.
 
@@ -173,6 +185,26 @@ class Points:
                     y = np.broadcast_to(self.y[rows, None], x.shape)
                 yield rows, columns, x, y, self.z[rows, columns]
 
+    def over_blocks(
+        self, of: Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
+    ) -> FloatArray:
+        """Return a function of all points, block by block.
+
+        Parameters
+        ----------
+        of : callable
+            From x, y and z in m, two-dimensional, to values of their shape.
+
+        Returns
+        -------
+        ndarray, shape of z
+            Its values, such as deviations from a form.
+        """
+        values = np.empty(self.z.shape)
+        for rows, columns, x, y, z in self.blocks():
+            values[rows, columns] = of(x, y, z)
+        return values
+
     def valid_blocks(self) -> Iterator[tuple[FloatArray, FloatArray, FloatArray]]:
         """Yield x, y and z of the valid points of each block, one-dimensional.
 
@@ -189,12 +221,12 @@ class Points:
             else:
                 yield x.ravel(), y.ravel(), z.ravel()
 
-    def sample(self, n: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def sample(self, n: int = SAMPLE) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return all valid points, or about `n` of them drawn at random with a fixed seed.
 
         Parameters
         ----------
-        n : int
+        n : int, optional
             Number wanted.
 
         Returns

@@ -7,17 +7,18 @@ until it settles. Sources: Rousseeuw and Van Driessen 2006 (FAST-LTS); Yohai 198
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import suppress
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.core.errors import DataError
+from metrosep.core.errors import DataError, NotConvergedError
 
 __all__ = [
     "Robust",
-    "has_settled",
+    "robust_fit",
     "robust_variance",
     "robust_weights",
     "spread",
@@ -26,12 +27,24 @@ __all__ = [
 
 FloatArray = NDArray[np.float64]
 Robust = Literal["tukey", "huber"]
+Weigh = Callable[[FloatArray], FloatArray]
+"""From the deviation of each point to its weight; 0 where the deviation is NaN."""
+Fitted = TypeVar("Fitted")
 
 _TUNING = {"tukey": 4.685, "huber": 1.345}
 """95 % efficiency for Gaussian noise (Holland and Welsch 1977)."""
 
 _TRIM_POINTS, _TRIM_STARTS = 1000, 300
 """Of the sample; 300 subsets of 7 points hold one without outlier even where 40 % are wrong."""
+
+_ROUNDS = 300
+"""Of weights: they settle linearly."""
+
+_SETTLED = 1e-6
+"""Of the spread: a round that moves the heights by less changes nothing that matters."""
+
+_EXACT = 1e-15
+"""Of the largest height: a spread below it is rounding, and the good points fit exactly."""
 
 _NORMAL_MAD = 1.4826
 """Standard deviation of Gaussian noise over its median absolute deviation."""
@@ -129,22 +142,74 @@ def robust_variance(deviation: FloatArray, scale: float, rule: Robust, p: int) -
     return float(psi @ psi) / (r.size - p) / mean_slope**2 if mean_slope > 0.0 else float("nan")
 
 
-def has_settled(moved: float, scale: float) -> bool:
-    """Return whether a round of weights moved the heights by less than matters.
+def robust_fit(
+    start: Fitted,
+    spread_of: Callable[[Fitted], float],
+    refit: Callable[[Fitted, Weigh], tuple[Fitted, float]],
+    rule: Robust,
+    *,
+    largest: float,
+    name: str,
+) -> tuple[Fitted, float]:
+    """Return the fit at which the weights have settled: the spread held, twice.
 
     Parameters
     ----------
-    moved : float, m
-        Root mean square change of the heights.
-    scale : float, m
-        Spread of the good points.
+    start : Fitted
+        A fit that most points agree with, as `refit` gives it.
+    spread_of : callable
+        From a fit to the `spread` of its deviations, m.
+    refit : callable
+        From a fit and the weights of deviations to the weighted fit, and the root mean square
+        change of the heights, m.
+    rule : {"tukey", "huber"}
+        Which weights.
+    largest : float, m
+        Largest magnitude of the heights.
+    name : str
+        Of the form, for the message.
 
     Returns
     -------
-    bool
-        Whether the change is below a millionth of the spread.
+    fitted : Fitted
+        The last one.
+    scale : float, m
+        Spread that its weights were made with; 0 where the good points fit exactly.
+
+    Raises
+    ------
+    NotConvergedError
+        If the weights do not settle.
     """
-    return moved <= 1e-6 * scale
+    fitted, scale = start, 0.0
+    for _ in range(2):
+        scale = spread_of(fitted)
+        if scale <= _EXACT * largest:
+            scale = 0.0
+        fitted = _with_scale(fitted, scale, refit, rule, name)
+        if scale == 0.0:
+            break
+    return fitted, scale
+
+
+def _with_scale(
+    fitted: Fitted,
+    scale: float,
+    refit: Callable[[Fitted, Weigh], tuple[Fitted, float]],
+    rule: Robust,
+    name: str,
+) -> Fitted:
+    def weigh(deviation: FloatArray) -> FloatArray:
+        return np.nan_to_num(robust_weights(deviation, scale, rule))
+
+    for _ in range(_ROUNDS):
+        fitted, moved = refit(fitted, weigh)
+        if scale == 0.0 or moved <= _SETTLED * scale:
+            return fitted
+    raise NotConvergedError(
+        f"the robust weights of the {name} did not settle in {_ROUNDS} rounds: there is no clear "
+        "majority of good points; mask the bad ones, or fit without robust="
+    )
 
 
 def trimmed_start(jacobian: FloatArray, deviation: FloatArray) -> FloatArray:

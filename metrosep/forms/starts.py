@@ -73,8 +73,9 @@ def best_shift(form: Form, points: Points, *, free: tuple[bool, bool]) -> tuple[
     out for each. A large map is thinned to 512 points per side first.
     """
     z, x, y = _thinned(points)
-    lags_x = _lags(x, period=_period(form, 0), allowed=free[0])
-    lags_y = _lags(y, period=_period(form, 1), allowed=free[1])
+    period_x, period_y = form.period or (None, None)
+    lags_x = _lags(x, period=period_x, allowed=free[0])
+    lags_y = _lags(y, period=period_y, allowed=free[1])
     step_x, step_y = _step(x), _step(y)
     wide_x = x[0] + step_x * np.arange(-lags_x, x.size + lags_x)
     wide_y = y[0] + step_y * np.arange(-lags_y, y.size + lags_y)
@@ -91,11 +92,6 @@ def best_shift(form: Form, points: Points, *, free: tuple[bool, bool]) -> tuple[
     mean = np.where(n > 0.25 * mask.sum(), squares / n, np.inf)
     row, column = np.unravel_index(int(np.argmin(mean)), mean.shape)
     return float((lags_x - column) * step_x), float((lags_y - row) * step_y)
-
-
-def _period(form: Form, axis: int) -> float | None:
-    period = getattr(form, "period", None)
-    return None if period is None else float(period[axis])
 
 
 def _step(axis: FloatArray) -> float:

@@ -67,11 +67,11 @@ def _tied(names: Sequence[str], cov: FloatArray) -> list[str]:
 
 
 def _periods(placed: Placement, names: Sequence[str]) -> list[str]:
-    period = getattr(placed.form, "period", None)
+    period = placed.form.period
     if period is None:
         return []
     return [
-        f"{name} is known only up to whole periods of {format_length(float(period[axis]))}"
+        f"{name} is known only up to whole periods of {format_length(period[axis])}"
         for axis, name in enumerate(("shift_x", "shift_y"))
         if name in names
     ]

@@ -22,13 +22,16 @@ from metrosep.parameters._range import check_range
 from metrosep.parameters.amplitude import Amplitudes, amplitudes
 from metrosep.spectral._checks import whole_number
 
-__all__ = ["MIN_VALID_SHARE", "Evaluation", "section_slices", "trim"]
+__all__ = ["MIN_VALID_SHARE", "Evaluation", "section_slices", "sections_that_fit", "trim"]
 
 _MIN_SECTION = 2
 """Fewest samples in a section."""
 
 MIN_VALID_SHARE = 0.5
 """Least share of valid samples of one section among several: with fewer it is no full section."""
+
+_ROUNDING = 1e-6
+"""Of a section: a profile that is shorter than n cut-offs by rounding alone holds n."""
 
 
 def section_slices(n: int, sections: int) -> tuple[slice, ...]:
@@ -66,6 +69,34 @@ def section_slices(n: int, sections: int) -> tuple[slice, ...]:
         )
     edges = [(2 * k * n + count) // (2 * count) for k in range(count + 1)]
     return tuple(slice(a, b) for a, b in pairwise(edges))
+
+
+def sections_that_fit(profile: Profile, cutoff: float) -> int:
+    """Return how many sections of one cut-off a profile holds, at least 1.
+
+    Parameters
+    ----------
+    profile : Profile
+        Uniform; its length is samples times step, with what was not measured.
+    cutoff : float, m
+        Length of a section.
+
+    Returns
+    -------
+    int
+        Number of whole sections.
+
+    Raises
+    ------
+    NotUniformError
+        If the positions are not uniform.
+
+    Examples
+    --------
+    >>> sections_that_fit(Profile(np.arange(8001) * 0.5e-6, np.zeros(8001)), 0.8e-3)
+    5
+    """
+    return max(1, int(len(profile) * profile.dx / cutoff + _ROUNDING))
 
 
 def trim(z: FloatArray) -> slice:

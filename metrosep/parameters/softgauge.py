@@ -21,6 +21,7 @@ from metrosep.core.profile import Profile
 from metrosep.core.units import parse_unit
 from metrosep.filters.kind import ProfileKind
 from metrosep.parameters._profile_rows import named_edition
+from metrosep.parameters.sections import sections_that_fit
 from metrosep.spectral._checks import finite_number, instance_of, whole_number
 
 __all__ = ["Expectation", "GaugeRow", "GaugeSettings", "expectations", "verify_softgauge"]
@@ -360,7 +361,7 @@ def _table(
                 raise DataError("the file names no cut-off (PROFILE_FILTER ... LC); give lambda_c")
             chain = roughness if wanted == "R" else waviness
             used = chain(profile, lambda_c=cutoff, end="cut")
-        n = sections or (1 if wanted == "P" or cutoff is None else _sections(used, cutoff))
+        n = sections or (1 if wanted == "P" or cutoff is None else sections_that_fit(used, cutoff))
         return profile_parameters(
             used,
             kind=wanted,
@@ -371,11 +372,6 @@ def _table(
         )
     except MetrosepError as error:
         return error
-
-
-def _sections(profile: Profile, cutoff: float) -> int:
-    length = float(profile.x[-1] - profile.x[0]) + profile.dx
-    return max(1, int(length / cutoff + 1e-6))
 
 
 def _row(item: Expectation, table: Any, relative_tolerance: float) -> GaugeRow:
