@@ -9,7 +9,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from metrosep.cli.options import json_option, read_options, say, table_options
+from metrosep.cli.options import (
+    json_option,
+    name_values,
+    named_options,
+    optional_read_options,
+    read_options,
+    say,
+    table_options,
+)
 
 if TYPE_CHECKING:
     from metrosep.core.runset import RunSet
@@ -55,18 +63,28 @@ def run(
     new appears in the output folder.
     """
     from metrosep.cli.errors import verdict_code
+    from metrosep.cli.named import print_named
     from metrosep.recipe.recipe import Recipe
 
     loaded = Recipe.load(recipe)
     result = loaded.run(list(inputs) or None, out=out, progress=_progress(context))
-    _print_result(result, as_json=as_json)
+    if loaded.is_method:
+        print_named(loaded, result, as_json=as_json)
+    else:
+        _print_result(result, as_json=as_json)
     return verdict_code(result.verdict)
 
 
 @click.command()
 @click.argument("runs", nargs=-1, required=True, metavar="RUNS...")
-@read_options
-@click.option("--method", default="joint", show_default=True, help="joint, kono or mean.")
+@optional_read_options
+@click.option(
+    "--method",
+    default="joint",
+    show_default=True,
+    help="joint, kono or mean; or a named separation such as donaldson (metrosep ops lists them).",
+)
+@named_options
 @click.option("--start", metavar="LENGTH", help='Where the evaluation range begins: "0 mm".')
 @click.option("--length", metavar="LENGTH", help='Length of the evaluation range: "45 mm".')
 @click.option("--shortest", metavar="LENGTH", help='Shortest wavelength: "1.2 mm".')
@@ -91,13 +109,24 @@ def separate(
 ) -> int:
     """Separate the repeatable error of an axis from repeated RUNS.
 
+    With a named method (metrosep ops): separate the readings of RUNS into their parts.
+
     Exit code 1: the table would not shrink the error, or exceeds a limit. 2: a wrong option, or an
     output that cannot be written. 4: runs that cannot be read or separated.
     """
+    from metrosep.cli.named import named_recipe, require_columns
     from metrosep.cli.shortcut import option_error, recipe_text
     from metrosep.core.errors import RecipeError
+    from metrosep.recipe.methods import METHODS
     from metrosep.recipe.recipe import Recipe
 
+    if options["method"] in METHODS:
+        given = {**options, "table_": table_}
+        text = named_recipe(options["method"], given, report=out is not None)
+        return _separate_named(
+            context, text, runs, out, print_recipe=print_recipe, as_json=as_json
+        )
+    require_columns(options)
     controller, _, path = (table_ or "").partition("=")
     if table_ is not None and not path:
         raise click.UsageError("--table is written NAME=FILE, such as linuxcnc=x.comp")
@@ -122,6 +151,33 @@ def separate(
             result.estimate, path, controller, options, against=_runs(runs, options)
         )
     _print_result(result, as_json=as_json, written=written)
+    return 0
+
+
+def _separate_named(
+    context: click.Context,
+    text: str,
+    files: tuple[str, ...],
+    out: str | None,
+    *,
+    settings: list[str],
+    print_recipe: bool,
+    as_json: bool,
+) -> int:
+    from metrosep.cli.named import print_named
+    from metrosep.cli.shortcut import option_error
+    from metrosep.core.errors import RecipeError
+    from metrosep.recipe.recipe import Recipe
+
+    if print_recipe:
+        click.echo(text, nl=False)
+        return 0
+    try:
+        recipe = Recipe.parse(text, name="command line")
+    except RecipeError as exc:
+        raise click.UsageError(option_error(exc, settings=settings), ctx=context) from None
+    result = recipe.run(list(files), out=out, progress=_progress(context))
+    print_named(recipe, result, as_json=as_json)
     return 0
 
 

@@ -12,6 +12,7 @@ from metrosep._version import __version__
 from metrosep.cli.files import check, controllers, convert, formats, info
 from metrosep.cli.jobs import demo, run, separate, table, verify
 from metrosep.cli.measuring import form, measure, verify_softgauge
+from metrosep.cli.named import ops
 
 __all__ = ["cli", "main"]
 
@@ -46,6 +47,7 @@ for _command in (
     run,
     formats,
     controllers,
+    ops,
 ):
     cli.add_command(_command)
 

@@ -12,6 +12,8 @@ __all__ = [
     "file_options",
     "json_option",
     "name_values",
+    "named_options",
+    "optional_read_options",
     "read_options",
     "say",
     "table_options",
@@ -128,13 +130,77 @@ def read_options(command: F) -> F:
     callable
         Decorated.
     """
+    return _with_columns(command, required=True)
+
+
+def optional_read_options(command: F) -> F:
+    """Add the same options where the method decides which of them are needed.
+
+    Parameters
+    ----------
+    command : callable
+        To decorate.
+
+    Returns
+    -------
+    callable
+        Decorated.
+    """
+    return _with_columns(command, required=False)
+
+
+def named_options(command: F) -> F:
+    """Add the options of the named separations.
+
+    Parameters
+    ----------
+    command : callable
+        To decorate.
+
+    Returns
+    -------
+    callable
+        Decorated.
+    """
     for option in reversed(
         (
             click.option(
-                "--x", required=True, metavar="COLUMN", help='Position: x_mm or "pos:mm".'
+                "--readings",
+                metavar="COLUMN,...",
+                help="Named: columns of the readings, in their order: m1_um,m2_um.",
+            ),
+            click.option("--angle", metavar="COLUMN", help="Named: angle of each sample."),
+            click.option(
+                "--repeat",
+                metavar="COLUMN",
+                help="Named: column that numbers passes, revolutions.",
             ),
             click.option(
-                "--z", required=True, metavar="COLUMN", help='Reading: z_um or "probe:V".'
+                "--set",
+                "settings",
+                multiple=True,
+                metavar="NAME=VALUE",
+                help='Named: a key of the method, "radius=25 mm"; may be repeated.',
+            ),
+            click.option("--unit", help="Named, maps: unit of the heights, if the file has none."),
+            click.option("--channel", help="Named, maps: channel of a file that holds several."),
+            click.option(
+                "--lateral-step", help='Named, maps: overrides that of the file, "1 um".'
+            ),
+        )
+    ):
+        command = option(command)
+    return command
+
+
+def _with_columns(command: F, *, required: bool) -> F:
+    for option in reversed(
+        (
+            click.option(
+                "--x", required=required, metavar="COLUMN", help='Position: x_mm or "pos:mm".'
+            ),
+            click.option(
+                "--z", required=required, metavar="COLUMN", help='Reading: z_um or "probe:V".'
             ),
             click.option(
                 "--feed", metavar="COLUMN|VALUE", help='Feedrate: feed_mm_min or "7200 mm/min".'

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Collection
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -57,13 +58,15 @@ def recipe_text(options: dict[str, Any], *, table: tuple[str, str] | None, repor
     return "\n".join(lines) + "\n"
 
 
-def option_error(error: RecipeError) -> str:
+def option_error(error: RecipeError, *, settings: Collection[str] = ()) -> str:
     """Return the message of an error in the recipe of a call, in terms of the options given.
 
     Parameters
     ----------
     error : RecipeError
         Of the recipe that nobody sees.
+    settings : collection of str, optional
+        Keys that were given with ``--set``.
 
     Returns
     -------
@@ -74,6 +77,8 @@ def option_error(error: RecipeError) -> str:
     key = error.key or ""
     options = {"degree": "poly", "controller": "table", "path": "table", "machine": "cross_axis"}
     option = "--" + options.get(key, key).replace("_", "-")
+    if key in settings:
+        option = f"--set {key}"
     if message.startswith(f"{key} = "):
         return f"{option} {message.removeprefix(f'{key} = ')}"
     return f"{option}: {message}" if key else message

@@ -200,10 +200,14 @@ def parse_unit(text: str, *, dimension: str | None = None) -> Unit:
     unit = Unit(name, *_TABLE[name])
     if dimension is not None and unit.dimension != dimension:
         raise UnitError(
-            f"unit {text!r} is a {unit.dimension}, but a {dimension} is needed here, "
+            f"unit {text!r} is {_a(unit.dimension)}, but {_a(dimension)} is needed here, "
             f"such as {_example(dimension)}"
         )
     return unit
+
+
+def _a(dimension: str) -> str:
+    return f"an {dimension}" if dimension[:1] in "aeio" else f"a {dimension}"
 
 
 def _example(dimension: str) -> str:
