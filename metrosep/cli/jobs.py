@@ -124,7 +124,13 @@ def separate(
         given = {**options, "table_": table_}
         text = named_recipe(options["method"], given, report=out is not None)
         return _separate_named(
-            context, text, runs, out, print_recipe=print_recipe, as_json=as_json
+            context,
+            text,
+            runs,
+            out,
+            settings=[name for name, _ in name_values(options["settings"], "--set")],
+            print_recipe=print_recipe,
+            as_json=as_json,
         )
     require_columns(options)
     controller, _, path = (table_ or "").partition("=")
