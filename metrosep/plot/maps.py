@@ -1,0 +1,166 @@
+"""Maps of the parts of a separation side by side, on one colour scale, and what was not seen."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from textwrap import fill
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from metrosep.core.errors import DataError
+from metrosep.plot.style import COLOURS, house_style
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["separation_maps"]
+
+FloatArray = NDArray[np.float64]
+
+_INVALID = "#B8B8B8"
+_COLOUR_MAP = "RdBu_r"
+_MOST_COLUMNS = 3
+_WRAP_PER_MAP = 46
+_PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
+
+
+def separation_maps(
+    parts: Mapping[str, ArrayLike],
+    *,
+    dx: float | None,
+    dy: float | None,
+    unit: str = "m",
+    titles: Mapping[str, str] | Sequence[str] | None = None,
+    null_space: Sequence[Any] = (),
+) -> Figure:
+    r"""Return a figure with one map for each part, all on one colour scale.
+
+    Parameters
+    ----------
+    parts : mapping of str to array_like, shape (n_y, n_x) or (n_y, n_x, 2)
+        Maps in `unit`; NaN = not measured, drawn grey. A last axis of two gives an x and a y map.
+    dx, dy : float or None, m
+        Lateral steps; without them the axes count pixels.
+    unit : str, optional
+        SI unit of the values; a prefix is chosen for the colour bar.
+    titles : mapping or sequence of str, optional
+        Title of each part; its name if omitted.
+    null_space : sequence, optional
+        What was not seen, of a result: each is written below the maps.
+
+    Returns
+    -------
+    matplotlib Figure
+        Row 0 of a map is at the bottom: y grows upwards.
+
+    Raises
+    ------
+    DataError
+        If there is no part, or one is no map.
+
+    Notes
+    -----
+    The scale is symmetric about zero, so that a flipped sign is seen, and the same for all maps;
+    the number in each title is the P-V of that map.
+
+    Examples
+    --------
+    >>> figure = separation_maps({"A": [[0.0, 1e-9], [2e-9, float("nan")]]}, dx=1e-3, dy=1e-3)
+    >>> figure.axes[0].get_title()
+    'A\nP-V 2 nm'
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    maps = _flattened(parts, titles)
+    known = [m[np.isfinite(m)] for _, m in maps]
+    largest = max((float(np.abs(k).max()) for k in known if k.size), default=0.0)
+    factor, prefix = next((p for p in _PREFIXES if largest >= p[0]), _PREFIXES[-1])
+    if largest == 0.0:
+        factor, prefix = 1e-9, "n"
+    with house_style():
+        n_columns = 2 if len(maps) == 4 else min(len(maps), _MOST_COLUMNS)
+        n_rows = -(-len(maps) // n_columns)
+        figure = Figure(
+            figsize=(2.5 * n_columns + 0.9, 2.6 * n_rows + 0.35 + 0.3 * len(null_space)),
+            layout="constrained",
+        )
+        FigureCanvasAgg(figure)
+        grid = figure.subplots(n_rows, n_columns, squeeze=False)
+        image = None
+        for axes, (title, values) in zip(grid.flat, maps, strict=False):
+            image = _draw(axes, title, values / factor, dx, dy, largest / factor, prefix + unit)
+        for axes in list(grid.flat)[len(maps) :]:
+            axes.set_axis_off()
+        if image is not None:
+            bar = figure.colorbar(image, ax=grid, shrink=0.85, aspect=25)
+            bar.set_label(f"value / {prefix}{unit}")
+        if null_space:
+            text = "\n".join(
+                fill(f"not seen: {item}", _WRAP_PER_MAP * n_columns) for item in null_space
+            )
+            figure.supxlabel(text, fontsize=7.5, color=COLOURS["text"], x=0.02, ha="left")
+    return figure
+
+
+def _flattened(
+    parts: Mapping[str, ArrayLike], titles: Mapping[str, str] | Sequence[str] | None
+) -> list[tuple[str, FloatArray]]:
+    if not parts:
+        raise DataError("there is no part to draw")
+    names = list(parts)
+    if titles is None:
+        shown = {n: n for n in names}
+    elif isinstance(titles, Mapping):
+        shown = {n: titles.get(n, n) for n in names}
+    else:
+        if len(titles) != len(names):
+            raise DataError(f"{len(titles)} titles for {len(names)} parts; give one for each")
+        shown = dict(zip(names, titles, strict=True))
+    out = []
+    for name, values in parts.items():
+        array = np.asarray(values, dtype=np.float64)
+        if array.ndim == 3 and array.shape[-1] == 2:
+            out += [(f"{shown[name]}, {a}", array[..., i]) for i, a in enumerate("xy")]
+        elif array.ndim == 2:
+            out.append((shown[name], array))
+        else:
+            raise DataError(f"the part {name!r} has the shape {array.shape}; it is no map")
+    return out
+
+
+def _draw(
+    axes: Any,
+    title: str,
+    values: FloatArray,
+    dx: float | None,
+    dy: float | None,
+    limit: float,
+    unit: str,
+) -> Any:
+    import matplotlib as mpl
+
+    colours = mpl.colormaps[_COLOUR_MAP].with_extremes(bad=_INVALID)
+    step_x, step_y = (dx * 1e3, dy * 1e3) if dx and dy else (1.0, 1.0)
+    n_y, n_x = values.shape
+    extent = (-0.5 * step_x, (n_x - 0.5) * step_x, -0.5 * step_y, (n_y - 0.5) * step_y)
+    limit = limit or 1.0
+    image = axes.imshow(
+        np.ma.masked_invalid(values),
+        origin="lower",
+        extent=extent,
+        cmap=colours,
+        vmin=-limit,
+        vmax=limit,
+        interpolation="nearest",
+    )
+    axes.grid(visible=False)
+    known = values[np.isfinite(values)]
+    text = f"P-V {np.ptp(known):.3g} {unit}" if known.size else "not determined"
+    axes.set_title(f"{title}\n{text}", fontsize=9.0)
+    place = "mm" if dx and dy else "pixel"
+    axes.set_xlabel(f"x / {place}")
+    axes.set_ylabel(f"y / {place}")
+    return image

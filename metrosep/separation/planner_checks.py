@@ -1,0 +1,135 @@
+"""Checks on what a user of the planner types: speeds and lengths in SI, and hints where not."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from metrosep.core.errors import DataError, TooFewSamplesError, UnitError
+
+__all__ = ["checked_feeds", "checked_wavelengths", "positive"]
+
+FloatArray = NDArray[np.float64]
+
+_FASTEST = 20.0
+"""m/s; no feed drive is faster."""
+
+_LONGEST = 100.0
+"""m; no machine axis is longer."""
+
+_N_IN_RANGE = 121
+
+
+def positive(value: Any, name: str, unit: str, *, zero: bool = False) -> float:
+    """Return a number that is positive and finite.
+
+    Parameters
+    ----------
+    value : float
+        What the user gave.
+    name, unit : str
+        For the message.
+    zero : bool, optional
+        Whether 0 is fine.
+
+    Returns
+    -------
+    float
+        The value.
+
+    Raises
+    ------
+    DataError
+        If it is not.
+    """
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise DataError(f"{name} must be a number in {unit}, got {value!r}") from None
+    if not math.isfinite(number) or number < 0.0 or (number == 0.0 and not zero):
+        raise DataError(f"{name} is {number} {unit}; it must be positive and finite")
+    return number
+
+
+def checked_feeds(values: ArrayLike, name: str) -> FloatArray:
+    """Return feeds as numbers, refusing what cannot be m/s.
+
+    Parameters
+    ----------
+    values : array_like, m/s
+        Speeds; may be empty.
+    name : str
+        For the message.
+
+    Returns
+    -------
+    ndarray, m/s
+        A copy.
+
+    Raises
+    ------
+    DataError
+        If one is not positive and finite.
+    UnitError
+        If one is above 20 m/s.
+    """
+    feeds = _numbers(values, name)
+    if not (np.isfinite(feeds) & (feeds > 0.0)).all():
+        raise DataError(f"{name} must be positive and finite speeds in m/s, got {feeds.tolist()}")
+    if feeds.size and feeds.max() > _FASTEST:
+        raise UnitError(
+            f"{name}: {feeds.max():.6g} m/s is faster than any feed drive; speeds are in m/s "
+            f"(7200 mm/min is 0.12 m/s, {feeds.max():.6g} mm/min is {feeds.max() / 6e4:.4g} m/s)"
+        )
+    return feeds
+
+
+def checked_wavelengths(values: ArrayLike) -> tuple[FloatArray, bool]:
+    """Return the wavelengths, rising, and whether they came from a range.
+
+    Parameters
+    ----------
+    values : array_like, m
+        Wavelengths; a tuple of two is the limits of a range.
+
+    Returns
+    -------
+    wavelengths : ndarray, m
+        As given; 121 on a logarithmic grid for a range.
+    is_range : bool
+        Whether a tuple of two different values was given.
+
+    Raises
+    ------
+    DataError
+        If one is not positive and finite.
+    TooFewSamplesError
+        If there is none.
+    UnitError
+        If one is above 100 m.
+    """
+    waves = _numbers(values, "wavelengths")
+    if not waves.size:
+        raise TooFewSamplesError("wavelengths is empty; give the waves that matter in m")
+    if not (np.isfinite(waves) & (waves > 0.0)).all():
+        raise DataError(f"wavelengths must be positive and finite, in m, got {waves.tolist()}")
+    if waves.max() > _LONGEST:
+        raise UnitError(
+            f"a wavelength of {waves.max():.6g} m is longer than any machine; wavelengths are in "
+            "m (10 mm is 0.01)"
+        )
+    if isinstance(values, tuple) and waves.size == 2 and waves[0] != waves[1]:
+        grid: FloatArray = np.geomspace(waves.min(), waves.max(), _N_IN_RANGE)
+        grid[0], grid[-1] = waves.min(), waves.max()
+        return grid, True
+    return waves, False
+
+
+def _numbers(values: ArrayLike, name: str) -> FloatArray:
+    try:
+        return np.atleast_1d(np.array(values, dtype=np.float64)).ravel()
+    except (TypeError, ValueError) as exc:
+        raise DataError(f"{name} must be real numbers in SI: {exc}") from None

@@ -1,0 +1,431 @@
+"""Feedrate planner: information against Monte Carlo, the plan against brute force, bad input.
+
+The Monte Carlo simulates oscillators by their exact state equation (tests/contracts/machine.py has
+the same machine) and estimates by generalised least squares with the covariance of the oscillator
+in closed form; neither uses code of metrosep.
+"""
+
+import itertools
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.linalg import expm, toeplitz
+
+from metrosep.core.errors import (
+    DataError,
+    InvalidSamplesError,
+    NotSeparableError,
+    TooFewSamplesError,
+    UnitError,
+)
+from metrosep.core.profile import Profile
+from metrosep.separation.planner import plan_feedrates, predicted_sd
+from metrosep.spectral.density import profile_psd
+
+NM = 1e-9
+MODES = ((150.0, 0.02, 0.212e-6), (12.0, 0.02, 0.071e-6))  # Hz, damping, RMS m
+SENSOR = 20 * NM
+RATE = 1000.0
+EXACT = 1e-12  # the formula itself, rounding only
+TRIALS = 4000  # scatter of a variance 2.2 %, pooled over a and b 1.6 %: three of them 4.7 %
+MC_TOLERANCE = 0.05  # goal S10
+
+
+def oscillator_density(f, f0, damping, rms):
+    """One-sided; integrates to rms^2."""
+    w, w0 = 2 * np.pi * np.asarray(f, float), 2 * np.pi * f0
+    return 8 * damping * w0**3 * rms**2 / ((w0**2 - w**2) ** 2 + (2 * damping * w0 * w) ** 2)
+
+
+def machine_density(f):
+    return sum(oscillator_density(f, *m) for m in MODES) + 2 * SENSOR**2 / RATE
+
+
+def oscillator_covariance(t, f0, damping, rms):
+    w0 = 2 * np.pi * f0
+    wd = w0 * np.sqrt(1 - damping**2)
+    decay = rms**2 * np.exp(-damping * w0 * t)
+    return decay * (np.cos(wd * t) + damping * w0 / wd * np.sin(wd * t))
+
+
+def simulated_oscillators(rng, n_trials, n):
+    """Stationary responses, shape (n_trials, n), from the state equation."""
+    out = SENSOR * rng.standard_normal((n_trials, n))
+    for f0, damping, rms in MODES:
+        w = 2 * np.pi * f0
+        step = expm(np.array([[0.0, 1.0], [-w * w, -2 * damping * w]]) / RATE)
+        still = np.diag([1.0, w * w])
+        kick = np.linalg.cholesky(still - step @ still @ step.T + 1e-13 * still)
+        state = rng.standard_normal((n_trials, 2)) * [1.0, w]
+        for i in range(n):
+            out[:, i] += rms * state[:, 0]
+            state = state @ step.T + rng.standard_normal((n_trials, 2)) @ kick.T
+    return out
+
+
+def monte_carlo_variance(feeds, wavelengths, length, seed):
+    """Mean variance of a and b of each wave by GLS on simulated noise, offsets free."""
+    rng = np.random.default_rng(seed)
+    normal = [np.zeros((2, 2)) for _ in wavelengths]
+    right = [np.zeros((2, TRIALS)) for _ in wavelengths]
+    for v in feeds:
+        n = round(length / v * RATE)
+        t = np.arange(n) / RATE
+        lags = sum(oscillator_covariance(t, *m) for m in MODES)
+        lags[0] += SENSOR**2
+        inverse = np.linalg.inv(toeplitz(lags))
+        noise = simulated_oscillators(rng, TRIALS, n)
+        one = np.ones(n)
+        for k, wave in enumerate(wavelengths):
+            basis = np.column_stack(
+                [np.cos(2 * np.pi * v * t / wave), np.sin(2 * np.pi * v * t / wave)]
+            )
+            weights = inverse - np.outer(inverse @ one, one @ inverse) / (one @ inverse @ one)
+            normal[k] += basis.T @ weights @ basis
+            right[k] += basis.T @ weights @ noise.T
+    fits = [np.linalg.solve(a, b) for a, b in zip(normal, right, strict=True)]
+    return np.array([np.mean(f**2) for f in fits])
+
+
+WAVES = np.array([20.0, 10.0, 5.0, 4.6, 10 / 3]) * 1e-3
+
+
+# --- closed forms -----------------------------------------------------------------------------
+
+
+def test_density_of_the_test_integrates_to_the_variance():
+    """One-sided in Hz: otherwise every sd below would be off by sqrt(2) or sqrt(2 pi)."""
+    f = np.linspace(0.0, 500.0, 2_000_001)
+
+    total = np.trapezoid(machine_density(f), f)
+
+    assert total == pytest.approx(sum(m[2] ** 2 for m in MODES) + SENSOR**2, rel=1e-3, abs=1e-20)
+
+
+def test_white_noise_gives_two_sigma_squared_over_n():
+    """var(a) = 2 sigma^2 / N for a sine in N white samples; S = 2 sigma^2 / rate."""
+    sigma, length, v = 20 * NM, 50e-3, 0.1
+    density = 2 * sigma**2 / RATE
+    n_samples = length / v * RATE
+
+    plan = predicted_sd(lambda f: density + 0 * f, [v, v], (5e-3, 10e-3), length)
+
+    closed = sigma * np.sqrt(2 / (2 * n_samples))
+    assert plan.information == pytest.approx([1 / closed**2] * 121, rel=EXACT, abs=1.0)
+    assert plan.sd["sd_long_record_nm"].to_numpy() == pytest.approx(
+        [closed / NM] * 121, rel=1e-9, abs=1e-9
+    )
+    # finite record, offset free: whole waves in the record, so only the end sample matters
+    whole = plan.sd["sd_nm"].to_numpy()[[0, -1]]
+    assert whole == pytest.approx(closed / NM, rel=0.01, abs=1e-9)
+
+
+def test_information_is_the_formula_of_the_specification():
+    feeds = np.array([0.08, 0.12, 0.16, 0.16])
+
+    plan = predicted_sd(machine_density, feeds, WAVES, 70e-3)
+
+    formula = [sum(70e-3 / v / machine_density(v / w) for v in feeds) for w in WAVES]
+    assert plan.information == pytest.approx(formula, rel=EXACT, abs=1.0)
+    assert plan.sd["wavelength_mm"].to_numpy() == pytest.approx(WAVES * 1e3, rel=EXACT, abs=0.0)
+
+
+def test_specification_numbers_hold_for_the_long_record_formula():
+    """56 nm (7200 x 3) and 32 nm (7200 x 9) are 1/sqrt(J) at 87.5 mm (70 mm with guard zones)."""
+    waves = [10e-3, 5e-3, 4.6e-3]
+
+    three = predicted_sd(machine_density, [0.12] * 3, waves, 87.5e-3)
+    nine = predicted_sd(machine_density, [0.12] * 9, waves, 87.5e-3)
+
+    assert three.sd["sd_long_record_nm"][0] == pytest.approx(56.0, abs=1.0)
+    assert nine.sd["sd_long_record_nm"][0] == pytest.approx(32.0, abs=0.5)
+
+
+def test_three_feeds_are_worth_more_than_one():
+    """3.8 nm of the specification fits a travel of 45 mm: 3.74 nm."""
+    waves = [10e-3, 5e-3, 4.6e-3]
+
+    spread = predicted_sd(machine_density, [0.08, 0.12, 0.16] * 3, waves, 45e-3)
+
+    assert spread.sd["sd_long_record_nm"][0] == pytest.approx(3.8, abs=0.1)
+    assert spread.sd["sd_one_feed_nm"][0] > 5 * spread.sd["sd_nm"][0]
+
+
+def test_sd_never_exceeds_the_disturbance_itself():
+    """12 Hz, 71 nm RMS, 3 runs: a tone cannot disturb by more than 71 / sqrt(3) = 41 nm.
+
+    The long-record formula says 69 nm; the exact value for the finite record stays below 41.
+    """
+    plan = predicted_sd(machine_density, [0.12] * 3, [10e-3], 56.25e-3)
+
+    assert plan.sd["sd_long_record_nm"][0] > 60.0
+    assert plan.sd["sd_nm"][0] < 71.0 / np.sqrt(3)
+
+
+# --- goal S10: Monte Carlo --------------------------------------------------------------------
+
+
+def test_predicted_variance_is_that_of_monte_carlo_with_three_feeds():
+    feeds, length = [0.08, 0.12, 0.16], 87.5e-3
+
+    plan = predicted_sd(machine_density, feeds, WAVES, length)
+    drawn = monte_carlo_variance(feeds, WAVES, length, seed=4)
+
+    assert (plan.sd["sd_nm"].to_numpy() * NM) ** 2 == pytest.approx(
+        drawn, rel=MC_TOLERANCE, abs=0.0
+    )
+    # off the narrow resonance the long-record information is right as well
+    assert 1 / plan.information == pytest.approx(drawn, rel=1.6 * MC_TOLERANCE, abs=0.0)
+
+
+def test_predicted_variance_holds_on_the_resonance():
+    """All runs at 7200 mm/min: 12 Hz on the 10 mm wave, where 1/J is almost four times too large."""
+    feeds, length = [0.12], 56.25e-3
+
+    plan = predicted_sd(machine_density, feeds, WAVES, length)
+    drawn = monte_carlo_variance(feeds, WAVES, length, seed=5)
+
+    assert (plan.sd["sd_nm"].to_numpy() * NM) ** 2 == pytest.approx(
+        drawn, rel=MC_TOLERANCE, abs=0.0
+    )
+    assert 3.0 < 1 / plan.information[1] / drawn[1] < 4.5
+
+
+# --- the plan ---------------------------------------------------------------------------------
+
+
+def test_plan_avoids_the_isolator_on_the_lead():
+    plan = plan_feedrates(machine_density, [10e-3, 5e-3, 4.6e-3], 0.08, 0.16, 9, length=70e-3)
+
+    assert len(plan.feeds) == 9
+    assert np.unique(plan.feeds).size >= 2
+    assert np.all((plan.feeds >= 0.08) & (plan.feeds <= 0.16))
+    assert np.min(np.abs(plan.feeds / 12.0 - 10e-3)) > 1e-3
+    assert plan.sd["sd_nm"].max() < 0.2 * plan.sd["sd_one_feed_nm"].max()
+
+
+def test_plan_is_as_good_as_brute_force():
+    waves = np.array([10e-3, 5e-3, 4.6e-3])
+    grid = np.geomspace(0.08, 0.16, 41)
+    table = 70e-3 / grid[:, None] / machine_density(grid[:, None] / waves)
+    brute = max(
+        table[list(c)].sum(axis=0).min()
+        for c in itertools.combinations_with_replacement(range(41), 3)
+        if grid[max(c)] >= 1.1 * grid[min(c)]
+    )
+
+    plan = plan_feedrates(machine_density, waves, 0.08, 0.16, 3, length=70e-3)
+
+    assert plan.information.min() >= 0.999 * brute
+    assert 0.9 < plan.audit["efficiency"] <= 1.0 + 1e-9
+
+
+def test_same_input_gives_the_same_plan():
+    one, two = (
+        plan_feedrates(machine_density, (2e-3, 20e-3), 0.05, 0.2, 5).feeds for _ in range(2)
+    )
+
+    assert one.tolist() == two.tolist()
+
+
+def test_white_noise_still_gets_two_feeds():
+    """With white noise slow is best; a plan of one feed cannot tell vibration from geometry."""
+    plan = plan_feedrates(lambda f: 1e-18 + 0 * f, (2e-3, 20e-3), 0.05, 0.2, 4, min_ratio=1.5)
+
+    v, count = np.unique(plan.feeds, return_counts=True)
+    assert v == pytest.approx([0.05, 0.075], rel=1e-6, abs=0.0)
+    assert count.tolist() == [3, 1]
+
+
+def test_limits_are_kept():
+    plan = plan_feedrates(
+        machine_density, (2e-3, 20e-3), 0.02, 0.3, 6, length=60e-3, max_time=2.4, min_ratio=1.3
+    )
+
+    assert np.sum(60e-3 / plan.feeds) <= 2.4 * (1 + 1e-9)
+    assert plan.audit["time_s"] == pytest.approx(np.sum(60e-3 / plan.feeds), rel=1e-9, abs=0.0)
+    distinct = np.unique(plan.feeds)
+    assert np.all(distinct[1:] / distinct[:-1] >= 1.3 * (1 - 1e-9))
+
+
+def test_runs_already_done_count():
+    waves = [10e-3, 5e-3, 4.6e-3]
+
+    plan = plan_feedrates(machine_density, waves, 0.08, 0.16, 1, length=70e-3, fixed=[0.12] * 3)
+
+    assert plan.feeds.size == 1
+    assert abs(plan.feeds[0] - 0.12) > 0.01
+    both = predicted_sd(machine_density, [0.12] * 3 + [plan.feeds[0]], waves, 70e-3)
+    assert plan.information == pytest.approx(both.information, rel=EXACT, abs=0.0)
+
+
+def test_settling_shortens_the_record_but_not_the_time():
+    free = predicted_sd(machine_density, [0.1], WAVES, 60e-3)
+    lost = predicted_sd(machine_density, [0.1], WAVES, 80e-3, settle_distance=20e-3)
+
+    assert lost.information == pytest.approx(free.information, rel=EXACT, abs=0.0)
+    assert lost.audit["time_s"] == pytest.approx(0.8, abs=1e-12)
+
+
+def test_more_runs_shrink_the_sd_by_the_root():
+    one = predicted_sd(machine_density, [0.09, 0.13], WAVES, 70e-3).sd
+    four = predicted_sd(machine_density, [0.09, 0.13] * 4, WAVES, 70e-3).sd
+
+    assert four["sd_nm"].to_numpy() == pytest.approx(
+        one["sd_nm"].to_numpy() / 2, rel=1e-9, abs=0.0
+    )
+
+
+def test_default_length_is_said():
+    plan = plan_feedrates(machine_density, [10e-3, 5e-3, 4e-3], 0.08, 0.16, 3)
+
+    assert plan.audit["length_mm"] == pytest.approx(20.0, abs=1e-12)
+    assert "longest wavelength" in plan.audit["length_chosen_by"]
+
+
+# --- words ------------------------------------------------------------------------------------
+
+
+def test_message_names_frequency_wavelength_feed_and_remedy():
+    plan = predicted_sd(machine_density, [0.12] * 3, [10e-3, 5e-3, 4.6e-3], 70e-3)
+
+    text = next(m for m in plan.messages if "12.0 Hz" in m)
+    assert "12.0 Hz disturbance maps onto 10.0 mm at 7200 mm/min; add a run at " in text
+    remedy = float(text.split("add a run at ")[1]) / 6e4
+    better = predicted_sd(machine_density, [0.12] * 3 + [remedy], [10e-3, 5e-3, 4.6e-3], 70e-3)
+    assert better.sd["sd_nm"][0] < 0.3 * plan.sd["sd_nm"][0]
+
+
+def test_one_feed_is_called_what_it_is():
+    plan = predicted_sd(machine_density, [0.1, 0.1], WAVES, 70e-3)
+
+    assert any("one feed cannot tell vibration from geometry" in m for m in plan.messages)
+
+
+def test_covered_collision_asks_for_no_run():
+    plan = predicted_sd(machine_density, [0.08, 0.12, 0.16] * 3, WAVES, 70e-3)
+
+    text = next(m for m in plan.messages if "10.0 mm at 7200" in m)
+    assert "add a run" not in text
+
+
+# --- forms of the density ---------------------------------------------------------------------
+
+
+def test_table_samples_and_function_agree():
+    f = np.arange(1.0, 501.0, 0.25)
+    s = machine_density(f)
+    table = pd.DataFrame({"frequency_hz": f, "psd_nm2_per_hz": s * 1e18})
+
+    made = [predicted_sd(p, [0.1, 0.13], WAVES, 70e-3).information for p in (table, (f, s))]
+
+    assert made[0] == pytest.approx(made[1], rel=1e-9, abs=0.0)
+    direct = predicted_sd(machine_density, [0.1, 0.13], WAVES, 70e-3).information
+    assert made[1] == pytest.approx(direct, rel=0.02, abs=0.0)
+
+
+def test_psd_object_over_time_and_over_position_agree():
+    rng = np.random.default_rng(3)
+    t = np.arange(4000) / RATE
+    z = 30 * NM * rng.standard_normal(t.size)
+    over_time = profile_psd(Profile(t, z))
+    over_position = profile_psd(Profile(0.1 * t, z))
+
+    one = predicted_sd(over_time, [0.1, 0.13], WAVES, 70e-3)
+    two = predicted_sd(over_position, [0.1, 0.13], WAVES, 70e-3, psd_feed=0.1)
+
+    assert two.information == pytest.approx(one.information, rel=1e-9, abs=0.0)
+
+
+def test_beyond_the_known_band_nothing_is_invented():
+    f = np.linspace(1.0, 30.0, 300)
+
+    plan = predicted_sd((f, machine_density(f)), [0.08, 0.16], [20e-3, 4e-3, 2e-3], 70e-3)
+
+    assert plan.information[2] == 0.0
+    assert np.isnan(plan.sd["sd_nm"][2])
+    assert plan.information[1] == pytest.approx(
+        70e-3 / 0.08 / machine_density(20.0), rel=0.01, abs=0.0
+    )
+    assert any("not known above 30 Hz" in m for m in plan.messages)
+
+
+def test_below_the_first_frequency_the_hold_is_said():
+    f = np.linspace(5.0, 200.0, 300)
+
+    plan = predicted_sd((f, 1e-18 + 0 * f), [0.08, 0.16], [50e-3, 40e-3, 4e-3], 100e-3)
+
+    assert any("not measured below 5 Hz" in m for m in plan.messages)
+
+
+def test_density_of_an_estimate_is_accepted():
+    from metrosep.separation import machine_axis, separate
+
+    estimate = separate(machine_axis(seed=3).runs)
+
+    plan = plan_feedrates(estimate.residual_psd, (2e-3, 20e-3), 0.08, 0.16, 4)
+
+    assert np.isfinite(plan.sd["sd_nm"]).all()
+
+
+# --- bad input --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "match"),
+    [
+        ({"v_min": 4800.0, "v_max": 9600.0}, UnitError, "0.16 m/s"),
+        ({"v_min": -0.1}, DataError, "positive"),
+        ({"v_min": 0.2}, DataError, "swap"),
+        ({"v_min": 0.16}, NotSeparableError, "one feed cannot"),
+        ({"n_runs": 1}, TooFewSamplesError, "two"),
+        ({"n_runs": 2.5}, DataError, "whole number"),
+        ({"wavelengths": [np.nan, 1e-3, 2e-3]}, DataError, "wavelengths"),
+        ({"wavelengths": []}, TooFewSamplesError, "wavelengths"),
+        ({"wavelengths": [2e-3, 500.0, 3.0]}, UnitError, "10 mm is 0.01"),
+        ({"length": 5e-3}, DataError, "less than one wave"),
+        ({"max_time": 0.01}, DataError, "allow more time"),
+        ({"min_ratio": 0.9}, DataError, "min_ratio"),
+        ({"psd": lambda f: -1.0 + 0 * f}, InvalidSamplesError, "above zero"),
+        ({"psd": ([1.0, 2.0, 3.0], [1e-18, 0.0, 1e-18])}, InvalidSamplesError, "above zero"),
+        ({"psd": ([1.0, 3.0, 2.0], [1e-18] * 3)}, InvalidSamplesError, "rising"),
+        ({"psd": ([1.0, 2.0], [1e-18] * 3)}, InvalidSamplesError, "equally long"),
+        ({"psd": ([1.0, 200.0], [1.0, 1.0])}, UnitError, "1 nm"),
+        ({"psd": "table.csv"}, DataError, "psd must be"),
+        ({"psd": pd.DataFrame({"f": [1.0]})}, DataError, "frequency_hz"),
+        ({"psd": ([1.0, 2.0], [1e-18, 1e-18])}, NotSeparableError, "known up to"),
+    ],
+)
+def test_refuses(change, error, match):
+    arguments = {
+        "psd": machine_density,
+        "wavelengths": (2e-3, 20e-3),
+        "v_min": 0.08,
+        "v_max": 0.16,
+        "n_runs": 4,
+    }
+
+    with pytest.raises(error, match=match):
+        plan_feedrates(**{**arguments, **change})
+
+
+def test_inputs_are_not_changed():
+    feeds, waves = np.array([0.16, 0.08]), WAVES.copy()
+
+    plan = predicted_sd(machine_density, feeds, waves, 70e-3)
+
+    assert feeds.tolist() == [0.16, 0.08]
+    assert waves.tolist() == WAVES.tolist()
+    with pytest.raises(ValueError, match="read-only"):
+        plan.information[0] = 0.0
+
+
+def test_a_tuple_is_a_range_and_a_list_of_two_is_two_waves():
+    density = (np.array([1.0, 1000.0]), np.array([1e-18, 1e-18]))
+
+    as_range = plan_feedrates(density, (5e-3, 10e-3), 0.05, 0.2, 4, length=70e-3)
+    as_list = plan_feedrates(density, [5e-3, 10e-3], 0.05, 0.2, 4, length=70e-3)
+
+    assert len(as_range.sd) == 121
+    np.testing.assert_allclose(sorted(as_list.sd["wavelength_mm"]), [5.0, 10.0], rtol=1e-12)
