@@ -1,0 +1,192 @@
+"""Polar chart of a spindle test: total, synchronous and asynchronous motion about the centre.
+
+Drawn on plain axes with equal scales, so that the chart fits beside others. The base circle carries
+no meaning: motion is added to it with the magnification that the division tells.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.plot.harmonics import readable_unit
+from metrosep.plot.style import COLOURS, DASHED, DOTTED, axes_or_new, house_style
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from metrosep.separation.spindle_result import SpindleMotion
+
+__all__ = ["polar_plot"]
+
+FloatArray = NDArray[np.float64]
+
+_INNER = 2.2
+"""Base circle in units of the largest motion: the chart keeps a hole."""
+
+_ORDER = ("synchronous", "asynchronous", "total")
+
+_MOST_LINES = 200
+"""Revolutions drawn one by one; beyond, every second, third, ..."""
+
+
+def polar_plot(
+    result: SpindleMotion, ax: Axes | None = None, *, division: float | None = None
+) -> Axes:
+    """Draw all revolutions, their band, the synchronous motion and its two circles.
+
+    Parameters
+    ----------
+    result : SpindleMotion
+        From `iso230_7`.
+    ax : matplotlib Axes, optional
+        Where to draw; a new figure by default.
+    division : float, m or rad, optional
+        Distance of the grid circles (the magnification); a round number by default.
+
+    Returns
+    -------
+    matplotlib Axes
+        With the chart; radial lengths in the unit that the text names.
+    """
+    with house_style():
+        axes = axes_or_new(ax, size=(6.4, 6.9))
+        largest = float(np.abs(result.motion).max())
+        scale, unit = readable_unit(largest, result.unit)
+        size = largest * scale or 1.0
+        step = _round_step(size) if division is None else division * scale
+        base = step * math.ceil(_INNER * size / step)
+        outer = base + step * math.ceil(size / step)
+        _grid(axes, base, step, outer)
+        angle = np.append(result.angle, result.angle[0])
+        _revolutions(axes, result, angle, base, scale)
+        curve = base + scale * _closed(result.synchronous_motion)
+        axes.plot(
+            curve * np.cos(angle),
+            curve * np.sin(angle),
+            color=COLOURS["after"],
+            lw=1.8,
+            label=f"synchronous {_text(result.synchronous.value, scale, unit)}",
+            zorder=4,
+        )
+        for limit in (result.synchronous_motion.max(), result.synchronous_motion.min()):
+            _circle(axes, base + scale * float(limit), color=COLOURS["text"], ls=DASHED, lw=0.9)
+        arm = 0.06 * outer
+        for x, y in (([-arm, arm], [0, 0]), ([0, 0], [-arm, arm])):
+            axes.plot(x, y, color=COLOURS["text"], lw=1.2)
+        axes.annotate(
+            result.center, (0, 0), xytext=(4, 4), textcoords="offset points", fontsize=8.5
+        )
+        _dress(axes, result, outer, f"division {step:.4g} {unit}")
+    return axes
+
+
+def _round_step(size: float) -> float:
+    """Return 1, 2 or 5 times a power of ten: two to four divisions for the motion."""
+    rough = size / 2.0
+    decade = 10.0 ** math.floor(math.log10(rough))
+    return max(f * decade for f in (1.0, 2.0, 5.0) if f * decade <= rough * (1.0 + 1e-12))
+
+
+def _text(value: float, scale: float, unit: str) -> str:
+    return f"{value * scale:.3g} {unit}"
+
+
+def _closed(curve: FloatArray) -> FloatArray:
+    return np.append(curve, curve[..., :1], axis=-1)
+
+
+def _circle(axes: Axes, radius: float, *, color: str, ls: object, lw: float) -> None:
+    from matplotlib.patches import Circle
+
+    axes.add_patch(Circle((0.0, 0.0), radius, fill=False, ec=color, ls=ls, lw=lw, zorder=3))
+
+
+def _grid(axes: Axes, base: float, step: float, outer: float) -> None:
+    count = round(outer / step)
+    first = round(base / step) - (count - round(base / step))
+    for i in range(max(first, 1), count + 1):
+        is_base = i == round(base / step)
+        colour = COLOURS["line"] if is_base else "#D8D8D8"
+        _circle(axes, i * step, color=colour, ls=DOTTED if is_base else "solid", lw=0.7)
+    for degrees in range(0, 360, 30):
+        c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+        inner = max(first, 1) * step
+        axes.plot(
+            [inner * c, outer * c], [inner * s, outer * s], color="#D8D8D8", lw=0.6, zorder=1
+        )
+        axes.text(
+            1.07 * outer * c, 1.07 * outer * s, f"{degrees}°", ha="center", va="center", fontsize=8
+        )
+
+
+def _revolutions(
+    axes: Axes, result: SpindleMotion, angle: FloatArray, base: float, scale: float
+) -> None:
+    from matplotlib.collections import LineCollection
+
+    motion = result.motion
+    low, high = (
+        base + scale * _closed(motion.min(axis=0)),
+        base + scale * _closed(motion.max(axis=0)),
+    )
+    axes.fill(
+        np.concatenate([high * np.cos(angle), (low * np.cos(angle))[::-1]]),
+        np.concatenate([high * np.sin(angle), (low * np.sin(angle))[::-1]]),
+        color=COLOURS["estimate"],
+        alpha=0.18,
+        lw=0,
+        zorder=2,
+        label=f"total {_text(result.total.value, *_pair(scale, result))}",
+    )
+    some = motion[:: math.ceil(motion.shape[0] / _MOST_LINES)]
+    radius = base + scale * _closed(some)
+    lines = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1)
+    axes.add_collection(
+        LineCollection(
+            list(lines), colors=COLOURS["estimate"], linewidths=0.25, alpha=0.5, zorder=2
+        )
+    )
+    j = int(np.argmax(result.asynchronous_range))
+    at = [low[j], high[j]]
+    axes.plot(
+        np.multiply(at, math.cos(angle[j])),
+        np.multiply(at, math.sin(angle[j])),
+        color=COLOURS["reverse"],
+        lw=2.4,
+        solid_capstyle="butt",
+        zorder=5,
+        label=f"asynchronous {_text(result.asynchronous.value, *_pair(scale, result))}",
+    )
+
+
+def _pair(scale: float, result: SpindleMotion) -> tuple[float, str]:
+    return scale, readable_unit(float(np.abs(result.motion).max()), result.unit)[1]
+
+
+def _dress(axes: Axes, result: SpindleMotion, outer: float, division: str) -> None:
+    axes.set_aspect("equal")
+    axes.set_xlim(-1.16 * outer, 1.16 * outer)
+    axes.set_ylim(-1.32 * outer, 1.36 * outer)
+    axes.set_axis_off()
+    axes.text(
+        0.0,
+        1.34 * outer,
+        f"{result.direction} error motion, {result.sensitive} sensitive direction, "
+        f"{result.n_revolutions} revolutions\n{division}; dashed: circles of the synchronous value",
+        ha="center",
+        va="top",
+        fontsize=9.5,
+    )
+    handles, labels = axes.get_legend_handles_labels()
+    order = sorted(range(len(labels)), key=lambda i: _ORDER.index(labels[i].split()[0]))
+    axes.legend(
+        [handles[i] for i in order],
+        [labels[i] for i in order],
+        loc="lower center",
+        ncols=3,
+        columnspacing=1.4,
+    )

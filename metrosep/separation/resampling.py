@@ -1,0 +1,370 @@
+"""Angle-synchronous resampling: from samples in time to samples per revolution at fixed angles.
+
+The angle comes from an encoder channel, or from one index pulse per revolution with the speed
+interpolated between pulses. Only samples at the same angles in each revolution can be averaged
+without leakage between harmonics. Between samples the signal is taken as band limited (a windowed
+sinc in time), which keeps the scatter of broadband noise; a cubic spline does not.
+
+Angle in rad, counter-clockwise seen from +Z; with `rotation` = -1 it falls with time, and the rows
+of the table still run over rising angle.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from metrosep.core._arrays import frozen_float
+from metrosep.core.errors import DataError, TooFewSamplesError
+from metrosep.separation._band_limited import band_limited, cubic, white_gain
+from metrosep.separation._spindle_angle import EncoderMap, IndexMap, accumulated_angle
+
+__all__ = [
+    "AngleSynchronous",
+    "cubic_interpolation_error",
+    "resample_by_encoder",
+    "resample_by_index",
+]
+
+FloatArray = NDArray[np.float64]
+Method = Literal["band-limited", "cubic"]
+Speed = Literal["constant", "linear", "spline"]
+
+_TURN = 2.0 * math.pi
+
+_LEAST = 8
+"""Fewest angles per revolution worth a table."""
+
+_ON_SAMPLE = 1e-6
+"""Distance from a sample, in samples, below which the sample itself is taken."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AngleSynchronous:
+    """Signals at the same angles in each revolution; frozen.
+
+    Parameters
+    ----------
+    table : ndarray, shape (m, n) or (c, m, n), SI
+        Row i is a revolution, column j the angle ``angle[j]``; NaN = not measured.
+    angle : ndarray, shape (n,), rad
+        ``2 pi j / n``.
+    start : int
+        Column at which the revolutions begin in time (end, where the rotation is negative).
+    revolutions : ndarray of int, shape (m,)
+        Number of each revolution in the record, from 0; dropped ones are missing.
+    speed : ndarray, shape (m,)
+        Mean speed of each revolution in rev/s, or in rev/sample where no sampling rate is known.
+    speed_unit : {"rev/s", "rev/sample"}
+        Unit of `speed`.
+    rotation : {1, -1}
+        Whether the angle rises or falls with time.
+    noise_gain : float
+        Factor on the standard deviation of white noise by interpolation; 1 where samples are taken
+        as they are, NaN for cubic splines.
+    audit : mapping
+        Settings and counts, plain values.
+    messages : tuple of str
+        What a reader must know.
+    """
+
+    table: FloatArray
+    angle: FloatArray
+    start: int
+    revolutions: NDArray[np.intp]
+    speed: FloatArray
+    speed_unit: str
+    rotation: int
+    noise_gain: float
+    audit: Mapping[str, Any]
+    messages: tuple[str, ...]
+
+    @property
+    def n_revolutions(self) -> int:
+        """Revolutions in the table."""
+        return int(self.table.shape[-2])
+
+    def __repr__(self) -> str:
+        shape = " x ".join(str(s) for s in self.table.shape)
+        return f"AngleSynchronous({shape}, {float(self.speed.mean()):.6g} {self.speed_unit})"
+
+
+def cubic_interpolation_error(samples_per_wave: float) -> float:
+    """Return the bound of the error of a cubic spline through a sine, relative to its amplitude.
+
+    Parameters
+    ----------
+    samples_per_wave : float, > 2
+        Samples per wavelength of the sine.
+
+    Returns
+    -------
+    float
+        Largest error over amplitude.
+
+    Raises
+    ------
+    DataError
+        If there are 2 samples per wave or fewer: the wave is not determined.
+
+    Notes
+    -----
+    5/384 h^4 max|f''''| with h = 1 sample [1]_; about 2 % at 6, 0.2 % at 10 samples per wave.
+
+    References
+    ----------
+    .. [1] C. A. Hall and W. W. Meyer, Optimal error bounds for cubic spline interpolation,
+       J. Approx. Theory 16 (1976) 105-122.
+
+    Examples
+    --------
+    >>> round(cubic_interpolation_error(10.0), 5)
+    0.00203
+    """
+    if not samples_per_wave > 2.0:
+        raise DataError(f"a wave needs more than 2 samples, got {samples_per_wave}")
+    return 5.0 / 384.0 * (_TURN / samples_per_wave) ** 4
+
+
+def resample_by_encoder(
+    signal: ArrayLike,
+    angle: ArrayLike,
+    /,
+    *,
+    n: int | None = None,
+    method: Method = "band-limited",
+    sampling_rate: float | None = None,
+) -> AngleSynchronous:
+    """Return a signal at fixed angles per revolution, from the angle at each sample.
+
+    Parameters
+    ----------
+    signal : array_like, shape (n_samples,) or (c, n_samples), SI
+        Sampled uniformly in time; several channels share the angle.
+    angle : array_like, shape (n_samples,), rad
+        Spindle angle, accumulated over revolutions or wrapped to one turn.
+    n : int, optional
+        Angles per revolution; by default the samples per revolution.
+    method : {"band-limited", "cubic"}, optional
+        Interpolation between samples.
+    sampling_rate : float, Hz, optional
+        So that `speed` is in rev/s.
+
+    Returns
+    -------
+    AngleSynchronous
+        All whole revolutions, counted from the first sample, whatever its angle.
+
+    Raises
+    ------
+    TooFewSamplesError
+        If there is no whole revolution, or fewer than 8 samples per revolution.
+    InvalidSamplesError
+        If lengths differ, the angle is NaN, stands still or turns back.
+    UnitError
+        If the angle looks like degrees or turns.
+    DataError
+        If n, method or sampling rate is not usable.
+
+    Notes
+    -----
+    The sample number as a function of angle is a cubic spline; an encoder that repeats counts
+    is read at its edges, with straight lines between. Where samples already lie on the
+    grid they are taken as they are. NaN in the signal makes all values NaN that draw on it (32
+    samples on each side; `method="cubic"`: one).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.arange(1000) * 0.1
+    >>> result = resample_by_encoder(np.cos(3 * t), t, n=32)
+    >>> result.table.shape, bool(np.ptp(result.table, axis=0).max() < 1e-3)
+    ((15, 32), True)
+    """
+    signals, single = _signals(signal)
+    theta, rotation = accumulated_angle(angle, signals.shape[1])
+    steps = EncoderMap(theta, rotation)
+    return _resample(
+        signals,
+        steps,
+        n=n,
+        method=method,
+        sampling_rate=sampling_rate,
+        single=single,
+        source="encoder",
+    )
+
+
+def resample_by_index(
+    signal: ArrayLike,
+    pulses: ArrayLike,
+    /,
+    *,
+    n: int | None = None,
+    speed: Speed = "spline",
+    rotation: Literal[1, -1] = 1,
+    faults: Literal["refuse", "drop"] = "refuse",
+    tolerance: float = 0.3,
+    method: Method = "band-limited",
+    sampling_rate: float | None = None,
+) -> AngleSynchronous:
+    """Return a signal at fixed angles per revolution, from one index pulse per revolution.
+
+    Parameters
+    ----------
+    signal : array_like, shape (n_samples,) or (c, n_samples), SI
+        Sampled uniformly in time.
+    pulses : array_like, shape (n_pulses,), sample numbers
+        Where the index passed, with fractions: see `index_pulses`. The angle is 0 there.
+    n : int, optional
+        Angles per revolution; by default the median of the samples per revolution.
+    speed : {"constant", "linear", "spline"}, optional
+        Between pulses: constant speed in each revolution; time as a parabola of angle, curvature
+        from the neighbours; or a cubic spline through the pulses.
+    rotation : {1, -1}, optional
+        -1 where the spindle turns clockwise seen from +Z.
+    faults : {"refuse", "drop"}, optional
+        What happens on missing or double pulses: an error that names the revolution, or the
+        revolutions concerned are left out and named in the messages.
+    tolerance : float, 0 to 0.45, optional
+        Relative departure of a revolution from the median of its neighbours that is a fault.
+    method : {"band-limited", "cubic"}, optional
+        Interpolation between samples.
+    sampling_rate : float, Hz, optional
+        So that `speed` is in rev/s.
+
+    Returns
+    -------
+    AngleSynchronous
+        Revolutions between the first and the last pulse.
+
+    Raises
+    ------
+    TooFewSamplesError
+        If there are fewer than 2 pulses, no sound revolution, or fewer than 8 samples in one.
+    InvalidSamplesError
+        If pulses are NaN, not rising or outside the record, or (``faults="refuse"``) missing or
+        double.
+    DataError
+        If an option is not usable.
+
+    Notes
+    -----
+    Speed changes within a revolution that repeat each revolution are invisible to one pulse: they
+    shift a motion s(t) by s' times the angle error. An edge placed with standard uncertainty u_e
+    in samples turns a revolution of p samples by 2 pi u_e / p rad.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.arange(1000) * 0.1
+    >>> pulses = np.arange(0, 15) * 2 * np.pi / 0.1
+    >>> result = resample_by_index(np.cos(3 * t), pulses, n=32, sampling_rate=100.0)
+    >>> result.table.shape, round(float(result.speed[0]), 4)
+    ((14, 32), 1.5915)
+    """
+    signals, single = _signals(signal)
+    if rotation not in (1, -1):
+        raise DataError(f"rotation is 1 or -1, got {rotation!r}")
+    steps = IndexMap.from_pulses(
+        pulses,
+        signals.shape[1],
+        speed=speed,
+        rotation=rotation,
+        faults=faults,
+        tolerance=tolerance,
+    )
+    return _resample(
+        signals,
+        steps,
+        n=n,
+        method=method,
+        sampling_rate=sampling_rate,
+        single=single,
+        source="index",
+    )
+
+
+def _signals(signal: ArrayLike) -> tuple[FloatArray, bool]:
+    values = np.asarray(signal)
+    single = values.ndim == 1
+    table = frozen_float(values[None] if single else values, name="the signal", ndim=2)
+    return table, single
+
+
+def _resample(
+    signals: FloatArray,
+    steps: EncoderMap | IndexMap,
+    *,
+    n: int | None,
+    method: Method,
+    sampling_rate: float | None,
+    single: bool,
+    source: str,
+) -> AngleSynchronous:
+    if method not in ("band-limited", "cubic"):
+        raise DataError(f"method is 'band-limited' or 'cubic', got {method!r}")
+    if sampling_rate is not None and not (math.isfinite(sampling_rate) and sampling_rate > 0.0):
+        raise DataError(f"the sampling rate must be positive, in Hz, got {sampling_rate}")
+    per_turn = steps.samples_per_turn
+    if per_turn < _LEAST:
+        raise TooFewSamplesError(
+            f"{per_turn:.3g} samples per revolution, need {_LEAST}: sample faster, or give the "
+            "angle in rad (np.deg2rad of degrees)"
+        )
+    columns = round(per_turn) if n is None else n
+    if not (columns >= _LEAST and float(columns).is_integer()):
+        raise DataError(f"n must be an integer of at least {_LEAST} angles, got {columns!r}")
+    columns = int(columns)
+    positions, start, revolutions, durations = steps.positions(columns)
+    nearest = np.rint(positions)
+    positions = np.where(np.abs(positions - nearest) < _ON_SAMPLE, nearest, positions)
+    take = band_limited if method == "band-limited" else cubic
+    flat = positions.ravel()
+    table = np.stack([take(row, flat).reshape(positions.shape) for row in signals])
+    on_samples = bool((positions == nearest).all())
+    gain = 1.0 if on_samples else (white_gain(flat) if method == "band-limited" else math.nan)
+    speed = (1.0 if sampling_rate is None else sampling_rate) / durations
+    messages = [*steps.messages, *_sampling_messages(columns, per_turn)]
+    lost = int(np.isnan(table).any(axis=(0, 2)).sum())
+    if lost:
+        messages.append(f"{lost} revolutions hold samples that were not measured: left NaN")
+    table = table[0] if single else table
+    angle = _TURN * np.arange(columns) / columns
+    for array in (table, angle, revolutions, speed):
+        array.setflags(write=False)
+    return AngleSynchronous(
+        table=table,
+        angle=angle,
+        start=start,
+        revolutions=revolutions,
+        speed=speed,
+        speed_unit="rev/sample" if sampling_rate is None else "rev/s",
+        rotation=steps.rotation,
+        noise_gain=gain,
+        audit={
+            "source": source,
+            "n_revolutions": int(positions.shape[0]),
+            "n_angles": columns,
+            "samples_per_revolution": per_turn,
+            "interpolation": "none" if on_samples else method,
+            "noise_gain": gain,
+            **steps.audit,
+        },
+        messages=tuple(messages),
+    )
+
+
+def _sampling_messages(columns: int, per_turn: float) -> list[str]:
+    if columns < 0.99 * per_turn:
+        text = (
+            f"{columns} angles of {per_turn:.6g} samples per revolution: harmonics above "
+            f"{columns // 2} fold onto lower ones; take more angles or filter before"
+        )
+        return [text]
+    return []

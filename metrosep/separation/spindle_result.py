@@ -1,0 +1,181 @@
+"""`SpindleMotion` and `SpindleHarmonics`: what a spindle test gives back."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.core.quantity import Quantity
+from metrosep.parameters.table import ParameterTable
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["SpindleHarmonics", "SpindleMotion"]
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SpindleHarmonics:
+    """Harmonics of the mean revolution and of the scatter; arrays over k = 1 .. n // 2.
+
+    Parameters
+    ----------
+    k : ndarray of int, shape (h,)
+        Undulations per revolution.
+    amplitude : ndarray, shape (h,), m or rad
+        Of the mean revolution: ``amplitude cos(k t - phase)``.
+    phase : ndarray, shape (h,), rad
+        Angle k t at which the harmonic is highest, -pi to pi.
+    u : ndarray, shape (h,), m or rad
+        Standard uncertainty of the amplitude, from the scatter between revolutions.
+    nrr : ndarray, shape (h,), m or rad
+        Non-repeatable: root mean square deviation of the complex amplitude of one revolution from
+        the mean.
+    significant : ndarray of bool, shape (h,)
+        Whether the harmonic repeats (F test, 1 % of those named are expected to be noise).
+    removed : tuple of int
+        Harmonics that are not in the synchronous motion, such as the eccentricity k = 1.
+    """
+
+    k: NDArray[np.intp]
+    amplitude: FloatArray
+    phase: FloatArray
+    u: FloatArray
+    nrr: FloatArray
+    significant: NDArray[np.bool_]
+    removed: tuple[int, ...]
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return a data frame, one row per harmonic.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Index ``k``; columns ``amplitude``, ``phase_rad``, ``u``, ``nrr``, ``significant``,
+            ``removed``.
+        """
+        import pandas as pd
+
+        return pd.DataFrame(
+            {
+                "amplitude": self.amplitude,
+                "phase_rad": self.phase,
+                "u": self.u,
+                "nrr": self.nrr,
+                "significant": self.significant,
+                "removed": np.isin(self.k, self.removed),
+            },
+            index=pd.Index(self.k, name="k"),
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class SpindleMotion:
+    """Result of a spindle test after ISO 230-7; frozen, SI.
+
+    Parameters
+    ----------
+    direction : {"radial", "axial", "tilt", "face"}
+        What was measured.
+    sensitive : {"fixed", "rotating"}
+        Sensitive direction.
+    center : {"LSC", "MZC", "MIC", "MCC", "PC"}
+        Centre that widths are counted about; PC (polar chart) for axial and face motion.
+    table : ParameterTable
+        ``synchronous``, ``asynchronous``, ``total`` and more, each with unit, definition and u.
+    angle : ndarray, shape (n,), rad
+        Of the columns.
+    motion : ndarray, shape (m, n), m or rad
+        Error motion of each revolution about the centre, mean level removed.
+    synchronous_motion : ndarray, shape (n,), m or rad
+        Mean over revolutions about the centre, only k <= kmax where that was asked.
+    asynchronous_range : ndarray, shape (n,), m or rad
+        Largest minus smallest reading at each angle.
+    asynchronous_sd : ndarray, shape (n,), m or rad
+        Standard deviation over revolutions (ddof 1) at each angle.
+    harmonics : SpindleHarmonics
+        Of the readings before the centre was removed.
+    centre : tuple of (float, float), m or rad
+        What was removed as ``a cos t + b sin t``; zeros where k = 1 is kept.
+    revolutions : ndarray of int, shape (m,)
+        Numbers of the revolutions used, in the record.
+    audit : mapping
+        Settings and what was removed, plain values.
+    messages : tuple of str
+        Warnings in plain words.
+    """
+
+    direction: str
+    sensitive: str
+    center: str
+    table: ParameterTable
+    angle: FloatArray
+    motion: FloatArray
+    synchronous_motion: FloatArray
+    asynchronous_range: FloatArray
+    asynchronous_sd: FloatArray
+    harmonics: SpindleHarmonics
+    centre: tuple[float, float]
+    revolutions: NDArray[np.intp]
+    audit: Mapping[str, Any]
+    messages: tuple[str, ...]
+
+    @property
+    def synchronous(self) -> Quantity:
+        """Synchronous error motion value."""
+        return self.table["synchronous"]
+
+    @property
+    def asynchronous(self) -> Quantity:
+        """Asynchronous error motion value."""
+        return self.table["asynchronous"]
+
+    @property
+    def total(self) -> Quantity:
+        """Total error motion value."""
+        return self.table["total"]
+
+    @property
+    def n_revolutions(self) -> int:
+        """Revolutions used."""
+        return int(self.motion.shape[0])
+
+    @property
+    def unit(self) -> str:
+        """Unit of the motion: m, or rad for tilt."""
+        return self.synchronous.unit
+
+    def __getitem__(self, symbol: str) -> Quantity:
+        return self.table[symbol]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON, SI, without the arrays over angle.
+
+        Returns
+        -------
+        dict
+            Keys of the table, and ``direction``, ``sensitive``, ``center``, ``centre``, ``audit``,
+            ``messages``.
+        """
+        return {
+            "direction": self.direction,
+            "sensitive": self.sensitive,
+            "center": self.center,
+            "centre": list(self.centre),
+            **self.table.to_dict(),
+            "audit": dict(self.audit),
+            "messages": list(self.messages),
+        }
+
+    def __repr__(self) -> str:
+        head = f"SpindleMotion({self.direction}, {self.sensitive} sensitive direction"
+        return (
+            f"{head}, {self.center}, {self.n_revolutions} revolutions: synchronous "
+            f"{self.synchronous}, asynchronous {self.asynchronous}, total {self.total})"
+        )
