@@ -44,6 +44,11 @@ class FaceReversal(SeparationMethod):
     ----------
     radius : float, m
         Distance r of the face probe from the axis, > 0.
+
+    Raises
+    ------
+    DataError
+        If the radius is not positive or above 100 m.
     """
 
     radius: float
