@@ -1,0 +1,320 @@
+"""Probe angles that magnify the noise least: search over arrangements of a multi-probe set-up.
+
+The noise gain of undulation k is that of least squares with alike, independent probes: ``gain_k =
+1 / |e_k - P e_k|``, e_k = exp(j k phi), P the projector on (cos phi, sin phi). For three probes it is
+``sqrt(1 + c2^2 + c3^2) / |W_k|``. It cannot fall below ``1 / sqrt(n)``.
+
+The search is random arrangements, then exchange of one probe at a time over a grid, then a fine
+descent; seeded, so the same call gives the same angles.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from metrosep.core.errors import DataError, NotSeparableError, UnitError
+from metrosep.core.profile import html_table
+from metrosep.separation._angle_search import best_angles, gain_table, separations
+from metrosep.separation._circle import angle_tuple, check_kmax
+from metrosep.separation._probe_geometry import probe_geometry
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["ProbeAngles", "optimise_probe_angles", "probe_gain"]
+
+FloatArray = NDArray[np.float64]
+
+_HIDDEN = 1e7
+"""A gain that only rounding keeps finite: the angles hide the undulation."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class ProbeAngles:
+    """Chosen probe angles and how they magnify noise.
+
+    Parameters
+    ----------
+    angles : ndarray, shape (n,), rad
+        Rising from the first; given ones first where some were fixed.
+    gain : float
+        Root mean square noise gain over k = 2 ... kmax: sd of a harmonic of the artefact over sd
+        of that harmonic of one reading.
+    gain_per_k : ndarray, shape (kmax + 1,)
+        Gain of each undulation from k = 0; inf for 0 and 1, which no angles show.
+    worst_k : int
+        Undulation of the largest gain from k = 2 on.
+    robust_gain : float
+        Gain averaged (root mean square) over angles that miss by `tolerance`; `gain` without.
+    settings : mapping
+        What was asked for, with unit suffixes.
+    """
+
+    angles: FloatArray
+    gain: float
+    gain_per_k: FloatArray
+    worst_k: int
+    robust_gain: float
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def worst_gain(self) -> float:
+        """Gain of `worst_k`."""
+        return float(self.gain_per_k[self.worst_k])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON.
+
+        Returns
+        -------
+        dict
+            Angles in degrees under ``angles_deg``; an infinite gain is None.
+        """
+        return {
+            "angles_deg": np.rad2deg(self.angles).tolist(),
+            "gain": self.gain,
+            "gain_per_k": [float(g) if math.isfinite(g) else None for g in self.gain_per_k],
+            "worst_k": self.worst_k,
+            "worst_gain": self.worst_gain,
+            "robust_gain": self.robust_gain,
+            **self.settings,
+        }
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return the gain of each undulation from 2 on.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Columns ``k``, ``gain``.
+        """
+        import pandas as pd
+
+        k = np.arange(2, self.gain_per_k.size)
+        return pd.DataFrame({"k": k, "gain": self.gain_per_k[2:]})
+
+    def _rows(self) -> dict[str, str]:
+        return {
+            "angles / deg": ", ".join(f"{a:.4g}" for a in np.rad2deg(self.angles)),
+            "gain (RMS)": f"{self.gain:.4g}",
+            "worst": f"{self.worst_gain:.3g} at k = {self.worst_k}",
+            "averaged over the tolerance": f"{self.robust_gain:.4g}",
+        }
+
+    def __repr__(self) -> str:
+        rows = self._rows()
+        return (
+            f"ProbeAngles({rows['angles / deg']} deg; gain {rows['gain (RMS)']}, "
+            f"worst {rows['worst']})"
+        )
+
+    def _repr_html_(self) -> str:
+        """Return a small table for notebooks."""
+        return html_table("Probe angles", self._rows())
+
+
+def optimise_probe_angles(
+    n: int,
+    kmax: int,
+    *,
+    min_separation: float = 0.0,
+    fixed: ArrayLike = (),
+    tolerance: float = 0.0,
+    criterion: Literal["rms", "worst"] = "rms",
+    resolution: float = math.pi / 3600.0,
+    seed: int = 0,
+) -> ProbeAngles:
+    """Return probe angles of small noise gain over k = 2 ... kmax.
+
+    Parameters
+    ----------
+    n : int
+        Number of probes, >= 3.
+    kmax : int
+        Highest undulation per revolution, >= 2.
+    min_separation : float, rad, optional
+        Least angle between two probes: what their bodies need.
+    fixed : array_like, rad, optional
+        Angles of probes that stand already; the others are chosen. The first probe stands at 0
+        if none is given.
+    tolerance : float, rad, optional
+        Standard deviation with which angles are met; the gain is averaged over such misses, so an
+        arrangement that needs exact angles loses.
+    criterion : {"rms", "worst"}, optional
+        Smallest root mean square gain, or smallest largest gain.
+    resolution : float, rad, optional
+        Finest step of the search; 0.05 degrees if omitted.
+    seed : int, optional
+        Of the starts; the same seed gives the same angles.
+
+    Returns
+    -------
+    ProbeAngles
+        ``.angles`` (rad), ``.gain``, ``.gain_per_k``, ``.worst_k``, ``.worst_gain``.
+
+    Raises
+    ------
+    DataError
+        If `n`, `kmax`, `resolution` or `tolerance` are out of range, or `fixed` leaves no probe
+        to place.
+    UnitError
+        If an angle looks like degrees.
+    NotSeparableError
+        If no arrangement keeps `min_separation`.
+    InvalidSamplesError
+        If a fixed angle is not finite.
+
+    Notes
+    -----
+    No global optimum is proven: the search starts at many random arrangements. The gain of any
+    arrangement is at least ``1 / sqrt(n)``. Turning or mirroring an arrangement changes nothing.
+
+    References
+    ----------
+    D. J. Whitehouse, J. Phys. E: Sci. Instrum. 9 (1976) 531-536: why angles matter (zeros of W_k).
+
+    Examples
+    --------
+    >>> found = optimise_probe_angles(3, 30, min_separation=np.deg2rad(15))
+    >>> found.gain < 1.2
+    True
+    """
+    count = _checked_count(n)
+    kmax = check_kmax(kmax)
+    placed = np.array(angle_tuple(fixed, least=0, what="fixed probe"))
+    _check_settings(count, placed, min_separation, tolerance, resolution, criterion)
+    rng = np.random.default_rng(seed)
+    draws = tolerance * rng.standard_normal((16, count)) if tolerance else np.empty((0, count))
+    given = placed if placed.size else np.zeros(1)
+    found = best_angles(
+        count,
+        kmax,
+        fixed=given,
+        min_separation=min_separation,
+        resolution=resolution,
+        draws=draws,
+        criterion=criterion,
+        rng=rng,
+    )
+    if found is None:
+        raise NotSeparableError(
+            f"no arrangement of {count} probes keeps {math.degrees(min_separation):.4g} degrees "
+            "between all of them; use slimmer or fewer probes"
+        )
+    angles, starts = found
+    free = np.sort(np.mod(angles[given.size :], 2.0 * np.pi))
+    angles = np.concatenate([given, free])
+    per_k = probe_gain(angles, kmax)
+    gain = math.sqrt(float(np.mean(per_k[2:] ** 2)))
+    met = gain_table(angles[:, np.newaxis] + draws.T, kmax)
+    return ProbeAngles(
+        angles,
+        gain,
+        per_k,
+        2 + int(np.argmax(per_k[2:])),
+        math.sqrt(float(np.mean(met**2))) if tolerance else gain,
+        {
+            "kmax": kmax,
+            "min_separation_deg": math.degrees(min_separation),
+            "tolerance_deg": math.degrees(tolerance),
+            "criterion": criterion,
+            "n_fixed": int(placed.size),
+            "n_starts": starts,
+            "seed": seed,
+        },
+    )
+
+
+def probe_gain(angles: ArrayLike, kmax: int) -> FloatArray:
+    """Return the noise gain of each undulation for alike, independent probes.
+
+    Parameters
+    ----------
+    angles : array_like, shape (n,), n >= 3, rad
+        Where the probes stand.
+    kmax : int
+        Highest undulation per revolution, >= 2.
+
+    Returns
+    -------
+    ndarray, shape (kmax + 1,)
+        From k = 0; inf for 0 and 1 and for suppressed undulations.
+
+    Raises
+    ------
+    TooFewSamplesError, InvalidSamplesError
+        If there are fewer than 3 angles or they are not finite.
+    UnitError
+        If the angles look like degrees.
+    DataError
+        If kmax is below 2.
+    NotSeparableError
+        If the probes stand on one line.
+
+    Notes
+    -----
+    Least squares for n > 3; ``sqrt(1 + c2^2 + c3^2) / |W_k|`` for n = 3. Where the angles hide an
+    undulation its gain is infinite.
+
+    Examples
+    --------
+    >>> gain = probe_gain(np.deg2rad([0, 45, 135]), 9)
+    >>> [int(k) for k in np.flatnonzero(np.isinf(gain))]
+    [0, 1, 7, 9]
+    """
+    geometry = probe_geometry(
+        np.array(angle_tuple(angles, least=3, what="probe")),
+        check_kmax(kmax),
+        covariance=None,
+        max_gain=_HIDDEN,
+        turn=1,
+    )
+    out: FloatArray = geometry.gain[0]
+    return out
+
+
+def _checked_count(n: int) -> int:
+    if isinstance(n, bool) or int(n) != n or not 3 <= n <= 24:
+        raise DataError(f"the number of probes must be a whole number from 3 to 24, got {n!r}")
+    return int(n)
+
+
+def _check_settings(
+    n: int,
+    fixed: FloatArray,
+    min_separation: float,
+    tolerance: float,
+    resolution: float,
+    criterion: str,
+) -> None:
+    for name, value, most in (
+        ("min_separation", min_separation, 2.0 * math.pi / 3.0),
+        ("tolerance", tolerance, 0.2),
+        ("resolution", resolution, 0.1),
+    ):
+        if not (math.isfinite(value) and value >= 0.0):
+            raise DataError(f"{name} must be >= 0 rad, got {value}")
+        if value > most * (1.0 + 1e-9):
+            raise UnitError(
+                f"{name} of {value:.6g} rad is above {most:.4g}; degrees? give numpy.deg2rad"
+            )
+    if resolution == 0.0:
+        raise DataError("resolution must be > 0 rad, got 0")
+    if criterion not in ("rms", "worst"):
+        raise DataError(f"criterion must be 'rms' or 'worst', got {criterion!r}")
+    if fixed.size >= n:
+        raise DataError(
+            f"{fixed.size} of {n} probes are fixed, so none is to be placed; use probe_gain for "
+            "the gain of an arrangement"
+        )
+    if fixed.size > 1 and separations(fixed) < min_separation - 1e-9:
+        raise NotSeparableError(
+            f"two fixed probes stand {math.degrees(separations(fixed)):.4g} degrees apart, less "
+            f"than min_separation = {math.degrees(min_separation):.4g} degrees"
+        )

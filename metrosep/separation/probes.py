@@ -1,0 +1,396 @@
+"""Multi-probe roundness: artefact and spindle motion from three or more probes round one section.
+
+Model: ``m_i(theta) = r(theta + t phi_i) + x(theta) cos(phi_i) + y(theta) sin(phi_i)``.
+
+Signs: probe angles phi count counter-clockwise from +X, as seen by an observer for whom +Y is 90
+degrees on. A reading grows when the surface comes towards the probe, so x > 0 is the axis moved to
++X and r > 0 is material. The turn t = +1: the part turns against the count of the probe angles
+(clockwise), so the point of the part at the probe phi is theta + phi. With t = -1 it turns with the
+count, and the angle of the part is counted the other way, theta - phi.
+
+Harmonic k = 0 is the zero of each probe and k = 1 is eccentricity and motion in one: neither is
+separable. Undulations whose noise gain exceeds ``max_gain`` are suppressed by the angles: reported,
+NaN in ``harmonics``, absent from the curves.
+
+Source of the three-probe weights: D. J. Whitehouse, J. Phys. E 9 (1976) 531; here least squares.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from metrosep.core.errors import DataError, InvalidSamplesError, NotSeparableError, UnitError
+from metrosep.core.provenance import Step
+from metrosep.separation._circle import (
+    angle_tuple,
+    as_array,
+    centring,
+    check_kmax,
+    check_u_reading,
+    history_of,
+    part_arrays,
+    turned,
+)
+from metrosep.separation._probe_geometry import ProbeGeometry, probe_geometry
+from metrosep.separation._probe_solution import separate_probes
+from metrosep.separation.contract import Separation, SeparationMethod
+from metrosep.separation.null_space import Unobservable
+
+__all__ = ["MultiprobeRoundness", "multiprobe"]
+
+FloatArray = NDArray[np.float64]
+
+_PARTS = ("artefact", "x", "y")
+
+
+@dataclass(frozen=True)
+class MultiprobeRoundness(SeparationMethod):
+    """Probes at fixed angles round one section of a turning artefact.
+
+    Parameters
+    ----------
+    angles : sequence of float, shape (n,), n >= 3, rad
+        Where the probes stand, in the order of the readings.
+    kmax : int
+        Highest undulation per revolution that is separated, >= 2 and below half the samples.
+    cov : array_like, shape (n,) or (n, n), m^2, optional
+        Variances or covariance of one reading of each probe; they weight the probes and, where no
+        `u_reading` is given, make the uncertainty. All probes alike if omitted.
+    u_angles : float or sequence of float, rad, optional
+        Standard uncertainty of each probe angle, independent (type B).
+    u_sensitivity : float or sequence of float, optional
+        Relative standard uncertainty of the sensitivity of each probe, independent (type B).
+    max_gain : float, optional
+        An undulation whose noise is magnified more than this is called suppressed.
+    turn : {1, -1}, optional
+        +1: the part turns against the count of the probe angles; -1: with it.
+    radius : float, m, optional
+        Radius of the artefact: the audit then tells the second undulation that the eccentricity
+        itself makes, ``e^2 / (4 radius)``.
+
+    Raises
+    ------
+    TooFewSamplesError, InvalidSamplesError
+        If there are fewer than 3 angles, they are not finite, or `cov` is no covariance.
+    UnitError
+        If angles or their uncertainty look like degrees.
+    DataError
+        If kmax, the uncertainties, `max_gain`, `turn` or `radius` are out of range.
+    NotSeparableError
+        If the probes stand on one line or their angles suppress every undulation.
+
+    Examples
+    --------
+    >>> method = MultiprobeRoundness(np.deg2rad([0, 45, 135]), 20)
+    >>> [k for item in method.null_space() if item.kind == "harmonic" for k in item.indices][:4]
+    [7, 9, 15, 17]
+    """
+
+    angles: Any
+    kmax: int
+    cov: Any = None
+    u_angles: Any = 0.0
+    u_sensitivity: Any = 0.0
+    max_gain: float = 50.0
+    turn: Literal[1, -1] = 1
+    radius: float | None = None
+
+    name: ClassVar[str] = "multiprobe"
+    truth_parts: ClassVar[tuple[str, ...]] = ("artefact",)
+    error_parts: ClassVar[tuple[str, ...]] = ("x", "y")
+
+    def __post_init__(self) -> None:
+        angles = angle_tuple(self.angles, least=3, what="probe")
+        n = len(angles)
+        object.__setattr__(self, "angles", angles)
+        object.__setattr__(self, "kmax", check_kmax(self.kmax))
+        object.__setattr__(self, "cov", _checked_covariance(self.cov, n))
+        for name, unit, most in (("u_angles", "rad", 0.2), ("u_sensitivity", "", 0.5)):
+            object.__setattr__(self, name, _each(getattr(self, name), n, name, unit, most))
+        if not self.max_gain > 0.0:
+            raise DataError(f"max_gain must be > 0, got {self.max_gain}")
+        if self.turn not in (1, -1):
+            raise DataError(f"turn must be +1 or -1, got {self.turn!r}")
+        if self.radius is not None and not (math.isfinite(self.radius) and self.radius > 0.0):
+            raise DataError(f"radius must be > 0 m, got {self.radius}")
+        if np.isinf(self._geometry().gain[0]).all():
+            raise NotSeparableError(
+                "these probe angles suppress every undulation (do two probes stand at the same or "
+                "at opposite places?); use optimise_probe_angles"
+            )
+
+    def _geometry(self) -> ProbeGeometry:
+        return probe_geometry(
+            np.array(self.angles),
+            self.kmax,
+            covariance=None if self.cov is None else np.array(self.cov),
+            max_gain=self.max_gain,
+            turn=self.turn,
+        )
+
+    @property
+    def gain(self) -> FloatArray:
+        """Noise of the artefact harmonics 0 ... kmax over that of a reading's; inf: suppressed."""
+        gain: FloatArray = self._geometry().gain[0]
+        return gain
+
+    def simulate(
+        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
+    ) -> FloatArray:
+        """Return what the probes read of given parts.
+
+        Parameters
+        ----------
+        truth : mapping of str to array_like, shape (N,), m
+            ``artefact``: radius deviation over its own angle.
+        errors : mapping of str to array_like, shape (N,), m
+            ``x``, ``y``: motion of the axis over the angle of rotation.
+
+        Returns
+        -------
+        ndarray, shape (n, N), m
+            One row for each probe.
+
+        Raises
+        ------
+        DataError
+            If a part is unknown, none is given, or their lengths differ.
+
+        Notes
+        -----
+        The artefact is turned by its Fourier phases, exact for harmonics below N/2.
+        """
+        parts, _ = part_arrays(_PARTS, truth, errors)
+        phi = np.array(self.angles)
+        out: FloatArray = (
+            turned(parts["artefact"], self.turn * phi)
+            + np.outer(np.cos(phi), parts["x"])
+            + np.outer(np.sin(phi), parts["y"])
+        )
+        return out
+
+    def null_space(self) -> tuple[Unobservable, ...]:
+        """Return mean, eccentricity and the undulations that the angles suppress.
+
+        Returns
+        -------
+        tuple of Unobservable
+            For each part: the terms k = 0 and k = 1, then the suppressed harmonics up to kmax.
+        """
+        return _null_space(self._geometry().gain, self.max_gain)
+
+    def separate(
+        self,
+        readings: ArrayLike,
+        *,
+        u_reading: float | None = None,
+        history: tuple[Step, ...] = (),
+    ) -> Separation:
+        """Return artefact and motion.
+
+        Parameters
+        ----------
+        readings : array_like, shape (n, N) or (n, M, N), m
+            Each probe over one revolution of N equal steps, or over M revolutions.
+        u_reading : float, m, optional
+            Standard deviation of one reading. If omitted: `cov`, else the scatter of the
+            revolutions, else (n > 3) what the probes disagree by.
+        history : tuple of Step, optional
+            Where the readings came from.
+
+        Returns
+        -------
+        Separation
+            Parts ``artefact``, ``x``, ``y`` over ``angle``, with ``harmonics``.
+
+        Raises
+        ------
+        InvalidSamplesError
+            If the readings have another shape, are infinite, or no revolution is complete.
+        TooFewSamplesError
+            If kmax is not below half the samples.
+        DataError
+            If `u_reading` is negative or not finite.
+        """
+        return separate_probes(
+            self, self._geometry(), readings, check_u_reading(u_reading), history
+        )
+
+    def correct(self, readings: ArrayLike) -> FloatArray:
+        """Return the readings without the motion, as far as it is determined.
+
+        Parameters
+        ----------
+        readings : array_like, shape (n, N) or (n, M, N), m
+            As for `separate`.
+
+        Returns
+        -------
+        ndarray, the shape of `readings`, m
+            What a spindle without the separated motion would have read.
+
+        Raises
+        ------
+        InvalidSamplesError, TooFewSamplesError
+            As for `separate`.
+        """
+        found = self.separate(readings)
+        motion = self.simulate({}, {"x": found.x, "y": found.y})
+        given = np.array(readings, dtype=np.float64)
+        return given - (motion if given.ndim == 2 else motion[:, np.newaxis, :])
+
+
+def multiprobe(
+    m: Any,
+    angles: ArrayLike,
+    kmax: int,
+    *,
+    cov: ArrayLike | None = None,
+    u_reading: float | None = None,
+    u_angles: ArrayLike = 0.0,
+    u_sensitivity: ArrayLike = 0.0,
+    max_gain: float = 50.0,
+    turn: Literal[1, -1] = 1,
+    radius: float | None = None,
+) -> Separation:
+    """Return roundness of an artefact and motion of its axis from three or more probes.
+
+    Parameters
+    ----------
+    m : array_like, shape (n, N) or (n, M, N), m, or Recording, or sequence of Profile
+        Readings of each probe over one revolution of N equal steps, or M revolutions. Channels of
+        a `Recording`, in their order, and profiles must be angle-synchronous over one revolution.
+    angles : array_like, shape (n,), n >= 3, rad
+        Where the probes stand.
+    kmax : int
+        Highest undulation per revolution, 2 <= kmax < N/2.
+    cov : array_like, shape (n,) or (n, n), m^2, optional
+        Variances or covariance of one reading of each probe; alike and independent if omitted.
+    u_reading : float, m, optional
+        Standard deviation of one reading; with `cov`, its root mean square over the probes.
+    u_angles : float or array_like, shape (n,), rad, optional
+        Standard uncertainty of the probe angles.
+    u_sensitivity : float or array_like, shape (n,), optional
+        Relative standard uncertainty of the probe sensitivities.
+    max_gain : float, optional
+        Noise magnification above which an undulation counts as suppressed.
+    turn : {1, -1}, optional
+        +1: the part turns against the count of the probe angles; -1: with it.
+    radius : float, m, optional
+        Radius of the artefact, for the second undulation of an eccentric circle.
+
+    Returns
+    -------
+    Separation
+        ``.artefact``, ``.x``, ``.y``: sums of the observable harmonics 2 ... kmax; ``.suppressed``;
+        ``.harmonics``, NaN where not observable.
+
+    Raises
+    ------
+    TooFewSamplesError
+        If there are fewer than 3 probes or kmax is not below N/2.
+    InvalidSamplesError
+        If readings or angles are not finite or of the wrong shape.
+    UnitError
+        If the angles look like degrees.
+    NotSeparableError
+        If the probes stand on one line or their angles suppress everything.
+    DataError
+        If an uncertainty, kmax, `turn` or `radius` is out of range.
+
+    Notes
+    -----
+    ``m_i(theta) = r(theta + turn phi_i) + x(theta) cos(phi_i) + y(theta) sin(phi_i)``, least
+    squares weighted by `cov` for each k. Three alike probes: the noise gain is
+    ``sqrt(1 + c2^2 + c3^2) / |W_k|``, with ``W_k = 1 + c2 exp(j k phi_2) + c3 exp(j k phi_3)``.
+    Revolutions with a NaN are left out whole and counted. See docs: separation-multiprobe.
+
+    References
+    ----------
+    D. J. Whitehouse, Some theoretical aspects of error separation techniques in surface metrology,
+    J. Phys. E: Sci. Instrum. 9 (1976) 531-536 (three probes; W_k and its zeros).
+
+    Examples
+    --------
+    >>> theta = 2 * np.pi * np.arange(256) / 256
+    >>> phi = np.deg2rad([0.0, 27.0, 60.0])
+    >>> readings = [
+    ...     50e-9 * np.cos(3 * (theta + p)) + 20e-9 * np.sin(2 * theta) * np.sin(p) for p in phi
+    ... ]
+    >>> result = multiprobe(readings, phi, 50)
+    >>> bool(np.abs(result.artefact - 50e-9 * np.cos(3 * theta)).max() < 1e-20)
+    True
+    >>> bool(np.abs(result.y - 20e-9 * np.sin(2 * theta)).max() < 1e-20)
+    True
+    """
+    method = MultiprobeRoundness(
+        angles,
+        kmax,
+        cov=cov,
+        u_angles=u_angles,
+        u_sensitivity=u_sensitivity,
+        max_gain=max_gain,
+        turn=turn,
+        radius=radius,
+    )
+    return method.separate(as_array(m), u_reading=u_reading, history=history_of(m))
+
+
+def _null_space(gain: FloatArray, max_gain: float) -> tuple[Unobservable, ...]:
+    found = []
+    for part, row in zip(_PARTS, gain, strict=True):
+        found.append(centring(part))
+        hidden = tuple(int(k) for k in np.flatnonzero(np.isinf(row)) if k > 1)
+        if hidden:
+            found.append(
+                Unobservable(
+                    part,
+                    "harmonic",
+                    hidden,
+                    "suppressed by these probe angles (noise gain of the artefact above "
+                    f"{max_gain:g}); other angles or one more probe show them",
+                )
+            )
+    return tuple(found)
+
+
+def _each(values: Any, n: int, name: str, unit: str, most: float) -> tuple[float, ...]:
+    """Return one uncertainty for each probe, refused beyond what can be meant."""
+    array = np.atleast_1d(np.asarray(values, dtype=np.float64))
+    if array.shape not in ((1,), (n,)):
+        raise DataError(f"{name} must be one number or {n}, got the shape {array.shape}")
+    if not ((array >= 0.0).all() and np.isfinite(array).all()):
+        raise DataError(f"{name} must be >= 0 and finite, got {array.tolist()} {unit}".rstrip())
+    if array.max() > most:
+        hint = "; degrees? give numpy.deg2rad" if unit else "; percent? divide by 100"
+        raise UnitError(f"{name} of {array.max():.6g} {unit} is above {most:g}{hint}")
+    return tuple(np.broadcast_to(array, n).tolist())
+
+
+def _checked_covariance(cov: Any, n: int) -> tuple[tuple[float, ...], ...] | None:
+    if cov is None:
+        return None
+    array = np.asarray(cov, dtype=np.float64)
+    if array.shape == (n,):
+        array = np.diag(array)
+    if array.shape != (n, n):
+        raise InvalidSamplesError(
+            f"cov must hold {n} variances or {n} x {n} covariances in m^2, got {array.shape}"
+        )
+    size = float(np.abs(array).max()) if np.isfinite(array).all() else math.nan
+    if (
+        not size > 0.0
+        or np.abs(array - array.T).max() > 1e-9 * size
+        or (np.diag(array) <= 0).any()
+    ):
+        raise InvalidSamplesError(
+            "cov must be finite and symmetric with variances > 0, in m^2; a probe of no use is "
+            "better left out"
+        )
+    return tuple(tuple(row) for row in array.tolist())
