@@ -1,0 +1,229 @@
+"""Differences of two objects measured in turn, so that drift cancels: A-B-B-A.
+
+The reading is ``r(t) = object + drift(t)``; the result is A - B.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from metrosep.core.errors import DataError, InvalidSamplesError, NotSeparableError
+from metrosep.core.provenance import freeze_mapping
+
+__all__ = ["DriftFreeDifference", "abba"]
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class DriftFreeDifference:
+    """A minus B of one or more A-B-B-A sequences.
+
+    Parameters
+    ----------
+    difference : ndarray, shape (...)
+        Mean over the sequences; NaN where a reading is missing in all of them.
+    u : ndarray, shape (...)
+        Standard uncertainty; NaN where nothing tells it.
+    each : ndarray, shape (sequences, ...)
+        Result of each sequence.
+    drift_rate : ndarray, shape (...)
+        Mean change per step (per second where times were given).
+    weights : ndarray, shape (4,)
+        Of the readings in one sequence; 1/2, -1/2, -1/2, 1/2 for equal steps.
+    quadratic_gain : float
+        What one unit of a quadratic drift ``c t^2`` adds to the difference: 2 dt^2 for equal steps
+        dt (in steps where no times were given).
+    audit : mapping
+        Plain values.
+    messages : tuple of str
+        What the user should know.
+    """
+
+    difference: FloatArray
+    u: FloatArray
+    each: FloatArray
+    drift_rate: FloatArray
+    weights: FloatArray
+    quadratic_gain: float
+    audit: Mapping[str, Any] = field(default_factory=dict)
+    messages: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        shape = (
+            f"shape {self.difference.shape}" if self.difference.ndim else f"{self.difference:.6g}"
+        )
+        return f"DriftFreeDifference({shape}, {self.each.shape[0]} sequence(s))"
+
+
+def abba(
+    readings: ArrayLike | Sequence[ArrayLike],
+    *,
+    order: str = "ABBA",
+    t: ArrayLike | None = None,
+    sd: float | None = None,
+) -> DriftFreeDifference:
+    """Return A minus B from readings in the order A-B-B-A, free of linear drift.
+
+    Parameters
+    ----------
+    readings : array_like, shape (4 s, ...)
+        Scalars, profiles or maps in the order of time, s sequences one after the other. NaN where
+        not measured.
+    order : {"ABBA", "BAAB"}, optional
+        What was measured first.
+    t : array_like, shape (4 s,), s, optional
+        Times. Without them the steps are equal; with them the weights are such that linear drift
+        cancels for any steps.
+    sd : float, optional
+        Standard deviation of one reading, unit of the readings: for the uncertainty of a single
+        sequence. With two and more sequences their scatter is used.
+
+    Returns
+    -------
+    DriftFreeDifference
+        ``difference``, ``u``, ``each``, ``quadratic_gain``.
+
+    Raises
+    ------
+    InvalidSamplesError
+        If the number of readings is no multiple of 4, shapes differ, times do not increase, or a
+        reading is infinite or nothing was measured.
+    NotSeparableError
+        If the times leave drift and difference one quantity.
+    DataError
+        If `order` is not known or `sd` is negative.
+
+    Notes
+    -----
+    ``A - B = (A1 + A2 - B1 - B2) / 2``: offset and linear drift cancel; a quadratic one, ``c t^2``,
+    leaves ``2 c dt^2`` (positive: the outer readings are A). Noise: sd for one sequence.
+    Null space: whatever changes in step with the exchange A-B-B-A.
+
+    References
+    ----------
+    .. [1] ABBA weighing (substitution) cycle; formula derived.
+
+    Examples
+    --------
+    >>> result = abba([7.0, 3.1, 3.2, 7.3])  # drift 0.1 per step
+    >>> round(float(result.difference), 12), result.quadratic_gain
+    (4.0, 2.0)
+    """
+    if order not in ("ABBA", "BAAB"):
+        raise DataError(f"order is 'ABBA' or 'BAAB', got {order!r}")
+    if sd is not None and not (math.isfinite(sd) and sd >= 0.0):
+        raise DataError(f"sd must be zero or positive, got {sd}")
+    stack = _stack(readings)
+    n_sequences = stack.shape[0] // 4
+    times = _times(t, stack.shape[0])
+    sign = np.array([1.0, -1.0, -1.0, 1.0]) * (1.0 if order == "ABBA" else -1.0)
+    by_sequence = times.reshape(n_sequences, 4)
+    weights = np.array([_weights(ts, sign) for ts in by_sequence])
+    rates = np.array([_rate_weights(ts, sign) for ts in by_sequence])
+    grouped = stack.reshape(n_sequences, 4, *stack.shape[1:])
+    each = np.einsum("sj,sj...->s...", weights, grouped)
+    rate = np.einsum("sj,sj...->s...", rates, grouped)
+    centred = by_sequence - by_sequence.mean(axis=1, keepdims=True)
+    return DriftFreeDifference(
+        difference=_mean(each),
+        u=_uncertainty(each, weights, sd),
+        each=each,
+        drift_rate=_mean(rate),
+        weights=weights[0],
+        quadratic_gain=float(np.mean(np.sum(weights * centred**2, axis=1))),
+        audit=freeze_mapping(
+            {
+                "order": order,
+                "n_sequences": n_sequences,
+                "times": "given" if t is not None else "equal steps",
+            }
+        ),
+        messages=_messages(each, sd),
+    )
+
+
+def _stack(readings: ArrayLike | Sequence[ArrayLike]) -> FloatArray:
+    try:
+        stack = np.array(readings, dtype=np.float64)
+    except (TypeError, ValueError) as exc:
+        raise InvalidSamplesError(
+            f"readings must be arrays of one shape, one after the other: {exc}"
+        ) from None
+    if stack.ndim == 0 or stack.shape[0] == 0 or stack.shape[0] % 4:
+        count = stack.shape[0] if stack.ndim else 1
+        raise InvalidSamplesError(
+            f"readings come in fours (A, B, B, A), got {count}; leave out an unfinished sequence"
+        )
+    if np.isinf(stack).any():
+        raise InvalidSamplesError("a reading is infinite; write NaN where nothing was measured")
+    if np.isnan(stack).all():
+        raise InvalidSamplesError("no reading was measured: all are NaN")
+    return stack
+
+
+def _times(t: ArrayLike | None, count: int) -> FloatArray:
+    if t is None:
+        return np.arange(count, dtype=np.float64)
+    times = np.array(t, dtype=np.float64)
+    if times.shape != (count,):
+        raise InvalidSamplesError(f"t has shape {times.shape} for {count} readings")
+    if not np.isfinite(times).all() or (np.diff(times) <= 0.0).any():
+        raise InvalidSamplesError("t must be finite and strictly increasing, in seconds")
+    return times
+
+
+def _design(times: FloatArray, sign: FloatArray) -> FloatArray:
+    """Offset, drift and half the difference; scaled so that times of any size do."""
+    span = float(times[-1] - times[0])
+    design = np.column_stack([np.ones(4), (times - times.mean()) / span, sign / 2.0])
+    if np.linalg.cond(design) > 1e6:
+        raise NotSeparableError(
+            "at these times drift and difference look the same; keep the steps of A-B-B-A similar"
+        )
+    return design
+
+
+def _weights(times: FloatArray, sign: FloatArray) -> FloatArray:
+    return np.asarray(np.linalg.pinv(_design(times, sign))[2])
+
+
+def _rate_weights(times: FloatArray, sign: FloatArray) -> FloatArray:
+    return np.asarray(np.linalg.pinv(_design(times, sign))[1] / float(times[-1] - times[0]))
+
+
+def _mean(values: FloatArray) -> FloatArray:
+    count = np.count_nonzero(~np.isnan(values), axis=0)
+    total = np.asarray(np.nansum(values, axis=0))
+    return np.asarray(np.where(count > 0, total / np.maximum(count, 1), np.nan))
+
+
+def _uncertainty(each: FloatArray, weights: FloatArray, sd: float | None) -> FloatArray:
+    count = np.count_nonzero(~np.isnan(each), axis=0)
+    if each.shape[0] > 1:
+        squares = np.nansum((each - _mean(each)) ** 2, axis=0)
+        degrees = np.maximum(count - 1, 1) * np.maximum(count, 1)
+        return np.asarray(np.where(count > 1, np.sqrt(squares / degrees), np.nan))
+    if sd is None:
+        return np.full(each.shape[1:], np.nan)
+    one = sd * float(np.sqrt(np.sum(weights[0] ** 2)))
+    return np.asarray(np.where(count > 0, one, np.nan))
+
+
+def _messages(each: FloatArray, sd: float | None) -> tuple[str, ...]:
+    said = []
+    if each.shape[0] == 1 and sd is None:
+        said.append("one sequence and no sd=: there is no uncertainty; repeat the sequence")
+    missing = int(np.count_nonzero(np.isnan(each)))
+    if missing:
+        said.append(
+            f"{missing} of {each.size} differences lack a reading: NaN, left out of the mean"
+        )
+    said.append("a drift that is not linear within a sequence remains: see quadratic_gain")
+    return tuple(said)

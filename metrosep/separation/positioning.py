@@ -1,0 +1,277 @@
+"""Positioning accuracy and repeatability of an axis after ISO 230-2.
+
+error = position reached minus target, so a positive error went too far; the correction is its
+negative. forward is the approach in the positive direction (the arrow up of the standard). The
+reversal error is ``B_i = mean forward - mean backward``: with play the axis stays behind on both
+sides, and B_i is negative.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from metrosep.core._arrays import frozen_float
+from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
+from metrosep.core.profile import Profile
+from metrosep.separation.positioning_result import PositioningTest, build_result
+
+__all__ = ["iso230_2", "positions_from_columns", "positions_from_profiles"]
+
+FloatArray = NDArray[np.float64]
+
+
+def iso230_2(
+    targets: ArrayLike,
+    forward: ArrayLike | None,
+    backward: ArrayLike | None = None,
+    *,
+    unit: str = "m",
+    confidence: float = 0.95,
+    seed: int = 0,
+) -> PositioningTest:
+    """Return A, R, E, B and M of a positioning test, with uncertainties.
+
+    Parameters
+    ----------
+    targets : array_like, shape (m,), m
+        Target positions in any order, each once; m >= 2.
+    forward : array_like, shape (m, n), m, or None
+        Positions reached (not deviations) in the positive direction, one column per run; NaN where
+        not measured; n >= 2.
+    backward : array_like, shape (m, n), m, or None, optional
+        The same in the negative direction. One of the two may be None: a unidirectional test.
+    unit : {"m", "rad"}, optional
+        Linear or rotary axis.
+    confidence : float, optional
+        Of the intervals of the repeatability.
+    seed : int, optional
+        Of the simulations behind standard uncertainties and the interval of R.
+
+    Returns
+    -------
+    PositioningTest
+        A mapping from A, A_fwd, A_bwd, R, R_fwd, R_bwd, E, E_fwd, E_bwd, B, B_mean, M (and
+        R_unbiased, R_fwd_unbiased, R_bwd_unbiased) to quantities with ``value``, ``unit``, ``u``;
+        ``.intervals``, ``.targets_frame()``, ``.messages``, ``.audit``.
+
+    Raises
+    ------
+    TooFewSamplesError
+        If there are fewer than 2 targets, or no direction has 2 targets with 2 readings.
+    InvalidSamplesError
+        If shapes do not fit, targets repeat or are NaN, or an error is as large as a step between
+        targets.
+    DataError
+        If both directions are missing, or unit or confidence is not one of those allowed.
+
+    Notes
+    -----
+    With ``x_ij = P_ij - P_i``, means ``x_i`` and standard deviations ``s_i`` (ddof 1) of each
+    direction (up ``^``, down ``_``)::
+
+        B_i = x_i^ - x_i_          B = max |B_i|        B_mean = mean B_i
+        R_i^ = 4 s_i^              R_i = max(2 s_i^ + 2 s_i_ + |B_i|, R_i^, R_i_)    R = max R_i
+        E = max(x^, x_) - min(x^, x_)        M = max - min of (x_i^ + x_i_) / 2
+        A = max(x^ + 2 s^, x_ + 2 s_) - min(x^ - 2 s^, x_ - 2 s_)
+
+    E_fwd, A_fwd, ... take one direction. Standard uncertainties are type A: 2000 simulated tests
+    with the means found and the spread found. They hold scatter only; the reference instrument,
+    temperature and alignment are the budget of the user.
+
+    Not seen: what is common to all runs of one thermal state, and errors between the targets
+    (equal steps that match the pitch of the screw hide its periodic error: a message says so).
+    NaN: a target with fewer than 2 readings in a direction takes no part in it, with a message.
+
+    References
+    ----------
+    .. [1] ISO 230-2:2014, clause 3 and 6 (definitions as in the specification of this package).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> reached = np.array([[0.0, 2e-6, 1e-6], [0.1, 0.1 + 2e-6, 0.1 + 4e-6]])
+    >>> test = iso230_2([0.0, 0.1], reached, reached - 3e-6)
+    >>> round(test["B"].value * 1e6, 6), round(test["E"].value * 1e6, 6)
+    (3.0, 4.0)
+    """
+    if unit not in ("m", "rad"):
+        raise DataError(f"unit is 'm' (linear axis) or 'rad' (rotary axis), got {unit!r}")
+    if not 0.5 <= confidence < 1.0:
+        raise DataError(f"confidence must lie in 0.5 to 1 (0.95 is usual), got {confidence}")
+    goals = frozen_float(targets, name="targets", ndim=1)
+    if goals.size < 2:
+        raise TooFewSamplesError(f"a positioning test needs 2 or more targets, got {goals.size}")
+    if np.isnan(goals).any():
+        raise InvalidSamplesError("a target is NaN; a target is a command and must be known")
+    order = np.argsort(goals, kind="stable")
+    goals = goals[order]
+    if (np.diff(goals) <= 0.0).any():
+        i = int(np.flatnonzero(np.diff(goals) <= 0.0)[0])
+        raise InvalidSamplesError(
+            f"target {goals[i]:.9g} {unit} stands twice; put all runs of one target in one row"
+        )
+    if forward is None and backward is None:
+        raise DataError("neither forward nor backward positions were given; give one at least")
+    up = _errors(forward, goals, order, "forward", unit)
+    down = _errors(backward, goals, order, "backward", unit)
+    return build_result(goals, up, down, unit=unit, confidence=confidence, seed=seed)
+
+
+def _errors(
+    reached: ArrayLike | None, goals: FloatArray, order: NDArray[np.intp], name: str, unit: str
+) -> FloatArray | None:
+    """Return position minus target, rows in the order of rising targets."""
+    if reached is None or np.size(np.asarray(reached, dtype=object)) == 0:
+        return None
+    positions = frozen_float(reached, name=f"{name} positions", ndim=2)
+    m = goals.size
+    if positions.shape[0] != m:
+        turned = positions.shape[1] == m
+        hint = "transpose it" if turned else "give one row for each target"
+        raise InvalidSamplesError(
+            f"{name} has shape {positions.shape} for {m} targets: rows are targets, columns are "
+            f"runs; {hint}"
+        )
+    if positions.shape[1] < 2:
+        raise TooFewSamplesError(
+            f"{name} has 1 run; the standard deviation needs 2, ISO 230-2 asks for 5"
+        )
+    errors = positions[order] - goals[:, None]
+    if np.isnan(errors).all():
+        raise InvalidSamplesError(f"{name} holds no reading; pass None for a unidirectional test")
+    largest = float(np.nanmax(np.abs(errors)))
+    step = float(np.diff(goals).min())
+    if largest >= step:
+        raise InvalidSamplesError(
+            f"{name}: the largest deviation is {largest:.4g} {unit}, the smallest step between "
+            f"targets {step:.4g} {unit}; pass positions reached (not deviations), in the unit and "
+            "the order of the targets"
+        )
+    return errors
+
+
+def positions_from_profiles(
+    forward: Sequence[Profile], backward: Sequence[Profile] = ()
+) -> tuple[FloatArray, FloatArray | None, FloatArray | None]:
+    """Return targets and positions of runs that were read as profiles of the deviation.
+
+    Parameters
+    ----------
+    forward, backward : sequence of Profile
+        One profile per run, x = target, z = position minus target: what ``metrosep.read`` gives
+        of a list of a positioning test with ``channel="forward 1"`` and so on.
+
+    Returns
+    -------
+    tuple of (ndarray, ndarray or None, ndarray or None)
+        targets (m,), forward and backward (m, n), all in m: the arguments of `iso230_2`.
+
+    Raises
+    ------
+    TooFewSamplesError
+        If there is no run at all.
+    InvalidSamplesError
+        If an element is no profile, or the targets of two runs differ.
+
+    Examples
+    --------
+    >>> runs = [Profile([0.0, 0.1], [0.0, z]) for z in (1e-6, 2e-6)]
+    >>> targets, up, down = positions_from_profiles(runs)
+    >>> up.shape, down is None
+    ((2, 2), True)
+    """
+    runs = [*forward, *backward]
+    if not runs:
+        raise TooFewSamplesError("a positioning test needs runs, got none")
+    for i, run in enumerate(runs):
+        if not isinstance(run, Profile):
+            raise InvalidSamplesError(f"run {i} is a {type(run).__name__}; pass profiles")
+        same = run.x.shape == runs[0].x.shape
+        if not same or float(np.abs(run.x - runs[0].x).max()) > 1e-9 * float(np.ptp(run.x)):
+            raise InvalidSamplesError(
+                f"run {i} has other targets than run 0; pass runs of one test"
+            )
+    targets = np.array(runs[0].x)
+    both = [
+        np.column_stack([targets + run.z for run in way]) if way else None
+        for way in (forward, backward)
+    ]
+    return targets, both[0], both[1]
+
+
+_FORWARD = frozenset({"fwd", "forward", "f", "up", "+", "+1", "1", "1.0", "positive"})
+_BACKWARD = frozenset(
+    {"bwd", "backward", "reverse", "b", "r", "down", "-", "-1", "-1.0", "negative"}
+)
+
+
+def positions_from_columns(
+    target: ArrayLike, direction: Sequence[Any] | NDArray[Any], readings: ArrayLike
+) -> tuple[FloatArray, FloatArray | None, FloatArray | None]:
+    """Return targets and positions of a table with one row per target and direction.
+
+    Parameters
+    ----------
+    target : array_like, shape (rows,), m
+        Target of each row.
+    direction : sequence, shape (rows,)
+        ``"fwd"``, ``"forward"``, ``"up"``, ``"+"``, 1 or ``"bwd"``, ``"backward"``, ``"down"``,
+        ``"-"``, -1 of each row.
+    readings : array_like, shape (rows, n), m
+        Positions reached, one column per run.
+
+    Returns
+    -------
+    tuple of (ndarray, ndarray or None, ndarray or None)
+        targets (m,), forward and backward (m, n): the arguments of `iso230_2`. A target that one
+        direction lacks is NaN there.
+
+    Raises
+    ------
+    InvalidSamplesError
+        If the columns differ in length, a direction is not known, or a row stands twice.
+
+    Notes
+    -----
+    Which column is which direction cannot be told from the numbers; B and B_mean change sign when
+    they are exchanged, R, A, E and M do not.
+
+    Examples
+    --------
+    >>> targets, up, down = positions_from_columns([0, 1, 0], ["fwd", "fwd", "bwd"],
+    ...                                            [[0.0, 0.1], [1.0, 1.1], [0.2, 0.3]])
+    >>> targets.tolist(), down[0].tolist(), bool(np.isnan(down[1]).all())
+    ([0.0, 1.0], [0.2, 0.3], True)
+    """
+    rows = frozen_float(target, name="target", ndim=1)
+    values = frozen_float(readings, name="readings", ndim=2)
+    words = [str(d).strip().lower() for d in direction]
+    if not rows.size == len(words) == values.shape[0]:
+        raise InvalidSamplesError(
+            f"rows must be equally many: target has {rows.size}, direction {len(words)}, readings "
+            f"{values.shape[0]}"
+        )
+    unknown = sorted(set(words) - _FORWARD - _BACKWARD)
+    if unknown:
+        raise InvalidSamplesError(f"direction {unknown[0]!r} is not known; write 'fwd' or 'bwd'")
+    goals = np.unique(rows)
+    ways: list[FloatArray | None] = []
+    for names in (_FORWARD, _BACKWARD):
+        mine = np.array([w in names for w in words])
+        if not mine.any():
+            ways.append(None)
+            continue
+        at = np.searchsorted(goals, rows[mine])
+        if np.unique(at).size < at.size:
+            raise InvalidSamplesError(
+                "a target stands twice in one direction; put its runs in columns of one row"
+            )
+        table = np.full((goals.size, values.shape[1]), math.nan)
+        table[at] = values[mine]
+        ways.append(table)
+    return goals, ways[0], ways[1]

@@ -1,0 +1,359 @@
+"""`PositioningTest`: the parameters of ISO 230-2 with their tables, intervals and messages.
+
+The reversal error is mean forward minus mean backward. Arrays have one row per target, targets
+rising.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.core.errors import TooFewSamplesError
+from metrosep.core.provenance import freeze_mapping
+from metrosep.core.quantity import Quantity
+from metrosep.core.units import format_engineering
+from metrosep.parameters.table import Context, ParameterTable
+from metrosep.separation.positioning_rows import DEFINITIONS, Columns, parameters, uncertainties
+from metrosep.separation.repeatability import (
+    SpreadEstimate,
+    bidirectional_estimate,
+    spread_estimate,
+)
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["PositioningTest", "build_result"]
+
+FloatArray = NDArray[np.float64]
+
+_EDITION = "ISO 230-2:2014"
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class PositioningTest(Mapping[str, Quantity]):
+    """Result of a positioning test: a mapping from symbol to quantity, and columns by target.
+
+    Parameters
+    ----------
+    table : ParameterTable
+        The parameters; those that need both directions are refused by name where one is missing.
+    targets : ndarray, shape (m,), m or rad
+        Targets, rising.
+    forward, backward : ndarray, shape (m, n), or None
+        Errors (position minus target) of each run, NaN where not measured.
+    mean_forward, mean_backward, sd_forward, sd_backward : ndarray, shape (m,)
+        Mean error and standard deviation (ddof 1); NaN where there are fewer than 2 readings.
+    reversal : ndarray, shape (m,)
+        B_i; NaN where a direction is missing.
+    repeatability : ndarray, shape (m,)
+        R_i bidirectional.
+    intervals : mapping of str to tuple of (float, float)
+        For ``"R"``, ``"R_fwd"``, ``"R_bwd"``: interval of the value that R stands for, which is
+        that of an infinite number of runs.
+    confidence : float
+        Of the intervals.
+    spread : mapping of str to SpreadEstimate
+        What stands behind the intervals.
+    audit : mapping
+        Settings and counts, plain values.
+    messages : tuple of str
+        What the user should know, in plain words.
+    """
+
+    table: ParameterTable
+    targets: FloatArray
+    forward: FloatArray | None
+    backward: FloatArray | None
+    mean_forward: FloatArray
+    mean_backward: FloatArray
+    sd_forward: FloatArray
+    sd_backward: FloatArray
+    reversal: FloatArray
+    repeatability: FloatArray
+    intervals: Mapping[str, tuple[float, float]]
+    confidence: float
+    spread: Mapping[str, SpreadEstimate] = field(default_factory=dict)
+    audit: Mapping[str, Any] = field(default_factory=dict)
+    messages: tuple[str, ...] = ()
+
+    def __getitem__(self, symbol: str) -> Quantity:
+        return self.table[symbol]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.table)
+
+    def __len__(self) -> int:
+        return len(self.table)
+
+    def __contains__(self, symbol: object) -> bool:
+        return symbol in self.table
+
+    @property
+    def R_unbiased(self) -> float:  # noqa: N802
+        """What R estimates, without the bias of the largest of few: of both directions, or the one."""
+        return self.table["R_unbiased" if "R_unbiased" in self.table else self._only()].value
+
+    @property
+    def R_interval(self) -> tuple[float, float]:  # noqa: N802
+        """Interval of `R_unbiased` at `confidence`."""
+        key = "R" if "R" in self.intervals else next(iter(self.intervals))
+        return self.intervals[key]
+
+    def _only(self) -> str:
+        return next(k for k in self.table if k.endswith("_unbiased"))
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return the parameters as a data frame.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Index ``symbol``; columns ``value``, ``unit``, ``u``, ``definition``, ``edition``.
+        """
+        return self.table.to_frame()
+
+    def targets_frame(self) -> pd.DataFrame:
+        """Return the columns by target, as the test sheet of the standard has them.
+
+        Returns
+        -------
+        pandas.DataFrame
+            ``target_mm``, then in um: ``mean_fwd``, ``mean_bwd``, ``mean``, ``reversal``,
+            ``sd_fwd``, ``sd_bwd``, ``four_sd_fwd``, ``four_sd_bwd``, ``repeatability`` (rotary
+            axes: ``target_deg`` and arcsec); and ``n_fwd``, ``n_bwd``.
+        """
+        import pandas as pd
+
+        rotary = self.audit.get("unit") == "rad"
+        coarse, fine = (180.0 / math.pi, 648000.0 / math.pi) if rotary else (1e3, 1e6)
+        coarse_name, name = ("deg", "arcsec") if rotary else ("mm", "um")
+        both = (self.mean_forward + self.mean_backward) / 2.0
+        columns = {
+            "mean_fwd": self.mean_forward,
+            "mean_bwd": self.mean_backward,
+            "mean": both,
+            "reversal": self.reversal,
+            "sd_fwd": self.sd_forward,
+            "sd_bwd": self.sd_backward,
+            "four_sd_fwd": 4.0 * self.sd_forward,
+            "four_sd_bwd": 4.0 * self.sd_backward,
+            "repeatability": self.repeatability,
+        }
+        data = {f"target_{coarse_name}": self.targets * coarse}
+        data |= {f"{key}_{name}": column * fine for key, column in columns.items()}
+        counts = {
+            f"n_{key}": _counts(errors, self.targets.size)
+            for key, errors in (("fwd", self.forward), ("bwd", self.backward))
+        }
+        return pd.DataFrame(data | counts)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON, SI, NaN as None.
+
+        Returns
+        -------
+        dict
+            The keys of the table, ``intervals``, ``confidence``, ``by_target``, ``messages``.
+        """
+        columns = {
+            "target": self.targets,
+            "mean_forward": self.mean_forward,
+            "mean_backward": self.mean_backward,
+            "sd_forward": self.sd_forward,
+            "sd_backward": self.sd_backward,
+            "reversal": self.reversal,
+            "repeatability": self.repeatability,
+        }
+        return {
+            **self.table.to_dict(),
+            "intervals": {k: list(v) for k, v in self.intervals.items()},
+            "confidence": self.confidence,
+            "by_target": {
+                k: [None if math.isnan(v) else float(v) for v in c] for k, c in columns.items()
+            },
+            "messages": list(self.messages),
+        }
+
+    def __repr__(self) -> str:
+        unit = str(self.audit.get("unit", "m"))
+        low, high = (format_engineering(v, unit) for v in self.R_interval)
+        tail = [f"  {100 * self.confidence:g} % interval of R_unbiased: {low} ... {high}"]
+        tail += [f"  {m}" for m in self.messages]
+        return "\n".join([repr(self.table).replace("ParameterTable", "PositioningTest", 1), *tail])
+
+
+def _counts(errors: FloatArray | None, m: int) -> NDArray[np.intp]:
+    if errors is None:
+        return np.zeros(m, dtype=np.intp)
+    return np.asarray(np.count_nonzero(~np.isnan(errors), axis=1), dtype=np.intp)
+
+
+def build_result(
+    targets: FloatArray,
+    forward: FloatArray | None,
+    backward: FloatArray | None,
+    *,
+    unit: str,
+    confidence: float,
+    seed: int,
+) -> PositioningTest:
+    """Return the result of checked errors.
+
+    Parameters
+    ----------
+    targets : ndarray, shape (m,)
+        Rising.
+    forward, backward : ndarray, shape (m, n), or None
+        Errors of each run.
+    unit : {"m", "rad"}
+        Of everything.
+    confidence : float
+        Of the intervals.
+    seed : int
+        Of the simulations.
+
+    Returns
+    -------
+    PositioningTest
+        With messages.
+
+    Raises
+    ------
+    TooFewSamplesError
+        If no direction has 2 targets with 2 readings.
+    """
+    up = Columns.of(forward, targets.size)
+    down = Columns.of(backward, targets.size)
+    if max(up.usable.sum(), down.usable.sum()) < 2:
+        raise TooFewSamplesError(
+            "a positioning test needs 2 targets with 2 or more readings each in one direction"
+        )
+    spread = _spreads(up, down, confidence, seed)
+    values, missing = parameters(up, down)
+    u = uncertainties(up, down, spread, seed=seed)
+    quantities = [
+        Quantity(float(v), unit, f"{DEFINITIONS[k]}, {_EDITION}", u=u.get(k), symbol=k)
+        for k, v in values.items()
+    ]
+    quantities += [
+        Quantity(
+            s.value,
+            unit,
+            f"what {k} is with infinitely many runs, estimated",
+            s.u,
+            f"{k}_unbiased",
+        )
+        for k, s in spread.items()
+    ]
+    messages = tuple(_messages(targets, up, down, spread, values, unit))
+    given = [e for e in (forward, backward) if e is not None]
+    context = Context(
+        _EDITION,
+        n_valid=int(sum(np.count_nonzero(~np.isnan(e)) for e in given)),
+        n_total=int(sum(e.size for e in given)),
+        settings={"confidence": confidence, "seed": seed},
+        notes=("u holds the scatter of the runs only",),
+    )
+    both = np.abs(up.mean - down.mean)
+    r_i = np.fmax(np.fmax(2 * up.sd + 2 * down.sd + both, 4 * up.sd), 4 * down.sd)
+    return PositioningTest(
+        table=ParameterTable(quantities, context, unavailable=missing),
+        targets=targets,
+        forward=forward,
+        backward=backward,
+        mean_forward=up.mean,
+        mean_backward=down.mean,
+        sd_forward=up.sd,
+        sd_backward=down.sd,
+        reversal=up.mean - down.mean,
+        repeatability=r_i,
+        intervals=freeze_mapping({k: (s.low, s.high) for k, s in spread.items()}),
+        confidence=confidence,
+        spread=freeze_mapping(spread),
+        audit=freeze_mapping(_audit(targets, up, down, unit, confidence, seed)),
+        messages=messages,
+    )
+
+
+def _spreads(
+    up: Columns, down: Columns, confidence: float, seed: int
+) -> dict[str, SpreadEstimate]:
+    found: dict[str, SpreadEstimate] = {}
+    ways = {"R_fwd": up, "R_bwd": down}
+    both = up.usable & down.usable
+    if both.any():
+        found["R"] = bidirectional_estimate(
+            (up.sd[both] ** 2, down.sd[both] ** 2),
+            (up.count[both], down.count[both]),
+            up.mean[both] - down.mean[both],
+            confidence=confidence,
+            seed=seed,
+        )
+    for key, way in ways.items():
+        if way.usable.any():
+            found[key] = spread_estimate(
+                way.sd[way.usable] ** 2, way.count[way.usable], confidence=confidence, seed=seed
+            )
+    return found
+
+
+def _audit(
+    targets: FloatArray, up: Columns, down: Columns, unit: str, confidence: float, seed: int
+) -> dict[str, Any]:
+    return {
+        "unit": unit,
+        "n_targets": int(targets.size),
+        "travel": float(np.ptp(targets)),
+        "n_runs_forward": int(up.count.max(initial=0)),
+        "n_runs_backward": int(down.count.max(initial=0)),
+        "confidence": confidence,
+        "seed": seed,
+    }
+
+
+def _messages(
+    targets: FloatArray,
+    up: Columns,
+    down: Columns,
+    spread: Mapping[str, SpreadEstimate],
+    values: Mapping[str, FloatArray],
+    unit: str,
+) -> Iterator[str]:
+    travel, steps = float(np.ptp(targets)), np.diff(targets)
+    for way, name in ((up, "forward"), (down, "backward")):
+        if not way.usable.any():
+            yield f"no {name} runs: a unidirectional test, without reversal error"
+            continue
+        for i in np.flatnonzero(~way.usable):
+            yield (
+                f"{name}: target {format_engineering(float(targets[i]), unit)} has fewer than 2 "
+                "readings and takes no part"
+            )
+        if way.count[way.usable].min() < 5:
+            yield f"{name}: fewer than 5 runs, ISO 230-2 asks for 5 up to 2 m"
+    if unit == "m" and travel <= 2.0 and (targets.size < 5 or targets.size < 5.0 * travel):
+        yield "fewer than 5 targets per metre (and at least 5), as ISO 230-2 asks for up to 2 m"
+    if targets.size > 2 and float(np.ptp(steps)) <= 1e-6 * float(steps.mean()):
+        yield (
+            "the targets are equally spaced: a periodic error that fits the step is not seen; add "
+            "a random part to each target"
+        )
+    for key, s in spread.items():
+        if not s.homogeneous:
+            yield (
+                f"{key}: the spread differs from target to target (p = {s.p:.1g}); "
+                "its interval is that of the largest of spreads that differ, and approximate"
+            )
+        if s.value > 0.0 and float(values[key]) > 1.15 * s.value:
+            yield (
+                f"{key} is the largest of few: {float(values[key]) / s.value:.2f} times what it would be "
+                f"with many runs (interval {format_engineering(s.low, unit)} to "
+                f"{format_engineering(s.high, unit)})"
+            )

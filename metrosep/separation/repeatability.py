@@ -1,0 +1,367 @@
+"""How far the repeatability R of ISO 230-2 can be trusted: interval and estimate without bias.
+
+R is the largest of many small-sample spreads, so it lies above the spread that an axis has: with
+five runs at eleven targets and a true ``4 sigma = 4.00``, R is 6.1 on average. What follows is the
+value that R stands for, ``4 sigma`` of the axis, with an interval that covers it.
+
+All scatter is taken as normal. Where Bartlett's test does not tell the targets of one direction
+apart, their variances are pooled and the interval of that direction is exact.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["SpreadEstimate", "bidirectional_estimate", "spread_estimate"]
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
+
+_UNEQUAL = 0.01
+"""Targets count as unequal below this probability of Bartlett's test; small, so that it costs nothing."""
+
+_POSSIBLE = 0.01
+"""A simpler model is believed possible above this probability."""
+
+_NOT_NEEDED = 0.4
+"""A richer model is left out above this probability."""
+
+_N_DRAWS = 4000
+
+_MOST_ALIKE = 1e4
+"""Degrees of freedom of the prior above which all targets are alike."""
+
+
+@dataclass(frozen=True, slots=True)
+class SpreadEstimate:
+    """A value that R stands for, without the bias of the largest of few.
+
+    Parameters
+    ----------
+    value : float
+        Estimate, in the unit of the positions.
+    u : float
+        Standard uncertainty, same unit.
+    low, high : float
+        Interval, same unit.
+    homogeneous : bool
+        Whether one spread (of each direction) describes all targets.
+    p : float
+        Probability of Bartlett's test for the targets to differ as much by chance.
+    """
+
+    value: float
+    u: float
+    low: float
+    high: float
+    homogeneous: bool
+    p: float
+
+
+def spread_estimate(
+    variance: FloatArray, count: IntArray, *, confidence: float = 0.95, seed: int = 0
+) -> SpreadEstimate:
+    """Return four standard deviations of one direction, unbiased, with an interval.
+
+    Parameters
+    ----------
+    variance : ndarray, shape (m,)
+        Sample variance (ddof 1) of each target.
+    count : ndarray of int, shape (m,)
+        Number of runs behind each, >= 2.
+    confidence : float, optional
+        Of the interval.
+    seed : int, optional
+        Of the simulation where the targets differ.
+
+    Returns
+    -------
+    SpreadEstimate
+        Of ``4 sigma``. Where the targets differ, of the largest ``4 sigma_i``.
+
+    Notes
+    -----
+    Pooled: ``4 s_p / c4(nu)`` and ``4 s_p sqrt(nu / chi2)`` with ``nu = sum(n_i - 1)``. Where the
+    targets differ, their variances are taken as drawn from one distribution (scaled inverse
+    chi-square, fitted to the logarithms), and the largest of simulated ones is reported. Between clearly alike and clearly different the interval holds
+    both. Coverage by simulation, 5 runs, 95 %: 95 to 97 % for equal spread; see the documentation
+    for unequal spread.
+    """
+    from scipy.stats import chi2
+
+    freedom = np.asarray(count, dtype=np.float64) - 1.0
+    nu = float(freedom.sum())
+    p = bartlett(variance, freedom)
+    tail = (1.0 - confidence) / 2.0
+
+    def uneven() -> SpreadEstimate:
+        draws = 4.0 * np.sqrt(_possible_variances(variance, freedom, np.random.default_rng(seed)))
+        return _summary(draws.max(axis=1), confidence, p)
+
+    if p >= _UNEQUAL or variance.size == 1:
+        s = math.sqrt(float(freedom @ variance) / nu)
+        c4 = unbiasing_factor(nu)
+        low, high = (4.0 * s * math.sqrt(nu / float(chi2.ppf(q, nu))) for q in (1 - tail, tail))
+        u = 4.0 * s / c4 * math.sqrt(max(1.0 - c4 * c4, 0.0))
+        pooled = SpreadEstimate(4.0 * s / c4, u, low, high, homogeneous=True, p=p)
+        return _joined(pooled, uneven()) if p < _NOT_NEEDED else pooled
+    return uneven()
+
+
+def bidirectional_estimate(
+    variances: tuple[FloatArray, FloatArray],
+    counts: tuple[IntArray, IntArray],
+    reversal: FloatArray,
+    *,
+    confidence: float = 0.95,
+    seed: int = 0,
+) -> SpreadEstimate:
+    """Return what the bidirectional R stands for, with an interval by seeded simulation.
+
+    Parameters
+    ----------
+    variances : tuple of ndarray, shape (m,)
+        Sample variances (ddof 1), forward and backward.
+    counts : tuple of ndarray of int, shape (m,)
+        Numbers of runs, >= 2.
+    reversal : ndarray, shape (m,)
+        Mean forward minus mean backward at each target.
+    confidence : float, optional
+        Of the interval.
+    seed : int, optional
+        Of the simulation.
+
+    Returns
+    -------
+    SpreadEstimate
+        Of ``max(4 sf, 4 sb, 2 sf + 2 sb + max |beta_i|)`` with the true spreads of the directions
+        and the true reversal errors ``beta_i``.
+
+    Notes
+    -----
+    A parametric bootstrap on the logarithm, turned round, so that the bias of the largest is taken
+    off. Up to six models are simulated: spreads of the directions equal or not, reversal errors
+    zero, equal or scattered (shrunk so that their variance is right). Those that a test allows are
+    joined. Coverage found by simulation, 5 runs, 95 %: 94 to 97 % with a reversal error that is the
+    same everywhere, 87 to 95 % where it differs from target to target.
+    """
+    nu = [np.asarray(c, dtype=np.float64) - 1.0 for c in counts]
+    total = (float(nu[0].sum()), float(nu[1].sum()))
+    spread = (float(nu[0] @ variances[0]) / total[0], float(nu[1] @ variances[1]) / total[1])
+    weights = tuple(float(np.mean(1.0 / c)) for c in counts)
+    p = min(bartlett(v, n) for v, n in zip(variances, nu, strict=True))
+    if p < _UNEQUAL:
+        return _largest(variances, nu, reversal, confidence, p, seed)
+    rng = np.random.default_rng(seed)
+    found = [
+        _bootstrap(spread, total, weights, reversal, model, confidence, rng)
+        for model in _models(spread, total, weights, reversal)
+    ]
+    joined = SpreadEstimate(
+        found[0][0],
+        max(f[1] for f in found),
+        min(f[2] for f in found),
+        max(f[3] for f in found),
+        homogeneous=True,
+        p=p,
+    )
+    if p < _NOT_NEEDED / 2.0:  # the smaller of two probabilities
+        return _joined(joined, _largest(variances, nu, reversal, confidence, p, seed))
+    return joined
+
+
+def _largest(
+    variances: tuple[FloatArray, FloatArray],
+    nu: list[FloatArray],
+    reversal: FloatArray,
+    confidence: float,
+    p: float,
+    seed: int,
+) -> SpreadEstimate:
+    """Return the largest R_i where the spread differs from target to target."""
+    rng = np.random.default_rng(seed)
+    f, b = (_possible_variances(v, k, rng) for v, k in zip(variances, nu, strict=True))
+    noise = f / (nu[0] + 1.0) + b / (nu[1] + 1.0)
+    excess = np.zeros(_N_DRAWS)
+    if reversal.size > 1:
+        excess = np.maximum(float(reversal.var(ddof=1)) - noise.mean(axis=1), 0.0)
+    kept = excess[:, None] / np.maximum(excess[:, None] + noise, np.finfo(float).tiny)
+    level = float(reversal.mean())
+    middle = level + kept * (reversal - level)
+    beta = middle + np.sqrt(kept * noise) * rng.standard_normal(middle.shape)
+    sf, sb = np.sqrt(f), np.sqrt(b)
+    each = np.maximum(2.0 * sf + 2.0 * sb + np.abs(beta), 4.0 * np.maximum(sf, sb))
+    return _summary(each.max(axis=1), confidence, p)
+
+
+def _possible_variances(
+    variance: FloatArray, freedom: FloatArray, rng: np.random.Generator
+) -> FloatArray:
+    """Return variances that the targets may have, shape (draws, m).
+
+    The prior comes from the logarithms: ``var(ln s^2) = psi'(nu / 2) + psi'(nu0 / 2)``.
+    """
+    from scipy.optimize import brentq
+    from scipy.special import digamma, polygamma
+
+    some = variance > 0.0
+    half = freedom[some] / 2.0
+    e = np.log(variance[some]) - digamma(half) + np.log(half)
+    excess = float(e.var(ddof=1) - polygamma(1, half).mean()) if e.size > 1 else 0.0
+    nu0 = _MOST_ALIKE
+    if excess > float(polygamma(1, _MOST_ALIKE / 2.0)):
+        nu0 = brentq(lambda x: float(polygamma(1, x / 2.0)) - excess, 1e-3, _MOST_ALIKE)
+    s0 = math.exp(float(e.mean()) + float(digamma(nu0 / 2.0)) - math.log(nu0 / 2.0))
+    chi2 = rng.chisquare(freedom + nu0, (_N_DRAWS, variance.size))
+    return np.asarray((nu0 * s0 + freedom * variance) / chi2)
+
+
+def _joined(simple: SpreadEstimate, rich: SpreadEstimate) -> SpreadEstimate:
+    """Return the simple estimate with an interval that holds both."""
+    return replace(
+        simple,
+        u=max(simple.u, rich.u),
+        low=min(simple.low, rich.low),
+        high=max(simple.high, rich.high),
+    )
+
+
+def _summary(draws: FloatArray, confidence: float, p: float) -> SpreadEstimate:
+    tail = (1.0 - confidence) / 2.0
+    low, middle, high = (float(q) for q in np.quantile(draws, [tail, 0.5, 1.0 - tail]))
+    return SpreadEstimate(middle, float(draws.std()), low, high, homogeneous=False, p=p)
+
+
+def _models(
+    spread: tuple[float, float],
+    nu: tuple[float, float],
+    weights: tuple[float, ...],
+    reversal: FloatArray,
+) -> list[tuple[bool, str]]:
+    """Return (one spread for both directions, reversal error none, one or each) to simulate."""
+    from scipy.stats import f as fisher, t as student
+
+    f, b = spread
+    if min(f, b) <= 0.0:
+        p_spread = 1.0 if f == b else 0.0
+    else:
+        p_spread = 2.0 * min(float(fisher.sf(f / b, *nu)), float(fisher.cdf(f / b, *nu)))
+    noise = f * weights[0] + b * weights[1]
+    m = reversal.size
+    if m < 2:
+        p_level = 1.0
+    elif noise <= 0.0:
+        p_level = 1.0 if float(np.ptp(reversal)) == 0.0 else 0.0
+    else:
+        p_level = float(fisher.sf(reversal.var(ddof=1) / noise, m - 1, sum(nu)))
+    pools = [True] * (p_spread > _POSSIBLE) + [False] * (p_spread < _NOT_NEEDED)
+    levels = ["one"] * (p_level > _POSSIBLE) + ["each"] * (p_level < _NOT_NEEDED)
+    if p_level > _POSSIBLE and noise > 0.0:
+        ratio = abs(float(reversal.mean())) / math.sqrt(noise / m)
+        none = 2.0 * float(student.sf(ratio, sum(nu))) > _POSSIBLE
+        levels = ["none"] * none + levels
+    return [(pool, level) for pool in pools for level in levels]
+
+
+def _bootstrap(
+    spread: tuple[float, float],
+    nu: tuple[float, float],
+    weights: tuple[float, ...],
+    reversal: FloatArray,
+    model: tuple[bool, str],
+    confidence: float,
+    rng: np.random.Generator,
+) -> tuple[float, float, float, float]:
+    """Return value without bias, standard uncertainty and interval under one model."""
+    observed = (np.array(spread[0]), np.array(spread[1]))
+    value, f, b, beta, noise = _plug_in(*observed, reversal, nu, weights, model)
+    t0 = float(value)
+    if t0 <= 0.0:
+        return 0.0, 0.0, 0.0, 0.0
+    draws = (
+        f * rng.chisquare(nu[0], _N_DRAWS) / nu[0],
+        b * rng.chisquare(nu[1], _N_DRAWS) / nu[1],
+    )
+    moved = beta + np.sqrt(noise) * rng.standard_normal((_N_DRAWS, reversal.size))
+    ratio = np.log(_plug_in(*draws, moved, nu, weights, model)[0] / t0)
+    tail = (1.0 - confidence) / 2.0
+    high, low = np.quantile(ratio, [tail, 1.0 - tail])
+    centre = t0 * math.exp(-float(ratio.mean()))
+    return centre, centre * float(ratio.std()), t0 * math.exp(-low), t0 * math.exp(-high)
+
+
+def _plug_in(
+    forward: FloatArray,
+    backward: FloatArray,
+    reversal: FloatArray,
+    nu: tuple[float, float],
+    weights: tuple[float, ...],
+    model: tuple[bool, str],
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return R of variances (...) and reversal errors (..., m), and what the model made of them."""
+    one_spread, levels = model
+    if one_spread:
+        forward = backward = (nu[0] * forward + nu[1] * backward) / (nu[0] + nu[1])
+    noise = np.asarray(forward * weights[0] + backward * weights[1])
+    level = reversal.mean(axis=-1)
+    if levels == "none":
+        beta = np.zeros_like(reversal)
+    elif levels == "one":
+        beta = np.broadcast_to(level[..., None], reversal.shape)
+    else:
+        scatter = np.maximum(reversal.var(axis=-1, ddof=1), np.finfo(float).tiny)
+        kept = np.sqrt(np.clip(1.0 - noise / scatter, 0.0, 1.0))
+        beta = level[..., None] + kept[..., None] * (reversal - level[..., None])
+    sf, sb = np.sqrt(forward), np.sqrt(backward)
+    both = 2.0 * sf + 2.0 * sb + np.abs(beta).max(axis=-1)
+    return np.maximum(np.maximum(4.0 * sf, 4.0 * sb), both), forward, backward, beta, noise
+
+
+def bartlett(variance: FloatArray, freedom: FloatArray) -> float:
+    """Return the probability that equal variances scatter as much as these.
+
+    Parameters
+    ----------
+    variance : ndarray, shape (m,)
+        Sample variances.
+    freedom : ndarray, shape (m,)
+        Degrees of freedom of each.
+
+    Returns
+    -------
+    float
+        0 to 1; 1 where nothing scatters, 0 where some do not scatter at all and others do.
+    """
+    from scipy.stats import chi2
+
+    if variance.size < 2 or not (variance > 0.0).any():
+        return 1.0
+    if not (variance > 0.0).all():
+        # Readings of a coarse scale repeat exactly: no statement about the logarithm.
+        return 0.0 if freedom[variance == 0.0].max() >= 4.0 else 1.0
+    nu, m = float(freedom.sum()), variance.size
+    pooled = float(freedom @ variance) / nu
+    statistic = nu * math.log(pooled) - float(freedom @ np.log(variance))
+    correction = 1.0 + (float((1.0 / freedom).sum()) - 1.0 / nu) / (3.0 * (m - 1))
+    return float(chi2.sf(statistic / correction, m - 1))
+
+
+def unbiasing_factor(freedom: float) -> float:
+    """Return c4, the mean of a sample standard deviation over the true one.
+
+    Parameters
+    ----------
+    freedom : float
+        Degrees of freedom, >= 1.
+
+    Returns
+    -------
+    float
+        0.798 for 1, 0.940 for 4, towards 1.
+    """
+    ratio = math.lgamma((freedom + 1.0) / 2.0) - math.lgamma(freedom / 2.0)
+    return math.sqrt(2.0 / freedom) * math.exp(ratio)

@@ -1,0 +1,376 @@
+"""Squareness of three axes from the lengths of body and face diagonals.
+
+Signs: ``a_xy > 0`` where the positive axes X and Y enclose less than 90 degrees: the angle is
+``pi/2 - a_xy``, Y leans towards +X. A length error is actual minus nominal, so the diagonal
+between both positive axes is then longer than nominal.
+
+Names: ``"ppp"``, ``"npp"``, ``"pnp"``, ``"nnp"`` give the sign of travel along X, Y, Z; ``"0"``
+stands for an axis that does not move: ``"pp0"``, ``"np0"`` in the XY face, ``"p0p"``, ``"n0p"``,
+``"0pp"``, ``"0np"``. A diagonal and its reversal (``"nnp"``, ``"ppn"``) are the same.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.core.errors import DataError, InvalidSamplesError, NotSeparableError, UnitError
+from metrosep.core.provenance import freeze_mapping
+from metrosep.core.quantity import Quantity
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["Squareness", "squareness_from_diagonals"]
+
+FloatArray = NDArray[np.float64]
+
+_PAIRS = {"xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
+_UNKNOWNS = (*_PAIRS, "scale_x", "scale_y", "scale_z")
+_SIGN = {"p": 1.0, "n": -1.0, "0": 0.0, "+": 1.0, "-": -1.0}
+_TOO_LARGE = 1e-2
+_ESTIMABLE = 1e-9
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Squareness:
+    """Squareness errors of the axis pairs and scale errors of the axes.
+
+    Parameters
+    ----------
+    angles : mapping of str to Quantity
+        ``"xy"``, ``"xz"``, ``"yz"`` in rad; NaN where the diagonals do not determine it.
+    scales : mapping of str to Quantity
+        ``"x"``, ``"y"``, ``"z"``: relative length errors; NaN where not determined.
+    remainder : mapping of str to float
+        What the first-order formula makes wrong in each angle, rad, from the errors found: the
+        estimate minus the truth if the instrument measures the true distance of the end points.
+    residuals : mapping of str to float
+        Measured minus fitted length error in m; all zero where nothing is redundant.
+    common : float, m
+        Mean length error of the body diagonals, from the scales; NaN without all four.
+    audit : mapping
+        Sizes, names, redundancy; plain values.
+    messages : tuple of str
+        What is not seen, in plain words.
+    """
+
+    angles: Mapping[str, Quantity]
+    scales: Mapping[str, Quantity]
+    remainder: Mapping[str, float]
+    residuals: Mapping[str, float]
+    common: float
+    audit: Mapping[str, Any] = field(default_factory=dict)
+    messages: tuple[str, ...] = ()
+
+    @property
+    def a_xy(self) -> float:
+        """Squareness error of X and Y in rad; the positive axes enclose pi/2 - a_xy."""
+        return self.angles["xy"].value
+
+    @property
+    def a_xz(self) -> float:
+        """Squareness error of X and Z in rad."""
+        return self.angles["xz"].value
+
+    @property
+    def a_yz(self) -> float:
+        """Squareness error of Y and Z in rad."""
+        return self.angles["yz"].value
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return angles and scales as a data frame.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Index ``name``; columns ``value_urad``, ``u_urad`` (scales: 1e-6).
+        """
+        import pandas as pd
+
+        rows = {**self.angles, **{f"scale_{k}": q for k, q in self.scales.items()}}
+        data = {
+            k: {"value_urad": q.value * 1e6, "u_urad": math.nan if q.u is None else q.u * 1e6}
+            for k, q in rows.items()
+        }
+        return pd.DataFrame.from_dict(data, orient="index").rename_axis("name")
+
+    def __repr__(self) -> str:
+        return "Squareness(" + ", ".join(f"{k} {q}" for k, q in self.angles.items()) + ")"
+
+
+def squareness_from_diagonals(
+    lengths: Mapping[str, float],
+    size: Sequence[float],
+    *,
+    u: float | Mapping[str, float] | None = None,
+) -> Squareness:
+    """Return squareness errors from length errors of diagonals.
+
+    Parameters
+    ----------
+    lengths : mapping of str to float, m
+        Length error (actual minus nominal) of each diagonal by name, see the module.
+    size : sequence of 3 float, m
+        Travel along X, Y and Z between the ends of the diagonals, > 0.
+    u : float or mapping of str to float, m, optional
+        Standard uncertainty of each length error, independent of one another.
+
+    Returns
+    -------
+    Squareness
+        ``a_xy``, ``a_xz``, ``a_yz`` (rad), ``angles`` with u, ``scales``, ``remainder``.
+
+    Raises
+    ------
+    NotSeparableError
+        If no angle is determined by these diagonals.
+    DataError
+        If a name is not known, a diagonal stands twice, `size` is not three positive lengths, or
+        u is negative or lacks a diagonal.
+    InvalidSamplesError
+        If a length error is not finite.
+    UnitError
+        If a length error exceeds 1 % of its diagonal.
+
+    Notes
+    -----
+    First order, signs s of the name, travels L, diagonal ``D = sqrt(sum s^2 L^2)``::
+
+        dL = ( sum_i e_i s_i^2 L_i^2 + sum_ij a_ij s_i s_j L_i L_j ) / D
+
+    Four body diagonals give ``a_xy = D / (4 X Y) (dL_ppp - dL_npp - dL_pnp + dL_nnp)`` and so on;
+    two diagonals of a face give its angle alone. All that is given is solved by least squares with
+    weights 1/u^2.
+
+    Null space: body diagonals alone see the scale errors e only as one common length, which
+    cancels in the angles; a common error of the instrument (wavelength, dead path) does the same.
+    Angles that are not determined are NaN. Straightness, roll and pitch errors at the end points
+    enter as if they were squareness.
+
+    References
+    ----------
+    .. [1] ISO 230-6:2002 (diagonal displacement tests); formula derived, see the documentation.
+
+    Examples
+    --------
+    >>> dl = {"ppp": 2e-6, "npp": -1e-6, "pnp": -1e-6, "nnp": 2e-6}
+    >>> round(squareness_from_diagonals(dl, (1.0, 1.0, 1.0)).a_xy * 1e6, 4)
+    2.5981
+    """
+    travel = _travel(size)
+    table = _by_canonical_name(lengths)
+    signs = np.array([_signs(name) for name in table])
+    dl = np.array(list(table.values()), dtype=np.float64)
+    diagonal = np.sqrt((signs**2) @ travel**2)
+    _check_lengths(list(table), dl, diagonal)
+    design = _design(signs, travel)
+    sd = _standard_uncertainties(u, list(table))
+    weight = np.ones(dl.size) if sd is None or not (sd > 0).all() else 1.0 / sd
+    inverse = np.linalg.pinv(design * weight[:, None], rcond=1e-12) * weight
+    known = np.abs(inverse @ design - np.eye(6)).max(axis=1) < _ESTIMABLE
+    if not known[:3].any():
+        raise NotSeparableError(
+            f"the diagonals {', '.join(table)} determine no squareness; measure the four body "
+            "diagonals ppp, npp, pnp, nnp, or both diagonals of a face"
+        )
+    least = inverse @ dl
+    values = np.where(known, least, np.nan)
+    spread = None if sd is None else np.sqrt((inverse**2) @ sd**2)
+    residuals = dl - design @ least
+    return Squareness(
+        angles=freeze_mapping(_quantities(values, spread, known)),
+        scales=freeze_mapping(_scales(values, spread, known)),
+        remainder=freeze_mapping(_remainder(signs, travel, least, inverse, known)),
+        residuals=freeze_mapping(dict(zip(table, residuals.tolist(), strict=True))),
+        common=_common(table),
+        audit=freeze_mapping(
+            {
+                "size_mm": [float(v) * 1e3 for v in travel],
+                "diagonals": list(table),
+                "redundancy": int(dl.size - np.linalg.matrix_rank(design)),
+                "residual_rms_nm": float(np.sqrt(np.mean(residuals**2))) * 1e9,
+            }
+        ),
+        messages=tuple(_messages(known, sd)),
+    )
+
+
+def _travel(size: Sequence[float]) -> FloatArray:
+    travel = np.asarray(size, dtype=np.float64)
+    if travel.shape != (3,) or not (np.isfinite(travel).all() and (travel > 0.0).all()):
+        raise DataError(f"size must be three positive lengths (X, Y, Z) in m, got {size!r}")
+    return travel
+
+
+def canonical_name(name: str) -> tuple[str, bool]:
+    """Return the name of a diagonal and whether it was given the other way round.
+
+    Parameters
+    ----------
+    name : str
+        Three letters of ``p``, ``n``, ``0`` (or ``+``, ``-``).
+
+    Returns
+    -------
+    tuple of (str, bool)
+        The last axis that moves is positive.
+
+    Raises
+    ------
+    DataError
+        If it is no diagonal.
+
+    Examples
+    --------
+    >>> canonical_name("ppn")
+    ('nnp', True)
+    """
+    text = str(name).lower()
+    if len(text) != 3 or set(text) - set(_SIGN) or text.count("0") > 1:
+        raise DataError(
+            f"{name!r} is no diagonal; name the sign of travel along X, Y, Z, such as 'ppp', 'npp', "
+            "or 'pp0' in a face"
+        )
+    text = text.replace("+", "p").replace("-", "n")
+    moving = text.replace("0", "")
+    if moving[-1] == "p":
+        return text, False
+    return text.translate(str.maketrans("pn", "np")), True
+
+
+def _by_canonical_name(lengths: Mapping[str, float]) -> dict[str, float]:
+    table: dict[str, float] = {}
+    for name, value in lengths.items():
+        own, _ = canonical_name(name)
+        if own in table:
+            raise DataError(
+                f"diagonal {own} stands twice ({name!r} is the same line); average them"
+            )
+        table[own] = float(value)
+    if not table:
+        raise NotSeparableError("no diagonal was given")
+    return table
+
+
+def _signs(name: str) -> tuple[float, ...]:
+    return tuple(_SIGN[letter] for letter in name)
+
+
+def _check_lengths(names: list[str], dl: FloatArray, diagonal: FloatArray) -> None:
+    for name, value, nominal in zip(names, dl, diagonal, strict=True):
+        if not math.isfinite(value):
+            raise InvalidSamplesError(
+                f"the length error of {name} is {value}; leave the diagonal out or measure it again"
+            )
+        if abs(value) > _TOO_LARGE * nominal:
+            raise UnitError(
+                f"the length error of {name} is {value:.4g} m on {nominal:.4g} m; pass actual minus "
+                "nominal in m, not the length itself and not um"
+            )
+
+
+def _design(signs: FloatArray, travel: FloatArray) -> FloatArray:
+    legs = signs * travel
+    diagonal = np.sqrt((legs**2).sum(axis=1))
+    shear = np.column_stack([legs[:, i] * legs[:, j] for i, j in _PAIRS.values()])
+    return np.asarray(np.hstack([shear, legs**2]) / diagonal[:, None])
+
+
+def _standard_uncertainties(
+    u: float | Mapping[str, float] | None, names: list[str]
+) -> FloatArray | None:
+    if u is None:
+        return None
+    if isinstance(u, Mapping):
+        own = {canonical_name(k)[0]: float(v) for k, v in u.items()}
+        missing = [n for n in names if n not in own]
+        if missing:
+            raise DataError(f"u lacks the diagonal {missing[0]}")
+        sd = np.array([own[n] for n in names])
+    else:
+        sd = np.full(len(names), float(u))
+    if not (np.isfinite(sd).all() and (sd >= 0.0).all()):
+        raise DataError("u must be zero or positive, in m")
+    return sd
+
+
+def _quantities(
+    values: FloatArray, spread: FloatArray | None, known: NDArray[np.bool_]
+) -> dict[str, Quantity]:
+    return {
+        pair: Quantity(
+            float(values[i]),
+            "rad",
+            f"squareness error of {pair[0].upper()} and {pair[1].upper()}: pi/2 minus the angle "
+            "between the positive axes",
+            u=float(spread[i]) if spread is not None and known[i] else None,
+            symbol=f"a_{pair}",
+        )
+        for i, pair in enumerate(_PAIRS)
+    }
+
+
+def _scales(
+    values: FloatArray, spread: FloatArray | None, known: NDArray[np.bool_]
+) -> dict[str, Quantity]:
+    return {
+        axis: Quantity(
+            float(values[3 + i]),
+            "1",
+            f"relative length error of {axis.upper()}",
+            u=float(spread[3 + i]) if spread is not None and known[3 + i] else None,
+            symbol=f"e_{axis}",
+        )
+        for i, axis in enumerate("xyz")
+    }
+
+
+def _remainder(
+    signs: FloatArray,
+    travel: FloatArray,
+    least: FloatArray,
+    inverse: FloatArray,
+    known: NDArray[np.bool_],
+) -> dict[str, float]:
+    """Return what the exact distance of end points would add to each angle."""
+    shear = np.diag(1.0 + least[3:])
+    for value, (i, j) in zip(least[:3], _PAIRS.values(), strict=True):
+        shear[i, j] += value
+    # Y and Z both lean towards X, so part of the angle between them is already there.
+    shear[1, 2] -= shear[0, 1] * shear[0, 2]
+    legs = signs * travel
+    # Axis j leans towards axis i by a, so it loses its own length with the cosine.
+    for j in (1, 2):
+        lean = sum(shear[i, j] ** 2 for i in range(j))
+        shear[j, j] -= lean / 2.0
+    exact = np.sqrt(((legs @ shear.T) ** 2).sum(axis=1)) - np.sqrt((legs**2).sum(axis=1))
+    second = inverse @ (exact - _design(signs, travel) @ least)
+    return {p: float(second[i]) if known[i] else math.nan for i, p in enumerate(_PAIRS)}
+
+
+def _common(table: Mapping[str, float]) -> float:
+    body = ["".join(s) + "p" for s in itertools.product("pn", repeat=2)]
+    return float(np.mean([table[b] for b in body])) if set(body) <= set(table) else math.nan
+
+
+def _messages(known: NDArray[np.bool_], sd: FloatArray | None) -> list[str]:
+    said = []
+    lost = [p for p, k in zip(_PAIRS, known[:3], strict=True) if not k]
+    if lost:
+        said.append(f"{', '.join(lost)} not determined by these diagonals: NaN")
+    if not known[3:].all():
+        said.append(
+            "scale errors of the single axes are not seen, only what they add to the diagonals; in "
+            "the angles they cancel"
+        )
+    if sd is None:
+        said.append("no standard uncertainty: pass u= of a length error")
+    said.append("straightness and angular errors at the end points count as squareness")
+    return said
