@@ -1,0 +1,347 @@
+"""Straightness from three probes on one carriage: sequential, generalised, combined, least squares.
+
+Reading model: ``m_j = f(x + o_j) + z + o_j t + e_j`` with o = 0, d1, d1 + d2: the leading probe, at
+larger x, is the third. ``m1 - 2 m2 + m3`` (equal distances) is free of straightness z and pitch t.
+A zero difference ``delta = e1 - 2 e2 + e3`` bends the artefact: ``f + delta x^2 / (2 d^2)``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from metrosep.core.errors import DataError
+from metrosep.core.profile import Profile
+from metrosep.core.provenance import Step
+from metrosep.separation._line_null_space import null_space_of, transfer_of
+from metrosep.separation._line_probes import Row, checked_row
+from metrosep.separation._line_result import Request, Zero, evaluate
+from metrosep.separation._line_simulation import (
+    METHODS,
+    checked_smoothing,
+    given_readings,
+    method_named,
+    simulated,
+)
+from metrosep.separation._readings import checked_readings
+from metrosep.separation.contract import Separation, SeparationMethod
+from metrosep.separation.null_space import Unobservable
+from metrosep.separation.two_points import check_multiple
+from metrosep.separation.zero_adjustment import ZeroCalibration, distances
+
+__all__ = ["ThreePoint", "three_point", "zero_error_sag"]
+
+FloatArray = NDArray[np.float64]
+
+_MAX_ZERO = 1e-3
+"""A zero difference above 1 mm is no adjustment of a straightness probe: the unit is wrong."""
+
+
+def zero_error_sag(zero: float, length: float, distance: float | tuple[float, float]) -> float:
+    """Return the sag of the parabola into which a zero error of three probes bends an artefact.
+
+    Parameters
+    ----------
+    zero : float, m
+        Zero difference ``e1 - 2 e2 + e3``.
+    length : float, m
+        Of the artefact measured.
+    distance : float or tuple of (float, float), m
+        Between the probes, both distances where they differ.
+
+    Returns
+    -------
+    float
+        ``zero (length / distance)^2 / 8``, m; with two distances
+        ``zero length^2 / (4 d1 (d1 + d2))``.
+
+    Raises
+    ------
+    DataError
+        If a distance is not above zero.
+
+    Examples
+    --------
+    >>> round(zero_error_sag(1e-9, 0.3, 0.01) * 1e9, 6)
+    112.5
+    """
+    d1, d2 = distances(distance)
+    return zero * length**2 / (4.0 * d1 * (d1 + d2))
+
+
+@dataclass(frozen=True, slots=True)
+class ThreePoint(SeparationMethod):
+    """Three probes at x, x + d1 and x + d1 + d2 on one carriage.
+
+    Parameters
+    ----------
+    distance : float or tuple of (float, float), m
+        Between neighbours, above zero; both where they differ.
+    step : float, m
+        Between the positions of the carriage, and between the samples of the artefact.
+    method : {"sequential", "generalised", "combined", "least_squares"}, optional
+        See `three_point`.
+    zero : float or None, m, optional
+        Zero difference ``e1 - (1 + d1/d2) e2 + (d1/d2) e3``; the parabola is left out if None.
+    u_zero : float, m, optional
+        Its standard uncertainty.
+    smoothing : float, optional
+        Weight of the penalty of "generalised" and "combined".
+
+    Raises
+    ------
+    DataError
+        If a distance is not above zero, the method unknown, sums do not close with these
+        distances, or the zero is not usable.
+    """
+
+    distance: float | tuple[float, float]
+    step: float
+    method: str = "sequential"
+    zero: float | None = None
+    u_zero: float = 0.0
+    smoothing: float = 1e-3
+
+    name: ClassVar[str] = "three_point"
+    truth_parts: ClassVar[tuple[str, ...]] = ("artefact",)
+    error_parts: ClassVar[tuple[str, ...]] = ("straightness", "pitch", "zero")
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "method", method_named(self.method, METHODS, self.name))
+        checked_smoothing(self.smoothing, self.name)
+        check_multiple(self._row, self.method, self.name)
+        if self.zero is not None and not abs(self.zero) <= _MAX_ZERO:
+            raise DataError(f"zero is {self.zero}; it is the zero difference of the probes in m")
+        if not (math.isfinite(self.u_zero) and self.u_zero >= 0.0):
+            raise DataError(
+                f"u_zero is {self.u_zero}; it must be a standard uncertainty >= 0 in m"
+            )
+
+    @property
+    def _row(self) -> Row:
+        d1, d2 = distances(self.distance)
+        return checked_row(
+            np.array([0.0, d1, d1 + d2]),
+            self.step,
+            what=self.name,
+            pitch=True,
+            zero_known=self.zero is not None,
+        )
+
+    def transfer(self, wavelengths: ArrayLike) -> FloatArray:
+        """Return ``|H| = |1 - 2 exp(j w d) + exp(2 j w d)|``, or its like for two distances.
+
+        Parameters
+        ----------
+        wavelengths : array_like, shape (k,), m
+            Above zero.
+
+        Returns
+        -------
+        ndarray, shape (k,)
+            0 where the wave is not seen; noise s of a reading becomes ``sqrt(6) s / |H|``.
+        """
+        row = self._row
+        nuisance = np.column_stack([np.ones(3), row.offsets])
+        length = float(np.linalg.norm(row.weights))
+        lengths = np.asarray(wavelengths, dtype=np.float64)
+        return length * transfer_of(row.offsets, nuisance, lengths)
+
+    def simulate(
+        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
+    ) -> FloatArray:
+        """Return the readings of given parts.
+
+        Parameters
+        ----------
+        truth : mapping of str to array_like
+            ``artefact``, shape (n + (d1 + d2)/step rounded up,), m.
+        errors : mapping of str to array_like
+            ``straightness``, shape (n,), m, ``pitch``, shape (n,), rad, and ``zero``, scalar, m.
+            NaN as zero is no zero difference.
+
+        Returns
+        -------
+        ndarray, shape (3, n), m
+            Trailing, middle, leading probe.
+
+        Raises
+        ------
+        DataError
+            If a part is unknown, none is given, or the lengths do not fit.
+        """
+        return simulated(
+            self._row,
+            truth,
+            errors,
+            truth_parts=self.truth_parts,
+            error_parts=self.error_parts,
+            what=self.name,
+        )
+
+    def null_space(self) -> tuple[Unobservable, ...]:
+        """Return offset, line, without a zero the parabola, and the wavelengths not seen.
+
+        Returns
+        -------
+        tuple of Unobservable
+            Of whole readings without an angle sensor.
+        """
+        return null_space_of(self._row, 2 if self.zero is None else 1, pitch_part=True)
+
+    def separate(
+        self,
+        readings: ArrayLike,
+        *,
+        u_reading: float | None = None,
+        x: ArrayLike | None = None,
+        pitch: ArrayLike | None = None,
+        u_pitch: float | None = None,
+        history: tuple[Step, ...] = (),
+    ) -> Separation:
+        """Return artefact, straightness, pitch and zero.
+
+        Parameters
+        ----------
+        readings : array_like, shape (3, n) or (3, R, n), m
+            Trailing, middle, leading probe; or R passes. NaN = not measured.
+        u_reading : float, m, optional
+            Standard uncertainty of one reading; the scatter of the passes if omitted.
+        x : array_like, shape (n,), m, optional
+            Positions of the carriage; steps from zero if omitted.
+        pitch : array_like, shape (n,), rad, optional
+            Readings of an angle sensor on the carriage, positive where the leading end reads more.
+        u_pitch : float, rad, optional
+            Standard uncertainty of one of them; needed with `pitch`.
+        history : tuple of Step, optional
+            Where the readings came from.
+
+        Returns
+        -------
+        Separation
+            As `three_point`.
+
+        Raises
+        ------
+        DataError
+            If the readings or the pitch cannot be used.
+        NotSeparableError
+            If gaps leave no chain, or the pitch runs opposite to that of the probes.
+        """
+        names = ("trailing probe", "middle probe", "leading probe")
+        array = checked_readings(readings, names=names, minimum=3, what=self.name)
+        zero = None if self.zero is None else Zero(float(self.zero), float(self.u_zero))
+        request = Request(self.name, self._row, self.method, self.smoothing, zero)
+        return evaluate(
+            request,
+            array,
+            x=x,
+            u_reading=u_reading,
+            pitch=pitch,
+            u_pitch=u_pitch,
+            history=history,
+        )
+
+
+def three_point(
+    m: ArrayLike | Sequence[Profile],
+    distance: float | tuple[float, float],
+    *,
+    x: ArrayLike | None = None,
+    step: float | None = None,
+    method: str = "sequential",
+    zero: float | None = None,
+    u_zero: float = 0.0,
+    zero_cal: ZeroCalibration | None = None,
+    u_reading: float | None = None,
+    pitch: ArrayLike | None = None,
+    u_pitch: float | None = None,
+    smoothing: float = 1e-3,
+) -> Separation:
+    """Return form of an artefact, straightness and pitch of a carriage from three probes on it.
+
+    Parameters
+    ----------
+    m : array_like, shape (3, n) or (3, R, n), m, or three Profiles
+        Readings of the trailing, middle and leading probe (rising x) at the same positions of the
+        carriage; or R passes. NaN = not measured. Positive in the same sense for all.
+    distance : float or tuple of (float, float), m
+        Between neighbouring probes; two values where they differ.
+    x : array_like, shape (n,), m, optional
+        Positions of the carriage (of its trailing probe), rising in equal steps.
+    step : float, m, optional
+        Step between the positions, instead of `x`.
+    method : {"sequential", "generalised", "combined", "least_squares"}, optional
+        "sequential" sums second differences along chains of samples one distance apart.
+        "generalised" finds a curve at any distances by least squares with a penalty on third
+        differences. "combined" keeps the chains, exact at steps and short waves, and takes only
+        offset and line of each chain from "generalised". "least_squares" uses no penalty.
+    zero : float, m, optional
+        Zero difference ``e1 - 2 e2 + e3`` of the probes (``e1 - (1 + r) e2 + r e3``, r = d1/d2).
+        Without it, `zero_cal` or `pitch`, the parabola is not known and left out.
+    u_zero : float, m, optional
+        Its standard uncertainty.
+    zero_cal : ZeroCalibration, optional
+        Instead of both: what `zero_calibration` found.
+    u_reading : float, m, optional
+        Standard uncertainty of one reading; the scatter of the passes if omitted.
+    pitch : array_like, shape (n,), rad, optional
+        Readings of an angle sensor on the carriage, positive where the leading end reads more;
+        with `u_pitch`. It determines the parabola and the zero. Not with "sequential".
+    u_pitch : float, rad, optional
+        Standard uncertainty of one of them.
+    smoothing : float, optional
+        Weight of the penalty.
+
+    Returns
+    -------
+    Separation
+        ``.artefact`` over ``coordinates["x"]``, least-squares line (and parabola, where it is not
+        known) removed; ``.straightness`` and ``.pitch`` over ``coordinates["carriage_x"]``, such
+        that all add up to the readings; ``.zero``, NaN where it is not known.
+
+    Raises
+    ------
+    DataError
+        If distances, step, method, zero or pitch do not fit.
+    InvalidSamplesError, NotUniformError, TooFewSamplesError
+        If readings or positions cannot be used.
+    NotSeparableError
+        If gaps leave no chain, or the pitch runs opposite to that of the probes.
+
+    Notes
+    -----
+    Null space: offset, line, without a zero the parabola, and wavelengths that all distances are
+    multiples of. With one step between the probes, N artefact positions and noise s of a reading
+    the RMS of u is ``s sqrt(6 (N^2 - 4)(N^2 + 5) / (420 N))``, 20.6 s at N = 31. An uncertainty
+    u_zero adds a parabola of sag ``u_zero (L/d)^2 / 8``.
+
+    References
+    ----------
+    W. Gao, S. Kiyono, On-machine profile measurement of machined surface using the combined
+    three-point method, JSME Int. J. C 40 (1997) 253-259. The penalty is ours.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> i = np.arange(31)
+    >>> bent = 1e-9 * np.array([1.0, -2.0, 1.0])[:, None] / 6.0 * np.ones(29)
+    >>> result = three_point(bent, 10e-3, step=10e-3, zero=0.0)
+    >>> sag = result.artefact[0] - result.artefact[15]
+    >>> bool(abs(sag - zero_error_sag(1e-9, 0.3, 10e-3)) < 1e-18)
+    True
+    """
+    readings, at, spacing, history = given_readings(m, x, step, ThreePoint.name)
+    if zero_cal is not None:
+        if zero is not None or u_zero != 0.0:
+            raise DataError("three_point: give zero with u_zero, or zero_cal, not both")
+        zero, u_zero = zero_cal.zero_for(distance), zero_cal.u
+    method_object = ThreePoint(distance, spacing, method, zero, u_zero, smoothing)
+    return method_object.separate(
+        readings, u_reading=u_reading, x=at, pitch=pitch, u_pitch=u_pitch, history=history
+    )

@@ -1,0 +1,298 @@
+"""The zero difference of three probes: from a reversal, a known flat, or an angle sensor.
+
+``delta = e1 - 2 e2 + e3`` (``e1 - (1 + r) e2 + r e3`` at distances d1 = r d2) stays in the second
+differences at every position and bends the artefact into a parabola of sag ``delta (L/d)^2 / 8``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from metrosep.core.errors import DataError, TooFewSamplesError
+from metrosep.core.provenance import freeze_mapping
+from metrosep.core.quantity import Quantity
+from metrosep.separation._readings import checked_readings
+
+__all__ = ["ZeroCalibration", "zero_calibration"]
+
+FloatArray = NDArray[np.float64]
+
+_NAMES = ("trailing probe", "middle probe", "leading probe")
+
+
+@dataclass(frozen=True, slots=True)
+class ZeroCalibration:
+    """Zero difference of three probes and how it was found.
+
+    Parameters
+    ----------
+    zero : float, m
+        ``e1 - (1 + r) e2 + r e3``, r the ratio of the distances.
+    u : float, m
+        Standard uncertainty.
+    distance : tuple of (float, float), m
+        Distances of the probes for which it holds.
+    source : str
+        ``"reversal"``, ``"flat"`` or ``"pitch"``.
+    audit : mapping, optional
+        What went in.
+    messages : tuple of str, optional
+        What the user should know.
+    """
+
+    zero: float
+    u: float
+    distance: tuple[float, float]
+    source: str
+    audit: Mapping[str, Any] = field(default_factory=dict)
+    messages: tuple[str, ...] = ()
+
+    @property
+    def quantity(self) -> Quantity:
+        """Value with unit and uncertainty."""
+        text = f"zero difference e1 - (1 + r) e2 + r e3 of three probes, from {self.source}"
+        return Quantity(self.zero, "m", text, u=self.u, symbol="delta")
+
+    def zero_for(self, distance: float | tuple[float, float]) -> float:
+        """Return the zero difference if it belongs to these distances.
+
+        Parameters
+        ----------
+        distance : float or tuple of (float, float), m
+            Of the probes in use.
+
+        Returns
+        -------
+        float, m
+            `zero`.
+
+        Raises
+        ------
+        DataError
+            If the probes were calibrated at another ratio of distances.
+        """
+        d1, d2 = distances(distance)
+        ratio, own = d1 / d2, self.distance[0] / self.distance[1]
+        if abs(ratio / own - 1.0) > 1e-3:
+            raise DataError(
+                f"the zero was calibrated for probe distances in the ratio {own:.6g}, these are in "
+                f"the ratio {ratio:.6g}: the difference weighs the probes otherwise; calibrate again"
+            )
+        return self.zero
+
+
+def zero_calibration(
+    m: ArrayLike,
+    distance: float | tuple[float, float],
+    *,
+    reversed_m: ArrayLike | None = None,
+    flat: ArrayLike | None = None,
+    u_flat: float = 0.0,
+    pitch: ArrayLike | None = None,
+    u_pitch: float | None = None,
+    step: float | None = None,
+    u_reading: float | None = None,
+) -> ZeroCalibration:
+    """Return the zero difference of three probes from one of three calibrations.
+
+    Parameters
+    ----------
+    m : array_like, shape (3, n) or (3, R, n), m
+        Readings of the trailing, middle and leading probe.
+    distance : float or tuple of (float, float), m
+        Between neighbouring probes.
+    reversed_m : array_like, like `m`, m, optional
+        The same artefact, turned about its long axis, at the same positions, the probes set to
+        its other side without a new adjustment.
+    flat : array_like, shape (3, n) or (3,) or scalar, m, optional
+        Known form of a flat under each probe at each reading; 0 for a perfect flat.
+    u_flat : float, m, optional
+        Standard uncertainty of the known second difference of the flat; it does not average out.
+    pitch : array_like, shape (n,), rad, optional
+        Readings of an angle sensor, positive where the leading end reads more; with `u_pitch`,
+        `step` and `u_reading` (or repeats).
+    u_pitch, step, u_reading : float, rad, m, m, optional
+        Standard uncertainty of one angle; step between the positions; standard uncertainty of one
+        reading.
+
+    Returns
+    -------
+    ZeroCalibration
+        For `three_point`, as ``zero_cal``.
+
+    Raises
+    ------
+    DataError
+        If not exactly one of `reversed_m`, `flat`, `pitch` is given, or they do not fit.
+    TooFewSamplesError
+        If one reading leaves no scatter and `u_reading` is not given.
+    NotSeparableError
+        If the pitch runs opposite to that of the probes.
+
+    Notes
+    -----
+    Reversal: the second differences are ``f'' + delta`` and ``-f'' + delta``; delta is the mean of
+    their half sums, noise ``s sqrt(6 / (2 n))``. Flat: the mean of ``m1 - 2 m2 + m3`` minus that of
+    the flat, ``s sqrt(6 / n)`` and `u_flat`. Pitch: `three_point` by generalised least squares with
+    free zeros. NaN positions are left out.
+
+    References
+    ----------
+    W. Gao, J. Yokoyama, H. Kojima, S. Kiyono, Precision measurement of cylinder straightness using
+    a scanning multi-probe system, Precis. Eng. 26 (2002) 279-288.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> form = 1e-9 * np.array([[3.0, 1.0], [1.0, -4.0], [-4.0, 0.0]])
+    >>> zeros = 1e-9 * np.array([[2.0], [0.0], [3.0]])
+    >>> found = zero_calibration(form + zeros, 10e-3, reversed_m=-form + zeros)
+    >>> round(found.zero * 1e9, 9)
+    5.0
+    """
+    given = [reversed_m is not None, flat is not None, pitch is not None]
+    if sum(given) != 1:
+        raise DataError(
+            "zero_calibration needs exactly one of reversed_m (a reversal), flat (a known form) and "
+            f"pitch (an angle sensor), got {sum(given)}"
+        )
+    if pitch is not None:
+        return _from_pitch(m, distance, pitch, u_pitch, step, u_reading)
+    d = distances(distance)
+    ratio = d[0] / d[1]
+    w = np.array([1.0, -(1.0 + ratio), ratio])
+    first = _differences(m, w)
+    if reversed_m is not None:
+        second = _differences(reversed_m, w)
+        if second.shape != first.shape:
+            raise DataError(
+                f"the two readings of the reversal have {first.size} and {second.size} values; they "
+                "must lie at the same positions of the artefact"
+            )
+        return _mean((first + second) / 2.0, d, "reversal", w, u_reading, 2.0, 0.0)
+    known = np.broadcast_to(_flat_differences(flat, w, first.size), first.shape)
+    if not (math.isfinite(u_flat) and u_flat >= 0.0):
+        raise DataError(f"u_flat is {u_flat}; it must be a standard uncertainty >= 0 in m")
+    return _mean(first - known, d, "flat", w, u_reading, 1.0, u_flat)
+
+
+def distances(distance: float | tuple[float, float]) -> tuple[float, float]:
+    """Return both distances of three probes.
+
+    Parameters
+    ----------
+    distance : float or tuple of (float, float), m
+        One for both, or two.
+
+    Returns
+    -------
+    tuple of (float, float), m
+        Above zero.
+
+    Raises
+    ------
+    DataError
+        If they are not one or two lengths above zero.
+    """
+    try:
+        values = np.asarray(distance, dtype=np.float64).ravel()
+    except (TypeError, ValueError):
+        values = np.empty(0)
+    if values.size not in (1, 2) or not np.isfinite(values).all() or (values <= 0.0).any():
+        raise DataError(f"distance is one length in m above zero, or two, got {distance}")
+    return float(values[0]), float(values[-1])
+
+
+def _differences(m: ArrayLike, weights: FloatArray) -> FloatArray:
+    """Return the second difference at each position, mean over the repeats."""
+    array = checked_readings(m, names=_NAMES, minimum=1, what="zero_calibration")
+    d = np.tensordot(weights, array, axes=1)
+    count = (~np.isnan(d)).sum(axis=0)
+    total = np.where(np.isnan(d), 0.0, d).sum(axis=0)
+    return np.asarray(np.where(count > 0, total / np.maximum(count, 1), np.nan))
+
+
+def _flat_differences(flat: Any, weights: FloatArray, n: int) -> FloatArray:
+    try:
+        form = np.asarray(flat, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise DataError("flat must be the known form in m") from None
+    if form.ndim == 0:
+        return np.zeros(n)
+    if form.shape not in ((3,), (3, n)):
+        raise DataError(
+            f"flat has the shape {form.shape}; give the known form under each probe, (3,) or (3, {n})"
+        )
+    return np.asarray(weights @ (form[:, None] if form.ndim == 1 else form))
+
+
+def _mean(
+    values: FloatArray,
+    d: tuple[float, float],
+    source: str,
+    weights: FloatArray,
+    u_reading: float | None,
+    n_sets: float,
+    u_more: float,
+) -> ZeroCalibration:
+    known = values[~np.isnan(values)]
+    if known.size == 0:
+        raise TooFewSamplesError(
+            "zero_calibration: at no position were all probes measured in all readings"
+        )
+    if u_reading is not None:
+        if not (math.isfinite(u_reading) and u_reading >= 0.0):
+            raise DataError(
+                f"u_reading is {u_reading}; it must be a standard uncertainty >= 0 in m"
+            )
+        one = u_reading * float(np.linalg.norm(weights)) / math.sqrt(n_sets)
+        kind = "stated"
+    elif known.size > 1:
+        one, kind = float(known.std(ddof=1)), "scatter of the positions (type A)"
+    else:
+        raise TooFewSamplesError(
+            "zero_calibration: one position shows no scatter; measure at several, or give u_reading"
+        )
+    u = math.hypot(one / math.sqrt(known.size), u_more)
+    messages: tuple[str, ...] = ()
+    if source == "flat" and u_more == 0.0:
+        messages = (
+            "u_flat is 0: the flat counts as perfect; its own sag goes into every artefact measured",
+        )
+    audit = {"n_positions": int(known.size), "noise_from": kind, "u_flat_nm": u_more * 1e9}
+    return ZeroCalibration(float(known.mean()), u, d, source, freeze_mapping(audit), messages)
+
+
+def _from_pitch(
+    m: ArrayLike,
+    distance: float | tuple[float, float],
+    pitch: ArrayLike,
+    u_pitch: float | None,
+    step: float | None,
+    u_reading: float | None,
+) -> ZeroCalibration:
+    from metrosep.separation.three_points import three_point
+
+    result = three_point(
+        m,
+        distance,
+        step=step,
+        method="least_squares",
+        u_reading=u_reading,
+        pitch=pitch,
+        u_pitch=u_pitch,
+    )
+    return ZeroCalibration(
+        float(result.parts["zero"]),
+        float(result.u["zero"]),
+        distances(distance),
+        "pitch",
+        result.audit,
+        result.messages,
+    )
