@@ -176,12 +176,13 @@ class Separation:
         return replace(self, u=u, audit={**self.audit, "type_b": before})
 
     def to_frame(self) -> pd.DataFrame:
-        """Return parts that share the first coordinate as columns with unit suffixes.
+        """Return the curves as columns with unit suffixes, each after its own coordinate.
 
         Returns
         -------
         pandas.DataFrame
-            One row for each sample: the coordinate, each part and its standard uncertainty, SI.
+            Each coordinate, and after it the parts over it with their standard uncertainty, SI.
+            Where coordinates have different lengths, the shorter columns end in NaN.
 
         Raises
         ------
@@ -190,15 +191,16 @@ class Separation:
         """
         import pandas as pd
 
-        if len(self.coordinates) != 1:
+        columns: dict[str, FloatArray] = {}
+        left = {k: v for k, v in self.parts.items() if v.ndim > 0}
+        if any(v.ndim > 1 for v in left.values()):
             raise DataError("parts that are maps have no table; use .parts and .u")
-        ((name, positions),) = self.coordinates.items()
-        columns = {f"{name}_{'rad' if name == 'angle' else 'm'}": positions}
-        for part, values in self.parts.items():
-            if values.shape == positions.shape:
-                columns[f"{part}_{self.units[part]}"] = values
+        for name, positions in self.coordinates.items():
+            columns[f"{name}_{'rad' if name == 'angle' else 'm'}"] = positions
+            for part in [k for k, v in left.items() if v.shape == positions.shape]:
+                columns[f"{part}_{self.units[part]}"] = left.pop(part)
                 columns[f"u_{part}_{self.units[part]}"] = self.u[part]
-        return pd.DataFrame(columns)
+        return pd.DataFrame({k: pd.Series(v) for k, v in columns.items()})
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything as plain values for JSON (NaN as None).
