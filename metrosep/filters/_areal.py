@@ -12,8 +12,9 @@ A plane is taken out first and put back: order 1 keeps planes, so this changes n
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,8 +29,14 @@ _STRIPE = 96
 _BLOCK = 96
 """Rows of a stripe and columns of a block: small enough for the cache, large enough for two threads."""
 
+_LINES = 32
+"""Rows that are read together: their heights and weights stay in the second-level cache."""
+
 _TINY = 1e-30
 """Smallest weight that is divided by; such pixels are reported as without support."""
+
+_SURE = 2.0 * SINGULAR
+"""Determinant above which no pixel is singular, since its zeroth moment does not exceed 1."""
 
 _MAX_WORKERS = 4
 _MAX_FIT = 65536
@@ -44,16 +51,15 @@ def areal_gaussian(
     `sds` are the standard deviations along y and x in pixels. The result is NaN where the support
     share is below `min_support` and, without `fill`, where `z` is.
     """
-    n_x = z.shape[1]
     plane = reference_plane(z, order)
 
-    def finish(part: slice, out: FloatArray, share: FloatArray) -> None:
-        out += _plane(plane, part, n_x)
-        lost = share < min_support
+    def finish(part: slice, out: FloatArray, share: FloatArray, room: FloatArray) -> None:
+        out += _plane(plane, part, room)
         if not fill:
-            lost |= np.isnan(z[part])
-        if lost.any():
-            out[lost] = np.nan
+            with np.errstate(invalid="ignore"):
+                out += np.subtract(z[part], z[part], out=room)  # 0, or NaN where z is
+        if share.min() < min_support:
+            out[share < min_support] = np.nan
 
     return _passes(z, sds, plane, order, finish)
 
@@ -61,7 +67,7 @@ def areal_gaussian(
 def areal_support(z: FloatArray, sds: tuple[float, float]) -> FloatArray:
     """Return the share of the weight that lies on valid pixels, 0 to 1."""
 
-    def finish(part: slice, out: FloatArray, share: FloatArray) -> None:
+    def finish(part: slice, out: FloatArray, share: FloatArray, room: FloatArray) -> None:
         np.clip(share, 0.0, 1.0, out=out)
 
     return _passes(z, sds, (0.0, 0.0, 0.0), 0, finish)
@@ -72,33 +78,86 @@ def _passes(
     sds: tuple[float, float],
     plane: tuple[float, float, float],
     order: int,
-    finish: Callable[[slice, FloatArray, FloatArray], None],
+    finish: Callable[[slice, FloatArray, FloatArray, FloatArray], None],
 ) -> FloatArray:
     n_y, n_x = z.shape
     y, x = make_axis(n_y, sds[0], _STRIPE), make_axis(n_x, sds[1], _BLOCK)
     rows = np.empty((2, n_y, x.n_nodes))
     out = np.empty_like(z)
+    transposed = [[np.ascontiguousarray(m.T) for m in np.split(p.matrix, 3)] for p in x.up]
 
     whole_row = _down_x(np.ones((1, n_x)), x)
 
-    def down(start: int) -> None:
-        part = slice(start, min(start + _STRIPE, n_y))
-        lost, heights = _residual(z, plane, part)
-        rows[1, part] = _down_x(heights, x)
-        # most stripes of most measurements are whole: their weights are known
-        rows[0, part] = _down_x((~lost).astype(np.float64), x) if lost.any() else whole_row
+    # fresh memory costs more than what is done with it: each worker keeps its own for all stripes
+    def down(starts: Sequence[int]) -> None:
+        room = _Room.of(_LINES, n_x)
+        for start in starts:
+            part = slice(start, min(start + _LINES, n_y))
+            n_lost = room.read(z[part], plane, part)
+            heights, weights = room.heights[: part.stop - start], room.weights[: part.stop - start]
+            rows[1, part] = _down_x(heights, x)
+            # most stripes of most measurements are whole: their weights are known
+            rows[0, part] = _down_x(weights, x) if n_lost else whole_row
 
-    def up(piece: Piece) -> None:
-        part = slice(piece.start, piece.stop)
-        share = np.empty_like(out[part])
-        _up(piece, x, nodes, out[part], share, order)
-        finish(part, out[part], share)
+    def up(pieces: Sequence[Piece]) -> None:
+        room = np.empty((2, min(_STRIPE, n_y), n_x))
+        work = _Work.of(min(_STRIPE, n_y), x.n_nodes)
+        for piece in pieces:
+            part = slice(piece.start, piece.stop)
+            share, other = room[:, : piece.stop - piece.start]
+            _up(piece, x, transposed, nodes, out[part], share, order, work)
+            finish(part, out[part], share, other)
 
-    with one_blas_thread(), ThreadPoolExecutor(min(_MAX_WORKERS, os.cpu_count() or 1)) as pool:
-        list(pool.map(down, range(0, n_y, _STRIPE)))
+    n_workers = min(_MAX_WORKERS, os.cpu_count() or 1)
+    with one_blas_thread(), ThreadPoolExecutor(n_workers) as pool:
+        list(
+            pool.map(down, [range(k * _LINES, n_y, n_workers * _LINES) for k in range(n_workers)])
+        )
         nodes = _down_y(rows, y)
-        list(pool.map(up, y.up))
+        list(pool.map(up, [y.up[k::n_workers] for k in range(n_workers)]))
     return out
+
+
+class _Room(NamedTuple):
+    """Memory for some rows of a map: heights, weights, what is valid."""
+
+    heights: FloatArray
+    weights: FloatArray
+    valid: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, n_rows: int, n_x: int) -> _Room:
+        """Return room for rows of a map."""
+        shape = (n_rows, n_x)
+        return cls(np.empty(shape), np.empty(shape), np.empty(shape, dtype=np.bool_))
+
+    def read(self, z: FloatArray, plane: tuple[float, float, float], part: slice) -> int:
+        """Fill in heights above the plane and weights, 0 where not measured; count those."""
+        n = z.shape[0]
+        heights, weights, valid = self.heights[:n], self.weights[:n], self.valid[:n]
+        np.subtract(z, _plane(plane, part, heights), out=heights)
+        np.equal(heights, heights, out=valid)
+        n_lost = valid.size - int(np.count_nonzero(valid))
+        if n_lost:  # zeros by their bits, because NaN times zero is NaN
+            bits, ones = heights.view(np.int64), weights.view(np.int64)
+            np.copyto(ones, np.negative(valid.view(np.int8)))
+            bits &= ones
+            np.copyto(weights, valid)
+        return n_lost
+
+
+class _Work(NamedTuple):
+    """Memory for a stripe of the result: rows at the nodes, and fields of a block."""
+
+    w: FloatArray
+    t: FloatArray
+    fields: FloatArray
+
+    @classmethod
+    def of(cls, n_rows: int, n_nodes: int) -> _Work:
+        """Return room for a stripe."""
+        shape = (n_rows, n_nodes)
+        return cls(np.empty((3, *shape)), np.empty((2, *shape)), np.empty(12 * n_rows * _BLOCK))
 
 
 def reference_plane(z: FloatArray, order: int) -> tuple[float, float, float]:
@@ -122,20 +181,11 @@ def reference_plane(z: FloatArray, order: int) -> tuple[float, float, float]:
     return level + float(c[0]), float(c[1] / scale), float(c[2] / scale)
 
 
-def _plane(plane: tuple[float, float, float], part: slice, n_x: int) -> FloatArray:
+def _plane(plane: tuple[float, float, float], part: slice, out: FloatArray) -> FloatArray:
     rows = plane[0] + plane[1] * np.arange(part.start, part.stop)
-    return np.asarray(rows[:, None] + plane[2] * np.arange(n_x))
-
-
-def _residual(
-    z: FloatArray, plane: tuple[float, float, float], part: slice
-) -> tuple[NDArray[np.bool_], FloatArray]:
-    """Return what was not measured, and the height above the plane, 0 where not measured."""
-    heights = _plane(plane, part, z.shape[1])
-    np.subtract(z[part], heights, out=heights)
-    lost = np.isnan(heights)
-    heights[lost] = 0.0
-    return lost, heights
+    columns = plane[2] * np.arange(out.shape[1])
+    np.add(rows[:, None], columns, out=out)
+    return out
 
 
 def _down_x(values: FloatArray, x: Axis) -> FloatArray:
@@ -157,59 +207,67 @@ def _down_y(rows: FloatArray, y: Axis) -> FloatArray:
 
 
 def _up(
-    piece: Piece, x: Axis, nodes: FloatArray, out: FloatArray, share: FloatArray, order: int
+    piece: Piece,
+    x: Axis,
+    transposed: list[list[FloatArray]],
+    nodes: FloatArray,
+    out: FloatArray,
+    share: FloatArray,
+    order: int,
+    work: _Work,
 ) -> None:
     """Fill a stripe of the result and of the support share."""
     b = piece.stop - piece.start
-    w = piece.matrix @ nodes[0, piece.first : piece.last]
-    t = piece.matrix[: 2 * b] @ nodes[1, piece.first : piece.last]
-    work = np.empty((12, b, _BLOCK))
-    for p in x.up:
+    w, t = work.w.reshape(-1, x.n_nodes)[: 3 * b], work.t.reshape(-1, x.n_nodes)[: 2 * b]
+    np.matmul(piece.matrix, nodes[0, piece.first : piece.last], out=w)
+    np.matmul(piece.matrix[: 2 * b], nodes[1, piece.first : piece.last], out=t)
+    for p, m in zip(x.up, transposed, strict=True):
         c = p.stop - p.start
-        m = [p.matrix[i * c : (i + 1) * c].T for i in range(3)]
         near = slice(p.first, p.last)
-        w0, w1, w2 = (w[i * b : (i + 1) * b, near] for i in range(3))
-        t0, t1 = (t[i * b : (i + 1) * b, near] for i in range(2))
-        fields = list(work[:, :, :c])
+        rows = work.fields[: 12 * b * c].reshape(
+            12 * b, c
+        )  # b rows of each field, products in one go
+        fields = rows.reshape(12, b, c)
         part = out[:, p.start : p.stop]
-        zeroth = np.matmul(w0, m[0], out=fields[0])
+        np.matmul(w[:b, near], m[0], out=rows[:b])
+        np.matmul(t[:b, near], m[0], out=rows[6 * b : 7 * b])
+        zeroth = fields[0]
         share[:, p.start : p.stop] = zeroth
-        np.matmul(t0, m[0], out=fields[6])
         if order == 0 or zeroth.min() > COMPLETE:
             np.divide(fields[6], np.maximum(zeroth, _TINY, out=zeroth), out=part)
             continue
-        pairs = ((w0, m[1]), (w1, m[0]), (w0, m[2]), (w1, m[1]), (w2, m[0]))
-        for field, (left, right) in zip(fields[1:6], pairs, strict=True):
-            np.matmul(left, right, out=field)
-        np.matmul(t0, m[1], out=fields[7])
-        np.matmul(t1, m[0], out=fields[8])
+        np.matmul(w[b:, near], m[0], out=rows[b : 3 * b])
+        np.matmul(w[: 2 * b, near], m[1], out=rows[3 * b : 5 * b])
+        np.matmul(w[:b, near], m[2], out=rows[5 * b : 6 * b])
+        np.matmul(t[b:, near], m[0], out=rows[7 * b : 8 * b])
+        np.matmul(t[:b, near], m[1], out=rows[8 * b : 9 * b])
         _local_plane(fields, part)
 
 
-def _local_plane(fields: list[FloatArray], out: FloatArray) -> None:
+def _local_plane(fields: FloatArray, out: FloatArray) -> None:
     """Fill `out` with the heights at the pixels of the planes through their neighbours.
 
-    Fields 0-5 are the moments 1, x, y, xx, xy, yy of the weights, 6-8 the moments 1, x, y of the
-    weighted heights, the rest is room. Cramer's rule with the first row of the adjugate (a, b, c).
+    Fields 0-5 are the moments 1, y, yy, x, xy, xx of the weights, 6-8 the moments 1, y, x of the
+    weighted heights, the rest is room. Cramer's rule with the first row of the adjugate (a, b, c);
+    fields of like treatment go in pairs, because each call costs as much as a thousand pixels.
     """
-    one, x, y, xx, xy, yy, z, xz, yz, a, b, c = fields
-    np.multiply(xx, yy, out=a)
-    a -= np.multiply(xy, xy, out=b)
-    np.multiply(xy, y, out=b)
-    b -= np.multiply(x, yy, out=c)
-    np.multiply(x, xy, out=c)
-    c -= np.multiply(xx, y, out=xx)
-    determinant = np.multiply(a, one, out=xx)
-    determinant += np.multiply(b, x, out=x)
-    determinant += np.multiply(c, y, out=y)
-    cube = np.multiply(one, one, out=xy)
-    cube *= one
-    cube *= SINGULAR
-    singular = determinant <= cube
+    one, _, b_x, _, xy, c_y, z, c_yz, b_xz, a = fields[:10]
+    y_x, x_y, xx_yy, yz_xz = fields[1:4:2], fields[3:0:-2], fields[5:1:-3], fields[7:9]
+    c_b = fields[10:12]
+    np.multiply(fields[5], fields[2], out=a)
+    np.multiply(xy, x_y, out=c_b)
+    c_b -= np.multiply(y_x, xx_yy, out=xx_yy)
+    a -= np.multiply(xy, xy, out=xy)
+    np.multiply(c_b, y_x, out=xx_yy)
+    determinant = np.multiply(a, one, out=xy)
+    determinant += b_x
+    determinant += c_y
     a *= z
-    a += np.multiply(b, xz, out=xz)
-    a += np.multiply(c, yz, out=yz)
-    if singular.any():
+    np.multiply(c_b, yz_xz, out=yz_xz)
+    a += b_xz
+    a += c_yz
+    if determinant.min() <= _SURE:
+        singular = determinant <= SINGULAR * one * one * one
         a[singular] = z[singular]
         determinant[singular] = np.maximum(one[singular], _TINY)
     np.divide(a, determinant, out=out)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +16,7 @@ from metrosep.forms._orthogonal import linearisation
 __all__ = [
     "Grid",
     "Sums",
+    "UnsignedArray",
     "bounding_box",
     "grid_values",
     "inverse_of",
@@ -21,10 +24,13 @@ __all__ = [
     "residual_sums",
 ]
 
-_BLOCK = 65536
-"""Pixels of a block: half a megabyte of heights, so that the products run in the cache."""
+UnsignedArray = NDArray[np.unsignedinteger[Any]]
 
-_ONE = np.float64(1.0).view(np.int64)
+_BLOCK = 49152
+"""Pixels of a block: heights, residuals and weights together stay in the second-level cache."""
+
+_EDGE = 16
+"""Rows or columns that are looked at together when the measured part is sought from the edges."""
 
 _SMALLEST_EIGENVALUE = 1e-13
 """Of the normal matrix with ones on its diagonal: below it, rounding decides the answer."""
@@ -32,13 +38,43 @@ _SMALLEST_EIGENVALUE = 1e-13
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Grid:
-    """A map with its Legendre values, degree along the rows of `px` (columns) and `py` (rows)."""
+    """A map with its Legendre values, degree along the rows of `px` (columns) and `py` (rows).
+
+    `reach` holds, for each row, the first column that counts and the first one after them, as
+    unsigned numbers; without it all columns do. NaN and pixels of weight 0 never count.
+    """
 
     z: FloatArray
-    invalid: NDArray[np.bool_]
     weights: FloatArray | None
     px: FloatArray
     py: FloatArray
+    reach: tuple[UnsignedArray, UnsignedArray] | None = None
+
+    def every(self, skip: int) -> Grid:
+        """Return every n-th row and column."""
+        some = slice(None, None, skip)
+        reach = None
+        if self.reach is not None:
+            first, after = ((end[some] + (skip - 1)) // skip for end in self.reach)
+            reach = (first, after)
+        return Grid(
+            self.z[some, some],
+            None if self.weights is None else self.weights[some, some],
+            np.ascontiguousarray(self.px[:, some]),
+            np.ascontiguousarray(self.py[:, some]),
+            reach,
+        )
+
+    def valid(self) -> NDArray[np.bool_]:
+        """Return which pixels count."""
+        out: NDArray[np.bool_] = ~np.isnan(self.z)
+        if self.weights is not None:
+            out &= self.weights > 0.0
+        if self.reach is not None:
+            first, after = self.reach
+            place = np.arange(self.z.shape[1])
+            out &= (place >= first[:, None]) & (place < after[:, None])
+        return out
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,86 +84,163 @@ class Sums:
     weights: FloatArray
     heights: FloatArray
     squares: float
+    n_valid: int
 
 
-def bounding_box(invalid: NDArray[np.bool_], needed: int) -> tuple[tuple[slice, slice], int]:
-    """Return rows and columns that hold every valid pixel, and the number of valid pixels."""
-    n_valid = int(invalid.size) - int(np.count_nonzero(invalid))
-    if n_valid < needed:
-        raise DegenerateFitError(
-            f"{n_valid} valid pixels cannot determine {needed} terms; lower the degree or measure "
-            "more of the part"
-        )
-    rows = np.flatnonzero(~invalid.all(axis=1))
-    columns = np.flatnonzero(~invalid.all(axis=0))
-    return (
-        slice(int(rows[0]), int(rows[-1]) + 1),
-        slice(int(columns[0]), int(columns[-1]) + 1),
-    ), n_valid
+class _Block(NamedTuple):
+    """Rows, the columns that count in any of them, and those that count in all: from, to."""
+
+    rows: slice
+    columns: slice
+    all_from: int
+    all_to: int
 
 
-def _valid_columns(invalid: NDArray[np.bool_]) -> slice:
-    """Return the columns from the first to the last that hold a valid pixel."""
-    used: NDArray[np.bool_] = np.logical_not(np.logical_and.reduce(invalid, axis=0))
-    first = int(used.argmax())
-    if not used[first]:
-        return slice(0, 0)
-    return slice(first, used.size - int(used[::-1].argmax()))
+def bounding_box(z: FloatArray, weights: FloatArray | None) -> tuple[slice, slice]:
+    """Return rows and columns that hold every valid pixel; empty if there is none."""
+    if weights is not None:
+        z = np.where(weights == 0.0, np.nan, z)
+    rows = _used(z)
+    return rows, _used(z[rows].T)
+
+
+def _used(z: FloatArray) -> slice:
+    """Return the rows from the first to the last with a valid pixel: a look at the edges."""
+    n = z.shape[0]
+    ends = []
+    for lines in (z, z[::-1]):
+        for start in range(0, n, _EDGE):
+            valid = ~np.isnan(lines[start : start + _EDGE]).all(axis=1)
+            if valid.any():
+                ends.append(start + int(valid.argmax()))
+                break
+        else:
+            return slice(0, 0)
+    return slice(ends[0], n - ends[1])
 
 
 def residual_sums(grid: Grid, c: FloatArray, degree: int, *, with_weights: bool = True) -> Sums:
     """Return the sums over a map less the polynomial c.
 
     Sums of weights go to degree 2 d, and are zero unless asked for; sums of heights to degree d.
-    Gaps become zeros by their bits, because NaN times zero is NaN.
     """
-    rows, columns = grid.z.shape
+    rows, n_columns = grid.z.shape
     n, m = degree + 1, 2 * degree + 1
     right = np.ascontiguousarray(grid.px[:m].T)
     low = np.ascontiguousarray(right[:, :n])
     left, across = c.T @ grid.px[: c.shape[0]], np.ascontiguousarray(grid.py[: c.shape[1]].T)
     row_weights, row_heights = np.zeros((rows, m)), np.zeros((rows, n))
-    squares = 0.0
-    height = max(1, _BLOCK // max(columns, 1))
-    heights = np.empty(height * columns)
-    mask = np.empty(height * columns, dtype=np.int64)
+    squares, n_valid = 0.0, 0
+    height = max(1, _BLOCK // max(n_columns, 1))
+    room = np.empty((2, height * n_columns))
+    marks = np.empty(height * n_columns, dtype=np.bool_)
     with np.errstate(invalid="ignore", over="ignore"):
-        for start in range(0, rows, height):
-            part = slice(start, min(start + height, rows))
-            across_valid = _valid_columns(grid.invalid[part])
-            size = (part.stop - start, across_valid.stop - across_valid.start)
-            n_block = size[0] * size[1]
+        for block in _blocks(grid, height):
+            part, columns = block.rows, block.columns
+            shape = (part.stop - part.start, columns.stop - columns.start)
+            n_block = shape[0] * shape[1]
             if n_block == 0:
                 continue
-            invalid = grid.invalid[part, across_valid]
-            r, bits = heights[:n_block].reshape(size), mask[:n_block].reshape(size)
-            gaps = grid.weights is not None or bool(invalid.any())
-            np.matmul(across[part], left[:, across_valid], out=r)
-            np.subtract(grid.z[part, across_valid], r, out=r)
-            if gaps:
-                np.copyto(bits, invalid.view(np.int8) - np.int8(1))
-                r_bits = r.view(np.int64)
-                np.bitwise_and(r_bits, bits, out=r_bits)
-            if (gaps and with_weights) or grid.weights is not None:
-                np.bitwise_and(bits, _ONE, out=bits)
-            w = bits.view(np.float64)
-            if grid.weights is None:
-                squares += float(np.vdot(r, r))
-            else:
-                np.multiply(w, grid.weights[part, across_valid], out=w)
-                squares += float(np.vdot(r * w, r))
+            r, w = (line[:n_block].reshape(shape) for line in room)
+            valid = marks[:n_block].reshape(shape)
+            n_here, energy = _fill(grid, block, across[part], left[:, columns], r, w, valid)
+            n_valid += n_here
+            if grid.weights is not None:
+                w *= grid.weights[part, columns]
+                energy = float(np.vdot(r * w, r))
                 r *= w
+            squares += energy
             if with_weights:
-                these = right[across_valid]
-                row_weights[part] = w @ these if gaps else these.sum(axis=0)
-            np.matmul(r, low[across_valid], out=row_heights[part])
+                these = right[columns]
+                whole = n_here == n_block and grid.weights is None
+                row_weights[part] = these.sum(axis=0) if whole else w @ these
+            np.matmul(r, low[columns], out=row_heights[part])
         sums = row_heights.T @ grid.py[:n].T
     if not np.isfinite(sums).all() or not np.isfinite(squares):
         raise InvalidSamplesError(
             "z is infinite somewhere, or too large to be squared; write NaN where nothing was "
             "measured"
         )
-    return Sums(row_weights.T @ grid.py[:m].T, sums, squares)
+    return Sums(row_weights.T @ grid.py[:m].T, sums, squares, n_valid)
+
+
+def _blocks(grid: Grid, height: int) -> Iterator[_Block]:
+    """Yield the blocks of a map, without the columns at either side that do not count."""
+    rows, n_columns = grid.z.shape
+    starts = np.arange(0, rows, height)
+    if grid.reach is None or not rows:
+        for start in starts.tolist():
+            part = slice(start, min(start + height, rows))
+            yield _Block(part, _measured(grid.z[part]), 0, n_columns)
+        return
+    edges = [
+        extreme.reduceat(end, starts).tolist()
+        for end in grid.reach
+        for extreme in (np.minimum, np.maximum)
+    ]
+    for start, first, from_here, to_here, after in zip(starts.tolist(), *edges, strict=True):
+        part = slice(start, min(start + height, rows))
+        yield _Block(part, slice(first, max(first, after)), from_here, to_here)
+
+
+def _measured(z: FloatArray) -> slice:
+    """Return the columns of a block from the first to the last with a height."""
+    n = z.shape[1]
+    if not (np.isnan(z[:, 0]).all() or np.isnan(z[:, -1]).all()):
+        return slice(0, n)
+    used: NDArray[np.bool_] = np.logical_not(np.isnan(z).all(axis=0))
+    first = int(used.argmax())
+    return slice(first, n - int(used[::-1].argmax())) if used[first] else slice(0, 0)
+
+
+def _fill(
+    grid: Grid,
+    block: _Block,
+    across: FloatArray,
+    left: FloatArray,
+    r: FloatArray,
+    w: FloatArray,
+    valid: NDArray[np.bool_],
+) -> tuple[int, float]:
+    """Fill r with z less the product, w with 1, both 0 in gaps; return the pixels and squares of r.
+
+    In gaps r is NaN at first. The lesser of r and w, NaN giving way, is 0 there and r elsewhere,
+    unless r exceeds 1: then its squares do too, and gaps become zeros by their bits.
+    """
+    z = grid.z[block.rows, block.columns]
+    np.subtract(z, np.matmul(across, left, out=r), out=r)
+    _leave_out(grid, block, r)
+    np.equal(r, r, out=valid)
+    n_valid = int(np.count_nonzero(valid))
+    if n_valid == r.size:
+        if grid.weights is not None:
+            w.fill(1.0)
+        return n_valid, float(np.vdot(r, r))
+    np.copyto(w, valid)
+    np.fmin(r, w, out=r)
+    energy = float(np.vdot(r, r))
+    if energy < 1.0:
+        return n_valid, energy
+    np.subtract(z, np.matmul(across, left, out=r), out=r)
+    bits = r.view(np.int64)
+    bits &= np.negative(valid.view(np.int8)).astype(np.int64)
+    return n_valid, float(np.vdot(r, r))
+
+
+def _leave_out(grid: Grid, block: _Block, r: FloatArray) -> None:
+    """Write NaN where a measured pixel does not count."""
+    if grid.weights is not None:
+        np.copyto(r, np.nan, where=grid.weights[block.rows, block.columns] == 0.0)
+    if grid.reach is None:
+        return
+    first, after = (end[block.rows, None] for end in grid.reach)
+    start, stop = block.columns.start, block.columns.stop
+    if block.all_from > start:
+        place = np.arange(start, block.all_from, dtype=first.dtype)
+        np.copyto(r[:, : place.size], np.nan, where=place < first)
+    if block.all_to < stop:
+        place = np.arange(max(block.all_to, start), stop, dtype=after.dtype)
+        np.copyto(r[:, -place.size :], np.nan, where=place >= after)
 
 
 def grid_values(

@@ -13,12 +13,13 @@ from their median, and a second pass over the residual takes back what rounding 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal, NamedTuple, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
@@ -179,10 +180,10 @@ def fit_grid_polynomial(
     NaN pixels have no part in any sum. Rows and columns without a valid pixel do not change the
     result: NaN rows are the same as cropped rows. Cost: two passes over the map.
     """
-    heights, invalid, given = _checked(z, weights)
+    heights, given = _checked(z, weights)
     terms = _terms(degree, kind)
     with one_blas_thread():
-        fit, _ = _fit(heights, invalid, given, degree, terms, refine=refine, remove=False)
+        fit, _ = _fit(heights, given, degree, terms, refine=refine, remove=False)
     return fit
 
 
@@ -225,10 +226,10 @@ def remove_grid(
     DegenerateFitError
         If the valid pixels do not determine the terms.
     """
-    heights, invalid, given = _checked(z, weights)
+    heights, given = _checked(z, weights)
     terms = _terms(degree, kind)
     with one_blas_thread():
-        fit, residual = _fit(heights, invalid, given, degree, terms, refine=refine, remove=True)
+        fit, residual = _fit(heights, given, degree, terms, refine=refine, remove=True)
     return cast("FloatArray", residual), fit
 
 
@@ -280,15 +281,12 @@ def polynomial_terms(degree: int, kind: Kind) -> tuple[tuple[int, int], ...]:
     )
 
 
-def _checked(
-    z: ArrayLike, weights: ArrayLike | None
-) -> tuple[FloatArray, NDArray[np.bool_], FloatArray | None]:
+def _checked(z: ArrayLike, weights: ArrayLike | None) -> tuple[FloatArray, FloatArray | None]:
     heights = np.asarray(z, dtype=np.float64)
     if heights.ndim != 2:
         raise InvalidSamplesError(f"z must have 2 dimensions, got shape {heights.shape}")
-    invalid = np.isnan(heights)
     if weights is None:
-        return heights, invalid, None
+        return heights, None
     given = np.asarray(weights, dtype=np.float64)
     if given.shape != heights.shape:
         raise InvalidSamplesError(
@@ -296,7 +294,7 @@ def _checked(
         )
     if not (given.min(initial=0.0) >= 0.0 and given.max(initial=0.0) <= 1.0):
         raise InvalidSamplesError("weights must lie between 0 and 1, and none may be NaN")
-    return heights, invalid | (given == 0.0), given
+    return heights, given
 
 
 def _terms(degree: int, kind: Kind) -> tuple[tuple[int, int], ...]:
@@ -309,7 +307,6 @@ def _terms(degree: int, kind: Kind) -> tuple[tuple[int, int], ...]:
 
 def _fit(
     z: FloatArray,
-    invalid: NDArray[np.bool_],
     weights: FloatArray | None,
     degree: int,
     terms: tuple[tuple[int, int], ...],
@@ -317,16 +314,26 @@ def _fit(
     refine: bool,
     remove: bool,
 ) -> tuple[GridPolynomial, FloatArray | None]:
-    (rows, columns), n_valid = bounding_box(invalid, len(terms))
+    rows, columns = bounding_box(z, weights)
     px, cx, hx = _axis(z.shape[1], columns, degree)
     py, cy, hy = _axis(z.shape[0], rows, degree)
     inside = None if weights is None else weights[rows, columns]
-    grid = Grid(z[rows, columns], invalid[rows, columns], inside, px[:, columns], py[:, rows])
+    grid = Grid(z[rows, columns], inside, px[:, columns], py[:, rows])
     what = f"the {len(terms)} terms of a polynomial of degree {degree}"
-    _, c, inverse, squares = solve_grid(grid, degree, terms, refine=refine, what=what)
+    _, c, inverse, squares, n_valid = solve_grid(
+        grid, degree, terms, refine=refine, what=what, enough=_enough
+    )
     c.setflags(write=False)
     fit = GridPolynomial(c, terms, (cx, cy), (hx, hy), z.shape, n_valid, squares, inverse)
     return fit, grid_values(c, px, py, minus_from=z) if remove else None
+
+
+def _enough(n: int, needed: int) -> None:
+    if n < needed:
+        raise DegenerateFitError(
+            f"{n} valid pixels cannot determine {needed} terms; lower the degree or measure more "
+            "of the part"
+        )
 
 
 class GridSolution(NamedTuple):
@@ -336,6 +343,7 @@ class GridSolution(NamedTuple):
     legendre: FloatArray
     inverse: FloatArray
     residual_sum: float
+    n_valid: int
 
 
 def solve_grid(
@@ -346,6 +354,7 @@ def solve_grid(
     functions: FloatArray | None = None,
     refine: bool = True,
     what: str = "the terms",
+    enough: Callable[[int, int], None] | None = None,
 ) -> GridSolution:
     """Return the least squares of Legendre terms, or of sums of them, over a map.
 
@@ -363,11 +372,13 @@ def solve_grid(
         Start from a fit to a coarse map, and fit what is left until nothing is.
     what : str, optional
         Name of what is fitted, for the message.
+    enough : callable, optional
+        Raises its error for a number of valid pixels and of fitted functions.
 
     Returns
     -------
     GridSolution
-        Coefficients, inverse normal matrix, sum of squares.
+        Coefficients, inverse normal matrix, sum of squares, valid pixels.
 
     Raises
     ------
@@ -395,8 +406,8 @@ def solve_grid(
         change = inverse @ right
         return a + change, table(a + change), sums.squares - float(change @ right)
 
-    few = _coarse(grid)
-    heights = few.z[~few.invalid]
+    few = grid.every(max(int(np.sqrt(grid.z.size / _SAMPLE)), 1))
+    heights = few.z[few.valid()]
     middle = float(np.median(heights[:: heights.size // 4096 + 1])) if heights.size else 0.0
     a = _constant(functions, len(terms)) * (middle if np.isfinite(middle) else 0.0)
     c = table(a)
@@ -405,6 +416,8 @@ def solve_grid(
         with suppress(DegenerateFitError):
             a, c, _ = improved(a, sums, inverse_of(normal_for(sums), what)[0])
     sums = residual_sums(grid, c, degree)
+    if enough is not None:
+        enough(sums.n_valid, len(a))
     normal = normal_for(sums)
     inverse, condition = inverse_of(normal, what)
     a, c, squares = improved(a, sums, inverse)
@@ -416,7 +429,7 @@ def solve_grid(
             break
         sums = residual_sums(grid, c, degree, with_weights=False)
         a, c, squares = improved(a, sums, inverse)
-    return GridSolution(a, c, inverse, squares)
+    return GridSolution(a, c, inverse, squares, sums.n_valid)
 
 
 def _constant(functions: FloatArray | None, n_terms: int) -> FloatArray:
@@ -429,22 +442,6 @@ def _constant(functions: FloatArray | None, n_terms: int) -> FloatArray:
     out = np.zeros(functions.shape[0])
     out[alone] = 1.0 / functions[alone, 0]
     return out
-
-
-def _coarse(grid: Grid) -> Grid:
-    """Return every n-th row and column.
-
-    What is summed over the whole map is the residual from its fit, so that rounding is that of a
-    small number.
-    """
-    skip = slice(None, None, max(int(np.sqrt(grid.z.size / _SAMPLE)), 1))
-    return Grid(
-        grid.z[skip, skip],
-        grid.invalid[skip, skip],
-        None if grid.weights is None else grid.weights[skip, skip],
-        np.ascontiguousarray(grid.px[:, skip]),
-        np.ascontiguousarray(grid.py[:, skip]),
-    )
 
 
 def _axis(n: int, used: slice, degree: int) -> tuple[FloatArray, float, float]:

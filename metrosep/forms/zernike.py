@@ -7,6 +7,8 @@ the rms height of that term over the disc; of one normalised to "peak" it is its
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
+from functools import lru_cache
 from typing import Any, Literal, cast
 
 import numpy as np
@@ -30,8 +32,19 @@ __all__ = ["Zernike"]
 
 Normalisation = Literal["rms", "peak"]
 
+_Counted = tuple[tuple[int, ...], tuple[tuple[int, int], ...], tuple[str, ...]]
+
 _BLOCK = 16384
 """Points that are evaluated at once."""
+
+
+def _counted(terms: int | Sequence[int], order: ZernikeOrder) -> _Counted:
+    """Return numbers, orders and names of terms."""
+    indices = term_indices(terms, order)
+    return indices, tuple(to_nm(j, order) for j in indices), tuple(f"Z{j}" for j in indices)
+
+
+_numbered = lru_cache(maxsize=16)(_counted)
 
 
 class Zernike(LinearForm):
@@ -80,9 +93,9 @@ class Zernike(LinearForm):
         radius: float | None = None,
         normalisation: Normalisation | None = None,
     ) -> None:
-        self.indices = term_indices(terms, order)
+        known = _numbered(terms, order) if type(terms) is int else _counted(terms, order)
+        self.indices, self.nm, self.names = known
         self.order = order
-        self.nm = tuple(to_nm(j, order) for j in self.indices)
         if normalisation not in (None, "rms", "peak"):
             raise DataError(f'normalisation must be "rms" or "peak", got {normalisation!r}')
         self.normalisation: Normalisation = normalisation or (
@@ -91,7 +104,6 @@ class Zernike(LinearForm):
         self.radius = checked(radius, "radius", zero=False)
         if self.radius is not None and self.radius < 0.0:
             raise DataError(f"radius must be positive, got {radius}")
-        self.names = tuple(f"Z{j}" for j in self.indices)
         self._values = self._given(coefficients)
         self._norms: FloatArray = np.array(
             [
@@ -158,13 +170,9 @@ class Zernike(LinearForm):
         return self._copy({**self.parameters, **values}, self.radius)
 
     def _copy(self, values: Any, radius: float | None) -> Zernike:
-        return Zernike(
-            self.indices,
-            self.order,
-            coefficients=values,
-            radius=radius,
-            normalisation=self.normalisation,
-        )
+        form = copy(self)
+        form.radius, form._values = radius, self._given(values)  # noqa: SLF001  # of this class
+        return form
 
     def _on_disc(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         if self.radius is None:

@@ -9,15 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, DegenerateFitError, InvalidSamplesError
-from metrosep.forms._moment_sums import Grid, grid_values, inverse_of
+from metrosep.forms._moment_sums import Grid, UnsignedArray, grid_values, inverse_of
 from metrosep.forms._orthogonal import values
 from metrosep.forms.linear import solve_blocks
 from metrosep.forms.moments import polynomial_terms, solve_grid
@@ -94,23 +93,22 @@ def fit_zernike_grid(
         raise InvalidSamplesError(
             f"z must have shape (n_y, n_x) = {(ys.size, xs.size)}, got {heights.shape}"
         )
-    invalid = np.isnan(heights)
     given = _weights(weights, heights.shape)
-    if given is not None:
-        invalid |= given == 0.0
-    size = _farthest(xs, ys, invalid) if radius is None else _radius(radius)
+    size = _farthest(xs, ys, heights, given) if radius is None else _radius(radius)
     u, v = xs / size, ys / size
     rows, columns = (slice(*np.searchsorted(p, (-1 - RIM, 1 + RIM))) for p in (v, u))
     u, v = u[columns], v[rows]
-    outside = _outside(u, v)
-    outside |= invalid[rows, columns]
-    n_valid = int(outside.size) - int(np.count_nonzero(outside))
-    _enough(n_valid, len(nm))
     inside = heights[rows, columns]
     part = None if given is None else given[rows, columns]
-    fit = _separable if max(n for n, _ in nm) <= _SEPARABLE else _in_blocks
+    _enough(inside.size, len(nm))
+    degree = max(n for n, _ in nm)
+    separable = degree <= _SEPARABLE
+    px, py = (values(p, 2 * degree if separable else 0) for p in (u, v))
+    grid = Grid(inside, part, px, py, _reach(u, v))
     with one_blas_thread():
-        return (*fit(inside, outside, part, u, v, nm), n_valid, size)
+        if separable:
+            return (*_separable(grid, degree, nm), size)
+        return (*_in_blocks(grid, u, v, nm), size)
 
 
 def fit_zernike_points(
@@ -220,16 +218,12 @@ def zernike_map(
     return out
 
 
-def _outside(u: FloatArray, v: FloatArray) -> NDArray[np.bool_]:
-    """Return which pixels lie off the disc; comparing small whole numbers is quick."""
+def _reach(u: FloatArray, v: FloatArray) -> tuple[UnsignedArray, UnsignedArray]:
+    """Return, for each row, the first column on the disc and the first one after it."""
     half = np.sqrt(np.maximum((1.0 + RIM) ** 2 - v * v, 0.0))
-    number = np.dtype(np.int16 if u.size < 32767 else np.int64)
-    first: NDArray[Any] = np.searchsorted(u, -half, side="left").astype(number)[:, None]
-    after: NDArray[Any] = np.searchsorted(u, half, side="right").astype(number)[:, None]
-    place: NDArray[Any] = np.arange(u.size).astype(number)
-    out: NDArray[np.bool_] = place < first
-    out |= place >= after
-    return out
+    number = np.uint16 if u.size < 32768 else np.uint64  # small whole numbers compare quickly
+    first, after = np.searchsorted(u, -half, side="left"), np.searchsorted(u, half, side="right")
+    return first.astype(number), after.astype(number)
 
 
 def _axis(values_: ArrayLike, name: str) -> FloatArray:
@@ -250,13 +244,18 @@ def _weights(weights: ArrayLike | None, shape: tuple[int, ...]) -> FloatArray | 
     return given
 
 
-def _farthest(x: FloatArray, y: FloatArray, invalid: NDArray[np.bool_]) -> float:
+def _farthest(
+    x: FloatArray, y: FloatArray, heights: FloatArray, weights: FloatArray | None
+) -> float:
     """Return the distance of the farthest valid pixel: of each row, only the ends matter."""
-    rows = np.flatnonzero(~invalid.all(axis=1))
+    valid = ~np.isnan(heights)
+    if weights is not None:
+        valid &= weights > 0.0
+    rows = np.flatnonzero(valid.any(axis=1))
     if not rows.size:
         raise DegenerateFitError("no pixel of the map is valid")
-    first = (~invalid[rows]).argmax(axis=1)
-    last = x.size - 1 - (~invalid[rows, ::-1]).argmax(axis=1)
+    first = valid[rows].argmax(axis=1)
+    last = x.size - 1 - valid[rows, ::-1].argmax(axis=1)
     reach = np.maximum(np.abs(x[first]), np.abs(x[last]))
     return _positive(float(np.hypot(reach, y[rows]).max()))
 
@@ -300,44 +299,33 @@ def _in_legendre(nm: Terms) -> tuple[FloatArray, Terms]:
     return out, terms
 
 
-def _separable(
-    z: FloatArray,
-    outside: NDArray[np.bool_],
-    weights: FloatArray | None,
-    u: FloatArray,
-    v: FloatArray,
-    nm: Terms,
-) -> tuple[FloatArray, FloatArray, float]:
+def _separable(grid: Grid, degree: int, nm: Terms) -> tuple[FloatArray, FloatArray, float, int]:
     functions, terms = _in_legendre(nm)
-    degree = max(n for n, _ in nm)
-    grid = Grid(z, outside, weights, values(u, 2 * degree), values(v, 2 * degree))
-    found = solve_grid(grid, degree, terms, functions=functions, what=f"{len(nm)} Zernike terms")
-    return found.coefficients, found.inverse, found.residual_sum
+    what = f"{len(nm)} Zernike terms"
+    found = solve_grid(grid, degree, terms, functions=functions, what=what, enough=_enough)
+    return found.coefficients, found.inverse, found.residual_sum, found.n_valid
 
 
 def _in_blocks(
-    z: FloatArray,
-    outside: NDArray[np.bool_],
-    weights: FloatArray | None,
-    u: FloatArray,
-    v: FloatArray,
-    nm: Terms,
-) -> tuple[FloatArray, FloatArray, float]:
+    grid: Grid, u: FloatArray, v: FloatArray, nm: Terms
+) -> tuple[FloatArray, FloatArray, float, int]:
     """Start from a sample, then add the normal equations of what that leaves, block by block."""
-    places = np.flatnonzero(~outside)
-    heights = z[~outside]
+    valid = grid.valid()
+    places = np.flatnonzero(valid)
+    _enough(places.size, len(nm))
+    heights = grid.z[valid]
     if not np.isfinite(heights).all():
         raise InvalidSamplesError("z is infinite somewhere; write NaN where nothing was measured")
-    w = None if weights is None else weights[~outside]
+    w = None if grid.weights is None else grid.weights[valid]
 
     def functions(part: slice) -> FloatArray:
-        row, column = np.divmod(places[part], outside.shape[1])
+        row, column = np.divmod(places[part], valid.shape[1])
         return zernike_values(u[column], v[row], nm)
 
     few = slice(None, None, max(1, places.size // _SAMPLE))
     what = f"{len(nm)} Zernike terms"
     if few.step == 1:
-        return solve_blocks(functions, heights, weights=w, what=what)
+        return (*solve_blocks(functions, heights, weights=w, what=what), places.size)
     a = _from_sample(functions, heights, w, few.step, len(nm))
     gram, right, squares = np.zeros((len(nm), len(nm))), np.zeros(len(nm)), 0.0
     for start in range(0, places.size, _BLOCK):
@@ -350,7 +338,7 @@ def _in_blocks(
         squares += float(r @ r if w is None else (w[part] * r) @ r)
     inverse, _ = inverse_of(gram, what)
     change = inverse @ right
-    return a + change, inverse, squares - float(change @ right)
+    return a + change, inverse, squares - float(change @ right), places.size
 
 
 def _from_sample(

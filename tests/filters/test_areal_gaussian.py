@@ -41,6 +41,21 @@ def _written_out(
     return out
 
 
+def _written_out_at(
+    z: np.ndarray, cutoff: float, order: int, places: list[tuple[int, int]]
+) -> np.ndarray:
+    """Local regression at some pixels; cutoff in pixels."""
+    a = math.sqrt(math.log(2.0) / math.pi)
+    y, x = np.nonzero(~np.isnan(z))
+    heights, out = z[y, x], []
+    for i, j in places:
+        v, u = (y - i) / cutoff, (x - j) / cutoff
+        root = np.sqrt(np.exp(-math.pi * (u * u + v * v) / a**2))
+        design = np.column_stack([np.ones(u.size), u, v])[:, : 2 * order + 1]
+        out.append(np.linalg.lstsq(design * root[:, None], heights * root, rcond=None)[0][0])
+    return np.array(out)
+
+
 def _holed(shape: tuple[int, int], seed: int) -> np.ndarray:
     rng = np.random.default_rng(seed)
     z = rng.normal(size=shape)
@@ -108,6 +123,32 @@ def test_agrees_with_the_regression_written_out(cutoffs: tuple[float, float], or
     truth = _written_out(z, (1.0, 1.0), cutoffs, order)
     assert np.array_equal(np.isnan(low), np.isnan(z))
     assert np.nanmax(np.abs(low - truth)) < SPLIT
+
+
+@pytest.mark.parametrize("order", [0, 1])
+@pytest.mark.parametrize("cutoff", [4.0, 30.0])
+def test_many_single_gaps_over_several_stripes_agree_with_the_regression(
+    order: int, cutoff: float
+) -> None:
+    """Stripes of 32 and 96 rows, the last of them short; 40 % gaps, ends of rows, whole rows."""
+    rng = np.random.default_rng(12)
+    z = rng.normal(size=(150, 131)) + 5.0
+    z[rng.random(z.shape) < 0.4] = np.nan
+    z[70:73] = z[-1, -1] = z[40, 0] = np.nan
+    z[0, 0] = z[149, 60] = z[60, 130] = 5.0  # the whole array is inside
+    end = "moment" if order else "renormalise"
+
+    low = gaussian(
+        Surface(z, UM, UM), nesting_index=cutoff * UM, end=end, min_support=1e-3, fill=True
+    ).z
+
+    corners = [(0, 0), (0, 130), (149, 0), (149, 130), (71, 60), (95, 95), (96, 96), (31, 32)]
+    places = corners + [tuple(p) for p in rng.integers(0, 131, (40, 2)).tolist()]
+    expected = _written_out_at(z, cutoff, order, places)
+    found = np.array([low[p] for p in places])
+    assert np.abs(found - expected).max() < SPLIT * np.nanmax(np.abs(z))
+    kept = gaussian(Surface(z, UM, UM), nesting_index=cutoff * UM, end=end, min_support=1e-3).z
+    assert np.array_equal(kept, np.where(np.isnan(z), np.nan, low), equal_nan=True)
 
 
 @pytest.mark.parametrize("index", [4.0, 30.0])

@@ -95,6 +95,47 @@ def test_weights_agree_with_the_dense_solution(shape):
     assert fit.residual_sum == pytest.approx(np.nansum(weights * dense**2), rel=1e-9, abs=0.0)
 
 
+def _riddled(shape, scale):
+    """Return a map of several blocks: half its pixels missing, rows, a corner and ends of rows too."""
+    z = scale * _noise(shape, seed=5, share=0.5)
+    z[0, :40] = z[-1, -40:] = np.nan
+    z[0, 40] = z[-1, 0] = z[40, -1] = scale  # so that the bounding box is the grid
+    z[: shape[0] // 3, :30] = np.nan
+    z[shape[0] // 2 : shape[0] // 2 + 9] = np.nan
+    z[-20, 1:] = np.nan
+    return z
+
+
+# residuals below and above 1 take different ways to zeros in the gaps
+@pytest.mark.parametrize("scale", [1e-6, 0.3, 1e3])
+@pytest.mark.parametrize("is_weighted", [False, True])
+def test_many_gaps_agree_with_the_dense_solution(scale, is_weighted):
+    z = _riddled((300, 400), scale)
+    weights = None
+    if is_weighted:
+        weights = np.random.default_rng(6).random(z.shape)
+        weights[100:110] = 0.0
+        z[105] = 1e9 * scale  # measured, but of no weight
+
+    residual, fit = remove_grid(z, 4, weights=weights)
+
+    counts = ~np.isnan(z) if weights is None else ~np.isnan(z) & (weights > 0.0)
+    expected = np.where(counts, z - _dense(np.where(counts, z, np.nan), 4, weights=weights), 0.0)
+    assert np.abs(residual - expected)[counts].max() < DENSE * scale
+    squares = (expected**2 * (1.0 if weights is None else weights)).sum()
+    assert fit.residual_sum == pytest.approx(squares, rel=DENSE, abs=0.0)
+    assert fit.n_valid == counts.sum()
+
+
+def test_one_row_and_one_column_with_gaps_have_their_mean():
+    line = np.array([np.nan, 1.0, np.nan, 2.0, 6.0, np.nan])
+    for z in (line[None, :], line[:, None]):
+        fit = fit_grid_polynomial(z, 0)
+        assert fit.coefficients[0, 0] == pytest.approx(3.0, rel=EXACT, abs=0.0)
+        assert fit.residual_sum == pytest.approx(14.0, rel=EXACT, abs=0.0)
+        assert fit.n_valid == 3
+
+
 def test_weight_zero_is_the_same_as_not_measured():
     z = _noise((50, 60))
     weights = np.ones(z.shape)

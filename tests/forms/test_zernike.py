@@ -267,6 +267,41 @@ def test_what_lies_beyond_the_radius_has_no_part():
     assert form.fit_grid(x, x, spoiled).form.parameters == pytest.approx(inner, abs=1e-11)
 
 
+# residuals below and above 1 take different ways to zeros in the gaps
+@pytest.mark.parametrize("scale", [1e-7, 1e3])
+@pytest.mark.parametrize("is_weighted", [False, True])
+def test_many_gaps_and_pixels_off_the_disc_agree_with_the_dense_solution(scale, is_weighted):
+    x, y = np.linspace(-0.06, 0.055, 310), np.linspace(-0.05, 0.065, 270)
+    X, Y = np.meshgrid(x, y)
+    inside = np.hypot(X, Y) <= 0.05
+    rng = np.random.default_rng(8)
+    z = scale * (1.0 + 30.0 * X + rng.standard_normal(X.shape))
+    z[~inside] = 1e6 * scale  # measured, but off the disc
+    z[rng.random(z.shape) < 0.4] = np.nan
+    z[90:97] = np.nan
+    z[150, inside[150].argmax()] = z[150, -1] = z[0, 0] = z[-1, -1] = np.nan
+    weights = rng.random(z.shape) if is_weighted else None
+    if weights is not None:
+        weights[120:125] = 0.0
+    form = Zernike(15, "noll", radius=0.05)
+
+    fit = form.fit_grid(x, y, z, weights=weights)
+
+    counts = inside & ~np.isnan(z) if weights is None else inside & ~np.isnan(z) & (weights > 0.0)
+    root = np.ones(z.shape) if weights is None else np.sqrt(weights)
+    design = form.basis(X[counts], Y[counts]).T * root[counts][:, None]
+    heights = z[counts] * root[counts]
+    expected = np.linalg.lstsq(design, heights, rcond=None)[0]
+    assert fit.n_valid == counts.sum()
+    assert list(fit.form.parameters.values()) == pytest.approx(
+        expected, rel=0.0, abs=COEFFICIENT * 10 * scale
+    )
+    normal = np.linalg.inv(design.T @ design)
+    assert np.abs(fit.inverse - normal).max() < COEFFICIENT * 10 * normal.max()
+    squares = ((heights - design @ expected) ** 2).sum()
+    assert fit.residual_sum == pytest.approx(squares, rel=COEFFICIENT * 10, abs=0.0)
+
+
 def test_radius_by_default_reaches_the_farthest_valid_pixel():
     x, X, Y = _disc()
     z = np.where(np.hypot(X, Y) <= 0.0331, 1.0, np.nan)
