@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
+from metrosep.separation._readings import as_numbers
 
 FloatArray = NDArray[np.float64]
 
@@ -131,10 +132,7 @@ def stacked(readings: Sequence[ArrayLike], what: str) -> FloatArray:
     InvalidSamplesError
         If a reading holds no numbers.
     """
-    try:
-        arrays = [np.asarray(r, dtype=np.float64) for r in readings]
-    except (TypeError, ValueError) as exc:
-        raise InvalidSamplesError(f"{what}: a reading holds no numbers ({exc})") from None
+    arrays = [as_numbers(r, f"{what} needs readings as numbers") for r in readings]
     shapes = [a.shape for a in arrays]
     if any(len(s) not in (1, 2) for s in shapes) or len({s[-1] for s in shapes}) != 1:
         raise DataError(
@@ -147,6 +145,72 @@ def stacked(readings: Sequence[ArrayLike], what: str) -> FloatArray:
         rows = np.atleast_2d(a)
         out[i, : rows.shape[0]] = rows
     return out
+
+
+def first_angle(positions: FloatArray | None, angle: ArrayLike | None, n: int, what: str) -> float:
+    """Return the angle of the first sample of readings over one turn.
+
+    Parameters
+    ----------
+    positions : ndarray, shape (n,), rad, or None
+        Of profiles.
+    angle : array_like, shape (n,), rad, or None
+        As the caller gave it beside arrays.
+    n : int
+        Samples of a reading.
+    what : str
+        Name of the method for messages.
+
+    Returns
+    -------
+    float
+        In rad; 0 where neither is given.
+
+    Raises
+    ------
+    DataError
+        If both are given, or the number of angles is another.
+    InvalidSamplesError
+        If the angles are not equally spaced over one turn.
+    """
+    if positions is not None and angle is not None:
+        raise DataError(f"{what}: profiles bring their angles, leave out angle")
+    if positions is None and angle is None:
+        return 0.0
+    angles = positions if positions is not None else as_angles(angle, what)
+    if angles.size != n:
+        raise DataError(f"{what}: there are {angles.size} angles for {n} samples")
+    require_turn(angles)
+    return float(angles[0])
+
+
+def as_angles(angle: ArrayLike | None, what: str) -> FloatArray:
+    """Return angles as an array.
+
+    Parameters
+    ----------
+    angle : array_like, shape (n,), rad
+        Numbers.
+    what : str
+        Name of the method for messages.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        In float64.
+
+    Raises
+    ------
+    InvalidSamplesError
+        If they are no finite numbers in one row.
+    """
+    try:
+        angles = np.array(angle, dtype=np.float64)
+    except (TypeError, ValueError) as exc:
+        raise InvalidSamplesError(f"{what}: the angles are no numbers ({exc})") from None
+    if angles.ndim != 1 or not np.isfinite(angles).all():
+        raise InvalidSamplesError(f"{what}: the angles must be one row of finite numbers, in rad")
+    return angles
 
 
 def require_turn(angle: FloatArray) -> None:
@@ -166,7 +230,9 @@ def require_turn(angle: FloatArray) -> None:
     step = 2.0 * np.pi / n
     if np.max(np.abs(np.diff(angle) - step)) > 1e-6 * step:
         hint = ""
-        if np.max(np.abs(np.diff(angle) - 360.0 / n)) < 1e-6 * 360.0 / n:
+        if angle.size > 1 and angle[-1] < angle[0]:
+            hint = "; they fall: turn the samples round, or give the angle of the other sense"
+        elif np.max(np.abs(np.diff(angle) - 360.0 / n)) < 1e-6 * 360.0 / n:
             hint = "; these look like degrees"
         raise InvalidSamplesError(
             f"the angles must be equally spaced over one revolution, {n} steps of {step:.6g} rad"

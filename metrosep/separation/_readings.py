@@ -13,8 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
+from metrosep.core.errors import (
+    DataError,
+    InvalidSamplesError,
+    NotSeparableError,
+    TooFewSamplesError,
+)
 from metrosep.core.quantity import Quantity
+from metrosep.spectral._checks import real_number
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -51,6 +57,64 @@ class Averaged:
         return (NOISE_UNKNOWN,) if math.isnan(self.noise.value) else ()
 
 
+def as_numbers(values: ArrayLike, needs: str) -> FloatArray:
+    """Return a copy in float64; what a masked array masks is NaN.
+
+    Parameters
+    ----------
+    values : array_like
+        Real numbers.
+    needs : str
+        Begin of the message: what is needed.
+
+    Returns
+    -------
+    ndarray
+        Same shape.
+
+    Raises
+    ------
+    InvalidSamplesError
+        If they are complex, texts or ragged.
+    """
+    if np.iscomplexobj(values):
+        raise InvalidSamplesError(f"{needs}, got complex numbers; take their real part")
+    try:
+        array = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError) as exc:
+        raise InvalidSamplesError(f"{needs}, got no array of numbers ({exc})") from None
+    if isinstance(values, np.ma.MaskedArray):
+        array[np.ma.getmaskarray(values)] = np.nan
+    return array
+
+
+def size_doubts(array: FloatArray, what: str) -> tuple[str, ...]:
+    """Say it where readings in m are so large that another unit was meant.
+
+    Parameters
+    ----------
+    array : ndarray, shape (..., n_samples), m
+        Readings.
+    what : str
+        Name of the method.
+
+    Returns
+    -------
+    tuple of str
+        One message, or none.
+    """
+    known = array[~np.isnan(array)]
+    span = float(np.ptp(known)) if known.size else 0.0
+    if span <= _LARGEST:
+        return ()
+    text = f"{what}: the readings span {span:.3g} m; are they in m? 5 um is 5e-6"
+    return (text,)
+
+
+_LARGEST = 0.1
+"""No displacement sensor of these methods reads over 0.1 m."""
+
+
 def checked_readings(
     readings: ArrayLike, *, names: Sequence[str], minimum: int, what: str
 ) -> FloatArray:
@@ -79,13 +143,9 @@ def checked_readings(
     TooFewSamplesError
         If there are fewer than `minimum` samples.
     """
-    try:
-        array = np.array(readings, dtype=np.float64)
-    except (TypeError, ValueError) as exc:
-        raise InvalidSamplesError(
-            f"{what} needs {len(names)} readings of equal length ({', '.join(names)}), got something "
-            f"that is no array of numbers ({exc})"
-        ) from None
+    array = as_numbers(
+        readings, f"{what} needs {len(names)} readings of equal length ({', '.join(names)})"
+    )
     if array.ndim not in (2, 3) or array.shape[0] != len(names):
         raise InvalidSamplesError(
             f"{what} needs {len(names)} readings ({', '.join(names)}) as an array of shape "
@@ -103,12 +163,11 @@ def checked_readings(
             f"{what}: {names[i]} is infinite at repeat {r}, sample {j}; mark what was not measured "
             "as NaN"
         )
-    measured = ~np.isnan(array).all(axis=1)
-    for name, row in zip(names, measured, strict=True):
-        if row.sum() < minimum:
+    for name, repeats in zip(names, array, strict=True):
+        n_measured = int((~np.isnan(repeats)).any(axis=0).sum())
+        if n_measured < minimum:
             raise TooFewSamplesError(
-                f"{what}: {name} holds {int(row.sum())} measured samples, at least {minimum} are "
-                "needed"
+                f"{what}: {name} holds {n_measured} measured samples, at least {minimum} are needed"
             )
     return array
 
@@ -143,34 +202,68 @@ def average_repeats(
         If `u_reading` is negative or not finite.
     """
     counts = (~np.isnan(array)).sum(axis=1).astype(np.float64)
-    total = np.where(np.isnan(array), 0.0, array).sum(axis=1)
-    mean = np.where(counts > 0, total / np.maximum(counts, 1.0), np.nan)
+    mean = np.stack([_mean_curve(rows, n, basis) for rows, n in zip(array, counts, strict=True)])
     n_repeats = array.shape[1]
     if u_reading is not None:
-        if not (math.isfinite(u_reading) and u_reading >= 0.0):
+        stated = real_number(u_reading, "u_reading", f"a standard uncertainty in {unit}")
+        if not (math.isfinite(stated) and stated >= 0.0):
             raise DataError(
-                f"u_reading is {u_reading}; it must be a standard uncertainty >= 0 in {unit}"
+                f"u_reading is {stated}; it must be a standard uncertainty >= 0 in {unit}"
             )
         noise = Quantity(
-            float(u_reading), unit, "standard uncertainty of one reading, as stated", symbol="s"
+            stated, unit, "standard uncertainty of one reading, as stated", symbol="s"
         )
     else:
-        noise = _noise_of_repeats(array, mean, counts, basis, unit)
+        noise = _noise_of_repeats(array, mean, basis, unit)
     return Averaged(mean, counts, n_repeats, noise)
 
 
+def _mean_curve(repeats: FloatArray, counts: FloatArray, basis: FloatArray) -> FloatArray:
+    """Return the mean of repeats; each may have its own share of the basis.
+
+    Where every sample has all repeats, that is the plain mean. With gaps the plain mean would jump
+    between levels, so the shares are fitted first: ``z_r(x) = f(x) + basis(x) c_r``.
+    """
+    valid = ~np.isnan(repeats)
+    used = valid.any(axis=1)
+    own = np.where(valid, repeats, 0.0)
+    if not valid[used].all() and used.sum() > 1:
+        own = own - valid * _own_shares(own, valid, counts, basis)
+    return np.where(counts > 0, own.sum(axis=0) / np.maximum(counts, 1.0), np.nan)
+
+
+def _own_shares(
+    own: FloatArray, valid: NDArray[np.bool_], counts: FloatArray, basis: FloatArray
+) -> FloatArray:
+    """Return basis(x) c_r by least squares, the curve f eliminated; their mean is not determined."""
+    n_repeats, p = own.shape[0], basis.shape[1]
+    weight = valid / np.maximum(counts, 1.0)
+    normal = np.zeros((n_repeats, p, n_repeats, p))
+    for i in range(p):
+        for j in range(p):
+            product = basis[:, i] * basis[:, j]
+            normal[:, i, :, j] = np.diag(valid @ product) - (valid * product) @ weight.T
+    apart = valid * (own - own.sum(axis=0) / np.maximum(counts, 1.0))
+    size = n_repeats * p
+    right = (apart @ basis).ravel()
+    found = np.linalg.lstsq(normal.reshape(size, size), right, rcond=1e-12)[0]
+    return np.asarray(found.reshape(n_repeats, p) @ basis.T)
+
+
 def _noise_of_repeats(
-    array: FloatArray, mean: FloatArray, counts: FloatArray, basis: FloatArray, unit: str
+    array: FloatArray, mean: FloatArray, basis: FloatArray, unit: str
 ) -> Quantity:
     """Pool the scatter of all repeats about their means, the basis removed from each."""
     n_repeats, p = array.shape[1], basis.shape[1]
     squares, freedom = 0.0, 0.0
-    if n_repeats > 1:
-        for i in range(array.shape[0]):
-            for repeat in array[i]:
-                rest = without_basis(repeat - mean[i], basis)
-                squares += float(np.nansum(rest**2))
-            freedom += float(np.maximum(counts[i] - 1.0, 0.0).sum()) - p * (n_repeats - 1)
+    for i in range(array.shape[0]):
+        taken = [r for r in array[i] if (~np.isnan(r)).sum() > p]
+        if len(taken) < 2:
+            continue
+        for repeat in taken:
+            squares += float(np.nansum(without_basis(repeat - mean[i], basis) ** 2))
+        counts = (~np.isnan(np.stack(taken))).sum(axis=0)
+        freedom += float(np.maximum(counts - 1, 0).sum()) - p * (len(taken) - 1)
     if freedom < 1.0:
         return Quantity(math.nan, unit, "standard deviation of one reading; not known", symbol="s")
     value = math.sqrt(squares / freedom)
@@ -196,6 +289,31 @@ def without_basis(values: FloatArray, basis: FloatArray) -> FloatArray:
     valid = ~np.isnan(values)
     found = np.linalg.lstsq(basis[valid], values[valid], rcond=None)[0]
     return np.asarray(values - basis @ found)
+
+
+def require_common(valid: NDArray[np.bool_], basis: FloatArray, what: str) -> None:
+    """Refuse set-ups that have too few samples in common.
+
+    Parameters
+    ----------
+    valid : ndarray of bool, shape (n,)
+        Samples that were measured in all set-ups.
+    basis : ndarray, shape (n, p)
+        What is removed.
+    what : str
+        Name of the method for the message.
+
+    Raises
+    ------
+    NotSeparableError
+        If no more samples are left than functions are removed.
+    """
+    n, p = int(valid.sum()), basis.shape[1]
+    if n <= p + 1:
+        raise NotSeparableError(
+            f"{what}: only {n} of {valid.size} samples were measured in every set-up, more than "
+            f"{p + 1} are needed: the gaps do not overlap, measure the missing part again"
+        )
 
 
 def left_share(valid: NDArray[np.bool_], basis: FloatArray) -> FloatArray:
@@ -258,37 +376,97 @@ def line_basis(x: FloatArray) -> FloatArray:
 
 
 def harmonics_of(
-    values: FloatArray, u: FloatArray, hidden: Sequence[int]
-) -> tuple[ComplexArray, FloatArray]:
-    """Return one-sided Fourier coefficients of a closed curve and their standard uncertainty.
+    values: FloatArray, *, start: float = 0.0, hidden: Sequence[int] = ()
+) -> ComplexArray:
+    """Return one-sided Fourier coefficients of a closed curve.
 
     Parameters
     ----------
-    values : ndarray, shape (n,)
-        Curve on equal angles over one turn.
-    u : ndarray, shape (n,)
-        Standard uncertainty, independent from sample to sample.
-    hidden : sequence of int
+    values : ndarray, shape (..., n)
+        Curves on equal angles over one turn.
+    start : float, rad, optional
+        Angle of the first sample; coefficients refer to angle 0.
+    hidden : sequence of int, optional
         Harmonics that are not observable; they become NaN.
 
     Returns
     -------
-    coefficients : ndarray of complex, shape (K + 1,)
-        ``c_k`` of ``sum Re(c_k exp(j k angle))``; all NaN where the curve has gaps.
-    uncertainty : ndarray, shape (K + 1,)
-        Of the real and of the imaginary part.
+    ndarray of complex, shape (..., K + 1)
+        ``c_k`` of ``sum Re(c_k exp(j k angle))``; all NaN where a curve has gaps.
     """
-    n = values.size
+    n = values.shape[-1]
     top = (n - 1) // 2
-    if np.isnan(values).any():
-        return np.full(top + 1, np.nan + 1j * np.nan), np.full(top + 1, np.nan)
-    coefficients = np.fft.rfft(values)[: top + 1] * (2.0 / n)
-    coefficients[0] /= 2.0
-    known = u[np.isfinite(u)]
-    one = math.sqrt(float(np.mean(known**2)) * 2.0 / n) if known.size else math.nan
-    spread = np.full(top + 1, one)
-    spread[0] = one / math.sqrt(2.0)
-    for k in hidden:
-        if k <= top:
-            coefficients[k], spread[k] = np.nan + 1j * np.nan, np.nan
-    return coefficients, spread
+    gaps = np.isnan(values).any(axis=-1)
+    coefficients = np.fft.rfft(np.where(np.isnan(values), 0.0, values))[..., : top + 1] * (2.0 / n)
+    coefficients[..., 0] /= 2.0
+    coefficients = coefficients * np.exp(-1j * start * np.arange(top + 1))
+    coefficients[gaps] = complex(np.nan, np.nan)
+    coefficients[..., [k for k in hidden if k <= top]] = complex(np.nan, np.nan)
+    return np.asarray(coefficients)
+
+
+def gap_message(values: FloatArray) -> tuple[str, ...]:
+    """Say why a curve has no harmonics.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        Curve over one turn.
+
+    Returns
+    -------
+    tuple of str
+        One message, or none.
+    """
+    n = int(np.isnan(values).sum())
+    if n == 0:
+        return ()
+    text = (
+        f"{n} of {values.size} angles were not measured in every set-up: the curves keep the gap, "
+        "and the harmonics, which need the whole turn, are not determined"
+    )
+    return (text,)
+
+
+def harmonics_u(array: FloatArray, weights: FloatArray, noise: float) -> FloatArray:
+    """Return the standard uncertainty of the coefficients of a weighted sum of mean readings.
+
+    Motion that does not repeat is not white over the angle, so the scatter of the repeats is taken
+    harmonic by harmonic; without repeats the noise of a reading is white.
+
+    Parameters
+    ----------
+    array : ndarray, shape (n_readings, n_repeats, n_samples)
+        Readings over one turn.
+    weights : ndarray, shape (n_readings,)
+        Of the sum.
+    noise : float
+        Standard deviation of one reading.
+
+    Returns
+    -------
+    ndarray, shape (K + 1,)
+        Of the real and of the imaginary part each; NaN where not known.
+    """
+    n = array.shape[2]
+    top = (n - 1) // 2
+    white = np.full(top + 1, noise * math.sqrt(2.0 / n))
+    white[0] = noise / math.sqrt(n)
+    variance = np.zeros(top + 1)
+    for repeats, weight in zip(array, weights, strict=True):
+        whole = repeats[~np.isnan(repeats).any(axis=1)]
+        if weight == 0.0:
+            continue
+        if len(whole) >= _ENOUGH:
+            c = harmonics_of(whole)
+            own = (np.var(c.real, axis=0, ddof=1) + np.var(c.imag, axis=0, ddof=1)) / 2.0
+            own[0] *= 2.0  # the mean is real
+            variance += weight**2 * own / len(whole)
+        else:
+            held = max(int((~np.isnan(repeats).all(axis=1)).sum()), 1)
+            variance += weight**2 * white**2 / held
+    return np.sqrt(variance)
+
+
+_ENOUGH = 4
+"""Repeats from which the scatter of one harmonic is better known than that of white noise."""

@@ -139,6 +139,8 @@ class Separation:
     def with_type_b(self, terms: Mapping[str, float], *, part: str | None = None) -> Separation:
         """Return the same parts with further standard uncertainties combined in quadrature.
 
+        Harmonics take each term whole: all of an unknown form may lie in one of them.
+
         Parameters
         ----------
         terms : mapping of str to float
@@ -166,6 +168,9 @@ class Separation:
                 raise DataError(f"the standard uncertainty {label!r} is {value}; it must be >= 0")
         total = math.fsum(value**2 for value in terms.values())
         u = {n: np.sqrt(v**2 + total) if n in names else v for n, v in self.u.items()}
+        spread = {
+            n: np.sqrt(v**2 + total) if n in names else v for n, v in self.harmonics_u.items()
+        }
         before = dict(self.audit.get("type_b", {}))
         for name in names:
             unit = self.units[name]
@@ -173,7 +178,7 @@ class Separation:
                 **before.get(name, {}),
                 **{f"{k} / {unit}": float(v) for k, v in terms.items()},
             }
-        return replace(self, u=u, audit={**self.audit, "type_b": before})
+        return replace(self, u=u, harmonics_u=spread, audit={**self.audit, "type_b": before})
 
     def to_frame(self) -> pd.DataFrame:
         """Return the curves as columns with unit suffixes, each after its own coordinate.
@@ -223,7 +228,7 @@ class Separation:
                 for k, v in self.harmonics.items()
             },
             "harmonics_u": {k: _plain(v) for k, v in self.harmonics_u.items()},
-            "audit": dict(self.audit),
+            "audit": _without_nan(dict(self.audit)),
             "messages": list(self.messages),
             "history": history_as_dicts(self.history),
         }
@@ -380,21 +385,34 @@ class SeparationMethod(ABC):
         Parameters
         ----------
         readings : array_like, shape (n_readings, ...)
-            As for `separate`.
+            As for `separate`, with its repeats.
 
         Returns
         -------
-        ndarray, shape (n_readings, ...)
-            Readings minus what the separated machine errors would read.
+        ndarray, of the shape of the readings
+            Readings minus what the separated machine errors would read, which is the same for
+            every repeat.
 
         Raises
         ------
         DataError
             If the readings cannot be used.
         """
+        array = np.array(readings, dtype=np.float64)
         found = self.separate(readings)
         errors = {name: found.parts[name] for name in self.error_parts if name in found.parts}
-        return np.asarray(readings, dtype=np.float64) - self.simulate({}, errors)
+        model = self.simulate({}, errors)
+        return array - (model[:, None] if array.ndim == model.ndim + 1 else model)
+
+
+def _without_nan(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(k): _without_nan(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_without_nan(v) for v in value]
+    if isinstance(value, np.generic | np.ndarray):
+        return _without_nan(value.tolist())
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _plain(values: FloatArray) -> Any:

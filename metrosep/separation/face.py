@@ -13,17 +13,22 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.core.errors import DataError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
-from metrosep.separation._inputs import curves, given_parts, stacked
+from metrosep.separation._inputs import curves, first_angle, given_parts, stacked
 from metrosep.separation._readings import (
     average_repeats,
     checked_readings,
+    gap_message,
     harmonics_of,
+    harmonics_u,
     left_share,
     low_harmonics,
+    require_common,
+    size_doubts,
     without_basis,
 )
 from metrosep.separation.contract import Separation, SeparationMethod
 from metrosep.separation.null_space import Unobservable
+from metrosep.spectral._checks import finite_number, real_number
 
 __all__ = ["FaceReversal", "face_reversal"]
 
@@ -31,6 +36,9 @@ FloatArray = NDArray[np.float64]
 
 _SQUARENESS = "mean and once-per-revolution are how square the plate sits on the spindle"
 _ZERO = "the zero of the probe is arbitrary"
+
+_LARGEST_RADIUS = 5.0
+"""The largest vertical lathes; a larger radius was given in mm."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,24 +52,28 @@ class FaceReversal(SeparationMethod):
     ----------
     radius : float, m
         Distance r of the face probe from the axis, > 0.
+    start : float, rad, optional
+        Angle of the first sample.
 
     Raises
     ------
     DataError
-        If the radius is not positive or above 100 m.
+        If the radius is not positive or above 5 m.
     """
 
     radius: float
+    start: float = 0.0
 
     name: ClassVar[str] = "face_reversal"
     truth_parts: ClassVar[tuple[str, ...]] = ("artefact",)
     error_parts: ClassVar[tuple[str, ...]] = ("axial", "tilt")
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.radius) and 0.0 < self.radius < 100.0):
+        radius = real_number(self.radius, "radius", "a distance in m, 25 mm is 25e-3")
+        if not (math.isfinite(radius) and 0.0 < radius <= _LARGEST_RADIUS):
             raise DataError(
-                f"radius is {self.radius} m; the distance of the face probe from the axis must be "
-                "positive and below 100 m: 25 mm is 25e-3"
+                f"radius is {radius} m; the distance of the face probe from the axis must be "
+                f"positive and at most {_LARGEST_RADIUS} m: 25 mm is 25e-3"
             )
 
     def simulate(
@@ -103,13 +115,39 @@ class FaceReversal(SeparationMethod):
         Returns
         -------
         tuple of Unobservable
-            Harmonics 0 and 1 of plate and tilt, 0 of the axial motion.
+            k = 0 and 1 of plate and tilt, 0 of the axial motion.
         """
         return (
-            Unobservable("artefact", "harmonic", (0, 1), _SQUARENESS),
-            Unobservable("axial", "harmonic", (0,), _ZERO),
-            Unobservable("tilt", "harmonic", (0, 1), _SQUARENESS),
+            Unobservable("artefact", "term", ("offset", "once per revolution"), _SQUARENESS),
+            Unobservable("axial", "term", ("offset",), _ZERO),
+            Unobservable("tilt", "term", ("offset", "once per revolution"), _SQUARENESS),
         )
+
+    def correct(self, readings: ArrayLike) -> FloatArray:
+        """Return the readings without axial and tilt error motion.
+
+        Parameters
+        ----------
+        readings : array_like, shape (3 or 4, n) or (3 or 4, M, n), m
+            As for `separate`.
+
+        Returns
+        -------
+        ndarray, of the shape of the readings
+            Of a fourth reading the axial motion is taken out as of the third.
+
+        Raises
+        ------
+        DataError
+            If the readings cannot be used.
+        """
+        array = np.array(readings, dtype=np.float64)
+        found = self.separate(readings)
+        errors = {name: found.parts[name] for name in self.error_parts}
+        model = self.simulate({}, errors)
+        if array.shape[0] == 4:
+            model = np.concatenate([model, model[2:]])
+        return array - (model[:, None] if array.ndim == 3 else model)
 
     def separate(
         self,
@@ -141,26 +179,34 @@ class FaceReversal(SeparationMethod):
             If `u_reading` is negative.
         InvalidSamplesError, TooFewSamplesError
             If the readings are no curves of at least 8 samples.
+        NotSeparableError
+            If too few angles were measured in every set-up.
         """
         array = checked_readings(readings, names=_names(readings), minimum=8, what="face_reversal")
         n = array.shape[2]
-        angle = 2.0 * np.pi * np.arange(n) / n
+        start = finite_number(self.start, "start", "an angle in rad")
+        angle = start + 2.0 * np.pi * np.arange(n) / n
         both, mean = low_harmonics(angle), low_harmonics(angle, highest=0)
         averaged = average_repeats(array, both, u_reading=u_reading)
         weights = _weights(self.radius, array.shape[0])
-        parts, u = {}, {}
+        parts, u, harmonics, spread = {}, {}, {}, {}
         for name, w in weights.items():
             basis = mean if name == "axial" else both
             used = w != 0.0
-            parts[name] = without_basis(w[used] @ averaged.mean[used], basis)
-            valid = ~np.isnan(parts[name])
+            curve = w[used] @ averaged.mean[used]
+            valid = ~np.isnan(curve)
+            require_common(valid, basis, self.name)
+            parts[name] = without_basis(curve, basis)
             with np.errstate(divide="ignore"):
                 variance = averaged.noise.value**2 * (
                     (w[used] ** 2) @ (1.0 / averaged.counts[used])
                 )
             u[name] = np.sqrt(np.where(valid, variance, np.nan) * left_share(valid, basis))
-        hidden = {"artefact": (0, 1), "axial": (0,), "tilt": (0, 1)}
-        series = {k: harmonics_of(v, u[k], hidden[k]) for k, v in parts.items()}
+            hidden = (0,) if name == "axial" else (0, 1)
+            harmonics[name] = harmonics_of(parts[name], start=start, hidden=hidden)
+            spread[name] = np.where(
+                np.isfinite(harmonics[name]), harmonics_u(array, w, averaged.noise.value), np.nan
+            )
         return Separation(
             self.name,
             parts,
@@ -169,8 +215,8 @@ class FaceReversal(SeparationMethod):
             {"angle": angle},
             self.null_space(),
             noise=averaged.noise,
-            harmonics={k: s[0] for k, s in series.items()},
-            harmonics_u={k: s[1] for k, s in series.items()},
+            harmonics=harmonics,
+            harmonics_u=spread,
             audit={
                 "radius_mm": self.radius * 1e3,
                 "n_repeats": averaged.n_repeats,
@@ -178,7 +224,11 @@ class FaceReversal(SeparationMethod):
                 "axial_readings": array.shape[0] - 2,
                 "removed": "least squares: mean of all, once-per-revolution of plate and tilt",
             },
-            messages=averaged.messages,
+            messages=(
+                *averaged.messages,
+                *size_doubts(array, self.name),
+                *gap_message(parts["artefact"]),
+            ),
             history=(*history, Step(self.name, {"radius_m": self.radius})),
         )
 
@@ -190,6 +240,7 @@ def face_reversal(
     radius: float,
     *,
     axial2: ArrayLike | Profile | None = None,
+    angle: ArrayLike | None = None,
     u_reading: float | None = None,
 ) -> Separation:
     """Return flatness of a plate, axial and tilt error motion of a spindle from a face reversal.
@@ -205,6 +256,8 @@ def face_reversal(
         Distance of the face probe from the axis.
     axial2 : array_like, shape (n,) or (M, n), m, or Profile, optional
         Reading at the centre in the second set-up.
+    angle : array_like, shape (n,), rad, optional
+        Angles of the samples, if the readings are arrays; from 0 if omitted.
     u_reading : float, m, optional
         Standard uncertainty of one reading; the scatter of the revolutions if omitted.
 
@@ -217,7 +270,9 @@ def face_reversal(
     ------
     DataError, InvalidSamplesError, TooFewSamplesError
         If the readings have different lengths or positions, fewer than 8 samples, or are not
-        finite; if the radius is not positive.
+        finite; if the radius is not positive, or the angles do not close one revolution.
+    NotSeparableError
+        If too few angles were measured in every set-up.
 
     Notes
     -----
@@ -241,9 +296,11 @@ def face_reversal(
     True
     """
     items = [f1, f2, axial] if axial2 is None else [f1, f2, axial, axial2]
-    readings, _, history = curves(items, what="face_reversal", axis="angle")
+    readings, positions, history = curves(items, what="face_reversal", axis="angle")
     array = stacked(readings, "face_reversal")
-    return FaceReversal(radius).separate(array, u_reading=u_reading, history=history)
+    start = first_angle(positions, angle, array.shape[2], "face_reversal")
+    method = FaceReversal(radius, start)
+    return method.separate(array, u_reading=u_reading, history=history)
 
 
 def _names(readings: ArrayLike) -> tuple[str, ...]:

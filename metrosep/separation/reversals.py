@@ -24,10 +24,13 @@ from metrosep.separation._readings import (
     checked_readings,
     left_share,
     line_basis,
+    require_common,
+    size_doubts,
     without_basis,
 )
 from metrosep.separation.contract import Separation, SeparationMethod
 from metrosep.separation.null_space import Unobservable
+from metrosep.spectral._checks import real_number
 
 __all__ = ["StraightedgeReversal", "straightedge_reversal"]
 
@@ -120,13 +123,18 @@ class StraightedgeReversal(SeparationMethod):
         ------
         InvalidSamplesError, TooFewSamplesError
             If the readings are no two curves of at least 4 samples.
+        NotSeparableError
+            If too few positions were measured in both set-ups.
         DataError
             If `u_reading` or `u_registration` is negative, `u_registration` comes without `x`, or
             `x` has another length.
         """
-        if not (np.isfinite(self.u_registration) and self.u_registration >= 0.0):
+        u_registration = real_number(
+            self.u_registration, "u_registration", "a standard uncertainty in m"
+        )
+        if not (np.isfinite(u_registration) and u_registration >= 0.0):
             raise DataError(
-                f"u_registration is {self.u_registration}; it is a standard uncertainty in m"
+                f"u_registration is {u_registration}; it is a standard uncertainty in m, >= 0"
             )
         if self.u_registration > 0.0 and self.x is None:
             raise DataError("u_registration is a length: it needs the positions x in m")
@@ -277,11 +285,12 @@ def reverse_pair(
     """
     averaged = average_repeats(array, basis, u_reading=u_reading)
     m1, m2 = averaged.mean
+    valid = ~np.isnan(m1 + m2)
+    require_common(valid, basis, method.name)
     parts = {
         "artefact": without_basis((m1 + m2) / 2.0, basis),
         machine: without_basis((m1 - m2) / 2.0, basis),
     }
-    valid = ~np.isnan(parts["artefact"])
     share = left_share(valid, basis)
     with np.errstate(divide="ignore"):
         variance = averaged.noise.value**2 / 4.0 * (1.0 / averaged.counts).sum(axis=0)
@@ -301,7 +310,7 @@ def reverse_pair(
             "removed": "least squares: offset and "
             + ("eccentricity" if machine == "spindle" else "line"),
         },
-        messages=averaged.messages,
+        messages=(*averaged.messages, *size_doubts(array, method.name)),
     )
 
 

@@ -12,16 +12,19 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.core.errors import DataError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
-from metrosep.separation._inputs import curves, require_turn, stacked
+from metrosep.separation._inputs import curves, first_angle, stacked
 from metrosep.separation._readings import (
     checked_readings,
+    gap_message,
     harmonics_of,
+    harmonics_u,
     low_harmonics,
     without_basis,
 )
 from metrosep.separation.contract import Separation, SeparationMethod
 from metrosep.separation.null_space import Unobservable
 from metrosep.separation.reversals import reverse_pair, simulated_pair, with_type_b_curve
+from metrosep.spectral._checks import finite_number, real_number
 
 __all__ = ["DonaldsonReversal", "donaldson"]
 
@@ -42,9 +45,12 @@ class DonaldsonReversal(SeparationMethod):
     u_index : float, rad, optional
         Standard uncertainty of the half turn of the artefact against the spindle. It adds
         ``u_index |P'| / 2`` to the uncertainty of both parts.
+    start : float, rad, optional
+        Angle of the first sample.
     """
 
     u_index: float = 0.0
+    start: float = 0.0
 
     name: ClassVar[str] = "donaldson"
     truth_parts: ClassVar[tuple[str, ...]] = ("artefact",)
@@ -80,10 +86,11 @@ class DonaldsonReversal(SeparationMethod):
         Returns
         -------
         tuple of Unobservable
-            Harmonics 0 and 1.
+            Mean and eccentricity, k = 0 and 1.
         """
         return tuple(
-            Unobservable(p, "harmonic", (0, 1), _CENTRING) for p in ("artefact", "spindle")
+            Unobservable(p, "term", ("offset", "eccentricity"), _CENTRING)
+            for p in ("artefact", "spindle")
         )
 
     def separate(
@@ -113,15 +120,20 @@ class DonaldsonReversal(SeparationMethod):
         ------
         InvalidSamplesError, TooFewSamplesError
             If the readings are no two curves of at least 8 samples.
+        NotSeparableError
+            If too few angles were measured in both set-ups.
         DataError
-            If `u_reading` or `u_index` is negative.
+            If `u_reading` or `u_index` is negative or out of range.
         """
-        if not (np.isfinite(self.u_index) and 0.0 <= self.u_index < np.pi):
+        u_index = real_number(self.u_index, "u_index", "a standard uncertainty in rad")
+        if not 0.0 <= u_index <= _LARGEST_INDEX:
             raise DataError(
-                f"u_index is {self.u_index}; it is a standard uncertainty in rad, 0 to pi"
+                f"u_index is {u_index} rad; it must lie between 0 and {_LARGEST_INDEX}: "
+                "0.1 deg is 1.7e-3"
             )
         array = checked_readings(readings, names=("m1", "m2"), minimum=8, what=self.name)
-        angle = 2.0 * np.pi * np.arange(array.shape[2]) / array.shape[2]
+        start = finite_number(self.start, "start", "an angle in rad")
+        angle = start + 2.0 * np.pi * np.arange(array.shape[2]) / array.shape[2]
         result = reverse_pair(
             self, array, low_harmonics(angle), {"angle": angle}, "spindle", u_reading
         )
@@ -132,6 +144,7 @@ def donaldson(
     m1: ArrayLike | Profile,
     m2: ArrayLike | Profile,
     *,
+    angle: ArrayLike | None = None,
     u_reading: float | None = None,
     u_index: float = 0.0,
 ) -> Separation:
@@ -142,6 +155,8 @@ def donaldson(
     m1, m2 : array_like, shape (n,) or (M, n), m, or Profile over the angle in rad
         Readings before and after artefact and probe were turned by half a revolution, both over
         the same angles of the artefact, equally spaced over one revolution; or M revolutions.
+    angle : array_like, shape (n,), rad, optional
+        Angles of the samples, if the readings are arrays; from 0 if omitted.
     u_reading : float, m, optional
         Standard uncertainty of one reading; the scatter of the revolutions if omitted.
     u_index : float, rad, optional
@@ -156,7 +171,9 @@ def donaldson(
     ------
     DataError, InvalidSamplesError, TooFewSamplesError
         If the readings have different lengths or positions, fewer than 8 samples, or are not
-        finite; if the profiles are not over one revolution.
+        finite; if the angles are not equally spaced over one revolution.
+    NotSeparableError
+        If too few angles were measured in both set-ups.
 
     Notes
     -----
@@ -178,42 +195,53 @@ def donaldson(
     >>> bool(abs(result.spindle - spindle).max() < 1e-20)
     True
     """
-    readings, angle, history = curves((m1, m2), what="donaldson", axis="angle")
-    if angle is not None:
-        require_turn(angle)
+    readings, positions, history = curves((m1, m2), what="donaldson", axis="angle")
     array = stacked(readings, "donaldson")
-    return DonaldsonReversal(u_index).separate(array, u_reading=u_reading, history=history)
+    start = first_angle(positions, angle, array.shape[2], "donaldson")
+    method = DonaldsonReversal(u_index, start)
+    return method.separate(array, u_reading=u_reading, history=history)
 
 
 def _finish_round(
     method: DonaldsonReversal, array: FloatArray, result: Separation, history: tuple[Step, ...]
 ) -> Separation:
     """Add harmonics, the share of the index angle, and what looks like a missing half turn."""
-    harmonics, spread = {}, {}
-    for name, values in result.parts.items():
-        harmonics[name], spread[name] = harmonics_of(values, result.u[name], (0, 1))
-    u_turn = _turn_uncertainty(harmonics["artefact"], spread["artefact"], array.shape[2])
+    weights = {"artefact": (0.5, 0.5), "spindle": (0.5, -0.5)}
+    harmonics = {
+        name: harmonics_of(values, start=method.start, hidden=(0, 1))
+        for name, values in result.parts.items()
+    }
+    spread = {
+        name: harmonics_u(array, np.array(w), result.noise.value) for name, w in weights.items()
+    }
+    k = np.arange(harmonics["artefact"].size)
+    slope = _significant_slope(harmonics["artefact"], spread["artefact"])
+    turned = np.abs(slope) * method.u_index / 2.0 / np.sqrt(2.0)
+    angle = result.coordinates["angle"]
+    along = np.abs(np.real(np.exp(1j * np.outer(angle, k)) @ slope)) * method.u_index / 2.0
+    for name, values in spread.items():
+        combined = np.sqrt(values**2 + turned**2)
+        combined[:2] = np.nan
+        spread[name] = np.where(np.isfinite(harmonics[name]), combined, np.nan)
     return with_type_b_curve(
         result,
-        u_turn * method.u_index / 2.0,
+        along,
         {"u_index_rad": method.u_index},
         history=(*history, Step(method.name, {"u_index_rad": method.u_index})),
-        more_messages=_half_turn_doubts(array),
+        more_messages=(*gap_message(result.parts["artefact"]), *_set_up_doubts(array)),
         harmonics=(harmonics, spread),
     )
 
 
-def _turn_uncertainty(c: NDArray[np.complex128], spread: FloatArray, n: int) -> FloatArray:
-    """Return |dP/dangle| of the harmonics that stand out of the noise."""
-    k = np.arange(c.size)
-    significant = np.isfinite(c) & ~(np.abs(c) < 3.0 * spread)
-    rate = np.where(significant, 1j * k * np.where(np.isfinite(c), c, 0.0), 0.0)
-    angle = 2.0 * np.pi * np.arange(n) / n
-    return np.asarray(np.abs(np.real(np.exp(1j * np.outer(angle, k)) @ rate)))
+def _significant_slope(c: NDArray[np.complex128], spread: FloatArray) -> NDArray[np.complex128]:
+    """Return the coefficients of dP/dangle of the harmonics that stand out of the noise."""
+    known = np.where(np.isfinite(c), c, 0.0)
+    out = np.isfinite(c) & ~(np.abs(known) < 3.0 * spread)
+    return np.asarray(np.where(out, 1j * np.arange(c.size) * known, 0.0))
 
 
-def _half_turn_doubts(array: FloatArray) -> tuple[str, ...]:
-    """Say it where the readings agree better after another half turn: it may be missing."""
+def _set_up_doubts(array: FloatArray) -> tuple[str, ...]:
+    """Say it where the second set-up looks as if it was not what a reversal asks for."""
     n = array.shape[2]
     if n % 2 or np.isnan(array).any():
         return ()
@@ -222,12 +250,29 @@ def _half_turn_doubts(array: FloatArray) -> tuple[str, ...]:
     size = float(np.sqrt(np.sum(m1**2) * np.sum(m2**2)))
     if size == 0.0:
         return ()
-    as_given, turned = (abs(float(m1 @ np.roll(m2, s))) / size for s in (0, n // 2))
-    if as_given < 0.5 and turned > 0.95:
+    if float(np.max(np.abs(m1 - m2))) <= 1e-12 * float(np.max(np.abs(m1))):
+        text = "both readings are the same: was anything turned for the second set-up?"
+        return (text,)
+    mirrored = np.roll(m2[::-1], 1)
+    as_given, turned, back = (
+        abs(float(m1 @ v)) / size for v in (m2, np.roll(m2, n // 2), mirrored)
+    )
+    if as_given < 0.5 and max(turned, back) > 0.95:
+        way, ask = (
+            (
+                "after a further half turn",
+                "was the artefact turned, was the probe turned, and was the index left alone?",
+            )
+            if turned >= back
+            else ("when the second is mirrored", "did the spindle turn the other way round?")
+        )
         text = (
-            "the readings are alike only after a further half turn "
-            f"(|correlation| {turned:.2f} against {as_given:.2f}): check that m2 is given over the "
-            "angle of the artefact, not of the spindle"
+            f"the readings are alike only {way} (|correlation| {max(turned, back):.2f} against "
+            f"{as_given:.2f}): {ask}"
         )
         return (text,)
     return ()
+
+
+_LARGEST_INDEX = 0.2
+"""An index that is uncertain by more than 11 degrees was given in degrees."""

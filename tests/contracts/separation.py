@@ -38,6 +38,9 @@ class SeparationContract:
     has_redundancy = False
     """Whether the method finds the noise of a reading from its own readings."""
 
+    takes_repeats = True
+    """Whether readings may be (n_readings, n_repeats, n_samples)."""
+
     exact = EXACT
 
     def method(self):
@@ -108,6 +111,23 @@ class SeparationContract:
             rtol=0.0,
             atol=3 * self.exact * np.nanmax(np.abs(readings)),
         )
+
+    def test_repeats_are_corrected_one_by_one(self):
+        """As many repeats as readings, and another number: an axis that is mixed up shows."""
+        _, truth, _, readings = self.draw(5)
+        if readings.ndim != 2 or not self.takes_repeats:
+            pytest.skip("the readings are maps, or the method takes no repeats")
+        expected = self.readings(truth, {})[:, None]
+        for n_repeats in (len(readings), len(readings) + 1):
+            corrected = self.method().correct(np.repeat(readings[:, None], n_repeats, axis=1))
+            assert corrected.shape == (len(readings), n_repeats, readings.shape[1])
+            known = np.isfinite(corrected)
+            np.testing.assert_allclose(
+                corrected[known],
+                np.broadcast_to(expected, corrected.shape)[known],
+                rtol=0.0,
+                atol=3 * self.exact * np.nanmax(np.abs(readings)),
+            )
 
     def test_every_sign_turns_with_its_part(self):
         _, truth, errors, readings = self.draw(6)

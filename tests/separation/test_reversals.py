@@ -7,7 +7,7 @@ import pytest
 from contracts.separation import SeparationContract
 
 import metrosep as ms
-from metrosep.core.errors import DataError, InvalidSamplesError
+from metrosep.core.errors import DataError, InvalidSamplesError, NotSeparableError
 from metrosep.separation.face import FaceReversal, face_reversal
 from metrosep.separation.reversals import StraightedgeReversal, straightedge_reversal
 from metrosep.separation.roundness_reversal import DonaldsonReversal, donaldson
@@ -62,7 +62,8 @@ class TestDonaldson(SeparationContract):
 
         np.testing.assert_allclose(result.artefact, p, rtol=0.0, atol=EXACT * 5e-6)
         np.testing.assert_allclose(result.spindle, s, rtol=0.0, atol=EXACT * 5e-6)
-        assert result.suppressed == [0, 1]
+        assert result.suppressed == []
+        assert result.null_space[0].indices == ("offset", "eccentricity")
 
     def test_harmonics_have_the_planted_phase_and_nan_below_two(self):
         p = 30e-9 * np.cos(3 * ANGLE - 0.7)
@@ -182,6 +183,107 @@ class TestDonaldson(SeparationContract):
         law = 1e-9 / 2 * math.sqrt(1 / 8 + 1 / 2) * math.sqrt(1 - 3 / N)
         np.testing.assert_allclose(result.u["spindle"], law, rtol=1e-12)
 
+    def test_level_of_each_revolution_does_not_leak_at_a_gap(self):
+        """One sample is missing in one of three revolutions that drift by 0.5 um each."""
+        rng = np.random.default_rng(31)
+        p, s = round_shape(rng), round_shape(rng)
+        drift = 0.5e-6 * np.arange(3)[:, None] + 1e-6 * np.arange(3)[:, None] * np.cos(ANGLE)
+        m1, m2 = p + s + drift, p - s - 2 * drift
+        m1[1, 20], m2[2, 40:60] = np.nan, np.nan
+
+        result = donaldson(m1, m2)
+
+        np.testing.assert_allclose(result.artefact, p, rtol=0.0, atol=1e-19)
+        np.testing.assert_allclose(result.spindle, s, rtol=0.0, atol=1e-19)
+        assert result.noise.value < 1e-19
+
+    def test_start_angle_is_carried(self):
+        p = 30e-9 * np.cos(3 * ANGLE - 0.7)
+        start = np.radians(30.0)
+        angle = ANGLE + start
+        shifted = 30e-9 * np.cos(3 * angle - 0.7)
+
+        for result in (
+            donaldson(ms.Profile(angle, shifted), ms.Profile(angle, shifted)),
+            donaldson(shifted, shifted, angle=angle),
+        ):
+            assert result.coordinates["angle"][0] == pytest.approx(start, abs=1e-12)
+            c = result.harmonics["artefact"][3]
+            assert abs(c - donaldson(p, p).harmonics["artefact"][3]) < 1e-12 * 30e-9
+        with pytest.raises(DataError, match="10 angles for"):
+            donaldson(p, p, angle=angle[:10])
+        with pytest.raises(InvalidSamplesError, match="they fall"):
+            donaldson(p, p, angle=angle[::-1])
+
+    def test_harmonics_have_the_scatter_of_motion_that_does_not_repeat(self):
+        """Asynchronous motion at k = 2.3 is not white: its harmonics scatter more than s sqrt(2/n)."""
+        rng = np.random.default_rng(32)
+        m, trials = 10, 150
+        found, stated = [], []
+        for _ in range(trials):
+            phase = rng.uniform(0, 2 * np.pi, (2, m, 1))
+            wander = 20e-9 * np.cos(2.3 * ANGLE + phase)
+            result = donaldson(*(wander + 1e-9 * rng.standard_normal((2, m, N))))
+            found.append(result.harmonics["spindle"][2:6])
+            stated.append(result.harmonics_u["spindle"][2:6])
+        c = np.array(found)
+        scatter = np.sqrt((np.var(c.real, axis=0) + np.var(c.imag, axis=0)) / 2)
+        ratio = np.sqrt(np.mean(np.square(stated), axis=0)) / scatter
+        np.testing.assert_allclose(ratio, 1.0, atol=0.15)  # 150 trials: 6 % each
+
+    def test_white_noise_of_few_samples_reaches_harmonics_undiminished(self):
+        rng = np.random.default_rng(33)
+        n, trials = 12, 3000
+        c = [
+            donaldson(*(1e-9 * rng.standard_normal((2, n))), u_reading=1e-9) for _ in range(trials)
+        ]
+        spread = np.std([r.harmonics["artefact"][3].real for r in c])
+        assert c[0].harmonics_u["artefact"][3] == pytest.approx(spread, rel=0.05, abs=0.0)
+
+    def test_index_error_is_in_the_harmonics(self):
+        p = 500e-9 * np.cos(20 * ANGLE)
+        d = np.radians(0.5)
+        result = donaldson(p, p, u_reading=0.0, u_index=d)
+        # |error of c_k| = k |c| d / 2, shared by real and imaginary part
+        expected = 20 * 500e-9 * d / 2 / np.sqrt(2)
+        assert result.harmonics_u["spindle"][20] == pytest.approx(expected, rel=1e-6, abs=0.0)
+
+    def test_type_b_terms_reach_the_harmonics(self):
+        p = 500e-9 * np.cos(20 * ANGLE)
+        more = donaldson(p, p, u_reading=1e-9).with_type_b({"form": 5e-9})
+        assert more.harmonics_u["artefact"][20] > 5e-9
+
+    def test_gaps_that_do_not_overlap_are_refused(self):
+        p = round_shape(np.random.default_rng(34))
+        m1, m2 = p.copy(), p.copy()
+        m1[: N // 2], m2[N // 2 :] = np.nan, np.nan
+        with pytest.raises(NotSeparableError, match="0 of 180"):
+            donaldson(m1, m2)
+
+    def test_gap_says_that_harmonics_are_not_determined(self):
+        p = round_shape(np.random.default_rng(35))
+        m1 = p.copy()
+        m1[3] = np.nan
+        assert any("harmonics" in m for m in donaldson(m1, p).messages)
+
+    def test_doubts_about_the_second_set_up(self):
+        rng = np.random.default_rng(36)
+        p, s = round_shape(rng), round_shape(rng, size=1e-9)
+        assert any("same" in m for m in donaldson(p + s, p + s).messages)
+        mirrored = np.roll((p - s)[::-1], 1)
+        assert any("other way" in m for m in donaldson(p + s, mirrored).messages)
+        assert any("5 um is 5e-6" in m for m in donaldson(p * 1e9, p * 1e9 + s).messages)
+
+    def test_masks_complex_numbers_and_texts(self):
+        p = round_shape(np.random.default_rng(37))
+        masked = np.ma.masked_array(p, mask=np.arange(N) == 5)
+        assert np.isnan(donaldson(masked, p).artefact[5])
+        with pytest.raises(InvalidSamplesError, match="complex"):
+            donaldson(p + 0j, p)
+        for words in ({"u_reading": "5 nm"}, {"u_index": "1 deg"}, {"u_index": 2.0}):
+            with pytest.raises(DataError, match=next(iter(words))):
+                donaldson(p, p, **words)
+
 
 class TestStraightedge(SeparationContract):
     def method(self):
@@ -228,6 +330,23 @@ class TestStraightedge(SeparationContract):
         assert np.sqrt(np.mean(error**2)) == pytest.approx(
             np.sqrt(np.mean(result.u["artefact"] ** 2)), rel=0.05, abs=0.0
         )
+
+    def test_line_of_each_pass_does_not_leak_at_a_gap(self):
+        still = np.zeros((2, 2, X.size))
+        still[0, 1] += 10e-6 * X / 0.3
+        still[0, 0, 10] = np.nan
+
+        result = straightedge_reversal(*still, x=X)
+
+        assert np.abs(result.artefact).max() < 1e-19
+
+    def test_passes_are_corrected_one_by_one(self):
+        rng = np.random.default_rng(41)
+        t, s = straight(rng), straight(rng)
+        passes = np.stack([np.tile(t + s, (2, 1)), np.tile(t - s, (2, 1))])
+        for m in (passes, np.repeat(passes, 2, axis=1)[:, :3]):
+            corrected = StraightedgeReversal(x=tuple(X)).correct(m)
+            np.testing.assert_allclose(corrected, np.broadcast_to(t, m.shape), atol=1e-19)
 
     def test_falling_positions_and_profiles(self):
         rng = np.random.default_rng(12)
@@ -312,7 +431,19 @@ class TestFace(SeparationContract):
         )
         assert np.abs(with_one.artefact - truth["artefact"]).max() > 10e-9
 
-    @pytest.mark.parametrize("radius", [0.0, -0.025, math.nan, 25000.0])
+    def test_fourth_reading_is_corrected_too(self):
+        rng = np.random.default_rng(42)
+        truth, errors = self.truth(rng), self.errors(rng)
+        three = self.readings(truth, errors)
+        four = np.concatenate([three, three[2:]])
+        expected = self.readings(truth, {})
+        for m in (four, np.repeat(four[:, None], 3, axis=1)):
+            corrected = FaceReversal(self.radius).correct(m)
+            first = corrected[:, 0] if m.ndim == 3 else corrected
+            np.testing.assert_allclose(first[:3], expected, atol=1e-19)
+            np.testing.assert_allclose(first[3], 0.0, atol=1e-19)
+
+    @pytest.mark.parametrize("radius", [0.0, -0.025, math.nan, 25.0, "25 mm"])
     def test_impossible_radius_is_refused(self, radius):
         with pytest.raises(DataError, match="25 mm is 25e-3"):
             FaceReversal(radius)
