@@ -1,0 +1,127 @@
+"""Set-ups of a three-flat test: which flats face each other, how they are turned and mirrored."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.separation._map_input import MapGrid
+from metrosep.separation._map_orders import mirror
+from metrosep.separation.map_turning import turned
+
+FloatArray = NDArray[np.float64]
+
+FLATS = ("A", "B", "C")
+
+
+@dataclass(frozen=True, slots=True)
+class FlatSetup:
+    """One reading: ``R(turn_first) first + R(turn_second) F second``, F the mirror.
+
+    Parameters
+    ----------
+    first, second : {"A", "B", "C"}
+        The second one faces the first and is seen mirrored.
+    turn_first, turn_second : float, rad
+        Counter-clockwise in the map.
+    """
+
+    first: str
+    second: str
+    turn_first: float = 0.0
+    turn_second: float = 0.0
+
+    @property
+    def moved_first(self) -> bool:
+        """Whether it is the first flat that was placed anew for this reading."""
+        return self.turn_first != 0.0 or (self.turn_second == 0.0 and self.first == "B")
+
+
+def flat_setups(
+    angles: Sequence[float], pairs: Sequence[str], turned_flat: str
+) -> tuple[FlatSetup, ...]:
+    """Return AB, AC, BC and the turned readings.
+
+    Parameters
+    ----------
+    angles : sequence of float, rad
+        Of the further readings.
+    pairs : sequence of str
+        Their pairs, such as ``"AB"``.
+    turned_flat : {"first", "second"}
+        Which flat of the pair is turned.
+
+    Returns
+    -------
+    tuple of FlatSetup
+        In the order of the readings.
+    """
+    basic = [FlatSetup("A", "B"), FlatSetup("A", "C"), FlatSetup("B", "C")]
+    for angle, pair in zip(angles, pairs, strict=True):
+        turns = (angle, 0.0) if turned_flat == "first" else (0.0, angle)
+        basic.append(FlatSetup(pair[0], pair[1], *turns))
+    return tuple(basic)
+
+
+def order_design(setups: Sequence[FlatSetup], order: int, mirror_sign: FloatArray) -> FloatArray:
+    """Return the design of one angular order (or class of orders).
+
+    Parameters
+    ----------
+    setups : sequence of FlatSetup
+        Readings.
+    order : int
+        Angular order m, or class q.
+    mirror_sign : ndarray, shape (2,)
+        What the mirror does to the two components, which a turn by t transforms with
+        ``[[cos m t, -sin m t], [sin m t, cos m t]]``.
+
+    Returns
+    -------
+    ndarray, shape (2 S, 6)
+        Components of the readings over those of A, B, C.
+    """
+    out = np.zeros((2 * len(setups), 6))
+    for s, item in enumerate(setups):
+        rows = slice(2 * s, 2 * s + 2)
+        a, b = 2 * FLATS.index(item.first), 2 * FLATS.index(item.second)
+        out[rows, a : a + 2] += _turn(order * item.turn_first)
+        out[rows, b : b + 2] += _turn(order * item.turn_second) * mirror_sign
+    return out
+
+
+def facing(
+    maps: FloatArray, item: FlatSetup, grid: MapGrid, flip: str
+) -> tuple[FloatArray, FloatArray]:
+    """Return what the first and the second flat contribute to a reading.
+
+    Parameters
+    ----------
+    maps : ndarray, shape (3, n_y, n_x)
+        A, B, C, each as seen from its front.
+    item : FlatSetup
+        The reading.
+    grid : MapGrid
+        Steps and centre.
+    flip : {"x", "y"}
+        Which coordinate the mirror reverses.
+
+    Returns
+    -------
+    tuple of ndarray, shape (n_y, n_x)
+        Their sum is the reading.
+    """
+    first = maps[FLATS.index(item.first)][None]
+    second = mirror(maps[FLATS.index(item.second)], flip)[None]
+    return (
+        turned(first, item.turn_first, grid)[0][0],
+        turned(second, item.turn_second, grid)[0][0],
+    )
+
+
+def _turn(angle: float) -> FloatArray:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s], [s, c]])

@@ -1,0 +1,79 @@
+"""Doubts about maps that a separation can raise itself: mirrored maps, angles of the other sign."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.separation._map_input import MapGrid
+from metrosep.separation._map_orders import coarse
+from metrosep.separation._rotation_solution import RotationSolver
+
+FloatArray = NDArray[np.float64]
+
+_COARSE = 64
+_BETTER = 0.5
+
+
+def doubts_of_rotations(
+    stack: FloatArray, angles: FloatArray, grid: MapGrid, largest_gain: float
+) -> tuple[str, ...]:
+    """Return what would explain the readings much better: other signs, a mirrored map.
+
+    Parameters
+    ----------
+    stack : ndarray, shape (S, n_y, n_x)
+        Readings, planes removed.
+    angles : ndarray, shape (S,), rad
+        As given.
+    grid : MapGrid
+        Steps and centre.
+    largest_gain : float
+        Of the method.
+
+    Returns
+    -------
+    tuple of str
+        Messages; empty where the readings fit as given, or nothing can be said.
+    """
+    small, small_grid = coarse(stack, grid, _COARSE)
+    solver = RotationSolver(angles, largest_gain)
+    if solver.n is None:
+        return ()
+    as_given = _left(solver, small, small_grid)
+    size = math.sqrt(float(np.nanmean(small**2)))
+    if not as_given > 1e-6 * size:
+        return ()
+    other = _left(RotationSolver(-angles, largest_gain), small, small_grid)
+    if other < _BETTER * as_given:
+        text = (
+            "the readings fit angles of the opposite sign much better "
+            f"({other * 1e9:.3g} nm left instead of {as_given * 1e9:.3g} nm): angles count "
+            "counter-clockwise from +x (columns) towards +y (rows); check rows and sign"
+        )
+        return (text,)
+    found = []
+    for i in range(stack.shape[0]):
+        flipped = small.copy()
+        flipped[i] = small[i, :, ::-1]
+        left = _left(solver, flipped, small_grid)
+        if left < _BETTER * as_given:
+            found.append((left, i))
+    if not found:
+        return ()
+    left, i = min(found)
+    text = (
+        f"map {i + 1} looks mirrored: with x reversed the readings fit much better "
+        f"({left * 1e9:.3g} nm left instead of {as_given * 1e9:.3g} nm)"
+    )
+    return (text,)
+
+
+def _left(solver: RotationSolver, stack: FloatArray, grid: MapGrid) -> float:
+    if not np.isfinite(solver.parts(stack, grid)[0]).all(axis=0).any():
+        return math.nan
+    residual = solver.solve(stack, grid).residual
+    known = residual[np.isfinite(residual)]
+    return math.sqrt(float(np.mean(known**2))) if known.size else math.nan

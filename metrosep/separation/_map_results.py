@@ -1,0 +1,69 @@
+"""What separations of maps share: noise from redundancy, terms that alignment decides."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.core.quantity import Quantity
+from metrosep.separation.null_space import Unobservable
+
+FloatArray = NDArray[np.float64]
+
+REMOVABLE = {"piston": ("piston",), "tilt": ("tilt x", "tilt y"), "power": ("defocus",)}
+"""What may be removed from each reading, and the terms that this is."""
+
+_FEWEST_FREEDOMS = 10.0
+
+
+def noise_of(residual: FloatArray, freedom: float, u_reading: float | None) -> Quantity:
+    """Return the noise of one pixel, stated or pooled from the residual.
+
+    Parameters
+    ----------
+    residual : ndarray, shape (S, ...)
+        What the model leaves of the readings; pixels that one of them lacks do not count.
+    freedom : float
+        Degrees of freedom of the residual.
+    u_reading : float or None, m
+        Stated; it wins.
+
+    Returns
+    -------
+    Quantity
+        NaN where it is not stated and the residual has no freedom.
+    """
+    if u_reading is not None:
+        text = "standard uncertainty of one pixel of one reading, as stated"
+        return Quantity(float(u_reading), "m", text, symbol="s")
+    if freedom < _FEWEST_FREEDOMS:
+        return Quantity(math.nan, "m", "standard deviation of one pixel; not known", symbol="s")
+    known = np.isfinite(residual).all(axis=0)
+    value = math.sqrt(float((residual[:, known] ** 2).sum()) / freedom)
+    text = "standard deviation of one pixel of one reading, from what the model leaves (type A)"
+    return Quantity(value, "m", text, u=value / math.sqrt(2.0 * freedom), symbol="s")
+
+
+def rigid_terms(parts: Sequence[str], removed: Sequence[str]) -> tuple[Unobservable, ...]:
+    """Return piston, tilt and what else alignment decides, for each part.
+
+    Parameters
+    ----------
+    parts : sequence of str
+        Names.
+    removed : sequence of str
+        Keys of `REMOVABLE`.
+
+    Returns
+    -------
+    tuple of Unobservable
+        Empty where nothing is removed.
+    """
+    terms = tuple(term for item in removed for term in REMOVABLE[item])
+    if not terms:
+        return ()
+    reason = "each set-up is aligned anew, so these terms are removed by least squares"
+    return tuple(Unobservable(part, "term", terms, reason) for part in parts)

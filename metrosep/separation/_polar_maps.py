@@ -1,0 +1,140 @@
+"""Rotations by any angles: maps on circles, one least-squares system for each angular order."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.core.errors import DataError
+from metrosep.separation._map_input import MapGrid
+from metrosep.separation._map_orders import solve_order
+from metrosep.separation.map_turning import interpolated
+
+FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+
+def polar_grid(grid: MapGrid) -> tuple[FloatArray, int]:
+    """Return radii at the pitch of the pixels and a number of angles that is as dense at the rim.
+
+    Parameters
+    ----------
+    grid : MapGrid
+        Of the maps.
+
+    Returns
+    -------
+    radii : ndarray, shape (n_r,)
+        From half a step on.
+    n_angles : int
+        Even.
+    """
+    from scipy.fft import next_fast_len
+
+    step = min(grid.dx, grid.dy)
+    largest = math.hypot(np.abs(grid.x).max(), np.abs(grid.y).max())
+    radii = np.asarray((np.arange(math.ceil(largest / step)) + 0.5) * step, dtype=np.float64)
+    return radii, 2 * int(next_fast_len(math.ceil(1.3 * math.pi * radii[-1] / step)))
+
+
+def to_polar(stack: FloatArray, grid: MapGrid) -> FloatArray:
+    """Return maps over (radius, angle).
+
+    Parameters
+    ----------
+    stack : ndarray, shape (S, n_y, n_x)
+        Maps.
+    grid : MapGrid
+        Steps and centre.
+
+    Returns
+    -------
+    ndarray, shape (S, n_r, n_angles)
+        NaN where one of the 6 x 6 neighbours is missing.
+    """
+    radii, n = polar_grid(grid)
+    angle = 2.0 * np.pi * np.arange(n) / n
+    columns = (radii[:, None] * np.cos(angle) + grid.centre[0]) / grid.dx
+    rows = (radii[:, None] * np.sin(angle) + grid.centre[1]) / grid.dy
+    found, _ = interpolated(stack, rows.ravel(), columns.ravel())
+    return found.reshape(stack.shape[0], radii.size, n)
+
+
+def from_polar(polar: FloatArray, grid: MapGrid) -> FloatArray:
+    """Return maps over rows and columns from those over (radius, angle).
+
+    Parameters
+    ----------
+    polar : ndarray, shape (S, n_r, n_angles)
+        As `to_polar` gives them.
+    grid : MapGrid
+        Steps and centre.
+
+    Returns
+    -------
+    ndarray, shape (S, n_y, n_x)
+        NaN where a neighbour is missing.
+    """
+    n = polar.shape[2]
+    inner = np.roll(polar[:, :3][:, ::-1], n // 2, axis=2)  # through the centre to the other side
+    whole = np.concatenate([inner, polar], axis=1)
+    whole = np.concatenate([whole[:, :, -3:], whole, whole[:, :, :4]], axis=2)
+    step = min(grid.dx, grid.dy)
+    radius = np.hypot(grid.x, grid.y[:, None]) / step - 0.5 + 3.0
+    angle = np.mod(np.arctan2(grid.y[:, None], grid.x), 2.0 * np.pi) * n / (2.0 * np.pi) + 3.0
+    found, _ = interpolated(whole, radius.ravel(), angle.ravel())
+    return found.reshape(polar.shape[0], *grid.shape)
+
+
+def solve_polar(
+    stack: FloatArray, angles: FloatArray, grid: MapGrid, largest_gain: float
+) -> tuple[FloatArray, tuple[int, ...]]:
+    """Return instrument, part and the sum that is not separable, order by order.
+
+    Parameters
+    ----------
+    stack : ndarray, shape (S, n_y, n_x)
+        Readings.
+    angles : ndarray, shape (S,), rad
+        Turns of the part.
+    grid : MapGrid
+        Steps and centre.
+    largest_gain : float
+        Orders whose noise would grow by more are taken as not observable.
+
+    Returns
+    -------
+    parts : ndarray, shape (3, n_y, n_x)
+        Instrument, part, their inseparable sum.
+    hidden : tuple of int
+        Angular orders that are not observable.
+
+    Raises
+    ------
+    DataError
+        If no circle about the centre is complete.
+    """
+    polar = to_polar(stack, grid)
+    whole = np.isfinite(polar).all(axis=(0, 2))
+    if whole.sum() < 6:
+        raise DataError(
+            "no six circles about the centre were measured completely in all maps, which angles "
+            "that are not multiples of one step need: state centre=, or use equal steps"
+        )
+    n = polar.shape[2]
+    series = np.fft.rfft(polar[:, whole], axis=2)
+    found = np.zeros((3, int(whole.sum()), n // 2 + 1), dtype=np.complex128)
+    hidden = []
+    for m in range(n // 2 + 1):
+        turn = np.exp(-1j * m * angles)
+        solved = solve_order(np.stack([np.ones_like(turn), turn], axis=1))
+        if solved.seen.all() and solved.gain.max() <= largest_gain:
+            found[:2, :, m] = solved.weights @ series[:, :, m]
+        else:
+            found[2, :, m] = series[:, :, m].mean(axis=0)
+            hidden.append(m)
+    out = np.full((3, whole.size, n), np.nan)
+    out[:, whole] = np.fft.irfft(found, n=n, axis=2)
+    return from_polar(out, grid), tuple(hidden)

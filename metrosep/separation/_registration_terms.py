@@ -1,0 +1,119 @@
+"""Uncertainty of maps from registration: gradient times shift, through the same linear operation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.separation._map_input import MapGrid
+from metrosep.separation._map_orders import RIGID, without_plane
+from metrosep.separation.map_turning import turned
+
+FloatArray = NDArray[np.float64]
+
+_SMOOTHING = 1.0
+_REACH = 4
+
+
+class _Linear(Protocol):
+    def parts(self, stack: FloatArray, grid: MapGrid) -> tuple[FloatArray, FloatArray | None]: ...
+
+
+def map_gradient(z: FloatArray, grid: MapGrid) -> tuple[FloatArray, FloatArray]:
+    """Return the derivatives of a map by x and y: slopes of local planes over a few pixels.
+
+    Parameters
+    ----------
+    z : ndarray, shape (n_y, n_x)
+        Map; NaN = not measured.
+    grid : MapGrid
+        Steps and centre.
+
+    Returns
+    -------
+    tuple of ndarray, shape (n_y, n_x)
+        NaN where z is; zero where a pixel has no neighbours to tell a slope.
+    """
+    valid = np.isfinite(z)
+    if not valid.any():
+        return np.full(z.shape, np.nan), np.full(z.shape, np.nan)
+    mask = valid.astype(np.float64)
+    filled = np.where(valid, z - np.mean(z[valid]), 0.0)
+    m00, m10, m01 = (_moment(mask, i, j) for i, j in ((0, 0), (1, 0), (0, 1)))
+    m20, m11, m02 = (_moment(mask, i, j) for i, j in ((2, 0), (1, 1), (0, 2)))
+    z00, z10, z01 = (_moment(filled, i, j) for i, j in ((0, 0), (1, 0), (0, 1)))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        a, b, c = m20 - m10**2 / m00, m11 - m10 * m01 / m00, m02 - m01**2 / m00
+        p, q = z10 - m10 * z00 / m00, z01 - m01 * z00 / m00
+        determinant = a * c - b**2
+        told = valid & (determinant > 1e-3 * m00**2)
+        gx = np.where(told, (c * p - b * q) / determinant / grid.dx, 0.0)
+        gy = np.where(told, (a * q - b * p) / determinant / grid.dy, 0.0)
+    return np.where(valid, gx, np.nan), np.where(valid, gy, np.nan)
+
+
+def _moment(values: FloatArray, power_x: int, power_y: int) -> FloatArray:
+    """Return Gaussian-weighted sums of values times powers of the distance in pixels."""
+    from scipy import ndimage
+
+    t = np.arange(-_REACH, _REACH + 1.0)
+    weight = np.exp(-0.5 * (t / _SMOOTHING) ** 2)
+    out = ndimage.correlate1d(values, weight * t**power_x, axis=1, mode="constant")
+    return np.asarray(
+        ndimage.correlate1d(out, weight * t**power_y, axis=0, mode="constant"), dtype=np.float64
+    )
+
+
+def registration_share(
+    solver: _Linear,
+    part: FloatArray,
+    angles: FloatArray,
+    grid: MapGrid,
+    u_shift: float,
+    u_angle: float,
+    *,
+    removed: Sequence[str] = RIGID,
+) -> FloatArray:
+    """Return the standard uncertainty of each part from centring and angles.
+
+    Parameters
+    ----------
+    solver : object
+        With ``parts(stack, grid)``, linear in the readings.
+    part : ndarray, shape (n_y, n_x), m
+        What was turned, at angle 0.
+    angles : ndarray, shape (S,), rad
+        Turns.
+    grid : MapGrid
+        Steps and centre.
+    u_shift : float, m
+        Standard uncertainty of the position along x and along y, independent for each reading.
+    u_angle : float, rad
+        Standard uncertainty of each angle.
+    removed : sequence of str, optional
+        Of ``"piston"``, ``"tilt"``, ``"power"``.
+
+    Returns
+    -------
+    ndarray, shape (parts, n_y, n_x), m
+        ``sqrt(sum (L_i g_i)**2) u``; NaN where it is not determined.
+    """
+    total: FloatArray | None = None
+    for i, angle in enumerate(angles):
+        moved = turned(part[None], float(angle), grid)[0][0]
+        gx, gy = map_gradient(moved, grid)
+        fields = [(gx, u_shift), (gy, u_shift), (grid.x * gy - grid.y[:, None] * gx, u_angle)]
+        for field, u in fields:
+            if u == 0.0:
+                continue
+            stack = np.zeros((angles.size, *grid.shape))
+            stack[i] = field * u
+            found = solver.parts(stack, grid)[0]
+            square = np.stack([without_plane(z, grid, removed=removed) ** 2 for z in found])
+            total = square if total is None else total + square
+    if total is None:
+        return np.zeros((1, *grid.shape))
+    return np.sqrt(total)

@@ -1,0 +1,291 @@
+"""The reference map that all sub-apertures share, pixel by pixel: what links, solution, scatter."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.core.errors import NotConvergedError, NotSeparableError
+from metrosep.separation._stitch_solve import (
+    Inverse,
+    Problem,
+    fitted_pieces,
+    mean_of,
+    right_side,
+)
+
+FloatArray = NDArray[np.float64]
+LabelArray = NDArray[np.int64]
+
+_LEAST_GROUP = 8
+"""Pixels that a group of linked pixels must hold to be kept."""
+
+_NO_MODE = 1e-5
+"""Share of a mode left by the means of the groups, below which it was only a sum of them."""
+
+_MOST_STEPS, _FEWEST_STEPS = 6000, 300
+_MOST_WORK = 3e9
+"""Steps times pixels of all sub-apertures, some minutes, after which the iteration gives up."""
+
+
+@dataclass(frozen=True, slots=True)
+class Links:
+    """Groups of the instrument's pixels that overlaps link; between groups nothing is compared.
+
+    Parameters
+    ----------
+    instrument : ndarray of int, shape (n_y, n_x)
+        Group of each pixel of the instrument; -1 where it is in none.
+    surface : ndarray of int, shape (grid)
+        Group of each pixel of the stitched grid.
+    n_groups : int
+        How many.
+    """
+
+    instrument: LabelArray
+    surface: LabelArray
+    n_groups: int
+
+
+def links_of(problem: Problem, shape: tuple[int, int], kind: str) -> Links:
+    """Return which pixels of the instrument the overlaps link.
+
+    Parameters
+    ----------
+    problem : Problem
+        The design.
+    shape : tuple of int
+        Of the instrument's map.
+    kind : str
+        Of the sub-apertures, for messages.
+
+    Returns
+    -------
+    Links
+        Groups of 8 and more pixels.
+
+    Raises
+    ------
+    NotSeparableError
+        If there is none: one step size.
+    """
+    from scipy import sparse
+    from scipy.sparse.csgraph import connected_components
+
+    n_inst, n_all = shape[0] * shape[1], problem.weight.size
+    instrument, grid = [], []
+    index = np.arange(n_all).reshape(problem.weight.shape)
+    rows, columns = np.divmod(np.arange(n_inst, dtype=np.float64).reshape(shape), shape[1])
+    for p in problem.layout.placed:
+        r, c = np.rint(p.forward(rows)).astype(int), np.rint(p.forward(columns)).astype(int)
+        instrument.append((r * shape[1] + c)[p.valid])
+        grid.append(index[p.rows, p.columns][p.valid])
+    a, b = np.concatenate(instrument), np.concatenate(grid) + n_inst
+    graph = sparse.coo_matrix(
+        (np.ones(a.size, dtype=np.int8), (a, b)), shape=(n_inst + n_all,) * 2
+    )
+    _, labels = connected_components(graph, directed=False)
+    size = np.bincount(labels[:n_inst], minlength=labels.max() + 1)
+    measured = np.zeros(n_inst, dtype=bool)
+    measured[a] = True
+    big = size >= _LEAST_GROUP
+    new = np.where(big, np.cumsum(big) - 1, -1)
+    n_groups = int(big.sum())
+    if n_groups == 0:
+        raise NotSeparableError(
+            f"stitch: no pixel of the reference is compared with enough others: the {kind}s were "
+            "shifted by one step size only, so any error that repeats with it looks like the part. "
+            "Measure with a second step size (no multiple of the first), or a turned sub-aperture, "
+            'or fit a polynomial: reference_degree=4, or take reference="none"'
+        )
+    of_inst = np.where(measured, new[labels[:n_inst]], -1).reshape(shape)
+    of_all = new[labels[n_inst:]].reshape(problem.weight.shape)
+    of_all = np.where(problem.weight > 0.0, of_all, -1)
+    return Links(of_inst.astype(np.int64), of_all.astype(np.int64), n_groups)
+
+
+def solve_reference(
+    problem: Problem,
+    inverse: Inverse,
+    values: list[FloatArray],
+    shape: tuple[int, int],
+    *,
+    tolerance: float,
+) -> FloatArray:
+    """Return the reference of least squares, one value a pixel, in no particular gauge.
+
+    Parameters
+    ----------
+    problem : Problem
+        Freedoms only.
+    inverse : Inverse
+        Of its normal matrix.
+    values : list of ndarray, shape (window), m
+        Readings.
+    shape : tuple of int
+        Of the instrument's map.
+    tolerance : float
+        Residual of the normal equations, relative, at which the conjugate gradients end.
+
+    Returns
+    -------
+    ndarray, shape (n_y, n_x), m
+        Zero where no overlap says anything.
+
+    Raises
+    ------
+    NotConvergedError
+        If the iteration does not end.
+    """
+    placed = problem.layout.placed
+
+    def left(windows: list[FloatArray]) -> FloatArray:
+        """Return W' R w for windows: what neither surface nor freedoms explain, spread back."""
+        mean = mean_of(problem, windows)
+        theta = inverse.matrix @ right_side(problem, windows, mean)
+        rest = fitted_pieces(problem, windows, theta)
+        mean = mean_of(problem, rest)
+        out = np.zeros(shape)
+        for p, r in zip(placed, rest, strict=True):
+            d = p.weight * np.where(p.valid, r - mean[p.rows, p.columns], 0.0)
+            out += p.adjoint(d, shape)
+        return out
+
+    diagonal = np.zeros(shape)
+    for k, p in enumerate(placed):
+        diagonal += p.adjoint(p.weight * (p.valid - problem.share(k)), shape)
+    free = diagonal > 1e-9 * max(float(diagonal.max()), np.finfo(float).tiny)
+    scale = np.where(free, 1.0 / np.where(free, diagonal, 1.0), 0.0)
+
+    found = np.zeros(shape)
+    rest = np.where(free, left(values), 0.0)
+    goal = tolerance * float(np.linalg.norm(rest))
+    if goal == 0.0:
+        return found
+    z = scale * rest
+    way, old = z, float(np.vdot(rest, z))
+    work = sum(p.valid.size for p in placed)
+    n_steps = int(min(_MOST_STEPS, max(_FEWEST_STEPS, _MOST_WORK / work)))
+    for _ in range(n_steps):
+        step = np.where(free, left([p.forward(way) for p in placed]), 0.0)
+        length = old / float(np.vdot(way, step))
+        found = found + length * way
+        rest = rest - length * step
+        if float(np.linalg.norm(rest)) <= goal:
+            return found
+        z = scale * rest
+        new = float(np.vdot(rest, z))
+        way, old = z + (new / old) * way, new
+    raise NotConvergedError(
+        f"stitch: the reference map did not settle in {n_steps} steps: these shifts hardly determine it "
+        "pixel by pixel. Shift more often, by different amounts below half of the aperture, bin the "
+        "maps, or fit a polynomial (reference_degree=6)"
+    )
+
+
+def without_modes(values: FloatArray, labels: LabelArray, modes: FloatArray) -> FloatArray:
+    """Return values without the mean of each group and without smooth modes, least squares.
+
+    Parameters
+    ----------
+    values : ndarray
+        A map.
+    labels : ndarray of int, same shape
+        Groups; -1 becomes NaN.
+    modes : ndarray, shape (n_modes, ...)
+        Removed together with the means.
+
+    Returns
+    -------
+    ndarray
+        NaN outside the groups.
+    """
+    inside = (labels >= 0) & np.isfinite(values)
+    out = np.full(values.shape, np.nan)
+    if not inside.any():
+        return out
+    group = labels[inside]
+    y = _group_centred(values[inside], group)
+    whole = np.stack([m[inside] for m in modes], axis=1)
+    b = np.stack([_group_centred(m, group) for m in whole.T], axis=1)
+    directions, size, _ = np.linalg.svd(b, full_matrices=False)
+    kept = directions[:, size > _NO_MODE * np.linalg.norm(whole, axis=0).max()]
+    out[inside] = y - kept @ (kept.T @ y)
+    return out
+
+
+def scatter(
+    problem: Problem,
+    inverse: Inverse,
+    shape: tuple[int, int],
+    links: Links,
+    modes: tuple[FloatArray, FloatArray],
+    draws: int,
+) -> tuple[FloatArray, FloatArray]:
+    """Return the standard deviation of reference and surface for noise of one, by simulation.
+
+    Parameters
+    ----------
+    problem : Problem
+        Freedoms only.
+    inverse : Inverse
+        Of its normal matrix.
+    shape : tuple of int
+        Of the instrument's map.
+    links : Links
+        Groups.
+    modes : tuple of ndarray
+        Removed from reference and surface.
+    draws : int
+        Number of simulated measurements; 0 gives NaN.
+
+    Returns
+    -------
+    reference : ndarray, shape (n_y, n_x)
+        Smoothed over 5 x 5 pixels where maps are large enough, NaN outside the groups.
+    surface : ndarray, shape (grid)
+        Likewise.
+    """
+    rng = np.random.default_rng(0)
+    of_r, of_s = np.zeros(shape), np.zeros(problem.weight.shape)
+    for _ in range(draws):
+        noise = [p.forward(rng.standard_normal(shape)) for p in problem.layout.placed]
+        r = solve_reference(problem, inverse, noise, shape, tolerance=1e-6)
+        s = surface_with(problem, inverse, noise, r)
+        of_r += np.nan_to_num(without_modes(r, links.instrument, modes[0])) ** 2
+        of_s += np.nan_to_num(without_modes(s, links.surface, modes[1])) ** 2
+    return (
+        _smooth_root(of_r, links.instrument >= 0, draws),
+        _smooth_root(of_s, links.surface >= 0, draws),
+    )
+
+
+def surface_with(
+    problem: Problem, inverse: Inverse, values: list[FloatArray], reference: FloatArray
+) -> FloatArray:
+    """Return the mean of readings without a reference and their freedoms."""
+    rest = [v - p.forward(reference) for p, v in zip(problem.layout.placed, values, strict=True)]
+    theta = inverse.matrix @ right_side(problem, rest, mean_of(problem, rest))
+    return mean_of(problem, fitted_pieces(problem, rest, theta))
+
+
+def _group_centred(values: FloatArray, group: LabelArray) -> FloatArray:
+    count = np.bincount(group)
+    total = np.bincount(group, weights=values)
+    mean = np.divide(total, count, out=np.zeros(total.shape), where=count > 0)
+    return np.asarray(values - mean[group])
+
+
+def _smooth_root(squares: FloatArray, inside: NDArray[np.bool_], draws: int) -> FloatArray:
+    from scipy.ndimage import uniform_filter
+
+    if draws == 0:
+        return np.full(squares.shape, np.nan)
+    size = tuple(min(5, n) for n in squares.shape)
+    share = uniform_filter(inside.astype(np.float64), size, mode="constant")
+    mean = uniform_filter(np.where(inside, squares / draws, 0.0), size, mode="constant")
+    out = np.full(squares.shape, np.nan)
+    out[inside] = np.sqrt(np.maximum(mean[inside] / np.maximum(share[inside], 1e-12), 0.0))
+    return out

@@ -1,0 +1,149 @@
+"""Lateral offsets of sub-apertures: least squares of gradients, together with the freedoms."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.core.errors import DegenerateFitError, NotConvergedError
+from metrosep.separation._overlaps import overlaps_of, require_connection
+from metrosep.separation._stitch_grid import Layout, layout_of
+from metrosep.separation._stitch_input import Pieces
+from metrosep.separation._stitch_solve import (
+    Box,
+    Problem,
+    fitted_pieces,
+    freedom_features,
+    inverse_of,
+    mean_of,
+    noise_of,
+    normal_matrix,
+    right_side,
+)
+
+FloatArray = NDArray[np.float64]
+
+_MOST_PASSES = 30
+_SETTLED = 1e-3
+"""Change of a position, in steps, at which the passes end."""
+
+_LARGEST_STEP = 1.5
+"""In pixels and pass: gradients say nothing about more."""
+
+_LARGEST_U = 0.5
+"""Standard uncertainty of an offset, in pixels, beyond which it is no result."""
+
+
+def registered(pieces: Pieces, freedoms: tuple[str, ...]) -> tuple[Pieces, dict[str, Any]]:
+    """Return sub-apertures at fitted positions; the first stays where it is.
+
+    Parameters
+    ----------
+    pieces : Pieces
+        At the stated positions.
+    freedoms : tuple of str
+        Of each.
+
+    Returns
+    -------
+    pieces : Pieces
+        Moved.
+    audit : dict
+        ``shifts_um``, ``u_shifts_um``, ``registration_passes``, and ``messages``.
+
+    Raises
+    ------
+    DegenerateFitError
+        If the overlaps show too little structure.
+    NotConvergedError
+        If the positions do not settle.
+    """
+    start, n_axes = pieces.corners.copy(), 1 if pieces.line else 2
+    steps = np.array([pieces.dx, pieces.dy])[:n_axes]
+    largest = math.inf
+    for count in range(1, _MOST_PASSES + 1):
+        shift, u = _one_pass(pieces, freedoms, n_axes)
+        in_pixels = shift / steps
+        if float(u.max()) > _LARGEST_U * float(steps.min()):
+            raise DegenerateFitError(
+                f"stitch: the overlaps fix an offset only to {float(u.max()):.3g} m, more than half "
+                'a pixel: the surface is too smooth for the noise; use registration="trust"'
+            )
+        largest = float(np.abs(in_pixels).max())
+        limited = shift * min(1.0, _LARGEST_STEP / max(largest, 1e-300))
+        corners = pieces.corners.copy()
+        corners[:, :n_axes] += limited
+        pieces = replace(pieces, corners=corners)
+        if largest < _SETTLED:
+            moved = pieces.corners[:, :n_axes] - start[:, :n_axes]
+            return pieces, {
+                "registration": "fitted, relative to the first",
+                "registration_passes": count,
+                "shifts_um": (1e6 * moved).tolist(),
+                "u_shifts_um": (1e6 * u).tolist(),
+            }
+    raise NotConvergedError(
+        f"stitch: the positions did not settle in {_MOST_PASSES} passes (last change {largest:.3g} "
+        "pixels); the start is too far off for gradients: give positions to a few pixels"
+    )
+
+
+def _one_pass(
+    pieces: Pieces, freedoms: tuple[str, ...], n_axes: int
+) -> tuple[FloatArray, FloatArray]:
+    layout = layout_of(pieces)
+    overlaps = overlaps_of(layout)
+    own = freedom_features(layout, freedoms, line=pieces.line)
+    n_own = own(0, (slice(0, 1), slice(0, 1))).shape[0]
+    n, weight = len(pieces), layout.weights()
+    columns = [k * n_own + np.arange(n_own) for k in range(n)]
+    plain = Problem(layout, overlaps, own, columns, n * n_own, weight)
+    require_connection(overlaps, n, least=n_own + n_axes + 1)
+    values = [p.values for p in layout.placed]
+    theta = inverse_of(normal_matrix(plain)).matrix @ right_side(
+        plain, values, mean_of(plain, values)
+    )
+    slopes = _slopes(mean_of(plain, fitted_pieces(plain, values, theta)), layout, n_axes)
+
+    def features(k: int, box: Box) -> FloatArray:
+        p = layout.placed[k]
+        return np.concatenate([own(k, box), slopes[:, p.rows, p.columns][(slice(None), *box)]])
+
+    each = n_own + n_axes
+    columns = [k * each + np.arange(each) for k in range(n)]
+    full = Problem(layout, overlaps, features, columns, n * each, weight)
+    inverse = inverse_of(normal_matrix(full))
+    if inverse.null.shape[1] > n_own + n_axes:
+        raise DegenerateFitError(
+            "stitch: the overlaps show no structure that fixes the lateral offsets (a plane or a "
+            'parabola shifted looks tilted); use registration="trust"'
+        )
+    theta = inverse.matrix @ right_side(full, values, mean_of(full, values))
+    fitted = fitted_pieces(full, values, theta)
+    spread, _ = noise_of(full, fitted, mean_of(full, fitted), inverse.rank)
+    shift = theta.reshape(n, each)[:, n_own:]
+    return shift - shift[0], _uncertainty(inverse.matrix, n, each, n_own, n_axes, spread)
+
+
+def _uncertainty(
+    matrix: FloatArray, n: int, each: int, n_own: int, n_axes: int, spread: float
+) -> FloatArray:
+    out = np.zeros((n, n_axes))
+    for axis in range(n_axes):
+        at = np.arange(n) * each + n_own + axis
+        block = matrix[np.ix_(at, at)]
+        variance = np.diag(block) - 2.0 * block[0] + block[0, 0]
+        out[:, axis] = np.sqrt(np.maximum(variance, 0.0))
+    return out * (0.0 if math.isnan(spread) else spread)
+
+
+def _slopes(surface: FloatArray, layout: Layout, n_axes: int) -> FloatArray:
+    """Return dz/dx (and dz/dy); 0 where a neighbour is missing."""
+    out = [np.gradient(surface, layout.x[1] - layout.x[0], axis=1)]
+    if n_axes == 2:
+        out.append(np.gradient(surface, layout.y[1] - layout.y[0], axis=0))
+    return np.asarray(np.nan_to_num(np.array(out)))

@@ -1,0 +1,315 @@
+"""Registration of maps: shift and turn of one map against another, from fiducials or from heights."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from metrosep.core.errors import (
+    DataError,
+    DegenerateFitError,
+    NotConvergedError,
+)
+from metrosep.core.surface import Surface
+from metrosep.separation._map_input import MapGrid, checked_u, map_stack, require_overlap
+from metrosep.separation._map_orders import coarse, without_plane
+from metrosep.separation._registration_terms import map_gradient
+from metrosep.separation.fiducials import Registration, register_points
+from metrosep.separation.map_turning import turned
+
+__all__ = ["Registration", "register_maps", "register_points", "registration_uncertainty"]
+
+FloatArray = NDArray[np.float64]
+
+_ITERATIONS = 30
+_COARSE = 96
+_FLATTEST = 1e-4
+_MIRRORED = "; one map looks mirrored: with x reversed they fit much better"
+_NAMES = ("shift along x", "shift along y", "turn")
+
+
+def register_maps(
+    fixed: ArrayLike | Surface,
+    moved: ArrayLike | Surface,
+    *,
+    start: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    rotation: bool = True,
+    dx: float | None = None,
+    dy: float | None = None,
+    centre: tuple[float, float] | None = None,
+    u_reading: float | None = None,
+) -> Registration:
+    """Return how far a map is shifted and turned against another, from its heights.
+
+    Parameters
+    ----------
+    fixed, moved : Surface or array_like, shape (n_y, n_x), m
+        Two maps of one surface, by one instrument whose own error is small or removed.
+    start : tuple of (float, float, float), m, m, rad, optional
+        Shift and angle to start from; give the nominal angle of a turned part.
+    rotation : bool, optional
+        Whether the angle is found too, or kept.
+    dx, dy : float, m, optional
+        Steps of plain arrays; pixels if omitted.
+    centre : tuple of (float, float), m, optional
+        Centre of turn from pixel [0, 0]; the middle of the map if omitted.
+    u_reading : float, m, optional
+        Standard uncertainty of one pixel; from what is left of the difference if omitted.
+
+    Returns
+    -------
+    Registration
+        Shift, angle and covariance; piston and tilt of the difference are free.
+
+    Raises
+    ------
+    DataError, InvalidSamplesError, TooFewSamplesError
+        If the maps do not fit each other, or do not overlap.
+    DegenerateFitError
+        If the map does not show the shift or the turn: a plane, a cylinder, a round dish.
+    NotConvergedError
+        If the maps do not resemble each other.
+
+    Notes
+    -----
+    The coarse shift is the peak of the cross-correlation; then Gauss-Newton on
+    ``moved(p) - fixed(R(-angle)(p - shift)) = plane - g . d``, g the gradient: least squares of the
+    gradients. ``u = s sqrt(inv(G' G))`` with white noise s of the difference. A static error of
+    the instrument pulls the estimate towards zero: remove it first. Shift error along a direction
+    without slope cannot be seen; a turn shows only on orders other than 0.
+
+    References
+    ----------
+    B. D. Lucas, T. Kanade, Proc. IJCAI (1981) 674-679.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> x = np.linspace(-1, 1, 64)
+    >>> z = lambda x, y: 50e-9 * np.sin(5 * x + y) * np.cos(4 * y - x**2)
+    >>> fixed, moved = z(x, x[:, None]), z(x - 0.02, x[:, None] + 0.01)
+    >>> found = register_maps(fixed, moved, dx=x[1] - x[0])
+    >>> round(found.shift_x, 5), round(found.shift_y, 5)
+    (0.02, -0.01)
+    """
+    stack, grid, _ = map_stack(
+        [fixed, moved], what="register_maps", names=("fixed", "moved"), dx=dx, dy=dy, centre=centre
+    )
+    u_reading = checked_u(u_reading, "u_reading")
+    if not all(math.isfinite(v) for v in start):
+        raise DataError(f"register_maps: start holds shift_x, shift_y, angle, got {start}")
+    if abs(start[2]) > 2.0 * np.pi + 1e-9:
+        raise DataError(
+            f"register_maps: the start angle {start[2]} rad is more than a turn; it looks like degrees"
+        )
+    stack = np.stack([without_plane(z, grid) for z in stack])
+    p = _coarse_shift(stack, np.array(start, dtype=np.float64), grid)
+    free = np.array([True, True, rotation])
+    try:
+        p, count = _gauss_newton(stack, p, grid, free)
+    except NotConvergedError as exc:
+        mirrored = _mirrored_left(stack, p, grid, free) < 0.3 * math.sqrt(
+            np.nanmean(stack[0] ** 2)
+        )
+        raise NotConvergedError(f"{exc}{_MIRRORED if mirrored else ''}") from None
+    at = _linearised(stack, p, grid, free)
+    design = at.design
+    left = at.rest - design @ _solved(at, free)
+    if u_reading is None:
+        # interpolation took the short waves from the noise of one map; slopes see the long ones
+        freedom = max(left.size - design.shape[1], 1)
+        noise = math.sqrt(float((left**2).sum()) / freedom * 2.0 / (1.0 + at.share))
+    else:
+        noise = u_reading * math.sqrt(2.0)
+    n = int(free.sum())
+    cov = np.zeros((3, 3))
+    cov[np.ix_(free, free)] = noise**2 * np.linalg.inv(design.T @ design)[:n, :n]
+    rms = math.sqrt(float(np.mean(left**2)))
+    audit = MappingProxyType(
+        {"iterations": count, "n_pixels": int(left.size), "rms_nm": rms * 1e9}
+    )
+    shift_x, shift_y, angle = (float(v) for v in p)
+    messages = _doubts(stack, rms, p, grid, free)
+    return Registration(shift_x, shift_y, angle, cov, rms, grid.centre, messages, audit)
+
+
+def registration_uncertainty(
+    z: ArrayLike | Surface,
+    *,
+    u_shift: float | tuple[float, float] = 0.0,
+    u_angle: float = 0.0,
+    dx: float | None = None,
+    dy: float | None = None,
+    centre: tuple[float, float] | None = None,
+) -> FloatArray:
+    """Return the standard uncertainty of a map from its registration: gradient times shift.
+
+    Parameters
+    ----------
+    z : Surface or array_like, shape (n_y, n_x), m
+        Map.
+    u_shift : float or tuple of (float, float), m, optional
+        Standard uncertainty along x and y, or of each.
+    u_angle : float, rad, optional
+        Standard uncertainty of the turn about the centre.
+    dx, dy : float, m, optional
+        Steps of a plain array; pixels if omitted.
+    centre : tuple of (float, float), m, optional
+        Centre of turn from pixel [0, 0].
+
+    Returns
+    -------
+    ndarray, shape (n_y, n_x), m
+        ``sqrt((g_x u_x)**2 + (g_y u_y)**2 + ((x g_y - y g_x) u_angle)**2)``.
+
+    Raises
+    ------
+    DataError, InvalidSamplesError, TooFewSamplesError
+        If the map cannot be used or an uncertainty is negative.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> tilt = 1e-9 * np.arange(16.0) * np.ones((16, 1))
+    >>> u = registration_uncertainty(tilt, u_shift=(0.5, 0.0))
+    >>> bool(abs(u - 0.5e-9).max() < 1e-20)
+    True
+    """
+    stack, grid, _ = map_stack([z], what="registration_uncertainty", dx=dx, dy=dy, centre=centre)
+    both = np.broadcast_to(np.asarray(u_shift, dtype=np.float64), (2,))
+    for value, name in ((both[0], "u_shift"), (both[1], "u_shift"), (u_angle, "u_angle")):
+        checked_u(float(value), name, "rad" if name == "u_angle" else "m")
+    gx, gy = map_gradient(stack[0], grid)
+    turn = grid.x * gy - grid.y[:, None] * gx
+    square = (gx * both[0]) ** 2 + (gy * both[1]) ** 2 + (turn * u_angle) ** 2
+    return np.asarray(np.sqrt(square))
+
+
+def _coarse_shift(stack: FloatArray, start: FloatArray, grid: MapGrid) -> FloatArray:
+    """Return the start, its shift improved by the cross-correlation of coarse maps."""
+    small, small_grid = coarse(stack, grid, _COARSE)
+    first = turned(small[:1], float(start[2]), small_grid)[0][0]
+    first = turned(first[None], 0.0, small_grid, shift=(float(start[0]), float(start[1])))[0][0]
+    if not (np.isfinite(first) & np.isfinite(small[1])).any():
+        return start
+    shape = (2 * first.shape[0], 2 * first.shape[1])
+    spectra, masks = [], []
+    for z in (first, small[1]):
+        valid = np.isfinite(z)
+        spectra.append(np.fft.rfft2(np.where(valid, z - np.mean(z[valid]), 0.0), shape))
+        masks.append(np.fft.rfft2(valid.astype(np.float64), shape))
+    correlation = np.fft.irfft2(np.conj(spectra[0]) * spectra[1], shape)
+    overlap = np.fft.irfft2(np.conj(masks[0]) * masks[1], shape)
+    correlation = np.where(
+        overlap > 0.5 * overlap.max(), correlation / np.maximum(overlap, 1.0), -np.inf
+    )
+    if not correlation.max() > 1.02 * correlation[0, 0]:
+        return start
+    row, column = np.unravel_index(int(np.argmax(correlation)), shape)
+    rows = int(row) - shape[0] if row > shape[0] // 2 else int(row)
+    columns = int(column) - shape[1] if column > shape[1] // 2 else int(column)
+    more = np.array([columns * small_grid.dx, rows * small_grid.dy, 0.0])
+    return np.asarray(start + more)
+
+
+@dataclass(frozen=True, slots=True)
+class _Linearised:
+    """Difference of two maps and its derivatives at the pixels whose neighbours are measured."""
+
+    design: FloatArray
+    rest: FloatArray
+    seen: FloatArray
+    share: float
+
+
+def _linearised(
+    stack: FloatArray, p: FloatArray, grid: MapGrid, free: NDArray[np.bool_]
+) -> _Linearised:
+    """Return gradients, plane and difference of the maps at parameters p."""
+    from scipy import ndimage
+
+    shift = (float(p[0]), float(p[1]))
+    moved, share = turned(stack[:1], float(p[2]), grid, shift=shift)
+    here = moved[0]
+    common = require_overlap(np.stack([here, stack[1]]), "register_maps")
+    inner = ndimage.binary_erosion(common, np.ones((3, 3), dtype=bool), iterations=3)
+    common = inner if inner.sum() >= 30 else common
+    gx, gy = map_gradient(here, grid)
+    x, y = np.broadcast_arrays(grid.x - p[0], (grid.y - p[1])[:, None])
+    slope, reach = np.hypot(gx, gy), np.hypot(x, y)
+    columns = [c for c, used in zip((-gx, -gy, y * gx - x * gy), free, strict=True) if used]
+    most = [c for c, used in zip((slope, slope, slope * reach), free, strict=True) if used]
+    half = max(float(np.abs(grid.x).max()), float(np.abs(grid.y).max()))
+    design = np.stack(
+        [c[common] for c in (*columns, np.ones(grid.shape), x / half, y / half)], axis=1
+    )
+    norm = np.array([float(np.sqrt((m[common] ** 2).sum())) for m in most])
+    size = np.sqrt((design[:, : norm.size] ** 2).sum(axis=0))
+    seen = np.where(norm > 0.0, size / np.where(norm > 0.0, norm, 1.0), 0.0)
+    return _Linearised(design, (stack[1] - here)[common], seen, share)
+
+
+def _gauss_newton(
+    stack: FloatArray, p: FloatArray, grid: MapGrid, free: NDArray[np.bool_]
+) -> tuple[FloatArray, int]:
+    scale = np.array([grid.dx, grid.dy, 1.0 / max(grid.shape)])
+    for count in range(1, _ITERATIONS + 1):
+        step = np.zeros(3)
+        step[free] = _solved(_linearised(stack, p, grid, free), free)[: free.sum()]
+        longest = float(np.max(np.abs(step / scale)))
+        p = p + step * min(1.0, 3.0 / max(longest, 1e-300))
+        if longest < 1e-5:
+            return p, count
+    raise NotConvergedError(
+        "register_maps: the maps do not resemble each other well enough for a registration; give "
+        "start=(shift_x, shift_y, angle) near the truth, or use fiducials"
+    )
+
+
+def _solved(at: _Linearised, free: NDArray[np.bool_]) -> FloatArray:
+    """Return least squares by the scaled normal equations, or say what does not show."""
+    design = at.design
+    names = [k for k, used in zip(_NAMES, free, strict=True) if used]
+    worst = names[int(np.argmin(at.seen))]
+    if at.seen.min() > _FLATTEST:
+        size = np.sqrt((design**2).sum(axis=0))
+        normal = (design.T @ design) / np.outer(size, size)
+        values, vectors = np.linalg.eigh(normal)
+        if values[0] > _FLATTEST**2:
+            return np.asarray(np.linalg.solve(normal, (design.T @ at.rest) / size) / size)
+        worst = names[int(np.argmax(np.abs(vectors[: len(names), 0])))]
+    raise DegenerateFitError(
+        f"register_maps: the heights do not show the {worst} (a plane, a cylinder or a round "
+        "dish looks the same after it); use fiducials, or rotation=False"
+    )
+
+
+def _mirrored_left(
+    stack: FloatArray, p: FloatArray, grid: MapGrid, free: NDArray[np.bool_]
+) -> float:
+    """Return the RMS that is left when x of the fixed map is reversed, on coarse maps."""
+    small, small_grid = coarse(stack, grid, _COARSE)
+    small = np.stack([small[0, :, ::-1], small[1]])
+    try:
+        q, _ = _gauss_newton(small, _coarse_shift(small, p, small_grid), small_grid, free)
+        at = _linearised(small, q, small_grid, free)
+        return math.sqrt(float(np.mean((at.rest - at.design @ _solved(at, free)) ** 2)))
+    except (DataError, DegenerateFitError, NotConvergedError):
+        return math.inf
+
+
+def _doubts(
+    stack: FloatArray, rms: float, p: FloatArray, grid: MapGrid, free: NDArray[np.bool_]
+) -> tuple[str, ...]:
+    """Say that much is left, and whether a mirrored map would fit much better."""
+    size = math.sqrt(float(np.nanmean(stack[0] ** 2)))
+    if rms < 0.3 * size:
+        return ()
+    text = f"{rms * 1e9:.3g} nm of {size * 1e9:.3g} nm RMS are left after registration"
+    if _mirrored_left(stack, p, grid, free) < 0.5 * rms:
+        return (text + _MIRRORED,)
+    return (f"{text}: the maps may be of different surfaces, or start= is far from the truth",)

@@ -1,0 +1,383 @@
+"""Repeats of one measurement: what repeats, what does not, point by point and by wavelength."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
+from metrosep.core.profile import Profile
+from metrosep.core.provenance import Step
+from metrosep.core.quantity import Quantity
+from metrosep.core.surface import Surface
+from metrosep.separation._repeat_input import common_stack, shifted_to_first
+from metrosep.separation._repeat_spectrum import repeating_lines
+from metrosep.separation.contract import Separation, SeparationMethod
+from metrosep.separation.null_space import Unobservable
+
+__all__ = ["RepeatSplit", "repeatable"]
+
+FloatArray = NDArray[np.float64]
+Align = Literal["none", "piston", "line"]
+
+_LEAST = 8
+_COMMON = (
+    "an error that is the same in every repeat (reference, probe, a vibration locked to the start) "
+    "looks like the part: change the set-up, the speed or the orientation between repeats"
+)
+_ALIGNED = "the alignment of each repeat decides it; it was removed from each"
+
+
+@dataclass(frozen=True, slots=True)
+class RepeatSplit(SeparationMethod):
+    """Repeats of a profile or a map at the same positions.
+
+    Parameters
+    ----------
+    x : tuple of float or None, m, optional
+        Positions of profiles; pixels if omitted.
+    align : {"line", "piston", "none"}, optional
+        What is removed from each repeat: line or plane, mean, or nothing.
+    closed : bool, optional
+        Whether a profile is one turn: wavelengths are then undulations per revolution.
+    steps : tuple of (float, float) or None, m, optional
+        dx and dy of maps.
+    """
+
+    x: tuple[float, ...] | None = None
+    align: Align = "line"
+    closed: bool = False
+    steps: tuple[float, float] | None = None
+
+    name: ClassVar[str] = "repeatable"
+    truth_parts: ClassVar[tuple[str, ...]] = ("repeatable",)
+    error_parts: ClassVar[tuple[str, ...]] = ("non_repeatable",)
+
+    def __post_init__(self) -> None:
+        if self.align not in ("none", "piston", "line"):
+            raise DataError(f"repeatable: align is {self.align!r}; none, piston or line")
+
+    def simulate(
+        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
+    ) -> FloatArray:
+        """Return repeats of given parts.
+
+        Parameters
+        ----------
+        truth : mapping of str to array_like, shape (...), m
+            ``repeatable``.
+        errors : mapping of str to array_like, shape (M, ...), m
+            ``non_repeatable`` of each repeat; two repeats without any if omitted.
+
+        Returns
+        -------
+        ndarray, shape (M, ...), m
+            Readings.
+
+        Raises
+        ------
+        DataError
+            If a part is unknown or none is given.
+        """
+        unknown = [n for n in truth if n != "repeatable"]
+        unknown += [n for n in errors if n != "non_repeatable"]
+        if unknown or not (truth or errors):
+            raise DataError(
+                "repeatable simulates the truth part 'repeatable' and the error part "
+                f"'non_repeatable', got {[*truth, *errors]}"
+            )
+        common = np.asarray(truth.get("repeatable", 0.0), dtype=np.float64)
+        if "non_repeatable" in errors:
+            return common + np.asarray(errors["non_repeatable"], dtype=np.float64)
+        return np.stack([common, common])
+
+    def null_space(self) -> tuple[Unobservable, ...]:
+        """Return what repeats cannot tell.
+
+        Returns
+        -------
+        tuple of Unobservable
+            Whatever all repeats share, and the alignment.
+        """
+        out = [Unobservable("repeatable", "term", ("errors common to all repeats",), _COMMON)]
+        if self.align != "none":
+            degrees = (0,) if self.align == "piston" else (0, 1)
+            out += [
+                Unobservable(p, "polynomial", degrees, _ALIGNED)
+                for p in ("repeatable", "non_repeatable")
+            ]
+        return tuple(out)
+
+    def separate(
+        self,
+        readings: ArrayLike,
+        *,
+        u_reading: float | None = None,
+        history: tuple[Step, ...] = (),
+    ) -> Separation:
+        """Return the repeatable part and what each repeat has besides.
+
+        Parameters
+        ----------
+        readings : array_like, shape (M, n) or (M, n_y, n_x), m
+            NaN = not measured.
+        u_reading : float, m, optional
+            Standard uncertainty of one reading; the scatter of the repeats if omitted.
+        history : tuple of Step, optional
+            Where they came from.
+
+        Returns
+        -------
+        Separation
+            Parts ``repeatable``, ``non_repeatable`` (M, ...) and ``sd`` (scatter at each point).
+
+        Raises
+        ------
+        DataError, InvalidSamplesError, TooFewSamplesError
+            If the readings cannot be used.
+        """
+        stack = _checked(readings)
+        if u_reading is not None and not (math.isfinite(u_reading) and u_reading >= 0.0):
+            raise DataError(
+                f"u_reading is {u_reading}; it must be a standard uncertainty >= 0 in m"
+            )
+        coordinates = self._coordinates(stack.shape[1:])
+        aligned, n_removed, left = _aligned(stack, self.align, coordinates)
+        return self._result(aligned, n_removed, left, coordinates, u_reading, history)
+
+    def _coordinates(self, shape: tuple[int, ...]) -> dict[str, FloatArray]:
+        if len(shape) == 2:
+            dx, dy = self.steps or (1.0, 1.0)
+            across, along = (
+                np.arange(shape[1], dtype=np.float64),
+                np.arange(shape[0], dtype=np.float64),
+            )
+            return {"x": np.asarray(dx * across), "y": np.asarray(dy * along)}
+        if self.x is None:
+            n = shape[0]
+            return (
+                {"angle": 2 * np.pi * np.arange(n) / n}
+                if self.closed
+                else {"x": np.arange(float(n))}
+            )
+        if len(self.x) != shape[0]:
+            raise DataError(f"repeatable: {len(self.x)} positions for {shape[0]} samples")
+        return {"angle" if self.closed else "x": np.array(self.x)}
+
+    def _result(
+        self,
+        stack: FloatArray,
+        n_removed: int,
+        left: FloatArray,
+        coordinates: dict[str, FloatArray],
+        u_reading: float | None,
+        history: tuple[Step, ...],
+    ) -> Separation:
+        m = stack.shape[0]
+        counts = np.isfinite(stack).sum(axis=0).astype(np.float64)
+        total = np.where(np.isfinite(stack), stack, 0.0).sum(axis=0)
+        mean = np.where(counts > 0, total / np.maximum(counts, 1.0), np.nan)
+        rest = stack - mean
+        squares = np.where(np.isfinite(rest), rest**2, 0.0).sum(axis=0)
+        sd = np.where(counts > 1, np.sqrt(squares / np.maximum(counts - 1.0, 1.0)), np.nan)
+        freedom = float(np.maximum(counts - 1.0, 0.0).sum()) - n_removed * (m - 1)
+        if freedom < 1.0:
+            raise TooFewSamplesError(
+                "repeatable: no point was measured twice; the masks do not meet"
+            )
+        pooled = math.sqrt(float(squares.sum()) / freedom)
+        spread = pooled if u_reading is None else float(u_reading)
+        share = _share(mean, counts, pooled, m)
+        u_mean = spread * np.sqrt(left / np.maximum(counts, 1.0))
+        u_rest = spread * np.sqrt(left * (1.0 - 1.0 / np.maximum(counts, 1.0)))
+        parts = {"repeatable": mean, "non_repeatable": rest, "sd": sd}
+        u = {
+            "repeatable": np.where(counts > 0, u_mean, np.nan),
+            "non_repeatable": np.where(np.isfinite(rest), u_rest, np.nan),
+            "sd": np.where(counts > 1, sd / np.sqrt(2.0 * np.maximum(counts - 1.0, 1.0)), np.nan),
+        }
+        audit: dict[str, Any] = {
+            "n_repeats": m,
+            "align": self.align,
+            "sd_one_repeat_nm": 1e9 * pooled,
+            "degrees_of_freedom": freedom,
+            **share,
+        }
+        messages = []
+        lines: list[dict[str, Any]] = []
+        if mean.ndim == 1:
+            ((_, positions),) = coordinates.items()
+            lines, said = repeating_lines(stack, positions, closed=self.closed)
+            messages += said
+        audit["lines"] = lines
+        if m < 4:
+            messages.append(
+                f"{m} repeats: the scatter at a single point is known to "
+                f"{100 / math.sqrt(2 * (m - 1)):.0f} % only; u uses the scatter pooled over all points"
+            )
+        text = f"scatter of one repeat, pooled from {m} repeats (type A)"
+        noise = Quantity(spread, "m", text, u=pooled / math.sqrt(2.0 * freedom), symbol="s")
+        if u_reading is not None:
+            noise = Quantity(
+                spread, "m", "standard uncertainty of one reading, as stated", symbol="s"
+            )
+        return Separation(
+            self.name,
+            parts,
+            u,
+            dict.fromkeys(parts, "m"),
+            coordinates,
+            self.null_space(),
+            noise=noise,
+            audit=audit,
+            messages=tuple(messages),
+            history=(*history, Step(self.name, {"n": m, "align": self.align})),
+        )
+
+
+def repeatable(
+    repeats: Sequence[ArrayLike | Profile | Surface] | ArrayLike,
+    *,
+    x: ArrayLike | None = None,
+    align: Align = "line",
+    shift: Literal["trust", "fit"] = "trust",
+    closed: bool = False,
+    u_reading: float | None = None,
+) -> Separation:
+    """Return what repeats in several measurements of one thing, and what does not.
+
+    Parameters
+    ----------
+    repeats : sequence of Profile, Surface or array_like, m
+        At least two. Profiles may lie on different positions: they are interpolated to common ones
+        over the common range. Maps must have the same pixels.
+    x : array_like, shape (n,), m, optional
+        Positions of arrays; for a closed profile angles in rad.
+    align : {"line", "piston", "none"}, optional
+        What is removed from each repeat: line or plane, mean, or nothing.
+    shift : {"trust", "fit"}, optional
+        Take the positions as they are, or move each profile onto the first by least squares.
+    closed : bool, optional
+        Whether a profile is one turn.
+    u_reading : float, m, optional
+        Standard uncertainty of one reading; the scatter of the repeats if omitted.
+
+    Returns
+    -------
+    Separation
+        ``.repeatable`` (mean), ``.non_repeatable`` (each repeat minus the mean), ``.sd`` (scatter of
+        one repeat at each point). The audit has the shares of variance, and ``lines``: amplitude,
+        uncertainty and p-value of each wavelength that repeats.
+
+    Raises
+    ------
+    DataError, InvalidSamplesError, TooFewSamplesError
+        If there are fewer than two repeats, or they have no common positions.
+    NotConvergedError
+        If the shifts do not settle.
+
+    Notes
+    -----
+    With scatter s (line removed from each of M repeats) the variance over x of the mean holds
+    ``s^2/M`` of noise; it is subtracted: ``repeatable = var(mean) - s^2/M``, and may come out below
+    zero. A wavelength repeats where ``F = M |mean Z|^2 / S`` (S the scatter of the complex amplitude
+    Z) passes Benjamini-Hochberg at 5 % of false discoveries; F follows F(2, 2 M - 2) without it.
+
+    References
+    ----------
+    Y. Benjamini, Y. Hochberg, J. R. Stat. Soc. B 57 (1995) 289-300.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> x = np.linspace(0, 1e-3, 200)
+    >>> noise = 1e-9 * np.random.default_rng(0).standard_normal((5, 200))
+    >>> result = repeatable(20e-9 * np.sin(2 * np.pi * x / 0.2e-3) + noise, x=x)
+    >>> 0.99 < result.audit["share_repeatable"] < 1.0
+    True
+    """
+    if shift not in ("trust", "fit"):
+        raise DataError(f"repeatable: shift is {shift!r}; trust or fit")
+    stack, positions, steps, history, extra = common_stack(repeats, x)
+    if shift == "fit":
+        if positions is None or stack.ndim != 2:
+            raise DataError('repeatable: shift="fit" needs profiles, or arrays with x')
+        stack, positions, moved = shifted_to_first(stack, positions)
+        extra = {**extra, **moved}
+    method = RepeatSplit(
+        None if positions is None else tuple(positions.tolist()), align, closed, steps
+    )
+    result = method.separate(stack, u_reading=u_reading, history=history)
+    if not extra:
+        return result
+    from dataclasses import replace
+
+    return replace(result, audit={**result.audit, **extra})
+
+
+def _checked(readings: ArrayLike) -> FloatArray:
+    try:
+        stack = np.array(readings, dtype=np.float64)
+    except (TypeError, ValueError) as exc:
+        raise InvalidSamplesError(f"repeatable: repeats hold no numbers ({exc})") from None
+    if stack.ndim not in (2, 3):
+        raise InvalidSamplesError(
+            f"repeatable needs an array (repeats, n) or (repeats, n_y, n_x), got {stack.shape}"
+        )
+    if stack.shape[0] < 2:
+        raise TooFewSamplesError(f"repeatable needs at least 2 repeats, got {stack.shape[0]}")
+    if np.isinf(stack).any():
+        raise InvalidSamplesError("repeatable: a reading is infinite; mark it as NaN")
+    for k, one in enumerate(stack):
+        if np.isfinite(one).sum() < _LEAST:
+            raise TooFewSamplesError(
+                f"repeatable: repeat {k + 1} has {int(np.isfinite(one).sum())} measured samples, at "
+                f"least {_LEAST} are needed"
+            )
+    return stack
+
+
+def _aligned(
+    stack: FloatArray, align: Align, coordinates: Mapping[str, FloatArray]
+) -> tuple[FloatArray, int, FloatArray]:
+    """Return repeats without their alignment, columns removed, and the share of variance left."""
+    shape = stack.shape[1:]
+    scaled = [_scaled(c) for c in reversed(list(coordinates.values()))]  # y, x as the rows go
+    axes = np.meshgrid(*scaled, indexing="ij")
+    columns = [] if align == "none" else [np.ones(shape)]
+    if align == "line":
+        columns += axes
+    if not columns:
+        return stack, 0, np.ones(shape)
+    basis = np.stack([c.ravel() for c in columns], axis=1)
+    out = stack.reshape(stack.shape[0], -1).copy()
+    for k, one in enumerate(out):
+        good = np.isfinite(one)
+        out[k] = one - basis @ np.linalg.lstsq(basis[good], one[good], rcond=None)[0]
+    common = np.isfinite(out).all(axis=0)
+    used = basis[common] if common.sum() > basis.shape[1] else basis
+    lever = np.einsum("ni,ij,nj->n", basis, np.linalg.pinv(used.T @ used), basis)
+    return out.reshape(stack.shape), basis.shape[1], np.maximum(1.0 - lever, 0.0).reshape(shape)
+
+
+def _scaled(x: FloatArray) -> FloatArray:
+    half = max(float(np.ptp(x)) / 2.0, np.finfo(np.float64).tiny)
+    return np.asarray((x - (x.max() + x.min()) / 2.0) / half)
+
+
+def _share(mean: FloatArray, counts: FloatArray, pooled: float, m: int) -> dict[str, float]:
+    full = counts == m
+    if full.sum() < _LEAST:
+        return {}
+    lasting = float(np.var(mean[full])) - pooled**2 / m
+    total = lasting + pooled**2
+    return {
+        "variance_repeatable_nm2": 1e18 * lasting,
+        "variance_non_repeatable_nm2": 1e18 * pooled**2,
+        "share_repeatable": lasting / total if total > 0.0 else math.nan,
+    }
