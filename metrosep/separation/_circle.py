@@ -1,6 +1,7 @@
 """Readings round a circle: checked, and as harmonics ``sum_k Re(c_k exp(j k theta))`` and back.
 
-The samples stand at ``theta_j = 2 pi j / N``; revolutions are whole. Harmonics go up to kmax < N/2,
+The samples stand at ``theta_j = theta_0 + 2 pi j / N``, theta_0 = 0 unless the readings say
+otherwise; revolutions are whole. Harmonics go up to kmax < N/2,
 so the sample at the Nyquist frequency, whose phase no reading tells, never enters.
 """
 
@@ -8,7 +9,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,23 +21,28 @@ from metrosep.core.errors import (
     TooFewSamplesError,
     UnitError,
 )
-from metrosep.core.profile import Profile
-from metrosep.core.provenance import Step
-from metrosep.core.recording import Recording
+from metrosep.separation._readings import as_numbers
 from metrosep.separation.null_space import Unobservable
 
 __all__ = [
+    "Revolutions",
     "angle_tuple",
-    "as_array",
+    "centred",
     "centring",
     "check_kmax",
+    "check_number",
+    "check_radius",
+    "check_start",
+    "check_turn",
     "check_u_reading",
+    "check_whole",
     "curve",
     "grid",
     "harmonics_of",
-    "history_of",
     "names_of_k",
+    "numbers",
     "part_arrays",
+    "referred_to_zero",
     "revolutions",
     "turned",
 ]
@@ -43,18 +50,71 @@ __all__ = [
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
+_LARGEST_RADIUS = 10.0
+"""m; no artefact on a spindle is larger, but 20 mm given as 20 is."""
+
+_LARGEST_NOISE = 0.1
+"""m or rad; a larger standard deviation of one reading is um, nm or degrees by mistake."""
+
 
 def grid(n: int) -> FloatArray:
     """Return the angles in rad of n samples of one revolution."""
     return 2.0 * np.pi * np.arange(n) / n
 
 
+def check_number(value: Any, name: str, *, unit: str = "", above: float | None = None) -> float:
+    """Return a finite number >= 0 (or > `above`) as float, refused in words if it is none."""
+    shown = f"{value!r}"[:40] + (f" {unit}" if unit else "")
+    plain = not isinstance(value, str | bool) and np.ndim(value) == 0
+    try:
+        number = float(value) if plain else None
+    except (TypeError, ValueError):
+        number = None
+    if number is None:
+        unit_words = f" in {unit}" if unit else ""
+        raise DataError(f"{name} must be one number{unit_words}, got {shown}")
+    limit = ">= 0" if above is None else f"> {above:g}"
+    if not math.isfinite(number) or (number < 0.0 if above is None else number <= above):
+        raise DataError(
+            f"{name} must be finite and {limit}{f' {unit}' if unit else ''}, got {shown}"
+        )
+    return number
+
+
+def check_whole(value: Any, name: str, *, least: int, most: float = math.inf) -> int:
+    """Return a whole number from least to most as int, refused in words if it is none."""
+    try:
+        whole = not isinstance(value, str | bool) and np.ndim(value) == 0 and int(value) == value
+    except (TypeError, ValueError, OverflowError):
+        whole = False
+    if not whole or not least <= value <= most:
+        limits = f">= {least}" if math.isinf(most) else f"from {least} to {most:g}"
+        raise DataError(f"{name} must be a whole number {limits}, got {f'{value!r}'[:40]}")
+    return int(value)
+
+
+def check_radius(radius: Any) -> float:
+    """Return a radius in m, refused where it can only be mm."""
+    value = check_number(radius, "radius", unit="m", above=0.0)
+    if value > _LARGEST_RADIUS:
+        raise UnitError(
+            f"radius of {value:g} m is above {_LARGEST_RADIUS:g} m; mm? divide by 1000"
+        )
+    return value
+
+
+def numbers(values: Any, needs: str) -> FloatArray:
+    """Return an array of floats, refused in words where rows differ in length or are no numbers."""
+    try:
+        np.shape(values)
+    except ValueError:
+        raise InvalidSamplesError(f"{needs}, got rows of different lengths") from None
+    return as_numbers(values, needs)
+
+
 def angle_tuple(angles: ArrayLike, *, least: int, what: str) -> tuple[float, ...]:
     """Return angles in rad as floats, refused when they look like degrees."""
-    try:
-        array = np.asarray(angles, dtype=np.float64)
-    except (TypeError, ValueError) as exc:
-        raise InvalidSamplesError(f"the {what} angles are not numbers; give rad") from exc
+    array = numbers(angles, f"the {what} angles must be numbers in rad")
     if array.ndim != 1 or array.size < least:
         raise TooFewSamplesError(
             f"need >= {least} {what} angles in one row, got an array of shape {array.shape}"
@@ -71,55 +131,79 @@ def angle_tuple(angles: ArrayLike, *, least: int, what: str) -> tuple[float, ...
 
 def check_kmax(kmax: int) -> int:
     """Return kmax as int, at least 2."""
-    if isinstance(kmax, bool) or int(kmax) != kmax or kmax < 2:
-        raise DataError(f"kmax must be a whole number >= 2, got {kmax!r}")
-    return int(kmax)
+    return check_whole(kmax, "kmax", least=2)
 
 
-def check_u_reading(u_reading: float | None) -> float | None:
-    """Return the standard deviation of one reading, refused if negative or not finite."""
+def check_start(start_angle: Any) -> float:
+    """Return the angle of the first sample in rad."""
+    if isinstance(start_angle, str) or np.ndim(start_angle) != 0 or not np.isfinite(start_angle):
+        raise DataError(f"start_angle must be one finite angle in rad, got {start_angle!r}")
+    return float(start_angle)
+
+
+def check_turn(turn: Any) -> Literal[1, -1]:
+    """Return the turn, +1 or -1."""
+    if np.ndim(turn) != 0 or turn not in (1, -1):
+        raise DataError(f"turn must be +1 or -1, got {turn!r}")
+    return 1 if turn == 1 else -1
+
+
+def check_u_reading(u_reading: Any, unit: str = "m") -> float | None:
+    """Return the standard deviation of one reading, refused if negative, not finite or huge."""
     if u_reading is None:
         return None
-    if not (math.isfinite(u_reading) and u_reading >= 0.0):
-        raise DataError(f"u_reading must be a finite standard deviation in m, got {u_reading}")
-    return float(u_reading)
+    value = check_number(u_reading, "u_reading", unit=unit)
+    if value > _LARGEST_NOISE:
+        raise UnitError(
+            f"u_reading of {value:g} {unit} is above {_LARGEST_NOISE:g} {unit}; um or nm? give "
+            f"u_reading in {unit}"
+        )
+    return value
 
 
-def as_array(m: Any) -> Any:
-    """Return the samples of a Recording, of Profiles or of anything like an array."""
-    if isinstance(m, Recording):
-        return np.stack(list(m.channels.values()))
-    if isinstance(m, Sequence) and m and all(isinstance(item, Profile) for item in m):
-        if len({len(item) for item in m}) > 1:
-            raise InvalidSamplesError(
-                f"the profiles have {[len(p) for p in m]} samples; all probes need the same"
-            )
-        return np.stack([item.z for item in m])
-    return m
+@dataclass(frozen=True, slots=True)
+class Revolutions:
+    """Complete revolutions of all readings.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n, M, N)
+        Readings.
+    kept : ndarray of int, shape (M,)
+        Which revolutions these were, from 0.
+    n_given : int
+        Revolutions before the incomplete ones were left out.
+    """
+
+    values: FloatArray
+    kept: NDArray[np.intp]
+    n_given: int
+
+    @property
+    def n_left_out(self) -> int:
+        """Revolutions that were incomplete."""
+        return self.n_given - self.kept.size
+
+    @property
+    def messages(self) -> list[str]:
+        """What is to be said about gaps."""
+        if self.n_left_out == 0:
+            return []
+        text = (
+            f"{self.n_left_out} of {self.n_given} revolutions have readings that are not measured "
+            "and were left out"
+        )
+        return [text]
 
 
-def history_of(m: Any) -> tuple[Step, ...]:
-    """Return what happened to the readings before, as far as they tell it."""
-    if isinstance(m, Recording):
-        return m.history
-    if isinstance(m, Sequence) and m and isinstance(m[0], Profile):
-        return tuple(step for item in m for step in item.history)
-    return ()
-
-
-def revolutions(
-    readings: Any, n: int, *, what: str, n_min: int
-) -> tuple[FloatArray, list[str], int]:
-    """Return readings as (n, M, N) without incomplete revolutions, messages, and how many left.
+def revolutions(readings: Any, n: int, *, what: str, n_min: int) -> Revolutions:
+    """Return readings as (n, M, N) without incomplete revolutions.
 
     A revolution in which any reading is missing is left out whole: an FFT would have to fill it.
     """
-    try:
-        array = np.asarray(readings, dtype=np.float64)
-    except (TypeError, ValueError) as exc:
-        raise InvalidSamplesError(
-            f"the readings are not a regular array of numbers; need ({n}, N) or ({n}, M, N) in m"
-        ) from exc
+    array = numbers(
+        readings, f"readings of {n} {what} must be a regular array ({n}, N) or ({n}, M, N)"
+    )
     if array.ndim not in (2, 3) or array.shape[0] != n:
         raise InvalidSamplesError(
             f"readings of {n} {what} need the shape ({n}, N) or ({n}, M revolutions, N samples), "
@@ -137,20 +221,19 @@ def revolutions(
             f"reading {j} of revolution {r} of {what} {i} is infinite; drop that revolution"
         )
     complete = ~np.isnan(array).any(axis=(0, 2))
-    n_left_out = int(complete.size - complete.sum())
-    if n_left_out == complete.size:
+    if not complete.any():
         raise InvalidSamplesError(
             "no revolution is complete: in each at least one reading is not measured (NaN); "
             "measure again, missing readings are not filled"
         )
-    messages = []
-    if n_left_out:
-        messages.append(
-            f"{n_left_out} of {complete.size} revolutions have readings that are not measured "
-            "and were left out"
-        )
-        array = array[:, complete]
-    return array, messages, n_left_out
+    return Revolutions(array[:, complete], np.flatnonzero(complete), complete.size)
+
+
+def centred(values: FloatArray) -> FloatArray:
+    """Return curves without their mean and their once-per-revolution share, along the last axis."""
+    n = values.shape[-1]
+    out: FloatArray = values - curve(harmonics_of(values, 1), n)
+    return out
 
 
 def harmonics_of(samples: FloatArray, kmax: int) -> ComplexArray:
@@ -159,6 +242,12 @@ def harmonics_of(samples: FloatArray, kmax: int) -> ComplexArray:
     c: ComplexArray = np.fft.rfft(samples, axis=-1)[..., : kmax + 1] * (2.0 / n)
     c[..., 0] *= 0.5
     return c
+
+
+def referred_to_zero(c: ComplexArray, start_angle: float) -> ComplexArray:
+    """Return harmonics about the angle 0, from those about the first sample at `start_angle`."""
+    out: ComplexArray = c * np.exp(-1j * start_angle * np.arange(c.shape[-1]))
+    return out
 
 
 def curve(c: ComplexArray, n: int) -> FloatArray:
@@ -211,9 +300,9 @@ def centring(part: str) -> Unobservable:
     return Unobservable(
         part,
         "term",
-        ("mean (k = 0)", "eccentricity (k = 1)"),
-        "the mean is the zero of the probes; k = 1 is shared between the centring of the artefact "
-        "and the motion, so both are left out",
+        ("offset", "eccentricity"),
+        "the offset (k = 0) is the zero of the probes; k = 1 is shared between the centring of the "
+        "artefact and the motion, so both are left out",
     )
 
 

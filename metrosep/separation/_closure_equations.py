@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import InvalidSamplesError, UnitError
 from metrosep.core.quantity import Quantity
+from metrosep.separation._circle import numbers
 
 __all__ = ["ClosureSolution", "checked_angles", "noise_of_residuals", "solve_closure"]
 
@@ -95,12 +96,7 @@ def _kept(n: int, hidden: list[int]) -> FloatArray:
 
 def checked_angles(readings: ArrayLike, p: int, n: int) -> FloatArray:
     """Return readings (p, n) in rad, refused if infinite, of another shape or unit."""
-    try:
-        array = np.array(readings, dtype=np.float64)
-    except (TypeError, ValueError) as exc:
-        raise InvalidSamplesError(
-            "the readings are not a regular array of numbers in rad"
-        ) from exc
+    array = numbers(readings, "the readings must be a regular array of numbers in rad")
     if array.shape != (p, n):
         raise InvalidSamplesError(
             f"readings of {p} set-ups with {n} divisions need the shape ({p}, {n}), got "

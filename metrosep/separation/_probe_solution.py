@@ -11,8 +11,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
-from metrosep.separation._circle import curve, grid, harmonics_of, names_of_k, revolutions
+from metrosep.separation._circle import (
+    centred,
+    curve,
+    grid,
+    harmonics_of,
+    names_of_k,
+    referred_to_zero,
+    revolutions,
+)
 from metrosep.separation._probe_geometry import ProbeGeometry
+from metrosep.separation._probe_settings import PARTS
+from metrosep.separation._readings import size_doubts
 from metrosep.separation.contract import Separation
 from metrosep.separation.null_space import suppressed_harmonics
 
@@ -24,13 +34,15 @@ __all__ = ["separate_probes"]
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
-_PARTS = ("artefact", "x", "y")
-
 _FEW_REVOLUTIONS = 5
 """Below this the uncertainty of a harmonic from revolutions has fewer than 8 degrees of freedom."""
 
 _DISAGREE = 5.0
 """Excess of chi-square, in its standard deviations, at which the probes are said to disagree."""
+
+
+_ROUNDING = 1e-12
+"""Disagreement of this share of the readings is rounding."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,13 +66,14 @@ def separate_probes(
     geometry: ProbeGeometry,
     readings: ArrayLike,
     u_reading: float | None,
+    start_angle: float,
     history: tuple[Step, ...],
 ) -> Separation:
     """Return the separation that the method's estimators make of the readings."""
     n = len(method.angles)
-    array, messages, n_left_out = revolutions(
-        readings, n, what="probes", n_min=2 * method.kmax + 1
-    )
+    given = revolutions(readings, n, what="probes", n_min=2 * method.kmax + 1)
+    array = given.values
+    messages = [*given.messages, *size_doubts(centred(array), method.name)]
     n_samples, n_turns = array.shape[2], array.shape[1]
     each = harmonics_of(array, method.kmax)
     mean = each.mean(axis=1)
@@ -78,7 +91,7 @@ def separate_probes(
         messages.append(noise.source)
     u_harmonics = np.sqrt(noise.harmonics**2 + sum(square for _, square in terms.values()))
     null_space = method.null_space()
-    ratio = _chi2_ratio(noise.value, misfit, freedom, n_samples * n_turns)
+    ratio = _chi2_ratio(geometry, each, noise, misfit, freedom, n_samples)
     messages += _messages(method, null_space, noise, n_turns, ratio, freedom)
     audit: dict[str, Any] = {
         "angles_deg": np.rad2deg(method.angles).tolist(),
@@ -86,7 +99,8 @@ def separate_probes(
         "kmax": method.kmax,
         "n_samples": n_samples,
         "n_revolutions": n_turns,
-        "n_revolutions_left_out": n_left_out,
+        "n_revolutions_left_out": given.n_left_out,
+        "start_angle_deg": math.degrees(start_angle),
         "max_gain": method.max_gain,
         "gain": [float(g) if math.isfinite(g) else None for g in geometry.gain[0]],
         "suppressed": suppressed_harmonics(null_space),
@@ -100,20 +114,20 @@ def separate_probes(
                 f"{label} / m": float(math.sqrt(square[i].mean()))
                 for label, (square, _) in terms.items()
             }
-            for i, part in enumerate(_PARTS)
+            for i, part in enumerate(PARTS)
         },
     }
     messages += _limacon_message(audit)
     return Separation(
         method.name,
-        dict(zip(_PARTS, curves, strict=True)),
-        dict(zip(_PARTS, u_curves, strict=True)),
-        dict.fromkeys(_PARTS, "m"),
-        {"angle": grid(n_samples)},
+        dict(zip(PARTS, curves, strict=True)),
+        dict(zip(PARTS, u_curves, strict=True)),
+        dict.fromkeys(PARTS, "m"),
+        {"angle": start_angle + grid(n_samples)},
         null_space,
         noise.quantity,
-        dict(zip(_PARTS, found, strict=True)),
-        dict(zip(_PARTS, np.where(np.isnan(found), np.nan, u_harmonics), strict=True)),
+        dict(zip(PARTS, referred_to_zero(found, start_angle), strict=True)),
+        dict(zip(PARTS, np.where(np.isnan(found), np.nan, u_harmonics), strict=True)),
         audit,
         tuple(messages),
         (*history, Step(method.name, {"kmax": method.kmax, "angles_deg": audit["angles_deg"]})),
@@ -126,11 +140,19 @@ def _parts(geometry: ProbeGeometry, spectra: ComplexArray) -> ComplexArray:
     return out
 
 
+def _rest(geometry: ProbeGeometry, spectra: ComplexArray) -> ComplexArray:
+    """Return the whitened rest (k, ..., n) of spectra (n, ..., k) that no parts explain."""
+    known = geometry.freedom > 0
+    out: ComplexArray = np.einsum(
+        "kij,jl,l...k->k...i", geometry.residual[known], geometry.whitener, spectra[..., known]
+    )
+    return out
+
+
 def _misfit(geometry: ProbeGeometry, mean: ComplexArray) -> tuple[float, int]:
     """Return sum of squares of the whitened rest of the mean, and its real degrees of freedom."""
-    rest = np.einsum("kij,jl,lk->ki", geometry.residual, geometry.whitener, mean)
-    known = geometry.freedom > 0
-    return float(np.sum(np.abs(rest[known]) ** 2)), 2 * int(geometry.freedom.sum())
+    rest = _rest(geometry, mean)
+    return float(np.sum(np.abs(rest) ** 2)), 2 * int(geometry.freedom.sum())
 
 
 def _noise(
@@ -152,8 +174,8 @@ def _noise(
         size = math.sqrt(float(np.trace(np.array(method.cov))) / n)
         return _Noise(size, None, "as stated (cov, root mean square)", white * size)
     if n_turns > 1:
-        about = array - array.mean(axis=1, keepdims=True)
-        dof = n * n_samples * (n_turns - 1)
+        about = centred(array - array.mean(axis=1, keepdims=True))
+        dof = n * (n_samples - 3) * (n_turns - 1)
         size = math.sqrt(float(np.sum(about**2)) / dof)
         scatter = _parts(geometry, each - each.mean(axis=1, keepdims=True))
         variance = np.sum(np.abs(scatter) ** 2, axis=1) / (2.0 * (n_turns - 1) * n_turns)
@@ -202,11 +224,30 @@ def _type_b(
     return out
 
 
-def _chi2_ratio(noise: float, misfit: float, freedom: int, n_readings: int) -> float | None:
-    """Return what the probes disagree by, squared, over what the noise explains."""
-    if freedom == 0 or not noise > 0.0:
+def _chi2_ratio(
+    geometry: ProbeGeometry,
+    each: ComplexArray,
+    noise: _Noise,
+    misfit: float,
+    freedom: int,
+    n_samples: int,
+) -> float | None:
+    """Return what the probes disagree by, squared, over what the noise explains.
+
+    Revolutions tell the noise of the disagreement itself: motion and drift of the level that
+    differ from revolution to revolution do not hide it.
+    """
+    n_turns = each.shape[1]
+    if freedom == 0 or math.isnan(noise.value):
         return None
-    return misfit / freedom / (noise**2 * 2.0 / n_readings)
+    if noise.source.startswith("as stated") or n_turns == 1:
+        explained = noise.value**2 * 2.0 / (n_samples * n_turns)
+    else:
+        scatter = _rest(geometry, each - each.mean(axis=1, keepdims=True))
+        explained = float(np.sum(np.abs(scatter) ** 2)) / (freedom * (n_turns - 1) * n_turns)
+    floor = (_ROUNDING * float(np.abs(each).max())) ** 2
+    explained = max(explained, floor)
+    return misfit / freedom / explained if explained > 0.0 else None
 
 
 def _eccentricity(method: MultiprobeRoundness, mean: ComplexArray) -> dict[str, float | None]:
@@ -253,7 +294,8 @@ def _messages(
             f"u of single harmonics comes from {n_turns} revolutions only "
             f"({2 * (n_turns - 1)} degrees of freedom each)"
         )
-    if ratio is not None and ratio > 1.0 + _DISAGREE * math.sqrt(2.0 / freedom):
+    spread = 2.0 / max(freedom, 1) * (1.0 + (1.0 / (n_turns - 1) if n_turns > 1 else 0.0))
+    if ratio is not None and ratio > 1.0 + _DISAGREE * math.sqrt(spread):
         out.append(
             f"the probes disagree {math.sqrt(ratio):.3g} times more than their noise explains: "
             "an angle, a sensitivity or the turn is wrong; check_probes names the suspect"

@@ -77,12 +77,13 @@ def as_numbers(values: ArrayLike, needs: str) -> FloatArray:
     InvalidSamplesError
         If they are complex, texts or ragged.
     """
-    if np.iscomplexobj(values):
-        raise InvalidSamplesError(f"{needs}, got complex numbers; take their real part")
     try:
-        array = np.array(values, dtype=np.float64)
+        is_complex = np.iscomplexobj(values)
+        array = np.array(values, dtype=np.complex128 if is_complex else np.float64)
     except (TypeError, ValueError) as exc:
         raise InvalidSamplesError(f"{needs}, got no array of numbers ({exc})") from None
+    if is_complex:
+        raise InvalidSamplesError(f"{needs}, got complex numbers; take their real part")
     if isinstance(values, np.ma.MaskedArray):
         array[np.ma.getmaskarray(values)] = np.nan
     return array

@@ -11,7 +11,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
-from metrosep.separation._circle import curve, grid, harmonics_of, names_of_k, revolutions
+from metrosep.separation._circle import (
+    Revolutions,
+    centred,
+    curve,
+    grid,
+    harmonics_of,
+    names_of_k,
+    referred_to_zero,
+    revolutions,
+)
+from metrosep.separation._readings import size_doubts
 from metrosep.separation.contract import Separation
 from metrosep.separation.null_space import suppressed_harmonics
 
@@ -74,14 +84,14 @@ def separate_steps(
     method: MultistepRoundness,
     readings: ArrayLike,
     u_reading: float | None,
+    start_angle: float,
     history: tuple[Step, ...],
 ) -> Separation:
     """Return the separation that the method's estimators make of the readings."""
     positions = len(method.angles)
-    array, messages, left_out = revolutions(
-        readings, positions, what="index positions", n_min=2 * method.kmax + 1
-    )
-    array, rate = _without_drift(method, array)
+    given = revolutions(readings, positions, what="index positions", n_min=2 * method.kmax + 1)
+    messages = [*given.messages, *size_doubts(centred(given.values), method.name)]
+    array, rate, u_rate = _without_drift(method, given)
     turns, n = array.shape[1:]
     geometry = step_geometry(method)
     each = harmonics_of(array, method.kmax)
@@ -116,7 +126,8 @@ def separate_steps(
         "kmax": method.kmax,
         "n_samples": n,
         "n_revolutions": turns,
-        "n_revolutions_left_out": left_out,
+        "n_revolutions_left_out": given.n_left_out,
+        "start_angle_deg": math.degrees(start_angle),
         "gain": [float(g) if math.isfinite(g) else None for g in geometry.gain[0]],
         "suppressed": hidden,
         "eccentricity": method.eccentricity,
@@ -124,6 +135,7 @@ def separate_steps(
         + (", k = 1" if method.eccentricity == "free" else ""),
         "drift": method.drift,
         "drift_nm_per_revolution": rate * 1e9,
+        "u_drift_nm_per_revolution": None if math.isnan(u_rate) else u_rate * 1e9,
         "residual_rms_nm": 1e9
         * math.sqrt(float(np.mean(np.sum(np.abs(rest[:, seen]) ** 2, axis=1)) / 2.0)),
         "noise_source": noise.definition,
@@ -132,16 +144,18 @@ def separate_steps(
             for i, part in enumerate(_PARTS)
         },
     }
+    dof = positions * turns - 2
+    messages += _drift_left(method, rate, u_rate, dof, u_curve[1]) + _wide_index(method)
     messages += _first_harmonic(method, rest, float(np.abs(mean).max()))
     return Separation(
         method.name,
         dict(zip(_PARTS, curve(found, n), strict=True)),
         dict(zip(_PARTS, u_curve, strict=True)),
         dict.fromkeys(_PARTS, "m"),
-        {"angle": grid(n)},
+        {"angle": start_angle + grid(n)},
         null_space,
         noise,
-        dict(zip(_PARTS, found, strict=True)),
+        dict(zip(_PARTS, referred_to_zero(found, start_angle), strict=True)),
         dict(zip(_PARTS, np.sqrt(u_k**2 + square_k), strict=True)),
         audit,
         tuple(messages),
@@ -149,17 +163,57 @@ def separate_steps(
     )
 
 
-def _without_drift(method: MultistepRoundness, array: FloatArray) -> tuple[FloatArray, float]:
-    """Return readings without linear drift, and the drift per revolution that their means show."""
-    positions, turns, n = array.shape
-    between = float(turns if method.step_revolutions is None else method.step_revolutions)
-    start = between * np.arange(positions)[:, np.newaxis] + np.arange(turns)
-    level = array.mean(axis=2)
-    time = start - start.mean()
-    rate = float(np.sum(time * level) / np.sum(time**2))
+def _without_drift(
+    method: MultistepRoundness, given: Revolutions
+) -> tuple[FloatArray, float, float]:
+    """Return readings without linear drift, the drift per revolution and its uncertainty.
+
+    Revolutions keep their number when another is left out: time went on.
+    """
+    positions, _, n = given.values.shape
+    between = float(given.n_given if method.step_revolutions is None else method.step_revolutions)
+    start = between * np.arange(positions)[:, np.newaxis] + given.kept
+    level = given.values.mean(axis=2)
+    time, about = start - start.mean(), level - level.mean()
+    size2 = float(np.sum(time**2))
+    rate = float(np.sum(time * about)) / size2
+    dof = level.size - 2
+    square = float(np.sum((about - rate * time) ** 2))
+    u_rate = math.sqrt(square / dof / size2) if dof > 0 else math.nan
     if method.drift == "none":
-        return array, rate
-    return array - rate * (start[:, :, np.newaxis] + np.arange(n) / n), rate
+        return given.values, rate, u_rate
+    drift = rate * (start[:, :, np.newaxis] + np.arange(n) / n)
+    return given.values - drift, rate, u_rate
+
+
+def _drift_left(
+    method: MultistepRoundness, rate: float, u_rate: float, dof: int, u_spindle: FloatArray
+) -> list[str]:
+    """Say so where a drift that is not taken off stands out and matters to the spindle."""
+    if method.drift == "linear" or dof < 1:
+        return []
+    # Student's t has long tails where few levels stand behind the line
+    limit = _EXCESS * (1.0 + (3.0 / dof) ** 2)
+    matters = float(np.sqrt(np.mean(u_spindle**2)))
+    if not abs(rate) > limit * u_rate or abs(rate) <= matters:
+        return []
+    text = (
+        f"the level drifts by {rate * 1e9:.3g} nm per revolution (u {u_rate * 1e9:.2g} nm), which "
+        "is a step of that height in the spindle at the start of the revolution: give "
+        "drift='linear' if the steps followed each other in time"
+    )
+    return [text]
+
+
+def _wide_index(method: MultistepRoundness) -> list[str]:
+    """Say so where the uncertainty of the positions is no small angle for the highest undulation."""
+    if method.kmax * method.u_index <= 1.0:
+        return []
+    text = (
+        f"u_index of {math.degrees(method.u_index):.3g} deg is no small angle for k above "
+        f"{int(1.0 / method.u_index)}, where its share of u is too small a guess; was it in rad?"
+    )
+    return [text]
 
 
 def _noise(

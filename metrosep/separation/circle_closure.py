@@ -27,7 +27,7 @@ from metrosep.core.errors import (
     TooFewSamplesError,
 )
 from metrosep.core.provenance import Step
-from metrosep.separation._circle import check_u_reading, grid, names_of_k
+from metrosep.separation._circle import check_u_reading, check_whole, grid, names_of_k
 from metrosep.separation._closure_equations import (
     checked_angles,
     noise_of_residuals,
@@ -81,13 +81,14 @@ class CircleClosure(SeparationMethod):
     error_parts: ClassVar[tuple[str, ...]] = ("machine",)
 
     def __post_init__(self) -> None:
-        if isinstance(self.n, bool) or int(self.n) != self.n or self.n < 3:
-            raise TooFewSamplesError(f"a divided circle needs >= 3 divisions, got {self.n!r}")
+        n = check_whole(self.n, "the number of divisions n", least=0)
+        if n < 3:
+            raise TooFewSamplesError(f"a divided circle needs >= 3 divisions, got {n}")
         given = range(self.n) if self.positions is None else self.positions
         try:
             whole = [int(p) for p in given]
             exact = all(p == q for p, q in zip(whole, given, strict=True))
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             whole, exact = [], False
         if not exact:
             raise DataError(f"positions must be whole numbers of divisions, got {given!r}")
@@ -95,7 +96,8 @@ class CircleClosure(SeparationMethod):
             raise TooFewSamplesError(f"need >= 2 set-ups, got {len(whole)}")
         if self.table_sign not in (-1, 1):
             raise DataError(f"table_sign must be -1 or +1, got {self.table_sign!r}")
-        object.__setattr__(self, "n", int(self.n))
+        object.__setattr__(self, "table_sign", -1 if self.table_sign < 0 else 1)
+        object.__setattr__(self, "n", n)
         object.__setattr__(self, "positions", tuple(p % self.n for p in whole))
         if len(set(self.positions)) == 1:
             raise NotSeparableError(
@@ -156,7 +158,7 @@ class CircleClosure(SeparationMethod):
                 Unobservable(
                     part,
                     "term",
-                    ("mean angle",),
+                    ("offset",),
                     "a common angle of all divisions is the zero of the comparator; errors are "
                     "given about their mean",
                 )
@@ -208,7 +210,7 @@ class CircleClosure(SeparationMethod):
         DataError
             If `u_reading` is negative or not finite.
         """
-        stated = check_u_reading(u_reading)
+        stated = check_u_reading(u_reading, "rad")
         array = checked_angles(readings, len(self.positions), self.n)
         null_space = self.null_space()
         hidden = suppressed_harmonics(null_space)
@@ -260,27 +262,6 @@ class CircleClosure(SeparationMethod):
             messages=tuple(messages),
             history=(*history, Step(self.name, {"n": n, "positions": list(self.positions)})),
         )
-
-    def correct(self, readings: ArrayLike) -> FloatArray:
-        """Return the readings without the errors of the table.
-
-        Parameters
-        ----------
-        readings : array_like, shape (P, N), rad
-            As for `separate`.
-
-        Returns
-        -------
-        ndarray, shape (P, N), rad
-            NaN where not measured.
-
-        Raises
-        ------
-        InvalidSamplesError, NotSeparableError, UnitError
-            As for `separate`.
-        """
-        found = self.separate(readings)
-        return np.array(readings, dtype=np.float64) - self.table_sign * found.machine
 
 
 def closure(

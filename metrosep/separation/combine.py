@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.provenance import Step
-from metrosep.separation._circle import centring, curve, grid, names_of_k
+from metrosep.separation._circle import check_kmax, curve, grid, names_of_k
 from metrosep.separation.contract import Separation
-from metrosep.separation.null_space import Unobservable
+from metrosep.separation.null_space import Unobservable, suppressed_harmonics
 
 __all__ = ["combine_harmonics"]
 
@@ -55,7 +55,8 @@ def combine_harmonics(
     TooFewSamplesError
         If fewer than two separations are given.
     DataError
-        If an input lacks the part, its harmonics or its uncertainty, or kmax is out of range.
+        If an input lacks the part, its harmonics or its uncertainty, none knows a harmonic, or
+        kmax is out of range.
 
     Notes
     -----
@@ -81,13 +82,16 @@ def combine_harmonics(
     if len(separations) < 2:
         raise TooFewSamplesError(f"need >= 2 separations to combine, got {len(separations)}")
     for i, item in enumerate(separations):
+        if not isinstance(item, Separation):
+            raise DataError(f"input {i} is a {type(item).__name__}, no Separation")
         for part in parts:
             _check_has(item, part, i)
     top = max(item.harmonics[part].size for item in separations for part in parts) - 1
     if kmax is not None:
-        if isinstance(kmax, bool) or not 2 <= kmax <= top:
+        wanted = check_kmax(kmax)
+        if wanted > top:
             raise DataError(f"kmax must be from 2 to {top}, what the separations have, got {kmax}")
-        top = int(kmax)
+        top = wanted
     n = max(item.coordinates["angle"].size for item in separations)
     harmonics, harmonics_u, curves, u_curves = {}, {}, {}, {}
     null_space: list[Unobservable] = []
@@ -103,7 +107,8 @@ def combine_harmonics(
         weights[part] = [[float(w) for w in row] for row in share]
         ratios[part], text = _agreement(part, c, u, mean)
         messages += text
-        found, text = _unseen(part, mean)
+        messages += _empty(separations, part)
+        found, text = _unseen(separations, part, mean)
         null_space += found
         messages += text
     return Separation(
@@ -192,13 +197,49 @@ def _agreement(
     return ratio, [text]
 
 
-def _unseen(part: str, mean: ComplexArray) -> tuple[list[Unobservable], list[str]]:
+def _empty(separations: Sequence[Separation], part: str) -> list[str]:
+    """Name inputs without one known harmonic: their curve has gaps; refuse if all are such."""
+    empty = [
+        (i, item)
+        for i, item in enumerate(separations)
+        if not np.isfinite(item.harmonics[part]).any()
+    ]
+    if len(empty) == len(separations):
+        raise DataError(
+            f"no separation knows a single harmonic of {part!r}: their curves have gaps (NaN); "
+            "measure the missing samples, or leave incomplete revolutions out"
+        )
+    return [
+        f"separation {i} ({item.method}) knows no harmonic of {part}, since its curve has gaps: it "
+        "takes no part in the combination"
+        for i, item in empty
+    ]
+
+
+def _unseen(
+    separations: Sequence[Separation], part: str, mean: ComplexArray
+) -> tuple[list[Unobservable], list[str]]:
+    """Return what no input knows, and why: suppressed in all, or also lost for other reasons."""
     missing = np.isnan(mean)
-    found = [centring(part)] if missing[:2].any() else []
-    hidden = tuple(int(k) for k in np.flatnonzero(missing) if k > 1)
-    if not hidden:
-        return found, []
-    found.append(
-        Unobservable(part, "harmonic", hidden, "suppressed in every one of the separations")
-    )
-    return found, [f"k={names_of_k(hidden)} of {part} is suppressed in every separation: NaN"]
+    found, messages = [], []
+    terms = tuple(t for t, m in zip(("offset", "eccentricity"), missing[:2], strict=True) if m)
+    if terms:
+        found.append(Unobservable(part, "term", terms, "left out by every one of the separations"))
+    lost = [int(k) for k in np.flatnonzero(missing) if k > 1]
+    hidden = [suppressed_harmonics(item.null_space, part) for item in separations]
+    everywhere = tuple(k for k in lost if all(k in ks for ks in hidden))
+    other = tuple(k for k in lost if k not in everywhere)
+    if everywhere:
+        why = "suppressed in every one of the separations"
+        found.append(Unobservable(part, "harmonic", everywhere, why))
+        messages.append(
+            f"k={names_of_k(everywhere)} of {part} is suppressed in every separation: NaN"
+        )
+    if other:
+        why = (
+            "suppressed in some of the separations, and above kmax or lost to gaps (NaN) in the "
+            "others"
+        )
+        found.append(Unobservable(part, "harmonic", other, why))
+        messages.append(f"k={names_of_k(other)} of {part} is known by no separation ({why}): NaN")
+    return found, messages

@@ -398,8 +398,8 @@ class SeparationMethod(ABC):
         DataError
             If the readings cannot be used.
         """
-        array = np.array(readings, dtype=np.float64)
         found = self.separate(readings)
+        array = np.array(np.ma.filled(np.ma.asarray(readings, dtype=np.float64), np.nan))
         errors = {name: found.parts[name] for name in self.error_parts if name in found.parts}
         model = self.simulate({}, errors)
         return array - (model[:, None] if array.ndim == model.ndim + 1 else model)

@@ -15,75 +15,36 @@ derived anew.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from metrosep.core.errors import DataError
+from metrosep.core.errors import DataError, UnitError
+from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
-from metrosep.core.quantity import Quantity
 from metrosep.separation._circle import (
     centring,
     check_kmax,
+    check_number,
+    check_radius,
+    check_start,
+    check_turn,
     check_u_reading,
     curve,
-    grid,
     harmonics_of,
     part_arrays,
-    revolutions,
 )
+from metrosep.separation._circle_input import circle_readings, with_messages
+from metrosep.separation._mixed_solution import PARTS, mixed_transfer, separate_mixed
 from metrosep.separation.contract import Separation, SeparationMethod
 from metrosep.separation.null_space import Unobservable
 
 __all__ = ["OrthogonalMixed", "mixed_transfer", "orthogonal_mixed"]
 
 FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
-
-_PARTS = ("artefact", "x")
-_ACROSS = (
-    "motion across the displacement probe (y) is not read by either probe; turn the set-up by 90 "
-    "degrees for it"
-)
-_UNKNOWN = (
-    "the noise is not known: give u_reading and u_slope, or repeated revolutions; no uncertainty "
-    "is stated"
-)
-
-
-def mixed_transfer(kmax: int, *, turn: Literal[1, -1] = 1) -> ComplexArray:
-    """Return W_k of the orthogonal mixed method, ``1 + j k j^k``, for k = 0 ... kmax.
-
-    Parameters
-    ----------
-    kmax : int
-        Highest undulation per revolution, >= 2.
-    turn : {1, -1}, optional
-        -1 gives the complex conjugate.
-
-    Returns
-    -------
-    ndarray of complex, shape (kmax + 1,)
-        Zero at k = 1.
-
-    Raises
-    ------
-    DataError
-        If kmax is below 2.
-
-    Examples
-    --------
-    >>> mixed_transfer(4)
-    array([1.+0.j, 0.+0.j, 1.-2.j, 4.+0.j, 1.+4.j])
-    """
-    k = np.arange(check_kmax(kmax) + 1)
-    quarter = np.array([1, 1j, -1, -1j])[k % 4]
-    w: ComplexArray = 1.0 + 1j * k * quarter
-    return w if turn == 1 else w.conj()
 
 
 @dataclass(frozen=True)
@@ -110,6 +71,8 @@ class OrthogonalMixed(SeparationMethod):
     ------
     DataError
         If a number is out of range.
+    UnitError
+        If `radius` looks like mm or `u_angle` like degrees.
     """
 
     kmax: int
@@ -125,16 +88,15 @@ class OrthogonalMixed(SeparationMethod):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "kmax", check_kmax(self.kmax))
-        if not (math.isfinite(self.radius) and self.radius > 0.0):
-            raise DataError(f"radius must be > 0 m, got {self.radius}")
-        if self.turn not in (1, -1):
-            raise DataError(f"turn must be +1 or -1, got {self.turn!r}")
-        given = {"u_angle": self.u_angle, "u_radius": self.u_radius, "u_slope": self.u_slope}
-        for name, value in given.items():
-            if value is not None and not (math.isfinite(value) and value >= 0.0):
-                raise DataError(f"{name} must be a finite standard uncertainty, got {value}")
+        object.__setattr__(self, "radius", check_radius(self.radius))
+        object.__setattr__(self, "turn", check_turn(self.turn))
+        units = {"u_angle": "rad", "u_radius": "m", "u_slope": "rad"}
+        for name, unit in units.items():
+            value = getattr(self, name)
+            if value is not None or name != "u_slope":
+                object.__setattr__(self, name, check_number(value, name, unit=unit))
         if self.u_angle > 0.2:
-            raise DataError(f"u_angle of {self.u_angle} rad is too large; degrees? numpy.deg2rad")
+            raise UnitError(f"u_angle of {self.u_angle} rad is too large; degrees? numpy.deg2rad")
         if self.u_radius > 0.5 * self.radius:
             raise DataError(f"u_radius of {self.u_radius} m does not fit a radius {self.radius} m")
 
@@ -160,7 +122,7 @@ class OrthogonalMixed(SeparationMethod):
         DataError
             If a part is unknown, none is given, or their lengths differ.
         """
-        parts, n = part_arrays(_PARTS, truth, errors)
+        parts, n = part_arrays(PARTS, truth, errors)
         k = np.arange((n - 1) // 2 + 1)
         c = harmonics_of(parts["artefact"], int(k[-1]))
         rising = curve(1j * self.turn * k * np.exp(0.5j * np.pi * self.turn * k) * c, n)
@@ -174,13 +136,14 @@ class OrthogonalMixed(SeparationMethod):
         tuple of Unobservable
             Terms k = 0 and k = 1; no harmonic is suppressed.
         """
-        return tuple(centring(part) for part in _PARTS)
+        return tuple(centring(part) for part in PARTS)
 
     def separate(
         self,
         readings: ArrayLike,
         *,
         u_reading: float | None = None,
+        start_angle: float = 0.0,
         history: tuple[Step, ...] = (),
     ) -> Separation:
         """Return artefact and motion towards the displacement probe.
@@ -192,6 +155,8 @@ class OrthogonalMixed(SeparationMethod):
         u_reading : float, m, optional
             Standard deviation of one displacement reading; `u_slope` must be set too. The scatter
             of the revolutions if omitted.
+        start_angle : float, rad, optional
+            Angle of the first sample; ``harmonics`` are referred to the angle 0.
         history : tuple of Step, optional
             Where the readings came from.
 
@@ -212,110 +177,12 @@ class OrthogonalMixed(SeparationMethod):
         stated = check_u_reading(u_reading)
         if stated is not None and self.u_slope is None:
             raise DataError("u_reading is given but u_slope is not; the result needs both noises")
-        array, messages, left_out = revolutions(
-            readings, 2, what="probes", n_min=2 * self.kmax + 1
-        )
-        turns, n = array.shape[1:]
-        scale = np.array([1.0, self.radius])
-        each = harmonics_of(array, self.kmax) * scale[:, np.newaxis, np.newaxis]
-        rows = self._rows()
-        found = np.einsum("pik,ik->pk", rows, each.mean(axis=1))
-        noise, u_k = self._noise(array, each, rows, stated)
-        terms = self._type_b(rows, each.mean(axis=1), found, n)
-        u_curve = np.sqrt(
-            np.nansum(u_k**2, axis=1)[:, np.newaxis]
-            + sum((square for square, _ in terms.values()), np.zeros((2, n)))
-        )
-        if math.isnan(noise.value):
-            u_curve[:] = np.nan
-            messages.append(_UNKNOWN)
-        u_harmonics = np.sqrt(u_k**2 + sum(square for _, square in terms.values()))
-        audit = {
-            "kmax": self.kmax,
-            "radius_mm": self.radius * 1e3,
-            "turn": self.turn,
-            "n_samples": n,
-            "n_revolutions": turns,
-            "n_revolutions_left_out": left_out,
-            "transfer": [float(w) for w in np.abs(mixed_transfer(self.kmax))],
-            "removed": "k = 0 and k = 1 of both parts, k > kmax",
-            "not_read": _ACROSS,
-            "noise_source": noise.definition,
-            "type_b": {
-                part: {f"{t} / m": float(math.sqrt(v[0][i].mean())) for t, v in terms.items()}
-                for i, part in enumerate(_PARTS)
-            },
-        }
-        return Separation(
-            self.name,
-            dict(zip(_PARTS, curve(found, n), strict=True)),
-            dict(zip(_PARTS, u_curve, strict=True)),
-            dict.fromkeys(_PARTS, "m"),
-            {"angle": grid(n)},
-            self.null_space(),
-            noise,
-            dict(zip(_PARTS, found, strict=True)),
-            dict(zip(_PARTS, u_harmonics, strict=True)),
-            audit,
-            tuple(messages),
-            (*history, Step(self.name, {"kmax": self.kmax, "radius_m": self.radius})),
-        )
-
-    def _rows(self) -> ComplexArray:
-        """Return (part, reading, k): R = (D + S)/W, X = D - R, with S the slope times radius."""
-        w = mixed_transfer(self.kmax, turn=self.turn)
-        w[:2] = 1.0
-        rows = np.stack([np.stack([1.0 / w, 1.0 / w]), np.stack([1.0 - 1.0 / w, -1.0 / w])])
-        rows[:, :, :2] = np.nan
-        return rows
-
-    def _noise(
-        self, array: FloatArray, each: ComplexArray, rows: ComplexArray, stated: float | None
-    ) -> tuple[Quantity, FloatArray]:
-        turns, n = array.shape[1:]
-        text, value, u_value = "standard deviation of one displacement reading; ", math.nan, None
-        if stated is not None and self.u_slope is not None:
-            sd = np.array([stated, self.radius * self.u_slope])
-            variance = np.einsum("pik,i->pk", np.abs(rows) ** 2, sd**2) * 2.0 / (n * turns)
-            value, text = stated, text + "as stated"
-        elif turns > 1:
-            about = each - each.mean(axis=1, keepdims=True)
-            scatter = np.einsum("pik,imk->pmk", rows, about)
-            variance = np.sum(np.abs(scatter) ** 2, axis=1) / (2.0 * (turns - 1) * turns)
-            dof = n * (turns - 1)
-            value = math.sqrt(float(np.sum((array[0] - array[0].mean(axis=0)) ** 2)) / dof)
-            u_value = value / math.sqrt(2.0 * dof)
-            text += f"type A from {turns} revolutions, asynchronous motion included"
-        else:
-            variance = np.full((2, self.kmax + 1), np.nan)
-            text += "not known"
-        return Quantity(value, "m", text, u_value, "s"), np.sqrt(variance)
-
-    def _type_b(
-        self, rows: ComplexArray, mean: ComplexArray, found: ComplexArray, n: int
-    ) -> dict[str, tuple[FloatArray, FloatArray]]:
-        """Return variances of curves (2, N) and of harmonics (2, kmax + 1) of each term."""
-        k = np.arange(self.kmax + 1)
-        bent = -(k**2) * np.exp(0.5j * np.pi * self.turn * k) * found[0]
-        across = 1j * found[1]
-        out = {}
-        for label, u, causes in (
-            ("angle between the probes", self.u_angle, (bent, across)),
-            ("radius", self.u_radius / self.radius, (mean[1],)),
-        ):
-            if u == 0.0:
-                continue
-            moved = np.stack([rows[:, 1] * cause * u for cause in causes], axis=1)
-            out[label] = (
-                np.sum(curve(moved, n) ** 2, axis=1),
-                np.sum(np.abs(moved) ** 2, axis=1) / 2.0,
-            )
-        return out
+        return separate_mixed(self, readings, stated, check_start(start_angle), history)
 
 
 def orthogonal_mixed(
-    displacement: ArrayLike,
-    slope: ArrayLike,
+    displacement: ArrayLike | Profile,
+    slope: ArrayLike | Profile,
     kmax: int,
     *,
     radius: float,
@@ -324,14 +191,16 @@ def orthogonal_mixed(
     u_angle: float = 0.0,
     u_radius: float = 0.0,
     turn: Literal[1, -1] = 1,
+    angle: ArrayLike | None = None,
 ) -> Separation:
     """Return roundness and motion from a displacement probe and a slope probe at 90 degrees.
 
     Parameters
     ----------
-    displacement : array_like, shape (N,) or (M, N), m
-        Readings of the probe at 0, over one revolution of N equal steps or M revolutions.
-    slope : array_like, shape (N,) or (M, N), rad
+    displacement : array_like, shape (N,) or (M, N), or Profile, m
+        Readings of the probe at 0, over one revolution of N equal steps or M revolutions. The
+        position of a profile is the angle of rotation in rad.
+    slope : array_like, shape (N,) or (M, N), or Profile, rad
         Readings of the slope probe at 90 degrees, at the same angles of rotation.
     kmax : int
         Highest undulation per revolution, 2 <= kmax < N/2.
@@ -347,6 +216,8 @@ def orthogonal_mixed(
         Standard uncertainty of the radius.
     turn : {1, -1}, optional
         +1: the part turns against the count of the probe angles; -1: with it.
+    angle : array_like, shape (N,), rad, optional
+        Angle of rotation at each sample of arrays; from 0 in equal steps if omitted.
 
     Returns
     -------
@@ -361,6 +232,8 @@ def orthogonal_mixed(
         If kmax is not below N/2.
     DataError
         If a setting is out of range.
+    UnitError
+        If `radius` looks like mm or `u_angle` like degrees.
 
     Notes
     -----
@@ -377,5 +250,8 @@ def orthogonal_mixed(
     True
     """
     method = OrthogonalMixed(kmax, radius, u_slope, u_angle, u_radius, turn)
-    pair: Any = [displacement, slope]
-    return method.separate(pair, u_reading=u_reading)
+    given = circle_readings([displacement, slope], what="orthogonal_mixed", angle=angle)
+    found = method.separate(
+        given.values, u_reading=u_reading, start_angle=given.start_angle, history=given.history
+    )
+    return with_messages(found, given.messages)

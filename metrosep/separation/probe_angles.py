@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.core.errors import DataError, NotSeparableError, UnitError
 from metrosep.core.profile import html_table
 from metrosep.separation._angle_search import best_angles, gain_table, separations
-from metrosep.separation._circle import angle_tuple, check_kmax
+from metrosep.separation._circle import angle_tuple, check_kmax, check_number, check_whole
 from metrosep.separation._probe_geometry import probe_geometry
 
 if TYPE_CHECKING:
@@ -78,11 +78,11 @@ class ProbeAngles:
         """
         return {
             "angles_deg": np.rad2deg(self.angles).tolist(),
-            "gain": self.gain,
-            "gain_per_k": [float(g) if math.isfinite(g) else None for g in self.gain_per_k],
+            "gain": _plain(self.gain),
+            "gain_per_k": [_plain(g) for g in self.gain_per_k],
             "worst_k": self.worst_k,
-            "worst_gain": self.worst_gain,
-            "robust_gain": self.robust_gain,
+            "worst_gain": _plain(self.worst_gain),
+            "robust_gain": _plain(self.robust_gain),
             **self.settings,
         }
 
@@ -139,7 +139,7 @@ def optimise_probe_angles(
     kmax : int
         Highest undulation per revolution, >= 2.
     min_separation : float, rad, optional
-        Least angle between two probes: what their bodies need.
+        Least angle between two probes, at most pi/2: what their bodies need.
     fixed : array_like, rad, optional
         Angles of probes that stand already; the others are chosen. The first probe stands at 0
         if none is given.
@@ -185,10 +185,11 @@ def optimise_probe_angles(
     >>> found.gain < 1.2
     True
     """
-    count = _checked_count(n)
+    count = check_whole(n, "the number of probes n", least=3, most=24)
     kmax = check_kmax(kmax)
     placed = np.array(angle_tuple(fixed, least=0, what="fixed probe"))
     _check_settings(count, placed, min_separation, tolerance, resolution, criterion)
+    seed = check_whole(seed, "seed", least=0)
     rng = np.random.default_rng(seed)
     draws = tolerance * rng.standard_normal((16, count)) if tolerance else np.empty((0, count))
     given = placed if placed.size else np.zeros(1)
@@ -279,10 +280,8 @@ def probe_gain(angles: ArrayLike, kmax: int) -> FloatArray:
     return out
 
 
-def _checked_count(n: int) -> int:
-    if isinstance(n, bool) or int(n) != n or not 3 <= n <= 24:
-        raise DataError(f"the number of probes must be a whole number from 3 to 24, got {n!r}")
-    return int(n)
+def _plain(gain: float) -> float | None:
+    return float(gain) if math.isfinite(gain) else None
 
 
 def _check_settings(
@@ -294,13 +293,11 @@ def _check_settings(
     criterion: str,
 ) -> None:
     for name, value, most in (
-        ("min_separation", min_separation, 2.0 * math.pi / 3.0),
+        ("min_separation", min_separation, math.pi / 2.0),
         ("tolerance", tolerance, 0.2),
         ("resolution", resolution, 0.1),
     ):
-        if not (math.isfinite(value) and value >= 0.0):
-            raise DataError(f"{name} must be >= 0 rad, got {value}")
-        if value > most * (1.0 + 1e-9):
+        if check_number(value, name, unit="rad") > most * (1.0 + 1e-9):
             raise UnitError(
                 f"{name} of {value:.6g} rad is above {most:.4g}; degrees? give numpy.deg2rad"
             )

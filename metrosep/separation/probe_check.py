@@ -16,9 +16,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from metrosep.core.errors import DataError, TooFewSamplesError
+from metrosep.core.errors import TooFewSamplesError
 from metrosep.core.profile import html_table
-from metrosep.separation._circle import as_array, harmonics_of, revolutions
+from metrosep.separation._circle import check_number, harmonics_of, revolutions
+from metrosep.separation._circle_input import circle_readings
 from metrosep.separation._probe_geometry import ProbeGeometry, probe_geometry
 from metrosep.separation.probes import MultiprobeRoundness
 
@@ -164,9 +165,9 @@ def check_probes(
         raise TooFewSamplesError(
             f"three probes always agree; need >= 4 to find a fault, got {phi.size}"
         )
-    if not (math.isfinite(u_reading) and u_reading > 0.0):
-        raise DataError(f"u_reading must be > 0 m to judge the residuals, got {u_reading}")
-    array, _, _ = revolutions(as_array(m), phi.size, what="probes", n_min=2 * method.kmax + 1)
+    u_reading = check_number(u_reading, "u_reading", unit="m", above=0.0)
+    given = circle_readings(m, what="check_probes").values
+    array = revolutions(given, phi.size, what="probes", n_min=2 * method.kmax + 1).values
     mean = harmonics_of(array, method.kmax).mean(axis=1)
     variance = 2.0 * u_reading**2 / (array.shape[1] * array.shape[2])
     geometry = _geometry(phi, method.kmax, turn)

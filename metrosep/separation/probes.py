@@ -17,7 +17,6 @@ Source of the three-probe weights: D. J. Whitehouse, J. Phys. E 9 (1976) 531; he
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
@@ -25,19 +24,27 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from metrosep.core.errors import DataError, InvalidSamplesError, NotSeparableError, UnitError
+from metrosep.core.errors import NotSeparableError
 from metrosep.core.provenance import Step
 from metrosep.separation._circle import (
     angle_tuple,
-    as_array,
-    centring,
     check_kmax,
+    check_number,
+    check_radius,
+    check_start,
+    check_turn,
     check_u_reading,
-    history_of,
     part_arrays,
     turned,
 )
+from metrosep.separation._circle_input import circle_readings, with_messages
 from metrosep.separation._probe_geometry import ProbeGeometry, probe_geometry
+from metrosep.separation._probe_settings import (
+    PARTS,
+    checked_covariance,
+    each_probe,
+    probe_null_space,
+)
 from metrosep.separation._probe_solution import separate_probes
 from metrosep.separation.contract import Separation, SeparationMethod
 from metrosep.separation.null_space import Unobservable
@@ -45,8 +52,6 @@ from metrosep.separation.null_space import Unobservable
 __all__ = ["MultiprobeRoundness", "multiprobe"]
 
 FloatArray = NDArray[np.float64]
-
-_PARTS = ("artefact", "x", "y")
 
 
 @dataclass(frozen=True)
@@ -79,7 +84,7 @@ class MultiprobeRoundness(SeparationMethod):
     TooFewSamplesError, InvalidSamplesError
         If there are fewer than 3 angles, they are not finite, or `cov` is no covariance.
     UnitError
-        If angles or their uncertainty look like degrees.
+        If angles or their uncertainty look like degrees, or `radius` like mm.
     DataError
         If kmax, the uncertainties, `max_gain`, `turn` or `radius` are out of range.
     NotSeparableError
@@ -110,15 +115,13 @@ class MultiprobeRoundness(SeparationMethod):
         n = len(angles)
         object.__setattr__(self, "angles", angles)
         object.__setattr__(self, "kmax", check_kmax(self.kmax))
-        object.__setattr__(self, "cov", _checked_covariance(self.cov, n))
+        object.__setattr__(self, "cov", checked_covariance(self.cov, n))
         for name, unit, most in (("u_angles", "rad", 0.2), ("u_sensitivity", "", 0.5)):
-            object.__setattr__(self, name, _each(getattr(self, name), n, name, unit, most))
-        if not self.max_gain > 0.0:
-            raise DataError(f"max_gain must be > 0, got {self.max_gain}")
-        if self.turn not in (1, -1):
-            raise DataError(f"turn must be +1 or -1, got {self.turn!r}")
-        if self.radius is not None and not (math.isfinite(self.radius) and self.radius > 0.0):
-            raise DataError(f"radius must be > 0 m, got {self.radius}")
+            object.__setattr__(self, name, each_probe(getattr(self, name), n, name, unit, most))
+        object.__setattr__(self, "max_gain", check_number(self.max_gain, "max_gain", above=0.0))
+        object.__setattr__(self, "turn", check_turn(self.turn))
+        if self.radius is not None:
+            object.__setattr__(self, "radius", check_radius(self.radius))
         if np.isinf(self._geometry().gain[0]).all():
             raise NotSeparableError(
                 "these probe angles suppress every undulation (do two probes stand at the same or "
@@ -166,7 +169,7 @@ class MultiprobeRoundness(SeparationMethod):
         -----
         The artefact is turned by its Fourier phases, exact for harmonics below N/2.
         """
-        parts, _ = part_arrays(_PARTS, truth, errors)
+        parts, _ = part_arrays(PARTS, truth, errors)
         phi = np.array(self.angles)
         out: FloatArray = (
             turned(parts["artefact"], self.turn * phi)
@@ -183,13 +186,14 @@ class MultiprobeRoundness(SeparationMethod):
         tuple of Unobservable
             For each part: the terms k = 0 and k = 1, then the suppressed harmonics up to kmax.
         """
-        return _null_space(self._geometry().gain, self.max_gain)
+        return probe_null_space(self._geometry().gain, self.max_gain)
 
     def separate(
         self,
         readings: ArrayLike,
         *,
         u_reading: float | None = None,
+        start_angle: float = 0.0,
         history: tuple[Step, ...] = (),
     ) -> Separation:
         """Return artefact and motion.
@@ -201,6 +205,8 @@ class MultiprobeRoundness(SeparationMethod):
         u_reading : float, m, optional
             Standard deviation of one reading. If omitted: `cov`, else the scatter of the
             revolutions, else (n > 3) what the probes disagree by.
+        start_angle : float, rad, optional
+            Angle of the first sample; ``harmonics`` are referred to the angle 0.
         history : tuple of Step, optional
             Where the readings came from.
 
@@ -218,32 +224,10 @@ class MultiprobeRoundness(SeparationMethod):
         DataError
             If `u_reading` is negative or not finite.
         """
+        start = check_start(start_angle)
         return separate_probes(
-            self, self._geometry(), readings, check_u_reading(u_reading), history
+            self, self._geometry(), readings, check_u_reading(u_reading), start, history
         )
-
-    def correct(self, readings: ArrayLike) -> FloatArray:
-        """Return the readings without the motion, as far as it is determined.
-
-        Parameters
-        ----------
-        readings : array_like, shape (n, N) or (n, M, N), m
-            As for `separate`.
-
-        Returns
-        -------
-        ndarray, the shape of `readings`, m
-            What a spindle without the separated motion would have read.
-
-        Raises
-        ------
-        InvalidSamplesError, TooFewSamplesError
-            As for `separate`.
-        """
-        found = self.separate(readings)
-        motion = self.simulate({}, {"x": found.x, "y": found.y})
-        given = np.array(readings, dtype=np.float64)
-        return given - (motion if given.ndim == 2 else motion[:, np.newaxis, :])
 
 
 def multiprobe(
@@ -258,14 +242,16 @@ def multiprobe(
     max_gain: float = 50.0,
     turn: Literal[1, -1] = 1,
     radius: float | None = None,
+    angle: ArrayLike | None = None,
 ) -> Separation:
     """Return roundness of an artefact and motion of its axis from three or more probes.
 
     Parameters
     ----------
     m : array_like, shape (n, N) or (n, M, N), m, or Recording, or sequence of Profile
-        Readings of each probe over one revolution of N equal steps, or M revolutions. Channels of
-        a `Recording`, in their order, and profiles must be angle-synchronous over one revolution.
+        Readings of each probe over one revolution of N equal steps, or M revolutions. Profiles
+        hold the angle of rotation in rad as their position, the same in each. A `Recording` is
+        cut into revolutions by its channel ``angle`` (or of unit rad); without it, it must be one.
     angles : array_like, shape (n,), n >= 3, rad
         Where the probes stand.
     kmax : int
@@ -284,6 +270,8 @@ def multiprobe(
         +1: the part turns against the count of the probe angles; -1: with it.
     radius : float, m, optional
         Radius of the artefact, for the second undulation of an eccentric circle.
+    angle : array_like, shape (N,), rad, optional
+        Angle of rotation at each sample of `m` given as arrays; from 0 in equal steps if omitted.
 
     Returns
     -------
@@ -296,13 +284,15 @@ def multiprobe(
     TooFewSamplesError
         If there are fewer than 3 probes or kmax is not below N/2.
     InvalidSamplesError
-        If readings or angles are not finite or of the wrong shape.
+        If readings or angles are not finite or of the wrong shape, or the angle of rotation is not
+        in equal steps over whole revolutions.
     UnitError
-        If the angles look like degrees.
+        If the angles look like degrees, `radius` like mm.
     NotSeparableError
         If the probes stand on one line or their angles suppress everything.
     DataError
-        If an uncertainty, kmax, `turn` or `radius` is out of range.
+        If an uncertainty, kmax, `turn` or `radius` is out of range, or the profiles do not lie on
+        the same angles.
 
     Notes
     -----
@@ -339,58 +329,8 @@ def multiprobe(
         turn=turn,
         radius=radius,
     )
-    return method.separate(as_array(m), u_reading=u_reading, history=history_of(m))
-
-
-def _null_space(gain: FloatArray, max_gain: float) -> tuple[Unobservable, ...]:
-    found = []
-    for part, row in zip(_PARTS, gain, strict=True):
-        found.append(centring(part))
-        hidden = tuple(int(k) for k in np.flatnonzero(np.isinf(row)) if k > 1)
-        if hidden:
-            found.append(
-                Unobservable(
-                    part,
-                    "harmonic",
-                    hidden,
-                    "suppressed by these probe angles (noise gain of the artefact above "
-                    f"{max_gain:g}); other angles or one more probe show them",
-                )
-            )
-    return tuple(found)
-
-
-def _each(values: Any, n: int, name: str, unit: str, most: float) -> tuple[float, ...]:
-    """Return one uncertainty for each probe, refused beyond what can be meant."""
-    array = np.atleast_1d(np.asarray(values, dtype=np.float64))
-    if array.shape not in ((1,), (n,)):
-        raise DataError(f"{name} must be one number or {n}, got the shape {array.shape}")
-    if not ((array >= 0.0).all() and np.isfinite(array).all()):
-        raise DataError(f"{name} must be >= 0 and finite, got {array.tolist()} {unit}".rstrip())
-    if array.max() > most:
-        hint = "; degrees? give numpy.deg2rad" if unit else "; percent? divide by 100"
-        raise UnitError(f"{name} of {array.max():.6g} {unit} is above {most:g}{hint}")
-    return tuple(np.broadcast_to(array, n).tolist())
-
-
-def _checked_covariance(cov: Any, n: int) -> tuple[tuple[float, ...], ...] | None:
-    if cov is None:
-        return None
-    array = np.asarray(cov, dtype=np.float64)
-    if array.shape == (n,):
-        array = np.diag(array)
-    if array.shape != (n, n):
-        raise InvalidSamplesError(
-            f"cov must hold {n} variances or {n} x {n} covariances in m^2, got {array.shape}"
-        )
-    size = float(np.abs(array).max()) if np.isfinite(array).all() else math.nan
-    if (
-        not size > 0.0
-        or np.abs(array - array.T).max() > 1e-9 * size
-        or (np.diag(array) <= 0).any()
-    ):
-        raise InvalidSamplesError(
-            "cov must be finite and symmetric with variances > 0, in m^2; a probe of no use is "
-            "better left out"
-        )
-    return tuple(tuple(row) for row in array.tolist())
+    given = circle_readings(m, what="multiprobe", angle=angle)
+    found = method.separate(
+        given.values, u_reading=u_reading, start_angle=given.start_angle, history=given.history
+    )
+    return with_messages(found, given.messages)

@@ -21,17 +21,20 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from metrosep.core.errors import DataError, NotSeparableError, UnitError
+from metrosep.core.errors import DataError, NotSeparableError, TooFewSamplesError, UnitError
 from metrosep.core.provenance import Step
 from metrosep.separation._circle import (
     angle_tuple,
-    as_array,
     check_kmax,
+    check_number,
+    check_start,
+    check_turn,
     check_u_reading,
-    history_of,
     part_arrays,
     turned,
 )
+from metrosep.separation._circle_input import circle_readings, with_messages
+from metrosep.separation._step_positions import index_positions
 from metrosep.separation._step_solution import separate_steps, step_geometry
 from metrosep.separation.contract import Separation, SeparationMethod
 from metrosep.separation.null_space import Unobservable
@@ -103,22 +106,19 @@ class MultistepRoundness(SeparationMethod):
     def __post_init__(self) -> None:
         object.__setattr__(self, "angles", angle_tuple(self.angles, least=2, what="index"))
         object.__setattr__(self, "kmax", check_kmax(self.kmax))
-        if not (math.isfinite(self.u_index) and self.u_index >= 0.0):
-            raise DataError(f"u_index must be >= 0 rad, got {self.u_index}")
+        object.__setattr__(self, "u_index", check_number(self.u_index, "u_index", unit="rad"))
         if self.u_index > 0.2:
             raise UnitError(f"u_index of {self.u_index} rad; degrees? give numpy.deg2rad")
-        for name, known in (
-            ("eccentricity", ("fixed", "free")),
-            ("drift", ("none", "linear")),
-            ("turn", (1, -1)),
-        ):
+        object.__setattr__(self, "turn", check_turn(self.turn))
+        for name, known in (("eccentricity", ("fixed", "free")), ("drift", ("none", "linear"))):
             if getattr(self, name) not in known:
                 raise DataError(f"{name} must be one of {known}, got {getattr(self, name)!r}")
-        steps = self.step_revolutions
-        if steps is not None and not (math.isfinite(steps) and steps >= 1.0):
-            raise DataError(f"step_revolutions must be >= 1, got {steps}")
-        if not self.max_gain > 0.0:
-            raise DataError(f"max_gain must be > 0, got {self.max_gain}")
+        if self.step_revolutions is not None:
+            steps = check_number(self.step_revolutions, "step_revolutions")
+            if steps < 1.0:
+                raise DataError(f"step_revolutions must be >= 1, got {steps}")
+            object.__setattr__(self, "step_revolutions", steps)
+        object.__setattr__(self, "max_gain", check_number(self.max_gain, "max_gain", above=0.0))
         if np.isinf(self.gain[2:]).all():
             raise NotSeparableError(
                 f"these {len(self.angles)} index positions separate no undulation up to "
@@ -166,10 +166,10 @@ class MultistepRoundness(SeparationMethod):
             The same for both parts: their sum is known there, not their shares.
         """
         hidden = tuple(int(k) for k in np.flatnonzero(np.isinf(self.gain)) if k > 1)
-        terms: tuple[str, ...] = ("mean (k = 0)",)
-        why = "the mean is the zero of the probe"
+        terms: tuple[str, ...] = ("offset",)
+        why = "the offset (k = 0) is the zero of the probe"
         if math.isinf(self.gain[1]):
-            terms += ("eccentricity (k = 1)",)
+            terms += ("eccentricity",)
             why += "; k = 1 is centring and spindle in one"
         found = []
         for part in _PARTS:
@@ -191,6 +191,7 @@ class MultistepRoundness(SeparationMethod):
         readings: ArrayLike,
         *,
         u_reading: float | None = None,
+        start_angle: float = 0.0,
         history: tuple[Step, ...] = (),
     ) -> Separation:
         """Return artefact and spindle.
@@ -202,6 +203,8 @@ class MultistepRoundness(SeparationMethod):
         u_reading : float, m, optional
             Standard deviation of one reading. If omitted: what the positions disagree by (P > 2),
             else the scatter of the revolutions.
+        start_angle : float, rad, optional
+            Angle of the spindle at the first sample; ``harmonics`` are referred to the angle 0.
         history : tuple of Step, optional
             Where the readings came from.
 
@@ -219,34 +222,15 @@ class MultistepRoundness(SeparationMethod):
         DataError
             If `u_reading` is negative or not finite.
         """
-        return separate_steps(self, readings, check_u_reading(u_reading), history)
-
-    def correct(self, readings: ArrayLike) -> FloatArray:
-        """Return the readings without the spindle, as far as it is determined.
-
-        Parameters
-        ----------
-        readings : array_like, shape (P, N) or (P, M, N), m
-            As for `separate`.
-
-        Returns
-        -------
-        ndarray, the shape of `readings`, m
-            Readings minus the separated spindle error.
-
-        Raises
-        ------
-        InvalidSamplesError, TooFewSamplesError
-            As for `separate`.
-        """
-        found = self.separate(readings)
-        return np.array(readings, dtype=np.float64) - found.spindle
+        return separate_steps(
+            self, readings, check_u_reading(u_reading), check_start(start_angle), history
+        )
 
 
 def multistep(
     m: Any,
-    *,
     steps: int | Sequence[int] | None = None,
+    *,
     angles: ArrayLike | None = None,
     kmax: int | None = None,
     u_reading: float | None = None,
@@ -255,13 +239,16 @@ def multistep(
     drift: Literal["none", "linear"] = "none",
     step_revolutions: float | None = None,
     turn: Literal[1, -1] = 1,
+    angle: ArrayLike | None = None,
 ) -> Separation:
     """Return roundness of an artefact and error of a spindle from indexed revolutions.
 
     Parameters
     ----------
     m : array_like, shape (P, N) or (P, M, N), m, or Recording, or sequence of Profile
-        One row for each index position, over equal angles of the spindle.
+        One row for each index position, over equal angles of the spindle. The position of a
+        profile is the angle of the spindle in rad, the same in each. A `Recording` is cut into
+        revolutions by its channel ``angle`` (or of unit rad); without it, it must be one.
     steps : int or sequence of int, optional
         Number of equal steps; several numbers for several runs one after the other in `m`, such
         as ``(7, 8)`` for 15 rows. As many as `m` has rows if neither this nor `angles` is given.
@@ -281,6 +268,9 @@ def multistep(
         Time from step to step in revolutions, for the drift.
     turn : {1, -1}, optional
         +1: a step brings points of larger artefact angle to the probe.
+    angle : array_like, shape (N,), rad, optional
+        Angle of the spindle at each sample of `m` given as arrays; from 0 in equal steps if
+        omitted.
 
     Returns
     -------
@@ -292,7 +282,8 @@ def multistep(
     TooFewSamplesError
         If there are fewer than 2 positions or too few samples for kmax.
     InvalidSamplesError
-        If readings or angles are not finite or of the wrong shape.
+        If readings or angles are not finite or of the wrong shape, or the angle of the spindle is
+        not in equal steps over whole revolutions.
     UnitError
         If the angles look like degrees.
     NotSeparableError
@@ -314,18 +305,21 @@ def multistep(
     >>> found.suppressed[:3], bool(np.abs(found.spindle - spindle).max() < 1e-20)
     ([8, 16, 24], True)
     """
-    array = as_array(m)
+    given = circle_readings(m, what="multistep", angle=angle)
     try:
-        shape = np.shape(array)
+        shape = np.shape(given.values)
     except ValueError:
         shape = ()
     if len(shape) not in (2, 3):
         raise DataError(
             f"multistep needs readings (P, N) or (P, M, N) of equal length, got the shape {shape}"
         )
-    positions = _positions(steps, angles, shape[0])
+    if kmax is None and shape[-1] < 5:
+        raise TooFewSamplesError(
+            f"multistep needs at least 5 samples in a revolution, got {shape[-1]}"
+        )
     method = MultistepRoundness(
-        positions,
+        index_positions(steps, angles, shape[0]),
         (shape[-1] - 1) // 2 if kmax is None else kmax,
         u_index=u_index,
         eccentricity=eccentricity,
@@ -333,23 +327,7 @@ def multistep(
         step_revolutions=step_revolutions,
         turn=turn,
     )
-    return method.separate(array, u_reading=u_reading, history=history_of(m))
-
-
-def _positions(
-    steps: int | Sequence[int] | None, angles: ArrayLike | None, rows: int
-) -> ArrayLike:
-    if angles is not None:
-        if steps is not None:
-            raise DataError("give steps or angles, not both")
-        if np.shape(angles) != (rows,):
-            raise DataError(f"{np.shape(angles)} angles do not fit {rows} rows of readings")
-        return angles
-    counts = [rows] if steps is None else [steps] if isinstance(steps, int) else list(steps)
-    if any(isinstance(n, bool) or int(n) != n or n < 2 for n in counts):
-        raise DataError(f"steps must be whole numbers >= 2, got {steps}")
-    if sum(counts) != rows:
-        raise DataError(
-            f"steps = {steps} needs {sum(counts)} rows of readings, one each, got {rows}"
-        )
-    return np.concatenate([2.0 * np.pi * np.arange(n) / n for n in counts])
+    found = method.separate(
+        given.values, u_reading=u_reading, start_angle=given.start_angle, history=given.history
+    )
+    return with_messages(found, given.messages)

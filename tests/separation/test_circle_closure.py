@@ -32,6 +32,7 @@ def centred(rng, n=N):
 
 
 class _Closure(SeparationContract):
+    takes_repeats = False
     has_redundancy = True
     positions = tuple(range(N))
 
@@ -183,3 +184,28 @@ def test_face_that_was_never_read_is_refused():
 
     with pytest.raises(NotSeparableError, match="missing"):
         closure(m)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"u_reading": "1 urad"}, "u_reading must be one number in rad"),
+        ({"u_reading": 5.0}, "in rad"),
+        ({"positions": [0, math.inf, 2]}, "positions"),
+    ],
+)
+def test_what_is_no_number_is_refused_in_words(options, words):
+    with pytest.raises(DataError, match=words):
+        closure(np.zeros((3, 6)), **options)
+
+
+def test_complex_readings_and_divisions_that_are_no_number_are_refused():
+    with pytest.raises(InvalidSamplesError, match="complex"):
+        closure(np.zeros((3, 6)) * 1j)
+    for n in (math.nan, math.inf, "6", 5.5):
+        with pytest.raises(DataError, match="divisions"):
+            CircleClosure(n)
+
+
+def test_null_space_calls_the_common_angle_offset():
+    assert CircleClosure(12).null_space()[0].indices == ("offset",)

@@ -1,5 +1,6 @@
 """Reversal and multi-probe results as one, per harmonic; simulated by direct trigonometry."""
 
+import json
 import math
 
 import numpy as np
@@ -9,6 +10,7 @@ from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.separation.combine import combine_harmonics
 from metrosep.separation.probes import multiprobe
 from metrosep.separation.roundness_reversal import donaldson
+from metrosep.separation.steps import multistep
 
 N, KMAX, S = 180, 26, 1e-9
 THETA = 2 * math.pi * np.arange(N) / N
@@ -109,3 +111,71 @@ def test_inputs_without_weight_or_part_are_refused():
         combine_harmonics(probes, reversal, parts=("x",))
     with pytest.raises(DataError, match="kmax"):
         combine_harmonics(probes, reversal, kmax=5000)
+
+
+def test_type_b_of_the_user_lowers_the_weight():
+    _, probes, reversal = both(3)
+    heavier = reversal.with_type_b({"form of the artefact": 1e-7}, part="artefact")
+
+    weights = [
+        np.array(combine_harmonics(probes, item, kmax=KMAX).audit["weights"]["artefact"])
+        for item in (reversal, heavier)
+    ]
+
+    u = probes.harmonics_u["artefact"][2], heavier.harmonics_u["artefact"][2]
+    assert u[1] > 0.9e-7
+    assert weights[1][1, 2] == pytest.approx(u[0] ** 2 / (u[0] ** 2 + u[1] ** 2), rel=1e-9, abs=0)
+    assert weights[1][1, 2] < 0.01 * weights[0][1, 2]
+
+
+def gappy_reversal():
+    rng = np.random.default_rng(8)
+    w = waves(rng)
+    m = height(w, THETA) + 1e-9 * rng.standard_normal((2, N))
+    m[:, 20:30] = np.nan
+    return donaldson(m[0], m[1], u_reading=S)
+
+
+def test_gaps_are_not_called_suppressed():
+    """Review B3: a curve with gaps has no harmonics; nothing was suppressed by the method."""
+    _, probes, _ = both(4)
+
+    found = combine_harmonics(probes, gappy_reversal(), kmax=KMAX)
+
+    assert any("separation 1" in t and "gaps" in t for t in found.messages)
+    assert not any("every separation" in t for t in found.messages)
+    reasons = [item.reason for item in found.null_space if item.kind == "harmonic"]
+    assert len(reasons) == 1
+    assert "gaps" in reasons[0]
+    with pytest.raises(DataError, match="gaps"):
+        combine_harmonics(gappy_reversal(), gappy_reversal())
+
+
+def test_eccentricity_that_one_knows_is_known():
+    """Multi-step separates k = 1 where the artefact keeps its place; a reversal does not."""
+    rng = np.random.default_rng(9)
+    _, _, reversal = both(4)
+    steps = multistep(1e-8 * rng.standard_normal((7, N)), 7, kmax=KMAX)
+
+    found = combine_harmonics(steps, reversal, kmax=KMAX)
+
+    assert found.harmonics["artefact"][1] == steps.harmonics["artefact"][1]
+    terms = [item.indices for item in found.null_space if item.kind == "term"]
+    assert terms == [("offset",)]
+
+
+def test_what_is_no_separation_is_refused():
+    _, probes, _ = both(4)
+    with pytest.raises(DataError, match="input 1"):
+        combine_harmonics(probes, probes.artefact)
+    for kmax in (math.nan, math.inf, "20", 2.5):
+        with pytest.raises(DataError, match="kmax"):
+            combine_harmonics(probes, probes, kmax=kmax)
+
+
+def test_result_is_json():
+    for seed in range(2):
+        _, probes, reversal = both(seed)
+        found = combine_harmonics(probes, reversal)
+        json.dumps(found.to_dict(), allow_nan=False)
+        json.dumps(dict(found.audit), allow_nan=False)

@@ -7,6 +7,7 @@ import pytest
 from contracts.separation import SeparationContract
 
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
+from metrosep.core.profile import Profile
 from metrosep.separation.mixed import OrthogonalMixed, mixed_transfer, orthogonal_mixed
 
 N, KMAX, RADIUS = 120, 20, 0.05
@@ -194,3 +195,51 @@ def test_impossible_settings_are_refused(options, error, words):
 def test_unequal_lengths_are_refused():
     with pytest.raises(InvalidSamplesError):
         orthogonal_mixed(np.ones(N), np.ones(N - 1), KMAX, radius=RADIUS)
+
+
+def test_start_angle_and_profiles():
+    rng = np.random.default_rng(3)
+    r, x = random_waves(rng), random_waves(rng)
+    theta = 1.1 + angles_of(N)
+    d = height(r, theta) + height(x, theta)
+    s = (rise(r, theta + math.pi / 2) - height(x, theta)) / RADIUS
+
+    for found in (
+        orthogonal_mixed(Profile(theta, d), Profile(theta, s), KMAX, radius=RADIUS),
+        orthogonal_mixed(d, s, KMAX, radius=RADIUS, angle=theta),
+    ):
+        np.testing.assert_allclose(found.coordinates["angle"], theta, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(found.artefact, height(r, theta), rtol=0, atol=1e-15)
+        for k, a, p in r:
+            expected = a * np.exp(1j * p)
+            assert abs(found.harmonics["artefact"][k] - expected) < 1e-17
+    with pytest.raises(DataError, match="reading 2 differ"):
+        orthogonal_mixed(Profile(theta, d), Profile(theta + 0.1, s), KMAX, radius=RADIUS)
+
+
+def test_drift_of_the_level_is_no_noise_of_a_reading():
+    rng = np.random.default_rng(4)
+    d = np.arange(8)[:, None] * 1e-6 + 1e-9 * rng.standard_normal((8, N))
+    s = 1e-8 * rng.standard_normal((8, N))
+
+    found = orthogonal_mixed(d, s, KMAX, radius=RADIUS)
+
+    # 117 * 7 degrees of freedom: 2.5 %
+    assert found.noise.value == pytest.approx(1e-9, rel=0.1, abs=0)
+
+
+def test_other_units_are_doubted():
+    one = np.cos(2 * angles_of(N))
+    for d, s, words in ((one, one * 1e-6, "5 um"), (one * 1e-6, one, "5 urad")):
+        found = orthogonal_mixed(d, s, KMAX, radius=RADIUS)
+        assert sum(words in text for text in found.messages) == 1
+    with pytest.raises(DataError, match="mm"):
+        orthogonal_mixed(one, one, KMAX, radius=20)
+    for bad in ({"u_slope": "x"}, {"u_angle": None}, {"u_radius": [1.0]}, {"radius": None}):
+        with pytest.raises(DataError, match=next(iter(bad))):
+            orthogonal_mixed(one, one, KMAX, **{"radius": RADIUS, **bad})
+
+
+def test_correct_takes_repeated_revolutions():
+    m = np.random.default_rng(1).standard_normal((2, 3, N)) * 1e-9
+    assert OrthogonalMixed(KMAX, RADIUS).correct(m).shape == m.shape

@@ -1,5 +1,6 @@
 """Probe angles against W_k, an explicit least-squares covariance and the figures of spec S13."""
 
+import json
 import math
 import time
 
@@ -167,3 +168,38 @@ def test_gain_refuses_what_is_no_arrangement():
         probe_gain([0, 1], 10)
     with pytest.raises(NotSeparableError, match="line"):
         probe_gain([0, math.pi, 0], 10)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "options", "error", "words"),
+    [
+        ((math.nan, 30), {}, DataError, "number of probes"),
+        ((math.inf, 30), {}, DataError, "number of probes"),
+        (("3", 30), {}, DataError, "number of probes"),
+        ((3, math.nan), {}, DataError, "kmax"),
+        ((3, 30), {"min_separation": 2}, UnitError, "degrees"),
+        ((3, 30), {"min_separation": "15 deg"}, DataError, "min_separation"),
+        ((3, 30), {"tolerance": None}, DataError, "tolerance"),
+        ((3, 30), {"seed": -1}, DataError, "seed"),
+        ((3, 30), {"seed": "a"}, DataError, "seed"),
+    ],
+)
+def test_what_is_no_number_is_refused_in_words(arguments, options, error, words):
+    with pytest.raises(error, match=words):
+        optimise_probe_angles(*arguments, **options)
+
+
+def test_result_is_json_with_numpy_settings_too():
+    found = optimise_probe_angles(np.int64(4), np.int64(12), seed=np.int64(3))
+    json.dumps(found.to_dict(), allow_nan=False)
+
+
+@pytest.mark.parametrize(("n", "kmax"), [(12, 500), (24, 500)])
+def test_many_probes_and_undulations_stay_near_the_bound_in_seconds(n, kmax):
+    """Review B10: 12 and 24 s. The RMS gain cannot fall below 1/sqrt(n)."""
+    begun = time.process_time()
+
+    found = optimise_probe_angles(n, kmax)
+
+    assert time.process_time() - begun < 10.0
+    assert found.gain < 1.1 / math.sqrt(n)

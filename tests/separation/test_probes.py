@@ -367,7 +367,7 @@ def test_profiles_and_recordings_are_read_like_arrays():
     m = rng.standard_normal((3, 100)) * 1e-9
     phi = [0.0, 0.5, 1.2]
     plain = multiprobe(m, phi, 20)
-    x = np.arange(100) * 1e-4
+    x = angles_of(100)
 
     for other in (
         [Profile(x, row) for row in m],
@@ -375,6 +375,144 @@ def test_profiles_and_recordings_are_read_like_arrays():
         m.tolist(),
     ):
         np.testing.assert_array_equal(multiprobe(other, phi, 20).artefact, plain.artefact)
+
+
+@pytest.mark.parametrize("start", [0.7, -2.0, 40.0])
+def test_start_angle_is_carried_and_harmonics_are_referred_to_zero(start):
+    rng = np.random.default_rng(5)
+    r, x, y = (random_waves(rng, range(2, KMAX + 1)) for _ in range(3))
+    phi = np.deg2rad([0.0, 27.0, 60.0])
+    theta = start + angles_of(N)
+    m = np.array(
+        [
+            waves(r, theta + p) + waves(x, theta) * math.cos(p) + waves(y, theta) * math.sin(p)
+            for p in phi
+        ]
+    )
+
+    for found in (
+        multiprobe([Profile(theta, row) for row in m], phi, KMAX),
+        multiprobe(m, phi, KMAX, angle=theta),
+        multiprobe(
+            Recording(
+                np.arange(N) * 1e-3,
+                {"angle": np.mod(theta, 2 * math.pi), **{f"p{i}": v for i, v in enumerate(m)}},
+            ),
+            phi,
+            KMAX,
+        ),
+        MultiprobeRoundness(phi, KMAX).separate(m, start_angle=start),
+    ):
+        angle = found.coordinates["angle"]
+        assert math.remainder(angle[0] - start, 2 * math.pi) == pytest.approx(0.0, abs=1e-12)
+        np.testing.assert_allclose(found.artefact, waves(r, angle), rtol=0, atol=1e-15)
+        np.testing.assert_allclose(found.y, waves(y, angle), rtol=0, atol=1e-15)
+        for k in (2, 5, 29):
+            assert abs(found.harmonics["artefact"][k] - r[k]) < 1e-17
+            assert abs(found.harmonics["x"][k] - x[k]) < 1e-17
+
+
+def test_positions_that_are_no_angles_of_one_turn_are_refused():
+    rng = np.random.default_rng(5)
+    m = rng.standard_normal((3, 100)) * 1e-9
+    phi = [0.0, 0.5, 1.2]
+
+    def profiles(*xs):
+        return [Profile(x, row) for x, row in zip(xs, m, strict=True)]
+
+    turn = angles_of(100)
+    for xs, words in (
+        ([np.linspace(0, 1e-3, 100)] * 3, "one revolution"),
+        ([np.rad2deg(turn)] * 3, "degrees"),
+        ([2 * turn] * 3, "one revolution"),
+        ([turn, turn, turn + 0.01], "reading 3 differ"),
+    ):
+        with pytest.raises(DataError, match=words):
+            multiprobe(profiles(*xs), phi, 20)
+    with pytest.raises(DataError, match="not mixed"):
+        multiprobe([Profile(turn, m[0]), m[1], m[2]], phi, 20)
+    with pytest.raises(DataError, match="leave out angle"):
+        multiprobe(profiles(turn, turn, turn), phi, 20, angle=turn)
+
+
+def test_recording_of_several_turns_is_cut_by_its_angle_or_doubted():
+    rng = np.random.default_rng(6)
+    phi = np.deg2rad([0.0, 27.0, 60.0])
+    r, x, y = (random_waves(rng, range(2, KMAX + 1)) for _ in range(3))
+    m = probe_readings(r, x, y, phi)
+    long = np.tile(m, 4) + 1e-11 * rng.standard_normal((3, 4 * N))
+    channels = {f"p{i}": row for i, row in enumerate(long)}
+    time, angle = np.arange(4 * N) * 1e-3, 0.2 + 2 * math.pi * np.arange(4 * N) / N
+
+    cut = multiprobe(Recording(time, {**channels, "spin": angle}, units={"spin": "rad"}), phi, 20)
+
+    assert cut.audit["n_revolutions"] == 4
+    expected = multiprobe(long.reshape(3, 4, N), phi, 20)
+    np.testing.assert_array_equal(cut.artefact, expected.artefact)
+    assert cut.coordinates["angle"][0] == 0.2
+    doubted = multiprobe(Recording(time, channels), phi, 20)
+    assert any("repeat 4 times" in text for text in doubted.messages)
+    alone = Recording(time[:N], {f"p{i}": row for i, row in enumerate(m)})
+    assert not any("readings repeat" in text for text in multiprobe(alone, phi, 20).messages)
+    short = {k: v[: 3 * N + 50] for k, v in {**channels, "angle": angle}.items()}
+    with pytest.raises(InvalidSamplesError, match="revolution"):
+        multiprobe(Recording(time[: 3 * N + 50], short), phi, 20)
+
+
+@pytest.mark.parametrize("drift", [0.0, 1e-6])
+def test_drift_of_the_level_between_revolutions_hides_no_wrong_angle(drift):
+    """Review A9: 1 um per revolution made the noise 3 um and silenced the alarm."""
+    rng = np.random.default_rng(7)
+    true = np.deg2rad([0.0, 20.5, 270.5, 299.0])
+    stated = np.deg2rad([0.0, 20.5, 270.5, 297.0])
+    r = random_waves(rng, range(2, KMAX + 1))
+    m = probe_readings(r, {2: 1e-8}, {3: 1e-8}, true)[:, None, :]
+    m = m + drift * np.arange(10)[:, None] + 1e-9 * rng.standard_normal((4, 10, N))
+
+    wrong, right = multiprobe(m, stated, KMAX), multiprobe(m, true, KMAX)
+
+    # 4 * 237 * 9 degrees of freedom: 0.8 %
+    assert wrong.noise.value == pytest.approx(1e-9, rel=0.04, abs=0)
+    assert right.noise.value == pytest.approx(1e-9, rel=0.04, abs=0)
+    assert any("disagree" in text for text in wrong.messages)
+    assert not any("disagree" in text for text in right.messages)
+    assert right.audit["residual_chi2_ratio"] == pytest.approx(1.0, abs=0.7)
+
+
+def test_asynchronous_motion_hides_no_wrong_angle():
+    """Motion that differs from turn to turn is seen by all probes alike: no disagreement."""
+    rng = np.random.default_rng(8)
+    true = np.deg2rad([0.0, 20.5, 270.5, 299.0])
+    stated = np.deg2rad([0.0, 20.5, 270.5, 297.0])
+    r = random_waves(rng, range(2, KMAX + 1), size=1e-8)
+    turns = [
+        probe_readings(r, random_waves(rng, range(2, 30), 2e-8), {3: 1e-8}, true) for _ in range(8)
+    ]
+    m = np.stack(turns, axis=1) + 1e-10 * rng.standard_normal((4, 8, N))
+
+    assert any("disagree" in text for text in multiprobe(m, stated, KMAX).messages)
+    assert not any("disagree" in text for text in multiprobe(m, true, KMAX).messages)
+
+
+def test_alarm_is_rarely_false():
+    rng = np.random.default_rng(9)
+    phi = np.deg2rad([0.0, 20.5, 270.5, 297.0])
+    ratios = []
+    for _ in range(60):
+        found = multiprobe(1e-9 * rng.standard_normal((4, 4, 100)), phi, 20)
+        ratios.append(found.audit["residual_chi2_ratio"])
+        assert not any("disagree" in text for text in found.messages)
+    # F of (38, 114) degrees of freedom: mean 114 / 112, sd 0.27, mean of 60: 0.035
+    assert np.mean(ratios) == pytest.approx(1.02, abs=0.12)
+
+
+def test_readings_of_metres_are_doubted():
+    rng = np.random.default_rng(1)
+    m = rng.standard_normal((3, 100))
+
+    assert any("are they in m?" in t for t in multiprobe(m, (0, 1, 3), 20).messages)
+    # the distance of a probe from its zero is no reading in um
+    assert not any("are they" in t for t in multiprobe(5.0 + 1e-9 * m, (0, 1, 3), 20).messages)
 
 
 def test_integers_are_readings_too_and_inputs_stay():
@@ -387,6 +525,50 @@ def test_integers_are_readings_too_and_inputs_stay():
         found.artefact, multiprobe(m * 1.0, (0.0, 1.0, 3.0), 20).artefact
     )
     np.testing.assert_array_equal(m, before)
+
+
+def test_null_space_has_harmonics_from_two_and_terms_below():
+    for item in MultiprobeRoundness(np.deg2rad([0, 45, 135]), 20).null_space():
+        if item.kind == "harmonic":
+            assert min(item.indices) >= 2
+        else:
+            assert (item.kind, item.indices) == ("term", ("offset", "eccentricity"))
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"u_reading": "5 nm"}, "u_reading must be one number in m"),
+        ({"u_reading": [1e-9, 1e-9]}, "u_reading"),
+        ({"u_reading": 5.0}, "um or nm"),
+        ({"kmax": None}, "kmax"),
+        ({"kmax": math.inf}, "kmax"),
+        ({"kmax": math.nan}, "kmax"),
+        ({"kmax": "20"}, "kmax"),
+        ({"u_angles": "1 deg"}, "u_angles"),
+        ({"cov": "none"}, "cov"),
+        ({"max_gain": None}, "max_gain"),
+        ({"max_gain": math.inf}, "max_gain"),
+        ({"radius": "20 mm"}, "radius"),
+        ({"radius": 20}, "mm"),
+        ({"turn": [1, 1]}, "turn"),
+        ({"angle": np.arange(99.0)}, "99 angles for 100 samples"),
+    ],
+)
+def test_settings_that_are_no_numbers_are_refused_in_words(options, words):
+    with pytest.raises(DataError, match=words):
+        multiprobe(np.ones((3, 100)), (0, 1, 3), **{"kmax": 20, **options})
+
+
+def test_complex_readings_and_ragged_ones_are_refused():
+    for bad in (
+        np.ones((3, 100)) * 1j,
+        [[1j] * 100] * 3,
+        [np.ones(9), np.ones(9), np.ones(8)],
+        None,
+    ):
+        with pytest.raises(InvalidSamplesError):
+            multiprobe(bad, (0, 1, 3), 4)
 
 
 def test_revolution_with_a_gap_is_left_out_and_counted():

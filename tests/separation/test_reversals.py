@@ -278,8 +278,12 @@ class TestDonaldson(SeparationContract):
         p = round_shape(np.random.default_rng(37))
         masked = np.ma.masked_array(p, mask=np.arange(N) == 5)
         assert np.isnan(donaldson(masked, p).artefact[5])
+        pair = np.ma.masked_array([p, p], mask=[np.arange(N) == 5] * 2)
+        assert np.isnan(DonaldsonReversal().correct(pair)[:, 5]).all()
         with pytest.raises(InvalidSamplesError, match="complex"):
             donaldson(p + 0j, p)
+        with pytest.raises(InvalidSamplesError, match="no array"):
+            donaldson([[1, 2], [3]], p)
         for words in ({"u_reading": "5 nm"}, {"u_index": "1 deg"}, {"u_index": 2.0}):
             with pytest.raises(DataError, match=next(iter(words))):
                 donaldson(p, p, **words)

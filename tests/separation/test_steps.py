@@ -245,7 +245,7 @@ def test_revolutions_tell_the_noise_of_two_positions():
 def test_profiles_lists_and_default_steps_are_understood():
     rng = np.random.default_rng(5)
     m = rng.standard_normal((5, 60)) * 1e-9
-    x = np.arange(60) * 1e-3
+    x = angles_of(60)
 
     plain = multistep(m, steps=5)
     assert plain.audit["kmax"] == 29
@@ -284,3 +284,102 @@ def test_impossible_settings_are_refused(options, error, words):
 def test_ragged_readings_are_refused():
     with pytest.raises(DataError):
         multistep([np.ones(20), np.ones(21)])
+
+
+def test_start_angle_is_carried():
+    rng = np.random.default_rng(6)
+    r, sp = random_waves(rng, range(2, 8)), random_waves(rng, range(2, 8))
+    theta = 0.9 + angles_of(N)
+    m = np.array([height(r, theta + a) + height(sp, theta) for a in angles_of(8)])
+
+    for found in (
+        multistep([Profile(theta, row) for row in m]),
+        multistep(m, 8, angle=theta),
+    ):
+        np.testing.assert_allclose(found.coordinates["angle"], theta, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(found.artefact, height(r, theta), rtol=0, atol=1e-15)
+        np.testing.assert_allclose(found.spindle, height(sp, theta), rtol=0, atol=1e-15)
+        direct = 2 / N * np.sum(height(r, angles_of(N)) * np.exp(-3j * angles_of(N)))
+        assert abs(found.harmonics["artefact"][3] - direct) < 1e-17
+    with pytest.raises(DataError, match="one revolution"):
+        multistep([Profile(np.linspace(0, 1e-3, N), row) for row in m])
+
+
+def test_drift_knows_the_number_of_a_revolution_when_another_is_dropped():
+    """Review A5: 20 nm per revolution, one sample missing, no noise: the rate was 26.7 nm."""
+    rng = np.random.default_rng(2)
+    r, sp = (random_waves(rng, [k for k in range(2, 30) if k % 6]) for _ in range(2))
+    m = np.repeat(step_readings(r, sp, angles_of(6))[:, None], 4, axis=1)
+    time = (np.arange(6) * 4.0)[:, None, None] + np.arange(4)[:, None] + np.arange(N) / N
+    m = m + 20e-9 * time
+    m[2, 1, 17] = np.nan
+
+    found = multistep(m, steps=6, kmax=29, drift="linear")
+
+    assert found.audit["drift_nm_per_revolution"] == pytest.approx(20.0, abs=1e-6)
+    np.testing.assert_allclose(found.spindle, height(sp, angles_of(N)), rtol=0, atol=1e-16)
+
+
+def test_drift_that_is_left_in_is_said_and_chance_is_not():
+    rng = np.random.default_rng(3)
+    ks = [k for k in range(2, 30) if k % 6]
+    m = step_readings(random_waves(rng, ks), random_waves(rng, ks), angles_of(6))
+    noise = 1e-9 * rng.standard_normal((6, N))
+    drifting = m + noise + 20e-9 * (np.arange(6)[:, None] + np.arange(N) / N)
+
+    assert any("drift='linear'" in t for t in multistep(drifting, 6, kmax=29).messages)
+    quiet = multistep(drifting, 6, kmax=29, drift="linear")
+    assert not any("drifts" in t for t in quiet.messages)
+    said = 0
+    for _ in range(200):
+        # each position has a zero of its own, not drift
+        level = 1e-7 * rng.standard_normal((5, 1))
+        found = multistep(level + 1e-9 * rng.standard_normal((5, 40)), 5)
+        said += any("drifts" in t for t in found.messages)
+    assert said <= 3
+
+
+@pytest.mark.parametrize("steps", [np.int64(6), 6.0, [6], (2, 4), np.array([2, 4])])
+def test_steps_may_be_any_whole_numbers(steps):
+    m = np.random.default_rng(5).standard_normal((6, 60)) * 1e-9
+    assert multistep(m, steps).artefact.shape == (60,)
+
+
+@pytest.mark.parametrize(
+    ("m", "options", "error", "words"),
+    [
+        (np.ones((1, 60)), {}, TooFewSamplesError, "at least 2 positions are needed"),
+        (np.ones((6, 3)), {}, TooFewSamplesError, "at least 5 samples"),
+        (np.ones((6, 60)), {"steps": "six"}, DataError, "steps"),
+        (np.ones((6, 60)), {"steps": 5.5}, DataError, "steps"),
+        (np.ones((6, 60)), {"u_reading": "5 nm"}, DataError, "u_reading"),
+        (np.ones((6, 60)), {"u_index": "1 deg"}, DataError, "u_index"),
+        (np.ones((6, 60)), {"u_index": 2}, UnitError, "degrees"),
+        (np.ones((6, 60)), {"kmax": math.inf}, DataError, "kmax"),
+        (np.ones((6, 60)), {"step_revolutions": "x"}, DataError, "step_revolutions"),
+        (np.ones((6, 60)) * 1j, {}, InvalidSamplesError, "complex"),
+    ],
+)
+def test_what_is_no_number_is_refused_in_words(m, options, error, words):
+    with pytest.raises(error, match=words) as caught:
+        multistep(m, **options)
+    assert "kmax" in options or "kmax" not in str(caught.value)
+
+
+def test_wide_index_uncertainty_and_metres_are_doubted():
+    m = np.random.default_rng(5).standard_normal((6, 100))
+
+    found = multistep(m * 1e-9, 6, u_index=0.05)
+    assert any("no small angle" in t for t in found.messages)
+    assert any("are they in m?" in t for t in multistep(m, 6).messages)
+
+
+def test_null_space_has_terms_below_two():
+    for free in ("fixed", "free"):
+        for item in MultistepRoundness(angles_of(8), 30, eccentricity=free).null_space():
+            if item.kind == "term":
+                expected = ("offset",) if free == "fixed" else ("offset", "eccentricity")
+                assert item.indices == expected
+            else:
+                assert item.kind == "harmonic"
+                assert min(item.indices) >= 2
