@@ -78,11 +78,11 @@ def as_numbers(values: ArrayLike, needs: str) -> FloatArray:
         If they are complex, texts or ragged.
     """
     try:
-        is_complex = np.iscomplexobj(values)
-        array = np.array(values, dtype=np.complex128 if is_complex else np.float64)
+        raw = np.asarray(values)
+        array = np.array(raw.real, dtype=np.float64)
     except (TypeError, ValueError) as exc:
         raise InvalidSamplesError(f"{needs}, got no array of numbers ({exc})") from None
-    if is_complex:
+    if np.iscomplexobj(raw):
         raise InvalidSamplesError(f"{needs}, got complex numbers; take their real part")
     if isinstance(values, np.ma.MaskedArray):
         array[np.ma.getmaskarray(values)] = np.nan
