@@ -42,6 +42,8 @@ class Estimator:
         Rows in excess of what they determine.
     zeros_hidden : ndarray, shape (q, k)
         How much of the zero amplitudes goes along with each hidden artefact.
+    rest : float
+        Sum of squared residuals that plain least squares leaves of the rows.
     """
 
     artefact: FloatArray
@@ -49,16 +51,19 @@ class Estimator:
     hidden: FloatArray
     freedom: int
     zeros_hidden: FloatArray
+    rest: float = 0.0
 
 
 def estimator(
     design: Any,
     zero_columns: FloatArray,
+    y: FloatArray,
     *,
     method: str,
     smoothing: float,
     degree: int,
     guess: FloatArray,
+    read: NDArray[np.bool_],
 ) -> Estimator:
     """Return the estimator of a method by singular values of its actual design.
 
@@ -68,6 +73,8 @@ def estimator(
         What each row sees of the artefact.
     zero_columns : ndarray, shape (n_rows, q)
         What each row sees of the unknown zeros.
+    y : ndarray, shape (n_rows,)
+        Rows of the readings, for the residuals.
     method : {"least_squares", "generalised", "combined"}
         Plain least squares; with a penalty on third differences; the former, with the latter in
         its null space.
@@ -78,11 +85,13 @@ def estimator(
     guess : ndarray, shape (m, k)
         Orthonormal artefacts that whole readings should not see; large designs skip the singular
         values where this proves right.
+    read : ndarray of bool, shape (m,)
+        Samples that a probe read; the others take no part and are left out.
 
     Returns
     -------
     Estimator
-        Of `method`.
+        Of `method`, for the samples that were read.
 
     Raises
     ------
@@ -90,31 +99,34 @@ def estimator(
         If the rows see nothing.
     """
     with one_blas_thread():
-        a = np.asarray(design.todense() if hasattr(design, "todense") else design)
+        full = np.asarray(design.todense() if hasattr(design, "todense") else design)
         basis, z_inverse = _zero_basis(zero_columns)
+        a = full if read.all() else full[:, read]
         seen = a - basis @ (basis.T @ a)
-        least, hidden, rank = _pseudo_inverse(seen, guess)
+        least, hidden, rank = _pseudo_inverse(seen, guess if read.all() else guess[:0, :0])
+        free = y - basis @ (basis.T @ y)
+        residual = free - seen @ (least @ free)
         f = least
         if method != "least_squares":
-            smooth = _smoothed(seen, smoothing, degree)
+            smooth = _smoothed(full - basis @ (basis.T @ full), smoothing, degree)[read]
             f = smooth if method == "generalised" else least + hidden @ (hidden.T @ smooth)
-        f = without_polynomial(f, degree)
+        f = without_polynomial(f, degree, np.flatnonzero(read))
         f = f - (f @ basis) @ basis.T
         zeros = z_inverse - z_inverse @ (a @ f)
         leak = z_inverse @ (a @ hidden)
     freedom = a.shape[0] - rank - basis.shape[1]
-    return Estimator(f, zeros, hidden, freedom, leak)
+    return Estimator(f, zeros, hidden, freedom, leak, float(residual @ residual))
 
 
-def chain_estimator(row: Row, n: int, *, degree: int) -> Estimator:
-    """Return the sequential estimator of n equidistant positions.
+def chain_estimator(row: Row, sd: FloatArray, *, degree: int) -> Estimator:
+    """Return the sequential estimator of equidistant positions.
 
     Parameters
     ----------
     row : Row
         Two probes, or three of equal distances, on multiples of the step.
-    n : int
-        Carriage positions.
+    sd : ndarray, shape (n,)
+        Standard deviation of a reading at each position, relative to that of a probe.
     degree : int
         Polynomial degree that is not observable.
 
@@ -132,9 +144,10 @@ def chain_estimator(row: Row, n: int, *, degree: int) -> Estimator:
     shifts = row.shifts
     assert shifts is not None  # noqa: S101  (checked by the caller)
     s, order = shifts[1], len(shifts) - 1
+    n = sd.size
     m = n + order * s
     f = np.zeros((m, n))
-    f[np.arange(n) + order * s, np.arange(n)] = float(np.linalg.norm(row.weights))
+    f[np.arange(n) + order * s, np.arange(n)] = float(np.linalg.norm(row.weights)) * sd
     for _ in range(order):
         for k in range(s, m):
             f[k] += f[k - s]
@@ -153,12 +166,14 @@ def hidden_of_chains(m: int, s: int, order: int, degree: int) -> FloatArray:
     return np.asarray(np.linalg.qr(np.column_stack(columns))[0])
 
 
-def without_polynomial(values: FloatArray, degree: int) -> FloatArray:
-    """Return columns without their least-squares polynomial over equal steps."""
+def without_polynomial(
+    values: FloatArray, degree: int, at: NDArray[np.intp] | None = None
+) -> FloatArray:
+    """Return columns without their least-squares polynomial over equal steps, or over samples."""
     m = values.shape[0]
     if degree < 0:
         return values
-    t = np.linspace(-1.0, 1.0, m)
+    t = np.linspace(-1.0, 1.0, m) if at is None else 2.0 * (at - at[0]) / (at[-1] - at[0]) - 1.0
     q = np.linalg.qr(np.polynomial.legendre.legvander(t, min(degree, m - 1)))[0]
     return np.asarray(values - q @ (q.T @ values))
 

@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core.errors import NotSeparableError, TooFewSamplesError
+from metrosep.core.units import format_length
+from metrosep.separation._line_coverage import needed_travel, probe_places, read_samples
 from metrosep.separation._line_estimators import (
     Estimator,
     chain_estimator,
@@ -16,14 +18,15 @@ from metrosep.separation._line_estimators import (
     hidden_of_chains,
 )
 from metrosep.separation._line_probes import (
-    GRID_RTOL,
     Row,
     Rows,
     grid_of,
     interpolation,
+    kinds_of,
     rows_without_carriage,
 )
 from metrosep.separation._line_problem import Problem
+from metrosep.separation._line_stations import Stations
 
 FloatArray = NDArray[np.float64]
 
@@ -44,10 +47,14 @@ class Found:
         What hidden artefacts would add to them.
     rest : float
         Sum of squared residuals of the rows.
+    rest_least : float
+        The same of plain least squares.
     freedom : int
-        Degrees of freedom of `rest`.
+        Degrees of freedom of `rest_least`.
     used : slice
         Carriage positions that the result rests on.
+    n_unread : int
+        Samples within that no probe read.
     """
 
     artefact: tuple[FloatArray, FloatArray]
@@ -57,8 +64,10 @@ class Found:
     zeros_cov: FloatArray
     zeros_hidden: FloatArray
     rest: float
+    rest_least: float
     freedom: int
     used: slice
+    n_unread: int
 
 
 def solve(problem: Problem, *, method: str, smoothing: float, degree: int) -> Found:
@@ -78,7 +87,7 @@ def solve(problem: Problem, *, method: str, smoothing: float, degree: int) -> Fo
 
 def _longest_piece(problem: Problem) -> slice:
     """Return the longest run of positions at which every probe was measured."""
-    whole = ~np.isnan(problem.mean[: problem.n_probes]).any(axis=0)
+    whole = problem.stations.whole(problem.n_probes, problem.x.size)
     edges = np.diff(np.concatenate([[0], whole.astype(np.int8), [0]]))
     first, last = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
     if first.size == 0:
@@ -93,46 +102,62 @@ def _solve_piece(
     problem: Problem, piece: slice, method: str, smoothing: float, degree: int
 ) -> Found | None:
     """Return the parts from some positions; None where they do not hang together."""
-    row, m = problem.row, problem.mean[:, piece]
-    x = problem.x[piece]
-    n, n_sensors = x.size, m.shape[0]
-    grid = grid_of(row, x)
+    row, stations, x = problem.row, problem.stations.within(piece), problem.x[piece]
+    n, grid = x.size, grid_of(row, x)
     if n < 2 or grid.size <= degree + 2:
         raise TooFewSamplesError(
             f"{n} positions in a row are too few for these probe distances and steps"
         )
-    valid = ~np.isnan(m)
+    if x[-1] - x[0] < needed_travel(row):
+        return None
+    whole = bool(stations.whole(problem.n_probes, n).all())
     if method == "sequential":
-        if not valid.all():
+        if not whole:
             return None
-        rows = _chain_rows(row, n, problem.sd)
+        rows = _chain_rows(row, stations)
     else:
-        rows = rows_without_carriage(valid, problem.nuisance, problem.sd)
-    at_probe = [interpolation(grid, at) for at in _probe_places(row, x, grid)]
-    stack = _stacked(at_probe, n_sensors, n, grid.size, problem.sd)
-    zero_columns = rows.weights @ np.kron(problem.zeros / problem.sd[:, None], np.ones((n, 1)))
+        rows = rows_without_carriage(stations.valid, problem.nuisance, stations.sd)
+    places = probe_places(row, x, grid)
+    read = read_samples(rows, places, stations.at, grid, row.step)
+    if int(read.sum()) <= degree + 2:
+        return None
+    stack = _stacked([interpolation(grid, at) for at in places], stations)
+    columns = _zero_columns(problem.zeros, stations)
+    zero_columns = rows.weights @ columns
+    y = rows.of(stations.values)
     if method == "sequential":
-        estimate = chain_estimator(row, n, degree=degree)
+        used = _chain_stations(stations, problem.n_probes)
+        estimate = chain_estimator(row, stations.sd[0, used], degree=degree)
     else:
+        expected = _expected_hidden(row, degree, read)
+        if int(read.sum()) - y.size > expected:
+            _refuse_if_whole(row, x, grid.size, whole=whole)
+            return None
         estimate = estimator(
             rows.weights @ stack,
             zero_columns,
+            y,
             method=method,
             smoothing=smoothing,
             degree=degree,
             guess=_guess(row, grid.size, degree),
+            read=read,
         )
-        if estimate.hidden.shape[1] > _expected_hidden(row, degree) and not valid.all():
+        if estimate.hidden.shape[1] > expected:
+            _refuse_if_whole(row, x, grid.size, whole=whole)
             return None
-    return _parts(problem, piece, rows, stack, estimate, grid)
+    return _parts(problem, piece, stations, rows, y, stack, columns, estimate, grid, read)
 
 
-def _probe_places(row: Row, x: FloatArray, grid: FloatArray) -> list[FloatArray]:
-    """Return where each probe reads: on the grid itself where steps are equal and offsets whole."""
-    even = np.abs(np.diff(x) - row.step).max() <= 2.0 * GRID_RTOL * row.step
-    if row.shifts is not None and even:
-        return [grid[k : k + x.size] for k in row.shifts]
-    return [x + o for o in row.offsets]
+def _refuse_if_whole(row: Row, x: FloatArray, m: int, *, whole: bool) -> None:
+    """Refuse samples that do not hang together although nothing is missing."""
+    if not whole:
+        return
+    raise NotSeparableError(
+        f"{x.size} positions {format_length(float(np.mean(np.diff(x))))} apart do not determine {m} "
+        f"samples of the artefact at a step of {format_length(row.step)}: the samples are not read "
+        "by probes that hang together; give a step not finer than the positions, or more positions"
+    )
 
 
 def _guess(row: Row, m: int, degree: int) -> FloatArray:
@@ -141,134 +166,143 @@ def _guess(row: Row, m: int, degree: int) -> FloatArray:
     return hidden_of_chains(m, max(row.grid_period, 1), order, degree)
 
 
-def _expected_hidden(row: Row, degree: int) -> int:
-    """Return the dimension of what whole readings leave unseen."""
+def _expected_hidden(row: Row, degree: int, read: NDArray[np.bool_]) -> int:
+    """Return the dimension of what whole readings leave unseen of the samples that were read."""
     order = 2 if row.pitch else 1
-    least = order * max(row.grid_period, 1)
+    chains = np.unique(np.flatnonzero(read) % max(row.grid_period, 1)).size
+    least = order * chains
     if len(row.offsets) == order + 1:
-        least = max(least, row.span)
+        least = max(least, row.span - int((~read).sum()))
     return least + max(degree + 1 - order, 0)
 
 
-def _chain_rows(row: Row, n: int, sd: FloatArray) -> Rows:
-    from scipy.sparse import csr_array, eye_array, kron
+def _chain_stations(stations: Stations, n_probes: int) -> NDArray[np.intp]:
+    """Return the stations that hold all probes, one for each position."""
+    return np.flatnonzero(stations.valid[:n_probes].all(axis=0))
+
+
+def _chain_rows(row: Row, stations: Stations) -> Rows:
+    from scipy.sparse import csr_array
 
     w = row.weights / np.linalg.norm(row.weights)
-    return Rows(csr_array(kron(w[None, :], eye_array(n))), sd)
+    used = _chain_stations(stations, w.size)
+    index = np.tile(np.arange(used.size), w.size)
+    columns = np.concatenate([s * stations.at.size + used for s in range(w.size)])
+    shape = (used.size, w.size * stations.at.size)
+    return Rows(csr_array((np.repeat(w, used.size), (index, columns)), shape=shape), stations.sd)
 
 
-def _stacked(at_probe: list[Any], n_sensors: int, n: int, m: int, sd: FloatArray) -> Any:
-    from scipy.sparse import csr_array, vstack
+def _stacked(at_probe: list[Any], stations: Stations) -> Any:
+    """Return what each sensor at each station sees of the artefact, in units of its deviation."""
+    from scipy.sparse import csr_array, diags_array, vstack
 
-    blocks = [p / s for p, s in zip(at_probe, sd, strict=False)]
-    blocks += [csr_array((n, m)) for _ in range(n_sensors - len(blocks))]
+    blocks = [
+        diags_array(1.0 / sd) @ csr_array(p)[stations.at]
+        for p, sd in zip(at_probe, stations.sd, strict=False)
+    ]
+    empty = csr_array((stations.at.size, at_probe[0].shape[1]))
+    blocks += [empty] * (stations.sd.shape[0] - len(blocks))
     return csr_array(vstack(blocks))
+
+
+def _zero_columns(zeros: FloatArray, stations: Stations) -> FloatArray:
+    """Return what each sensor at each station sees of the unknown zeros."""
+    columns = zeros[:, None, :] / stations.sd[:, :, None]
+    return np.asarray(columns.reshape(stations.sd.size, zeros.shape[1]), dtype=np.float64)
 
 
 def _parts(
     problem: Problem,
     piece: slice,
+    stations: Stations,
     rows: Rows,
+    y: FloatArray,
     stack: Any,
+    columns: FloatArray,
     estimate: Estimator,
     grid: FloatArray,
+    read: NDArray[np.bool_],
 ) -> Found:
-    m = problem.mean[:, piece]
-    y = rows.of(m)
-    f = estimate.artefact @ y
-    amplitudes = estimate.zeros @ y
-    n_sensors, n = m.shape
-    scaled = np.where(np.isnan(m), np.nan, m) / problem.sd[:, None]
-    seen_zero = problem.zeros if amplitudes.size else None
-    rest = scaled - (stack @ f).reshape(n_sensors, n)
-    if seen_zero is not None:
-        rest = rest - (seen_zero @ amplitudes / problem.sd)[:, None]
-    carriage, u_carriage = _carriage(problem, rest, stack, estimate, seen_zero)
+    seen, n = stack[:, np.flatnonzero(read)], piece.stop - piece.start
+    f, amplitudes = estimate.artefact @ y, estimate.zeros @ y
+    with_zeros = amplitudes.size > 0
+    rest = np.where(stations.valid, stations.values / stations.sd, 0.0).ravel() - seen @ f
+    if with_zeros:
+        rest = rest - columns @ amplitudes
+    pick = _carriage_of(problem.nuisance, stations, n)
+    n_sensors = problem.n_sensors
+    zeros, cov, hidden = np.zeros(n_sensors), np.zeros((n_sensors,) * 2), np.zeros((n_sensors, 1))
+    if with_zeros:
+        zeros, hidden = problem.zeros @ amplitudes, problem.zeros @ estimate.zeros_hidden
+        cov = (problem.zeros @ estimate.zeros) @ (problem.zeros @ estimate.zeros).T
+    left = y - rows.weights @ (seen @ f)
+    if with_zeros:
+        zero_rows = rows.weights @ columns
+        left = left - zero_rows @ (np.linalg.pinv(zero_rows) @ left)
+    values, u = np.full((2, problem.x.size), np.nan), np.full((2, problem.x.size), np.nan)
+    for c, matrix in enumerate(pick):
+        known = np.flatnonzero(np.diff(matrix.indptr))
+        through = (matrix @ seen) @ estimate.artefact
+        if with_zeros:
+            through = through + (matrix @ columns) @ estimate.zeros
+        own = np.asarray(matrix.multiply(matrix).sum(axis=1)).ravel()
+        spread = np.sqrt(own + np.einsum("ij,ij->i", through, through))
+        values[c, piece.start + known] = (matrix @ rest)[known]
+        u[c, piece.start + known] = spread[known]
     u_f = np.sqrt(np.einsum("ij,ij->i", estimate.artefact, estimate.artefact))
-    zeros, cov, hidden = (
-        np.zeros(n_sensors),
-        np.zeros((n_sensors, n_sensors)),
-        np.zeros((n_sensors, 1)),
-    )
-    if seen_zero is not None:
-        zeros, hidden = seen_zero @ amplitudes, seen_zero @ estimate.zeros_hidden
-        cov = (seen_zero @ estimate.zeros) @ (seen_zero @ estimate.zeros).T
-    design_f = rows.weights @ (stack @ f)
-    left = y - design_f
-    if estimate.zeros.shape[0]:
-        columns = rows.weights @ np.kron(problem.zeros / problem.sd[:, None], np.ones((n, 1)))
-        left = left - columns @ (np.linalg.pinv(columns) @ left)
-    whole = slice(piece.start, piece.start + n)
     return Found(
-        _placed(f, u_f, grid, problem.grid),
-        _inserted(carriage[:, 0], u_carriage[:, 0], whole, problem.x.size),
-        _inserted(carriage[:, 1], u_carriage[:, 1], whole, problem.x.size),
+        _placed(f, u_f, grid[read], problem.grid),
+        (values[0], u[0]),
+        (values[1], u[1]),
         zeros,
         cov,
         hidden,
         float(left @ left),
+        estimate.rest,
         estimate.freedom,
-        whole,
+        slice(piece.start, piece.start + n),
+        int((~read).sum()),
     )
 
 
-def _carriage(
-    problem: Problem,
-    rest: FloatArray,
-    stack: Any,
-    estimate: Estimator,
-    seen_zero: FloatArray | None,
-) -> tuple[FloatArray, FloatArray]:
-    """Return straightness and pitch at each position, and their uncertainty for unit noise.
+def _carriage_of(nuisance: FloatArray, stations: Stations, n: int) -> list[Any]:
+    """Return the matrices that take what the artefact leaves to straightness, and pitch.
 
-    The share of the readings along the carriage is independent of the rows, so two variances add.
+    A position has the mean over its passes. The share of readings along the carriage is independent
+    of the rows, so the variances of both add.
     """
     from scipy.sparse import csr_array
 
-    n_sensors, n = rest.shape
-    p = problem.nuisance.shape[1]
-    valid = ~np.isnan(rest)
-    values, u = np.full((n, 2), np.nan), np.full((n, 2), np.nan)
-    code = (valid.T @ (1 << np.arange(n_sensors))).astype(np.int64)
-    for pattern in np.unique(code):
-        used = [s for s in range(n_sensors) if pattern >> s & 1]
-        scaled = problem.nuisance[used] / problem.sd[used, None]
-        if not used or np.linalg.matrix_rank(scaled) < p:
-            continue
-        inverse = np.linalg.pinv(scaled)
-        at = np.flatnonzero(code == pattern)
-        values[at, :p] = (inverse @ rest[used][:, at]).T
-        for c in range(p):
-            columns = np.concatenate([s * n + at for s in used])
-            data = np.repeat(inverse[c], at.size)
-            pick = csr_array(
-                (data, (np.tile(np.arange(at.size), len(used)), columns)),
-                shape=(at.size, n_sensors * n),
-            )
-            through = csr_array(pick @ stack) @ estimate.artefact
-            if seen_zero is not None:
-                gain = inverse[c] @ (seen_zero / problem.sd[:, None])[used]
-                through = through + (gain @ estimate.zeros)[None, :]
-            own = float(inverse[c] @ inverse[c])
-            u[at, c] = np.sqrt(own + np.einsum("ij,ij->i", through, through))
-    return values, u
+    size = stations.at.size
+    kind, group = kinds_of(stations.valid, stations.sd)
+    inverse: dict[int, FloatArray] = {}
+    for g, i in enumerate(kind):
+        used = stations.valid[:, i]
+        scaled = nuisance[used] / stations.sd[used, i][:, None]
+        if used.any() and np.linalg.matrix_rank(scaled) == nuisance.shape[1]:
+            inverse[g] = np.linalg.pinv(scaled)
+    counts = np.where(np.isin(group, list(inverse)), stations.count, 0)
+    share = counts / np.maximum(np.bincount(stations.at, counts, minlength=n)[stations.at], 1.0)
+    found = []
+    for c in range(nuisance.shape[1]):
+        at, columns, data = [np.empty(0, int)], [np.empty(0, int)], [np.empty(0)]
+        for g, gain in inverse.items():
+            here = np.flatnonzero(group == g)
+            for k, s in enumerate(np.flatnonzero(stations.valid[:, kind[g]])):
+                at.append(stations.at[here])
+                columns.append(s * size + here)
+                data.append(gain[c, k] * share[here])
+        place = (np.concatenate(at), np.concatenate(columns))
+        shape = (n, stations.sd.shape[0] * size)
+        found.append(csr_array((np.concatenate(data), place), shape=shape))
+    return found
 
 
 def _placed(
-    f: FloatArray, u: FloatArray, grid: FloatArray, whole: FloatArray
+    f: FloatArray, u: FloatArray, at: FloatArray, whole: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return a piece of the artefact on the grid of all of it."""
+    """Return values at some samples on the grid of all of them."""
     values, uncertainty = np.full(whole.size, np.nan), np.full(whole.size, np.nan)
-    if grid.size == whole.size:
-        return f, u
-    first = round(float((grid[0] - whole[0]) / (whole[1] - whole[0])))
-    values[first : first + f.size], uncertainty[first : first + f.size] = f, u
+    index = np.round((at - whole[0]) / (whole[1] - whole[0])).astype(np.intp)
+    values[index], uncertainty[index] = f, u
     return values, uncertainty
-
-
-def _inserted(
-    values: FloatArray, u: FloatArray, piece: slice, n: int
-) -> tuple[FloatArray, FloatArray]:
-    out, uncertainty = np.full(n, np.nan), np.full(n, np.nan)
-    out[piece], uncertainty[piece] = values, u
-    return out, uncertainty

@@ -189,9 +189,9 @@ class Rows:
 
     Parameters
     ----------
-    weights : sparse array, shape (n_rows, n_sensors n_positions)
+    weights : sparse array, shape (n_rows, n_sensors n_stations)
         Orthonormal rows; readings in units of their standard deviations go in.
-    sd : ndarray, shape (n_sensors,)
+    sd : ndarray, shape (n_sensors, n_stations)
         Standard deviations that whitened them, relative to that of a probe.
     """
 
@@ -199,43 +199,47 @@ class Rows:
     sd: FloatArray
 
     def of(self, readings: FloatArray) -> FloatArray:
-        """Return the combinations of readings, shape (n_sensors, n_positions)."""
-        clean = np.where(np.isnan(readings), 0.0, readings) / self.sd[:, None]
+        """Return the combinations of readings, shape (n_sensors, n_stations)."""
+        clean = np.where(np.isnan(readings), 0.0, readings) / self.sd
         return np.asarray(self.weights @ clean.ravel())
+
+    @property
+    def touched(self) -> NDArray[np.bool_]:
+        """Which reading takes part in a row, shape (n_sensors, n_stations)."""
+        columns = np.zeros(self.sd.size, dtype=bool)
+        columns[self.weights.indices[self.weights.data != 0.0]] = True
+        return columns.reshape(self.sd.shape)
 
 
 def rows_without_carriage(valid: NDArray[np.bool_], nuisance: FloatArray, sd: FloatArray) -> Rows:
-    """Return the combinations of the valid readings at each position that do not see the carriage.
+    """Return the combinations of the valid readings at each station that do not see the carriage.
 
     Parameters
     ----------
-    valid : ndarray of bool, shape (n_sensors, n_positions)
+    valid : ndarray of bool, shape (n_sensors, n_stations)
         What was measured.
     nuisance : ndarray, shape (n_sensors, p)
         How straightness, and pitch, reach each sensor.
-    sd : ndarray, shape (n_sensors,)
-        Standard deviation of each sensor relative to that of a probe.
+    sd : ndarray, shape (n_sensors, n_stations)
+        Standard deviation of each value relative to that of a probe.
 
     Returns
     -------
     Rows
-        All positions, in order.
+        All stations, in order.
     """
     from scipy.sparse import csr_array
 
     n_sensors, n = valid.shape
-    code = (valid.T @ (1 << np.arange(n_sensors))).astype(np.int64)
-    found: dict[int, FloatArray] = {}
+    kind, group = kinds_of(valid, sd)
+    found = [complement(nuisance, sd[:, i], valid[:, i]) for i in kind]
+    count = np.array([q.shape[0] for q in found], dtype=np.intp)[group] if n else np.empty(0, int)
+    first = np.concatenate([[0], np.cumsum(count)]).astype(np.intp)
     r_index: list[NDArray[np.intp]] = []
     c_index: list[NDArray[np.intp]] = []
     data: list[FloatArray] = []
-    count = np.zeros(n, dtype=np.intp)
-    for pattern in np.unique(code):
-        found[int(pattern)] = _complement(nuisance, sd, int(pattern))
-        count[code == pattern] = found[int(pattern)].shape[0]
-    first = np.concatenate([[0], np.cumsum(count)])
-    for pattern, q in found.items():
-        at = np.flatnonzero(code == pattern)
+    for g, q in enumerate(found):
+        at = np.flatnonzero(group == g)
         for k in range(q.shape[0]):
             for s in np.flatnonzero(q[k]):
                 r_index.append(first[at] + k)
@@ -248,15 +252,23 @@ def rows_without_carriage(valid: NDArray[np.bool_], nuisance: FloatArray, sd: Fl
     return Rows(csr_array(parts, shape=shape), sd)
 
 
-def _complement(nuisance: FloatArray, sd: FloatArray, pattern: int) -> FloatArray:
-    """Return orthonormal rows over the sensors of a pattern that are orthogonal to the nuisance."""
+def kinds_of(
+    valid: NDArray[np.bool_], sd: FloatArray
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return one station of each kind (same sensors, same weights), and the kind of each."""
+    both = np.vstack([valid, np.where(valid, sd, 0.0)]).T
+    _, kind, group = np.unique(both, axis=0, return_index=True, return_inverse=True)
+    return kind, group.ravel()
+
+
+def complement(nuisance: FloatArray, sd: FloatArray, used: NDArray[np.bool_]) -> FloatArray:
+    """Return orthonormal rows over the sensors in use that are orthogonal to the nuisance."""
     n = nuisance.shape[0]
-    used = [s for s in range(n) if pattern >> s & 1]
-    if not used:
+    if not used.any():
         return np.empty((0, n))
     scaled = nuisance[used] / sd[used, None]
     left, size, _ = np.linalg.svd(scaled, full_matrices=True)
     rank = int((size > 1e-12 * max(float(size.max()), 1e-300)).sum())
-    out = np.zeros((len(used) - rank, n))
+    out = np.zeros((int(used.sum()) - rank, n))
     out[:, used] = left[:, rank:].T
     return out

@@ -13,8 +13,8 @@ from metrosep.separation._line_probes import (
     MAX_POSITIONS,
     Row,
     grid_of,
-    rows_without_carriage,
 )
+from metrosep.separation._line_stations import Stations, stations_of, with_angle
 
 FloatArray = NDArray[np.float64]
 
@@ -48,35 +48,30 @@ class Problem:
         Probes.
     x, grid : ndarray, m
         Carriage positions and artefact positions.
-    readings : ndarray, shape (n_sensors, R, n)
-        Probes, and the pitch sensor last if there is one.
+    stations : Stations
+        Readings taken together; the pitch sensor is the last one if there is one.
     nuisance : ndarray, shape (n_sensors, p)
         How the carriage reaches each sensor.
     zeros : ndarray, shape (n_sensors, q)
         How each unknown zero reaches each sensor.
-    sd : ndarray, shape (n_sensors,)
-        Standard deviations relative to that of one probe.
     """
 
     row: Row
     x: FloatArray
     grid: FloatArray
-    readings: FloatArray
+    stations: Stations
     nuisance: FloatArray
     zeros: FloatArray
-    sd: FloatArray
-
-    @property
-    def mean(self) -> FloatArray:
-        """Mean over the repeats, NaN where none was measured."""
-        count = (~np.isnan(self.readings)).sum(axis=1)
-        total = np.where(np.isnan(self.readings), 0.0, self.readings).sum(axis=1)
-        return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
     @property
     def n_probes(self) -> int:
         """Probes without the pitch sensor."""
         return len(self.row.offsets)
+
+    @property
+    def n_sensors(self) -> int:
+        """Probes, and the pitch sensor."""
+        return int(self.nuisance.shape[0])
 
 
 def checked_sensor(pitch: ArrayLike | None, u_pitch: float | None, n: int) -> Sensor | None:
@@ -86,7 +81,7 @@ def checked_sensor(pitch: ArrayLike | None, u_pitch: float | None, n: int) -> Se
             raise DataError("u_pitch is given without pitch readings")
         return None
     try:
-        values = np.array(pitch, dtype=np.float64)
+        values = np.ma.filled(np.ma.array(pitch, dtype=np.float64), np.nan)
     except (TypeError, ValueError):
         raise DataError("pitch must be numbers in rad") from None
     if values.shape != (n,):
@@ -106,17 +101,17 @@ def checked_sensor(pitch: ArrayLike | None, u_pitch: float | None, n: int) -> Se
 
 
 def problem_of(
-    row: Row, x: FloatArray, readings: FloatArray, sensor: Sensor | None, u_probe: float | None
+    row: Row, x: FloatArray, readings: FloatArray, sensor: Sensor | None, noise: float
 ) -> Problem:
-    """Return the problem with its nuisance, zeros and weights."""
+    """Return the problem with its nuisance, zeros and weights; noise is that of one reading, m."""
     o = np.array(row.offsets)
-    n_probes, repeats, n = readings.shape
+    n_probes = o.size
+    stations = stations_of(readings)
     nuisance = np.column_stack([np.ones(n_probes), o]) if row.pitch else np.ones((n_probes, 1))
     lines = nuisance if sensor is None else np.column_stack([np.ones(n_probes), o])
     zeros = np.empty((n_probes, 0)) if row.zero_known else _without_lines(lines)
-    sd = np.ones(n_probes)
     if sensor is not None:
-        if u_probe is None or not u_probe > 0.0:
+        if not noise > 0.0:
             raise DataError(
                 "probes and pitch sensor are weighted by their uncertainties: give u_reading in m, "
                 "above zero, or repeats"
@@ -125,37 +120,15 @@ def problem_of(
         zeros = np.block(
             [[zeros, np.zeros((n_probes, 1))], [np.zeros((1, zeros.shape[1])), np.ones((1, 1))]]
         )
-        sd = np.append(sd, sensor.u / u_probe)
-        angle = np.broadcast_to(sensor.values, (repeats, n))
-        readings = np.concatenate([readings, angle[None]])
-    return Problem(row, x, grid_of(row, x), readings, nuisance, zeros, sd)
+        relative = sensor.u / noise * math.sqrt(stations.most)
+        stations = with_angle(stations, sensor.values, relative)
+    return Problem(row, x, grid_of(row, x), stations, nuisance, zeros)
 
 
 def _without_lines(lines: FloatArray) -> FloatArray:
     """Return orthonormal zeros that no offset or pitch of the carriage could be."""
     left, _, _ = np.linalg.svd(lines, full_matrices=True)
     return np.asarray(left[:, lines.shape[1] :])
-
-
-def pooled_noise(readings: FloatArray, nuisance: FloatArray) -> tuple[float, float]:
-    """Return the standard deviation of one reading from repeats, and its degrees of freedom.
-
-    Straightness and pitch may differ from repeat to repeat: only what is left without them counts.
-    """
-    n_sensors, repeats, n = readings.shape
-    if repeats < 2:
-        return math.nan, 0.0
-    sd = np.ones(n_sensors)
-    rest = []
-    for r in range(repeats):
-        valid = ~np.isnan(readings).any(axis=1) & np.ones((n_sensors, n), dtype=bool)
-        rows = rows_without_carriage(valid, nuisance, sd)
-        rest.append(rows.of(np.where(valid, readings[:, r], np.nan)))
-    y = np.array(rest)
-    freedom = float(y.shape[1] * (repeats - 1))
-    if freedom < 1.0:
-        return math.nan, 0.0
-    return math.sqrt(float(((y - y.mean(axis=0)) ** 2).sum()) / freedom), freedom
 
 
 def check_size(n: int, what: str) -> None:

@@ -15,17 +15,15 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from metrosep.core.errors import DataError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
+from metrosep.separation._line_given import given_readings
 from metrosep.separation._line_null_space import null_space_of, transfer_of
 from metrosep.separation._line_probes import Row, checked_row
-from metrosep.separation._line_result import Request, evaluate
-from metrosep.separation._line_simulation import (
-    checked_smoothing,
-    given_readings,
-    method_named,
-    simulated,
-)
+from metrosep.separation._line_request import Request, checked_smoothing, method_named
+from metrosep.separation._line_result import evaluate
+from metrosep.separation._line_simulation import simulated
 from metrosep.separation._readings import checked_readings
 from metrosep.separation.contract import Separation, SeparationMethod
 from metrosep.separation.null_space import Unobservable
@@ -223,6 +221,7 @@ def multi_probe_straightness(
     ----------
     m : array_like, shape (n_probes, n) or (n_probes, R, n), m, or Profiles
         Readings in the order of the offsets at the same positions of the carriage; or R passes.
+        NaN or masked = not measured.
     offsets : array_like, shape (n_probes,), m
         Positions of the probes on the carriage, rising, two at least.
     x : array_like, shape (n,), m, optional
@@ -256,11 +255,16 @@ def multi_probe_straightness(
     InvalidSamplesError, NotUniformError, TooFewSamplesError
         If readings or positions cannot be used.
     NotSeparableError
-        If gaps leave nothing that hangs together, or the pitch runs opposite to that of the probes.
+        If gaps or positions leave samples that do not hang together, or the pitch runs opposite to
+        that of the probes.
+    UnitError
+        If the probes are farther apart than the carriage travels, or the pitch readings vary by
+        less than 0.3 or more than 3 times what the probes see.
 
     Notes
     -----
-    At each position the readings are projected onto what does not see the carriage; the artefact
+    At each position of each pass the readings are projected onto what does not see the carriage,
+    then averaged over the passes that hold the same probes; samples that no probe read are NaN. The artefact
     follows by least squares, the null space from the singular values of this design (above 600
     samples it is verified by the condition of its QR factors). Positions off the artefact grid are
     reached by the interpolating spline of degree 5. Cost O(n^3): 2 s at 2000 samples.
@@ -282,8 +286,18 @@ def multi_probe_straightness(
     >>> bool(abs(result.artefact - level).max() < 1e-15)
     True
     """
-    readings, at, spacing, history = given_readings(m, x, step, MultiProbe.name)
-    places = tuple(np.ravel(np.asarray(offsets, dtype=np.float64)).tolist())
-    return MultiProbe(places, spacing, method, zeros_known, smoothing).separate(
-        readings, u_reading=u_reading, x=at, pitch=pitch, u_pitch=u_pitch, history=history
+    given = given_readings(m, x, step, MultiProbe.name)
+    try:
+        places = tuple(np.ravel(np.asarray(offsets, dtype=np.float64)).tolist())
+    except (TypeError, ValueError):
+        raise DataError(
+            f"{MultiProbe.name}: offsets must be the positions of the probes in m, got {offsets!r}"
+        ) from None
+    return MultiProbe(places, given.step, method, zeros_known, smoothing).separate(
+        given.readings,
+        u_reading=u_reading,
+        x=given.x,
+        pitch=pitch,
+        u_pitch=u_pitch,
+        history=given.history,
     )

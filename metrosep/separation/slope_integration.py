@@ -21,6 +21,7 @@ from metrosep.core.errors import (
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_length
+from metrosep.separation._line_request import method_named, number
 from metrosep.separation._slope_rules import (
     LONG,
     heights_at,
@@ -115,8 +116,7 @@ def integrate_slopes(
     >>> bool(abs(result.height - level).max() < 1e-12)
     True
     """
-    if method not in RULES:
-        raise DataError(f"integrate_slopes has no method {method!r}; it has {', '.join(RULES)}")
+    method = method_named(method, RULES, "integrate_slopes")
     passes, at = _checked(slope, x)
     piece = _longest_piece(passes)
     if method in ("simpson", "fourier", "feet"):
@@ -200,9 +200,9 @@ def slope_transfer(
     >>> [round(float(v), 4) for v in slope_transfer([20e-3], 1e-3, method="trapezoid")]
     [0.9918]
     """
-    if method not in RULES:
-        raise DataError(f"slope_transfer has no method {method!r}; it has {', '.join(RULES)}")
+    method = method_named(method, RULES, "slope_transfer")
     lengths = np.asarray(wavelengths, dtype=np.float64)
+    step, aperture = number(step, "step"), number(aperture, "aperture")
     if not (math.isfinite(step) and step > 0.0 and math.isfinite(aperture) and aperture >= 0.0):
         raise DataError(f"step {step} must be above zero, aperture {aperture} not below, in m")
     if not (lengths > 2.0 * step * (1.0 - 1e-12)).all():
@@ -223,8 +223,9 @@ def slope_transfer(
 
 def _checked(slope: ArrayLike, x: ArrayLike) -> tuple[FloatArray, FloatArray]:
     try:
-        passes = np.atleast_2d(np.array(slope, dtype=np.float64))
-        at = np.array(x, dtype=np.float64)
+        slopes = np.ma.filled(np.ma.array(slope, dtype=np.float64), np.nan)
+        passes = np.atleast_2d(np.asarray(slopes))
+        at = np.asarray(np.ma.filled(np.ma.array(x, dtype=np.float64), np.nan))
     except (TypeError, ValueError) as exc:
         raise InvalidSamplesError(
             f"integrate_slopes: slopes and positions must be arrays of numbers ({exc})"
@@ -279,6 +280,7 @@ def _noise(values: FloatArray, u_slope: float | None) -> tuple[Quantity, float]:
     """Return the noise of one slope and the uncertainty of the mean of the passes."""
     repeats, n = values.shape
     if u_slope is not None:
+        u_slope = number(u_slope, "u_slope", "rad")
         if not (math.isfinite(u_slope) and u_slope >= 0.0):
             raise DataError(f"u_slope is {u_slope}; it must be a standard uncertainty >= 0 in rad")
         text = "standard uncertainty of one slope, as stated"

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,16 +18,19 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.core.errors import DataError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
+from metrosep.separation._line_given import given_readings, split_call
 from metrosep.separation._line_null_space import null_space_of, transfer_of
 from metrosep.separation._line_probes import Row, checked_row
-from metrosep.separation._line_result import Request, Zero, evaluate
-from metrosep.separation._line_simulation import (
+from metrosep.separation._line_request import (
     METHODS,
+    Request,
+    Zero,
     checked_smoothing,
-    given_readings,
     method_named,
-    simulated,
+    number,
 )
+from metrosep.separation._line_result import evaluate
+from metrosep.separation._line_simulation import simulated
 from metrosep.separation._readings import checked_readings
 from metrosep.separation.contract import Separation, SeparationMethod
 from metrosep.separation.null_space import Unobservable
@@ -115,9 +118,10 @@ class ThreePoint(SeparationMethod):
         object.__setattr__(self, "method", method_named(self.method, METHODS, self.name))
         checked_smoothing(self.smoothing, self.name)
         check_multiple(self._row, self.method, self.name)
-        if self.zero is not None and not abs(self.zero) <= _MAX_ZERO:
+        if self.zero is not None and not abs(number(self.zero, "zero")) <= _MAX_ZERO:
             raise DataError(f"zero is {self.zero}; it is the zero difference of the probes in m")
-        if not (math.isfinite(self.u_zero) and self.u_zero >= 0.0):
+        u_zero = number(self.u_zero, "u_zero")
+        if not (math.isfinite(u_zero) and u_zero >= 0.0):
             raise DataError(
                 f"u_zero is {self.u_zero}; it must be a standard uncertainty >= 0 in m"
             )
@@ -250,8 +254,8 @@ class ThreePoint(SeparationMethod):
 
 def three_point(
     m: ArrayLike | Sequence[Profile],
-    distance: float | tuple[float, float],
-    *,
+    *more: Any,
+    distance: float | tuple[float, float] | None = None,
     x: ArrayLike | None = None,
     step: float | None = None,
     method: str = "sequential",
@@ -265,24 +269,34 @@ def three_point(
 ) -> Separation:
     """Return form of an artefact, straightness and pitch of a carriage from three probes on it.
 
+    Call it ``three_point(m, distance, ...)``. The parabola of the form is left out unless the zero
+    difference of the probes is known: pass ``zero=0.0`` to keep the parabola. Positions and
+    straightness refer to the trailing probe.
+
     Parameters
     ----------
     m : array_like, shape (3, n) or (3, R, n), m, or three Profiles
         Readings of the trailing, middle and leading probe (rising x) at the same positions of the
-        carriage; or R passes. NaN = not measured. Positive in the same sense for all.
+        carriage; or R passes. NaN or masked = not measured. Positive in the same sense for all.
+    *more : float or tuple, or array_like and float or tuple
+        The distance; ``three_point(m1, m2, m3, distance)`` with one array for each probe is the
+        same.
     distance : float or tuple of (float, float), m
-        Between neighbouring probes; two values where they differ.
+        Between neighbouring probes, two values where they differ; also by name.
     x : array_like, shape (n,), m, optional
-        Positions of the carriage (of its trailing probe), rising in equal steps.
+        Positions of the carriage (of its trailing probe; subtract the distance from positions of
+        the middle probe), rising in equal steps.
     step : float, m, optional
-        Step between the positions, instead of `x`.
+        Step between the positions, instead of `x`; the distance if neither is given. With both,
+        the step between the samples of the artefact (not with "sequential").
     method : {"sequential", "generalised", "combined", "least_squares"}, optional
         "sequential" sums second differences along chains of samples one distance apart.
         "generalised" finds a curve at any distances by least squares with a penalty on third
         differences. "combined" keeps the chains, exact at steps and short waves, and takes only
         offset and line of each chain from "generalised". "least_squares" uses no penalty.
     zero : float, m, optional
-        Zero difference ``e1 - 2 e2 + e3`` of the probes (``e1 - (1 + r) e2 + r e3``, r = d1/d2).
+        Zero difference ``e1 - 2 e2 + e3`` of the probes (``e1 - (1 + r) e2 + r e3``, r = d1/d2):
+        an error e of the middle probe alone is ``-2 e``. 0.0 for probes adjusted to one line.
         Without it, `zero_cal` or `pitch`, the parabola is not known and left out.
     u_zero : float, m, optional
         Its standard uncertainty.
@@ -312,10 +326,18 @@ def three_point(
     InvalidSamplesError, NotUniformError, TooFewSamplesError
         If readings or positions cannot be used.
     NotSeparableError
-        If gaps leave no chain, or the pitch runs opposite to that of the probes.
+        If gaps leave no chain, the positions leave samples open, or the pitch runs opposite to that
+        of the probes.
+    UnitError
+        If the probes are farther apart than the carriage travels, or the pitch readings vary by
+        less than 0.3 or more than 3 times what the probes see.
 
     Notes
     -----
+    Of several passes, those that lack a probe at a position do not count there: each pass has its
+    own straightness and pitch. ``u`` follows the counts. Samples that no probe read are NaN and
+    listed.
+
     Null space: offset, line, without a zero the parabola, and wavelengths that all distances are
     multiples of. With one step between the probes, N artefact positions and noise s of a reading
     the RMS of u is ``s sqrt(6 (N^2 - 4)(N^2 + 5) / (420 N))``, 20.6 s at N = 31. An uncertainty
@@ -336,12 +358,23 @@ def three_point(
     >>> bool(abs(sag - zero_error_sag(1e-9, 0.3, 10e-3)) < 1e-18)
     True
     """
-    readings, at, spacing, history = given_readings(m, x, step, ThreePoint.name)
+    readings, apart = split_call(m, more, distance, 3, ThreePoint.name)
+    given = given_readings(readings, x, step, ThreePoint.name, distance=apart)
     if zero_cal is not None:
+        if not isinstance(zero_cal, ZeroCalibration):
+            raise DataError(
+                f"three_point: zero_cal is what zero_calibration returns, got {zero_cal!r}; a known "
+                "number is given as zero=..., u_zero=..."
+            )
         if zero is not None or u_zero != 0.0:
             raise DataError("three_point: give zero with u_zero, or zero_cal, not both")
-        zero, u_zero = zero_cal.zero_for(distance), zero_cal.u
-    method_object = ThreePoint(distance, spacing, method, zero, u_zero, smoothing)
-    return method_object.separate(
-        readings, u_reading=u_reading, x=at, pitch=pitch, u_pitch=u_pitch, history=history
+        zero, u_zero = zero_cal.zero_for(apart), zero_cal.u
+    result = ThreePoint(apart, given.step, method, zero, u_zero, smoothing).separate(
+        given.readings,
+        u_reading=u_reading,
+        x=given.x,
+        pitch=pitch,
+        u_pitch=u_pitch,
+        history=given.history,
     )
+    return given.told(result)

@@ -10,23 +10,25 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
+from metrosep.separation._line_given import given_readings, split_call
 from metrosep.separation._line_null_space import null_space_of, transfer_of
 from metrosep.separation._line_probes import Row, checked_row
-from metrosep.separation._line_result import Request, evaluate
-from metrosep.separation._line_simulation import (
+from metrosep.separation._line_request import (
     METHODS,
+    Request,
     checked_smoothing,
-    given_readings,
     method_named,
-    simulated,
+    number,
 )
+from metrosep.separation._line_result import evaluate
+from metrosep.separation._line_simulation import simulated
 from metrosep.separation._readings import checked_readings
 from metrosep.separation.contract import Separation, SeparationMethod
 from metrosep.separation.null_space import Unobservable
@@ -69,6 +71,7 @@ class TwoPoint(SeparationMethod):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "method", method_named(self.method, METHODS, self.name))
+        number(self.distance, f"{self.name}: distance")
         checked_smoothing(self.smoothing, self.name)
         check_multiple(self._row, self.method, self.name)
 
@@ -206,8 +209,8 @@ def check_multiple(row: Row, method: str, what: str) -> None:
 
 def two_point(
     m: ArrayLike | Sequence[Profile],
-    distance: float,
-    *,
+    *more: Any,
+    distance: float | None = None,
     x: ArrayLike | None = None,
     step: float | None = None,
     method: str = "sequential",
@@ -218,17 +221,23 @@ def two_point(
 ) -> Separation:
     """Return form of an artefact and straightness of a carriage from two probes on the carriage.
 
+    Call it ``two_point(m, distance, ...)``. Positions and straightness refer to the trailing probe;
+    the pitch of the carriage stays in the form unless an angle sensor reads it.
+
     Parameters
     ----------
     m : array_like, shape (2, n) or (2, R, n), m, or two Profiles
         Readings of the trailing and of the leading probe (larger x) at the same positions of the
-        carriage; or R passes. NaN = not measured. Positive in the same sense for both.
+        carriage; or R passes. NaN or masked = not measured. Positive in the same sense for both.
+    *more : float, or array_like and float
+        The distance; ``two_point(m1, m2, distance)`` with one array for each probe is the same.
     distance : float, m
-        Between the probes, above zero.
+        Between the probes, above zero; also by name.
     x : array_like, shape (n,), m, optional
         Positions of the carriage (of its trailing probe), rising in equal steps.
     step : float, m, optional
-        Step between the positions, instead of `x`.
+        Step between the positions, instead of `x`; the distance if neither is given. With both,
+        the step between the samples of the artefact (not with "sequential").
     method : {"sequential", "generalised", "combined", "least_squares"}, optional
         "sequential" sums differences along chains of samples one distance apart. "generalised"
         finds a curve at any distance by least squares with a penalty on third differences.
@@ -258,10 +267,17 @@ def two_point(
     InvalidSamplesError, NotUniformError, TooFewSamplesError
         If readings or positions cannot be used.
     NotSeparableError
-        If gaps leave no chain.
+        If gaps leave no chain, or the positions leave samples open.
+    UnitError
+        If the probes are farther apart than the carriage travels, or the pitch readings vary more
+        than the slope between the probes.
 
     Notes
     -----
+    Of several passes, those that lack a probe at a position do not count there: each pass has its
+    own straightness. ``u`` follows the counts. Samples that no probe read are NaN and listed.
+    With two probes nothing tells a pitch sensor of the wrong sign: check it once by tilting.
+
     Null space: offset and line (with them the zero difference of the probes), all form that is
     the sum of pitch times distance, and the wavelengths distance/n. For ``distance == step`` and
     N artefact positions the RMS of u is ``s sqrt(2 (N^2 - 4) / (15 N))``,
@@ -282,7 +298,14 @@ def two_point(
     >>> bool(abs(result.artefact - level).max() < 1e-20)
     True
     """
-    readings, at, spacing, history = given_readings(m, x, step, TwoPoint.name)
-    return TwoPoint(distance, spacing, method, smoothing).separate(
-        readings, u_reading=u_reading, x=at, pitch=pitch, u_pitch=u_pitch, history=history
+    readings, apart = split_call(m, more, distance, 2, TwoPoint.name)
+    given = given_readings(readings, x, step, TwoPoint.name, distance=apart)
+    result = TwoPoint(apart, given.step, method, smoothing).separate(
+        given.readings,
+        u_reading=u_reading,
+        x=given.x,
+        pitch=pitch,
+        u_pitch=u_pitch,
+        history=given.history,
     )
+    return given.told(result)

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.quantity import Quantity
+from metrosep.separation._line_request import number
 from metrosep.separation._readings import checked_readings
 
 __all__ = ["ZeroCalibration", "zero_calibration"]
@@ -110,8 +111,9 @@ def zero_calibration(
     reversed_m : array_like, like `m`, m, optional
         The same artefact, turned about its long axis, at the same positions, the probes set to
         its other side without a new adjustment.
-    flat : array_like, shape (3, n) or (3,) or scalar, m, optional
-        Known form of a flat under each probe at each reading; 0 for a perfect flat.
+    flat : array_like, shape (3, n) or (3,), or 0.0, m, optional
+        Known form of a flat under each probe at each reading; 0.0 for a perfect flat. Its flatness
+        is `u_flat`, not a height.
     u_flat : float, m, optional
         Standard uncertainty of the known second difference of the flat; it does not average out.
     pitch : array_like, shape (n,), rad, optional
@@ -139,7 +141,8 @@ def zero_calibration(
     -----
     Reversal: the second differences are ``f'' + delta`` and ``-f'' + delta``; delta is the mean of
     their half sums, noise ``s sqrt(6 / (2 n))``. Flat: the mean of ``m1 - 2 m2 + m3`` minus that of
-    the flat, ``s sqrt(6 / n)`` and `u_flat`. Pitch: `three_point` by generalised least squares with
+    the flat, ``s sqrt(6 / n)`` and `u_flat`. Positions
+    count by their passes. Pitch: `three_point` by generalised least squares with
     free zeros. NaN positions are left out.
 
     References
@@ -167,19 +170,27 @@ def zero_calibration(
     d = distances(distance)
     ratio = d[0] / d[1]
     w = np.array([1.0, -(1.0 + ratio), ratio])
-    first = _differences(m, w)
+    first, count = _differences(m, w)
     if reversed_m is not None:
-        second = _differences(reversed_m, w)
+        second, other = _differences(reversed_m, w)
         if second.shape != first.shape:
             raise DataError(
                 f"the two readings of the reversal have {first.size} and {second.size} values; they "
                 "must lie at the same positions of the artefact"
             )
-        return _mean((first + second) / 2.0, d, "reversal", w, u_reading, 2.0, 0.0)
+        both = count * other / np.maximum(count + other, 1.0)
+        return _mean((first + second) / 2.0, both, d, "reversal", w, u_reading, 2.0, 0.0)
     known = np.broadcast_to(_flat_differences(flat, w, first.size), first.shape)
-    if not (math.isfinite(u_flat) and u_flat >= 0.0):
-        raise DataError(f"u_flat is {u_flat}; it must be a standard uncertainty >= 0 in m")
-    return _mean(first - known, d, "flat", w, u_reading, 1.0, u_flat)
+    u_known = _not_negative(u_flat, "u_flat")
+    return _mean(first - known, count, d, "flat", w, u_reading, 1.0, u_known)
+
+
+def _not_negative(value: Any, name: str) -> float:
+    """Return a standard uncertainty, or refuse it."""
+    u = number(value, name)
+    if not (math.isfinite(u) and u >= 0.0):
+        raise DataError(f"{name} is {value}; it must be a standard uncertainty >= 0 in m")
+    return u
 
 
 def distances(distance: float | tuple[float, float]) -> tuple[float, float]:
@@ -201,7 +212,9 @@ def distances(distance: float | tuple[float, float]) -> tuple[float, float]:
         If they are not one or two lengths above zero.
     """
     try:
-        values = np.asarray(distance, dtype=np.float64).ravel()
+        values = np.empty(0)
+        if not isinstance(distance, (str, bytes)):
+            values = np.asarray(distance, dtype=np.float64).ravel()
     except (TypeError, ValueError):
         values = np.empty(0)
     if values.size not in (1, 2) or not np.isfinite(values).all() or (values <= 0.0).any():
@@ -209,31 +222,47 @@ def distances(distance: float | tuple[float, float]) -> tuple[float, float]:
     return float(values[0]), float(values[-1])
 
 
-def _differences(m: ArrayLike, weights: FloatArray) -> FloatArray:
-    """Return the second difference at each position, mean over the repeats."""
+def _differences(m: ArrayLike, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the second difference at each position, mean over the passes, and how many they are.
+
+    A pass in which a probe is missing does not count there: its carriage would not cancel.
+    """
     array = checked_readings(m, names=_NAMES, minimum=1, what="zero_calibration")
     d = np.tensordot(weights, array, axes=1)
-    count = (~np.isnan(d)).sum(axis=0)
+    count = (~np.isnan(d)).sum(axis=0).astype(np.float64)
     total = np.where(np.isnan(d), 0.0, d).sum(axis=0)
-    return np.asarray(np.where(count > 0, total / np.maximum(count, 1), np.nan))
+    return np.where(count > 0, total / np.maximum(count, 1.0), np.nan), count
 
 
 def _flat_differences(flat: Any, weights: FloatArray, n: int) -> FloatArray:
     try:
-        form = np.asarray(flat, dtype=np.float64)
+        form = np.ma.filled(np.ma.array(flat, dtype=np.float64), np.nan)
     except (TypeError, ValueError):
         raise DataError("flat must be the known form in m") from None
+    if np.isinf(form).any() or np.isnan(form).all():
+        raise DataError("flat must be the known form in m: finite, NaN where it is not known")
     if form.ndim == 0:
+        if float(form) != 0.0:
+            raise DataError(
+                f"flat is one height, {float(form):.6g} m, and a height has no second difference: "
+                "flat=0.0 is a perfect flat, u_flat its flatness as a standard uncertainty"
+            )
         return np.zeros(n)
     if form.shape not in ((3,), (3, n)):
         raise DataError(
             f"flat has the shape {form.shape}; give the known form under each probe, (3,) or (3, {n})"
         )
-    return np.asarray(weights @ (form[:, None] if form.ndim == 1 else form))
+    known = np.asarray(weights @ (form[:, None] if form.ndim == 1 else form))
+    if np.isnan(known).all():
+        raise DataError(
+            "flat is nowhere known under all three probes (NaN): nothing is calibrated"
+        )
+    return known
 
 
 def _mean(
     values: FloatArray,
+    count: FloatArray,
     d: tuple[float, float],
     source: str,
     weights: FloatArray,
@@ -241,32 +270,32 @@ def _mean(
     n_sets: float,
     u_more: float,
 ) -> ZeroCalibration:
-    known = values[~np.isnan(values)]
+    """Return the mean over positions, weighed by the passes behind each."""
+    used = ~np.isnan(values) & (count > 0)
+    known, share = values[used], count[used]
     if known.size == 0:
         raise TooFewSamplesError(
             "zero_calibration: at no position were all probes measured in all readings"
         )
+    zero = float(share @ known / share.sum())
     if u_reading is not None:
-        if not (math.isfinite(u_reading) and u_reading >= 0.0):
-            raise DataError(
-                f"u_reading is {u_reading}; it must be a standard uncertainty >= 0 in m"
-            )
-        one = u_reading * float(np.linalg.norm(weights)) / math.sqrt(n_sets)
+        one = _not_negative(u_reading, "u_reading") * float(np.linalg.norm(weights)) / n_sets
         kind = "stated"
     elif known.size > 1:
-        one, kind = float(known.std(ddof=1)), "scatter of the positions (type A)"
+        one = math.sqrt(float(share @ (known - zero) ** 2) / (known.size - 1))
+        kind = "scatter of the positions (type A)"
     else:
         raise TooFewSamplesError(
             "zero_calibration: one position shows no scatter; measure at several, or give u_reading"
         )
-    u = math.hypot(one / math.sqrt(known.size), u_more)
+    u = math.hypot(one / math.sqrt(float(share.sum())), u_more)
     messages: tuple[str, ...] = ()
     if source == "flat" and u_more == 0.0:
         messages = (
             "u_flat is 0: the flat counts as perfect; its own sag goes into every artefact measured",
         )
     audit = {"n_positions": int(known.size), "noise_from": kind, "u_flat_nm": u_more * 1e9}
-    return ZeroCalibration(float(known.mean()), u, d, source, freeze_mapping(audit), messages)
+    return ZeroCalibration(zero, u, d, source, freeze_mapping(audit), messages)
 
 
 def _from_pitch(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from contracts.separation import SeparationContract
 
-from metrosep.core.errors import MetrosepError
+from metrosep.core.errors import MetrosepError, UnitError
 from metrosep.separation.multi_probes import MultiProbe, multi_probe_straightness
 
 STEP = 2e-3
@@ -189,3 +189,89 @@ def test_bad_input_is_refused_in_words(change, words):
 def test_too_many_positions_are_refused_before_memory_is_full():
     with pytest.raises(MetrosepError, match="positions"):
         multi_probe_straightness(np.zeros((3, 5000)), [0.0, 1.0, 2.0], step=1.0)
+
+
+def test_offsets_in_millimetres_are_refused():
+    """390 mm of travel, probes 10 m apart: no place is read twice."""
+    m = 1e-6 * np.random.default_rng(1).standard_normal((3, 40))
+    with pytest.raises(UnitError, match=r"390 mm.*10 m"):
+        multi_probe_straightness(m, [0, 10, 20], step=0.01)
+
+
+def test_a_far_probe_leaves_its_samples_between_as_not_measured():
+    """Four probes, the last beyond the travel: what lies between was never read."""
+    rng = np.random.default_rng(7)
+    shifts = (0, 1, 2, 20)
+    form = level(1e-7 * rng.standard_normal(34))
+    m = read(form, 1e-6 * rng.standard_normal(14), 1e-6 * rng.standard_normal(14), shifts)
+
+    result = multi_probe_straightness(
+        m, STEP * np.array(shifts), step=STEP, zeros_known=True, u_reading=1e-9
+    )
+
+    unread = list(range(16, 20))
+    assert np.flatnonzero(np.isnan(result.artefact)).tolist() == unread
+    seen = ~np.isnan(result.artefact)
+    t = np.arange(34.0)
+    expected = form - np.polyval(np.polyfit(t[seen], form[seen], 1), t)
+    np.testing.assert_allclose(result.artefact[seen], expected[seen], rtol=0, atol=1e-15)
+
+
+def test_positions_that_leave_shapes_open_are_refused():
+    """Positions two samples apart, probes three apart: each sample is read once at most."""
+    m = 1e-6 * np.random.default_rng(2).standard_normal((2, 30))
+    for method in ("least_squares", "generalised"):
+        with pytest.raises(MetrosepError, match="step"):
+            multi_probe_straightness(m, [0.0, 3.0], x=2.0 * np.arange(30), step=1.0, method=method)
+
+
+@pytest.mark.parametrize("method", ["least_squares", "generalised"])
+def test_the_noise_is_found_from_redundancy_by_every_method(method):
+    rng = np.random.default_rng(8)
+    found = [
+        multi_probe_straightness(
+            2e-9 * rng.standard_normal((4, N)), STEP * np.array(SHIFTS), step=STEP, method=method
+        )
+        for _ in range(40)
+    ]
+    noise = math.sqrt(np.mean([r.noise.value**2 for r in found]))
+    assert noise == pytest.approx(2e-9, rel=0.1, abs=0.0)
+    assert np.isfinite(found[0].u["artefact"]).all()
+
+
+def test_a_probe_missing_in_one_pass_leaves_the_others_of_that_pass():
+    """Five probes: the pass is still free of its own carriage at that position."""
+    rng = np.random.default_rng(9)
+    shifts = (0, 1, 3, 7, 9)
+    form = level(1e-7 * rng.standard_normal(N + 9))
+    slide, pitch = 1e-5 * rng.standard_normal((3, N)), 1e-4 * rng.standard_normal((3, N))
+    m = np.stack([form[k : k + N] + slide + k * STEP * pitch for k in shifts])
+    m[2, 1, 11] = m[4, 0, 3] = m[0, 2, 3] = np.nan
+
+    result = multi_probe_straightness(m, STEP * np.array(shifts), step=STEP, zeros_known=True)
+
+    np.testing.assert_allclose(result.artefact, form, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(
+        level(result.straightness - slide.mean(axis=0)), 0.0, rtol=0, atol=1e-13
+    )
+
+
+def test_an_angle_belongs_to_whole_passes_only():
+    """The sensor gives the mean pitch of all passes: where one misses a probe it says nothing."""
+    rng = np.random.default_rng(10)
+    form = level(1e-7 * rng.standard_normal(N + 2))
+    slide, pitch = 1e-6 * rng.standard_normal((3, N)), 1e-5 * rng.standard_normal((3, N))
+    m = np.stack([form[k : k + N] + slide + k * STEP * pitch for k in range(3)])
+    m[1, 0, 8] = np.nan
+
+    result = multi_probe_straightness(
+        m,
+        STEP * np.arange(3),
+        step=STEP,
+        pitch=pitch.mean(axis=0),
+        u_pitch=1e-8,
+        u_reading=1e-9,
+    )
+
+    np.testing.assert_allclose(result.artefact, form, rtol=0, atol=1e-12)
+    assert any("angle" in text for text in result.messages)

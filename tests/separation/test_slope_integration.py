@@ -275,3 +275,22 @@ def columns(entry):
     order = np.argsort(x)
     keep = np.concatenate([[True], np.diff(x[order]) > 0])
     return y[order][keep], x[order][keep]
+
+
+def test_masked_slopes_are_not_measured():
+    s = np.sin(np.arange(30.0)) * 1e-6
+    s[20] = 0.3
+    masked = integrate_slopes(np.ma.masked_greater(s, 0.1), np.arange(30.0))
+    s[20] = np.nan
+    np.testing.assert_array_equal(masked.height, integrate_slopes(s, np.arange(30.0)).height)
+
+
+def test_names_and_types_of_options():
+    s, x = 1e-6 * np.sin(np.arange(30.0)), np.arange(30.0)
+    assert integrate_slopes(s, x, method="Spline").audit["method"] == "spline"
+    assert slope_transfer([9.0], 1.0, method="Spline") == slope_transfer([9.0], 1.0)
+    for given in ({"method": None}, {"u_slope": "1"}):
+        with pytest.raises(MetrosepError):
+            integrate_slopes(s, x, **given)
+    with pytest.raises(MetrosepError, match="step"):
+        slope_transfer([9.0], None)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from contracts.separation import SeparationContract
 
-from metrosep.core.errors import MetrosepError, NotSeparableError
+from metrosep.core.errors import MetrosepError, NotSeparableError, UnitError
 from metrosep.separation.three_points import ThreePoint, three_point, zero_error_sag
 from metrosep.separation.zero_adjustment import ZeroCalibration
 
@@ -458,3 +458,112 @@ def test_bad_input_is_refused_in_words(change, words):
 def test_too_few_positions_are_refused():
     with pytest.raises(MetrosepError, match=r"positions|samples"):
         three_point(np.zeros((3, 2)), STEP, step=STEP)
+
+
+# --- passes with gaps, units, sensible calls ---
+
+
+@pytest.mark.parametrize("method", ["sequential", "least_squares", "combined", "generalised"])
+def test_one_reading_missing_in_one_pass_lets_no_slide_motion_in(method):
+    """Passes differ by 1 um of slide; the form must stay within the noise (review: 862 nm)."""
+    rng = np.random.default_rng(82)
+    form = 1e-7 * np.sin(0.5 * np.arange(26.0))
+    slide, pitch = 1e-6 * rng.standard_normal((3, N)), 1e-6 * rng.standard_normal((3, N))
+    m = np.stack([form[k : k + N] + slide + k * STEP * pitch for k in range(3)])
+    m += 1e-9 * rng.standard_normal(m.shape)
+    m[0, 0, 7] = np.nan
+
+    result = three_point(m, STEP, step=STEP, method=method)
+
+    rest = np.abs(result.artefact - level(form, 2))
+    assert rest.max() < 30e-9
+    assert (rest < 5 * result.u["artefact"] + 2e-9).all()
+    # two probes still tell straightness and pitch of that pass: the mean is that of all passes
+    for name, motion in (("straightness", slide), ("pitch", STEP * pitch)):
+        found = result.parts[name] * (STEP if name == "pitch" else 1.0)
+        np.testing.assert_allclose(
+            level(found - motion.mean(axis=0), 2), 0.0, rtol=0, atol=60e-9, err_msg=name
+        )
+
+
+@pytest.mark.slow
+def test_u_knows_how_many_passes_stand_behind_a_position():
+    rng = np.random.default_rng(83)
+    for method in ("sequential", "least_squares"):
+        found = []
+        for _ in range(400):
+            m = 1e-9 * rng.standard_normal((3, 5, N))
+            m[:, :4, 8:16] = np.nan
+            found.append(three_point(m, STEP, step=STEP, zero=0.0, method=method, u_reading=1e-9))
+        for name in ("artefact", "straightness", "pitch"):
+            scatter = np.std([r.parts[name] for r in found], axis=0, ddof=1)
+            ratio = math.sqrt(np.mean(found[0].u[name] ** 2) / np.mean(scatter**2))
+            assert ratio == pytest.approx(1.0, abs=0.12), (method, name)
+
+
+@pytest.mark.parametrize("factor", [1e3, 57.3, 1e-3])
+def test_a_pitch_sensor_in_another_unit_is_refused(factor):
+    rng = np.random.default_rng(84)
+    pitch = 5e-6 * np.sin(np.arange(N) / 3.0)
+    m = read(1e-8 * rng.standard_normal(N + 2), 1e-6 * rng.standard_normal(N), pitch)
+    given = {"step": STEP, "method": "least_squares", "u_reading": 1e-9}
+
+    with pytest.raises(UnitError, match="times"):
+        three_point(m, STEP, pitch=factor * pitch, u_pitch=factor * 1e-7, **given)
+
+
+def test_the_way_to_keep_the_parabola_is_said():
+    result = three_point(np.zeros((3, 12)), STEP)
+    assert any("zero=0.0" in text for text in result.messages)
+    assert "zero=0.0" in three_point.__doc__.split("Parameters")[0]
+
+
+def test_an_error_of_the_middle_probe_counts_twice():
+    """delta on the middle probe: D = -2 delta, a sag of -2 delta (L/d)^2/8."""
+    m = np.zeros((3, 29))
+    m[1] += 1e-9
+    found = three_point(m, STEP, zero=0.0).artefact
+    sag = found[0] - found[15]
+    assert sag == pytest.approx(-2e-9 * 30**2 / 8.0, rel=1e-9, abs=0.0)
+
+
+@pytest.mark.parametrize("call", ["three arrays", "keyword", "without step"])
+def test_other_ways_to_call_it_give_the_same(call, rng):
+    m = 1e-7 * rng.standard_normal((3, 12))
+    plain = three_point(m, STEP, step=STEP, zero=0.0)
+    other = {
+        "three arrays": lambda: three_point(m[0], m[1], m[2], STEP, zero=0.0),
+        "keyword": lambda: three_point(*m, distance=STEP, zero=0.0),
+        "without step": lambda: three_point(m, (STEP, STEP), zero=0.0),
+    }[call]()
+    np.testing.assert_allclose(other.artefact, plain.artefact, rtol=0, atol=1e-20)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"zero_cal": 0.0}, "zero_calibration"),
+        ({"zero": np.array([1e-9, 1e-9, 1e-9])}, "zero"),
+        ({"zero": "1"}, "zero"),
+        ({"zero": 0.0, "u_zero": None}, "u_zero"),
+        ({"smoothing": None}, "smoothing"),
+        ({"u_reading": "1"}, "u_reading"),
+        ({"distance": (1.0, 2.0), "step": None, "method": "least_squares"}, "step"),
+        ({"distance": 0.5, "step": STEP}, "110 mm"),
+    ],
+)
+def test_wrong_types_are_refused_in_words(given, words):
+    with pytest.raises(MetrosepError, match=words):
+        three_point(np.zeros((3, 12)), **{"distance": STEP, "step": STEP, **given})
+
+
+@pytest.mark.parametrize("repeats", [2, 3, 4])
+def test_passes_are_corrected_by_the_mean_errors(repeats, rng):
+    m = 1e-7 * rng.standard_normal((3, repeats, 12))
+    method = ThreePoint(STEP, STEP, zero=0.0)
+
+    corrected = method.correct(m)
+
+    found = method.separate(m)
+    carriage = np.stack([found.straightness + k * STEP * found.pitch for k in range(3)])
+    np.testing.assert_allclose(corrected, m - carriage[:, None, :], rtol=0, atol=1e-19)

@@ -7,7 +7,7 @@ import pytest
 from contracts.separation import SeparationContract
 
 from metrosep import Profile
-from metrosep.core.errors import DataError, MetrosepError, NotUniformError
+from metrosep.core.errors import DataError, MetrosepError, NotUniformError, UnitError
 from metrosep.separation.two_points import TwoPoint, two_point
 
 STEP = 10e-3
@@ -230,7 +230,6 @@ def test_profiles_bring_positions_and_history():
         ({"distance": 0.0}, "rising"),
         ({"distance": 2.5 * STEP}, "multiples"),
         ({"distance": 1e4}, "not in mm"),
-        ({"step": None}, "step"),
         ({"step": 0.0}, "step"),
         ({"method": "fourier"}, "no method"),
         ({"smoothing": 0.0}, "smoothing"),
@@ -270,3 +269,183 @@ def test_profiles_at_other_positions_are_refused():
     x = np.linspace(0, 1, 12)
     with pytest.raises(DataError, match="other positions"):
         two_point([Profile(x, x), Profile(x + 0.01, x)], x[1])
+
+
+# --- passes with gaps, samples that nobody read, sensible calls ---
+
+
+def passes(rng, n=24, repeats=3):
+    """Each pass has its own slide motion of 1 um, a thousand times the noise."""
+    form = 1e-7 * np.sin(0.5 * np.arange(n + 1.0))
+    slide = 1e-6 * rng.standard_normal((repeats, n))
+    m = np.stack([form[:n] + slide, form[1:] + slide]) + 1e-9 * rng.standard_normal(
+        (2, repeats, n)
+    )
+    return form, m
+
+
+@pytest.mark.parametrize("method", ["sequential", "least_squares", "combined", "generalised"])
+def test_one_reading_missing_in_one_pass_lets_no_slide_motion_in(method):
+    """The mean of a probe over other passes than its neighbour's would hold 0.3 um of slide."""
+    form, m = passes(np.random.default_rng(77))
+    m[0, 0, 7] = np.nan
+
+    result = two_point(m, STEP, step=STEP, method=method)
+
+    assert np.abs(result.artefact - level(form)).max() < 6e-9
+    assert result.audit["passes_per_position"] == [2, 3]
+    assert any("passes" in text and "missing" in text for text in result.messages)
+
+
+def test_a_pass_broken_off_is_weighed_by_what_it_read():
+    """Four of five passes end early: u is the scatter, position by position (review: 0.63)."""
+    rng = np.random.default_rng(78)
+    found = []
+    for _ in range(400):
+        m = 1e-9 * rng.standard_normal((2, 5, 24))
+        m[:, :4, 8:16] = np.nan
+        found.append(two_point(m, STEP, step=STEP, u_reading=1e-9))
+    for name in ("artefact", "straightness"):
+        scatter = np.std([r.parts[name] for r in found], axis=0, ddof=1)
+        ratio = math.sqrt(np.mean(found[0].u[name] ** 2) / np.mean(scatter**2))
+        assert ratio == pytest.approx(1.0, abs=0.1), name
+
+
+def test_noise_of_passes_with_gaps_is_pooled_from_all_positions():
+    rng = np.random.default_rng(79)
+    _, m = passes(rng, repeats=12)
+    m[rng.uniform(size=m.shape) < 0.1] = np.nan
+
+    assert two_point(m, STEP, step=STEP, method="least_squares").noise.value == pytest.approx(
+        1e-9, rel=0.25, abs=0.0
+    )
+
+
+@pytest.mark.parametrize("method", ["sequential", "least_squares", "combined", "generalised"])
+@pytest.mark.parametrize("distance", [2.6, 80e-3, 50e-3])
+def test_probes_that_never_read_the_same_place_are_refused(distance, method):
+    """Five positions, 40 mm of travel: no sample is read by both probes."""
+    m = 1e-6 * np.random.default_rng(0).standard_normal((2, 5))
+    with pytest.raises(UnitError, match=r"40 mm.*probes"):
+        two_point(m, distance, step=STEP, method=method)
+
+
+@pytest.mark.parametrize("method", ["least_squares", "combined", "generalised"])
+def test_samples_that_no_probe_read_are_nan_and_listed(method):
+    """Positions one distance apart, samples half of it: every second one is never touched."""
+    form = 1e-7 * np.sin(0.5 * np.arange(25.0))
+    m = read(form, np.zeros(24))
+
+    result = two_point(
+        m, STEP, x=STEP * np.arange(24), step=STEP / 2, method=method, u_reading=1e-9
+    )
+
+    assert np.isnan(result.artefact[1::2]).all()
+    assert np.isnan(result.u["artefact"][1::2]).all()
+    np.testing.assert_allclose(result.artefact[::2], level(form), rtol=0, atol=2e-10)
+    item = next(i for i in result.null_space if i.kind == "samples")
+    assert item.indices == tuple(range(1, 49, 2))
+    assert any("no probe" in text for text in result.messages)
+
+
+def test_sums_refuse_positions_that_are_not_the_steps():
+    m = np.zeros((2, 12))
+    for x in (np.arange(12) * STEP, np.arange(12.0) ** 1.5 * STEP):
+        with pytest.raises(NotUniformError, match="sequential"):
+            two_point(m, STEP, x=x, step=STEP / 2)
+
+
+def test_masked_values_are_not_measured():
+    form, m = passes(np.random.default_rng(80))
+    m[1, 1, 5] = 4e-4
+    masked = np.ma.masked_greater(m, 1e-4)
+
+    for given in (masked, [masked[0], masked[1]]):
+        result = two_point(given, STEP, step=STEP)
+        assert np.abs(result.artefact - level(form)).max() < 6e-9
+
+
+@pytest.mark.parametrize(
+    "form", ["without step", "two arrays", "keyword", "profiles", "all keywords"]
+)
+def test_other_ways_to_call_it_give_the_same(form, rng):
+    m = 1e-7 * rng.standard_normal((2, 12))
+    plain = two_point(m, STEP, step=STEP)
+    other = {
+        "without step": lambda: two_point(m, STEP),
+        "two arrays": lambda: two_point(m[0], m[1], STEP),
+        "keyword": lambda: two_point(m[0], m[1], distance=STEP),
+        "all keywords": lambda: two_point(m=m, distance=STEP),
+        "profiles": lambda: two_point(*(Profile(STEP * np.arange(12), row) for row in m), STEP),
+    }[form]()
+    np.testing.assert_allclose(other.artefact, plain.artefact, rtol=0, atol=1e-20)
+    said = any("step is not given" in text for text in other.messages)
+    assert said == (form != "profiles")
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda m: two_point(m[1] - m[0], STEP), "raw readings"),
+        (lambda m: two_point(m[0], m[1], m[0], STEP), r"two_point\(m, distance"),
+        (two_point, "distance"),
+        (lambda m: two_point(m, None, step=STEP), "distance"),
+        (lambda m: two_point(m, "1 mm", step=STEP), "distance"),
+        (lambda m: two_point(m, STEP, step="1"), "step"),
+        (lambda m: two_point(m, STEP, u_reading="1"), "u_reading"),
+        (lambda m: two_point(m, STEP, smoothing=None), "smoothing"),
+        (lambda m: two_point(m, STEP, method=None), "no method"),
+        (lambda m: two_point(m, STEP, method=["a"]), "no method"),
+        (lambda m: two_point(m + 0j, STEP), "complex"),
+    ],
+    ids=[
+        "differences",
+        "three arrays",
+        "no distance",
+        "None",
+        "text",
+        "step",
+        "u",
+        "smoothing",
+        "no name",
+        "a list",
+        "complex",
+    ],
+)
+def test_wrong_calls_are_refused_in_words(call, words):
+    with pytest.raises(MetrosepError, match=words):
+        call(np.zeros((2, 12)))
+
+
+def test_the_case_of_a_method_does_not_matter():
+    assert two_point(np.zeros((2, 12)), STEP, method="Sequential").audit["method"] == "sequential"
+
+
+def test_readings_in_another_unit_are_doubted_aloud():
+    m = np.random.default_rng(0).standard_normal((2, 12))
+    assert any("in m" in text for text in two_point(m, STEP).messages)
+    assert not any("span" in text for text in two_point(1e-6 * m, STEP).messages)
+
+
+def test_a_pitch_sensor_in_another_unit_is_refused():
+    """Slopes of the readings of some urad cannot hold a pitch of mrad."""
+    rng = np.random.default_rng(81)
+    pitch = 3e-6 * np.sin(np.arange(40) / 3.0)
+    m = read(1e-9 * rng.standard_normal(41), 1e-6 * rng.standard_normal(40), pitch=pitch)
+    given = {"step": STEP, "method": "least_squares", "u_reading": 1e-9}
+
+    with pytest.raises(UnitError, match="rad"):
+        two_point(m, STEP, pitch=1e3 * pitch, u_pitch=1e-4, **given)
+    two_point(m, STEP, pitch=pitch, u_pitch=1e-7, **given)
+
+
+@pytest.mark.parametrize("repeats", [2, 4])
+def test_passes_are_corrected_by_the_mean_error(repeats, rng):
+    """R equal to the number of probes would hide a wrong broadcast."""
+    m = 1e-7 * rng.standard_normal((2, repeats, 12))
+    method = TwoPoint(STEP, STEP)
+
+    corrected = method.correct(m)
+
+    slide = method.separate(m).straightness
+    np.testing.assert_allclose(corrected, m - slide[None, None, :], rtol=0, atol=1e-20)

@@ -133,7 +133,15 @@ def test_quantity_carries_unit_and_uncertainty():
         ({"flat": 0.0, "distance": "1 mm"}, "length in m"),
         ({"flat": 0.0, "m": np.zeros((3, 1))}, "scatter"),
         ({"flat": 0.0, "m": np.zeros((2, 5))}, "3 readings"),
-        ({"pitch": np.zeros(5), "u_pitch": 1e-6, "u_reading": 1e-9}, "step"),
+        (
+            {
+                "pitch": np.zeros(5),
+                "u_pitch": 1e-6,
+                "u_reading": 1e-9,
+                "distance": (STEP, 2 * STEP),
+            },
+            "step",
+        ),
     ],
 )
 def test_bad_input_is_refused_in_words(change, words):
@@ -149,3 +157,49 @@ def test_nothing_measured_together_is_refused():
     m[1, 2:] = np.nan
     with pytest.raises(MetrosepError, match="all probes"):
         zero_calibration(m, STEP, flat=0.0, u_reading=1e-9)
+
+
+def test_a_height_is_no_flatness():
+    """One number has no second difference: it would be without effect, whatever was meant."""
+    with pytest.raises(MetrosepError, match="u_flat"):
+        zero_calibration(np.zeros((3, 9)), STEP, flat=5e-6, u_reading=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["flat", "reversal"])
+def test_passes_are_counted(kind):
+    """Type A and stated: u is the scatter where the passes are of different length."""
+    rng = np.random.default_rng(11)
+    values, stated, found = [], [], []
+    for _ in range(400):
+        m, turned = 1e-9 * rng.standard_normal((2, 3, 4, N))
+        m[:, 1:, 8:] = np.nan
+        other = {"flat": 0.0} if kind == "flat" else {"reversed_m": turned}
+        result = zero_calibration(m, STEP, u_reading=1e-9, **other)
+        values.append(result.zero)
+        stated.append(result.u)
+        found.append(zero_calibration(m, STEP, **other).u)
+    scatter = np.std(values, ddof=1)
+    assert stated[0] == pytest.approx(scatter, rel=MC_RTOL, abs=0.0)
+    assert math.sqrt(np.mean(np.square(found))) == pytest.approx(scatter, rel=MC_RTOL, abs=0.0)
+
+
+def test_masked_readings_are_not_measured(form):
+    m = read(form)
+    m[1, 3] = 1.0
+    found = zero_calibration(
+        np.ma.masked_greater(m, 0.5), STEP, reversed_m=read(form, -1.0), u_reading=1e-9
+    )
+    assert found.zero == pytest.approx(ZERO, rel=1e-6, abs=0.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"flat": 0.0, "u_flat": None}, "u_flat"),
+        ({"flat": 0.0, "u_reading": "1"}, "u_reading"),
+        ({"flat": [0.0, np.nan, 0.0]}, "flat"),
+    ],
+)
+def test_wrong_types_are_refused_in_words(change, words):
+    with pytest.raises(MetrosepError, match=words):
+        zero_calibration(np.zeros((3, 5)), STEP, **change)
