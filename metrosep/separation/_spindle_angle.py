@@ -27,6 +27,9 @@ _TURN = 2.0 * math.pi
 _SLACK = 1e-9
 """Part of a grid step by which a grid angle may lie outside the record."""
 
+_APART = 2.0
+"""Samples between pulses below which they are no sample numbers: an edge needs two."""
+
 _NEIGHBOURS = 3
 """Revolutions on each side whose median duration a revolution is compared with."""
 
@@ -179,13 +182,18 @@ def faulty_revolutions(durations: FloatArray, tolerance: float) -> dict[int, str
             faults[i] = (
                 f"revolution {i} lasts {ratio:.3g} times its neighbours: a pulse is missing"
             )
-        elif ratio < 1.0 - tolerance:
+        elif ratio < 1.0 - tolerance and i not in faults:
             faults[i] = f"revolution {i} lasts {ratio:.3g} of its neighbours: a pulse is double"
             beside = [k for k in (i - 1, i + 1) if 0 <= k < size]
             other = min(beside, key=lambda k: abs(durations[i] + durations[k] - usual))
             total = float(durations[i] + durations[other]) / usual
             if abs(total - 1.0) <= tolerance and other not in faults:
-                faults[other] = f"revolution {other} is the other part of revolution {i}"
+                first, second = sorted((i, other))
+                faults[first] = (
+                    f"a pulse is double: revolutions {first} and {second} together last one "
+                    f"revolution, index pulse {second} (counted from 0) is between them"
+                )
+                faults[second] = f"revolution {second} is the second part of revolution {first}"
     return dict(sorted(faults.items()))
 
 
@@ -228,6 +236,12 @@ class IndexMap:
             raise InvalidSamplesError(
                 f"index pulses run from {at[0]:.6g} to {at[-1]:.6g}, the record from 0 to "
                 f"{n_samples - 1}: give sample numbers, not times"
+            )
+        apart = float(np.median(np.diff(at)))
+        if apart < _APART:
+            raise UnitError(
+                f"the index pulses are {apart:.3g} samples apart: give sample numbers, not times "
+                "(times in s multiplied by the sampling rate in Hz)"
             )
         found = faulty_revolutions(np.diff(at), tolerance)
         if found and faults == "refuse":

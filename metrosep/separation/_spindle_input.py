@@ -20,6 +20,7 @@ from metrosep.core.errors import (
 )
 from metrosep.core.provenance import Step
 from metrosep.core.recording import Recording
+from metrosep.separation._real_numbers import real_numbers
 from metrosep.separation.resampling import AngleSynchronous, resample_by_encoder
 
 __all__ = ["Readings", "readings_of"]
@@ -116,7 +117,7 @@ def _named(
         )
     for name in chosen:
         _check_unit(units, name, "m")
-    arrays = [np.asarray(signals[c], dtype=np.float64) for c in chosen]
+    arrays = [real_numbers(signals[c], f"channel {c!r}") for c in chosen]
     if len({a.shape for a in arrays}) > 1:
         text = ", ".join(f"{c} {a.shape}" for c, a in zip(chosen, arrays, strict=True))
         raise InvalidSamplesError(f"channels must have one shape: {text}")
@@ -131,13 +132,11 @@ def _arranged(
             raise DataError("resampled signals carry their angle: leave angle out")
         _no_grid(n)
         return _resampled(signals, count, names)
-    values = np.asarray(signals)
-    if np.iscomplexobj(values):
-        raise InvalidSamplesError("signals are complex: give X and Y as two real rows")
+    values = real_numbers(signals, "the signals")
     if angle is None:
         _no_grid(n)
         return _synchronous(values, None, count, names)
-    theta = np.asarray(angle, dtype=np.float64)
+    theta = np.asarray(real_numbers(angle, "the angle"), dtype=np.float64)
     if theta.ndim == values.ndim > 1 and theta.shape == values.shape and count == 1:
         values, theta = values.ravel(), theta.ravel()
     grids = 2 if count == 1 else 3

@@ -34,6 +34,17 @@ _FALSE_SHARE = 0.01
 _NEGLIGIBLE = 1e-6
 """Noise over real motion below which no circle is worth its time."""
 
+_TAIL = 8.0
+"""Standard deviations of noise at which its probability is rounding."""
+
+_LEVELS = 800
+_OFFSETS = 401
+_LEAST_WITHIN = 0.0025
+"""Least share of the variance within revolutions, so that the levels resolve it."""
+
+_MOST_ANGLES = 256
+"""Groups of like height into which the angles of the mean curve are put."""
+
 _GUMBEL_SD = math.pi / math.sqrt(6.0)
 
 
@@ -173,17 +184,58 @@ def u_of_range(value: float, sd: float) -> float:
     return _GUMBEL_SD * wide / _hazard(value / wide)
 
 
-def u_of_total(above: float, below: float, sd: float, u_synchronous: float) -> float:
-    """Return the standard uncertainty of the width of all data.
+def u_of_total(motion: FloatArray, spectrum: Spectrum) -> float:
+    """Return the standard uncertainty of the width of all data (m, n), from extreme values.
 
-    `above` and `below` are the distances of the highest and lowest reading from the mean curve at
-    their angle.
+    Highest and lowest reading each have the distribution of the largest of m n Gaussian values
+    about the mean curve: an offset of each revolution, and noise of which successive values are as
+    alike as its power says. Harmonics of the mean that do not repeat are noise, not curve.
     """
-    ends = 0.0
-    if sd > 0.0:
-        high, low = sd / _hazard(above / sd), sd / _hazard(below / sd)
-        ends = _GUMBEL_SD**2 * (high**2 + low**2)
-    return math.sqrt(ends + u_synchronous**2)
+    m, n = motion.shape
+    share = np.full(spectrum.power.size, 0.5)
+    share[[0, -1] if n % 2 == 0 else [0]] = 1.0
+    part = share * spectrum.power
+    total = float(part.sum())
+    lines = np.fft.rfft(motion.mean(axis=0))
+    lines[np.flatnonzero(~spectrum.significant[2:]) + 2] = 0.0
+    curve = np.fft.irfft(lines, n)
+    if math.sqrt(total) <= _NEGLIGIBLE**2 * float(np.ptp(curve)):
+        return math.sqrt(total)
+    within = max(total - float(part[0]), _LEAST_WITHIN * total)
+    step = 2.0 * math.pi / n * np.arange(1, part.size)
+    alike = float((part[1:] * np.cos(step)).sum()) / within
+    sd = math.sqrt(within)
+    offset = math.sqrt(float(part[0])) / sd
+    ends = [_variance_of_highest(c / sd, m, alike, offset) for c in (curve, -curve)]
+    return sd * math.sqrt(sum(ends))
+
+
+def _variance_of_highest(curve: FloatArray, m: int, alike: float, offset: float) -> float:
+    """Return the variance of the highest of m revolutions ``curve + noise``, noise of sd 1.
+
+    One revolution stays below x with probability ``exp(-sum_j g(x - curve_j))``. Independent values
+    have ``g = -log Phi``. Values correlated by `alike` with the one before cross x upwards with
+    probability 2 T(x, a) (T of Owen), which is Phi Q where they are independent.
+    """
+    from scipy.special import log_ndtr, ndtr, owens_t
+
+    n = curve.size
+    z = np.linspace(-_TAIL, _TAIL, _LEVELS)
+    a = math.sqrt(max(1.0 - alike, 0.0) / max(1.0 + alike, 0.01))
+    crossing = 2.0 * owens_t(z, a) / (ndtr(z) * ndtr(-z))
+    g = -log_ndtr(z) * ((1.0 - 1.0 / n) * crossing + 1.0 / n)
+    ordered = np.sort(curve)
+    if n > _MOST_ANGLES:
+        ordered = np.array([part.mean() for part in np.array_split(ordered, _MOST_ANGLES)])
+    rate = np.interp(z[:, np.newaxis] + ordered[-1] - ordered, z, g).mean(axis=1) * n
+    x = z * (1.0 + offset)
+    shift = np.linspace(-_TAIL, _TAIL, _OFFSETS)
+    weight = np.exp(-0.5 * shift * shift)
+    below = np.interp(x[:, np.newaxis] - offset * shift, z, np.exp(-rate))
+    steps = np.diff((below @ weight / weight.sum()) ** m, prepend=0.0)
+    steps /= steps.sum()
+    mean = float(steps @ x)
+    return float(steps @ (x - mean) ** 2)
 
 
 def revolution_correlation(deviation: FloatArray) -> float:

@@ -37,6 +37,12 @@ _BIAS = 0.01
 """Share of the synchronous value from which noise in it is told."""
 
 _CORRELATED = 0.3
+_ROUNDING = 1e-9
+"""Scatter over total motion below which it is rounding, no finding."""
+
+_ROUNDING_READ = 1e-3
+"""The same for offset and eccentricity of the readings, which were removed: 1e-12 of them."""
+
 _FAR = 1e-3
 """Motion in m beyond which the unit is doubted."""
 
@@ -81,7 +87,7 @@ def motion_table(
         (
             "total",
             float(motion.max() - motion.min()),
-            _u_total(motion, curve, pooled, effect.sd),
+            u_of_total(motion, spectrum),
             f"total {name}: width of all readings of {m} revolutions {about}",
         ),
         (
@@ -121,14 +127,6 @@ def motion_table(
             notes=("u holds the scatter between revolutions, not the form of the artefact",),
         ),
     )
-
-
-def _u_total(motion: FloatArray, curve: FloatArray, pooled: float, u_synchronous: float) -> float:
-    n = curve.size
-    top, bottom = int(np.argmax(motion)), int(np.argmin(motion))
-    above = float(motion.flat[top]) - float(curve[top % n])
-    below = float(curve[bottom % n]) - float(motion.flat[bottom])
-    return u_of_total(above, below, pooled, u_synchronous)
 
 
 def _once_rows(
@@ -191,12 +189,14 @@ def motion_messages(
             "micrometres)"
         )
     said += _noise_messages(value, unit, effect, spectrum, kmax)
-    if m >= 5 and correlation > _CORRELATED:
+    rounding = _is_rounding(table, spectrum)
+    if m >= 5 and correlation > _CORRELATED and not rounding:
         said.append(
             f"successive revolutions deviate alike (correlation {correlation:.2f}): a slow motion "
             "or a drift; the uncertainties, made for independent revolutions, are too small"
         )
-    said += _drift_messages(trend, table, m)
+    if not rounding:
+        said += _drift_messages(trend, table, m)
     said += _circle_messages(direction, table, circles, artefact_radius)
     if direction == "face":
         said.append(
@@ -206,6 +206,12 @@ def motion_messages(
     if math.isnan(noise_gain):
         said.append("cubic interpolation lowers broadband scatter: asynchronous values are low")
     return said
+
+
+def _is_rounding(table: ParameterTable, spectrum: Spectrum) -> bool:
+    """Whether the revolutions differ by no more than the rounding of their numbers."""
+    scale = max(table["total"].value, _ROUNDING_READ * float(np.abs(spectrum.mean).max()))
+    return table["asynchronous"].value <= _ROUNDING * scale
 
 
 def _noise_messages(

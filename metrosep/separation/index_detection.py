@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import frozen_float
 from metrosep.core.errors import DataError, InvalidSamplesError
+from metrosep.separation._real_numbers import real_numbers
 
 __all__ = ["index_pulses"]
 
@@ -49,7 +50,7 @@ def index_pulses(
     Raises
     ------
     InvalidSamplesError
-        If the channel holds NaN, is constant, or never crosses.
+        If the channel is not real, holds NaN, is constant, or never crosses.
     DataError
         If an option is not usable.
 
@@ -63,7 +64,9 @@ def index_pulses(
     >>> index_pulses([0, 0, 5, 5, 0, 0, 0, 5, 5]).tolist()
     [1.5, 6.5]
     """
-    values = frozen_float(channel, name="the index channel", ndim=1, min_size=2)
+    values = frozen_float(
+        real_numbers(channel, "the index channel"), name="the index channel", ndim=1, min_size=2
+    )
     if edge not in ("rising", "falling"):
         raise DataError(f"edge is 'rising' or 'falling', got {edge!r}")
     if np.isnan(values).any():

@@ -11,20 +11,28 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError, UnitError
+from metrosep.separation._real_numbers import real_numbers
+from metrosep.separation.planner_checks import positive
 from metrosep.spectral.spectra import Psd
 
 __all__ = ["TimeDensity", "time_density"]
 
 FloatArray = NDArray[np.float64]
 
-_LARGEST_RMS = 1e-2
-"""m; a machine axis that shakes by more than a centimetre is a mistake of units."""
+_LARGEST_RMS = 1e-4
+"""m; a machine axis that shakes by more than 0.1 mm RMS is a mistake of units."""
+
+_BAND = (1.0, 1e3)
+"""Hz; a formula is integrated over it."""
+
+_LINES = 4096
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,12 +77,13 @@ class TimeDensity:
         out = np.full(f.shape, np.nan)
         at = np.clip(f[known], self.lowest, self.highest)
         try:
-            values = np.asarray(self.function(at), dtype=np.float64)
-            out[known] = np.broadcast_to(values, at.shape)
-        except (TypeError, ValueError) as exc:
+            values = real_numbers(self.function(at), "S(f)")
+            out[known] = np.broadcast_to(np.asarray(values, dtype=np.float64), at.shape)
+        except Exception as exc:
             raise InvalidSamplesError(
-                f"S(f) must return one real density for each of {at.size} frequencies: {exc}"
-            ) from None
+                f"S(f) must return one real density for each of {at.size} frequencies: "
+                f"{type(exc).__name__}: {exc}"
+            ) from exc
         bad = known & ~(np.isfinite(out) & (out > 0.0))
         if bad.any():
             raise InvalidSamplesError(
@@ -112,7 +121,7 @@ def time_density(psd: Any, *, feed: float | None = None) -> TimeDensity:
     TooFewSamplesError
         If fewer than two frequencies above zero are given.
     UnitError
-        If the density integrates to more than 10 mm RMS.
+        If the density integrates to more than 0.1 mm RMS (a formula: over 1 Hz to 1 kHz).
 
     Notes
     -----
@@ -134,7 +143,10 @@ def time_density(psd: Any, *, feed: float | None = None) -> TimeDensity:
     if feed is not None:
         raise DataError("psd_feed is for a Psd over position only; leave it out")
     if callable(psd):
-        return TimeDensity(psd, 0.0, math.inf, "function S(f)")
+        formula = TimeDensity(psd, 0.0, math.inf, "function S(f)")
+        f = np.geomspace(*_BAND, _LINES)
+        _refuse_shaking(f, formula(f), " over 1 Hz to 1 kHz")
+        return formula
     columns = getattr(psd, "columns", None)
     if columns is not None or isinstance(psd, dict):
         names = list(psd if columns is None else columns)
@@ -154,17 +166,12 @@ def time_density(psd: Any, *, feed: float | None = None) -> TimeDensity:
 
 
 def _positive_feed(feed: float) -> float:
-    if not (math.isfinite(feed) and feed > 0.0):
-        raise DataError(f"psd_feed is {feed} m/s; a feedrate must be positive and finite")
-    return float(feed)
+    return positive(feed, "psd_feed", "m/s")
 
 
 def _sampled(frequency: Any, density: Any, source: str) -> TimeDensity:
-    try:
-        f = np.array(frequency, dtype=np.float64)
-        s = np.array(density, dtype=np.float64)
-    except (TypeError, ValueError) as exc:
-        raise InvalidSamplesError(f"frequency and density must be real numbers: {exc}") from None
+    f = np.array(real_numbers(frequency, "the frequency"), dtype=np.float64)
+    s = np.array(real_numbers(density, "the density"), dtype=np.float64)
     if f.ndim != 1 or f.shape != s.shape:
         raise InvalidSamplesError(
             f"frequency and density must be equally long lists, got shapes {f.shape} and {s.shape}"
@@ -184,10 +191,18 @@ def _sampled(frequency: Any, density: Any, source: str) -> TimeDensity:
             f"the density is {s[bad][0]:.4g} at {f[bad][0]:.6g} Hz; it must be finite and above "
             "zero at every frequency but zero"
         )
+    _refuse_shaking(f, s, "")
+    return TimeDensity(partial(_between, f, s), float(f[0]), float(f[-1]), source)
+
+
+def _between(f: FloatArray, s: FloatArray, at: FloatArray) -> FloatArray:
+    return np.interp(at, f, s)
+
+
+def _refuse_shaking(f: FloatArray, s: FloatArray, where: str) -> None:
     rms = math.sqrt(float(np.sum(np.diff(f) * (s[1:] + s[:-1]) / 2.0)))
     if rms > _LARGEST_RMS:
         raise UnitError(
-            f"the density integrates to {rms:.3g} m RMS, more than any machine shakes; give "
+            f"the density integrates to {rms:.3g} m RMS{where}, more than any machine shakes; give "
             "m^2/Hz (1 um^2/Hz is 1e-12 m^2/Hz, 1 nm^2/Hz is 1e-18)"
         )
-    return TimeDensity(lambda at: np.interp(at, f, s), float(f[0]), float(f[-1]), source)

@@ -9,59 +9,32 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core.blas import one_blas_thread
-from metrosep.core.errors import DataError, NotSeparableError, TooFewSamplesError
-from metrosep.core.profile import Profile
+from metrosep.core.errors import TooFewSamplesError
+from metrosep.core.profile import Profile, html_table
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
+from metrosep.core.units import format_engineering
+from metrosep.separation._plane_coupling import Interaction, coupling, two_way
+from metrosep.separation._plane_input import described, plane_stack
+from metrosep.separation._result_values import plain, reduced
 
 __all__ = ["Interaction", "PlaneFit", "fit_plane_model"]
 
 FloatArray = NDArray[np.float64]
 
-_DEGREE = 2
-"""Degrees in x and in y of the smooth coupling that a single map is tested for."""
-
 _LEVEL = 0.05
 """Probability below which coupling counts as found."""
 
 
-@dataclass(frozen=True, slots=True)
-class Interaction:
-    """How much of a map is neither f(x) nor g(y), and whether that is more than noise.
-
-    Parameters
-    ----------
-    share : float
-        Part of the variance of the map about its plane that the sum model does not describe,
-        0 to 1, noise included.
-    rms : float, m
-        RMS of the coupling, the expected share of the noise taken off; 0 where noise explains all.
-    f, p : float
-        F statistic and the probability of a larger one without coupling.
-    dof : tuple of (float, float)
-        Degrees of freedom of coupling and noise.
-    noise_from : str
-        ``"repeats"``, ``"u_reading"``, or ``"residual of smooth terms"`` where only smooth
-        coupling is tested, because one map cannot tell rough coupling from noise.
-    """
-
-    share: float
-    rms: float
-    f: float
-    p: float
-    dof: tuple[float, float]
-    noise_from: str
-
-
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class PlaneFit:
     """Sum model of a plane and what it leaves.
 
@@ -101,6 +74,41 @@ class PlaneFit:
     def __post_init__(self) -> None:
         object.__setattr__(self, "audit", freeze_mapping(self.audit))
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return reduced(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON, SI, NaN as None.
+
+        Returns
+        -------
+        dict
+            One key for each field; profiles as ``x``, ``z``; surfaces with steps and origin.
+        """
+        found = {f.name: getattr(self, f.name) for f in fields(self)}
+        found["interaction"] = asdict(self.interaction)
+        return {name: plain(value) for name, value in found.items()}
+
+    def _rows(self) -> dict[str, str]:
+        test = self.interaction
+        return {
+            "along x": described(self.along_x.z, self.u_x.z),
+            "along y": described(self.along_y.z, self.u_y.z),
+            "coupling": f"{format_engineering(test.rms, 'm')} RMS, p = {test.p:.2g}",
+        }
+
+    def __repr__(self) -> str:
+        n_y, n_x = self.model.shape
+        rows = "; ".join(f"{name} {text}" for name, text in self._rows().items())
+        return f"PlaneFit({n_y} x {n_x} points; {rows})"
+
+    def _repr_html_(self) -> str:
+        """Return a small table for notebooks."""
+        rows = self._rows()
+        rows.update({"alpha": str(self.alpha), "beta": str(self.beta), "noise": str(self.noise)})
+        rows.update({f"message {i + 1}": m for i, m in enumerate(self.messages)})
+        return html_table("Sum model of a plane", rows)
+
 
 def fit_plane_model(
     maps: Surface | ArrayLike,
@@ -131,7 +139,9 @@ def fit_plane_model(
     Raises
     ------
     DataError
-        If maps differ in shape or steps, or the steps are missing.
+        If maps differ in shape or steps, or steps, origin or `u_reading` are not usable.
+    InvalidSamplesError
+        If the maps are not real numbers.
     NotSeparableError
         If the measured rows and columns fall into groups that share no point.
     TooFewSamplesError
@@ -159,7 +169,7 @@ def fit_plane_model(
     >>> fit.interaction.p > 0.05
     True
     """
-    stack, step_x, step_y, corner, history = _stack(maps, dx, dy, origin)
+    stack, step_x, step_y, corner, history = plane_stack(maps, dx, dy, origin)
     count = (~np.isnan(stack)).sum(axis=0)
     rows, columns = count.any(axis=1), count.any(axis=0)
     if rows.sum() < 3 or columns.sum() < 3:
@@ -174,10 +184,10 @@ def fit_plane_model(
     x = corner[0] + step_x * np.arange(count.shape[1])
     y = corner[1] + step_y * np.arange(count.shape[0])
     with one_blas_thread():
-        g, f, inverse = _two_way(mean[inner], count[inner])
+        g, f, inverse = two_way(mean[inner], count[inner])
     model = g[:, np.newaxis] + f
     residual = mean[inner] - model
-    test, noise = _interaction(stack[:, *inner], mean[inner], count[inner], residual, u_reading)
+    test, noise = coupling(stack[:, *inner], mean[inner], count[inner], residual, u_reading)
     scale = noise.value
     n_y = g.size
     parts = [
@@ -253,71 +263,6 @@ def _own_zeros(stack: FloatArray, mean: FloatArray, noise: float) -> tuple[str, 
     return (text,)
 
 
-def _stack(
-    maps: Surface | ArrayLike,
-    dx: float | None,
-    dy: float | None,
-    origin: tuple[float, float],
-) -> tuple[FloatArray, float, float, tuple[float, float], tuple[Step, ...]]:
-    history: tuple[Step, ...] = ()
-    items: list[Surface] = (
-        [maps]
-        if isinstance(maps, Surface)
-        else list(maps)
-        if isinstance(maps, (list, tuple)) and any(isinstance(m, Surface) for m in maps)
-        else []
-    )
-    if items:
-        if not all(isinstance(m, Surface) for m in items):
-            raise DataError("give all maps as surfaces or all as arrays, not mixed")
-        if len({(m.shape, m.dx, m.dy, m.origin) for m in items}) > 1:
-            raise DataError(
-                "the maps differ in shape, steps or origin; resample them onto one grid"
-            )
-        if dx is not None or dy is not None:
-            raise DataError("surfaces bring their own steps; leave dx and dy out")
-        dx, dy, origin = items[0].dx, items[0].dy, items[0].origin
-        history = tuple(s for m in items for s in m.history)
-        values = np.stack([m.z for m in items])
-    else:
-        try:
-            values = np.array(maps, dtype=np.float64)
-        except (TypeError, ValueError) as exc:
-            raise DataError(f"maps must be numbers of one shape in m: {exc}") from None
-    if values.ndim == 2:
-        values = values[np.newaxis]
-    if values.ndim != 3:
-        raise DataError(
-            f"maps must have the shape (n_y, n_x) or (repeats, n_y, n_x), got {values.shape}"
-        )
-    if np.isinf(values).any():
-        raise DataError("a map is infinite somewhere; write NaN where nothing was measured")
-    if dx is None or dy is None or not (dx > 0.0 and dy > 0.0):
-        raise DataError("the map needs positive steps dx and dy in m")
-    return values, float(dx), float(dy), (float(origin[0]), float(origin[1])), history
-
-
-def _two_way(z: FloatArray, count: NDArray[np.int64]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Rows' and columns' effects by weighted least squares, and the inverse of the normal matrix."""
-    n_y = z.shape[0]
-    weights = count.astype(np.float64)
-    matrix = np.block(
-        [[np.diag(weights.sum(axis=1)), weights], [weights.T, np.diag(weights.sum(axis=0))]]
-    )
-    filled = np.where(count > 0, z, 0.0) * weights
-    right = np.concatenate([filled.sum(axis=1), filled.sum(axis=0)])
-    values, vectors = np.linalg.eigh(matrix)
-    free = values < 1e-9 * values[-1]
-    if free.sum() > 1:
-        raise NotSeparableError(
-            f"the measured points fall into {int(free.sum())} groups that share no row or column; "
-            "measure lines that cross them"
-        )
-    inverse = (vectors[:, ~free] / values[~free]) @ vectors[:, ~free].T
-    solution = inverse @ right
-    return solution[:n_y], solution[n_y:], inverse
-
-
 def _lined(
     values: FloatArray,
     covariance: FloatArray,
@@ -341,83 +286,3 @@ def _lined(
         float(row @ values),
         noise * math.sqrt(max(float(row @ covariance @ row), 0.0)),
     )
-
-
-def _interaction(
-    stack: FloatArray,
-    mean: FloatArray,
-    count: NDArray[np.int64],
-    residual: FloatArray,
-    u_reading: float | None,
-) -> tuple[Interaction, Quantity]:
-    from scipy import stats
-
-    measured = count > 0
-    weights = count[measured].astype(np.float64)
-    left = residual[measured]
-    squares = float(weights @ left**2)
-    dof = int(measured.sum()) - sum(mean.shape) + 1
-    if dof < 1:
-        raise TooFewSamplesError(
-            "every measured point is used up by f and g; measure more crossings of rows and columns"
-        )
-    spare = int(count.sum() - measured.sum())
-    share = squares / max(_about_plane(mean, count), np.finfo(float).tiny)
-    if spare:
-        source, noise_dof = "repeats", float(spare)
-        variance = float(np.nansum((stack - mean) ** 2)) / spare
-    elif u_reading is not None:
-        if not (math.isfinite(u_reading) and u_reading > 0.0):
-            raise DataError(f"u_reading is {u_reading} m; it must be positive and finite")
-        source, noise_dof, variance = "u_reading", math.inf, float(u_reading) ** 2
-    else:
-        source = "residual of smooth terms"
-        squares_smooth, n_smooth = _smooth_coupling(mean, measured, left)
-        noise_dof = float(dof - n_smooth)
-        if noise_dof < 1:
-            raise TooFewSamplesError(
-                "one small map cannot tell coupling from noise; give repeats or u_reading"
-            )
-        variance = max(squares - squares_smooth, 0.0) / noise_dof
-        squares, dof = squares_smooth, n_smooth
-    f = squares / dof / variance if variance > 0.0 else (math.inf if squares > 0.0 else 0.0)
-    law = stats.f if math.isfinite(noise_dof) else None
-    p = float(law.sf(f, dof, noise_dof)) if law else float(stats.chi2.sf(f * dof, dof))
-    rms = math.sqrt(max(squares - dof * variance, 0.0) / float(weights.sum()))
-    u_noise = math.sqrt(variance / (2.0 * noise_dof)) if math.isfinite(noise_dof) else None
-    noise = Quantity(
-        math.sqrt(variance), "m", f"standard deviation of one reading, from {source}",
-        u=u_noise, symbol="s",
-    )  # fmt: skip
-    return Interaction(share, rms, f, p, (float(dof), noise_dof), source), noise
-
-
-def _about_plane(mean: FloatArray, count: NDArray[np.int64]) -> float:
-    rows, columns = np.nonzero(count)
-    root = np.sqrt(count[rows, columns])
-    basis = np.column_stack([np.ones(rows.size), rows, columns]) * root[:, np.newaxis]
-    z = mean[rows, columns] * root
-    rest = z - basis @ np.linalg.lstsq(basis, z, rcond=None)[0]
-    return float(rest @ rest)
-
-
-def _smooth_coupling(
-    mean: FloatArray, measured: NDArray[np.bool_], left: FloatArray
-) -> tuple[float, int]:
-    """Sum of squares that products of low polynomials take out of the residual, and their number."""
-    from numpy.polynomial import legendre
-
-    rows, columns = np.nonzero(measured)
-    n_y, n_x = mean.shape
-    p_y = legendre.legvander(2.0 * np.arange(n_y) / (n_y - 1) - 1.0, _DEGREE)[:, 1:]
-    p_x = legendre.legvander(2.0 * np.arange(n_x) / (n_x - 1) - 1.0, _DEGREE)[:, 1:]
-    terms = []
-    for i in range(_DEGREE):
-        for j in range(_DEGREE):
-            product = np.where(measured, np.outer(p_y[:, i], p_x[:, j]), np.nan)
-            g, f, _ = _two_way(product, measured.astype(np.int64))
-            terms.append((product - g[:, np.newaxis] - f)[rows, columns])
-    basis, sizes, _ = np.linalg.svd(np.column_stack(terms), full_matrices=False)
-    kept = sizes > 1e-9 * sizes[0]
-    taken = basis[:, kept].T @ left
-    return float(taken @ taken), int(kept.sum())

@@ -19,8 +19,11 @@ from metrosep.core.errors import DataError, NotSeparableError, TooFewSamplesErro
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
+from metrosep.separation._plane_input import plane_steps
+from metrosep.separation._real_numbers import real_numbers
 from metrosep.separation.contract import Separation
 from metrosep.separation.null_space import Unobservable
+from metrosep.separation.planner_checks import positive
 
 __all__ = ["coupled_grid"]
 
@@ -71,7 +74,9 @@ def coupled_grid(
     Raises
     ------
     DataError
-        If shapes differ, steps are missing, or `slopes` is unknown.
+        If shapes differ, steps or `u_reading` are not usable, or `slopes` is unknown.
+    InvalidSamplesError
+        If readings are not real numbers.
     NotSeparableError
         If one direction has no lines, or the crossings do not join them.
     TooFewSamplesError
@@ -96,6 +101,8 @@ def coupled_grid(
     """
     if slopes not in _TERMS:
         raise DataError(f"slopes is 'free', 'common' or 'none', got {slopes!r}")
+    if u_reading is not None:
+        u_reading = positive(u_reading, "u_reading", "m", zero=True)
     sets, x, y, history = _sets(x_lines, y_lines, dx, dy)
     counts = np.stack([(~np.isnan(s)).sum(axis=0) for s in sets])
     n_lines = (int(counts[0].any(axis=1).sum()), int(counts[1].any(axis=0).sum()))
@@ -290,7 +297,7 @@ def _noise(solved: _Joined, u_reading: float | None) -> tuple[Quantity, float]:
         return Quantity(s, "m", f"{text}, from the crossings", u=u, symbol="s"), s
     if u_reading is None:
         return Quantity(math.nan, "m", f"{text}; not known", symbol="s"), math.nan
-    return Quantity(float(u_reading), "m", f"{text}, as stated", symbol="s"), float(u_reading)
+    return Quantity(u_reading, "m", f"{text}, as stated", symbol="s"), u_reading
 
 
 def _sets(
@@ -309,10 +316,8 @@ def _sets(
         dx, dy, origin = first.dx, first.dy, first.origin
         history = (*first.history, *second.history)
     for item, axis in ((x_lines, "x"), (y_lines, "y")):
-        try:
-            values = np.array(item.z if isinstance(item, Surface) else item, dtype=np.float64)
-        except (TypeError, ValueError) as exc:
-            raise DataError(f"{axis}_lines must be numbers in m: {exc}") from None
+        numbers = item.z if isinstance(item, Surface) else real_numbers(item, f"{axis}_lines")
+        values = np.array(numbers, dtype=np.float64)
         values = values[np.newaxis] if values.ndim == 2 else values
         if values.ndim != 3 or min(values.shape[1:]) < 2 or np.isinf(values).any():
             raise DataError(
@@ -325,9 +330,8 @@ def _sets(
             f"x_lines and y_lines must lie on one grid, got {arrays[0].shape[1:]} and "
             f"{arrays[1].shape[1:]}; write NaN where a line was not run"
         )
-    if dx is None or dy is None or not (dx > 0.0 and dy > 0.0):
-        raise DataError("the grid needs positive steps dx and dy in m")
+    step_x, step_y = plane_steps(dx, dy)
     n_y, n_x = arrays[0].shape[1:]
-    x = np.asarray(origin[0] + float(dx) * np.arange(n_x), dtype=np.float64)
-    y = np.asarray(origin[1] + float(dy) * np.arange(n_y), dtype=np.float64)
+    x = np.asarray(origin[0] + step_x * np.arange(n_x), dtype=np.float64)
+    y = np.asarray(origin[1] + step_y * np.arange(n_y), dtype=np.float64)
     return arrays, x, y, history

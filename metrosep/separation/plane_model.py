@@ -9,17 +9,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError, UnitError
-from metrosep.core.profile import Profile
+from metrosep.core.profile import Profile, html_table
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
+from metrosep.separation._plane_input import described, plane_origin, plane_steps
+from metrosep.separation._real_numbers import real_numbers
+from metrosep.separation._result_values import plain, reduced
 from metrosep.separation.base import ErrorEstimate
 
 __all__ = ["PlaneMap", "plane_map"]
@@ -32,7 +35,7 @@ _LARGEST_SLOPE = 0.02
 _MOST_PIXELS = 10_000_000
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class PlaneMap:
     """Error of an XY plane with its standard uncertainty.
 
@@ -59,6 +62,34 @@ class PlaneMap:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "audit", freeze_mapping(self.audit))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return reduced(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON, SI, NaN as None.
+
+        Returns
+        -------
+        dict
+            ``surface`` and ``u`` with steps and origin, ``alpha``, ``beta``, ``audit``,
+            ``messages``.
+        """
+        return {f.name: plain(getattr(self, f.name)) for f in fields(self)}
+
+    def __repr__(self) -> str:
+        n_y, n_x = self.surface.shape
+        return f"PlaneMap({n_y} x {n_x} points, {described(self.surface.z, self.u.z)})"
+
+    def _repr_html_(self) -> str:
+        """Return a small table for notebooks."""
+        rows = {
+            "error": described(self.surface.z, self.u.z),
+            "alpha": str(self.alpha),
+            "beta": str(self.beta),
+        }
+        rows.update({f"message {i + 1}": m for i, m in enumerate(self.messages)})
+        return html_table("Error of a plane", rows)
 
     @property
     def x(self) -> FloatArray:
@@ -110,10 +141,10 @@ def plane_map(
     Raises
     ------
     DataError
-        If an axis is neither an estimate nor a profile, or a step is not positive or gives fewer
-        than two points.
+        If an axis is neither an estimate nor a profile, a step is not positive or gives fewer
+        than two points, or an alignment or the origin is not a finite number.
     InvalidSamplesError
-        If an uncertainty is negative or of another length.
+        If an uncertainty is not real, negative or of another length.
     UnitError
         If an alignment is above 0.02 rad.
 
@@ -137,6 +168,7 @@ def plane_map(
     >>> (plane.surface.z * 1e9).round(6).tolist()
     [[0.0, 3.0, 0.0], [6.0, 9.0, 6.0]]
     """
+    dx, dy = plane_steps(dx, dy)
     xs, e_x, s_x = _sampled(along_x, dx, u_x, "x")
     ys, e_y, s_y = _sampled(along_y, dy, u_y, "y")
     if xs.size * ys.size > _MOST_PIXELS:
@@ -144,7 +176,7 @@ def plane_map(
             f"a map of {ys.size} x {xs.size} points is too large; dx and dy are in m, choose "
             "larger steps"
         )
-    x0, y0 = (float(xs[0]), float(ys[0])) if origin is None else (origin[0], origin[1])
+    x0, y0 = (float(xs[0]), float(ys[0])) if origin is None else plane_origin(origin)
     alpha_q, beta_q = _alignment(alpha, "alpha"), _alignment(beta, "beta")
     z = (e_x + beta_q.value * (xs - x0))[np.newaxis, :] + (e_y + alpha_q.value * (ys - y0))[
         :, np.newaxis
@@ -228,7 +260,7 @@ def _uncertainty(
     if isinstance(u, Profile):
         positions, values = u.x, u.z
     else:
-        values = np.asarray(u, dtype=np.float64)
+        values = np.asarray(real_numbers(u, f"u_{axis}"), dtype=np.float64)
         if values.ndim == 0:
             values = np.full(len(item), float(values))
         positions = item.x
@@ -254,9 +286,7 @@ def _between(grid: FloatArray, x: FloatArray, z: FloatArray) -> FloatArray:
 
 
 def _grid(start: float, stop: float, step: float, axis: str) -> FloatArray:
-    width = float(step)
-    if not (math.isfinite(width) and width > 0.0):
-        raise DataError(f"d{axis} is {step} m; a step must be positive and finite")
+    width = step
     n = int((stop - start) / width * (1.0 + 1e-12) + 1e-9) + 1
     if n < 2:
         raise DataError(
@@ -274,7 +304,11 @@ def _alignment(value: float | Quantity, name: str) -> Quantity:
             raise UnitError(f"{name} is in {value.unit}; an alignment is in rad")
         quantity = value
     else:
-        quantity = Quantity(float(value), "rad", "alignment, as stated", symbol=name)
+        try:
+            number = float(value)
+        except (TypeError, ValueError):
+            raise DataError(f"{name} must be a number in rad, got {value!r}") from None
+        quantity = Quantity(number, "rad", "alignment, as stated", symbol=name)
     if not math.isfinite(quantity.value):
         raise DataError(f"{name} is {quantity.value}; give a finite alignment in rad, or 0")
     if abs(quantity.value) > _LARGEST_SLOPE:

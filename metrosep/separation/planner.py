@@ -16,7 +16,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core.errors import DataError, NotSeparableError, TooFewSamplesError
 from metrosep.separation.noise_density import TimeDensity, time_density
-from metrosep.separation.planner_checks import checked_feeds, checked_wavelengths, positive
+from metrosep.separation.planner_checks import (
+    LONG_WAVE,
+    checked_feeds,
+    checked_wavelengths,
+    positive,
+)
 from metrosep.separation.planner_model import finite_variance, run_information
 from metrosep.separation.planner_result import FeedPlan
 from metrosep.separation.planner_search import Limits, best_feeds
@@ -212,7 +217,7 @@ def _travel(
     wavelengths: ArrayLike, length: float | None, settle_distance: float
 ) -> tuple[FloatArray, float, float, dict[str, Any]]:
     """Wavelengths, travel of a run, the usable part of it, and what to say about them."""
-    waves, is_range = checked_wavelengths(wavelengths)
+    waves, is_range = checked_wavelengths(wavelengths, travel_is_known=length is not None)
     longest = float(waves.max())
     lost = positive(settle_distance, "settle_distance", "m", zero=True)
     if length is None:
@@ -244,10 +249,13 @@ def _limits(
     min_ratio: float,
     fixed: ArrayLike,
 ) -> tuple[Limits, FloatArray]:
-    low, high = checked_feeds([v_min, v_max], "v_min and v_max")
+    pair = checked_feeds([v_min, v_max], "v_min and v_max")
+    if pair.size != 2:
+        raise DataError("v_min and v_max must be one speed each, in m/s")
+    low, high = pair
     done = np.sort(checked_feeds(fixed, "fixed"))
-    ratio = float(min_ratio)
-    if not (math.isfinite(ratio) and ratio > 1.0):
+    ratio = positive(min_ratio, "min_ratio", "1")
+    if not ratio > 1.0:
         raise DataError(f"min_ratio is {min_ratio}; feeds must differ by a ratio above 1, as 1.1")
     if high < low:
         raise DataError(f"v_max = {high:.6g} m/s is below v_min = {low:.6g} m/s; swap them")
@@ -263,7 +271,11 @@ def _limits(
 
 
 def _runs(n_runs: int, fixed: FloatArray) -> int:
-    if isinstance(n_runs, bool) or int(n_runs) != n_runs:
+    try:
+        is_whole = not isinstance(n_runs, bool) and int(n_runs) == n_runs
+    except (TypeError, ValueError, OverflowError):
+        is_whole = False
+    if not is_whole:
         raise DataError(f"n_runs is {n_runs!r}; it must be a whole number of runs")
     if n_runs < 1 or n_runs + fixed.size < 2:
         raise TooFewSamplesError(
@@ -333,6 +345,12 @@ def _predict(
         "one_feed_mm_per_min": float(naive["one_feed"][0]) * 6e4,
     }
     messages = plain_messages(found, density, every, waves, is_exact, information)
+    if waves.max() > LONG_WAVE:
+        hint = (
+            f"the longest wave is {waves.max():.4g} m on a travel of "
+            f"{audit['length_mm'] * 1e-3:.4g} m: both are in m (1 mm is 0.001)"
+        )
+        messages = (hint, *messages)
     return FeedPlan(
         np.array(feeds), waves, information, columns, density, fixed, details, messages
     )

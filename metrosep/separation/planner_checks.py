@@ -9,13 +9,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core.errors import DataError, TooFewSamplesError, UnitError
+from metrosep.separation._real_numbers import real_numbers
 
-__all__ = ["checked_feeds", "checked_wavelengths", "positive"]
+__all__ = ["LONG_WAVE", "checked_feeds", "checked_wavelengths", "positive"]
 
 FloatArray = NDArray[np.float64]
 
-_FASTEST = 20.0
-"""m/s; no feed drive is faster."""
+_FASTEST = 5.0
+"""m/s (300 m/min); no feed drive of a machine tool is faster."""
+
+LONG_WAVE = 2.0
+"""m; longer waves are doubted: mm typed for m look so."""
 
 _LONGEST = 100.0
 """m; no machine axis is longer."""
@@ -74,7 +78,7 @@ def checked_feeds(values: ArrayLike, name: str) -> FloatArray:
     DataError
         If one is not positive and finite.
     UnitError
-        If one is above 20 m/s.
+        If one is above 5 m/s.
     """
     feeds = _numbers(values, name)
     if not (np.isfinite(feeds) & (feeds > 0.0)).all():
@@ -82,18 +86,23 @@ def checked_feeds(values: ArrayLike, name: str) -> FloatArray:
     if feeds.size and feeds.max() > _FASTEST:
         raise UnitError(
             f"{name}: {feeds.max():.6g} m/s is faster than any feed drive; speeds are in m/s "
-            f"(7200 mm/min is 0.12 m/s, {feeds.max():.6g} mm/min is {feeds.max() / 6e4:.4g} m/s)"
+            f"({feeds.max():.6g} mm/s is {feeds.max() / 1e3:.4g} m/s, {feeds.max():.6g} mm/min is "
+            f"{feeds.max() / 6e4:.4g} m/s)"
         )
     return feeds
 
 
-def checked_wavelengths(values: ArrayLike) -> tuple[FloatArray, bool]:
+def checked_wavelengths(
+    values: ArrayLike, *, travel_is_known: bool = False
+) -> tuple[FloatArray, bool]:
     """Return the wavelengths, rising, and whether they came from a range.
 
     Parameters
     ----------
     values : array_like, m
         Wavelengths; a tuple of two is the limits of a range.
+    travel_is_known : bool, optional
+        Whether the user states a travel, so that waves above 2 m may be meant.
 
     Returns
     -------
@@ -109,17 +118,18 @@ def checked_wavelengths(values: ArrayLike) -> tuple[FloatArray, bool]:
     TooFewSamplesError
         If there is none.
     UnitError
-        If one is above 100 m.
+        If one is above 2 m, or above 100 m where the travel is known.
     """
     waves = _numbers(values, "wavelengths")
     if not waves.size:
         raise TooFewSamplesError("wavelengths is empty; give the waves that matter in m")
     if not (np.isfinite(waves) & (waves > 0.0)).all():
         raise DataError(f"wavelengths must be positive and finite, in m, got {waves.tolist()}")
-    if waves.max() > _LONGEST:
+    if waves.max() > (_LONGEST if travel_is_known else LONG_WAVE):
         raise UnitError(
-            f"a wavelength of {waves.max():.6g} m is longer than any machine; wavelengths are in "
-            "m (10 mm is 0.01)"
+            f"a wavelength of {waves.max():.6g} m is longer than the travel of most machines; "
+            f"wavelengths are in m ({waves.max():.6g} mm is {waves.max() / 1e3:.4g}); give length "
+            "where the travel is that long"
         )
     if isinstance(values, tuple) and waves.size == 2 and waves[0] != waves[1]:
         grid: FloatArray = np.geomspace(waves.min(), waves.max(), _N_IN_RANGE)
@@ -129,7 +139,4 @@ def checked_wavelengths(values: ArrayLike) -> tuple[FloatArray, bool]:
 
 
 def _numbers(values: ArrayLike, name: str) -> FloatArray:
-    try:
-        return np.atleast_1d(np.array(values, dtype=np.float64)).ravel()
-    except (TypeError, ValueError) as exc:
-        raise DataError(f"{name} must be real numbers in SI: {exc}") from None
+    return np.array(real_numbers(values, name), dtype=np.float64).ravel()

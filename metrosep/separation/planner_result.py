@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core.profile import html_table
 from metrosep.core.provenance import freeze_mapping
+from metrosep.separation._result_values import plain, reduced
 from metrosep.separation.noise_density import TimeDensity
 
 if TYPE_CHECKING:
@@ -71,6 +73,36 @@ class FeedPlan:
         import pandas as pd
 
         return pd.DataFrame({k: np.array(v) for k, v in self.columns.items()})
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return reduced(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON, NaN as None.
+
+        Returns
+        -------
+        dict
+            ``feeds``, ``wavelengths``, ``information``, ``fixed`` in SI, ``sd`` by column with
+            unit suffixes, ``density`` (its source), ``audit``, ``messages``.
+        """
+        names = ("feeds", "wavelengths", "information", "fixed")
+        return {
+            **{name: plain(getattr(self, name)) for name in names},
+            "sd": plain(self.columns),
+            "density": self.density.source,
+            "audit": plain(self.audit),
+            "messages": list(self.messages),
+        }
+
+    def _repr_html_(self) -> str:
+        """Return a small table for notebooks."""
+        rows = {
+            f"{w * 1e3:.4g} mm": f"sd {sd:.3g} nm" if np.isfinite(sd) else "sd not known"
+            for w, sd in zip(self.wavelengths[:20], self.columns["sd_nm"][:20], strict=True)
+        }
+        rows.update({f"message {i + 1}": m for i, m in enumerate(self.messages)})
+        return html_table(repr(self), rows)
 
     def __repr__(self) -> str:
         feeds = ", ".join(

@@ -22,6 +22,8 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.core._arrays import frozen_float
 from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.separation._band_limited import band_limited, cubic, white_gain
+from metrosep.separation._real_numbers import real_numbers
+from metrosep.separation._result_values import plain, reduced
 from metrosep.separation._spindle_angle import EncoderMap, IndexMap, accumulated_angle
 
 __all__ = [
@@ -88,6 +90,21 @@ class AngleSynchronous:
     def n_revolutions(self) -> int:
         """Revolutions in the table."""
         return int(self.table.shape[-2])
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return reduced(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON, SI, NaN as None, without the table.
+
+        Returns
+        -------
+        dict
+            ``angle``, ``start``, ``revolutions``, ``speed``, ``speed_unit``, ``rotation``,
+            ``noise_gain``, ``audit``, ``messages``.
+        """
+        names = ("angle", "start", "revolutions", "speed", "speed_unit", "rotation", "noise_gain")
+        return {name: plain(getattr(self, name)) for name in (*names, "audit", "messages")}
 
     def __repr__(self) -> str:
         shape = " x ".join(str(s) for s in self.table.shape)
@@ -165,7 +182,7 @@ def resample_by_encoder(
     TooFewSamplesError
         If there is no whole revolution, or fewer than 8 samples per revolution.
     InvalidSamplesError
-        If lengths differ, the angle is NaN, stands still or turns back.
+        If lengths differ, the signal is not real, or the angle is NaN, stands still or turns back.
     UnitError
         If the angle looks like degrees or turns.
     DataError
@@ -248,8 +265,10 @@ def resample_by_index(
     TooFewSamplesError
         If there are fewer than 2 pulses, no sound revolution, or fewer than 8 samples in one.
     InvalidSamplesError
-        If pulses are NaN, not rising or outside the record, or (``faults="refuse"``) missing or
-        double.
+        If the signal is not real, or pulses are NaN, not rising or outside the record, or
+        (``faults="refuse"``) missing or double.
+    UnitError
+        If the pulses lie closer than samples: they are times.
     DataError
         If an option is not usable.
 
@@ -291,7 +310,7 @@ def resample_by_index(
 
 
 def _signals(signal: ArrayLike) -> tuple[FloatArray, bool]:
-    values = np.asarray(signal)
+    values = real_numbers(signal, "the signal")
     single = values.ndim == 1
     table = frozen_float(values[None] if single else values, name="the signal", ndim=2)
     return table, single
@@ -314,8 +333,12 @@ def _resample(
     per_turn = steps.samples_per_turn
     if per_turn < _LEAST:
         raise TooFewSamplesError(
-            f"{per_turn:.3g} samples per revolution, need {_LEAST}: sample faster, or give the "
-            "angle in rad (np.deg2rad of degrees)"
+            f"{per_turn:.3g} samples per revolution, need {_LEAST}: sample faster, or "
+            + (
+                "give the angle in rad (np.deg2rad of degrees)"
+                if source == "encoder"
+                else "give the index pulses in sample numbers, not times"
+            )
         )
     columns = round(per_turn) if n is None else n
     if not (columns >= _LEAST and float(columns).is_integer()):

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core.errors import DataError, DegenerateFitError, TooFewSamplesError
 from metrosep.core.quantity import Quantity
+from metrosep.core.units import format_engineering
+from metrosep.separation._result_values import plain, reduced
 
 __all__ = ["SpeedFit", "fit_values"]
 
@@ -19,7 +22,7 @@ _PEAK = 4.0
 """Residual in its standard deviations from which a speed is called a peak."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class SpeedFit:
     """Polynomial in speed through one value; frozen.
 
@@ -62,6 +65,33 @@ class SpeedFit:
     p_fit: float
     peaks: tuple[float, ...]
     unit: str
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return reduced(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON, SI, NaN as None.
+
+        Returns
+        -------
+        dict
+            One key for each field, arrays as lists.
+        """
+        return {f.name: plain(getattr(self, f.name)) for f in fields(self)}
+
+    def __str__(self) -> str:
+        terms = [self.coefficient(p) for p in self.powers]
+        text = " + ".join(
+            format_engineering(q.value, self.unit)
+            if p == 0
+            else f"({q.value:.4g} \u00b1 {q.u:.2g}) {self.unit} n^{p}"
+            for p, q in zip(self.powers, terms, strict=True)
+        )
+        fit = "" if math.isnan(self.p_fit) else f", p of the fit {self.p_fit:.2g}"
+        return f"{text}{fit}"
+
+    def __repr__(self) -> str:
+        return f"SpeedFit({self.symbol}, {self.values.size} values: {self})"
 
     def evaluate(self, speed: ArrayLike) -> FloatArray:
         """Return the fit.

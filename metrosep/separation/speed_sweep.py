@@ -21,6 +21,10 @@ from metrosep.core.errors import (
     InvalidSamplesError,
     UnitError,
 )
+from metrosep.core.profile import html_table
+from metrosep.separation._real_numbers import real_numbers
+from metrosep.separation._result_values import plain, reduced
+from metrosep.separation.planner_checks import positive
 from metrosep.separation.speed_fit import SpeedFit, fit_values
 from metrosep.separation.spindle_result import SpindleMotion
 
@@ -28,14 +32,15 @@ __all__ = ["SpeedSweep", "fit_speed_sweep"]
 
 FloatArray = NDArray[np.float64]
 
-_FASTEST = 1e4
-"""Revolutions per second beyond which the speed is doubted."""
+_FASTEST = 2e3
+"""rev/s beyond which the speed is doubted: 120 000 rev/min. Air turbines above are rare, speeds typed
+in rev/min are not."""
 
 _DOUBT = 0.01
 """p of the lack of fit below which it is told."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class SpeedSweep:
     """Spindle values against speed; frozen.
 
@@ -64,6 +69,41 @@ class SpeedSweep:
 
     def __getitem__(self, symbol: str) -> SpeedFit:
         return self.fits[symbol]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return reduced(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON, SI, NaN as None.
+
+        Returns
+        -------
+        dict
+            ``speed`` in rev/s, ``fits`` by symbol, ``natural_frequency``, ``critical``, ``audit``,
+            ``messages``.
+        """
+        return {
+            "speed": plain(self.speed),
+            "fits": {name: fit.to_dict() for name, fit in self.fits.items()},
+            "natural_frequency": plain(self.natural_frequency),
+            "critical": plain(self.critical),
+            "audit": plain(self.audit),
+            "messages": list(self.messages),
+        }
+
+    def __repr__(self) -> str:
+        rows = "; ".join(f"{name}: {fit}" for name, fit in self.fits.items())
+        return f"SpeedSweep({self._range()}; {rows})"
+
+    def _range(self) -> str:
+        low, high = float(self.speed[0]), float(self.speed[-1])
+        return f"{self.speed.size} recordings, {low:.4g} to {high:.4g} rev/s"
+
+    def _repr_html_(self) -> str:
+        """Return a small table for notebooks."""
+        rows = {name: str(fit) for name, fit in self.fits.items()}
+        rows.update({f"message {i + 1}": m for i, m in enumerate(self.messages)})
+        return html_table(f"Speed sweep: {self._range()}", rows)
 
 
 def fit_speed_sweep(
@@ -109,9 +149,9 @@ def fit_speed_sweep(
     DegenerateFitError
         If there are fewer different speeds than powers.
     UnitError
-        If a speed is beyond 10 000 rev/s: it was given in rev/min.
+        If a speed is beyond 2000 rev/s: it was given in rev/min.
     DataError
-        If powers, orders or the natural frequency are not usable.
+        If results, powers, orders or the natural frequency are not usable.
 
     Notes
     -----
@@ -132,12 +172,9 @@ def fit_speed_sweep(
     """
     at = _speeds(speed)
     exponents = _powers(powers)
-    if natural_frequency is not None and not (
-        math.isfinite(natural_frequency) and natural_frequency > 0.0
-    ):
-        raise DataError(f"the natural frequency must be positive, in Hz, got {natural_frequency}")
-    if any(k != int(k) or k < 1 for k in orders):
-        raise DataError(f"orders must be whole numbers from 1, got {tuple(orders)}")
+    if natural_frequency is not None:
+        natural_frequency = positive(natural_frequency, "the natural frequency", "Hz")
+    tried = _whole(orders, "orders", least=1)
     columns = _columns(results, u, symbols, at.size)
     order = np.argsort(at, kind="stable")
     at = at[order]
@@ -145,9 +182,7 @@ def fit_speed_sweep(
         name: fit_values(name, at, values[order], sd[order], exponents, unit)
         for name, (values, sd, unit) in columns.items()
     }
-    critical = (
-        {} if natural_frequency is None else {int(k): natural_frequency / int(k) for k in orders}
-    )
+    critical = {} if natural_frequency is None else {k: natural_frequency / k for k in tried}
     at.setflags(write=False)
     return SpeedSweep(
         speed=at,
@@ -165,18 +200,38 @@ def fit_speed_sweep(
 
 
 def _speeds(speed: ArrayLike) -> FloatArray:
-    at = np.array(frozen_float(speed, name="the speed", ndim=1))
+    at = _real(speed, "the speed")
     if np.isnan(at).any() or (at < 0.0).any():
         raise InvalidSamplesError("speeds must be finite and not negative, in rev/s")
     if at.max() > _FASTEST:
-        raise UnitError(f"a speed of {at.max():.6g} rev/s: divide rev/min by 60")
+        raise UnitError(
+            f"a speed of {at.max():.6g} rev/s is {60 * at.max():.6g} rev/min: speeds are in rev/s, "
+            "divide rev/min by 60"
+        )
     return at
 
 
+def _real(values: ArrayLike, name: str) -> FloatArray:
+    return np.array(frozen_float(real_numbers(values, name), name=name, ndim=1))
+
+
+def _whole(values: Sequence[int], name: str, *, least: int) -> tuple[int, ...]:
+    try:
+        found = tuple(values)
+        numbers = tuple(int(v) for v in found)
+    except (TypeError, ValueError, OverflowError):
+        raise DataError(
+            f"{name} must be a sequence of whole numbers from {least}, got {values!r}"
+        ) from None
+    if numbers != found or (numbers and min(numbers) < least):
+        raise DataError(f"{name} must be whole numbers from {least}, got {found}")
+    return numbers
+
+
 def _powers(powers: Sequence[int]) -> tuple[int, ...]:
-    exponents = tuple(int(p) for p in powers)
-    if not exponents or exponents != tuple(powers) or min(exponents) < 0:
-        raise DataError(f"powers must be whole numbers from 0, got {tuple(powers)}")
+    exponents = _whole(powers, "powers", least=0)
+    if not exponents:
+        raise DataError("powers is empty: give whole numbers from 0, such as (0, 2)")
     if len(set(exponents)) < len(exponents):
         raise DataError(f"a power occurs twice in {exponents}")
     return exponents
@@ -190,6 +245,10 @@ def _columns(
 ) -> dict[str, tuple[FloatArray, FloatArray, str]]:
     columns: dict[str, tuple[FloatArray, FloatArray, str]] = {}
     if isinstance(results, Mapping):
+        if u is not None and not isinstance(u, Mapping):
+            raise DataError(
+                f"u= must be a mapping such as {{{next(iter(results), 'synchronous')!r}: [...]}}, got {type(u).__name__}"
+            )
         given = u or {}
         unknown = sorted(set(given) - set(results))
         if unknown:
@@ -203,6 +262,17 @@ def _columns(
         return columns
     if u is not None:
         raise DataError("u= belongs to arrays; results carry theirs")
+    listed: Any = results
+    if not isinstance(listed, list | tuple) or not all(
+        isinstance(r, SpindleMotion) for r in listed
+    ):
+        raise DataError(
+            f"results must be SpindleMotion objects, or values by symbol such as "
+            f"{{'synchronous': [...]}}; got {type(results).__name__}"
+        )
+    unknown = [name for name in symbols if any(name not in r.table for r in results)]
+    if unknown:
+        raise DataError(f"the results hold no value {', '.join(map(str, unknown))}")
     if len({(r.direction, r.sensitive) for r in results}) > 1:
         raise DataError("the recordings are of different directions: fit them apart")
     for name in symbols:
@@ -218,9 +288,10 @@ def _columns(
 
 
 def _column(values: ArrayLike, name: str, size: int) -> FloatArray:
-    if np.size(values) != size:
-        raise InvalidSamplesError(f"{name} has {np.size(values)} values, there are {size} speeds")
-    column = np.array(frozen_float(values, name=name, ndim=1))
+    numbers = real_numbers(values, name)
+    if numbers.size != size:
+        raise InvalidSamplesError(f"{name} has {numbers.size} values, there are {size} speeds")
+    column = _real(numbers, name)
     if (column < 0.0).any():
         raise InvalidSamplesError(f"{name} is negative: widths and standard deviations are not")
     return column

@@ -64,8 +64,8 @@ _DRAWS_EXTREME = 32
 def iso230_7(
     signals: ArrayLike | Mapping[str, ArrayLike] | Recording | AngleSynchronous,
     angle: ArrayLike | str | None = None,
-    *,
     direction: Direction = "radial",
+    *,
     sensitive: Sensitive = "fixed",
     center: Center = "LSC",
     distance: float | None = None,

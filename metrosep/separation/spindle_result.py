@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core.profile import html_table
 from metrosep.core.quantity import Quantity
 from metrosep.parameters.table import ParameterTable
+from metrosep.separation._result_values import plain, reduced
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -20,7 +22,7 @@ __all__ = ["SpindleHarmonics", "SpindleMotion"]
 FloatArray = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class SpindleHarmonics:
     """Harmonics of the mean revolution and of the scatter; arrays over k = 1 .. n // 2.
 
@@ -50,6 +52,25 @@ class SpindleHarmonics:
     nrr: FloatArray
     significant: NDArray[np.bool_]
     removed: tuple[int, ...]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return reduced(self)
+
+    def __repr__(self) -> str:
+        found = [int(k) for k in self.k[self.significant]]
+        named = ", ".join(str(k) for k in found[:8]) + (", ..." if len(found) > 8 else "")
+        return f"SpindleHarmonics(k = 1 .. {int(self.k[-1])}, repeating: {named or 'none'})"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON, SI.
+
+        Returns
+        -------
+        dict
+            ``k``, ``amplitude``, ``phase``, ``u``, ``nrr``, ``significant``, ``removed`` as lists.
+        """
+        names = ("k", "amplitude", "phase", "u", "nrr", "significant", "removed")
+        return {name: plain(getattr(self, name)) for name in names}
 
     def to_frame(self) -> pd.DataFrame:
         """Return a data frame, one row per harmonic.
@@ -163,15 +184,26 @@ class SpindleMotion:
             Keys of the table, and ``direction``, ``sensitive``, ``center``, ``centre``, ``audit``,
             ``messages``.
         """
-        return {
+        document = {
             "direction": self.direction,
             "sensitive": self.sensitive,
             "center": self.center,
             "centre": list(self.centre),
             **self.table.to_dict(),
-            "audit": dict(self.audit),
-            "messages": list(self.messages),
+            "audit": self.audit,
+            "messages": self.messages,
         }
+        return {key: plain(value) for key, value in document.items()}
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return reduced(self)
+
+    def _repr_html_(self) -> str:
+        """Return a small table for notebooks."""
+        rows = {s: f"{q} \N{EM DASH} {q.definition}" for s, q in self.table.items()}
+        rows.update({f"message {i + 1}": m for i, m in enumerate(self.messages)})
+        title = f"{self.direction} error motion, {self.center}, {self.n_revolutions} revolutions"
+        return html_table(title, rows)
 
     def __repr__(self) -> str:
         head = f"SpindleMotion({self.direction}, {self.sensitive} sensitive direction"

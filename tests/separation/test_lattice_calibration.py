@@ -1,9 +1,17 @@
 """2-D self-calibration: views of a grid plate, simulated mark by mark without library code."""
 
+import copy
+import json
+
 import numpy as np
 import pytest
 
-from metrosep.core.errors import DataError, NotSeparableError, UnitError
+from metrosep.core.errors import (
+    DataError,
+    InvalidSamplesError,
+    NotSeparableError,
+    UnitError,
+)
 from metrosep.separation.lattice_calibration import GridView, grid_calibration
 
 NM = 1e-9
@@ -86,7 +94,7 @@ def test_scale_is_lost_and_only_the_sum_is_told():
     assert np.max(np.abs(found.stage)) < 1e-16
     assert np.max(np.abs(found.plate)) < 1e-16
     assert found.audit["sum_of_scales_ppm"] == pytest.approx(8.0, abs=1e-6)
-    assert np.isnan(found.audit["scale_ppm"])
+    assert found.audit["scale_ppm"] is None
     assert "scale" in found.null_space[0].indices
     assert any("scale" in m for m in found.messages)
 
@@ -241,3 +249,71 @@ def test_wrong_sign_of_the_shift_is_refused():
 def test_refuses(views, error, match):
     with pytest.raises(error, match=match):
         grid_calibration(views, pitch=PITCH)
+
+
+# -- hostile review ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("noise", [0.0, 5 * NM])
+@pytest.mark.parametrize("declared", [1, 3])
+def test_a_turn_of_the_other_sense_is_told_without_a_stated_noise(noise, declared):
+    """Plate turned one way, declared the other; the right declaration says nothing."""
+    true = 4 - declared
+    placements = ((0, (0, 0)), (true, (0, 0)), (0, (1, 0)))
+    _, _, views = simulate(np.random.default_rng(3), 5, noise=noise, placements=placements)
+    wrong = [
+        GridView(v.readings, declared if v.turns == true else v.turns, v.shift) for v in views
+    ]
+
+    said = " ".join(grid_calibration(wrong, pitch=PITCH).messages)
+    assert "view 2 turned by" in said
+    assert "as stated, the result is wrong" in said
+    assert "sense" not in " ".join(grid_calibration(views, pitch=PITCH).messages)
+
+
+def test_one_wrong_turn_among_right_ones_is_named():
+    placements = ((0, (0, 0)), (1, (0, 0)), (3, (0, 0)), (0, (1, 0)))
+    _, _, views = simulate(np.random.default_rng(4), 5, noise=NM, placements=placements)
+    wrong = [*views[:2], GridView(views[2].readings, 1), views[3]]
+    said = " ".join(grid_calibration(wrong, pitch=PITCH).messages)
+    assert "view 3 turned by -90 degrees instead of +90" in said
+    assert "view 2" not in said
+
+
+def test_noise_alone_does_not_accuse_the_turn():
+    zero = np.zeros((5, 5, 2))
+    for seed in range(10):
+        _, _, views = simulate(
+            np.random.default_rng(seed), 5, noise=20 * NM, stage=zero, plate=zero
+        )
+        assert "sense" not in " ".join(grid_calibration(views, pitch=PITCH).messages)
+
+
+@pytest.mark.parametrize(
+    ("change", "options", "error", "match"),
+    [
+        ({"shift": 1}, {}, DataError, "pair of whole"),
+        ({"shift": (1.5, 0)}, {}, DataError, "pair of whole"),
+        ({"shift": (1, 0, 0)}, {}, DataError, "pair of whole"),
+        ({"turns": "a"}, {}, DataError, "turns is a whole number"),
+        ({"turns": np.nan}, {}, DataError, "turns is a whole number"),
+        ({"readings": np.zeros((5, 5, 2)) + 1j}, {}, InvalidSamplesError, "complex"),
+        ({"readings": [[1.0], [1.0, 2.0]]}, {}, InvalidSamplesError, "view 1: readings"),
+        ({}, {"u_reading": "a"}, DataError, "u_reading must be a number in m"),
+        ({}, {"u_reading": -1e-9}, DataError, "u_reading"),
+        ({}, {"pitch": "10 mm"}, DataError, "pitch must be a number in m"),
+    ],
+)
+def test_what_is_typed_wrong_is_refused(change, options, error, match):
+    _, _, views = simulate(np.random.default_rng(1), 5)
+    first = {"readings": views[0].readings, "turns": 0, "shift": (0, 0), **change}
+    with pytest.raises(error, match=match):
+        grid_calibration([GridView(**first), *views[1:]], **{"pitch": PITCH, **options})
+
+
+def test_result_is_strict_json_and_copied():
+    _, _, views = simulate(np.random.default_rng(1), 4)
+    found = grid_calibration(views, pitch=PITCH)
+    json.dumps(found.to_dict(), allow_nan=False)
+    assert copy.deepcopy(found).to_dict() == found.to_dict()
+    assert len(repr(views[0])) < 80

@@ -197,3 +197,18 @@ RIGHT[:, 3:] = 0.0
 def test_refuses(rows, columns, options, error, match):
     with pytest.raises(error, match=match):
         coupled_grid(rows, columns, **{"dx": MM, "dy": MM, **options})
+
+
+@pytest.mark.parametrize(
+    ("lines", "options", "match"),
+    [
+        (np.zeros((5, 6)), {"dx": "2 mm"}, "dx must be a number in m"),
+        (np.zeros((5, 6)), {"u_reading": "a"}, "u_reading must be a number in m"),
+        (np.zeros((5, 6)), {"u_reading": -1e-9}, "u_reading"),
+        (np.zeros((5, 6)) + 1j, {}, "complex"),
+        ([[1.0, 2.0], [3.0]], {}, "x_lines must be real numbers"),
+    ],
+)
+def test_refuses_what_is_typed_wrong(lines, options, match):
+    with pytest.raises(DataError, match=match):
+        coupled_grid(lines, np.zeros((5, 6)), **{"dx": 1e-3, "dy": 1e-3, **options})

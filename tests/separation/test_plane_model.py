@@ -1,6 +1,9 @@
 """XY plane of the paper's eq. 3: signs, uncertainty, gaps; the fit and its F test."""
 
+import copy
+import json
 import math
+import pickle
 
 import numpy as np
 import pytest
@@ -14,6 +17,7 @@ from metrosep.core.errors import (
     UnitError,
 )
 from metrosep.core.profile import Profile
+from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
 from metrosep.separation.plane_fit import fit_plane_model
@@ -329,3 +333,80 @@ def test_headline_plane_is_the_same_sum():
     z = plane_map(Profile(x, e_x), Profile(y, e_y), dx=MM, dy=MM).surface.z
 
     assert np.max(np.abs(z.T - by_hand)) < 1e-15
+
+
+# -- hostile review ------------------------------------------------------------------------------
+
+AXIS = Profile([0.0, 1e-3, 2e-3], [0.0, 3e-9, 0.0])
+
+
+def _fits():
+    z = 1e-9 * np.random.default_rng(1).standard_normal((3, 6, 8))
+    z[:, 2, 3] = np.nan
+    step = Step("read", {"file": "a.csv"})
+    x = Profile(AXIS.x, AXIS.z, history=(step,))
+    gap = Profile(AXIS.x, [0.0, np.nan, 1e-9])
+    return (
+        plane_map(
+            x, AXIS, dx=1e-3, dy=1e-3, u_x=1e-9, alpha=Quantity(1e-6, "rad", "tilt", u=1e-7)
+        ),
+        plane_map(gap, AXIS, dx=1e-3, dy=1e-3),
+        fit_plane_model(z, dx=1e-3, dy=1e-3),
+        fit_plane_model([Surface(m, 1e-3, 1e-3, history=(step,)) for m in z]),
+        fit_plane_model(z[0], dx=1e-3, dy=1e-3, u_reading=1e-9),
+    )
+
+
+def test_results_are_plain_short_and_copied():
+    for result in _fits():
+        name = type(result).__name__
+        json.dumps(result.to_dict(), allow_nan=False)
+        assert repr(result).startswith(f"{name}(")
+        assert "P-V" in repr(result)
+        assert len(repr(result)) < 250
+        assert "<table" in result._repr_html_()
+        for again in (
+            copy.copy(result),
+            copy.deepcopy(result),
+            pickle.loads(pickle.dumps(result)),  # noqa: S301
+        ):
+            assert again.to_dict() == result.to_dict()
+            assert again.audit == result.audit
+            surface = again.surface if name == "PlaneMap" else again.model
+            assert type(surface) is Surface
+            with pytest.raises(ValueError, match="read-only"):
+                surface.z[0, 0] = 1.0
+            with pytest.raises(TypeError):
+                again.audit["a"] = 1
+
+
+@pytest.mark.parametrize(
+    ("options", "match"),
+    [
+        ({"dx": "2 mm"}, "dx must be a number in m"),
+        ({"dy": None}, "dx and dy"),
+        ({"dx": np.nan}, "positive"),
+        ({"alpha": "1 urad"}, "alpha must be a number in rad"),
+        ({"origin": 0.0}, "two finite numbers"),
+        ({"u_x": "a"}, "u_x must be real numbers"),
+        ({"u_x": 1e-9 + 1j}, "complex"),
+    ],
+)
+def test_map_refuses_what_is_typed_wrong(options, match):
+    with pytest.raises(DataError, match=match):
+        plane_map(AXIS, AXIS, **{"dx": 1e-3, "dy": 1e-3, **options})
+
+
+@pytest.mark.parametrize(
+    ("maps", "options", "match"),
+    [
+        (np.zeros((5, 6)), {"dx": "2 mm"}, "dx must be a number in m"),
+        (np.zeros((5, 6)), {"origin": "a"}, "two finite numbers"),
+        (np.zeros((5, 6)), {"u_reading": "a"}, "u_reading must be a number"),
+        (np.zeros((5, 6)) + 1j, {}, "complex"),
+        ([[1.0, 2.0], [3.0]], {}, "real numbers"),
+    ],
+)
+def test_fit_refuses_what_is_typed_wrong(maps, options, match):
+    with pytest.raises(DataError, match=match):
+        fit_plane_model(maps, **{"dx": 1e-3, "dy": 1e-3, **options})

@@ -5,7 +5,10 @@ the same machine) and estimates by generalised least squares with the covariance
 in closed form; neither uses code of metrosep.
 """
 
+import copy
 import itertools
+import json
+import pickle
 
 import numpy as np
 import pandas as pd
@@ -383,7 +386,7 @@ def test_density_of_an_estimate_is_accepted():
         ({"n_runs": 2.5}, DataError, "whole number"),
         ({"wavelengths": [np.nan, 1e-3, 2e-3]}, DataError, "wavelengths"),
         ({"wavelengths": []}, TooFewSamplesError, "wavelengths"),
-        ({"wavelengths": [2e-3, 500.0, 3.0]}, UnitError, "10 mm is 0.01"),
+        ({"wavelengths": [2e-3, 500.0, 3.0]}, UnitError, "500 mm is 0.5"),
         ({"length": 5e-3}, DataError, "less than one wave"),
         ({"max_time": 0.01}, DataError, "allow more time"),
         ({"min_ratio": 0.9}, DataError, "min_ratio"),
@@ -429,3 +432,65 @@ def test_a_tuple_is_a_range_and_a_list_of_two_is_two_waves():
 
     assert len(as_range.sd) == 121
     np.testing.assert_allclose(sorted(as_list.sd["wavelength_mm"]), [5.0, 10.0], rtol=1e-12)
+
+
+# -- hostile review ------------------------------------------------------------------------------
+
+
+def _raises(f):
+    raise RuntimeError("no data base")
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "match"),
+    [
+        ({"n_runs": np.nan}, DataError, "whole number"),
+        ({"n_runs": "6"}, DataError, "whole number"),
+        ({"n_runs": np.inf}, DataError, "whole number"),
+        ({"min_ratio": "a"}, DataError, "min_ratio must be a number"),
+        ({"v_min": 8.0, "v_max": 16.0}, UnitError, "16 mm/s is 0.016 m/s"),
+        ({"v_min": [0.08, 0.1]}, DataError, "real numbers|one speed each"),
+        ({"wavelengths": [10.0, 5.0]}, UnitError, "10 mm is 0.01"),
+        ({"wavelengths": [1e-2 + 1j, 2e-2]}, DataError, "complex"),
+        ({"psd": _raises}, InvalidSamplesError, "RuntimeError: no data base"),
+        ({"psd": lambda f: 1e-18 + 1j * f}, InvalidSamplesError, "complex"),
+        ({"psd": lambda f: 1e-18 / 1e-6**2 + 0 * f}, UnitError, "1 um.2/Hz is 1e-12"),
+        ({"psd": ([1.0, 200.0], [1e-9, 1e-9])}, UnitError, "1 um.2/Hz is 1e-12"),
+        ({"psd": ([1.0, 200.0], [1e-18j, 1e-18])}, InvalidSamplesError, "complex"),
+        ({"psd_feed": "a", "psd": profile_psd(Profile(np.arange(64) * 1e-3, np.sin(np.arange(64)) * 1e-9))},
+         DataError, "psd_feed must be a number"),
+    ],
+)  # fmt: skip
+def test_refuses_what_is_typed_wrong(change, error, match):
+    usual = {
+        "psd": machine_density,
+        "wavelengths": (2e-3, 20e-3),
+        "v_min": 0.08,
+        "v_max": 0.16,
+        "n_runs": 4,
+    }
+    with pytest.raises(error, match=match):
+        plan_feedrates(**{**usual, **change})
+
+
+def test_long_waves_are_planned_on_a_stated_travel_with_a_hint():
+    white = (np.array([1e-3, 1e3]), np.array([1e-18, 1e-18]))
+    plan = predicted_sd(white, [0.1, 0.2], [3.0], 12.0)
+    assert "12 m: both are in m" in plan.messages[0]
+    assert not any("both are in m" in m for m in predicted_sd(white, [0.1], [1.9], 12.0).messages)
+
+
+def test_plan_is_plain_and_copied():
+    white = (np.array([1.0, 1e3]), np.array([1e-18, 1e-18]))
+    plan = predicted_sd(white, [0.1, 0.2], [5e-3, 1.0], 1.0)
+    document = json.loads(json.dumps(plan.to_dict(), allow_nan=False))
+    assert document["feeds"] == [0.1, 0.2]
+    assert "mm" in plan._repr_html_()
+    for again in (copy.copy(plan), copy.deepcopy(plan), pickle.loads(pickle.dumps(plan))):  # noqa: S301
+        assert again.to_dict() == plan.to_dict()
+        assert again.sd.equals(plan.sd)
+        assert again.density(np.array([2.0])) == 1e-18
+        with pytest.raises(ValueError, match="read-only"):
+            again.feeds[0] = 1.0
+    by_formula = copy.deepcopy(predicted_sd(lambda f: 1e-18 + 0 * f, [0.1], [5e-3], 0.1))
+    assert by_formula.density.source == "function S(f)"

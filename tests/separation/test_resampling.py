@@ -377,3 +377,37 @@ def test_hundred_revolutions_are_quick():
 def test_cubic_bound_needs_more_than_two_samples():
     with pytest.raises(DataError, match="more than 2"):
         cubic_interpolation_error(2.0)
+
+
+# -- hostile review ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
+def test_double_pulse_is_called_double_first(share):
+    pulses = np.arange(11) * 100.0
+    twice = np.sort(np.append(pulses, 400.0 + 100 * share))
+    with pytest.raises(InvalidSamplesError) as caught:
+        resample_by_index(np.zeros(1001), twice)
+    first = str(caught.value).split(";")[0]
+    assert "double" in first
+    assert "4 and 5" in first
+    assert "pulse 5" in first
+    found = resample_by_index(np.zeros(1001), twice, faults="drop")
+    assert found.revolutions.tolist() == [0, 1, 2, 3, 6, 7, 8, 9, 10]
+
+
+@pytest.mark.parametrize("rate", [1000.0, 50.0])
+def test_pulse_times_are_told_from_sample_numbers(rate):
+    with pytest.raises(UnitError, match="sample numbers, not times"):
+        resample_by_index(np.zeros(1001), np.arange(11) * 100.0 / 1000.0 * 1000.0 / rate / 50)
+
+
+def test_few_samples_between_pulses_do_not_speak_of_an_angle():
+    with pytest.raises(TooFewSamplesError, match="index pulses in sample numbers"):
+        resample_by_index(np.zeros(101), np.arange(0, 101, 5.0))
+
+
+@pytest.mark.parametrize("signal", [np.zeros(1001) + 1j, [[1.0, 2.0], [3.0]]])
+def test_signal_must_be_real_numbers(signal):
+    with pytest.raises(InvalidSamplesError, match="real"):
+        resample_by_index(signal, np.arange(11) * 100.0)

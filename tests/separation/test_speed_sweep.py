@@ -1,5 +1,9 @@
 """Speed sweeps: known laws recovered, intervals that cover, resonances named (S23)."""
 
+import copy
+import json
+import pickle
+
 import numpy as np
 import pytest
 
@@ -167,3 +171,48 @@ def test_bad_confidence_and_power():
         fit.half_width(3.0, confidence=95)
     with pytest.raises(DataError, match="not among"):
         fit.coefficient(1)
+
+
+# -- hostile review ------------------------------------------------------------------------------
+
+FIVE = np.array([10.0, 20.0, 30.0, 40.0, 50.0])
+VALUES = {"synchronous": 20e-9 + 1e-11 * FIVE**2}
+
+
+@pytest.mark.parametrize(
+    ("results", "options", "error", "match"),
+    [
+        (np.ones(5), {}, DataError, "SpindleMotion"),
+        ([1.0] * 5, {}, DataError, "SpindleMotion"),
+        ("synchronous", {}, DataError, "SpindleMotion"),
+        (VALUES, {"u": [1e-9] * 5}, DataError, "mapping such as {'synchronous'"),
+        (VALUES, {"powers": 2}, DataError, "sequence of whole numbers"),
+        (VALUES, {"powers": (0, np.nan)}, DataError, "whole numbers"),
+        (VALUES, {"powers": ()}, DataError, "empty"),
+        (VALUES, {"orders": 3}, DataError, "sequence of whole numbers"),
+        (VALUES, {"natural_frequency": "a"}, DataError, "number in Hz"),
+        ({"synchronous": np.ones(5) + 1j}, {}, InvalidSamplesError, "real"),
+        ({"synchronous": [[1.0], [1.0, 2.0]]}, {}, InvalidSamplesError, "real numbers"),
+    ],
+)
+def test_what_is_no_sweep_is_refused(results, options, error, match):
+    with pytest.raises(error, match=match):
+        fit_speed_sweep(FIVE, results, **options)
+
+
+def test_speeds_in_revolutions_per_minute_are_told():
+    with pytest.raises(UnitError, match="divide rev/min by 60"):
+        fit_speed_sweep([1200.0, 1800.0, 2400.0, 3000.0, 3600.0], VALUES)
+
+
+@pytest.mark.parametrize("u", [None, {"synchronous": np.full(5, 1e-9)}])
+def test_result_is_short_plain_and_copied(u):
+    sweep = fit_speed_sweep(FIVE, VALUES, u=u, natural_frequency=120.0)
+    assert repr(sweep).startswith("SpeedSweep(5 recordings, 10 to 50 rev/s; synchronous: 20")
+    assert len(repr(sweep)) < 200
+    assert "20" in sweep._repr_html_()
+    document = json.loads(json.dumps(sweep.to_dict(), allow_nan=False))
+    assert document["fits"]["synchronous"]["powers"] == [0, 2]
+    for again in (copy.copy(sweep), copy.deepcopy(sweep), pickle.loads(pickle.dumps(sweep))):  # noqa: S301
+        assert again.to_dict() == sweep.to_dict()
+        assert repr(again) == repr(sweep)

@@ -1,5 +1,8 @@
 """Spindle analysis: known synchronous motion, known scatter, all directions, all refusals (S19)."""
 
+import copy
+import json
+import pickle
 import time
 
 import numpy as np
@@ -566,3 +569,110 @@ def test_hundred_revolutions_are_quick():
     start = time.perf_counter()
     iso230_7(x)
     assert time.perf_counter() - start < 0.4  # 0.06 s on a free core
+
+
+# -- hostile review ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("n", "m", "offset"),
+    [
+        pytest.param(360, 20, 0.0, marks=pytest.mark.slow),
+        (36, 20, 0.0),
+        pytest.param(257, 31, 0.0, marks=pytest.mark.slow),
+        (90, 20, 1.0),
+    ],
+)
+def test_total_scatters_as_stated(n, m, offset):
+    """sd of 200 repeated tests over the mean stated u; the sd itself is known to 5 %."""
+    rng = np.random.default_rng(7)
+    motion = 20 * NM * np.cos(2 * grid(n))
+    value, u = np.empty(200), np.empty(200)
+    for i in range(200):
+        noise = rng.normal(0, 2.5 * NM, (m, n)) + offset * rng.normal(0, 2.5 * NM, (m, 1))
+        total = iso230_7(motion + noise, seed=i).total
+        value[i], u[i] = total.value, total.u
+    assert abs(np.std(value, ddof=1) / np.mean(u) - 1) < 0.12
+
+
+def test_total_of_white_noise_is_that_of_order_statistics():
+    """Range of 20 x 36 independent values: sd by its closed form, from the two extremes."""
+    from metrosep.separation._spindle_noise import spectrum_of, u_of_total
+
+    rng = np.random.default_rng(5)
+    flat = rng.normal(size=(4000, 720))
+    sd = np.std(np.ptp(flat, axis=1))
+    rows = [flat[i].reshape(20, 36) for i in range(100)]
+    found = np.mean([u_of_total(r - r.mean(), spectrum_of(r, 0.0)) for r in rows])
+    assert abs(found / sd - 1) < 0.06  # sd of 4000: 1 %; curve and power from the data
+
+
+@pytest.mark.parametrize("level", [0.0, 1e-4])
+def test_rounding_is_no_finding(level):
+    t = grid(360)
+    clean = level + 5e-6 * np.cos(t) + 20 * NM * np.cos(2 * t) + 3 * NM * np.sin(11 * t)
+    record = np.tile(clean, (20, 1)) * (1 + 1e-16 * np.arange(20)[:, None])
+    said = " ".join(iso230_7(record).messages)
+    assert "deviate alike" not in said
+    assert "drift by" not in said
+
+    slow = clean + 1 * NM * np.arange(20)[:, None]
+    said = " ".join(iso230_7(slow).messages)
+    assert "deviate alike" in said
+    assert "drift by" in said
+
+
+def test_direction_may_be_positional():
+    x = np.tile(20 * NM * np.cos(2 * grid(90)), (20, 1))
+    assert iso230_7(x, grid(90), "axial").direction == "axial"
+
+
+@pytest.mark.parametrize(
+    ("signals", "match"),
+    [
+        ([[1, 2], [3]], "equal length"),
+        ([["a", "b"], ["c", "d"]], "real numbers"),
+        ({"radial": np.ones((2, 9)) * 1j}, "complex"),
+        ({"radial": [[1, 2], [3]]}, "'radial' must be real numbers"),
+    ],
+)
+def test_what_is_no_table_of_numbers_is_refused(signals, match):
+    with pytest.raises(InvalidSamplesError, match=match):
+        iso230_7(signals)
+
+
+def test_complex_angle_is_refused():
+    with pytest.raises(InvalidSamplesError, match="angle must be real"):
+        iso230_7(np.zeros((20, 9)), grid(9) + 0j)
+
+
+@pytest.mark.parametrize(
+    "again",
+    [copy.copy, copy.deepcopy, lambda r: pickle.loads(pickle.dumps(r))],  # noqa: S301
+)
+def test_result_is_copied_whole(again):
+    t = np.arange(4000) * 1e-3
+    recording = ms.Recording(
+        t, {"gap": 1e-8 * np.sin(20 * t), "angle": 10 * t}, units={"angle": "rad"}
+    )
+    for result in (iso230_7(recording, "angle"), resample_by_encoder(np.sin(20 * t), 10 * t)):
+        other = again(result)
+        assert repr(other) == repr(result)
+        assert other.audit == result.audit
+        assert type(other.audit) is type(result.audit)
+        array = other.table if hasattr(result, "start") else other.motion
+        with pytest.raises(ValueError, match="read-only"):
+            array[0, 0] = 1.0
+    whole = iso230_7(recording, "angle")
+    assert again(whole).to_dict() == whole.to_dict()
+
+
+def test_plain_values_survive_strict_json():
+    t = np.arange(4000) * 1e-3
+    for result in (
+        iso230_7(resample_by_encoder(np.sin(20 * t), 10 * t, method="cubic", n=33)),
+        iso230_7(resample_by_encoder(np.sin(20 * t), 10 * t)).harmonics,
+        resample_by_encoder(np.sin(20 * t), 10 * t, method="cubic", n=33),
+    ):
+        json.dumps(result.to_dict(), allow_nan=False)
+    assert "<table" in iso230_7(np.zeros((20, 90)))._repr_html_()
