@@ -19,14 +19,15 @@ class CheckedArray(np.ndarray[Any, np.dtype[np.float64]]):
 def frozen_float(values: ArrayLike, *, name: str, ndim: int, min_size: int = 1) -> FloatArray:
     """Return a private, non-writeable float64 copy; infinities are refused, NaN kept.
 
-    An array that owns its memory and was made non-writeable is taken as it is.
+    An array that owns its memory and was made non-writeable is taken as it is. What a masked array
+    masks is NaN.
     """
     if isinstance(values, CheckedArray) and values.flags.c_contiguous and values.ndim == ndim:
         checked: FloatArray = values.view(np.ndarray)
         checked.setflags(write=False)
         return checked
     try:
-        array = values if _is_frozen(values) else np.array(values, dtype=np.float64)
+        array = values if _is_frozen(values) else _as_float(values)
     except (TypeError, ValueError) as exc:
         raise InvalidSamplesError(
             f"{name} must hold real numbers in SI, got {type(values).__name__}: {exc}"
@@ -41,6 +42,16 @@ def frozen_float(values: ArrayLike, *, name: str, ndim: int, min_size: int = 1) 
             f"{name} is infinite at index {first}; write NaN where nothing was measured"
         )
     array.setflags(write=False)
+    return array
+
+
+def _as_float(values: ArrayLike) -> FloatArray:
+    """Return a copy in float64, masked values as NaN; complex numbers are a TypeError."""
+    if np.iscomplexobj(values):
+        raise TypeError("complex numbers; take their real part")
+    array = np.array(values, dtype=np.float64)
+    if isinstance(values, np.ma.MaskedArray):
+        array[np.ma.getmaskarray(values)] = np.nan
     return array
 
 
