@@ -90,6 +90,9 @@ def run(
 @click.option("--shortest", metavar="LENGTH", help='Shortest wavelength: "1.2 mm".')
 @click.option("--lag", metavar="TIME", help='Delay of the reading: "1 ms", or fit.')
 @click.option("--min-feeds", type=int, metavar="N", help="Feedrates that must be there (joint).")
+@click.option("--drift", type=int, metavar="0|1|2", help="Polynomial in time of each run (joint).")
+@click.option("--lines", metavar="auto|FREQ,...", help='Disturbing lines: auto, "50 Hz" (joint).')
+@click.option("--robust", is_flag=True, default=None, help="Spikes lose their weight (joint).")
 @click.option("--table", "table_", metavar="NAME=FILE", help="Write a table: linuxcnc=x.comp.")
 @table_options
 @click.option("--poly", metavar="DEGREE", help="Fit a polynomial: 2, or auto.")
@@ -129,6 +132,7 @@ def separate(
             runs,
             out,
             settings=[name for name, _ in name_values(options["settings"], "--set")],
+            columns=[name for name, _ in name_values(options["columns"], "--column")],
             print_recipe=print_recipe,
             as_json=as_json,
         )
@@ -167,6 +171,7 @@ def _separate_named(
     out: str | None,
     *,
     settings: list[str],
+    columns: list[str],
     print_recipe: bool,
     as_json: bool,
 ) -> int:
@@ -181,7 +186,9 @@ def _separate_named(
     try:
         recipe = Recipe.parse(text, name="command line")
     except RecipeError as exc:
-        raise click.UsageError(option_error(exc, settings=settings), ctx=context) from None
+        raise click.UsageError(
+            option_error(exc, settings=settings, columns=columns), ctx=context
+        ) from None
     result = recipe.run(list(files), out=out, progress=_progress(context))
     print_named(recipe, result, as_json=as_json)
     return 0
@@ -322,6 +329,8 @@ def _print_result(result: Result, *, as_json: bool, written: list[str] | None = 
         return
     estimate = result.estimate
     say(repr(estimate))
+    for feed, number in (result.document.get("plan") or {}).get("runs", ()):
+        say(f"next: {number} run(s) at {feed:.6g} mm/min")
     for message in result.document["messages"]:
         say(f"note: {message}")
     for made in (result.document["table"], *result.document["more_tables"]):

@@ -13,6 +13,7 @@ from metrosep.cli.files import check, controllers, convert, formats, info
 from metrosep.cli.jobs import demo, run, separate, table, verify
 from metrosep.cli.measuring import form, measure, verify_softgauge
 from metrosep.cli.named import ops
+from metrosep.cli.planning import plan
 
 __all__ = ["cli", "main"]
 
@@ -45,6 +46,7 @@ for _command in (
     verify,
     verify_softgauge,
     run,
+    plan,
     formats,
     controllers,
     ops,

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import difflib
 import json
+import math
+import textwrap
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -19,12 +21,15 @@ if TYPE_CHECKING:
 
 __all__ = ["named_recipe", "ops", "print_named", "require_columns"]
 
+_WIDTH = 100
+_OF_INPUT = (
+    "readings", "x", "angle", "repeat", "scale", "separator", "decimal", "encoding",
+    "unit", "channel", "lateral_step",
+)  # fmt: skip
 _OF_RUNS = (
     "z", "feed", "run", "direction", "time", "sampling_rate", "start", "length", "shortest", "lag",
-    "min_feeds", "poly", "table_",
+    "min_feeds", "poly", "table_", "drift", "lines", "robust",
 )  # fmt: skip
-_CURVE_INPUT = ("readings", "x", "angle", "repeat", "scale", "separator", "decimal", "encoding")
-_MAP_INPUT = ("unit", "channel", "lateral_step")
 
 
 @click.command()
@@ -32,16 +37,15 @@ _MAP_INPUT = ("unit", "channel", "lateral_step")
 def ops(as_json: bool) -> int:
     """List the steps of recipes, with the readings and the keys of each."""
     from metrosep.recipe.methods import METHODS
-    from metrosep.recipe.steps import STEPS
+    from metrosep.recipe.steps import STEPS, WHAT
 
     rows: list[dict[str, Any]] = [
         {
             "op": name,
-            "what": "error of an axis from repeated runs (joint, kono, mean)"
-            if name == "separate"
-            else "polynomial of the error or the compensation over position",
+            "what": WHAT[name],
             "reads": "runs",
             "readings": [],
+            "columns": {},
             "keys": {k: f.kind for k, f in fields.items() if k != "op"},
         }
         for name, fields in STEPS.items()
@@ -51,6 +55,7 @@ def ops(as_json: bool) -> int:
             "what": method.what,
             "reads": method.reads,
             "readings": list(method.names),
+            "columns": dict(method.roles),
             "keys": {k: f.kind for k, f in method.fields.items() if k != "op"},
         }
         for name, method in METHODS.items()
@@ -59,10 +64,30 @@ def ops(as_json: bool) -> int:
         click.echo(json.dumps(rows, sort_keys=True))
         return 0
     for row in rows:
-        readings = f" ({', '.join(row['readings'])})" if row["readings"] else ""
         click.echo(f"{row['op']}: {row['what']}")
-        click.echo(f"    reads {row['reads']}{readings}; keys {', '.join(row['keys']) or 'none'}")
+        click.echo(f"    reads {_read_by(row)}")
+        keys = ", ".join(row["keys"])
+        if keys:
+            click.echo(
+                textwrap.fill(
+                    f"keys {keys}", _WIDTH, initial_indent="    ", subsequent_indent="         "
+                )
+            )
     return 0
+
+
+def _read_by(row: Mapping[str, Any]) -> str:
+    """Return what a step reads: kind, names of the readings, columns by role."""
+    text = str(row["reads"])
+    if row["readings"]:
+        text += f" ({', '.join(row['readings'])})"
+    needed = [k for k, kind in row["columns"].items() if "?" not in kind]
+    free = [k for k, kind in row["columns"].items() if "?" in kind]
+    if needed:
+        text += f"; columns {', '.join(needed)}"
+    if free:
+        text += f"; where there are {', '.join(free)}"
+    return text
 
 
 def require_columns(options: Mapping[str, Any]) -> None:
@@ -98,10 +123,11 @@ def require_columns(options: Mapping[str, Any]) -> None:
                 f"--{name} belongs to a named separation, such as --method donaldson; runs have "
                 "--x, --z and --run"
             )
-    if options.get("settings"):
-        raise click.UsageError(
-            "--set belongs to a named separation; runs have options of their own"
-        )
+    for name, option in (("settings", "--set"), ("columns", "--column")):
+        if options.get(name):
+            raise click.UsageError(
+                f"{option} belongs to a named separation; runs have options of their own"
+            )
 
 
 def named_recipe(name: str, options: Mapping[str, Any], *, report: bool) -> str:
@@ -126,32 +152,33 @@ def named_recipe(name: str, options: Mapping[str, Any], *, report: bool) -> str:
     UsageError
         If an option is one of repeated runs, or a ``--set`` is of the wrong kind.
     """
-    from metrosep.recipe.methods import METHODS
+    from metrosep.recipe.methods import METHODS, input_fields
 
     method = METHODS[name]
+    known = input_fields(method)
     for key in _OF_RUNS:
-        if options.get(key) is not None:
+        if options.get(key) is not None and key not in known:
             option = key.rstrip("_").replace("_", "-")
             raise click.UsageError(
-                f"--{option} belongs to repeated runs; --method {name} takes "
-                + (
-                    "--readings, --x or --angle, --repeat and --set"
-                    if method.reads == "curves"
-                    else "--set"
-                )
+                f"--{option} belongs to repeated runs; --method {name} takes {_takes(method)}"
             )
-    keys = _CURVE_INPUT if method.reads == "curves" else _MAP_INPUT
+    for key in _OF_INPUT:
+        if options.get(key) and key not in known:
+            raise click.UsageError(
+                f"--{key.replace('_', '-')} is not read by --method {name}; it takes {_takes(method)}"
+            )
+    columns = dict(name_values(options.get("columns") or (), "--column"))
     lines = ["metrosep = 1", "", "[input]"]
-    for key in keys:
-        value = options.get(key)
+    for key in [*known, *(k for k in columns if k not in known)]:
+        value = columns.get(key, options.get(key))
         if value is not None and value != ():
-            lines.append(f"{key} = {_listed(value) if key == 'readings' else _quoted(value)}")
+            several = key in known and known[key].kind == "texts"
+            lines.append(f"{key} = {_listed(value) if several else _quoted(value)}")
     lines += ["", "[[step]]", f"op = {_quoted(name)}"]
     for key, value in name_values(options.get("settings") or (), "--set"):
         lines.append(f"{key} = {_typed(key, value, method)}")
     if report:
-        suffix = "csv" if method.reads == "curves" else "h5"
-        lines += ["", "[[output]]", 'kind = "parts"', f'path = "parts.{suffix}"']
+        lines += ["", "[[output]]", 'kind = "parts"']
         lines += ["", "[[output]]", 'kind = "report"', 'formats = ["html"]']
     return "\n".join(lines) + "\n"
 
@@ -176,7 +203,13 @@ def print_named(recipe: Recipe, result: Result, *, as_json: bool) -> None:
         summary["files"] = [str(f) for f in result.files]
         click.echo(json.dumps(summary, sort_keys=True, allow_nan=False))
         return
-    say(repr(result.produced))
+    if document["separation"].get("parts") is None:
+        for entry in document["characteristics"]:
+            say(_value(entry))
+    else:
+        say(repr(result.produced))
+    for feed, runs in document["separation"].get("runs") or []:
+        say(f"next: {runs} run(s) at {feed:.6g} mm/min")
     for item in getattr(result.produced, "null_space", ()):
         say(f"not seen: {item}")
     for message in document["messages"]:
@@ -188,7 +221,24 @@ def print_named(recipe: Recipe, result: Result, *, as_json: bool) -> None:
         say(f"{labels.get(file.suffix, 'parts'):8} {file}")
 
 
-_SUMMARY = ("op", "what", "method", "null_space", "noise", "audit", "units")
+def _takes(method: Method) -> str:
+    """Return the options of a method, for the message on one that it does not have."""
+    if method.reads == "curves":
+        place = {"x": "--x", "angle": "--angle"}.get(method.over, "--x or --angle")
+        return f"--readings, {place}, --repeat, --column and --set"
+    roles = ", ".join(method.roles)
+    return f"--column ({roles}) and --set" if roles else "--set"
+
+
+def _value(entry: Mapping[str, Any]) -> str:
+    from metrosep.core.quantity import Quantity
+
+    value = math.nan if entry["value"] is None else entry["value"]
+    q = Quantity(value, entry["unit"], entry["definition"], u=entry["u"])
+    return f"{entry['metric']}: {q}"
+
+
+_SUMMARY = ("op", "what", "method", "null_space", "noise", "audit", "units", "runs", "result")
 
 
 def _typed(key: str, value: str, method: Method) -> str:
@@ -196,12 +246,46 @@ def _typed(key: str, value: str, method: Method) -> str:
     field: Field | None = method.fields.get(key)
     kind = "text" if field is None else field.kind
     if kind in ("number", "integer", "flag"):
+        return _plain(key, value)
+    if kind == "frequencies" and value == "auto":
+        return _quoted(value)
+    if kind == "waves" and value.isdecimal():
         return value
-    if kind in ("angles", "lengths", "texts"):
-        return "[" + ", ".join(_quoted(v.strip()) for v in value.split(",")) + "]"
-    if kind == "numbers":
-        return f"[{value}]"
+    if kind in ("numbers", "integers"):
+        return "[" + ", ".join(_plain(key, v.strip()) for v in value.split(",")) + "]"
+    if kind in ("windows", "places", "pairs"):
+        return _nested(value, numbers=kind == "pairs")
+    if kind in _LISTS:
+        return _listed(value)
     return _quoted(value)
+
+
+def _plain(key: str, value: str) -> str:
+    """Return a number or true or false as it is; refuse what TOML does not know as one."""
+    import tomllib
+
+    try:
+        tomllib.loads(f"v = {value}")
+    except tomllib.TOMLDecodeError:
+        raise click.UsageError(
+            f"--set {key}: a number, true or false is needed, found {value!r}"
+        ) from None
+    return value
+
+
+_LISTS = ("angles", "lengths", "texts", "times", "speeds", "frequencies", "waves", "range")
+
+
+def _nested(value: str, *, numbers: bool) -> str:
+    """Return ``a..b, c..d`` as pairs, and a plain list as it is."""
+    items = [item.strip() for item in value.split(",")]
+    if not any(".." in item for item in items):
+        return f"[{value}]" if numbers else _listed(value)
+    pairs = []
+    for item in items:
+        pair = [p.strip() for p in item.split("..")]
+        pairs.append("[" + ", ".join(p if numbers else _quoted(p) for p in pair) + "]")
+    return "[" + ", ".join(pairs) + "]"
 
 
 def _listed(columns: str) -> str:

@@ -182,6 +182,13 @@ def named_options(command: F) -> F:
                 metavar="NAME=VALUE",
                 help='Named: a key of the method, "radius=25 mm"; may be repeated.',
             ),
+            click.option(
+                "--column",
+                "columns",
+                multiple=True,
+                metavar="ROLE=COLUMN",
+                help='Named: another column of the method, "pitch=pitch_urad"; may be repeated.',
+            ),
             click.option("--unit", help="Named, maps: unit of the heights, if the file has none."),
             click.option("--channel", help="Named, maps: channel of a file that holds several."),
             click.option(

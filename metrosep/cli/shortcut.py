@@ -37,8 +37,15 @@ def recipe_text(options: dict[str, Any], *, table: tuple[str, str] | None, repor
     lines += [f"{k} = {_quoted(options[k])}" for k in _INPUT if options.get(k) is not None]
     lines += ["", "[[step]]", 'op = "separate"']
     lines += [f"{k} = {_quoted(options[k])}" for k in _SEPARATE if options.get(k) is not None]
-    if options.get("min_feeds") is not None:
-        lines.append(f"min_feeds = {options['min_feeds']}")
+    for key in ("min_feeds", "drift"):
+        if options.get(key) is not None:
+            lines.append(f"{key} = {options[key]}")
+    if options.get("lines") is not None:
+        asked = str(options["lines"])
+        each = ", ".join(_quoted(f.strip()) for f in asked.split(","))
+        lines.append(f"lines = {_quoted(asked) if asked == 'auto' else f'[{each}]'}")
+    if options.get("robust"):
+        lines.append("robust = true")
     if options.get("poly") is not None:
         degree = str(options["poly"])
         lines += ["", "[[step]]", 'op = "polynomial"', 'quantity = "error"']
@@ -58,7 +65,9 @@ def recipe_text(options: dict[str, Any], *, table: tuple[str, str] | None, repor
     return "\n".join(lines) + "\n"
 
 
-def option_error(error: RecipeError, *, settings: Collection[str] = ()) -> str:
+def option_error(
+    error: RecipeError, *, settings: Collection[str] = (), columns: Collection[str] = ()
+) -> str:
     """Return the message of an error in the recipe of a call, in terms of the options given.
 
     Parameters
@@ -67,6 +76,8 @@ def option_error(error: RecipeError, *, settings: Collection[str] = ()) -> str:
         Of the recipe that nobody sees.
     settings : collection of str, optional
         Keys that were given with ``--set``.
+    columns : collection of str, optional
+        Roles that were given with ``--column``.
 
     Returns
     -------
@@ -79,6 +90,8 @@ def option_error(error: RecipeError, *, settings: Collection[str] = ()) -> str:
     option = "--" + options.get(key, key).replace("_", "-")
     if key in settings:
         option = f"--set {key}"
+    elif key in columns:
+        option = f"--column {key}"
     if message.startswith(f"{key} = "):
         return f"{option} {message.removeprefix(f'{key} = ')}"
     return f"{option}: {message}" if key else message

@@ -6,6 +6,7 @@ with the SHA-256 of the file. The history travels into every table, report and e
 
 from __future__ import annotations
 
+import copyreg
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -29,6 +30,14 @@ def freeze_mapping(items: Mapping[str, Any] | None) -> Mapping[str, Any]:
         A view that cannot be changed.
     """
     return MappingProxyType(dict(items or {}))
+
+
+def _copied_mapping(view: MappingProxyType[str, Any]) -> tuple[Any, tuple[dict[str, Any]]]:
+    return freeze_mapping, (dict(view),)
+
+
+# Python cannot copy a read-only view by itself; objects that hold one go to other processes.
+copyreg.pickle(MappingProxyType, _copied_mapping)
 
 
 def hash_bytes(data: bytes) -> str:

@@ -8,8 +8,8 @@ apart by a column that numbers them.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from metrosep.core.errors import FormatMismatchError, InvalidSamplesError
 from metrosep.core.provenance import Step
+from metrosep.io.role_columns import Role, role_values
 from metrosep.io.run_tables import columns_of
 from metrosep.io.select import ColumnSpec, pick, sensitivity, to_si
 from metrosep.io.source import RawFile, open_file
@@ -47,6 +48,10 @@ class Readings:
         One step ``read`` for each file.
     warnings : tuple of str
         What is odd about the files.
+    extra : mapping of str to ndarray, shape (n_repeats, n)
+        Further columns by their role: numbers in SI, or texts.
+    position_unit : {"m", "rad"}
+        Of `position`.
     """
 
     values: FloatArray
@@ -54,6 +59,8 @@ class Readings:
     position: FloatArray | None
     history: tuple[Step, ...]
     warnings: tuple[str, ...] = ()
+    extra: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    position_unit: str = "m"
 
 
 def read_readings(
@@ -65,6 +72,7 @@ def read_readings(
     repeat: str | None = None,
     dimension: Dimension = "length",
     scale: float | str | None = None,
+    extra: Mapping[str, Role] | None = None,
     **layout: Any,
 ) -> Readings:
     """Read curves of several set-ups or sensors from text or from recordings.
@@ -84,6 +92,9 @@ def read_readings(
         What the readings are.
     scale : float (m/V) or str, optional
         Sensitivity where the readings are voltages, such as ``"-2.5 um/V"``.
+    extra : mapping of str to Role, optional
+        Further columns that belong to all readings, such as time or the pitch of a carriage; for
+        a single file.
     **layout
         ``separator``, ``decimal``, ``encoding``, ``comment``, ``skip_rows``.
 
@@ -110,6 +121,12 @@ def read_readings(
     values: list[list[FloatArray]] = []
     names: list[str] = []
     first: tuple[FloatArray | None, str] | None = None
+    more: dict[str, NDArray[Any]] = {}
+    if extra and len(files) > 1:
+        raise FormatMismatchError(
+            f"{', '.join(extra)} belong to the readings of one file, {len(files)} were given; put "
+            "all readings into one file"
+        )
     history: list[Step] = []
     warnings: list[str] = []
     factor = sensitivity(scale)
@@ -119,6 +136,9 @@ def read_readings(
         rows = _repeats(file, table, repeat)
         position = _position(file, table, rows, x, angle)
         first = _same_positions(first, position, file, len(rows[0]))
+        for name, role in (extra or {}).items():
+            whole = role_values(file, table, role, name=name)
+            more[name] = np.stack([whole[r] for r in rows])
         for spec in columns:
             column, unit = pick(file, table, spec, role="reading")
             whole = to_si(file, column, unit, dimension=dimension, role="reading", scale=factor)
@@ -126,6 +146,7 @@ def read_readings(
             names.append(column.name if len(files) == 1 else f"{file.name}: {column.name}")
         warnings += [f"{file.name}: {w}" for w in table.warnings]
         facts = {"readings": ", ".join(str(c) for c in columns)}
+        facts |= {name: str(role.column) for name, role in (extra or {}).items()}
         facts |= {} if scale is None else {"scale": str(scale)}
         history += file.history(format_id, facts)
     return Readings(
@@ -134,6 +155,8 @@ def read_readings(
         None if first is None else first[0],
         tuple(history),
         tuple(warnings),
+        more,
+        "m" if angle is None else "rad",
     )
 
 

@@ -1,20 +1,110 @@
-"""Figures of a result: error over position, spectra, residual, table; as Axes, SVG or PNG."""
+"""Figures of results and separations, as Axes, SVG or PNG; a name loads its module on first use."""
 
 from __future__ import annotations
 
-from metrosep.plot.error import before_after
-from metrosep.plot.overview import drawable, overview
-from metrosep.plot.spectra import residual_psd, spectrum
-from metrosep.plot.style import figure_png, figure_svg
-from metrosep.plot.table import table_plot
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "before_after",
-    "drawable",
-    "figure_png",
-    "figure_svg",
-    "overview",
-    "residual_psd",
-    "spectrum",
-    "table_plot",
-]
+from metrosep.core._lazy import lazy_names
+
+if TYPE_CHECKING:
+    from metrosep.plot.charts import draw_chart as draw_chart
+    from metrosep.plot.drift import allan_plot as allan_plot, drift_chart as drift_chart
+    from metrosep.plot.error import before_after as before_after
+    from metrosep.plot.evidence_chart import evidence_plot as evidence_plot
+    from metrosep.plot.feed_chart import feed_map as feed_map
+    from metrosep.plot.flats import flat_maps as flat_maps
+    from metrosep.plot.harmonics import harmonic_bars as harmonic_bars
+    from metrosep.plot.maps import separation_maps as separation_maps
+    from metrosep.plot.multipoint import (
+        probe_transfer as probe_transfer,
+        straightness_parts as straightness_parts,
+    )
+    from metrosep.plot.planning import plan_density as plan_density, plan_sd as plan_sd
+    from metrosep.plot.polar import polar_plot as polar_plot
+    from metrosep.plot.positioning import positioning_chart as positioning_chart
+    from metrosep.plot.probes import (
+        probe_gain_chart as probe_gain_chart,
+        probe_layout as probe_layout,
+        probe_residuals as probe_residuals,
+    )
+    from metrosep.plot.separation import (
+        parts_plot as parts_plot,
+        reversal_quartet as reversal_quartet,
+        separation_parts as separation_parts,
+    )
+    from metrosep.plot.spectra import residual_psd as residual_psd, spectrum as spectrum
+    from metrosep.plot.speed_chart import speed_plot as speed_plot
+    from metrosep.plot.stitching import (
+        overlap_mismatch as overlap_mismatch,
+        stitch_layout as stitch_layout,
+        stitched_surface as stitched_surface,
+    )
+    from metrosep.plot.style import figure_png as figure_png, figure_svg as figure_svg
+    from metrosep.plot.summary import (
+        charts_of as charts_of,
+        drawable as drawable,
+        overview as overview,
+    )
+    from metrosep.plot.table import table_plot as table_plot
+
+_HOMES = {
+    "charts": ("draw_chart",),
+    "drift": (
+        "allan_plot",
+        "drift_chart",
+    ),
+    "error": ("before_after",),
+    "evidence_chart": ("evidence_plot",),
+    "feed_chart": ("feed_map",),
+    "flats": ("flat_maps",),
+    "harmonics": ("harmonic_bars",),
+    "maps": ("separation_maps",),
+    "multipoint": (
+        "probe_transfer",
+        "straightness_parts",
+    ),
+    "planning": (
+        "plan_density",
+        "plan_sd",
+    ),
+    "polar": ("polar_plot",),
+    "positioning": ("positioning_chart",),
+    "probes": (
+        "probe_gain_chart",
+        "probe_layout",
+        "probe_residuals",
+    ),
+    "separation": (
+        "parts_plot",
+        "reversal_quartet",
+        "separation_parts",
+    ),
+    "spectra": (
+        "residual_psd",
+        "spectrum",
+    ),
+    "speed_chart": ("speed_plot",),
+    "stitching": (
+        "overlap_mismatch",
+        "stitch_layout",
+        "stitched_surface",
+    ),
+    "style": (
+        "figure_png",
+        "figure_svg",
+    ),
+    "summary": (
+        "charts_of",
+        "drawable",
+        "overview",
+    ),
+    "table": ("table_plot",),
+}
+
+__all__ = sorted(name for names in _HOMES.values() for name in names)  # noqa: PLE0605
+
+__getattr__ = lazy_names(__name__, _HOMES)
+
+
+def __dir__() -> list[str]:
+    return __all__

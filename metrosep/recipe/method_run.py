@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from metrosep._version import __version__
 from metrosep.core.provenance import Step, history_as_dicts
 from metrosep.core.quantity import Quantity
 from metrosep.parameters.decision import decide, worst
 from metrosep.recipe.characteristics import DECISION_RULE
+from metrosep.recipe.described import describe
+from metrosep.recipe.description import Description
 from metrosep.recipe.method_inputs import load_inputs, sources
 from metrosep.recipe.methods import METHODS
 from metrosep.recipe.outputs import write_reports
@@ -21,12 +20,11 @@ from metrosep.recipe.parts import write_parts
 from metrosep.recipe.preflight import RESULT_NAME
 from metrosep.recipe.result import SCHEMA, Result, clean
 from metrosep.recipe.staging import staged
-from metrosep.separation.contract import Separation
 
 if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe
 
-__all__ = ["quantities", "run_method"]
+__all__ = ["run_method"]
 
 
 def run_method(
@@ -62,63 +60,23 @@ def run_method(
     tell(f"separating: {method.what}")
     produced = method.call(inputs, {k: v for k, v in step.items() if k != "op"})
     history, warnings = sources(inputs)
-    document = _document(recipe, produced, history, warnings)
+    described = describe(produced, inputs)
+    document = _document(recipe, produced, described, history, warnings)
     if out is None:
         return Result(document, produced)
     with staged(out) as stage:
-        names = write_parts(recipe, produced, stage, tell)
+        names = write_parts(recipe, described, stage, tell)
         names += write_reports(recipe, document, stage, tell)
         Result(document, produced).write(stage / RESULT_NAME)
     return Result(document, produced, tuple(out / n for n in (*names, RESULT_NAME)))
 
 
-def quantities(produced: Any) -> dict[str, Quantity]:
-    """Return the numbers of a result that a recipe can check, by metric.
-
-    Parameters
-    ----------
-    produced : Separation, ParameterTable or an object with ``.table``
-        What a method returned.
-
-    Returns
-    -------
-    dict of str to Quantity
-        ``part.pv`` and ``part.rms`` of a separation; the symbols of a table.
-    """
-    table = getattr(produced, "table", produced)
-    if isinstance(table, Mapping):
-        return {str(k): q for k, q in table.items()}
-    if not isinstance(produced, Separation):
-        return {}
-    found = {}
-    for name, values in produced.parts.items():
-        known = np.isfinite(values)
-        if not known.any():
-            continue
-        unit, u = produced.units[name], produced.u[name]
-        flat, flat_u = values[known], u[known]
-        high, low = int(np.argmax(flat)), int(np.argmin(flat))
-        u_pv = math.hypot(flat_u[high], flat_u[low])
-        rms = math.sqrt(float(np.mean((flat - flat.mean()) ** 2)))
-        text = name.replace("_", " ")
-        found[f"{name}.pv"] = Quantity(
-            float(flat[high] - flat[low]),
-            unit,
-            f"P-V of the separated {text}; u of the two extremes as if independent",
-            u=None if math.isnan(u_pv) else u_pv,
-            symbol=f"PV {text}",
-        )
-        found[f"{name}.rms"] = Quantity(
-            rms,
-            unit,
-            f"RMS of the separated {text} about its mean",
-            symbol=f"RMS {text}",
-        )
-    return found
-
-
 def _document(
-    recipe: Recipe, produced: Any, history: Iterable[Step], warnings: tuple[str, ...]
+    recipe: Recipe,
+    produced: Any,
+    described: Description,
+    history: Iterable[Step],
+    warnings: tuple[str, ...],
 ) -> dict[str, Any]:
     from metrosep.recipe.run import input_records, versions
 
@@ -132,7 +90,15 @@ def _document(
             "title": recipe.title or METHODS[name].what.capitalize(),
             "inputs": input_records(steps),
             "estimate": None,
-            "separation": {"op": name, "what": METHODS[name].what, **produced.to_dict()},
+            "separation": {
+                "op": name,
+                "what": METHODS[name].what,
+                "result": type(produced).__name__,
+                "audit": dict(described.audit),
+                "messages": list(messages),
+                **described.document,
+                "charts": list(described.charts),
+            },
             "plots": None,
             "table": None,
             "more_tables": [],
@@ -142,7 +108,7 @@ def _document(
             "recipe": {"name": recipe.name, "text": recipe.text, "sha256": recipe.sha256},
             "versions": versions(),
             "decision_rule": DECISION_RULE,
-            **_judged(recipe, quantities(produced)),
+            **_judged(recipe, described.quantities),
         }
     )
 

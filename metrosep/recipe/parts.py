@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,13 +12,14 @@ from metrosep.core.surface import Surface
 from metrosep.recipe.preflight import output_name
 
 if TYPE_CHECKING:
+    from metrosep.recipe.description import Description
     from metrosep.recipe.recipe import Recipe
 
 __all__ = ["write_parts"]
 
 
 def write_parts(
-    recipe: Recipe, produced: Any, folder: Path, tell: Callable[[str], None]
+    recipe: Recipe, described: Description, folder: Path, tell: Callable[[str], None]
 ) -> list[str]:
     """Write the parts that the outputs of a recipe ask for.
 
@@ -26,8 +27,8 @@ def write_parts(
     ----------
     recipe : Recipe
         With its outputs.
-    produced : Separation or another result with ``to_frame``
-        What was separated.
+    described : Description
+        What was separated: tables and maps.
     folder : Path
         Where to write.
     tell : callable
@@ -36,7 +37,8 @@ def write_parts(
     Returns
     -------
     list of str
-        Names of the files. Maps give one file for each part, its name in that of the file.
+        Names of the files. Maps give one file for each part, tables over several coordinates one
+        for each, its name in that of the file.
 
     Raises
     ------
@@ -49,42 +51,29 @@ def write_parts(
     for i, output in enumerate(recipe.outputs):
         if output["kind"] != "parts":
             continue
-        name = output_name(output.get("path", "parts.csv"), recipe.place("[[output]]", i))
+        usual = "parts.h5" if described.maps else "parts.csv"
+        name = output_name(output.get("path", usual), recipe.place("[[output]]", i))
         tell(f"writing {name}")
-        maps = _maps_of(produced)
-        if maps:
-            written += _write_maps(maps, folder, Path(name))
-        elif hasattr(produced, "to_frame"):
-            text = produced.to_frame().to_csv(index=False, lineterminator="\n")
-            atomic_write(folder / name, text.encode("utf-8"))
-            written.append(name)
-        else:
-            raise DataError(f"a {type(produced).__name__} has no parts that can be written")
+        if not described.maps and not described.tables:
+            raise DataError("this result has no parts that can be written; leave this output out")
+        written += _write_maps(described.maps, folder, Path(name))
+        for table, columns in described.tables.items():
+            stem, suffix = Path(name).stem, Path(name).suffix
+            kind = ".csv" if described.maps else suffix or ".csv"
+            file = f"{stem}-{table}{kind}" if table else f"{stem}{kind}"
+            atomic_write(folder / file, _csv(columns))
+            written.append(file)
     return written
 
 
-def _maps_of(produced: Any) -> dict[str, Surface]:
-    """Return the parts that are maps, as surfaces."""
-    coordinates = getattr(produced, "coordinates", {})
-    if not {"x", "y"} <= set(coordinates):
-        return {}
-    x, y = coordinates["x"], coordinates["y"]
-    shape = (y.size, x.size)
-    return {
-        name: Surface(
-            values,
-            float(x[1] - x[0]),
-            float(y[1] - y[0]),
-            origin=(float(x[0]), float(y[0])),
-            metadata={"part": name},
-            history=produced.history,
-        )
-        for name, values in produced.parts.items()
-        if values.shape == shape
-    }
+def _csv(columns: Mapping[str, Any]) -> bytes:
+    import pandas as pd
+
+    text: str = pd.DataFrame(dict(columns)).to_csv(index=False, lineterminator="\n")
+    return text.encode("utf-8")
 
 
-def _write_maps(maps: dict[str, Surface], folder: Path, name: Path) -> list[str]:
+def _write_maps(maps: Mapping[str, Surface], folder: Path, name: Path) -> list[str]:
     from metrosep.io.write import write
 
     written = []

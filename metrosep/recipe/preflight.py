@@ -49,11 +49,18 @@ def check_recipe(recipe: Recipe) -> None:
     RecipeError
         With file and line.
     """
-    seen = False
+    seen: set[str] = set()
     for i, step in enumerate(recipe.steps):
-        if step["op"] == "polynomial" and seen:
-            raise recipe.place("[[step]]", i).error("a recipe fits at most one polynomial", "op")
-        seen = seen or step["op"] == "polynomial"
+        op, place = step["op"], recipe.place("[[step]]", i)
+        if op == "polynomial" and op in seen:
+            raise place.error("a recipe fits at most one polynomial", "op")
+        if op == "plan_feedrates" and (op in seen or "separate" not in seen):
+            raise place.error(
+                "one plan_feedrates at most, after the step that separates: it plans with the "
+                "disturbance found there",
+                "op",
+            )
+        seen.add(op)
     has_table = any(o["kind"] == "table" for o in recipe.outputs)
     for i, check in enumerate(recipe.checks):
         _check_limits(check, recipe.place("[[check]]", i), has_table=has_table)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
+import re
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -94,6 +95,7 @@ def _document(
 ) -> tuple[dict[str, Any], list[str]]:
     """Return the content of result.json, and the names of the files of the tables."""
     described = [t.description for t in tables]
+    plan = _plan(recipe, estimate)
     content = {
         "schema": SCHEMA,
         "metrosep": __version__,
@@ -108,6 +110,7 @@ def _document(
             *runs.metadata.get("warnings", ()),
             *estimate.messages,
             *_about_tables(described),
+            *(plan or {}).get("messages", ()),
         ],
         "provenance": history_as_dicts(estimate.history),
         "recipe": {"name": recipe.name, "text": recipe.text, "sha256": recipe.sha256},
@@ -115,6 +118,8 @@ def _document(
         "decision_rule": DECISION_RULE,
         **characteristics(recipe, estimate, [t.verification for t in tables]),
     }
+    if plan is not None:
+        content["plan"] = plan
     return clean(content), [name for t in tables for name in t.names]
 
 
@@ -171,11 +176,35 @@ def input_files(recipe: Recipe, inputs: PathLike | Iterable[PathLike] | None) ->
             found.append(place)
             continue
         patterns = recipe.input.get("files", ["*.csv"])
-        inside = sorted({f for p in patterns for f in place.glob(p) if f.is_file()})
-        if not inside:
-            raise ReadError(f"{place}: no file matches {', '.join(patterns)}")
-        found += inside
+        found += _in_order(place, patterns) if recipe.is_method else _sorted(place, patterns)
     return found
+
+
+def _sorted(place: Path, patterns: Iterable[str]) -> list[Path]:
+    inside = sorted({f for p in patterns for f in place.glob(p) if f.is_file()})
+    if not inside:
+        raise ReadError(f"{place}: no file matches {', '.join(patterns)}")
+    return inside
+
+
+def _in_order(place: Path, patterns: Iterable[str]) -> list[Path]:
+    """Return the files as they are listed: a separation tells its readings by their order.
+
+    Those of one pattern are sorted by name, numbers in it by their value. A name without a file is
+    refused: without it the others would move up.
+    """
+    found: list[Path] = []
+    for pattern in patterns:
+        inside = [f for f in place.glob(pattern) if f.is_file()]
+        if not inside:
+            raise ReadError(f"{place}: no file matches {pattern}")
+        found += sorted((f for f in inside if f not in found), key=_by_number)
+    return found
+
+
+def _by_number(file: Path) -> list[tuple[int, int, str]]:
+    pieces = re.split(r"(\d+)", file.name)
+    return [(1, int(p), "") if p.isdecimal() else (0, 0, p) for p in pieces]
 
 
 def _read(recipe: Recipe, files: list[Path]) -> RunSet:
@@ -192,7 +221,7 @@ def _read(recipe: Recipe, files: list[Path]) -> RunSet:
 
 
 def _separate(recipe: Recipe, runs: RunSet, tell: Progress) -> ErrorEstimate:
-    from metrosep.separation.separate import separate
+    from metrosep.separation.entry import separate
 
     tell(f"separating {len(runs)} runs")
     step = next(s for s in recipe.steps if s["op"] == "separate")
@@ -205,6 +234,15 @@ def _polynomial(recipe: Recipe, runs: RunSet, estimate: ErrorEstimate) -> dict[s
             options = {k: v for k, v in step.items() if k != "op"}
             domain = (estimate.start, estimate.stop)
             return fit_polynomial(runs, domain=domain, **options).to_dict()
+    return None
+
+
+def _plan(recipe: Recipe, estimate: ErrorEstimate) -> dict[str, Any] | None:
+    from metrosep.recipe.plan import plan_after, plan_document
+
+    for step in recipe.steps:
+        if step["op"] == "plan_feedrates":
+            return plan_document(plan_after(estimate, step))
     return None
 
 

@@ -7,14 +7,13 @@ known there and the nearest spelling.
 from __future__ import annotations
 
 import difflib
-import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
 from metrosep.core.errors import RecipeError, UnitError
-from metrosep.core.units import parse_quantity
+from metrosep.recipe.kinds import KINDS
 
 __all__ = ["Field", "Place", "checked_table"]
 
@@ -41,6 +40,15 @@ Kind = Literal[
     "lengths",
     "numbers",
     "limit",
+    "integers",
+    "times",
+    "speeds",
+    "windows",
+    "frequencies",
+    "range",
+    "places",
+    "pairs",
+    "waves",
 ]
 
 
@@ -132,13 +140,13 @@ class Field:
         Kind of value.
     required : bool
         Whether it must be there.
-    choices : tuple of str
-        Allowed texts; any if empty.
+    choices : tuple of str or int
+        Allowed values; any if empty.
     """
 
     kind: Kind
     required: bool = False
-    choices: tuple[str, ...] = ()
+    choices: tuple[str | int, ...] = ()
 
 
 def checked_table(
@@ -181,13 +189,13 @@ def checked_table(
 
 
 def _value(value: Any, field: Field, place: Place, key: str) -> Any:
-    if field.choices and value not in field.choices:
-        near = difflib.get_close_matches(str(value), field.choices, n=1)
+    if field.choices and (value not in field.choices or isinstance(value, bool)):
+        near = difflib.get_close_matches(str(value), [str(c) for c in field.choices], n=1)
         hint = f' Did you mean "{near[0]}"?' if near else ""
-        known = ", ".join(field.choices)
+        known = ", ".join(str(c) for c in field.choices)
         raise place.error(f"{key} = {value!r} is not one of {known}.{hint}", key)
     try:
-        return _KINDS[field.kind](value)
+        return KINDS[field.kind](value)
     except (TypeError, ValueError, UnitError) as exc:
         raise place.error(f"{key} = {value!r}: {exc}", key) from None
 
@@ -199,129 +207,3 @@ def _without_texts(text: str) -> str:
         lambda found: '""' + "\n" * found.group().count("\n"),
         text,
     )
-
-
-def _typed(kind: type | tuple[type, ...], name: str) -> Callable[[Any], Any]:
-    def check(value: Any) -> Any:
-        if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
-            raise TypeError(f"{name} is needed here")
-        return value
-
-    return check
-
-
-def _quantity(dimension: str) -> Callable[[Any], float]:
-    def check(value: Any) -> float:
-        if not isinstance(value, str):
-            raise TypeError(f'a {dimension} is written with its unit in quotes, such as "1.2 mm"')
-        return parse_quantity(value, dimension=dimension)
-
-    return check
-
-
-def _number(value: Any) -> float:
-    number = _typed((int, float), "a number")(value)
-    if not math.isfinite(number):
-        raise ValueError("a finite number is needed here")
-    return float(number)
-
-
-def _bounded(dimension: str, *, zero: bool) -> Callable[[Any], float]:
-    def check(value: Any) -> float:
-        found = _quantity(dimension)(value)
-        if found < 0.0 or (found == 0.0 and not zero):
-            raise ValueError(f"it must be {'zero or more' if zero else 'more than zero'}")
-        return found
-
-    return check
-
-
-def _column(value: Any) -> Any:
-    if isinstance(value, str):
-        return value
-    known = {"column", "unit", "scale"}
-    if isinstance(value, dict) and set(value) <= known and "column" in value:
-        if all(isinstance(v, str) for v in value.values()):
-            return value
-        raise TypeError("column, unit and scale are texts, in quotes")
-    if isinstance(value, dict):
-        for key in (k for k in value if k not in known):
-            near = difflib.get_close_matches(key, sorted(known), n=1)
-            hint = f' Did you mean "{near[0]}"?' if near else ""
-            raise TypeError(f'unknown key "{key}"; known: column, unit, scale.{hint}')
-    raise TypeError('a column is its name, or { column = "X", unit = "mm" }')
-
-
-def _texts(value: Any) -> list[str]:
-    items = [value] if isinstance(value, str) else value
-    if not isinstance(items, list) or not all(isinstance(i, str) for i in items):
-        raise TypeError("a text or a list of texts is needed here")
-    return items
-
-
-def _lag(value: Any) -> Any:
-    return value if value == "fit" else _quantity("time")(value)
-
-
-def _degree(value: Any) -> Any:
-    if value in ("aicc", "f-test", "auto"):
-        return "aicc" if value == "auto" else value
-    if isinstance(value, bool) or not isinstance(value, int):
-        raise TypeError('a whole number, "auto", "aicc" or "f-test" is needed here')
-    return value
-
-
-def _spacing(value: Any) -> Any:
-    if isinstance(value, int) and not isinstance(value, bool):
-        if value < 2:
-            raise ValueError("a table needs at least 2 points")
-        return value
-    if isinstance(value, str):
-        _bounded("length", zero=False)(value)
-        return value
-    raise TypeError('a spacing such as "1 mm" or a number of points is needed here')
-
-
-def _limit(value: Any) -> float:
-    """Return a limit of any dimension: a length or an angle with its unit, or a plain number."""
-    if not isinstance(value, str):
-        return _number(value)
-    try:
-        return parse_quantity(value, dimension="length")
-    except UnitError:
-        return parse_quantity(value, dimension="angle")
-
-
-def _list_of(check: Callable[[Any], float], example: str) -> Callable[[Any], tuple[float, ...]]:
-    def checked(value: Any) -> tuple[float, ...]:
-        if not isinstance(value, list) or not value:
-            raise TypeError(f"a list is needed here, such as {example}")
-        return tuple(check(item) for item in value)
-
-    return checked
-
-
-_KINDS: dict[str, Callable[[Any], Any]] = {
-    "text": _typed(str, "a text"),
-    "flag": _typed(bool, "true or false"),
-    "number": _number,
-    "integer": _typed(int, "a whole number"),
-    "length": _quantity("length"),
-    "size": _bounded("length", zero=False),
-    "uncertainty": _bounded("length", zero=True),
-    "time": _quantity("time"),
-    "frequency": _quantity("frequency"),
-    "speed": _quantity("speed"),
-    "column": _column,
-    "texts": _texts,
-    "any": lambda value: value,
-    "lag": _lag,
-    "degree": _degree,
-    "spacing": _spacing,
-    "table": _typed(dict, "a table"),
-    "angle": _quantity("angle"),
-    "angles": _list_of(_quantity("angle"), '["0 deg", "45 deg"]'),
-    "lengths": _list_of(_quantity("length"), '["0 mm", "10 mm"]'),
-    "limit": _limit,
-    "numbers": _list_of(_number, "[1.0, 2.0]"),
-}

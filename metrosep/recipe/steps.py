@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from metrosep.recipe.plan import PLAN
 from metrosep.recipe.schema import Field
 
 __all__ = [
@@ -13,6 +14,7 @@ __all__ = [
     "OUTPUTS",
     "STEPS",
     "TOP",
+    "WHAT",
 ]
 
 TOP = {
@@ -64,6 +66,15 @@ STEPS = {
         "relative": Field("flag"),
         "min_coherence": Field("number"),
         "coefficients": Field("text", choices=("tapered", "least_squares")),
+        "drift": Field("integer", choices=(0, 1, 2)),
+        "lines": Field("frequencies"),
+        "line_phase": Field("text", choices=("free", "locked")),
+        "false_alarm": Field("number"),
+        "robust": Field("flag"),
+        "following": Field("text", choices=("off", "offset", "scale", "waves")),
+        "following_waves": Field("waves"),
+        "probes": Field("texts"),
+        "probe_gain": Field("text", choices=("equal", "fit")),
     },
     "polynomial": {
         "op": Field("text", required=True),
@@ -71,6 +82,13 @@ STEPS = {
         "max_degree": Field("integer"),
         "quantity": Field("text", required=True, choices=("error", "compensation")),
     },
+    "plan_feedrates": PLAN,
+}
+
+WHAT = {
+    "separate": "error of an axis from repeated runs (joint, kono, mean)",
+    "polynomial": "polynomial of the error or the compensation over position, after separate",
+    "plan_feedrates": "feedrates for the next runs from the disturbance, after separate",
 }
 
 METRICS = {

@@ -85,12 +85,16 @@ def write_html(document: Mapping[str, Any], path: str | os.PathLike[str]) -> Pat
 def _figures(document: Mapping[str, Any]) -> list[dict[str, str]]:
     """Return the figures as images in the page: each keeps its own ids, and has a caption."""
     from metrosep.plot import drawable, figure_svg
+    from metrosep.plot.summary import charts_of
 
-    captions = _captions(document)
+    captions, titles = _captions(document), dict(_TITLES)
+    for i, chart in enumerate(charts_of(document), start=1):
+        titles[f"chart_{i}"] = str(chart.get("title") or "Chart")
+        captions[f"chart_{i}"] = str(chart.get("caption") or "")
     return [
         {
             "name": name,
-            "title": _TITLES[name],
+            "title": titles[name],
             "data": base64.b64encode(figure_svg(draw, document).encode("utf-8")).decode("ascii"),
             "caption": captions[name],
         }

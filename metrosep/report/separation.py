@@ -7,7 +7,7 @@ from typing import Any
 
 from metrosep.report.text import readable_unit
 
-__all__ = ["SEPARATED_NOTE", "separation_audit", "separation_rows"]
+__all__ = ["SEPARATED_NOTE", "plan_rows", "separation_audit", "separation_rows"]
 
 Document = Mapping[str, Any]
 
@@ -35,6 +35,8 @@ def separation_rows(separation: Document) -> list[tuple[str, str]]:
     if not separation:
         return []
     rows = [("Method", f"{separation.get('op')}: {separation.get('what')}")]
+    if separation.get("runs"):
+        rows += plan_rows(separation)
     noise = separation.get("noise") or {}
     if noise.get("definition"):
         rows.append(("Noise", f"{_value(noise)}: {noise['definition']}"))
@@ -42,6 +44,31 @@ def separation_rows(separation: Document) -> list[tuple[str, str]]:
         (f"Not seen, {item['part']}", _unobservable(item))
         for item in separation.get("null_space") or []
     ]
+    return rows
+
+
+def plan_rows(plan: Document) -> list[tuple[str, str]]:
+    """Return the summary of a plan of feedrates.
+
+    Parameters
+    ----------
+    plan : mapping
+        That part of a result; empty where the result holds none.
+
+    Returns
+    -------
+    list of (str, str)
+        The feedrates with their numbers of runs, and what they promise.
+    """
+    if not plan:
+        return []
+    runs = ", ".join(f"{n} at {v:.6g} mm/min" for v, n in plan.get("runs") or [])
+    rows = [("Next runs, as planned", runs)]
+    quantities = plan.get("quantities") or {}
+    for key, name in (("worst_sd", "Predicted sd, at worst"), ("time", "Travel time of them")):
+        q = quantities.get(key)
+        if q and q.get("value") is not None:
+            rows.append((name, _value(q)))
     return rows
 
 

@@ -139,6 +139,10 @@ def readable_unit(values: list[float | None], unit: str) -> tuple[str, float]:
     return (f"µ{name[1:]}" if name in ("um", "urad", "us") else name), factor
 
 
+_MOST_ZEROS = 6
+"""A number with more zeros behind the point is printed with a power of ten."""
+
+
 def decimals_for(u: float | None, largest: float) -> int:
     """Return how many decimals to print: two digits of the uncertainty, else four of the value.
 
@@ -187,7 +191,10 @@ def number(value: float | None, factor: float, decimals: int) -> str:
     """
     if value is None:
         return _MISSING
-    return f"{value / factor:.{decimals}f}".replace("-", "−")
+    shown = value / factor
+    if decimals > _MOST_ZEROS and 0.0 < abs(shown) < 10.0**-_MOST_ZEROS:
+        return f"{shown:.2e}".replace("-", "−")
+    return f"{shown:.{decimals}f}".replace("-", "−")
 
 
 def size(n_bytes: Any) -> str:

@@ -6,7 +6,12 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from metrosep.report.separation import SEPARATED_NOTE, separation_audit, separation_rows
+from metrosep.report.separation import (
+    SEPARATED_NOTE,
+    plan_rows,
+    separation_audit,
+    separation_rows,
+)
 from metrosep.report.text import (
     decimals_for,
     length,
@@ -58,7 +63,9 @@ def view(document: Document) -> dict[str, Any]:
         "version": document.get("metrosep") or "",
         "stamp": stamp(document.get("verdict")),
         "decision_rule": _sentence(document.get("decision_rule")),
-        "summary": _summary(document, estimate) + separation_rows(separation),
+        "summary": _summary(document, estimate)
+        + separation_rows(separation)
+        + plan_rows(document.get("plan") or {}),
         "characteristics": [_characteristic(c) for c in document.get("characteristics") or []],
         "uncertainty_note": SEPARATED_NOTE if separation else _NOT_IN_BAND,
         "messages": _messages(document, estimate),

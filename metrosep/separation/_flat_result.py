@@ -16,7 +16,7 @@ from metrosep.separation._flat_zernike import DiscBasis, FlatZernikeSolver
 from metrosep.separation._map_input import MapGrid
 from metrosep.separation._map_orders import RIGID, coarse, without_plane
 from metrosep.separation._map_results import noise_of
-from metrosep.separation._registration_terms import map_gradient
+from metrosep.separation._registration_terms import extended, map_gradient
 from metrosep.separation.null_space import Unobservable
 
 FloatArray = NDArray[np.float64]
@@ -233,8 +233,7 @@ def registration_of_flats(
         slopes = map_gradient(first if item.turn_first else second, grid)
         for slope, u in zip(slopes, u_shift[i], strict=True):
             one = np.zeros((len(setups), *grid.shape))
-            one[i] = slope * u
-            one[i][np.isnan(one[i])] = 0.0  # beyond the aperture of the result; masked below
+            one[i] = extended(slope) * u
             total = total + linear(one) ** 2
     return np.sqrt(total)
 

@@ -67,6 +67,30 @@ def _moment(values: FloatArray, power_x: int, power_y: int) -> FloatArray:
     )
 
 
+def extended(field: FloatArray) -> FloatArray:
+    """Return a map whose missing pixels have the value of the nearest one.
+
+    Parameters
+    ----------
+    field : ndarray, shape (n_y, n_x)
+        NaN = missing.
+
+    Returns
+    -------
+    ndarray, shape (n_y, n_x)
+        All NaN where nothing is known.
+    """
+    from scipy import ndimage
+
+    missing = np.isnan(field)
+    if not missing.any() or missing.all():
+        return field
+    nearest = ndimage.distance_transform_edt(
+        missing, return_distances=False, return_indices=True
+    )
+    return np.asarray(field[tuple(nearest)])
+
+
 def registration_share(
     solver: _Linear,
     part: FloatArray,
@@ -84,7 +108,7 @@ def registration_share(
     solver : object
         With ``parts(stack, grid)``, linear in the readings.
     part : ndarray, shape (n_y, n_x), m
-        What was turned, at angle 0.
+        What was turned, at angle 0; beyond its rim the nearest slope holds.
     angles : ndarray, shape (S,), rad
         Turns.
     grid : MapGrid
@@ -102,9 +126,10 @@ def registration_share(
         ``sqrt(sum (L_i g_i)**2) u``; NaN where it is not determined.
     """
     total: FloatArray | None = None
+    known = np.isfinite(part)
     for i, angle in enumerate(angles):
         moved = turned(part[None], float(angle), grid)[0][0]
-        gx, gy = map_gradient(moved, grid)
+        gx, gy = (extended(g) for g in map_gradient(moved, grid))
         fields = [(gx, u_shift), (gy, u_shift), (grid.x * gy - grid.y[:, None] * gx, u_angle)]
         for field, u in fields:
             if u == 0.0:
@@ -112,7 +137,9 @@ def registration_share(
             stack = np.zeros((angles.size, *grid.shape))
             stack[i] = field * u
             found = solver.parts(stack, grid)[0]
-            square = np.stack([without_plane(z, grid, removed=removed) ** 2 for z in found])
+            square = np.stack(
+                [without_plane(z, grid, removed=removed, mask=known) ** 2 for z in found]
+            )
             total = square if total is None else total + square
     if total is None:
         return np.zeros((1, *grid.shape))

@@ -31,6 +31,11 @@ _MOST_PASSES = 30
 _SETTLED = 1e-3
 """Change of a position, in steps, at which the passes end."""
 
+_ENOUGH = 0.1
+"""Share of the standard uncertainty below which a change does not matter."""
+
+_SMOOTHING = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
+
 _LARGEST_STEP = 1.5
 """In pixels and pass: gradients say nothing about more."""
 
@@ -64,31 +69,42 @@ def registered(pieces: Pieces, freedoms: tuple[str, ...]) -> tuple[Pieces, dict[
     """
     start, n_axes = pieces.corners.copy(), 1 if pieces.line else 2
     steps = np.array([pieces.dx, pieces.dy])[:n_axes]
-    largest = math.inf
+    largest, damping = math.inf, 1.0
     for count in range(1, _MOST_PASSES + 1):
+        before = largest
         shift, u = _one_pass(pieces, freedoms, n_axes)
-        in_pixels = shift / steps
+        in_pixels, noise = shift / steps, float((u / steps).max())
         if float(u.max()) > _LARGEST_U * float(steps.min()):
             raise DegenerateFitError(
                 f"stitch: the overlaps fix an offset only to {float(u.max()):.3g} m, more than half "
                 'a pixel: the surface is too smooth for the noise; use registration="trust"'
             )
         largest = float(np.abs(in_pixels).max())
-        limited = shift * min(1.0, _LARGEST_STEP / max(largest, 1e-300))
+        if 0.7 * before < largest < 2.0 * noise:  # to and fro within the noise, not onwards
+            damping *= 0.6
+        limited = shift * damping * min(1.0, _LARGEST_STEP / max(largest, 1e-300))
         corners = pieces.corners.copy()
         corners[:, :n_axes] += limited
         pieces = replace(pieces, corners=corners)
-        if largest < _SETTLED:
+        if damping * largest < max(_SETTLED, _ENOUGH * noise):
             moved = pieces.corners[:, :n_axes] - start[:, :n_axes]
+            u = np.hypot(u, shift)  # where it stops is as uncertain as its last change
             return pieces, {
                 "registration": "fitted, relative to the first",
                 "registration_passes": count,
+                "registration_last_change_pixels": largest,
                 "shifts_um": (1e6 * moved).tolist(),
                 "u_shifts_um": (1e6 * u).tolist(),
             }
     raise NotConvergedError(
         f"stitch: the positions did not settle in {_MOST_PASSES} passes (last change {largest:.3g} "
-        "pixels); the start is too far off for gradients: give positions to a few pixels"
+        f"pixels, their standard uncertainty {noise:.3g}); "
+        + (
+            "the change is of the size of the noise: the surface has too little structure in the "
+            'overlaps, use registration="trust"'
+            if largest < 2.0 * noise
+            else "the start is too far off for gradients: give positions to a few pixels"
+        )
     )
 
 
@@ -108,6 +124,9 @@ def _one_pass(
         plain, values, mean_of(plain, values)
     )
     slopes = _slopes(mean_of(plain, fitted_pieces(plain, values, theta)), layout, n_axes)
+    layout = _where_known(layout, np.isfinite(slopes).all(axis=0))
+    overlaps, weight, slopes = overlaps_of(layout), layout.weights(), np.nan_to_num(slopes)
+    require_connection(overlaps, n, least=n_own + n_axes + 1)
 
     def features(k: int, box: Box) -> FloatArray:
         p = layout.placed[k]
@@ -142,8 +161,37 @@ def _uncertainty(
 
 
 def _slopes(surface: FloatArray, layout: Layout, n_axes: int) -> FloatArray:
-    """Return dz/dx (and dz/dy); 0 where a neighbour is missing."""
-    out = [np.gradient(surface, layout.x[1] - layout.x[0], axis=1)]
-    if n_axes == 2:
-        out.append(np.gradient(surface, layout.y[1] - layout.y[0], axis=0))
-    return np.asarray(np.nan_to_num(np.array(out)))
+    """Return dz/dx (and dz/dy) of the smoothed surface; NaN where a neighbour is missing.
+
+    Noise in the slopes would pull weakly tied offsets to where the noise fits. Smoothing takes
+    most of it; what it takes from the surface changes the way to the solution, not the solution.
+    """
+    raw, smooth = surface, _smoothed(surface, n_axes)
+    out = []
+    for axis, x in ((1, layout.x), (0, layout.y))[:n_axes]:
+        missing = np.isnan(np.gradient(raw, axis=axis))
+        out.append(np.where(missing, np.nan, np.gradient(smooth, x[1] - x[0], axis=axis)))
+    return np.array(out)
+
+
+def _smoothed(surface: FloatArray, n_axes: int) -> FloatArray:
+    """Return weighted means over 5 (x 5) pixels, a plane apart; what is missing takes no part."""
+    from scipy.ndimage import convolve1d
+
+    known = np.isfinite(surface)
+    axes = [np.linspace(-1.0, 1.0, n) for n in surface.shape]
+    basis = np.array(np.broadcast_arrays(1.0, axes[1][None, :], axes[0][:, None])[: n_axes + 1])
+    found = np.linalg.lstsq(basis[:, known].T, surface[known], rcond=1e-12)[0]
+    plane = np.tensordot(found, basis, axes=1)
+    total, weight = np.where(known, surface - plane, 0.0), known.astype(np.float64)
+    for axis in (1, 0)[:n_axes]:
+        total, weight = (
+            convolve1d(v, _SMOOTHING, axis=axis, mode="constant") for v in (total, weight)
+        )
+    return np.asarray(plane + total / np.maximum(weight, 1e-12))
+
+
+def _where_known(layout: Layout, known: NDArray[np.bool_]) -> Layout:
+    """Return the sub-apertures without the pixels that have no gradient; 0 there would be a bias."""
+    placed = tuple(replace(p, valid=p.valid & known[p.rows, p.columns]) for p in layout.placed)
+    return replace(layout, placed=placed)

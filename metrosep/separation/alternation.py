@@ -5,9 +5,8 @@ The reading is ``r(t) = object + drift(t)``; the result is A - B.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -15,6 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core.errors import DataError, InvalidSamplesError, NotSeparableError
 from metrosep.core.provenance import freeze_mapping
+from metrosep.separation._checked_numbers import checked_sd, unmasked
+from metrosep.separation._result_values import plain, reduced
 
 __all__ = ["DriftFreeDifference", "abba"]
 
@@ -54,6 +55,21 @@ class DriftFreeDifference:
     quadratic_gain: float
     audit: Mapping[str, Any] = field(default_factory=dict)
     messages: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON, NaN as None.
+
+        Returns
+        -------
+        dict
+            ``difference``, ``u``, ``each``, ``drift_rate``, ``weights``, ``quadratic_gain``,
+            ``audit``, ``messages``.
+        """
+        found: dict[str, Any] = plain({f.name: getattr(self, f.name) for f in fields(self)})
+        return found
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return reduced(self)
 
     def __repr__(self) -> str:
         shape = (
@@ -98,7 +114,7 @@ def abba(
     NotSeparableError
         If the times leave drift and difference one quantity.
     DataError
-        If `order` is not known or `sd` is negative.
+        If `order` is not known or `sd` is no number or negative.
 
     Notes
     -----
@@ -118,8 +134,7 @@ def abba(
     """
     if order not in ("ABBA", "BAAB"):
         raise DataError(f"order is 'ABBA' or 'BAAB', got {order!r}")
-    if sd is not None and not (math.isfinite(sd) and sd >= 0.0):
-        raise DataError(f"sd must be zero or positive, got {sd}")
+    sd = checked_sd(sd)
     stack = _stack(readings)
     n_sequences = stack.shape[0] // 4
     times = _times(t, stack.shape[0])
@@ -151,7 +166,7 @@ def abba(
 
 def _stack(readings: ArrayLike | Sequence[ArrayLike]) -> FloatArray:
     try:
-        stack = np.array(readings, dtype=np.float64)
+        stack = np.array(unmasked(readings), dtype=np.float64)
     except (TypeError, ValueError) as exc:
         raise InvalidSamplesError(
             f"readings must be arrays of one shape, one after the other: {exc}"
@@ -171,7 +186,10 @@ def _stack(readings: ArrayLike | Sequence[ArrayLike]) -> FloatArray:
 def _times(t: ArrayLike | None, count: int) -> FloatArray:
     if t is None:
         return np.arange(count, dtype=np.float64)
-    times = np.array(t, dtype=np.float64)
+    try:
+        times = np.array(unmasked(t), dtype=np.float64)
+    except (TypeError, ValueError) as exc:
+        raise InvalidSamplesError(f"t must be times in seconds: {exc}") from None
     if times.shape != (count,):
         raise InvalidSamplesError(f"t has shape {times.shape} for {count} readings")
     if not np.isfinite(times).all() or (np.diff(times) <= 0.0).any():

@@ -17,10 +17,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core.errors import DataError
 from metrosep.core.profile import Profile, html_table
-from metrosep.core.provenance import Step, freeze_mapping, history_as_dicts
+from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_length
-from metrosep.separation.curves import Curve, SampledCurve, curve_from_dict
+from metrosep.separation._estimate_parts import DirectionEstimate, freeze_mapping_int
+from metrosep.separation._estimate_storage import estimate_as_dict, estimate_from_dict
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -31,22 +32,6 @@ FloatArray = NDArray[np.float64]
 Columns = Mapping[str, list[Any]]
 
 _NAMES = {1: "forward", -1: "reverse"}
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class DirectionEstimate:
-    """Error and standard uncertainty of one direction of travel.
-
-    Parameters
-    ----------
-    error : FourierCurve or SampledCurve
-        Error in m, line removed over the evaluation range.
-    uncertainty : SampledCurve
-        Standard uncertainty in m.
-    """
-
-    error: Curve
-    uncertainty: SampledCurve
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -80,6 +65,11 @@ class ErrorEstimate:
         What the user should know, in plain words.
     history : tuple of Step
         From the files on.
+    terms : mapping
+        What was estimated beside the error ("drift", "lines", "following", "robust", "probes"):
+        plain values, keys with unit suffixes; by direction where both were estimated.
+    evidence_data : mapping of str to list
+        Columns of `evidence`; dropped where there are two directions and no column says which.
     """
 
     method: str
@@ -98,10 +88,15 @@ class ErrorEstimate:
     audit: Mapping[str, Any] = field(default_factory=dict)
     messages: tuple[str, ...] = ()
     history: tuple[Step, ...] = ()
+    terms: Mapping[str, Any] = field(default_factory=dict)
+    evidence_data: Columns = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "directions_data", freeze_mapping_int(self.directions_data))
         object.__setattr__(self, "audit", freeze_mapping(self.audit))
+        object.__setattr__(self, "terms", freeze_mapping(self.terms))
+        if len(self.directions) > 1 and "direction" not in self.evidence_data:
+            object.__setattr__(self, "evidence_data", {})
 
     @property
     def directions(self) -> tuple[int, ...]:
@@ -164,6 +159,69 @@ class ErrorEstimate:
         squares = [p.uncertainty(x) ** 2 for p in parts]
         return np.asarray(np.sqrt(np.sum(squares, axis=0)) / len(parts))
 
+    def evaluate_at(
+        self, x: ArrayLike, *, feed: float, direction: int | None = None
+    ) -> FloatArray:
+        """Return the error at a feedrate, where ``following=`` estimated how it changes.
+
+        Parameters
+        ----------
+        x : array_like, shape (n,), m
+            Positions.
+        feed : float, m/s
+            Feedrate, > 0.
+        direction : {1, -1}, optional
+            As for `evaluate`.
+
+        Returns
+        -------
+        ndarray, shape (n,), m
+            Error without the line; equal to `evaluate` where nothing depends on the feedrate.
+
+        Raises
+        ------
+        DataError
+            If `direction` is none of 1, -1, None, or the feed is not positive.
+        """
+        speed = _checked_feed(feed)
+        rows = []
+        for part in self._chosen(direction):
+            z, term = part.error(x), part.feed_term
+            rows.append(z if term is None else z + (speed - term.reference) * term.change(x))
+        return np.asarray(np.mean(rows, axis=0))
+
+    def sd_at(self, x: ArrayLike, *, feed: float, direction: int | None = None) -> FloatArray:
+        """Return the standard uncertainty of `evaluate_at`; it grows away from the mean feed.
+
+        Parameters
+        ----------
+        x : array_like, shape (n,), m
+            Positions.
+        feed : float, m/s
+            Feedrate, > 0.
+        direction : {1, -1}, optional
+            As for `evaluate`.
+
+        Returns
+        -------
+        ndarray, shape (n,), m
+            Standard uncertainty, type A.
+
+        Raises
+        ------
+        DataError
+            If `direction` is none of 1, -1, None, or the feed is not positive.
+        """
+        speed = _checked_feed(feed)
+        squares = []
+        for part in self._chosen(direction):
+            square, term = part.uncertainty(x) ** 2, part.feed_term
+            if term is not None:
+                away = speed - term.reference
+                square = square + 2.0 * away * term.covariance(x) + away**2 * term.variance(x)
+            squares.append(np.maximum(square, 0.0))
+        return np.asarray(np.sqrt(np.sum(squares, axis=0)) / len(squares))
+
     def to_profile(self, *, n_points: int = 501, direction: int | None = None) -> Profile:
         """Return the estimate over the evaluation range as a profile.
 
@@ -223,6 +281,13 @@ class ErrorEstimate:
 
         return pd.DataFrame(dict(self.residual_psd_data))
 
+    @property
+    def evidence(self) -> pd.DataFrame:
+        """Evidence of repeatability for each wavelength; see `evidence_table`."""
+        import pandas as pd
+
+        return pd.DataFrame(dict(self.evidence_data))
+
     def to_dict(self) -> dict[str, Any]:
         """Return everything as plain values for JSON (NaN as None).
 
@@ -231,27 +296,7 @@ class ErrorEstimate:
         dict
             Readable by `from_dict`.
         """
-        return {
-            "method": self.method,
-            "start_m": self.start,
-            "stop_m": self.stop,
-            "fit_range_m": list(self.fit_range),
-            "directions": {
-                str(d): {"error": p.error.to_dict(), "uncertainty": p.uncertainty.to_dict()}
-                for d, p in self.directions_data.items()
-            },
-            "slope": self.slope.to_dict(),
-            "lost_motion": None if self.lost_motion is None else self.lost_motion.to_dict(),
-            "spectrum": _without_nan(self.spectrum_data),
-            "feed_spectra": _without_nan(self.feed_spectra_data),
-            "residual_psd": _without_nan(self.residual_psd_data),
-            "residual_rms_m": _plain(self.residual_rms),
-            "lag_s": self.lag,
-            "lag_sd_s": _plain(self.lag_sd),
-            "audit": dict(self.audit),
-            "messages": list(self.messages),
-            "history": history_as_dicts(self.history),
-        }
+        return estimate_as_dict(self)
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> ErrorEstimate:
@@ -272,39 +317,7 @@ class ErrorEstimate:
         DataError
             If a key is missing or of the wrong kind.
         """
-        try:
-            return cls(
-                method=str(data["method"]),
-                start=float(data["start_m"]),
-                stop=float(data["stop_m"]),
-                fit_range=(float(data["fit_range_m"][0]), float(data["fit_range_m"][1])),
-                directions_data={
-                    int(d): DirectionEstimate(
-                        curve_from_dict(p["error"]), _sampled(curve_from_dict(p["uncertainty"]))
-                    )
-                    for d, p in data["directions"].items()
-                },
-                slope=_quantity(data["slope"]),
-                lost_motion=None
-                if data["lost_motion"] is None
-                else _quantity(data["lost_motion"]),
-                spectrum_data=_with_nan(data["spectrum"]),
-                feed_spectra_data=_with_nan(data["feed_spectra"]),
-                residual_psd_data=_with_nan(data["residual_psd"]),
-                residual_rms=_number(data["residual_rms_m"]),
-                lag=float(data["lag_s"]),
-                lag_sd=_number(data["lag_sd_s"]),
-                audit=data["audit"],
-                messages=tuple(data["messages"]),
-                history=tuple(
-                    Step(s["step"], s["parameters"], s["version"]) for s in data["history"]
-                ),
-            )
-        except (KeyError, TypeError, ValueError, AttributeError, IndexError) as exc:
-            raise DataError(
-                f"this is not a stored estimate ({type(exc).__name__}: {exc}); expected the "
-                "'estimate' part of a result.json that this version wrote"
-            ) from exc
+        return estimate_from_dict(cls, data)
 
     def __repr__(self) -> str:
         ways = ", ".join(_NAMES.get(d, "direction not distinguished") for d in self.directions)
@@ -329,60 +342,7 @@ class ErrorEstimate:
         return html_table("ErrorEstimate", rows)
 
 
-def freeze_mapping_int(items: Mapping[int, DirectionEstimate]) -> Mapping[int, DirectionEstimate]:
-    """Return a read-only copy, refusing an empty one.
-
-    Parameters
-    ----------
-    items : mapping of int to DirectionEstimate
-        Estimates by direction.
-
-    Returns
-    -------
-    mapping
-        Read-only copy.
-
-    Raises
-    ------
-    DataError
-        If it is empty or a key is not -1, 0 or 1.
-    """
-    from types import MappingProxyType
-
-    if not items or not set(items) <= {-1, 0, 1}:
-        raise DataError(f"an estimate needs directions out of -1, 0, 1, got {list(items)}")
-    return MappingProxyType(dict(items))
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, np.generic):
-        value = value.item()
-    return None if isinstance(value, float) and math.isnan(value) else value
-
-
-def _number(value: float | None) -> float:
-    return math.nan if value is None else float(value)
-
-
-def _without_nan(columns: Columns) -> dict[str, list[Any]]:
-    return {k: [_plain(v) for v in values] for k, values in columns.items()}
-
-
-def _with_nan(columns: Columns) -> dict[str, list[Any]]:
-    return {k: [math.nan if v is None else v for v in values] for k, values in columns.items()}
-
-
-def _sampled(curve: Curve) -> SampledCurve:
-    if not isinstance(curve, SampledCurve):
-        raise TypeError("the uncertainty must be a sampled curve")
-    return curve
-
-
-def _quantity(data: Mapping[str, Any]) -> Quantity:
-    return Quantity(
-        _number(data["value"]),
-        str(data["unit"]),
-        str(data["definition"]),
-        u=None if data["u"] is None else float(data["u"]),
-        symbol=str(data.get("symbol", "")),
-    )
+def _checked_feed(feed: float) -> float:
+    if not (math.isfinite(feed) and feed > 0.0):
+        raise DataError(f"feed must be positive and finite, in m/s, got {feed}")
+    return float(feed)

@@ -14,7 +14,14 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.core.errors import DataError
 from metrosep.spectral.dft import fourier_sum
 
-__all__ = ["LINE_POINTS", "Curve", "FourierCurve", "SampledCurve", "curve_from_dict"]
+__all__ = [
+    "LINE_POINTS",
+    "Curve",
+    "FeedTerm",
+    "FourierCurve",
+    "SampledCurve",
+    "curve_from_dict",
+]
 
 FloatArray = NDArray[np.float64]
 
@@ -108,6 +115,64 @@ class SampledCurve:
 
 
 Curve = FourierCurve | SampledCurve
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FeedTerm:
+    """How an error changes with the feedrate: ``e(x, v) = e(x) + (v - reference) change(x)``.
+
+    Parameters
+    ----------
+    reference : float, m/s
+        Feedrate for which the error itself stands.
+    change : SampledCurve
+        Change of the error in m for each m/s, line removed over the evaluation range.
+    covariance : SampledCurve
+        Of error and change, m^2 s/m.
+    variance : SampledCurve
+        Of the change, (m s/m)^2.
+    """
+
+    reference: float
+    change: SampledCurve
+    covariance: SampledCurve
+    variance: SampledCurve
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON; see `FeedTerm.from_dict`."""
+        return {
+            "reference_m_per_s": self.reference,
+            "change": self.change.to_dict(),
+            "covariance": self.covariance.to_dict(),
+            "variance": self.variance.to_dict(),
+        }
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any]) -> FeedTerm:
+        """Return the term that `to_dict` wrote.
+
+        Parameters
+        ----------
+        data : dict
+            As stored.
+
+        Returns
+        -------
+        FeedTerm
+            The same term.
+
+        Raises
+        ------
+        DataError
+            If a curve is damaged or not sampled.
+        KeyError
+            If a key is missing.
+        """
+        curves = [curve_from_dict(data[k]) for k in ("change", "covariance", "variance")]
+        if not all(isinstance(c, SampledCurve) for c in curves):
+            raise DataError("the curves of a feed-dependent term must be sampled")
+        change, covariance, variance = (c for c in curves if isinstance(c, SampledCurve))
+        return cls(float(data["reference_m_per_s"]), change, covariance, variance)
 
 
 def curve_from_dict(data: dict[str, Any]) -> Curve:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,8 @@ from metrosep.core.errors import (
 )
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.quantity import Quantity
+from metrosep.separation._checked_numbers import checked_number, unmasked
+from metrosep.separation._result_values import plain, reduced
 
 __all__ = ["Dependence", "drift_against_temperature", "speed_dependence"]
 
@@ -107,6 +109,20 @@ class Dependence:
         low, high = float(np.nanmin(self.variable)), float(np.nanmax(self.variable))
         return np.asarray((v >= low) & (v <= high))
 
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON, SI, NaN and infinite as None.
+
+        Returns
+        -------
+        dict
+            One key for each field: ``coefficients``, ``intervals``, ``covariance``, ...
+        """
+        found: dict[str, Any] = plain({f.name: getattr(self, f.name) for f in fields(self)})
+        return found
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return reduced(self)
+
     def __repr__(self) -> str:
         return f"Dependence({', '.join(f'{k} {q}' for k, q in self.coefficients.items())})"
 
@@ -144,13 +160,13 @@ def speed_dependence(
     Raises
     ------
     InvalidSamplesError
-        If a speed is NaN or negative, lengths differ, or u is not positive.
+        If a speed is NaN or negative, lengths differ, or u is no positive number.
     TooFewSamplesError
         If there are no more amplitudes than powers (with u: fewer).
     DegenerateFitError
         If the speeds do not tell the powers apart.
     DataError
-        If powers repeat or are negative, or confidence is out of range.
+        If powers are no whole numbers, repeat or are negative, or confidence is out of range.
 
     Notes
     -----
@@ -168,10 +184,10 @@ def speed_dependence(
     >>> round(fit.coefficients["c0"].value * 1e9, 6), round(fit.coefficients["c2"].value * 1e12, 6)
     (10.0, 10.0)
     """
-    v = frozen_float(speed, name="speed", ndim=1)
+    v = frozen_float(unmasked(speed), name="speed", ndim=1)
     if np.isnan(v).any() or (v < 0.0).any():
         raise InvalidSamplesError("a speed is NaN or negative; pass its magnitude")
-    return _fit(v, amplitude, u, tuple(powers), confidence, "speed", correlated=False)
+    return _fit(v, amplitude, u, _powers(powers), confidence, "speed", correlated=False)
 
 
 def drift_against_temperature(
@@ -227,7 +243,7 @@ def drift_against_temperature(
     >>> round(fit.coefficients["c1"].value * 1e6, 9)
     2.0
     """
-    t = frozen_float(temperature, name="temperature", ndim=1)
+    t = frozen_float(unmasked(temperature), name="temperature", ndim=1)
     return _fit(t, displacement, u, (0, 1), confidence, "temperature", correlated=u is None)
 
 
@@ -241,7 +257,7 @@ def _fit(
     *,
     correlated: bool,
 ) -> Dependence:
-    y = frozen_float(values, name="readings", ndim=1)
+    y = frozen_float(unmasked(values), name="readings", ndim=1)
     same_length(**{name: variable, "readings": y})
     _check_model(powers, confidence)
     valid = ~np.isnan(y) & ~np.isnan(variable)
@@ -281,19 +297,30 @@ def _fit(
     )
 
 
+def _powers(powers: Any) -> tuple[int, ...]:
+    several = isinstance(powers, Sequence | np.ndarray) and not isinstance(powers, str)
+    if not several or any(not isinstance(p, int | np.integer) for p in powers):
+        raise DataError(f"powers must be whole numbers, such as (0, 2), got {powers!r}")
+    return tuple(int(p) for p in powers)
+
+
 def _check_model(powers: tuple[int, ...], confidence: float) -> None:
     if not powers or len(set(powers)) < len(powers) or min(powers) < 0:
         raise DataError(f"powers must be different and not negative, got {powers}")
-    if not 0.5 <= confidence < 1.0:
+    if not 0.5 <= checked_number(confidence, "confidence", "a number, 0.95 for 95 %") < 1.0:
         raise DataError(f"confidence must lie in 0.5 to 1 (0.95 is usual), got {confidence}")
 
 
 def _weights(u: ArrayLike | float | None, n: int) -> FloatArray:
     if u is None:
         return np.ones(n)
-    sd = np.array(
-        np.broadcast_to(np.asarray(u, dtype=np.float64), (n,)) if np.size(u) in (1, n) else []
-    )
+    try:
+        given = np.asarray(unmasked(u), dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InvalidSamplesError(
+            f"u must be one number or one for each reading, in m, got {u!r}"
+        ) from None
+    sd = np.array(np.broadcast_to(given, (n,)) if np.size(u) in (1, n) else [])
     if sd.size != n:
         raise InvalidSamplesError(f"u has {np.size(u)} values for {n} readings")
     if not (np.isfinite(sd).all() and (sd > 0.0).all()):

@@ -7,6 +7,7 @@ sampling interval, since an autoregressive model in time belongs to one interval
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,6 +59,10 @@ class PreparedRun:
         Travel over which one sample averages, 0 without thinning.
     run_id : str
         Name of the run.
+    t : ndarray, shape (n,), s
+        Time of each sample.
+    probe : str
+        Name of the probe that read it; empty where there is one only.
     """
 
     x: FloatArray
@@ -67,15 +72,19 @@ class PreparedRun:
     block: int
     block_length: float
     run_id: str
+    t: FloatArray
+    probe: str = ""
 
 
-def prepare_runs(runs: RunSet) -> list[PreparedRun]:
+def prepare_runs(runs: RunSet, *, probes: Sequence[str] | None = None) -> list[PreparedRun]:
     """Return the runs checked for time, thinned so that the model stays affordable.
 
     Parameters
     ----------
     runs : RunSet
         Runs with time.
+    probes : sequence of str, optional
+        Name of the probe of each run; one probe if omitted.
 
     Returns
     -------
@@ -92,7 +101,11 @@ def prepare_runs(runs: RunSet) -> list[PreparedRun]:
         If a run has fewer than 32 valid samples.
     """
     block = max(1, -(-sum(len(r) for r in runs) // _MAX_ROWS))
-    return [_prepare(run, max(block, _slow_block(run))) for run in runs]
+    names = probes or [""] * len(runs)
+    return [
+        _prepare(run, max(block, _slow_block(run)), name)
+        for run, name in zip(runs, names, strict=True)
+    ]
 
 
 def _slow_block(run: Run) -> int:
@@ -103,7 +116,7 @@ def _slow_block(run: Run) -> int:
     return max(1, min(int(rate * _TIME_STEP * (1.0 + 1e-6)), len(run) // _PITCHES))
 
 
-def _prepare(run: Run, block: int) -> PreparedRun:
+def _prepare(run: Run, block: int, probe: str) -> PreparedRun:
     name = run.run_id
     if run.t is None or run.feed is None:
         raise InvalidSamplesError(
@@ -137,6 +150,8 @@ def _prepare(run: Run, block: int) -> PreparedRun:
         block=block,
         block_length=pitch * block if block > 1 else 0.0,
         run_id=name,
+        t=run.t[:n].reshape(-1, block).mean(axis=1),
+        probe=probe,
     )
 
 

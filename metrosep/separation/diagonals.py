@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,11 +17,13 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.core.errors import DataError, NotSeparableError
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.quantity import Quantity
+from metrosep.separation._result_values import plain, reduced
 from metrosep.separation.positioning import iso230_2
 from metrosep.separation.positioning_result import PositioningTest
 from metrosep.separation.squareness import (
     Squareness,
     canonical_name,
+    checked_travel,
     squareness_from_diagonals,
 )
 
@@ -31,6 +33,13 @@ if TYPE_CHECKING:
 __all__ = ["DiagonalTest", "iso230_6_diagonals", "squareness_from_diagonals"]
 
 FloatArray = NDArray[np.float64]
+
+_LEAST_SHARE = 0.5
+"""Of the diagonal; below it the size does not belong to the targets (mm for m)."""
+
+_WHOLE_SHARE = 0.9
+"""Of the diagonal; below it the length error is said to be extrapolated."""
+
 Reached = tuple[ArrayLike, ArrayLike | None, ArrayLike | None]
 
 
@@ -86,6 +95,26 @@ class DiagonalTest:
             rows[name]["u_length_error_um"] = math.nan if q.u is None else q.u * 1e6
         return pd.DataFrame.from_dict(rows, orient="index").rename_axis("diagonal")
 
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON, SI, NaN as None.
+
+        Returns
+        -------
+        dict
+            ``tests`` and ``length_errors`` by diagonal, ``systematic``, ``reversal``,
+            ``squareness``, ``audit``, ``messages``.
+        """
+        angles = self.squareness
+        found: dict[str, Any] = plain({f.name: getattr(self, f.name) for f in fields(self)})
+        return {
+            **found,
+            "tests": plain({name: test.to_dict() for name, test in self.tests.items()}),
+            "squareness": None if angles is None else angles.to_dict(),
+        }
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return reduced(self)
+
     def __repr__(self) -> str:
         parts = [f"{len(self.tests)} diagonals", f"E {self.systematic}"]
         parts += [] if self.reversal is None else [f"B {self.reversal}"]
@@ -124,8 +153,9 @@ def iso230_6_diagonals(
     Raises
     ------
     DataError
-        If a name is no diagonal or stands twice, there is none, a diagonal is no triple, or the
-        targets are longer than the diagonal.
+        If a name is no diagonal or stands twice, there is none, a diagonal is no triple, size is
+        not three positive lengths, or the targets are longer than the diagonal or shorter than
+        half of it.
     TooFewSamplesError
         If a diagonal has fewer than 2 targets or runs.
     InvalidSamplesError
@@ -152,22 +182,29 @@ def iso230_6_diagonals(
     >>> round(test.systematic.value * 1e6, 6)
     2.0
     """
+    wanted = "pass a mapping such as {'ppp': (targets, up, down)}"
+    if not isinstance(diagonals, Mapping):
+        raise DataError(f"diagonals is a {type(diagonals).__name__}; {wanted}")
     if not diagonals:
-        raise DataError(
-            "no diagonal was given; pass a mapping such as {'ppp': (targets, up, down)}"
-        )
-    travel = None if size is None else np.asarray(size, dtype=np.float64)
+        raise DataError(f"no diagonal was given; {wanted}")
+    travel = None if size is None else checked_travel(size)
     tests: dict[str, PositioningTest] = {}
     lengths: dict[str, Quantity] = {}
     for name, data in diagonals.items():
         own, _ = canonical_name(name)
         if own in lengths:
             raise DataError(f"diagonal {own} stands twice ({name!r} is the same line)")
+        if not isinstance(data, (tuple, list)):
+            raise DataError(
+                f"{name}: pass (targets, forward, backward), got a {type(data).__name__}"
+            )
         if len(data) != 3:
             raise DataError(f"{name}: pass (targets, forward, backward), got {len(data)} items")
         tests[name] = iso230_2(*data, confidence=confidence, seed=seed)
         lengths[own] = _length_error(own, tests[name], travel)
     squareness, messages = _squareness(lengths, size)
+    if travel is not None:
+        messages += _extrapolated(tests, travel)
     return DiagonalTest(
         tests=freeze_mapping(tests),
         systematic=_largest(
@@ -191,9 +228,13 @@ def _length_error(name: str, test: PositioningTest, travel: FloatArray | None) -
     """Return slope times diagonal with its standard uncertainty from the runs."""
     span = float(np.ptp(test.targets))
     nominal = span
-    if travel is not None and travel.shape == (3,):
-        moves = np.array([letter != "0" for letter in name])
-        nominal = float(np.sqrt((travel[moves] ** 2).sum()))
+    if travel is not None:
+        nominal = _nominal(name, travel)
+        if span < _LEAST_SHARE * nominal:
+            raise DataError(
+                f"{name}: the targets span {span:.6g} m, less than half of the diagonal of this "
+                f"size, {nominal:.6g} m; check size (in m) and targets"
+            )
         if not span <= nominal * (1.0 + 1e-3):
             raise DataError(
                 f"{name}: the targets span {span:.6g} m, the diagonal of this size is {nominal:.6g} "
@@ -220,6 +261,23 @@ def _length_error(name: str, test: PositioningTest, travel: FloatArray | None) -
     return Quantity(
         value, "m", f"length error of diagonal {name}, actual - nominal", u, f"dL_{name}"
     )
+
+
+def _nominal(name: str, travel: FloatArray) -> float:
+    moves = np.array([letter != "0" for letter in name])
+    return float(np.sqrt((travel[moves] ** 2).sum()))
+
+
+def _extrapolated(tests: Mapping[str, PositioningTest], travel: FloatArray) -> list[str]:
+    said = []
+    for name, test in tests.items():
+        share = float(np.ptp(test.targets)) / _nominal(canonical_name(name)[0], travel)
+        if share < _WHOLE_SHARE:
+            said.append(
+                f"{name}: the targets cover {100.0 * share:.0f} % of the diagonal: its length error "
+                "is extrapolated"
+            )
+    return said
 
 
 def _largest(tests: Mapping[str, PositioningTest], keys: tuple[str, ...], text: str) -> Quantity:

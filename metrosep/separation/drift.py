@@ -19,6 +19,8 @@ from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesEr
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.quantity import Quantity
 from metrosep.core.recording import Recording
+from metrosep.separation._checked_numbers import checked_number, checked_sd, unmasked
+from metrosep.separation._result_values import plain, reduced
 from metrosep.separation.alternation import DriftFreeDifference, abba
 from metrosep.separation.joint_fit import JointDrift, joint_drift
 from metrosep.separation.stability import allan_deviation
@@ -37,6 +39,13 @@ __all__ = [
 ]
 
 FloatArray = NDArray[np.float64]
+
+_DISPLACEMENT = 10e-3
+"""m; no machine in use drifts further, but readings in um passed as m do."""
+
+_TILT = 10e-3
+"""rad; the same for channels in rad."""
+
 _TESTS = {
     "environment": "environmental temperature variation error (ETVE)",
     "spindle": "thermal distortion by the rotating spindle",
@@ -109,6 +118,22 @@ class DriftTest:
             ]
         return pd.DataFrame(rows)
 
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON, SI, NaN as None; without the record itself.
+
+        Returns
+        -------
+        dict
+            ``kind``, ``windows``, ``ranges``, ``combined``, ``worst``, ``span``, ``audit``,
+            ``messages``.
+        """
+        names = ("kind", "windows", "ranges", "combined", "worst", "span", "audit", "messages")
+        found: dict[str, Any] = plain({name: getattr(self, name) for name in names})
+        return found
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return reduced(self)
+
     def __repr__(self) -> str:
         each = ", ".join(str(q) for q in self.combined)
         return f"DriftTest({self.kind}, {len(self.ranges)} channels, combined {each})"
@@ -179,8 +204,7 @@ def iso230_3_drift(
     """
     if kind not in _TESTS:
         raise DataError(f"kind is one of {', '.join(_TESTS)}, got {kind!r}")
-    if sd is not None and not (math.isfinite(sd) and sd >= 0.0):
-        raise DataError(f"sd must be zero or positive, in m, got {sd}")
+    sd = checked_sd(sd, "m")
     times, table = _table(t, channels)
     unknown = [name for name in angular if name not in table]
     if unknown:
@@ -196,14 +220,15 @@ def iso230_3_drift(
     }
     linear = [q for name, q in ranges.items() if name not in angular]
     combined = tuple(_combined([q[i] for q in linear], kind) for i in range(len(spans)))
-    worst = {} if span is None else _worst(times, table, float(span), noise, angular)
+    length = math.nan if span is None else checked_number(span, "span", "a length of time in s")
+    worst = {} if span is None else _worst(times, table, length, noise, angular)
     return DriftTest(
         kind=kind,
         windows=spans,
         ranges=freeze_mapping(ranges),
         combined=combined,
         worst=freeze_mapping(worst),
-        span=math.nan if span is None else float(span),
+        span=length,
         t=times,
         channels=freeze_mapping(table),
         audit=freeze_mapping(
@@ -214,7 +239,7 @@ def iso230_3_drift(
                 "noise_from": "given" if sd is not None else "second differences",
             }
         ),
-        messages=tuple(_messages(times, table, ranges, noise)),
+        messages=tuple(_messages(times, table, ranges, noise, angular)),
     )
 
 
@@ -232,7 +257,7 @@ def _table(
     else:
         if not isinstance(channels, Mapping):
             raise DataError("pass channels as a mapping of names to readings, in m")
-        times = frozen_float(t, name="t", ndim=1, min_size=2)
+        times = frozen_float(unmasked(t), name="t", ndim=1, min_size=2)
         data = channels
     if np.isnan(times).any() or (np.diff(times) <= 0.0).any():
         raise InvalidSamplesError("t must be finite and strictly increasing, in seconds")
@@ -240,7 +265,7 @@ def _table(
         raise DataError("no channel was given")
     table = {}
     for name, values in data.items():
-        table[name] = frozen_float(values, name=f"channel {name!r}", ndim=1)
+        table[name] = frozen_float(unmasked(values), name=f"channel {name!r}", ndim=1)
         if table[name].size != times.size:
             raise InvalidSamplesError(
                 f"channel {name!r} has {table[name].size} readings, t has {times.size}"
@@ -254,7 +279,12 @@ def _windows(
     first, last = float(times[0]), float(times[-1])
     if windows is None:
         return ((first, last),)
-    found = tuple((float(a), float(b)) for a, b in windows)
+    try:
+        found = tuple((float(a), float(b)) for a, b in windows)
+    except (TypeError, ValueError):
+        raise InvalidSamplesError(
+            f"windows must be pairs (start, stop) in seconds, got {windows!r}"
+        ) from None
     for a, b in found:
         if not (a < b and b > first and a < last):
             raise InvalidSamplesError(
@@ -374,9 +404,17 @@ def _messages(
     table: Mapping[str, FloatArray],
     ranges: Mapping[str, tuple[Quantity, ...]],
     noise: Mapping[str, float],
+    angular: Sequence[str],
 ) -> list[str]:
     said = []
     for name, z in table.items():
+        largest = max(q.value for q in ranges[name])
+        limit, unit = (_TILT, "rad") if name in angular else (_DISPLACEMENT, "m")
+        if largest > limit:
+            said.append(
+                f"{name}: the range of {largest:.4g} {unit} is more than {limit:g} {unit}, too much "
+                f"for drift: are the readings in {unit}?"
+            )
         missing = int(np.isnan(z).sum())
         if missing:
             said.append(f"{name}: {missing} of {z.size} readings were not measured: left out")

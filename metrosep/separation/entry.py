@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from metrosep.core.errors import DataError
 from metrosep.core.provenance import Step
@@ -17,11 +18,25 @@ from metrosep.separation.base import ErrorEstimate
 from metrosep.separation.design import evaluation_range
 from metrosep.separation.fourier import separate_kono
 from metrosep.separation.joint import separate_joint
+from metrosep.separation.options import metres
+from metrosep.separation.run_probes import probe_names
 
 __all__ = ["separate"]
 
 _OPTIONS = {
-    "joint": ("min_feeds", "false_discovery_rate"),
+    "joint": (
+        "min_feeds",
+        "false_discovery_rate",
+        "drift",
+        "lines",
+        "line_phase",
+        "false_alarm",
+        "robust",
+        "following",
+        "following_waves",
+        "probes",
+        "probe_gain",
+    ),
     "kono": (
         "sigma_t",
         "p_t",
@@ -72,7 +87,8 @@ def separate(
         Delay of the reading against the position; "joint" can fit it where the lag times the
         difference of the feedrates stays below half the strongest wavelength.
     **options
-        Of the method: "joint" min_feeds, false_discovery_rate (`separate_joint`); "kono"
+        Of the method: "joint" min_feeds, false_discovery_rate, drift, lines, line_phase,
+        false_alarm, robust, following, following_waves, probes, probe_gain (`separate_joint`); "kono"
         sigma_t, p_t, norm, taper_fraction, taper, rule, modelling_length, values, feed, averaging,
         ddof, relative, min_coherence, coefficients (`separate_kono`); "mean" feed.
 
@@ -85,7 +101,8 @@ def separate(
     Raises
     ------
     DataError
-        If the method or an option is unknown, or a lag is stated for a method without time.
+        If the method or an option is unknown, a number is text, or a lag is stated for a method
+        without time.
     NotSeparableError
         If the runs cannot tell geometry from vibration (one feedrate only).
     InvalidSamplesError, NotUniformError, TooFewSamplesError, UnitError
@@ -107,16 +124,29 @@ def separate(
         known = ", ".join(_OPTIONS[method])
         raise DataError(f"method {method!r} has no option {unknown[0]!r}; it knows {known}")
     _check_types(runs, lag)
-    length, start, shortest = (_plain(v) for v in (length, start, shortest))
+    length, start = metres(length, "length"), metres(start, "start")
+    shortest = metres(shortest, "shortest")
     lag = lag if isinstance(lag, str) else float(lag)
     if method != "joint" and lag != 0.0:
         raise DataError(f"method {method!r} works in space and has no lag; use method='joint'")
     if method == "mean" and shortest is not None:
         raise DataError("method 'mean' does not filter, so it has no shortest wavelength")
     common = _common_range(runs, method, start, length, options)
+    options = _plain_options(options)
+    names = probe_names(runs, options.get("probes")) if method == "joint" else [""] * len(runs)
+    told = {
+        d: [n for n, r in zip(names, runs, strict=True) if r.direction == d]
+        for d in runs.directions
+    }
     parts = {
         d: _separate_one(
-            runs.select(direction=d), method, common[1], common[0], shortest, lag, dict(options)
+            runs.select(direction=d),
+            method,
+            common[1],
+            common[0],
+            shortest,
+            lag,
+            options | ({"probes": told[d]} if any(names) else {}),
         )
         for d in runs.directions
     }
@@ -134,8 +164,8 @@ def separate(
     history = (*runs.history, step)
     if len(parts) == 1:
         direction, part = next(iter(parts.items()))
-        return _renamed(part, {direction: part}, runs, history)
-    return _renamed(parts[1], parts, runs, history)
+        return _renamed(part, {direction: part}, runs, told, history)
+    return _renamed(parts[1], parts, runs, told, history)
 
 
 def _check_types(runs: object, lag: object) -> None:
@@ -149,9 +179,17 @@ def _check_types(runs: object, lag: object) -> None:
         raise DataError(f"lag is a number in seconds or 'fit', got {lag!r}")
 
 
-def _plain(value: float | None) -> float | None:
-    """Return a Python number: a NumPy scalar would not fit into the JSON of the history."""
-    return None if value is None else float(value)
+def _plain_options(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return lists and Python numbers, which the JSON of the history can hold."""
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, np.ndarray | np.generic):
+            return value.tolist()
+        if isinstance(value, tuple | list):
+            return [plain(v) for v in value]
+        return value
+
+    return {k: plain(v) for k, v in options.items()}
 
 
 def _common_range(
@@ -195,7 +233,11 @@ def _separate_one(
 
 
 def _renamed(
-    main: ErrorEstimate, parts: dict[int, ErrorEstimate], runs: RunSet, history: tuple[Step, ...]
+    main: ErrorEstimate,
+    parts: dict[int, ErrorEstimate],
+    runs: RunSet,
+    probes: Mapping[int, list[str]],
+    history: tuple[Step, ...],
 ) -> ErrorEstimate:
     """Return one estimate that holds those of all directions."""
     from dataclasses import replace
@@ -220,8 +262,11 @@ def _renamed(
         ),
         directions_data={d: p.directions_data[0] for d, p in parts.items()},
         slope=_mean_slope(parts),
-        lost_motion=_lost_motion(runs, parts) if len(parts) > 1 else None,
+        lost_motion=_lost_motion(runs, parts, probes) if len(parts) > 1 else None,
         spectrum_data=_joined(parts, "spectrum_data"),
+        evidence_data=_joined(parts, "evidence_data")
+        if any(p.evidence_data for p in parts.values())
+        else {},
         feed_spectra_data=_joined(parts, "feed_spectra_data"),
         residual_psd_data=_joined(parts, "residual_psd_data"),
         residual_rms=rms,
@@ -230,6 +275,9 @@ def _renamed(
         audit=audit,
         messages=tuple(messages),
         history=history,
+        terms=main.terms
+        if len(parts) == 1
+        else {_NAMES[d]: dict(p.terms) for d, p in parts.items() if p.terms},
     )
 
 
@@ -253,21 +301,60 @@ def _joined(parts: dict[int, ErrorEstimate], name: str) -> dict[str, list[Any]]:
     return columns
 
 
-def _lost_motion(runs: RunSet, parts: dict[int, ErrorEstimate]) -> Quantity:
+def _lost_motion(
+    runs: RunSet, parts: dict[int, ErrorEstimate], probes: Mapping[int, list[str]]
+) -> Quantity:
     """Return mean offset of the reverse runs minus that of the forward runs."""
+    if "run_levels_nm" in parts[1].audit:
+        return _lost_motion_from_levels(parts, probes)
     offsets: dict[int, list[float]] = {1: [], -1: []}
     for run in runs:
         rest = run.z - parts[run.direction].evaluate(run.x)
         rest = rest - parts[run.direction].slope.value * (run.x - runs.common_travel[0])
         offsets[run.direction].append(float(np.nanmean(rest)))
     forward, reverse = np.array(offsets[1]), np.array(offsets[-1])
-    u: float | None = None
-    if min(forward.size, reverse.size) > 1:
-        u = math.sqrt(forward.var(ddof=1) / forward.size + reverse.var(ddof=1) / reverse.size)
+    value, u = _mean_difference(forward, reverse)
     return Quantity(
-        float(reverse.mean() - forward.mean()),
+        value,
         "m",
         "mean reading of the reverse runs minus that of the forward runs, estimates removed; it "
         "holds lost motion only as far as the sensor did not drift between the runs",
         u=u,
+    )
+
+
+def _lost_motion_from_levels(
+    parts: dict[int, ErrorEstimate], probes: Mapping[int, list[str]]
+) -> Quantity:
+    """Take the levels that the fit found in the middle of the range: no spike, no drift in them."""
+    levels = {d: np.array(p.audit["run_levels_nm"]) * 1e-9 for d, p in parts.items()}
+    both = [name for name in dict.fromkeys(probes[1]) if name in probes[-1]]
+    if not both:
+        return Quantity(
+            math.nan, "m", "no probe read runs of both directions: lost motion is not observable"
+        )
+    found = [
+        _mean_difference(*(levels[d][[p == name for p in probes[d]]] for d in (1, -1)))
+        for name in both
+    ]
+    known = [u for _, u in found if u is not None]
+    u = float(np.linalg.norm(known)) / len(found) if len(known) == len(found) else None
+    return Quantity(
+        float(np.mean([value for value, _ in found])),
+        "m",
+        "level of the reverse runs minus that of the forward runs in the middle of the evaluation "
+        "range and of the time of each run, probe by probe; it holds lost motion only as far as the "
+        "sensor did not drift between the runs",
+        u=u,
+    )
+
+
+def _mean_difference(
+    forward: NDArray[np.float64], reverse: NDArray[np.float64]
+) -> tuple[float, float | None]:
+    value = float(reverse.mean() - forward.mean())
+    if min(forward.size, reverse.size) < 2:
+        return value, None
+    return value, math.sqrt(
+        float(forward.var(ddof=1)) / forward.size + float(reverse.var(ddof=1)) / reverse.size
     )

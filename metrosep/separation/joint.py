@@ -14,7 +14,8 @@ Source: specified in the project's separation notes; baseline motion-error-fouri
 from __future__ import annotations
 
 import math
-from typing import Any, Literal
+from collections.abc import Sequence
+from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,14 +24,19 @@ from metrosep.core.errors import DataError, NotSeparableError, UnitError
 from metrosep.core.quantity import Quantity
 from metrosep.core.runset import RunSet
 from metrosep.core.units import format_length
+from metrosep.separation._checked_numbers import checked_count, checked_number
+from metrosep.separation._false_discovery import benjamini_hochberg
+from metrosep.separation._joint_curves import joint_curves
+from metrosep.separation._joint_evidence import evidence_of
+from metrosep.separation._joint_tables import joint_audit, residual_psd_columns, spectrum_columns
 from metrosep.separation.base import DirectionEstimate, ErrorEstimate
-from metrosep.separation.curves import LINE_POINTS, FourierCurve, SampledCurve
 from metrosep.separation.design import PreparedRun, evaluation_range, prepare_runs
 from metrosep.separation.explain import explain_disturbances, explain_lag, explain_resolution
-from metrosep.separation.solver import Solution, solve_joint
+from metrosep.separation.options import Following, JointOptions, metres
+from metrosep.separation.run_probes import probe_names
+from metrosep.separation.solver import solve_joint
 from metrosep.separation.spectra import feed_spectra_columns
-from metrosep.spectral.dft import fourier_basis
-from metrosep.spectral.psd import pooled_periodogram
+from metrosep.separation.term_curves import check_lines, feed_curves, report_terms
 
 __all__ = ["benjamini_hochberg", "separate_joint"]
 
@@ -43,47 +49,12 @@ _SAMPLES_PER_WAVE = 2.5
 """Shortest wavelength that is considered, in pitches of the coarsest run."""
 
 _MAX_HARMONICS = 250
-
-_SHORTEST_SEGMENT = 16
-"""Samples without a gap from which a spectrum of the residual is taken."""
-
-
 _NM = 1e-9
-_MM = 1e-3
 
-
-def benjamini_hochberg(p_values: FloatArray, *, rate: float) -> NDArray[np.bool_]:
-    """Return which hypotheses are rejected at a false discovery rate.
-
-    Parameters
-    ----------
-    p_values : ndarray, shape (n,)
-        One for each hypothesis.
-    rate : float
-        Expected share of false ones among the rejected, 0 < rate < 1.
-
-    Returns
-    -------
-    ndarray of bool, shape (n,)
-        True where rejected.
-
-    References
-    ----------
-    .. [1] Benjamini and Hochberg 1995.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> benjamini_hochberg(np.array([0.001, 0.2, 0.03, 0.9]), rate=0.05).tolist()
-    [True, False, False, False]
-    """
-    order = np.argsort(p_values)
-    n = p_values.size
-    passed = np.flatnonzero(p_values[order] <= rate * np.arange(1, n + 1) / n)
-    rejected = np.zeros(n, dtype=bool)
-    if passed.size:
-        rejected[order[: passed[-1] + 1]] = True
-    return rejected
+_SLOPE_WITH_DRIFT = (
+    "; it holds the drift that is common to all runs, which one feedrate cannot tell from it, so it "
+    "has no uncertainty"
+)
 
 
 def separate_joint(
@@ -95,6 +66,15 @@ def separate_joint(
     lag: float | Literal["fit"] = 0.0,
     min_feeds: int = 2,
     false_discovery_rate: float = 0.05,
+    drift: int = 0,
+    lines: Literal["auto"] | Sequence[float] = (),
+    line_phase: Literal["free", "locked"] = "free",
+    false_alarm: float = 0.001,
+    robust: bool = False,
+    following: Following = "off",
+    following_waves: int | Sequence[float] = 3,
+    probes: Sequence[str] | None = None,
+    probe_gain: Literal["equal", "fit"] = "equal",
 ) -> ErrorEstimate:
     """Return the repeatable error of one direction of travel by joint least squares.
 
@@ -112,6 +92,24 @@ def separate_joint(
         Feedrates that must be there; 1 accepts that random vibration is only averaged.
     false_discovery_rate : float, optional
         For the column ``selected`` of the spectrum.
+    drift : {0, 1, 2}, optional
+        Degree of a polynomial in time that each run has for itself.
+    lines : "auto" or sequence of float, Hz, optional
+        Deterministic lines to remove; "auto" looks for them.
+    line_phase : {"free", "locked"}, optional
+        Whether each run has its own amplitude and phase, or all share them from their start.
+    false_alarm : float, optional
+        Chance that "auto" finds a line where there is none.
+    robust : bool, optional
+        Whether spikes, dropouts and bad stretches lose their weight.
+    following : {"off", "offset", "scale", "waves"}, optional
+        What grows with the feedrate: the offset, the whole error, or single waves of it.
+    following_waves : int or sequence of float, m, optional
+        How many of the strongest wavelengths grow with the feedrate, or which.
+    probes : sequence of str, optional
+        Name of the probe of each run; ``metadata["probe"]`` of the runs if omitted.
+    probe_gain : {"equal", "fit"}, optional
+        Whether the probes have the sensitivity of the first, or their own.
 
     Returns
     -------
@@ -121,25 +119,49 @@ def separate_joint(
     Raises
     ------
     DataError
-        If `false_discovery_rate` is out of range.
+        If a number is text, `false_discovery_rate` or an option is out of range, or the names of the probes do not
+        fit the runs.
     NotSeparableError
-        If there are fewer feedrates than `min_feeds`, or the lag is to be fitted from one.
+        If there are fewer feedrates than `min_feeds`, or lag, feed-dependent part or sensitivity
+        cannot be told apart with these runs.
     UnitError
-        If `shortest` or `lag` cannot be meant in SI.
+        If `shortest`, `lag`, a line or a wavelength cannot be meant in SI.
     InvalidSamplesError, NotUniformError, TooFewSamplesError
         If the runs have no usable time, cover different travels or are too short.
     """
-    if not 0.0 < false_discovery_rate < 1.0:
+    share = "a share between 0 and 1, 5 % is 0.05,"
+    if not 0.0 < checked_number(false_discovery_rate, "false_discovery_rate", share) < 1.0:
         raise DataError(
             f"false_discovery_rate must be in (0, 1), got {false_discovery_rate}; 5 % is 0.05"
         )
+    options = JointOptions(
+        drift=drift,
+        lines=cast("Any", lines),
+        line_phase=line_phase,
+        false_alarm=false_alarm,
+        robust=robust,
+        following=following,
+        following_waves=cast("Any", following_waves),
+        probe_gain=probe_gain,
+    )
+    start, length, shortest = (
+        metres(value, name)
+        for value, name in ((start, "start"), (length, "length"), (shortest, "shortest"))
+    )
+    min_feeds = checked_count(min_feeds, "min_feeds")
     _check_feeds(runs, min_feeds=min_feeds, fit_lag=lag == "fit")
+    names = probe_names(runs, probes)
+    n_feeds, n_probes = len(runs.feeds), len(set(names))
+    way = " and ".join("forward" if d > 0 else "reverse" for d in runs.directions)
+    options.check_runs(n_feeds, n_probes, fit_lag=lag == "fit", way=way)
     first, last = evaluation_range(runs, start=start, length=length)
-    prepared = prepare_runs(runs)
+    prepared = prepare_runs(runs, probes=names)
+    check_lines(options, prepared)
     low, high = runs.full_travel
     period = _PERIOD_SHARE * (high - low)
+    options.check_waves(period)
     n_harmonics, limit = _n_harmonics(prepared, period=period, shortest=shortest)
-    start_lag = 0.0 if lag == "fit" else _checked_lag(float(lag))
+    start_lag = 0.0 if lag == "fit" else _checked_lag(lag)
     solution = solve_joint(
         prepared,
         origin=first,
@@ -148,9 +170,14 @@ def separate_joint(
         choose_shortest=shortest is None,
         lag=start_lag,
         fit_lag=lag == "fit",
+        options=options,
+        several_feeds=n_feeds > 1,
     )
-    curve, uncertainty, slope = _curves(solution, (first, last), (low, high))
-    spectrum = _spectrum_columns(solution, rate=false_discovery_rate)
+    terms, sentences = report_terms(solution, prepared, runs, options)
+    curve, uncertainty, slope, level = joint_curves(solution, (first, last), (low, high))
+    if options.drift and n_feeds < 2:
+        slope = Quantity(slope.value, slope.unit, slope.definition + _SLOPE_WITH_DRIFT)
+    spectrum = spectrum_columns(solution, runs, rate=false_discovery_rate)
     messages = (
         *explain_resolution(
             solution,
@@ -161,24 +188,35 @@ def separate_joint(
         ),
         *explain_lag(solution, fitted=lag == "fit", n_selected=sum(spectrum["selected"])),
         *explain_disturbances(solution, runs, spectrum),
+        *sentences,
     )
+    audit = joint_audit(runs, prepared, solution, shortest, false_discovery_rate)
+    if options != JointOptions() or n_probes > 1:
+        audit["options"] = options.as_dict()
+        audit["run_levels_nm"] = ((solution.offsets + level) / _NM).tolist()
+    evidence, audit["evidence"] = evidence_of(
+        runs, names, start=first, stop=last, rate=false_discovery_rate
+    )
+    feed_term = feed_curves(solution, options, (first, last), (low, high))
     residual = np.concatenate(solution.residuals)
     return ErrorEstimate(
         method="joint",
         start=first,
         stop=last,
         fit_range=(low, high),
-        directions_data={0: DirectionEstimate(curve, uncertainty)},
+        directions_data={0: DirectionEstimate(curve, uncertainty, feed_term)},
         slope=slope,
         spectrum_data=spectrum,
         feed_spectra_data=feed_spectra_columns(runs),
-        residual_psd_data=_residual_psd_columns(prepared, solution),
+        residual_psd_data=residual_psd_columns(prepared, solution),
         residual_rms=float(np.sqrt(np.nanmean(residual**2))),
         lag=solution.lag,
         lag_sd=solution.lag_sd,
-        audit=_audit(runs, prepared, solution, shortest, false_discovery_rate),
+        audit=audit,
         messages=messages,
         history=runs.history,
+        terms=terms,
+        evidence_data=evidence,
     )
 
 
@@ -205,7 +243,10 @@ def _check_feeds(runs: RunSet, *, min_feeds: int, fit_lag: bool) -> None:
         )
 
 
-def _checked_lag(lag: float) -> float:
+def _checked_lag(lag: Any) -> float:
+    if isinstance(lag, bool) or not isinstance(lag, int | float | np.number):
+        raise DataError(f"lag is a number in seconds or 'fit', got {lag!r}; 1 ms is 1e-3")
+    lag = float(lag)
     if not math.isfinite(lag) or abs(lag) > 1.0:
         raise UnitError(f"lag is {lag} s; it must be finite and below 1 s: 1 ms is 1e-3")
     return lag
@@ -231,142 +272,3 @@ def _n_harmonics(
     return min(by_pitch, by_data, _MAX_HARMONICS), (
         "cost" if by_pitch > _MAX_HARMONICS else "sampling"
     )
-
-
-def _curves(
-    solution: Solution, evaluation: tuple[float, float], travel: tuple[float, float]
-) -> tuple[FourierCurve, SampledCurve, Quantity]:
-    """Take the line over the evaluation range out of curve, covariance and slope."""
-    k = solution.n_harmonics
-    step = solution.period / max(k, 8) / 8.0
-    n_grid = int(np.clip(np.ceil((travel[1] - travel[0]) / step), 200, 4000)) + 1
-    grid = np.linspace(travel[0], travel[1], n_grid)
-    inner = np.linspace(evaluation[0], evaluation[1], LINE_POINTS)
-
-    def functions(x: FloatArray) -> FloatArray:
-        waves = fourier_basis(x, origin=solution.origin, period=solution.period, n_harmonics=k)
-        return np.column_stack([x - solution.centre, waves])
-
-    mid, half = np.mean(evaluation), (evaluation[1] - evaluation[0]) / 2.0
-    line = np.column_stack([np.ones(inner.size), (inner - mid) / half])
-    to_line = np.linalg.lstsq(line, functions(inner), rcond=None)[0]
-    projected = functions(grid) - np.column_stack([np.ones(n_grid), (grid - mid) / half]) @ to_line
-    variance = np.einsum("ij,jk,ik->i", projected, solution.covariance, projected)
-    offset, slope_half = to_line @ solution.coefficients
-    slope_variance = float(to_line[1] @ solution.covariance @ to_line[1]) / half**2
-    slope = float(slope_half / half)
-    rest = solution.coefficients[0] - slope
-    curve = FourierCurve(
-        origin=solution.origin,
-        period=solution.period,
-        cosine=solution.coefficients[1 : k + 1].copy(),
-        sine=solution.coefficients[k + 1 :].copy(),
-        offset=float(
-            rest * (solution.origin - solution.centre) - offset + slope * (mid - solution.centre)
-        ),
-        slope=float(rest),
-        travel=travel,
-    )
-    alignment = Quantity(
-        slope,
-        "rad",
-        "slope of the least-squares line over the evaluation range (alignment of artefact and "
-        "axis, or squareness); removed from the estimate",
-        u=math.sqrt(max(slope_variance, 0.0)),
-    )
-    return curve, SampledCurve(grid, np.sqrt(np.maximum(variance, 0.0))), alignment
-
-
-def _spectrum_columns(solution: Solution, *, rate: float) -> dict[str, list[Any]]:
-    n_all, kept = solution.amplitude.size, solution.n_harmonics
-    k = np.arange(1, n_all + 1)
-    cosine, sine = np.zeros(n_all), np.zeros(n_all)
-    cosine[:kept] = solution.coefficients[1 : kept + 1]
-    sine[:kept] = solution.coefficients[kept + 1 :]
-    p_values = np.exp(-solution.chi2 / 2.0)
-    selected = benjamini_hochberg(p_values, rate=rate)
-    selected[kept:] = False
-    reasons = [
-        "repeats at all feedrates"
-        if chosen
-        else ("no evidence at this wavelength or shorter" if i >= kept else "within the noise")
-        for i, chosen in enumerate(selected)
-    ]
-    amplitude = np.hypot(cosine, sine)
-    amplitude[kept:] = 0.0
-    return {
-        "wavelength_mm": (solution.period / k / _MM).tolist(),
-        "amplitude_nm": (amplitude / _NM).tolist(),
-        "phase_rad": (-np.arctan2(sine, cosine)).tolist(),
-        "sd_nm": (solution.amplitude_sd / _NM).tolist(),
-        "snr": (solution.amplitude / solution.amplitude_sd).tolist(),
-        "p": p_values.tolist(),
-        "selected": [bool(s) for s in selected],
-        "reason": reasons,
-    }
-
-
-def _residual_psd_columns(runs: list[PreparedRun], solution: Solution) -> dict[str, list[Any]]:
-    """Take the sampling interval that most samples have; other intervals are in the audit."""
-    steps = [m.time_step for m in solution.noise]
-    owner = [int(np.argmin([abs(r.time_step - s) for s in steps])) for r in runs]
-    sizes = [
-        sum(r.x.size for r, o in zip(runs, owner, strict=True) if o == g)
-        for g in range(len(steps))
-    ]
-    group = int(np.argmax(sizes))
-    model = solution.noise[group]
-    records = [r for r, o in zip(solution.residuals, owner, strict=True) if o == group]
-    size = _unbroken_segment(records)
-    if size < _SHORTEST_SEGMENT:  # an estimate must not fail for want of a picture
-        return {"frequency_hz": [], "psd_nm2_per_hz": [], "model_nm2_per_hz": []}
-    frequency, density = pooled_periodogram(records, time_step=model.time_step, n_fft=size)
-    return {
-        "frequency_hz": frequency.tolist(),
-        "psd_nm2_per_hz": (density / _NM**2).tolist(),
-        "model_nm2_per_hz": (model.psd(frequency) / _NM**2).tolist(),
-    }
-
-
-def _unbroken_segment(records: list[FloatArray]) -> int:
-    """Return the usual length of a segment, or the longest run of samples without a NaN."""
-    longest = 0
-    for record in records:
-        gaps = np.flatnonzero(np.isnan(np.concatenate([[np.nan], record, [np.nan]])))
-        longest = max(longest, int(np.diff(gaps).max()) - 1)
-    usual = min(*(r.size for r in records), 1024)
-    # Segments start at multiples of half their length: 2/3 of a stretch always holds a whole one.
-    return usual if all(not np.isnan(r).any() for r in records) else min(usual, 2 * longest // 3)
-
-
-def _audit(
-    runs: RunSet,
-    prepared: list[PreparedRun],
-    solution: Solution,
-    shortest: float | None,
-    rate: float,
-) -> dict[str, Any]:
-    return {
-        "n_runs": len(runs),
-        "feeds_mm_per_min": [f * 6e4 for f in runs.feeds],
-        "n_samples": sum(len(r) for r in runs),
-        "n_not_measured": sum(r.n_invalid for r in runs),
-        "averaged_samples": max(r.block for r in prepared),
-        "basis_period_mm": solution.period / _MM,
-        "shortest_wavelength_mm": solution.period / solution.n_harmonics / _MM,
-        "shortest_wavelength_chosen_by": "user" if shortest is not None else "evidence",
-        "shortest_wavelength_considered_mm": solution.period / solution.amplitude.size / _MM,
-        "noise_model": [
-            {
-                "time_step_ms": m.time_step * 1e3,
-                "order": m.order,
-                "innovation_nm": math.sqrt(m.variance) / _NM,
-            }
-            for m in solution.noise
-        ],
-        "noise_order_chosen_by": "AICc",
-        "effective_parameters": solution.freedom,
-        "false_discovery_rate": rate,
-        "line_removed": "least squares over the evaluation range",
-        "run_offsets_nm": (solution.offsets / _NM).tolist(),
-    }

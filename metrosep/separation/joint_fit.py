@@ -6,7 +6,6 @@ reference time, so q is the quantity as it would have been read then.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -23,6 +22,13 @@ from metrosep.core.errors import (
     TooFewSamplesError,
 )
 from metrosep.core.provenance import freeze_mapping
+from metrosep.separation._checked_numbers import (
+    checked_count,
+    checked_number,
+    checked_sd,
+    unmasked,
+)
+from metrosep.separation._result_values import plain, reduced
 
 __all__ = ["JointDrift", "joint_drift"]
 
@@ -44,8 +50,9 @@ class JointDrift:
     u : ndarray, shape (labels, ...)
         Standard uncertainty of `values`.
     covariance : ndarray, shape (labels, labels)
-        Of `values` for noise of unit standard deviation and readings without gaps; differences
-        need it, since all values share the drift.
+        Of `values` for noise of unit standard deviation; differences need it, since all values
+        share the drift. NaN for a label that was never measured. Where the gaps differ from point
+        to point: that of readings without gaps.
     t : ndarray, shape (n,), s
         Times of the readings.
     drift : ndarray, shape (n, ...)
@@ -62,6 +69,10 @@ class JointDrift:
         Model, counts, degrees of freedom.
     messages : tuple of str
         What the user should know.
+    covariances : ndarray, shape (patterns, labels, labels), optional
+        `covariance` of each pattern of gaps that occurs; without it `covariance` holds everywhere.
+    pattern : ndarray of int, shape (...), optional
+        Which of `covariances` holds at each point.
     """
 
     labels: tuple[Hashable, ...]
@@ -76,6 +87,8 @@ class JointDrift:
     reference: float
     audit: Mapping[str, Any] = field(default_factory=dict)
     messages: tuple[str, ...] = ()
+    covariances: FloatArray | None = None
+    pattern: NDArray[np.intp] | None = None
 
     def difference(self, first: Hashable, second: Hashable) -> tuple[FloatArray, FloatArray]:
         """Return one quantity minus another with its standard uncertainty.
@@ -101,8 +114,47 @@ class JointDrift:
             raise DataError(
                 f"labels are {', '.join(map(str, self.labels))}, not {first!r} and {second!r}"
             ) from None
-        variance = self.covariance[i, i] + self.covariance[j, j] - 2.0 * self.covariance[i, j]
-        return self.values[i] - self.values[j], self.sd * math.sqrt(max(variance, 0.0))
+        c = self.covariance[None] if self.covariances is None else self.covariances
+        variance = np.maximum(c[:, i, i] + c[:, j, j] - 2.0 * c[:, i, j], 0.0)
+        root = np.sqrt(variance)[0 if self.pattern is None else self.pattern]
+        return self.values[i] - self.values[j], np.asarray(self.sd * root)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON, SI, NaN as None.
+
+        Returns
+        -------
+        dict
+            ``values``, ``u`` and ``differences`` (against the first label, each with ``value`` and
+            ``u``) by label, ``t``, ``drift``, ``u_drift``, ``residual``, ``sd``, ``reference``,
+            ``covariance``, ``audit``, ``messages``.
+        """
+        names = [str(label) for label in self.labels]
+        differences = {}
+        for label in self.labels[1:]:
+            value, u = self.difference(label, self.labels[0])
+            differences[f"{label}-{self.labels[0]}"] = {"value": value, "u": u}
+        found: dict[str, Any] = plain(
+            {
+                "labels": names,
+                "values": dict(zip(names, self.values, strict=True)),
+                "u": dict(zip(names, self.u, strict=True)),
+                "differences": differences,
+                "t": self.t,
+                "drift": self.drift,
+                "u_drift": self.u_drift,
+                "residual": self.residual,
+                "sd": self.sd,
+                "reference": self.reference,
+                "covariance": self.covariance,
+                "audit": self.audit,
+                "messages": self.messages,
+            }
+        )
+        return found
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return reduced(self)
 
     def __repr__(self) -> str:
         return (
@@ -152,9 +204,10 @@ def joint_drift(
     TooFewSamplesError
         If there are fewer readings than unknowns.
     InvalidSamplesError
-        If times do not increase, lengths differ, or values are infinite.
+        If times do not increase, lengths differ, readings are no numbers or infinite, or labels
+        are no names.
     DataError
-        If degree, n_pieces, reference or sd is out of range.
+        If degree, n_pieces, reference or sd is no number or out of range.
 
     Notes
     -----
@@ -173,8 +226,8 @@ def joint_drift(
     4.0
     """
     times = _checked_times(t)
-    table = np.array(readings, dtype=np.float64)
-    names = ["all"] * times.size if labels is None else list(labels)
+    table = _checked_readings(readings)
+    names = _checked_labels(labels, times.size)
     if not table.ndim or table.shape[0] != times.size or len(names) != times.size:
         raise InvalidSamplesError(
             f"t has {times.size} times, readings shape {table.shape}, labels {len(names)}: one "
@@ -182,9 +235,8 @@ def joint_drift(
         )
     if np.isinf(table).any():
         raise InvalidSamplesError("a reading is infinite; write NaN where nothing was measured")
-    if sd is not None and not (math.isfinite(sd) and sd >= 0.0):
-        raise DataError(f"sd must be zero or positive, got {sd}")
-    zero = float(times[0]) if reference is None else float(reference)
+    sd = checked_sd(sd)
+    zero = float(times[0]) if reference is None else checked_number(reference, "reference")
     drift_design, model = _drift_design(times, zero, degree, n_pieces)
     known = tuple(dict.fromkeys(names))
     which = np.array([[name == k for k in known] for name in names], dtype=np.float64)
@@ -197,7 +249,11 @@ def joint_drift(
         labels=known,
         values=parts["values"].reshape(len(known), *shape),
         u=parts["u"].reshape(len(known), *shape),
-        covariance=np.linalg.pinv(design.T @ design)[: len(known), : len(known)],
+        covariance=(
+            parts["covariances"][0]
+            if parts["covariances"].shape[0] == 1
+            else np.linalg.pinv(design.T @ design)[: len(known), : len(known)]
+        ),
         t=times,
         drift=parts["drift"].reshape(table.shape),
         u_drift=parts["u_drift"].reshape(table.shape),
@@ -214,12 +270,37 @@ def joint_drift(
                 "sd": "given" if sd is not None else "residuals",
             }
         ),
-        messages=_messages(table, design, sd, parts["values"]),
+        messages=_messages(table, design, sd, parts),
+        covariances=parts["covariances"],
+        pattern=parts["pattern"].astype(np.intp).reshape(shape),
     )
 
 
+def _checked_readings(readings: ArrayLike) -> FloatArray:
+    try:
+        return np.array(unmasked(readings), dtype=np.float64)
+    except (TypeError, ValueError) as exc:
+        raise InvalidSamplesError(
+            f"readings must be numbers, or arrays of one shape, one for each time: {exc}"
+        ) from None
+
+
+def _checked_labels(labels: Sequence[Hashable] | None, n: int) -> list[Hashable]:
+    if labels is None:
+        return ["all"] * n
+    try:
+        names = list(labels)
+        hash(tuple(names))
+    except TypeError:
+        raise InvalidSamplesError(
+            "labels must be one name for each time, such as 'ABBA' or a list of names, got "
+            f"{labels!r}"
+        ) from None
+    return names
+
+
 def _checked_times(t: ArrayLike) -> FloatArray:
-    times = frozen_float(t, name="t", ndim=1, min_size=2)
+    times = frozen_float(unmasked(t), name="t", ndim=1, min_size=2)
     if np.isnan(times).any() or (np.diff(times) <= 0.0).any():
         raise InvalidSamplesError("t must be finite and strictly increasing, in seconds")
     return times
@@ -236,17 +317,17 @@ def _drift_design(
     both = np.append(times, zero)
     span = float(times[-1] - times[0])
     if n_pieces is None:
-        if degree != int(degree) or not 0 <= degree <= 8:
+        degree = checked_count(degree, "degree")
+        if degree > 8:
             raise DataError(f"degree of the drift is 0 to 8, got {degree}; use n_pieces for more")
         s = 2.0 * (both - times[0]) / span - 1.0
-        columns = np.polynomial.legendre.legvander(s, int(degree))[:, 1:]
+        columns = np.polynomial.legendre.legvander(s, degree)[:, 1:]
         name = f"polynomial of degree {degree}"
     else:
         from scipy.interpolate import BSpline
 
-        if n_pieces != int(n_pieces) or n_pieces < 1:
-            raise DataError(f"n_pieces is 1 or more, got {n_pieces}")
-        inner = np.linspace(times[0], times[-1], int(n_pieces) + 1)
+        n_pieces = checked_count(n_pieces, "n_pieces", low=1)
+        inner = np.linspace(times[0], times[-1], n_pieces + 1)
         knots = np.concatenate([[times[0]] * 3, inner, [times[-1]] * 3])
         # The splines sum to one: without the first they hold no constant.
         columns = BSpline.design_matrix(both, knots, 3).toarray()[:, 1:]
@@ -273,6 +354,8 @@ def _solve(
         patterns, member = np.ones((1, n), dtype=bool), np.zeros(points, dtype=np.intp)
     else:
         patterns, member = np.unique(valid.T, axis=0, return_inverse=True)
+    out["pattern"] = np.asarray(member.ravel(), dtype=np.float64)
+    out["covariances"] = np.full((patterns.shape[0], n_labels, n_labels), np.nan)
     solved = False
     for k, rows in enumerate(patterns):
         mine = np.flatnonzero(member.ravel() == k)
@@ -293,6 +376,8 @@ def _solve(
             spread = np.sqrt(np.einsum("ij,ij->j", residual, residual) / freedom)
         root = np.sqrt(np.einsum("ij,ij->i", inverse, inverse))
         n_seen = int(seen[:n_labels].sum())
+        known = np.flatnonzero(seen[:n_labels])
+        out["covariances"][k][np.ix_(known, known)] = inverse[:n_seen] @ inverse[:n_seen].T
         out["values"][np.ix_(seen[:n_labels], mine)] = found[:n_seen]
         out["u"][np.ix_(seen[:n_labels], mine)] = root[:n_seen, None] * spread
         out["drift"][:, mine] = design[:, n_labels:] @ found[n_seen:]
@@ -321,15 +406,19 @@ def _problem(design: FloatArray) -> Exception | None:
 
 
 def _messages(
-    table: FloatArray, design: FloatArray, sd: float | None, values: FloatArray
+    table: FloatArray, design: FloatArray, sd: float | None, parts: Mapping[str, FloatArray]
 ) -> tuple[str, ...]:
     said = []
+    found = ~np.isnan(parts["values"]).all(axis=0)
+    alone = int(np.count_nonzero(found & np.isnan(parts["sd"])))
     if sd is None and design.shape[0] == design.shape[1]:
         said.append("no redundancy and no sd=: there is no uncertainty; add a reading")
+    elif alone:
+        said.append(f"{alone} point(s) have no redundancy left by the gaps: no uncertainty there")
     missing = int(np.count_nonzero(np.isnan(table)))
     if missing:
         said.append(f"{missing} of {table.size} readings were not measured: left out")
-    lost = int(np.count_nonzero(np.isnan(values).any(axis=0)))
+    lost = int(np.count_nonzero(np.isnan(parts["values"]).any(axis=0)))
     if lost:
         said.append(f"{lost} point(s) have too few readings for a quantity: NaN")
     return tuple(said)

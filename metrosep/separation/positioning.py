@@ -16,13 +16,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import frozen_float
-from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
+from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError, UnitError
 from metrosep.core.profile import Profile
+from metrosep.separation._checked_numbers import checked_number, checked_seed, unmasked
 from metrosep.separation.positioning_result import PositioningTest, build_result
 
 __all__ = ["iso230_2", "positions_from_columns", "positions_from_profiles"]
 
 FloatArray = NDArray[np.float64]
+
+_LONGEST = 1000.0
+"""m; no axis is longer, but one in mm passed as m is."""
+
+_SAME_TARGET = 1e-9
+"""Of the range of the targets; those of a table that lie closer are one."""
 
 
 def iso230_2(
@@ -67,7 +74,9 @@ def iso230_2(
         If shapes do not fit, targets repeat or are NaN, or an error is as large as a step between
         targets.
     DataError
-        If both directions are missing, or unit or confidence is not one of those allowed.
+        If both directions are missing, or unit, confidence or seed is not one of those allowed.
+    UnitError
+        If the targets span more than 1000 m.
 
     Notes
     -----
@@ -79,13 +88,16 @@ def iso230_2(
         E = max(x^, x_) - min(x^, x_)        M = max - min of (x_i^ + x_i_) / 2
         A = max(x^ + 2 s^, x_ + 2 s_) - min(x^ - 2 s^, x_ - 2 s_)
 
-    E_fwd, A_fwd, ... take one direction. Standard uncertainties are type A: 2000 simulated tests
-    with the means found and the spread found. They hold scatter only; the reference instrument,
-    temperature and alignment are the budget of the user.
+    E_fwd, A_fwd, ... take one direction. B_i, R_i and the middle need both directions of a target;
+    E and A take all that was measured. Standard uncertainties are type A: 2000 simulated tests with
+    the spread and the means that the axis probably has (drawn together where they scatter no more
+    than by noise). They hold scatter only; the reference instrument, temperature and alignment are
+    the budget of the user. What is below 1e-15 of the largest position is rounding and taken as 0.
 
     Not seen: what is common to all runs of one thermal state, and errors between the targets
     (equal steps that match the pitch of the screw hide its periodic error: a message says so).
-    NaN: a target with fewer than 2 readings in a direction takes no part in it, with a message.
+    NaN (and masked): a target with fewer than 2 readings in a direction takes no part in it, with a
+    message.
 
     References
     ----------
@@ -101,9 +113,10 @@ def iso230_2(
     """
     if unit not in ("m", "rad"):
         raise DataError(f"unit is 'm' (linear axis) or 'rad' (rotary axis), got {unit!r}")
-    if not 0.5 <= confidence < 1.0:
+    if not 0.5 <= checked_number(confidence, "confidence", "a number, 0.95 for 95 %") < 1.0:
         raise DataError(f"confidence must lie in 0.5 to 1 (0.95 is usual), got {confidence}")
-    goals = frozen_float(targets, name="targets", ndim=1)
+    seed = checked_seed(seed)
+    goals = frozen_float(unmasked(targets), name="targets", ndim=1)
     if goals.size < 2:
         raise TooFewSamplesError(f"a positioning test needs 2 or more targets, got {goals.size}")
     if np.isnan(goals).any():
@@ -114,6 +127,11 @@ def iso230_2(
         i = int(np.flatnonzero(np.diff(goals) <= 0.0)[0])
         raise InvalidSamplesError(
             f"target {goals[i]:.9g} {unit} stands twice; put all runs of one target in one row"
+        )
+    travel = float(goals[-1] - goals[0])
+    if unit == "m" and travel > _LONGEST:
+        raise UnitError(
+            f"the targets span {travel:.6g} m; pass targets and positions in m (divide mm by 1000)"
         )
     if forward is None and backward is None:
         raise DataError("neither forward nor backward positions were given; give one at least")
@@ -128,7 +146,7 @@ def _errors(
     """Return position minus target, rows in the order of rising targets."""
     if reached is None or np.size(np.asarray(reached, dtype=object)) == 0:
         return None
-    positions = frozen_float(reached, name=f"{name} positions", ndim=2)
+    positions = frozen_float(unmasked(reached), name=f"{name} positions", ndim=2)
     m = goals.size
     if positions.shape[0] != m:
         turned = positions.shape[1] == m
@@ -234,10 +252,12 @@ def positions_from_columns(
     Raises
     ------
     InvalidSamplesError
-        If the columns differ in length, a direction is not known, or a row stands twice.
+        If the columns differ in length, a direction is not known, a target is NaN or stands twice.
 
     Notes
     -----
+    Targets that differ by less than 1e-9 of their range are one (the first is returned).
+
     Which column is which direction cannot be told from the numbers; B and B_mean change sign when
     they are exchanged, R, A, E and M do not.
 
@@ -248,9 +268,14 @@ def positions_from_columns(
     >>> targets.tolist(), down[0].tolist(), bool(np.isnan(down[1]).all())
     ([0.0, 1.0], [0.2, 0.3], True)
     """
-    rows = frozen_float(target, name="target", ndim=1)
-    values = frozen_float(readings, name="readings", ndim=2)
-    words = [str(d).strip().lower() for d in direction]
+    rows = frozen_float(unmasked(target), name="target", ndim=1)
+    values = frozen_float(unmasked(readings), name="readings", ndim=2)
+    try:
+        words = [str(d).strip().lower() for d in direction]
+    except TypeError:
+        raise InvalidSamplesError(
+            f"direction must be words 'fwd' or 'bwd', one for each row, got {direction!r}"
+        ) from None
     if not rows.size == len(words) == values.shape[0]:
         raise InvalidSamplesError(
             f"rows must be equally many: target has {rows.size}, direction {len(words)}, readings "
@@ -259,14 +284,17 @@ def positions_from_columns(
     unknown = sorted(set(words) - _FORWARD - _BACKWARD)
     if unknown:
         raise InvalidSamplesError(f"direction {unknown[0]!r} is not known; write 'fwd' or 'bwd'")
+    if np.isnan(rows).any():
+        raise InvalidSamplesError("a target is NaN; a target is a command and must be known")
     goals = np.unique(rows)
+    goals = goals[np.append(True, np.diff(goals) > _SAME_TARGET * float(np.ptp(goals)))]
     ways: list[FloatArray | None] = []
     for names in (_FORWARD, _BACKWARD):
         mine = np.array([w in names for w in words])
         if not mine.any():
             ways.append(None)
             continue
-        at = np.searchsorted(goals, rows[mine])
+        at = np.abs(rows[mine][:, None] - goals).argmin(axis=1)
         if np.unique(at).size < at.size:
             raise InvalidSamplesError(
                 "a target stands twice in one direction; put its runs in columns of one row"

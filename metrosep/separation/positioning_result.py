@@ -19,7 +19,14 @@ from metrosep.core.provenance import freeze_mapping
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_engineering
 from metrosep.parameters.table import Context, ParameterTable
-from metrosep.separation.positioning_rows import DEFINITIONS, Columns, parameters, uncertainties
+from metrosep.separation._result_values import reduced
+from metrosep.separation.positioning_rows import (
+    DEFINITIONS,
+    Columns,
+    by_target,
+    parameters,
+    uncertainties,
+)
 from metrosep.separation.repeatability import (
     SpreadEstimate,
     bidirectional_estimate,
@@ -32,6 +39,18 @@ if TYPE_CHECKING:
 __all__ = ["PositioningTest", "build_result"]
 
 FloatArray = NDArray[np.float64]
+
+_ROUNDING = 1e-15
+"""Of the largest target: about four steps of a double."""
+
+_LONG = 10.0
+"""m; axes are seldom longer: a hint that mm were passed."""
+
+_MANY_TURNS = 2.0 * math.tau
+"""rad; tests go over one turn, seldom over more than two."""
+
+_WIDE = 1e-3
+"""m; an axis that deviates by more is not under control, or the unit is wrong."""
 
 _EDITION = "ISO 230-2:2014"
 
@@ -53,7 +72,7 @@ class PositioningTest(Mapping[str, Quantity]):
     reversal : ndarray, shape (m,)
         B_i; NaN where a direction is missing.
     repeatability : ndarray, shape (m,)
-        R_i bidirectional.
+        R_i bidirectional; NaN where a direction is missing.
     intervals : mapping of str to tuple of (float, float)
         For ``"R"``, ``"R_fwd"``, ``"R_bwd"``: interval of the value that R stands for, which is
         that of an infinite number of runs.
@@ -181,6 +200,9 @@ class PositioningTest(Mapping[str, Quantity]):
             "messages": list(self.messages),
         }
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return reduced(self)
+
     def __repr__(self) -> str:
         unit = str(self.audit.get("unit", "m"))
         low, high = (format_engineering(v, unit) for v in self.R_interval)
@@ -229,15 +251,18 @@ def build_result(
     TooFewSamplesError
         If no direction has 2 targets with 2 readings.
     """
-    up = Columns.of(forward, targets.size)
-    down = Columns.of(backward, targets.size)
+    rounding = _ROUNDING * float(np.abs(targets).max())
+    up = Columns.of(forward, targets.size, rounding=rounding)
+    down = Columns.of(backward, targets.size, rounding=rounding)
     if max(up.usable.sum(), down.usable.sum()) < 2:
         raise TooFewSamplesError(
             "a positioning test needs 2 targets with 2 or more readings each in one direction"
         )
     spread = _spreads(up, down, confidence, seed)
     values, missing = parameters(up, down)
-    u = uncertainties(up, down, spread, seed=seed)
+    values = {k: v if abs(float(v)) > rounding else np.zeros(()) for k, v in values.items()}
+    found = uncertainties(up, down, spread, seed=seed)
+    u = {k: v if v > rounding else 0.0 for k, v in found.items()}
     quantities = [
         Quantity(float(v), unit, f"{DEFINITIONS[k]}, {_EDITION}", u=u.get(k), symbol=k)
         for k, v in values.items()
@@ -252,8 +277,9 @@ def build_result(
         )
         for k, s in spread.items()
     ]
-    messages = tuple(_messages(targets, up, down, spread, values, unit))
     given = [e for e in (forward, backward) if e is not None]
+    largest = max(float(np.nanmax(np.abs(e))) for e in given)
+    messages = tuple(_messages(targets, up, down, spread, values, unit, largest))
     context = Context(
         _EDITION,
         n_valid=int(sum(np.count_nonzero(~np.isnan(e)) for e in given)),
@@ -261,8 +287,6 @@ def build_result(
         settings={"confidence": confidence, "seed": seed},
         notes=("u holds the scatter of the runs only",),
     )
-    both = np.abs(up.mean - down.mean)
-    r_i = np.fmax(np.fmax(2 * up.sd + 2 * down.sd + both, 4 * up.sd), 4 * down.sd)
     return PositioningTest(
         table=ParameterTable(quantities, context, unavailable=missing),
         targets=targets,
@@ -273,7 +297,7 @@ def build_result(
         sd_forward=up.sd,
         sd_backward=down.sd,
         reversal=up.mean - down.mean,
-        repeatability=r_i,
+        repeatability=by_target(up, down),
         intervals=freeze_mapping({k: (s.low, s.high) for k, s in spread.items()}),
         confidence=confidence,
         spread=freeze_mapping(spread),
@@ -325,8 +349,18 @@ def _messages(
     spread: Mapping[str, SpreadEstimate],
     values: Mapping[str, FloatArray],
     unit: str,
+    largest: float,
 ) -> Iterator[str]:
     travel, steps = float(np.ptp(targets)), np.diff(targets)
+    if unit == "m" and travel > _LONG:
+        yield f"the targets span {travel:.4g} m: are targets and positions in m, not mm?"
+    if unit == "rad" and travel > _MANY_TURNS:
+        yield f"the targets span {travel:.4g} rad: are targets and positions in rad, not degrees?"
+    if unit == "m" and largest > _WIDE:
+        yield (
+            f"deviations reach {format_engineering(largest, unit)}: are targets and positions in the "
+            "same unit, m?"
+        )
     for way, name in ((up, "forward"), (down, "backward")):
         if not way.usable.any():
             yield f"no {name} runs: a unidirectional test, without reversal error"
@@ -338,6 +372,13 @@ def _messages(
             )
         if way.count[way.usable].min() < 5:
             yield f"{name}: fewer than 5 runs, ISO 230-2 asks for 5 up to 2 m"
+    if up.usable.any() and down.usable.any():
+        for i in np.flatnonzero(up.usable != down.usable):
+            key, name = ("R_fwd", "forward") if up.usable[i] else ("R_bwd", "backward")
+            yield (
+                f"target {format_engineering(float(targets[i]), unit)} was measured {name} only: B, "
+                f"M, R and R_unbiased leave it out; {key}, E and A hold it"
+            )
     if unit == "m" and travel <= 2.0 and (targets.size < 5 or targets.size < 5.0 * travel):
         yield "fewer than 5 targets per metre (and at least 5), as ISO 230-2 asks for up to 2 m"
     if targets.size > 2 and float(np.ptp(steps)) <= 1e-6 * float(steps.mean()):

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.separation.repeatability import SpreadEstimate
+from metrosep.separation.repeatability import SpreadEstimate, likely_variances
 
-__all__ = ["DEFINITIONS", "Columns", "parameters", "uncertainties"]
+__all__ = ["DEFINITIONS", "Columns", "by_target", "parameters", "uncertainties"]
 
 FloatArray = NDArray[np.float64]
 
@@ -54,7 +54,7 @@ class Columns:
         return np.asarray(self.count >= 2)
 
     @classmethod
-    def of(cls, errors: FloatArray | None, m: int) -> Columns:
+    def of(cls, errors: FloatArray | None, m: int, *, rounding: float = 0.0) -> Columns:
         """Return the columns of errors.
 
         Parameters
@@ -63,6 +63,8 @@ class Columns:
             NaN where not measured.
         m : int
             Number of targets.
+        rounding : float, optional
+            A standard deviation below it is zero.
 
         Returns
         -------
@@ -76,6 +78,7 @@ class Columns:
         for i in np.flatnonzero(count >= 2):
             valid = errors[i][~np.isnan(errors[i])]
             mean[i], sd[i] = valid.mean(), valid.std(ddof=1)
+            sd[i] = sd[i] if sd[i] > rounding else 0.0
         return cls(mean, sd, count)
 
 
@@ -104,8 +107,7 @@ def parameters(up: Columns, down: Columns) -> tuple[dict[str, FloatArray], dict[
         found["B"] = _high(np.abs(b))
         found["B_mean"] = np.asarray(np.nanmean(b, axis=-1))
         found["M"] = _high(middle) - _low(middle)
-        both = 2.0 * up.sd + 2.0 * down.sd + np.abs(b)
-        found["R"] = _high(np.fmax(both, np.fmax(4.0 * up.sd, 4.0 * down.sd)))
+        found["R"] = _high(by_target(up, down))
         found["E"] = np.fmax(_high(up.mean), _high(down.mean)) - np.fmin(
             _low(up.mean), _low(down.mean)
         )
@@ -121,6 +123,23 @@ def parameters(up: Columns, down: Columns) -> tuple[dict[str, FloatArray], dict[
         if k not in found
     }
     return {k: found[k] for k in order}, reasons
+
+
+def by_target(up: Columns, down: Columns) -> FloatArray:
+    """Return the bidirectional repeatability of each target.
+
+    Parameters
+    ----------
+    up, down : Columns
+        Forward and backward.
+
+    Returns
+    -------
+    ndarray, shape (..., m)
+        R_i; NaN where one of the directions is missing.
+    """
+    both = 2.0 * up.sd + 2.0 * down.sd + np.abs(up.mean - down.mean)
+    return np.asarray(np.maximum(both, np.maximum(4.0 * up.sd, 4.0 * down.sd)))
 
 
 def _high(values: FloatArray) -> FloatArray:
@@ -148,25 +167,69 @@ def uncertainties(
     Returns
     -------
     dict of str to float
-        Standard deviation over 2000 tests with the means and the spread found.
+        Standard deviation over 2000 tests with the means and the spread that the axis probably has.
+
+    Notes
+    -----
+    The means found scatter by their noise. A simulation about them would add the noise a second
+    time, so they are first drawn together (James and Stein): what scatters no more than noise does
+    is flat, what scatters far more stays. Middle and reversal error are drawn together separately.
     """
     rng = np.random.default_rng(seed)
-    ways = [_again(way, spread.get(key), rng) for way, key in ((up, "R_fwd"), (down, "R_bwd"))]
-    values, _ = parameters(*ways)
+    ways = (up, down)
+    variances = [_likely(w, spread.get(k)) for w, k in zip(ways, ("R_fwd", "R_bwd"), strict=True)]
+    means = _drawn_together(up, down, *variances)
+    tests = [_again(w, m, v, rng) for w, m, v in zip(ways, means, variances, strict=True)]
+    values, _ = parameters(*tests)
     return {k: float(v.std(ddof=1)) for k, v in values.items()}
 
 
-def _again(way: Columns, spread: SpreadEstimate | None, rng: np.random.Generator) -> Columns:
-    """Return means and standard deviations of many tests like this one."""
-    m = way.count.size
+def _likely(way: Columns, spread: SpreadEstimate | None) -> FloatArray:
+    """Return the variance that each target probably has; NaN where it is not used."""
+    use, likely = way.usable, np.full(way.count.size, np.nan)
     if spread is None:
+        return likely
+    freedom, found = (way.count[use] - 1).astype(np.float64), way.sd[use] ** 2
+    likely[use] = float(freedom @ found) / float(freedom.sum())
+    if not spread.homogeneous:
+        likely[use] = likely_variances(found, freedom)
+    return likely
+
+
+def _drawn_together(
+    up: Columns, down: Columns, var_up: FloatArray, var_down: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the means of both directions without the scatter that their noise gave them."""
+    noise = [v / np.maximum(w.count, 1) for w, v in ((up, var_up), (down, var_down))]
+    first, second = (_shrunk(w.mean, n) for w, n in zip((up, down), noise, strict=True))
+    both = up.usable & down.usable
+    if both.any():
+        of_reversal = (noise[0] + noise[1])[both]
+        middle = _shrunk((up.mean + down.mean)[both] / 2.0, of_reversal / 4.0)
+        half = _shrunk((up.mean - down.mean)[both], of_reversal) / 2.0
+        first[both], second[both] = middle + half, middle - half
+    return first, second
+
+
+def _shrunk(values: FloatArray, noise: FloatArray) -> FloatArray:
+    use = ~np.isnan(values)
+    shrunk = values.copy()
+    if np.count_nonzero(use) > 1:
+        level, scatter = float(values[use].mean()), float(values[use].var(ddof=1))
+        share = float(noise[use].mean()) / scatter if scatter > 0.0 else 0.0
+        shrunk[use] = level + max(1.0 - share, 0.0) * (values[use] - level)
+    return shrunk
+
+
+def _again(
+    way: Columns, mean: FloatArray, variance: FloatArray, rng: np.random.Generator
+) -> Columns:
+    """Return means and standard deviations of many tests of an axis."""
+    m = way.count.size
+    if not way.usable.any():
         return Columns(np.full((1, m), np.nan), np.full((1, m), np.nan), way.count)
-    use = way.usable
-    nu = np.where(use, way.count - 1, 1).astype(np.float64)
-    variance = way.sd**2
-    if spread.homogeneous:
-        variance = np.where(use, float(nu[use] @ variance[use]) / float(nu[use].sum()), np.nan)
-    n = np.where(use, way.count, 1)
-    mean = way.mean + np.sqrt(variance / n) * rng.standard_normal((_N_TESTS, m))
+    nu = np.maximum(way.count - 1, 1).astype(np.float64)
+    n = np.maximum(way.count, 1)
+    means = mean + np.sqrt(variance / n) * rng.standard_normal((_N_TESTS, m))
     sd = np.sqrt(variance * rng.chisquare(nu, (_N_TESTS, m)) / nu)
-    return Columns(mean, sd, way.count)
+    return Columns(means, sd, way.count)

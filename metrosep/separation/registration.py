@@ -29,6 +29,12 @@ _ITERATIONS = 30
 _COARSE = 96
 _FLATTEST = 1e-4
 _MIRRORED = "; one map looks mirrored: with x reversed they fit much better"
+_UNLIKE = (
+    "register_maps: the maps do not resemble each other well enough for a registration; give "
+    "start=(shift_x, shift_y, angle) near the truth, or use fiducials"
+)
+_REST, _REST_OF_U, _NEAR_REST = 1e-5, 0.05, 6.0
+_FREE_MASK = 8
 _NAMES = ("shift along x", "shift along y", "turn")
 
 
@@ -109,13 +115,12 @@ def register_maps(
     stack = np.stack([without_plane(z, grid) for z in stack])
     p = _coarse_shift(stack, np.array(start, dtype=np.float64), grid)
     free = np.array([True, True, rotation])
-    try:
-        p, count = _gauss_newton(stack, p, grid, free)
-    except NotConvergedError as exc:
-        mirrored = _mirrored_left(stack, p, grid, free) < 0.3 * math.sqrt(
-            np.nanmean(stack[0] ** 2)
-        )
-        raise NotConvergedError(f"{exc}{_MIRRORED if mirrored else ''}") from None
+    start_at = p
+    p, count, at_rest = _gauss_newton(stack, start_at, grid, free)
+    if not at_rest:
+        left_so = _left(stack, p, grid, free)
+        mirrored = _mirrored_left(stack, start_at, grid, free) < 0.5 * left_so
+        raise NotConvergedError(_UNLIKE + (_MIRRORED if mirrored else ""))
     at = _linearised(stack, p, grid, free)
     design = at.design
     left = at.rest - design @ _solved(at, free)
@@ -224,12 +229,17 @@ class _Linearised:
     rest: FloatArray
     seen: FloatArray
     share: float
+    mask: NDArray[np.bool_]
 
 
 def _linearised(
-    stack: FloatArray, p: FloatArray, grid: MapGrid, free: NDArray[np.bool_]
+    stack: FloatArray,
+    p: FloatArray,
+    grid: MapGrid,
+    free: NDArray[np.bool_],
+    mask: NDArray[np.bool_] | None = None,
 ) -> _Linearised:
-    """Return gradients, plane and difference of the maps at parameters p."""
+    """Return gradients, plane and difference of the maps at parameters p, on a mask if given."""
     from scipy import ndimage
 
     shift = (float(p[0]), float(p[1]))
@@ -238,6 +248,7 @@ def _linearised(
     common = require_overlap(np.stack([here, stack[1]]), "register_maps")
     inner = ndimage.binary_erosion(common, np.ones((3, 3), dtype=bool), iterations=3)
     common = inner if inner.sum() >= 30 else common
+    common = common if mask is None else common & mask
     gx, gy = map_gradient(here, grid)
     x, y = np.broadcast_arrays(grid.x - p[0], (grid.y - p[1])[:, None])
     slope, reach = np.hypot(gx, gy), np.hypot(x, y)
@@ -250,24 +261,39 @@ def _linearised(
     norm = np.array([float(np.sqrt((m[common] ** 2).sum())) for m in most])
     size = np.sqrt((design[:, : norm.size] ** 2).sum(axis=0))
     seen = np.where(norm > 0.0, size / np.where(norm > 0.0, norm, 1.0), 0.0)
-    return _Linearised(design, (stack[1] - here)[common], seen, share)
+    return _Linearised(design, (stack[1] - here)[common], seen, share, common)
 
 
 def _gauss_newton(
     stack: FloatArray, p: FloatArray, grid: MapGrid, free: NDArray[np.bool_]
-) -> tuple[FloatArray, int]:
+) -> tuple[FloatArray, int, bool]:
+    """Return the parameters, the number of steps, and whether they came to rest.
+
+    A step need not be shorter than a fraction of its own uncertainty: noise that is interpolated
+    anew, and a rim that comes and goes, keep it from zero. So the last passes hold the pixels, and
+    the best of short steps is taken.
+    """
     scale = np.array([grid.dx, grid.dy, 1.0 / max(grid.shape)])
+    n, mask = int(free.sum()), None
+    best, shortest = p, math.inf
     for count in range(1, _ITERATIONS + 1):
-        step = np.zeros(3)
-        step[free] = _solved(_linearised(stack, p, grid, free), free)[: free.sum()]
+        at = _linearised(stack, p, grid, free, mask)
+        found = _solved(at, free)
+        left = at.rest - at.design @ found
+        variance = float(np.mean(left**2)) * np.diag(np.linalg.pinv(at.design.T @ at.design))[:n]
+        step, rest = np.zeros(3), np.full(3, _REST) * scale
+        step[free] = found[:n]
+        rest[free] = np.maximum(rest[free], _REST_OF_U * np.sqrt(np.maximum(variance, 0.0)))
         longest = float(np.max(np.abs(step / scale)))
         p = p + step * min(1.0, 3.0 / max(longest, 1e-300))
-        if longest < 1e-5:
-            return p, count
-    raise NotConvergedError(
-        "register_maps: the maps do not resemble each other well enough for a registration; give "
-        "start=(shift_x, shift_y, angle) near the truth, or use fiducials"
-    )
+        ratio = float(np.max(np.abs(step / rest)))
+        if ratio < 1.0:
+            return p, count, True
+        if ratio < shortest:
+            best, shortest = p, ratio
+        if count >= _FREE_MASK and mask is None and longest < 1.0:
+            mask = at.mask
+    return best, _ITERATIONS, shortest < _NEAR_REST
 
 
 def _solved(at: _Linearised, free: NDArray[np.bool_]) -> FloatArray:
@@ -288,6 +314,12 @@ def _solved(at: _Linearised, free: NDArray[np.bool_]) -> FloatArray:
     )
 
 
+def _left(stack: FloatArray, p: FloatArray, grid: MapGrid, free: NDArray[np.bool_]) -> float:
+    """Return the RMS of what parameters leave of the difference."""
+    at = _linearised(stack, p, grid, free)
+    return math.sqrt(float(np.mean((at.rest - at.design @ _solved(at, free)) ** 2)))
+
+
 def _mirrored_left(
     stack: FloatArray, p: FloatArray, grid: MapGrid, free: NDArray[np.bool_]
 ) -> float:
@@ -295,10 +327,11 @@ def _mirrored_left(
     small, small_grid = coarse(stack, grid, _COARSE)
     small = np.stack([small[0, :, ::-1], small[1]])
     try:
-        q, _ = _gauss_newton(small, _coarse_shift(small, p, small_grid), small_grid, free)
-        at = _linearised(small, q, small_grid, free)
-        return math.sqrt(float(np.mean((at.rest - at.design @ _solved(at, free)) ** 2)))
-    except (DataError, DegenerateFitError, NotConvergedError):
+        q, _, at_rest = _gauss_newton(
+            small, _coarse_shift(small, p, small_grid), small_grid, free
+        )
+        return _left(small, q, small_grid, free) if at_rest else math.inf
+    except (DataError, DegenerateFitError):
         return math.inf
 
 

@@ -213,11 +213,14 @@ class RotationTest(SeparationMethod):
             for name, s in zip(named, (u[1], u[0], u[2]), strict=True)
         }
         if self.u_registration > 0.0 or self.u_angle > 0.0:
+            # the unseparated sum may be the part's: its slopes count wholly, an upper bound
             shares = registration_share(
-                solver, part, angles, grid, self.u_registration, self.u_angle, removed=self.removed
-            )
+                solver, part + solution.parts[2], angles, grid,
+                self.u_registration, self.u_angle, removed=self.removed,
+            )  # fmt: skip
             for name, share in zip(("instrument", "part", "unseparated"), shares, strict=True):
-                u_maps[name] = np.hypot(u_maps[name], share)
+                both = np.hypot(u_maps[name], share)
+                u_maps[name] = np.where(np.isfinite(named[name]), both, np.nan)
         messages = doubts_of_rotations(stack, angles, grid, self.largest_gain)
         if not grid.calibrated:
             messages = (*messages, PIXELS)
@@ -279,7 +282,8 @@ def rotation_average(
     u_reading : float, m, optional
         Standard uncertainty of one pixel; found from redundancy if omitted.
     u_registration : float, m, optional
-        Standard uncertainty of the centring of each map along x and along y.
+        Standard uncertainty of the centring of each map along x and along y. It enters by the slopes
+        of ``part + unseparated``: an upper bound, as if the unseparated sum were all of the part.
     u_angle : float, rad, optional
         Standard uncertainty of each angle.
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,6 +23,8 @@ from numpy.typing import NDArray
 from metrosep.core.errors import DataError, InvalidSamplesError, NotSeparableError, UnitError
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.quantity import Quantity
+from metrosep.separation._checked_numbers import checked_number
+from metrosep.separation._result_values import plain, reduced
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -101,6 +103,21 @@ class Squareness:
         }
         return pd.DataFrame.from_dict(data, orient="index").rename_axis("name")
 
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON, SI, NaN as None.
+
+        Returns
+        -------
+        dict
+            ``angles``, ``scales``, ``remainder``, ``residuals``, ``common``, ``audit``,
+            ``messages``.
+        """
+        found: dict[str, Any] = plain({f.name: getattr(self, f.name) for f in fields(self)})
+        return found
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return reduced(self)
+
     def __repr__(self) -> str:
         return "Squareness(" + ", ".join(f"{k} {q}" for k, q in self.angles.items()) + ")"
 
@@ -132,10 +149,10 @@ def squareness_from_diagonals(
     NotSeparableError
         If no angle is determined by these diagonals.
     DataError
-        If a name is not known, a diagonal stands twice, `size` is not three positive lengths, or
-        u is negative or lacks a diagonal.
+        If lengths is no mapping, a name is not known, a diagonal stands twice, `size` is not three
+        positive lengths, or u is no number, negative or lacks a diagonal.
     InvalidSamplesError
-        If a length error is not finite.
+        If a length error is no finite number.
     UnitError
         If a length error exceeds 1 % of its diagonal.
 
@@ -164,7 +181,7 @@ def squareness_from_diagonals(
     >>> round(squareness_from_diagonals(dl, (1.0, 1.0, 1.0)).a_xy * 1e6, 4)
     2.5981
     """
-    travel = _travel(size)
+    travel = checked_travel(size)
     table = _by_canonical_name(lengths)
     signs = np.array([_signs(name) for name in table])
     dl = np.array(list(table.values()), dtype=np.float64)
@@ -202,8 +219,28 @@ def squareness_from_diagonals(
     )
 
 
-def _travel(size: Sequence[float]) -> FloatArray:
-    travel = np.asarray(size, dtype=np.float64)
+def checked_travel(size: Sequence[float]) -> FloatArray:
+    """Return the travels as an array.
+
+    Parameters
+    ----------
+    size : sequence of 3 float, m
+        What the user gave.
+
+    Returns
+    -------
+    ndarray, shape (3,)
+        Positive.
+
+    Raises
+    ------
+    DataError
+        If it is not three positive lengths.
+    """
+    try:
+        travel = np.asarray(size, dtype=np.float64)
+    except (TypeError, ValueError):
+        travel = np.empty(0)
     if travel.shape != (3,) or not (np.isfinite(travel).all() and (travel > 0.0).all()):
         raise DataError(f"size must be three positive lengths (X, Y, Z) in m, got {size!r}")
     return travel
@@ -247,13 +284,23 @@ def canonical_name(name: str) -> tuple[str, bool]:
 
 def _by_canonical_name(lengths: Mapping[str, float]) -> dict[str, float]:
     table: dict[str, float] = {}
+    if not isinstance(lengths, Mapping):
+        raise DataError(
+            "pass the length errors as a mapping such as {'ppp': 2e-6, 'npp': -1e-6, ...}: the "
+            f"names are needed, got a {type(lengths).__name__}"
+        )
     for name, value in lengths.items():
         own, _ = canonical_name(name)
         if own in table:
             raise DataError(
                 f"diagonal {own} stands twice ({name!r} is the same line); average them"
             )
-        table[own] = float(value)
+        try:
+            table[own] = float(getattr(value, "value", value))
+        except (TypeError, ValueError):
+            raise InvalidSamplesError(
+                f"the length error of {name} must be a number in m, got {value!r}"
+            ) from None
     if not table:
         raise NotSeparableError("no diagonal was given")
     return table
@@ -289,13 +336,14 @@ def _standard_uncertainties(
     if u is None:
         return None
     if isinstance(u, Mapping):
-        own = {canonical_name(k)[0]: float(v) for k, v in u.items()}
+        own = {canonical_name(k)[0]: checked_number(v, f"u of {k}") for k, v in u.items()}
         missing = [n for n in names if n not in own]
         if missing:
             raise DataError(f"u lacks the diagonal {missing[0]}")
         sd = np.array([own[n] for n in names])
     else:
-        sd = np.full(len(names), float(u))
+        what = "one number in m or a mapping of names to numbers"
+        sd = np.full(len(names), checked_number(u, "u", what))
     if not (np.isfinite(sd).all() and (sd >= 0.0).all()):
         raise DataError("u must be zero or positive, in m")
     return sd

@@ -46,7 +46,7 @@ def test_json_holds_values_null_space_and_nothing_else_on_stdout(metrosep, readi
     values = {c["metric"]: c["value"] for c in summary["characteristics"]}
     assert values["spindle.pv"] == pytest.approx(np.ptp(SPINDLE) * 1e-9, abs=1e-14)
     assert values["artefact.pv"] == pytest.approx(np.ptp(BALL) * 1e-9, abs=1e-14)
-    assert summary["separation"]["null_space"][0]["indices"] == [0, 1]
+    assert summary["separation"]["null_space"][0]["indices"] == ["offset", "eccentricity"]
     assert summary["separation"]["noise"]["value"] == 1e-9
 
 
@@ -56,7 +56,7 @@ def test_folder_gets_parts_report_and_result(metrosep, readings, tmp_path):
 
     assert code == 0, err
     assert sorted(f.name for f in out.iterdir()) == ["parts.csv", "report.html", "result.json"]
-    assert "not seen: spindle: harmonics 0, 1" in err
+    assert "not seen: spindle: terms offset, eccentricity" in err
     assert "u_reading" in err  # nothing tells the noise: it is said
 
 
@@ -109,7 +109,7 @@ def test_ops_lists_every_step(metrosep):
     code, out, _ = metrosep("ops")
     assert code == 0
     listed = {line.split(":")[0] for line in out.splitlines() if not line.startswith(" ")}
-    assert listed == {"separate", "polynomial", *METHODS}
+    assert listed == {"separate", "polynomial", "plan_feedrates", *METHODS}
 
     code, out, _ = metrosep("ops", "--json")
     rows = {row["op"]: row for row in json.loads(out)}

@@ -73,7 +73,7 @@ def test_document_is_readable_again_and_holds_the_parts(readings, tmp_path):
     assert float(rows[5]["spindle_m"]) == result.produced.spindle[5]
     assert float(rows[5]["angle_rad"]) == pytest.approx(ANGLE[5], abs=1e-12)
     page = (tmp_path / "out" / "report.html").read_text("utf-8")
-    assert "harmonic 0, 1" in page
+    assert "eccentricity" in page
     assert "Parts of the readings" in page
 
 
@@ -106,8 +106,9 @@ def test_unknown_uncertainty_must_be_stated(readings):
         (('u_index = "0.1 deg"', 'u_index = "0.1 mm"'), ":8.*angle"),
         (('u_index = "0.1 deg"', 'u_indx = "0.1 deg"'), "u_index"),
         (('u_index = "0.1 deg"', "u_index = 0.1"), "unit in quotes"),
-        (('angle = "angle_deg"', 'x = "angle_deg"\nz = "m1_nm"'), 'unknown key "z"'),
+        (('angle = "angle_deg"', 'z = "m1_nm"'), 'unknown key "z"'),
         (('readings = ["m1_nm", "m2_nm"]', ""), "readings"),
+        (('angle = "angle_deg"', 'x = "angle_deg"'), ':4: unknown key "x".*known:.*angle'),
     ],
 )
 def test_wrong_recipes_are_refused_with_their_line(change, match):
@@ -128,6 +129,12 @@ def test_nothing_is_left_of_a_run_that_fails(readings, tmp_path):
     with pytest.raises(InvalidSamplesError, match="2 readings are needed"):
         ms.Recipe.parse(text).run(readings, out=tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_more_readings_than_the_method_has_are_refused(readings):
+    text = RECIPE.replace('"m1_nm", "m2_nm"', '"m1_nm", "m2_nm", "m1_nm"')
+    with pytest.raises(InvalidSamplesError, match="2 readings are read"):
+        ms.Recipe.parse(text).run(readings)
 
 
 def test_angles_are_demanded_and_must_close_the_turn(readings, tmp_path):

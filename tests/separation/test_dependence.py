@@ -1,6 +1,9 @@
 """Coefficients of temperature and speed: closed forms, coverage, refusals."""
 
+import copy
+import json
 import math
+import pickle
 
 import numpy as np
 import pytest
@@ -126,8 +129,41 @@ def test_gaps_and_no_extrapolation():
         (([1, 2, 3], [1, 2, 3]), {"powers": (1, 1)}, DataError, "different"),
         (([1, 2, 3], [1, 2, 3]), {"powers": ()}, DataError, "different"),
         (([1, 2, 3], [1, 2, 3]), {"confidence": 95}, DataError, "confidence"),
+        (([1, 2, 3], [1, 2, 3]), {"confidence": "high"}, DataError, "confidence must be"),
+        (([1, 2, 3], [1, 2, 3]), {"powers": 2}, DataError, r"powers must be .* such as \(0, 2\)"),
+        (([1, 2, 3], [1, 2, 3]), {"powers": "02"}, DataError, "powers must be"),
+        (([1, 2, 3], [1, 2, 3]), {"powers": (0, 1.5)}, DataError, "powers must be"),
+        (([1, 2, 3], [1, 2, 3]), {"u": "1 nm"}, InvalidSamplesError, "u must be"),
+        (([1, 2, 3], ["a", "b", "c"]), {}, InvalidSamplesError, "real numbers"),
     ],
 )
 def test_bad_input_is_refused(arguments, options, error, match):
     with pytest.raises(error, match=match):
         speed_dependence(*arguments, **options)
+
+
+def test_masked_readings_are_not_measured():
+    y = np.ma.masked_greater(np.array([1.0, 2.0, 900.0, 4.0, 5.0]), 100.0)
+    v = np.array([1.0, 2.0, 3.0, 4.0, 5.0])
+
+    fit = speed_dependence(v, y, powers=(0, 1))
+
+    assert fit.coefficients["c1"].value == pytest.approx(1.0, abs=1e-12)
+    assert np.isnan(fit.residual[2])
+
+
+def through_pickle(result):
+    return pickle.loads(pickle.dumps(result))  # noqa: S301 - bytes of its own
+
+
+@pytest.mark.parametrize("how", [copy.deepcopy, through_pickle])
+def test_result_survives_copies_and_gives_json(how):
+    fit = speed_dependence([1, 2, 3, 4], [1.0, np.nan, 2.0, 4.0], powers=(0, 1), u=0.1)
+
+    again = how(fit)
+    text = json.dumps(fit.to_dict(), allow_nan=False)
+
+    assert json.dumps(again.to_dict(), allow_nan=False) == text
+    assert again.evaluate([1.5]) == pytest.approx(fit.evaluate([1.5]), abs=0.0)
+    assert fit.to_dict()["values"][1] is None
+    assert fit.to_dict()["freedom"] is None  # infinite: u was given

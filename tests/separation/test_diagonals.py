@@ -1,7 +1,10 @@
 """Squareness and diagonals against a machine of homogeneous transforms written here."""
 
+import copy
 import itertools
+import json
 import math
+import pickle
 
 import numpy as np
 import pytest
@@ -284,6 +287,13 @@ def test_unidirectional_diagonals_have_no_reversal():
         (dict.fromkeys(BODY, 0.0), (1.0, 1.0, 0.0), {}, DataError, "three positive"),
         (dict.fromkeys(BODY, 0.0), SIZE, {"u": -1.0}, DataError, "zero or positive"),
         (dict.fromkeys(BODY, 0.0), SIZE, {"u": {"ppp": 1e-9}}, DataError, "lacks the diagonal"),
+        (dict.fromkeys(BODY, 0.0), SIZE, {"u": [1e-7] * 4}, DataError, "mapping of names"),
+        (dict.fromkeys(BODY, 0.0), SIZE, {"u": "1 um"}, DataError, "mapping of names"),
+        (dict.fromkeys(BODY, 0.0), SIZE, {"u": dict.fromkeys(BODY, "a")}, DataError, "u of ppp"),
+        ([0.0] * 4, SIZE, {}, DataError, "mapping such as"),
+        (dict.fromkeys(BODY, 0.0), "abc", {}, DataError, "three positive"),
+        (dict.fromkeys(BODY, 0.0), (1.0, "b", 1.0), {}, DataError, "three positive"),
+        (dict.fromkeys(BODY, "1 um"), SIZE, {}, InvalidSamplesError, "length error of ppp"),
     ],
 )
 def test_bad_input_is_refused_by_name(lengths, size, options, error, match):
@@ -303,8 +313,54 @@ def test_bad_diagonal_tests_are_refused():
         iso230_6_diagonals({"ppp": good[:2]})
     with pytest.raises(DataError, match="check size and targets"):
         iso230_6_diagonals({"ppp": good}, size=(0.1, 0.1, 0.1))
+    with pytest.raises(DataError, match="mapping such as"):
+        iso230_6_diagonals([good])
+    with pytest.raises(DataError, match="got a float"):
+        iso230_6_diagonals({"ppp": 5.0})
+    with pytest.raises(DataError, match="got a str"):
+        iso230_6_diagonals({"ppp": "abc"})
+    with pytest.raises(DataError, match="three positive"):
+        iso230_6_diagonals({"ppp": good}, size="abc")
+    with pytest.raises(DataError, match="seed"):
+        iso230_6_diagonals({"ppp": good}, seed="a")
     with pytest.raises(TooFewSamplesError, match="needs 2"):
         iso230_6_diagonals({"ppp": (good[0], good[1][:, :1], None)})
+
+
+def test_a_size_in_mm_is_refused_and_short_targets_are_said():
+    """The length error is slope times diagonal: 1000 times the size, 1000 times the error."""
+    rng = np.random.default_rng(6)
+    t, up, down = diagonal_runs(rng, "ppp", **ANGLES)
+    half, most = slice(0, 5), slice(0, 8)
+
+    with pytest.raises(DataError, match=r"targets span .* half of the diagonal"):
+        iso230_6_diagonals({"ppp": (t, up, down)}, size=[v * 1e3 for v in SIZE])
+    with pytest.raises(DataError, match="half of the diagonal"):
+        iso230_6_diagonals({"ppp": (t[half], up[half], down[half])}, size=SIZE)
+    short = iso230_6_diagonals({"ppp": (t[most], up[most], down[most])}, size=SIZE)
+    whole = iso230_6_diagonals({"ppp": (t, up, down)}, size=SIZE)
+
+    assert any("ppp" in m and "extrapolated" in m for m in short.messages)
+    assert not any("extrapolated" in m for m in whole.messages)
+
+
+def through_pickle(result):
+    return pickle.loads(pickle.dumps(result))  # noqa: S301 - bytes of its own
+
+
+@pytest.mark.parametrize("how", [copy.deepcopy, through_pickle])
+def test_results_survive_copies_and_give_json(how):
+    rng = np.random.default_rng(7)
+    data = {name: diagonal_runs(rng, name, **ANGLES) for name in ("pp0", "np0")}
+    test = iso230_6_diagonals(data, size=SIZE)
+
+    for result in (test, test.squareness):
+        again = how(result)
+        text = json.dumps(result.to_dict(), allow_nan=False)
+        assert json.dumps(again.to_dict(), allow_nan=False) == text
+        assert repr(again) == repr(result)
+    assert test.to_dict()["squareness"]["angles"]["xz"]["value"] is None
+    assert set(test.to_dict()["tests"]) == {"pp0", "np0"}
 
 
 def test_all_names_of_body_diagonals_are_four_lines():

@@ -1,6 +1,9 @@
 """Drift: ranges against plain loops, A-B-B-A closed forms, joint fit against the bound, Allan."""
 
+import copy
+import json
 import math
+import pickle
 
 import numpy as np
 import pytest
@@ -97,6 +100,9 @@ def test_a_change_in_step_with_the_exchange_is_not_seen():
         ([np.nan] * 4, {}, InvalidSamplesError, "all are NaN"),
         ([1, 2, 3, 4], {"order": "ABAB"}, DataError, "'ABBA' or 'BAAB'"),
         ([1, 2, 3, 4], {"sd": -1}, DataError, "sd must"),
+        ([1, 2, 3, 4], {"sd": "1 nm"}, DataError, "sd must be a number"),
+        ([1, 2, 3, 4], {"order": ["A"]}, DataError, "'ABBA' or 'BAAB'"),
+        ([1, 2, 3, 4], {"t": ["a", 1, 2, 3]}, InvalidSamplesError, "times"),
         ([1, 2, 3, 4], {"t": [0, 1, 1, 2]}, InvalidSamplesError, "increasing"),
         ([1, 2, 3, 4], {"t": [0, 1, 2]}, InvalidSamplesError, "shape"),
     ],
@@ -179,6 +185,60 @@ def test_profiles_each_point_with_its_own_drift_and_gaps():
     assert any("too few readings" in m for m in fit.messages)
 
 
+def test_the_difference_is_as_uncertain_as_its_gaps_make_it():
+    """Weights of the readings that remain, by normal equations written here."""
+    t, order, sd = np.arange(10.0), "ABBAABBAAB", 0.5
+    lost = [1, 4, 5, 8]
+    kept = [k for k in range(10) if k not in lost]
+    design = np.array([[order[k] == "A", order[k] == "B", k / 9.0] for k in kept], dtype=float)
+    pick = np.array([1.0, -1.0, 0.0])
+    wanted = sd * math.sqrt(pick @ np.linalg.inv(design.T @ design) @ pick)  # 0.43, full: 0.32
+    readings = np.zeros(10)
+    readings[lost] = np.nan
+    map_of_three = np.zeros((10, 3))
+    map_of_three[lost, 1] = np.nan
+    full = float(joint_drift(t, np.zeros(10), order, sd=sd).difference("A", "B")[1])
+
+    one, several = (
+        joint_drift(t, readings, order, sd=sd),
+        joint_drift(t, map_of_three, order, sd=sd),
+    )
+
+    assert wanted > 1.3 * full
+    assert float(one.difference("A", "B")[1]) == pytest.approx(wanted, abs=ROUNDING)
+    assert several.difference("A", "B")[1] == pytest.approx([full, wanted, full], abs=ROUNDING)
+    assert np.sqrt(np.diag(one.covariance)) * sd == pytest.approx(one.u, abs=ROUNDING)
+
+
+def test_a_quantity_that_gaps_removed_has_no_difference():
+    readings = np.array([1.0, np.nan, np.nan, 1.1, 1.2, 1.3])
+
+    value, u = joint_drift(np.arange(6.0), readings, "ABBAAA", sd=0.1).difference("A", "B")
+
+    assert math.isnan(float(value))
+    assert math.isnan(float(u))
+
+
+def test_gaps_that_use_up_the_redundancy_are_said():
+    readings = np.array([[1.0, 1.0], [2, 2], [3, 3], [1, np.nan], [2, 2]])
+
+    fit = joint_drift(np.arange(5.0), readings, "ABCAB", degree=1)
+
+    assert np.isnan(fit.u[:, 1]).all()
+    assert np.isfinite(fit.values[:, 1]).all()
+    assert any("1 point(s) have no redundancy" in m for m in fit.messages)
+
+
+def test_masked_readings_are_not_measured():
+    readings = np.ma.masked_greater(np.array([7.0, 3.1, 900.0, 7.3, 7.4, 3.5]), 100.0)
+    plain = readings.filled(np.nan)
+
+    fit, wanted = (joint_drift(np.arange(6.0), r, "ABBAAB") for r in (readings, plain))
+
+    assert fit.values == pytest.approx(wanted.values, abs=ROUNDING)
+    assert math.isnan(float(abba(readings[:4]).difference))
+
+
 def test_reference_time_moves_the_level_only():
     t = np.arange(6.0)
     readings = 10 + 0.5 * t
@@ -203,6 +263,15 @@ def test_reference_time_moves_the_level_only():
         (([0, 1, 2], [1, 2, 3]), {"n_pieces": 0}, DataError, "1 or more"),
         (([0, 1, 2], [1, 2, 3]), {"reference": 7.0}, DataError, "outside"),
         (([0, 1, 2], [1, 2, 3]), {"sd": -1.0}, DataError, "sd must"),
+        (([0, 1, 2], [1, 2, 3]), {"sd": "1 nm"}, DataError, "sd must be a number"),
+        (([0, 1, 2], [1, 2, 3]), {"degree": "2"}, DataError, "whole number"),
+        (([0, 1, 2], [1, 2, 3]), {"degree": None}, DataError, "whole number"),
+        (([0, 1, 2], [1, 2, 3]), {"n_pieces": "2"}, DataError, "whole number"),
+        (([0, 1, 2], [1, 2, 3]), {"reference": "start"}, DataError, "reference must be a number"),
+        (([0, 1, 2], ["a", "b", "c"]), {}, InvalidSamplesError, "numbers"),
+        (([0, 1, 2], [[1, 2], [1], [1, 2]]), {}, InvalidSamplesError, "one shape"),
+        (([0, 1, 2], [1, 2, 3], 7), {}, InvalidSamplesError, "labels"),
+        (([0, 1, 2], [1, 2, 3], [["a"], ["a"], ["b"]]), {}, InvalidSamplesError, "labels"),
     ],
 )
 def test_bad_joint_fits_are_refused(arguments, options, error, match):
@@ -312,6 +381,9 @@ def test_noise_that_makes_a_range_is_said():
         ({"windows": [(0.0, 30.0)]}, TooFewSamplesError, "needs 2"),
         ({"span": 1e9}, DataError, "span"),
         ({"sd": -1.0}, DataError, "sd must"),
+        ({"sd": "1 nm"}, DataError, "sd must be a number"),
+        ({"span": "1 h"}, DataError, "span must be"),
+        ({"windows": [0.0, 60.0]}, InvalidSamplesError, "pairs"),
         ({"angular": ("EAC",)}, DataError, "angular names"),
         ({"channels": {}}, DataError, "no channel"),
         ({"channels": [1.0, 2.0]}, DataError, "mapping"),
@@ -324,6 +396,29 @@ def test_bad_drift_tests_are_refused(change, error, match):
 
     with pytest.raises(error, match=match):
         iso230_3_drift(t, options.pop("channels"), **options)
+
+
+def test_readings_in_um_passed_as_m_are_said():
+    t, channels = drifting()
+    wrong = {name: z / UM for name, z in channels.items()}
+
+    said = iso230_3_drift(t, wrong).messages
+
+    assert sum("are the readings in m" in m for m in said) == 2
+    assert not any("are the readings" in m for m in iso230_3_drift(t, channels).messages)
+    tilted = iso230_3_drift(t, {"EAC": 5e3 * channels["EX0C"]}, angular=("EAC",))
+    assert any("are the readings in rad" in m for m in tilted.messages)
+
+
+def test_masked_channel_is_not_measured():
+    t, channels = drifting()
+    spiked = channels["EX0C"].copy()
+    spiked[7] = 1.0
+
+    test = iso230_3_drift(t, {"EX0C": np.ma.masked_greater(spiked, 0.5)})
+
+    assert test.ranges["EX0C"][0].value < 5 * UM
+    assert any("1 of" in m for m in test.messages)
 
 
 # --- Allan deviation -----------------------------------------------------------------------------
@@ -363,3 +458,44 @@ def test_allan_deviation_equals_its_definition():
 def test_bad_records_have_no_allan_deviation(t, z, error, match):
     with pytest.raises(error, match=match):
         allan_deviation(t, z)
+
+
+# --- results as values ---------------------------------------------------------------------------
+
+
+def results():
+    t, channels = drifting(np.random.default_rng(0))
+    channels["EX0C"][5] = np.nan
+    return {
+        "ranges": iso230_3_drift(t, channels),
+        "abba": abba([[1.0, np.nan], [0, 0], [0, 0], [1, 1]]),
+        "joint": joint_drift(np.arange(5.0), [1.0, 2, np.nan, 1, 2], "ABBAB"),
+    }
+
+
+def through_pickle(result):
+    return pickle.loads(pickle.dumps(result))  # noqa: S301 - bytes of its own
+
+
+@pytest.mark.parametrize("name", ["ranges", "abba", "joint"])
+@pytest.mark.parametrize("how", [copy.deepcopy, through_pickle])
+def test_results_survive_copies_and_give_json(name, how):
+    result = results()[name]
+
+    again = how(result)
+    text = json.dumps(result.to_dict(), allow_nan=False)
+
+    assert type(again) is type(result)
+    assert json.dumps(again.to_dict(), allow_nan=False) == text
+    assert again.audit == result.audit
+    with pytest.raises(TypeError):
+        again.audit["new"] = 1
+
+
+def test_dictionary_of_each_holds_its_numbers():
+    found = {name: r.to_dict() for name, r in results().items()}
+
+    assert found["abba"]["difference"] == [1.0, None]
+    assert set(found["joint"]["values"]) == {"A", "B"}
+    assert found["ranges"]["ranges"]["EZ0C"][0]["value"] == pytest.approx(6 * UM, abs=0.1 * UM)
+    assert "t" not in found["ranges"]  # the record itself is not copied

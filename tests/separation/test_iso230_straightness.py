@@ -1,6 +1,9 @@
 """Straightness of a motion: brute force over all lines, closed forms, null space, refusals."""
 
+import copy
 import itertools
+import json
+import pickle
 
 import numpy as np
 import pytest
@@ -120,6 +123,93 @@ def test_uncertainty_is_that_of_repeated_measurements(reference):
     assert u == pytest.approx(np.std(values, ddof=1), abs=0.12 * u)  # 3.4 sd of an sd of 400
 
 
+def noisy_arc(rng, *, sd=5e-9, n=41):
+    """A flat arc of 100 nm: many points compete for the touching ones."""
+    x = np.linspace(0.0, 0.4, n)
+    return x, 100e-9 * (1 - (x / 0.2 - 1) ** 2) + sd * rng.normal(size=n)
+
+
+def ratios_and_bias(n_trials, truth=100e-9):
+    rng = np.random.default_rng(3)
+    found = [straightness_iso230_1(*noisy_arc(rng), sd=5e-9) for _ in range(n_trials)]
+    out = {}
+    for key in ("MZ", "LS", "EP"):
+        values = np.array([f.values[key].value for f in found])
+        u = np.sqrt(np.mean([f.values[key].u ** 2 for f in found]))
+        bias = np.mean([f.bias[key] for f in found])
+        out[key] = (u / values.std(ddof=1), bias, values.mean() - truth)
+    return out
+
+
+@pytest.mark.slow
+def test_uncertainty_and_bias_where_touching_points_change():
+    """300 trials: 4 % standard deviation of the ratio, 0.4 nm of the mean."""
+    found = ratios_and_bias(300)
+
+    for key, (ratio, stated, true) in found.items():
+        assert 0.88 <= ratio <= 1.13, key
+        assert true > 2e-9 or key == "EP"
+        assert 0.3 * true - 0.8e-9 <= stated <= true + 0.8e-9, key
+
+
+def test_uncertainty_where_touching_points_change_quickly():
+    ratio, bias, _ = ratios_and_bias(60)["MZ"]
+
+    assert 0.72 <= ratio <= 1.28  # 3 sd of an sd of 60
+    assert bias > 0.5e-9
+
+
+def test_bias_of_the_extremes_is_said_where_it_counts():
+    x, z = noisy_arc(np.random.default_rng(4))
+    three = straightness_iso230_1([0, 0.1, 0.2], [0, UM, 0], sd=1e-9)
+
+    result = straightness_iso230_1(x, z, sd=5e-9)
+
+    assert any("MZ" in m and "too large by about" in m for m in result.messages)
+    assert not any("too large" in m for m in three.messages)
+    assert result.audit["bias_nm"]["MZ"] == pytest.approx(1e9 * result.bias["MZ"], abs=1e-12)
+    assert straightness_iso230_1(x, z, sd=0.0).u == 0.0
+    assert np.isnan(straightness_iso230_1(x, z).bias["LS"])
+
+
+def test_simulation_of_the_minimum_zone_is_that_of_the_exact_one():
+    """u of three points by hand: the value is (z0 + z2) / 2 - z1, so u^2 = 1.5 sd^2."""
+    u = straightness_iso230_1([0.0, 1.0, 2.0], [0.0, 5 * UM, 0.0], sd=1e-9).u
+
+    assert u == pytest.approx(1.5**0.5 * 1e-9, abs=0.08e-9)  # 3.5 sd of 1000 draws
+
+
+def test_lower_case_and_masked_samples():
+    x, z = np.linspace(0, 1, 11), UM * np.sin(np.arange(11.0))
+    wild = z.copy()
+    wild[4] = 1.0
+    plain = z.copy()
+    plain[4] = np.nan
+
+    masked = straightness_iso230_1(x, np.ma.masked_greater(wild, 0.5), reference="mz")
+
+    assert masked.reference == "MZ"
+    assert masked.value == straightness_iso230_1(x, plain).value
+
+
+def through_pickle(result):
+    return pickle.loads(pickle.dumps(result))  # noqa: S301 - bytes of its own
+
+
+@pytest.mark.parametrize("how", [copy.deepcopy, through_pickle])
+def test_result_survives_copies_and_gives_json(how):
+    x, z = np.linspace(0, 1, 11), UM * np.sin(np.arange(11.0))
+    z[2] = np.nan
+    result = straightness_iso230_1(x, z)
+
+    again = how(result)
+    text = json.dumps(result.to_dict(), allow_nan=False)
+
+    assert json.dumps(again.to_dict(), allow_nan=False) == text
+    assert again.residual == pytest.approx(result.residual, abs=0.0, nan_ok=True)
+    assert result.to_dict()["values"]["MZ"]["u"] is None
+
+
 def test_without_sd_there_is_no_uncertainty_and_a_message():
     result = straightness_iso230_1(Profile([0, 1, 2], [0, UM, 0]))
 
@@ -134,6 +224,10 @@ def test_without_sd_there_is_no_uncertainty_and_a_message():
     [
         (([0, 1, 2], [0, 1, 0]), {"reference": "MC"}, DataError, "'MZ', 'LS' or 'EP'"),
         (([0, 1, 2], [0, 1, 0]), {"sd": -1.0}, DataError, "sd must be"),
+        (([0, 1, 2], [0, 1, 0]), {"sd": "1 nm"}, DataError, "sd must be a number"),
+        (([0, 1, 2], [0, 1, 0]), {"seed": "a"}, DataError, "seed must be"),
+        (([0, 1, 2], [0, 1, 0]), {"reference": 5}, DataError, "'MZ', 'LS' or 'EP'"),
+        (([0, 1, 2], ["a", "b", "c"]), {}, InvalidSamplesError, "real numbers"),
         (([0, 1, 2],), {}, DataError, "pass z"),
         ((Profile([0, 1, 2], [0, 1, 0]), [0, 1, 0]), {}, DataError, "leave z out"),
         (([0, 1, 2], [0, 1]), {}, InvalidSamplesError, "has 2"),

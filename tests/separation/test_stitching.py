@@ -434,6 +434,32 @@ def test_lateral_offsets_are_found_with_their_uncertainty():
     assert np.sqrt(np.mean(np.square(score))) == pytest.approx(1.0, abs=0.4)  # 50 values
 
 
+@pytest.mark.parametrize(("sd", "round_"), [(0.0, True), (0.3e-9, True), (0.3e-9, False)])
+def test_offsets_settle_with_noise_and_round_apertures(sd, round_):
+    """Found by review: noise kept the passes from ending, and a round edge drew the offsets."""
+    n, score, most = 31, [], 0.0
+    positions = np.array([(a * 15, b * 15) for b in range(2) for a in range(3)]) * STEP
+    x, y = grids(n, n)
+    for seed in range(2 if sd == 0.0 else 4):
+        rng = np.random.default_rng(seed)
+        off = rng.uniform(-0.5, 0.5, (6, 2)) * STEP
+        off[0] = 0.0
+        maps = misaligned(turned(positions + off, [0.0] * 6, n, smooth), rng)
+        maps += sd * rng.standard_normal(maps.shape)
+        if round_:
+            maps[:, np.hypot(x, y) > 1.0] = np.nan
+
+        result = stitch(list(maps), positions, dx=STEP, registration="fit")
+
+        error = np.array(result.audit["shifts_um"]) * 1e-6 - off
+        score.append(error[1:] / (np.array(result.audit["u_shifts_um"])[1:] * 1e-6))
+        most = max(most, float(np.abs(error).max()) / STEP)
+    if sd == 0.0:
+        assert most < 0.005  # pixels: what interpolation leaves; 0.03 with slopes of 0 at the edge
+    else:
+        assert np.sqrt(np.mean(np.square(score))) == pytest.approx(1.0, abs=0.4)  # 40 values
+
+
 def test_offsets_of_a_parabola_cannot_be_found():
     x, y = np.meshgrid(np.arange(66.0), np.arange(30.0))
     part = 1e-9 * (x - 30) ** 2 + 1e-9 * (y - 9) ** 2

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from metrosep.plot.charts import draw_chart
 from metrosep.plot.error import before_after
 from metrosep.plot.separation import separation_parts
 from metrosep.plot.spectra import residual_psd, spectrum
@@ -15,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["drawable", "overview"]
+__all__ = ["charts_of", "drawable", "overview"]
 
 
 def drawable(document: Mapping[str, Any]) -> dict[str, Callable[..., Axes | Figure]]:
@@ -30,7 +32,7 @@ def drawable(document: Mapping[str, Any]) -> dict[str, Callable[..., Axes | Figu
     -------
     dict of str to callable
         Any of ``before_after``, ``spectrum``, ``residual_psd``, ``table_plot``,
-        ``separation_parts``, in this order.
+        ``separation_parts``, ``chart_1``, ``chart_2`` ..., in this order.
     """
     estimate = document.get("estimate") or {}
     separation = document.get("separation") or {}
@@ -40,9 +42,37 @@ def drawable(document: Mapping[str, Any]) -> dict[str, Callable[..., Axes | Figu
         or (estimate.get("spectrum") or {}).get("wavelength_mm"),
         residual_psd: (estimate.get("residual_psd") or {}).get("frequency_hz"),
         table_plot: (document.get("table") or {}).get("positions_m"),
-        separation_parts: separation.get("parts"),
+        separation_parts: separation.get("parts")
+        and len(separation.get("coordinates") or ()) == 1,
     }
-    return {draw.__name__: draw for draw, present in has.items() if present}
+    found = {draw.__name__: draw for draw, present in has.items() if present}
+    for i, _ in enumerate(charts_of(document)):
+        found[f"chart_{i + 1}"] = partial(_chart, number=i)
+    return found
+
+
+def charts_of(document: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Return the charts that a result describes, of its separation and of its plan.
+
+    Parameters
+    ----------
+    document : mapping
+        A result (schema ``metrosep.result/1``).
+
+    Returns
+    -------
+    list of mapping
+        In the order in which a report shows them.
+    """
+    return [
+        chart
+        for part in ("separation", "plan")
+        for chart in (document.get(part) or {}).get("charts") or []
+    ]
+
+
+def _chart(document: Mapping[str, Any], *, number: int) -> Axes | Figure:
+    return draw_chart(charts_of(document)[number])
 
 
 def overview(document: Mapping[str, Any]) -> Figure:

@@ -1,0 +1,210 @@
+"""Columns of a table by the role they play: times, targets, labels, runs; each in SI or as text."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.core.errors import FormatMismatchError, UnitError
+from metrosep.core.provenance import Step
+from metrosep.io.run_tables import columns_of
+from metrosep.io.select import ColumnSpec, pick, sensitivity, to_si
+from metrosep.io.source import RawFile, open_file
+from metrosep.io.table import Table
+
+__all__ = ["Role", "RoleColumns", "read_roles", "role_values"]
+
+_PER = re.compile(r"[_ ]per[_ ][A-Za-z]+$")
+"""A header such as ``speed_rev_per_min`` is in no unit that is known: its numbers stand."""
+
+
+@dataclass(frozen=True, slots=True)
+class Role:
+    """What a column is and where it stands.
+
+    Parameters
+    ----------
+    column : str, pair of str, or list of these
+        A name whose header carries the unit, ``"name:unit"``, ``("name", "unit")``; a list makes
+        one row for each column.
+    dimension : str
+        ``"length"``, ``"angle"``, ``"time"`` ... : brought to SI. ``"position"``: a length or an
+        angle. ``"any"``: brought to SI where there is a unit, else as it stands. ``"label"``:
+        texts.
+    scale : str or None
+        Sensitivity where the column is a voltage and a length is meant.
+    """
+
+    column: ColumnSpec | list[ColumnSpec]
+    dimension: str
+    scale: str | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RoleColumns:
+    """Columns of one or more files by their role.
+
+    Parameters
+    ----------
+    values : mapping of str to ndarray
+        Each role: shape (n,), or (k, n) where it is a list of columns.
+    name : str
+        Of the file, without its extension; of the first where there are several.
+    history : tuple of Step
+        One step ``read`` for each file.
+    warnings : tuple of str
+        What is odd about the files.
+    columns : mapping of str to tuple of str
+        Names of the columns of each role, without their unit.
+    units : mapping of str to str
+        ``"m"`` or ``"rad"`` of each role that may be either.
+    """
+
+    values: Mapping[str, NDArray[Any]]
+    name: str
+    history: tuple[Step, ...]
+    warnings: tuple[str, ...] = ()
+    columns: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
+
+
+def read_roles(
+    paths: str | os.PathLike[str] | Iterable[str | os.PathLike[str]],
+    roles: Mapping[str, Role],
+    **layout: Any,
+) -> RoleColumns:
+    """Read columns by their role; the rows of several files follow one another.
+
+    Parameters
+    ----------
+    paths : path or iterable of paths
+        Files; each holds all the columns.
+    roles : mapping of str to Role
+        What to read.
+    **layout
+        ``separator``, ``decimal``, ``encoding``.
+
+    Returns
+    -------
+    RoleColumns
+        All rows.
+
+    Raises
+    ------
+    ReadError
+        If a file cannot be read or a column is missing.
+    UnitError
+        If a unit is missing or of the wrong dimension.
+    FormatMismatchError
+        If there is no file.
+    """
+    files = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
+    if not files:
+        raise FormatMismatchError("no file to read columns from; name at least one")
+    parts: dict[str, list[NDArray[Any]]] = {name: [] for name in roles}
+    history: list[Step] = []
+    warnings: list[str] = []
+    columns: dict[str, tuple[str, ...]] = {}
+    units: dict[str, str] = {}
+    for path in files:
+        file = open_file(path)
+        table, format_id = columns_of(file, {k: v for k, v in layout.items() if v is not None})
+        for name, role in roles.items():
+            parts[name].append(role_values(file, table, role, name=name))
+            columns[name] = _names(file, table, role, name)
+            if role.dimension == "position":
+                units[name] = _either(file, table, role, name, units.get(name))
+        warnings += [f"{file.name}: {w}" for w in table.warnings]
+        history += file.history(format_id, {k: _text(r.column) for k, r in roles.items()})
+    return RoleColumns(
+        {name: np.concatenate(arrays, axis=-1) for name, arrays in parts.items()},
+        open_file(files[0]).name.rsplit(".", 1)[0],
+        tuple(history),
+        tuple(warnings),
+        columns,
+        units,
+    )
+
+
+def role_values(file: RawFile, table: Table, role: Role, *, name: str) -> NDArray[Any]:
+    """Return the values of one role from a table.
+
+    Parameters
+    ----------
+    file : RawFile
+        For messages.
+    table : Table
+        Columns that there are.
+    role : Role
+        What is wanted.
+    name : str
+        What the column is for, for messages.
+
+    Returns
+    -------
+    ndarray, shape (n,) or (k, n)
+        Numbers in SI, NaN = not measured; texts of a label.
+
+    Raises
+    ------
+    FormatMismatchError
+        If a column is missing or of the wrong kind.
+    UnitError
+        If a unit is missing or of the wrong dimension.
+    """
+    if isinstance(role.column, list):
+        return np.stack(
+            [
+                role_values(file, table, Role(c, role.dimension, role.scale), name=name)
+                for c in role.column
+            ]
+        )
+    column, unit = pick(file, table, role.column, role=name)
+    if role.dimension == "label":
+        if column.labels is not None:
+            return np.array(column.labels)
+        return np.array([f"{v:g}" for v in (column.values if column.values is not None else ())])
+    if role.dimension == "position":
+        dimension = "angle" if unit is not None and unit.dimension == "angle" else "length"
+        return to_si(file, column, unit, dimension=dimension, role=name)
+    if role.dimension != "any":
+        scale = sensitivity(role.scale) if role.dimension == "length" else None
+        return to_si(file, column, unit, dimension=role.dimension, role=name, scale=scale)
+    if column.values is None:
+        raise FormatMismatchError(
+            f"{file.path}: {name} column {column.name!r} holds text, not numbers; name another column"
+        )
+    stands = unit is None or _PER.search(column.name) is not None
+    return np.asarray(column.values * (1.0 if stands or unit is None else unit.factor))
+
+
+def _text(column: Any) -> str:
+    return ", ".join(str(c) for c in column) if isinstance(column, list) else str(column)
+
+
+def _specs(role: Role) -> list[ColumnSpec]:
+    return role.column if isinstance(role.column, list) else [role.column]
+
+
+def _names(file: RawFile, table: Table, role: Role, name: str) -> tuple[str, ...]:
+    found = [pick(file, table, spec, role=name)[0] for spec in _specs(role)]
+    return tuple(
+        c.name.rsplit("_", 1)[0] if c.unit is not None and "_" in c.name.strip("_") else c.name
+        for c in found
+    )
+
+
+def _either(file: RawFile, table: Table, role: Role, name: str, before: str | None) -> str:
+    """Return m or rad, the same for all columns of a role."""
+    units = [pick(file, table, spec, role=name)[1] for spec in _specs(role)]
+    found = {"rad" if u is not None and u.dimension == "angle" else "m" for u in units}
+    found |= set() if before is None else {before}
+    if len(found) > 1:
+        raise UnitError(f"{file.path}: the {name} columns are lengths and angles; give one kind")
+    return found.pop()

@@ -1,0 +1,243 @@
+"""Charts that a result document describes: curves, harmonics, maps, positions, polar charts.
+
+Everything is drawn from plain values of the document (``separation["charts"]``), so that a report
+can be made again from a result.json alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.core.errors import DataError
+from metrosep.plot.harmonics import harmonic_bars
+from metrosep.plot.maps import separation_maps
+from metrosep.plot.planning import plan_sd
+from metrosep.plot.polar import polar_plot
+from metrosep.plot.positioning import positioning_chart
+from metrosep.plot.style import BAND_FACTOR, COLOURS, DASHED, house_style
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["CHART_KINDS", "draw_chart"]
+
+FloatArray = NDArray[np.float64]
+Chart = Mapping[str, Any]
+
+_SCALES: Mapping[str, Sequence[tuple[float, str]]] = {
+    "m": ((1.0, "m"), (1e3, "mm"), (1e6, "µm"), (1e9, "nm"), (1e12, "pm")),
+    "rad": ((1.0, "rad"), (1e3, "mrad"), (1e6, "µrad"), (1e9, "nrad")),
+    "s": ((1.0 / 3600.0, "h"), (1.0 / 60.0, "min"), (1.0, "s"), (1e3, "ms")),
+}
+_LINES = ("estimate", "after", "reverse", "before")
+_MOST_LEGEND = 6
+
+
+def draw_chart(chart: Chart) -> Figure | Axes:
+    """Return the figure that a chart of a result describes.
+
+    Parameters
+    ----------
+    chart : mapping
+        One of ``document["separation"]["charts"]``.
+
+    Returns
+    -------
+    matplotlib Figure or Axes
+        Drawn from the chart alone.
+
+    Raises
+    ------
+    DataError
+        If its kind is not known or a value is missing.
+    """
+    kind = str(chart.get("kind"))
+    if kind not in CHART_KINDS:
+        raise DataError(
+            f"a chart of kind {kind!r} is not known; there are {', '.join(CHART_KINDS)}"
+        )
+    try:
+        return CHART_KINDS[kind](chart)
+    except (KeyError, TypeError, AttributeError) as exc:
+        raise DataError(
+            f"the chart {chart.get('title')!r} is damaged ({type(exc).__name__}: {exc}); run the "
+            "separation again"
+        ) from exc
+
+
+def _curves(chart: Chart) -> Figure:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    panels = chart["panels"]
+    name, unit = chart["x"]["name"], chart["x"]["unit"]
+    factor, label = _abscissa(name, unit, [c["x"] for p in panels for c in p["curves"]])
+    with house_style():
+        figure = Figure(figsize=(7.2, 0.8 + 2.0 * len(panels)), layout="constrained")
+        FigureCanvasAgg(figure)
+        grid = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
+        for i, (axes, each) in enumerate(zip(grid, panels, strict=True)):
+            _panel(axes, each, factor, first=i)
+        grid[-1].set_xlabel(label)
+        if unit == "rad":
+            from matplotlib.ticker import MultipleLocator
+
+            grid[-1].xaxis.set_major_locator(MultipleLocator(90.0))
+        if chart["x"].get("log"):
+            grid[-1].set_xscale("log")
+    return figure
+
+
+def _panel(axes: Axes, each: Chart, factor: float, *, first: int) -> None:
+    curves = [(c, _numbers(c["x"]) * factor, _numbers(c["y"])) for c in each["curves"]]
+    scale, unit = _scale([y for _, _, y in curves], each["unit"])
+    for j, (item, x, y) in enumerate(curves):
+        colour = COLOURS[_LINES[(first + j) % len(_LINES)]]
+        if item.get("u") is not None:
+            half = BAND_FACTOR * _numbers(item["u"])
+            axes.fill_between(
+                x, (y - half) * scale, (y + half) * scale, color=colour, alpha=0.25, linewidth=0.0
+            )
+        style = {"marker": ".", "linestyle": "none"} if item.get("points") else {"linewidth": 1.3}
+        axes.plot(x, y * scale, color=colour, label=item["label"] or None, **style)
+    axes.axhline(0.0, color=COLOURS["line"], linewidth=0.7, linestyle=DASHED, zorder=1.5)
+    axes.set_title(each["title"], loc="left", fontsize=9.5)
+    axes.set_ylabel(unit)
+    if axes.get_legend_handles_labels()[0] and len(curves) <= _MOST_LEGEND:
+        axes.legend(loc="best")
+
+
+def _abscissa(name: str, unit: str, positions: Sequence[Any]) -> tuple[float, str]:
+    if unit == "rad":
+        return 180.0 / math.pi, f"{name} / °"
+    if unit == "1":
+        return 1.0, name
+    if unit == "s":
+        largest = max(float(np.nanmax(np.abs(_numbers(x)))) for x in positions)
+        factor, text = next((s for s in _SCALES["s"] if largest * s[0] >= 2.0), (1.0, "s"))
+        return factor, f"{name} / {text}"
+    return 1e3, f"{name} / mm"
+
+
+def _scale(curves: Sequence[FloatArray], unit: str) -> tuple[float, str]:
+    """Return factor and name of the unit in which the largest value reads well."""
+    sizes = [float(np.nanmax(np.abs(c))) for c in curves if np.isfinite(c).any()]
+    largest = max(sizes, default=0.0)
+    steps = _SCALES.get(unit)
+    if steps is None or largest == 0.0:
+        return 1.0, unit if unit != "1" else ""
+    return next((s for s in steps if largest * s[0] >= 2.0), steps[-1])
+
+
+def _harmonics(chart: Chart) -> Axes:
+    u = chart["u"]
+    axes = harmonic_bars(
+        np.array(chart["k"], dtype=np.intp),
+        _numbers(chart["amplitude"]),
+        None if u is None else _numbers(u),
+        chart["suppressed"],
+        chart["unit"],
+        limit=None,
+    )
+    if chart.get("k_name"):
+        axes.set_xlabel(chart["k_name"])
+    return axes
+
+
+def _maps(chart: Chart) -> Figure:
+    parts = {name: _numbers(rows) for name, rows in chart["parts"].items()}
+    return separation_maps(parts, dx=chart["dx_m"], dy=chart["dy_m"], unit=chart["unit"])
+
+
+@dataclass(frozen=True, slots=True)
+class _Number:
+    """A value with its uncertainty, as the charts of the toolbox ask for it."""
+
+    value: float
+    u: float | None = None
+
+
+class _StoredTest:
+    """What `positioning_chart` needs of a positioning test, from a chart."""
+
+    def __init__(self, chart: Chart) -> None:
+        self._values = {
+            k: _Number(math.nan if v is None else v, u) for k, (v, u) in chart["values"].items()
+        }
+        self.audit = {"unit": chart["unit"]}
+        self.targets = _numbers(chart["targets"])
+        for way in ("forward", "backward"):
+            each = chart[way]
+            setattr(self, way, None if each is None else _numbers(each))
+            setattr(self, f"mean_{way}", _numbers(chart[f"mean_{way}"]))
+            setattr(self, f"sd_{way}", _numbers(chart[f"sd_{way}"]))
+        low, high = chart["interval"]
+        self.R_interval = (low, high)
+        self.R_unbiased = chart["unbiased"]
+        self.confidence = chart["confidence"]
+
+    def __getitem__(self, symbol: str) -> _Number:
+        return self._values[symbol]
+
+    def __contains__(self, symbol: object) -> bool:
+        return symbol in self._values
+
+
+class _StoredMotion:
+    """What `polar_plot` needs of a spindle test, from a chart."""
+
+    def __init__(self, chart: Chart) -> None:
+        self.unit = chart["unit"]
+        self.angle = _numbers(chart["angle"])
+        self.motion = _numbers(chart["motion"])
+        self.synchronous_motion = _numbers(chart["synchronous"])
+        self.asynchronous_range = _numbers(chart["asynchronous_range"])
+        self.n_revolutions = chart["n_revolutions"]
+        self.direction, self.sensitive = chart["direction"], chart["sensitive"]
+        self.center = chart["center"]
+        self.synchronous, self.asynchronous, self.total = (
+            _Number(chart["values"][k]) for k in ("synchronous", "asynchronous", "total")
+        )
+
+
+class _StoredPlan:
+    """What `plan_sd` needs of a plan of feedrates, from a chart."""
+
+    def __init__(self, chart: Chart) -> None:
+        self.columns = {k: _numbers(v) for k, v in chart["columns"].items()}
+        self.feeds, self.fixed = _numbers(chart["feeds"]), _numbers(chart["fixed"])
+        self.audit = {"one_feed_mm_per_min": chart["one_feed_mm_per_min"]}
+
+
+def _plan(chart: Chart) -> Axes:
+    return plan_sd(cast(Any, _StoredPlan(chart)))
+
+
+def _positions(chart: Chart) -> Axes:
+    return positioning_chart(cast(Any, _StoredTest(chart)))
+
+
+def _polar(chart: Chart) -> Axes:
+    return polar_plot(cast(Any, _StoredMotion(chart)))
+
+
+def _numbers(values: Any) -> FloatArray:
+    """Return nested lists as an array, None as NaN."""
+    return np.array(values, dtype=np.float64)
+
+
+CHART_KINDS: Mapping[str, Callable[[Chart], Figure | Axes]] = {
+    "curves": _curves,
+    "harmonics": _harmonics,
+    "maps": _maps,
+    "positions": _positions,
+    "polar": _polar,
+    "plan": _plan,
+}

@@ -1,0 +1,262 @@
+"""Chart specifications of a result document: plain values from which a report draws.
+
+Long curves keep the smallest and largest value of each cell, maps every k-th pixel; a chart says
+what was left out. Values are SI, rounded to 6 digits: a chart is no source of numbers.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["curve", "curve_chart", "harmonic_chart", "map_chart", "panel", "plain", "thin"]
+
+FloatArray = NDArray[np.float64]
+
+_MOST_SAMPLES = 2000
+_MOST_PIXELS = 80_000
+_LARGEST_SIDE = 256
+
+
+def plain(values: ArrayLike, *, digits: int = 6) -> Any:
+    """Return numbers as nested lists for JSON.
+
+    Parameters
+    ----------
+    values : array_like
+        SI; NaN and infinities become None.
+    digits : int, optional
+        Significant digits that are kept.
+
+    Returns
+    -------
+    list or float or None
+        Of the same shape.
+    """
+    array = np.asarray(values, dtype=np.float64)
+    if array.ndim == 0:
+        value = float(array)
+        return float(f"{value:.{digits}g}") if math.isfinite(value) else None
+    return [plain(row, digits=digits) for row in array]
+
+
+def thin(x: FloatArray, curves: FloatArray, *, most: int = _MOST_SAMPLES) -> NDArray[np.intp]:
+    """Return which samples to keep, so that no extreme of any curve is hidden.
+
+    Parameters
+    ----------
+    x : ndarray, shape (n,)
+        Positions.
+    curves : ndarray, shape (k, n)
+        Curves over them.
+    most : int, optional
+        About how many samples are kept.
+
+    Returns
+    -------
+    ndarray of int
+        All, where there are no more than `most`; else the smallest and largest of each curve in
+        each cell, and the first sample of a cell where a curve was not measured.
+    """
+    if x.size <= most:
+        return np.arange(x.size)
+    keep: set[int] = {0, x.size - 1}
+    for cell in np.array_split(np.arange(x.size), max(most // (2 * len(curves)), 1)):
+        for values in curves[:, cell]:
+            if np.isnan(values).any():
+                keep.add(int(cell[int(np.argmax(np.isnan(values)))]))
+            if not np.isnan(values).all():
+                keep.add(int(cell[int(np.nanargmin(values))]))
+                keep.add(int(cell[int(np.nanargmax(values))]))
+    return np.array(sorted(keep))
+
+
+def curve(
+    label: str, x: ArrayLike, y: ArrayLike, *, u: ArrayLike | None = None, points: bool = False
+) -> dict[str, Any]:
+    """Return one curve of a panel.
+
+    Parameters
+    ----------
+    label : str
+        For the legend.
+    x, y : array_like, shape (n,)
+        SI.
+    u : array_like, shape (n,), optional
+        Half of the band that is drawn, divided by two.
+    points : bool, optional
+        Markers in place of a line.
+
+    Returns
+    -------
+    dict
+        Keys ``label``, ``x``, ``y``, ``u``, ``points``, ``n``.
+    """
+    positions, values = (np.asarray(v, dtype=np.float64) for v in (x, y))
+    index = thin(positions, values[None, :])
+    spread = None if u is None else np.asarray(u, dtype=np.float64)
+    known = spread is not None and bool(np.isfinite(spread).any())
+    return {
+        "label": label,
+        "x": plain(positions[index], digits=9),
+        "y": plain(values[index]),
+        "u": plain(spread[index]) if known and spread is not None else None,
+        "points": points,
+        "n": int(positions.size),
+    }
+
+
+def panel(title: str, unit: str, curves: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return one panel of a chart.
+
+    Parameters
+    ----------
+    title : str
+        Above it.
+    unit : str
+        SI unit of its values.
+    curves : sequence of mapping
+        From `curve`.
+
+    Returns
+    -------
+    dict
+        Keys ``title``, ``unit``, ``curves``.
+    """
+    return {"title": title, "unit": unit, "curves": list(curves)}
+
+
+def curve_chart(
+    title: str, x: tuple[str, str], panels: Sequence[Mapping[str, Any]], *, caption: str = ""
+) -> dict[str, Any]:
+    """Return a chart of curves, one panel above the other.
+
+    Parameters
+    ----------
+    title : str
+        Of the figure.
+    x : tuple of (str, str)
+        Name and SI unit of the abscissa.
+    panels : sequence of mapping
+        From `panel`.
+    caption : str, optional
+        What it shows.
+
+    Returns
+    -------
+    dict
+        Of kind ``curves``.
+    """
+    longest = max((c["n"] for p in panels for c in p["curves"]), default=0)
+    words = caption
+    if longest > _MOST_SAMPLES:
+        words += (
+            f" Of {longest} samples the smallest and largest of each cell are drawn: no extreme is "
+            "hidden."
+        )
+    return {
+        "kind": "curves",
+        "title": title,
+        "caption": words.strip(),
+        "x": {"name": x[0], "unit": x[1]},
+        "panels": list(panels),
+    }
+
+
+def harmonic_chart(
+    title: str,
+    k: ArrayLike,
+    amplitude: ArrayLike,
+    *,
+    u: ArrayLike | None,
+    suppressed: Sequence[int],
+    unit: str,
+    caption: str = "",
+    k_name: str = "undulations per revolution k",
+) -> dict[str, Any]:
+    """Return a chart of amplitudes over undulations per revolution.
+
+    Parameters
+    ----------
+    title : str
+        Of the figure.
+    k, amplitude : array_like, shape (h,)
+        Undulations per revolution and amplitudes; NaN draws nothing.
+    u : array_like, shape (h,), optional
+        Standard uncertainties.
+    suppressed : sequence of int
+        What cannot be seen or was removed: hatched.
+    unit : str
+        ``"m"`` or ``"rad"``.
+    caption : str, optional
+        What it shows.
+    k_name : str, optional
+        What k counts.
+
+    Returns
+    -------
+    dict
+        Of kind ``harmonics``.
+    """
+    orders = np.asarray(k, dtype=np.intp)
+    return {
+        "kind": "harmonics",
+        "title": title,
+        "caption": caption,
+        "k": orders.tolist(),
+        "k_name": k_name,
+        "amplitude": plain(amplitude),
+        "u": None if u is None else plain(u),
+        "suppressed": [int(i) for i in suppressed if i in orders],
+        "unit": unit,
+    }
+
+
+def map_chart(
+    title: str,
+    maps: Mapping[str, FloatArray],
+    *,
+    dx: float | None,
+    dy: float | None,
+    unit: str,
+    caption: str = "",
+) -> dict[str, Any]:
+    """Return a chart of maps on one colour scale.
+
+    Parameters
+    ----------
+    title : str
+        Of the figure.
+    maps : mapping of str to ndarray, shape (n_y, n_x)
+        SI, NaN = not measured.
+    dx, dy : float or None, m
+        Steps; pixels if None.
+    unit : str
+        SI unit of the values.
+    caption : str, optional
+        What it shows.
+
+    Returns
+    -------
+    dict
+        Of kind ``maps``; at most 256 pixels a side, fewer where there are many maps.
+    """
+    side = min(_LARGEST_SIDE, int(math.sqrt(_MOST_PIXELS / max(len(maps), 1))))
+    step = max((-(-max(m.shape) // side) for m in maps.values()), default=1)
+    words = caption
+    if step > 1:
+        words += f" Every pixel in {step} along x and y is drawn; P-V is that of the drawn pixels."
+    return {
+        "kind": "maps",
+        "title": title,
+        "caption": words.strip(),
+        "parts": {name: plain(m[::step, ::step], digits=4) for name, m in maps.items()},
+        "dx_m": None if dx is None else dx * step,
+        "dy_m": None if dy is None else dy * step,
+        "step": step,
+        "unit": unit,
+    }

@@ -1,0 +1,240 @@
+"""Results of standard tests in a result document: quantities, tables, charts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from metrosep.core.quantity import Quantity
+from metrosep.recipe.charts import curve, curve_chart, harmonic_chart, panel, plain, thin
+from metrosep.recipe.description import Description, named
+
+__all__ = [
+    "diagonals_of",
+    "positions_of",
+    "spindle_of",
+    "straightness_of",
+    "zero_of",
+]
+
+_MOST_REVOLUTIONS = 60
+_MOST_ANGLES = 720
+_HARMONICS = 60
+
+
+def positions_of(produced: Any, inputs: Any = None) -> Description:
+    """Return what a document holds of a `PositioningTest`.
+
+    Parameters
+    ----------
+    produced : PositioningTest
+        Of ISO 230-2.
+    inputs : object, optional
+        Not used.
+
+    Returns
+    -------
+    Description
+        A, R, E, B, M ... by symbol; columns by target; the chart of the standard.
+    """
+    frame = produced.targets_frame()
+    columns = {str(name): frame[name].to_numpy() for name in frame.columns}
+    return Description(
+        dict(produced.table),
+        (_positions_chart(produced),),
+        {"": columns},
+        document={"by_target": {k: plain(v, digits=12) for k, v in columns.items()}},
+        audit=produced.audit,
+    )
+
+
+def _positions_chart(produced: Any) -> dict[str, Any]:
+    low, high = produced.R_interval
+    columns = ("forward", "backward", "mean_forward", "mean_backward", "sd_forward", "sd_backward")
+    return {
+        "kind": "positions",
+        "title": "Positioning test",
+        "caption": "Error (reached − target) over target. Circles, full line: mean forward; "
+        "squares, dashed: mean backward; bands: two standard deviations; points: single readings.",
+        "unit": produced.audit.get("unit", "m"),
+        "targets": plain(produced.targets, digits=12),
+        **{
+            k: None if getattr(produced, k) is None else plain(getattr(produced, k))
+            for k in columns
+        },
+        "values": {k: [q.value, q.u] for k, q in produced.table.items()},
+        "interval": [low, high],
+        "unbiased": produced.R_unbiased,
+        "confidence": produced.confidence,
+    }
+
+
+def spindle_of(produced: Any, inputs: Any = None) -> Description:
+    """Return what a document holds of a `SpindleMotion`.
+
+    Parameters
+    ----------
+    produced : SpindleMotion
+        Of ISO 230-7.
+    inputs : object, optional
+        Not used.
+
+    Returns
+    -------
+    Description
+        ``synchronous``, ``asynchronous``, ``total`` ...; motion over angle; polar chart, harmonics.
+    """
+    unit = produced.unit
+    columns = {
+        "angle_rad": produced.angle,
+        f"synchronous_{unit}": produced.synchronous_motion,
+        f"asynchronous_range_{unit}": produced.asynchronous_range,
+        f"asynchronous_sd_{unit}": produced.asynchronous_sd,
+    }
+    harmonics = produced.harmonics
+    last = min(harmonics.k.size, _HARMONICS)
+    bars = harmonic_chart(
+        "Harmonics of the synchronous motion",
+        harmonics.k[:last],
+        harmonics.amplitude[:last],
+        u=harmonics.u[:last],
+        suppressed=harmonics.removed,
+        unit=unit,
+        caption="Amplitude of each undulation per revolution with ± 2 standard uncertainties, from "
+        "the scatter between revolutions; hatched: removed."
+        + (f" Drawn up to {_HARMONICS}." if harmonics.k.size > last else ""),
+    )
+    return Description(
+        dict(produced.table),
+        (_polar_chart(produced), bars),
+        {"": columns},
+        document={
+            "direction": produced.direction,
+            "sensitive": produced.sensitive,
+            "center": produced.center,
+            "centre": list(produced.centre),
+        },
+        audit=produced.audit,
+    )
+
+
+def _polar_chart(produced: Any) -> dict[str, Any]:
+    """Return some revolutions, before them the envelope of all: no extreme is hidden."""
+    low, high = produced.motion.min(axis=0), produced.motion.max(axis=0)
+    curves = np.stack([produced.synchronous_motion, low, high, produced.asynchronous_range])
+    index = thin(produced.angle, curves, most=_MOST_ANGLES)
+    step = -(-len(produced.motion) // _MOST_REVOLUTIONS)
+    rows = np.vstack([low, high, produced.motion[::step]])[:, index]
+    words = "Dashed: the two circles of the synchronous value. Shaded: all revolutions."
+    if step > 1:
+        words += f" Every revolution in {step} is drawn as a line."
+    return {
+        "kind": "polar",
+        "title": "Polar chart",
+        "caption": words,
+        "unit": produced.unit,
+        "angle": plain(produced.angle[index]),
+        "synchronous": plain(produced.synchronous_motion[index]),
+        "asynchronous_range": plain(produced.asynchronous_range[index]),
+        "motion": plain(rows, digits=4),
+        "n_revolutions": len(produced.motion),
+        "values": {k: produced[k].value for k in ("synchronous", "asynchronous", "total")},
+        **{k: getattr(produced, k) for k in ("direction", "sensitive", "center")},
+    }
+
+
+def straightness_of(produced: Any, inputs: Any = None) -> Description:
+    """Return what a document holds of a `MotionStraightness`.
+
+    Parameters
+    ----------
+    produced : MotionStraightness
+        Of ISO 230-1.
+    inputs : object, optional
+        Not used.
+
+    Returns
+    -------
+    Description
+        ``straightness`` (the chosen line), ``MZ``, ``LS``, ``EP``, ``slope_MZ`` ...
+    """
+    found = {"straightness": produced.quantity, **produced.values}
+    found |= {f"slope_{k}": q for k, q in produced.slopes.items()}
+    found = named(found)
+    x, rest = produced.x, produced.residual
+    chart = curve_chart(
+        "Straightness of the motion",
+        ("position", "m"),
+        [panel("deviation from the reference line", "m", [curve(produced.reference, x, rest)])],
+        caption=f"Removed: the line of the reference {produced.reference}. Filter: none. "
+        "The width of the band along the ordinate is the straightness.",
+    )
+    columns = {"x_m": x, "deviation_m": rest}
+    return Description(found, (chart,), {"": columns}, audit=produced.audit)
+
+
+def diagonals_of(produced: Any, inputs: Any = None) -> Description:
+    """Return what a document holds of a `DiagonalTest`.
+
+    Parameters
+    ----------
+    produced : DiagonalTest
+        Of ISO 230-6.
+    inputs : object, optional
+        Not used.
+
+    Returns
+    -------
+    Description
+        ``E``, ``B``, ``ppp.length_error``, ``ppp.E`` ..., ``a_xy`` ..., ``scale_x`` ...
+    """
+    found: dict[str, Quantity] = {"E": produced.systematic}
+    if produced.reversal is not None:
+        found["B"] = produced.reversal
+    for name, q in produced.length_errors.items():
+        found[f"{name}.length_error"] = q
+    for name, test in produced.tests.items():
+        found |= {f"{name}.{k}": test[k] for k in ("E", "B", "R", "A") if k in test}
+    if produced.squareness is not None:
+        known = {f"a_{k}": q for k, q in produced.squareness.angles.items()}
+        known |= {f"scale_{k}": q for k, q in produced.squareness.scales.items()}
+        found |= {k: q for k, q in known.items() if math.isfinite(q.value)}
+    found = named(found)
+    panels = [_diagonal(name, test) for name, test in produced.tests.items()]
+    chart = curve_chart(
+        "Deviations along the diagonals",
+        ("distance", "m"),
+        panels,
+        caption="Mean error (reached − target) over the distance along each diagonal.",
+    )
+    frame = produced.to_frame().reset_index()
+    columns = {str(name): frame[name].to_numpy() for name in frame.columns}
+    audit: Mapping[str, Any] = produced.audit
+    return Description(found, (chart,), {"": columns}, audit=audit)
+
+
+def _diagonal(name: str, test: Any) -> dict[str, Any]:
+    ways = (("forward", test.mean_forward), ("backward", test.mean_backward))
+    curves = [curve(way, test.targets, m) for way, m in ways if np.isfinite(m).any()]
+    return panel(name, "m", curves)
+
+
+def zero_of(produced: Any, inputs: Any = None) -> Description:
+    """Return what a document holds of a `ZeroCalibration`.
+
+    Parameters
+    ----------
+    produced : ZeroCalibration
+        Zero difference of three probes.
+    inputs : object, optional
+        Not used.
+
+    Returns
+    -------
+    Description
+        ``zero``.
+    """
+    return Description({"zero": produced.quantity}, audit=produced.audit)

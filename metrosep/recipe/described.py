@@ -1,0 +1,75 @@
+"""What a result document holds of any result: quantities, tables, maps and charts.
+
+One function for every kind of result of the toolbox. The kinds are told apart by their class name,
+so that no module of the toolbox is loaded before it is used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from metrosep.core.errors import DataError
+from metrosep.recipe.describe_drift import (
+    dependence_of,
+    difference_of,
+    drift_test_of,
+    joint_drift_of,
+)
+from metrosep.recipe.describe_maps import plane_map_of, registration_of, surfaces_of
+from metrosep.recipe.describe_separation import separation_of
+from metrosep.recipe.describe_tests import (
+    diagonals_of,
+    positions_of,
+    spindle_of,
+    straightness_of,
+    zero_of,
+)
+from metrosep.recipe.description import Description
+from metrosep.recipe.plan import feed_plan_of
+
+__all__ = ["Description", "describe"]
+
+_KINDS: Mapping[str, Any] = {
+    "Separation": separation_of,
+    "PositioningTest": positions_of,
+    "SpindleMotion": spindle_of,
+    "MotionStraightness": straightness_of,
+    "DriftTest": drift_test_of,
+    "DriftFreeDifference": difference_of,
+    "JointDrift": joint_drift_of,
+    "Dependence": dependence_of,
+    "DiagonalTest": diagonals_of,
+    "ZeroCalibration": zero_of,
+    "PlaneMap": plane_map_of,
+    "PlaneFit": surfaces_of,
+    "FeedPlan": feed_plan_of,
+    "Registration": registration_of,
+}
+
+
+def describe(produced: Any, inputs: Any = None) -> Description:
+    """Return what a document holds of a result.
+
+    Parameters
+    ----------
+    produced : object
+        What a function of the toolbox returned.
+    inputs : object, optional
+        What it was given, for the positions of curves.
+
+    Returns
+    -------
+    Description
+        Quantities with unit, uncertainty and definition; tables; maps; charts.
+
+    Raises
+    ------
+    DataError
+        If the kind of result is not known.
+    """
+    kind = type(produced).__name__
+    if kind not in _KINDS:
+        raise DataError(f"a {kind} cannot be put into a result document")
+    described: Description = _KINDS[kind](produced, inputs)
+    return described

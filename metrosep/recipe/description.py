@@ -1,0 +1,130 @@
+"""`Description`: a result as plain values, tables and maps, whatever kind it is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.core.quantity import Quantity
+from metrosep.core.surface import Surface
+
+__all__ = ["Description", "extremes", "named", "quantity"]
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Description:
+    """What a document, a check and an output take from a result.
+
+    Parameters
+    ----------
+    quantities : mapping of str to Quantity
+        By metric: what checks name.
+    charts : tuple of dict
+        From `metrosep.recipe.charts`.
+    tables : mapping of str to mapping
+        Columns with unit suffix; the name of each table is put after that of the file, empty for
+        the main one.
+    maps : mapping of str to Surface
+        Parts that are maps.
+    document : mapping
+        What the document holds beside: of a separation everything that reads it again.
+    audit : mapping
+        What was done.
+    """
+
+    quantities: Mapping[str, Quantity] = field(default_factory=dict)
+    charts: tuple[dict[str, Any], ...] = ()
+    tables: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    maps: Mapping[str, Surface] = field(default_factory=dict)
+    document: Mapping[str, Any] = field(default_factory=dict)
+    audit: Mapping[str, Any] = field(default_factory=dict)
+
+
+def quantity(
+    value: Any, unit: str, definition: str, *, u: Any = None, symbol: str = ""
+) -> Quantity:
+    """Return a quantity, its uncertainty None where it is not known.
+
+    Parameters
+    ----------
+    value : float
+        SI.
+    unit : str
+        SI unit.
+    definition : str
+        What it is.
+    u : float or None, optional
+        Standard uncertainty, NaN = not known.
+    symbol : str, optional
+        Short name.
+
+    Returns
+    -------
+    Quantity
+        Of Python numbers.
+    """
+    spread = None if u is None or not math.isfinite(float(u)) else float(u)
+    return Quantity(float(value), unit, definition, u=spread, symbol=symbol)
+
+
+def extremes(name: str, values: FloatArray, u: FloatArray, unit: str) -> dict[str, Quantity]:
+    """Return P-V and RMS of a separated curve or map.
+
+    Parameters
+    ----------
+    name : str
+        Of the part.
+    values, u : ndarray of one shape
+        The part and its standard uncertainty; NaN = not determined.
+    unit : str
+        SI unit.
+
+    Returns
+    -------
+    dict of str to Quantity
+        ``name.pv`` and ``name.rms``; empty where nothing is determined.
+    """
+    known = np.isfinite(values)
+    if not known.any():
+        return {}
+    flat, flat_u = values[known], u[known]
+    high, low = int(np.argmax(flat)), int(np.argmin(flat))
+    text = name.replace("_", " ")
+    return {
+        f"{name}.pv": quantity(
+            flat[high] - flat[low],
+            unit,
+            f"P-V of the separated {text}; u of the two extremes as if independent",
+            u=math.hypot(flat_u[high], flat_u[low]),
+            symbol=f"PV {text}",
+        ),
+        f"{name}.rms": quantity(
+            math.sqrt(float(np.mean((flat - flat.mean()) ** 2))),
+            unit,
+            f"RMS of the separated {text} about its mean",
+            symbol=f"RMS {text}",
+        ),
+    }
+
+
+def named(found: Mapping[str, Quantity]) -> dict[str, Quantity]:
+    """Return quantities whose symbol is their metric, where the same symbol stands several times.
+
+    Parameters
+    ----------
+    found : mapping of str to Quantity
+        By metric.
+
+    Returns
+    -------
+    dict of str to Quantity
+        The same values.
+    """
+    return {key: replace(q, symbol=key) for key, q in found.items()}

@@ -1,0 +1,158 @@
+"""`Method`: what a separation that recipes know by name reads, its keys, and its call."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from metrosep.recipe.schema import Field
+
+__all__ = [
+    "CURVES",
+    "LAYOUT",
+    "MAPS",
+    "OP",
+    "TABLE",
+    "U_READING",
+    "Method",
+    "Reads",
+    "as_rows",
+    "input_fields",
+    "toolbox",
+]
+
+Reads = Literal["curves", "table", "tables", "maps", "results"]
+
+OP = {"op": Field("text", required=True)}
+U_READING = {"u_reading": Field("uncertainty")}
+LAYOUT = {
+    "separator": Field("text"),
+    "decimal": Field("text"),
+    "encoding": Field("text"),
+}
+CURVES = {
+    "files": Field("texts"),
+    "readings": Field("texts", required=True),
+    "x": Field("text"),
+    "angle": Field("text"),
+    "repeat": Field("text"),
+    "scale": Field("text"),
+    **LAYOUT,
+}
+MAPS = {
+    "files": Field("texts"),
+    "channel": Field("text"),
+    "unit": Field("text"),
+    "lateral_step": Field("size"),
+}
+TABLE = {"files": Field("texts"), **LAYOUT}
+
+
+@dataclass(frozen=True, slots=True)
+class Method:
+    """One separation that recipes and the command line know.
+
+    Parameters
+    ----------
+    what : str
+        What it separates, for the list of methods.
+    reads : {"curves", "table", "tables", "maps", "results"}
+        Columns over positions; columns by their role, of all files together or file by file; maps;
+        documents of results.
+    names : tuple of str
+        What the readings are, in their order; empty where their number is free.
+    fields : mapping of str to Field
+        Keys of its step.
+    call : callable
+        ``call(inputs, options)``: inputs are `Readings`, `RoleColumns`, a tuple of them, a tuple
+        of `Surface`, or `StoredResults`.
+    dimension : {"length", "angle"}, optional
+        What the readings of curves are.
+    roles : mapping of str to str, optional
+        Further columns of ``[input]`` and their dimension: ``"time"``, ``"angle"``, ``"position"``
+        (a length or an angle), ``"any"``, ``"label"``; a ``*`` after it: several columns; a ``?``
+        after it: may be left out.
+    accepts : tuple of str, optional
+        Objects that files of maps may hold.
+    spare : int, optional
+        How many further readings of curves may follow the named ones.
+    over : {"any", "x", "angle"}, optional
+        Which position curves may have.
+    """
+
+    what: str
+    reads: Reads
+    names: tuple[str, ...]
+    fields: Mapping[str, Field]
+    call: Callable[[Any, Mapping[str, Any]], Any]
+    dimension: Literal["length", "angle"] = "length"
+    roles: Mapping[str, str] = field(default_factory=dict)
+    accepts: tuple[str, ...] = ("Surface",)
+    spare: int = 0
+    over: Literal["any", "x", "angle"] = "any"
+
+
+def input_fields(method: Method) -> Mapping[str, Field]:
+    """Return the keys of ``[input]`` for a method.
+
+    Parameters
+    ----------
+    method : Method
+        The method.
+
+    Returns
+    -------
+    mapping of str to Field
+        Allowed keys.
+    """
+    if method.reads == "maps":
+        return MAPS
+    if method.reads == "results":
+        return {"files": Field("texts")}
+    roles = {
+        name: Field("texts" if "*" in kind else "text", required="?" not in kind)
+        for name, kind in method.roles.items()
+    }
+    if method.reads == "curves":
+        other = {"x": "angle", "angle": "x"}.get(method.over)
+        return {k: f for k, f in {**CURVES, **roles}.items() if k != other}
+    return {**TABLE, **roles}
+
+
+def toolbox(name: str) -> Callable[..., Any]:
+    """Return a function of the toolbox, loaded when it is called.
+
+    Parameters
+    ----------
+    name : str
+        Public name in `metrosep.separation`.
+
+    Returns
+    -------
+    callable
+        The function.
+    """
+
+    def call(*arguments: Any, **options: Any) -> Any:
+        import metrosep.separation as public
+
+        return getattr(public, name)(*arguments, **options)
+
+    return call
+
+
+def as_rows(values: Any) -> Any:
+    """Return readings without the axis of repeats where there is one repeat only.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n_readings, n_repeats, n)
+        As read.
+
+    Returns
+    -------
+    ndarray, shape (n_readings, n) or (n_readings, n_repeats, n)
+        A view.
+    """
+    return values[:, 0] if values.shape[1] == 1 else values

@@ -1,0 +1,149 @@
+"""Settings of the standard tests as plain numbers, and masked readings as NaN."""
+
+from __future__ import annotations
+
+import math
+import numbers
+from typing import Any
+
+import numpy as np
+
+from metrosep.core.errors import DataError
+
+__all__ = ["checked_count", "checked_number", "checked_sd", "checked_seed", "unmasked"]
+
+
+def unmasked(values: Any) -> Any:
+    """Return values with what is masked as NaN.
+
+    Parameters
+    ----------
+    values : object
+        A masked array, a sequence that holds some, or anything else.
+
+    Returns
+    -------
+    object
+        A float array where something was masked, else the same object.
+
+    Examples
+    --------
+    >>> unmasked(np.ma.array([1.0, 2.0], mask=[False, True])).tolist()
+    [1.0, nan]
+    """
+    if isinstance(values, np.ma.MaskedArray):
+        return np.where(np.ma.getmaskarray(values), math.nan, np.asarray(values.data, float))
+    if isinstance(values, (list, tuple)) and any(
+        isinstance(v, np.ma.MaskedArray) or v is np.ma.masked for v in values
+    ):
+        return [math.nan if v is np.ma.masked else unmasked(v) for v in values]
+    return values
+
+
+def checked_number(value: Any, name: str, what: str = "a number") -> float:
+    """Return a finite number.
+
+    Parameters
+    ----------
+    value : object
+        What the user gave.
+    name : str
+        Of the argument.
+    what : str, optional
+        What it must be, with its unit.
+
+    Returns
+    -------
+    float
+        The same number.
+
+    Raises
+    ------
+    DataError
+        If it is text, a list, NaN, infinite or nothing.
+    """
+    single = isinstance(value, numbers.Real) or (
+        isinstance(value, np.ndarray) and value.ndim == 0 and value.dtype.kind in "iuf"
+    )
+    if not single or isinstance(value, (bool, np.bool_)) or not math.isfinite(float(value)):
+        raise DataError(f"{name} must be {what}, got {value!r}")
+    return float(value)
+
+
+def checked_sd(value: Any, unit: str = "") -> float | None:
+    """Return the standard deviation of one reading, or None.
+
+    Parameters
+    ----------
+    value : object
+        What the user gave.
+    unit : str, optional
+        For the message.
+
+    Returns
+    -------
+    float or None
+        Zero or positive.
+
+    Raises
+    ------
+    DataError
+        If it is no number or negative.
+    """
+    if value is None:
+        return None
+    tail = f", in {unit}" if unit else ""
+    sd = checked_number(value, "sd", f"a number{tail}")
+    if sd < 0.0:
+        raise DataError(f"sd must be zero or positive{tail}, got {value}")
+    return sd
+
+
+def checked_count(value: Any, name: str, *, low: int = 0) -> int:
+    """Return a whole number.
+
+    Parameters
+    ----------
+    value : object
+        What the user gave; 2.0 is whole.
+    name : str
+        Of the argument.
+    low : int, optional
+        The smallest.
+
+    Returns
+    -------
+    int
+        The same number.
+
+    Raises
+    ------
+    DataError
+        If it is text, not whole or too small.
+    """
+    what = f"a whole number of {low} or more"
+    found = checked_number(value, name, what)
+    if found != int(found) or found < low:
+        raise DataError(f"{name} must be {what}, got {value!r}")
+    return int(found)
+
+
+def checked_seed(value: Any) -> int:
+    """Return the seed of a simulation.
+
+    Parameters
+    ----------
+    value : object
+        What the user gave.
+
+    Returns
+    -------
+    int
+        Not negative.
+
+    Raises
+    ------
+    DataError
+        If it is no whole number.
+    """
+    return checked_count(value, "seed")

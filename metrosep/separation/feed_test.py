@@ -1,0 +1,79 @@
+"""Private to separation: whether the feed-dependent part is proportional to the feedrate."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.separation.system import System, whitened
+from metrosep.spectral.autoregressive import AutoregressiveModel
+
+__all__ = ["square_of_feed_score"]
+
+FloatArray = NDArray[np.float64]
+
+
+def square_of_feed_score(
+    system: System, covariance: FloatArray, *, kind: str
+) -> tuple[float, int] | None:
+    """Return the score test of a part that grows with the square of the feedrate.
+
+    Parameters
+    ----------
+    system : System
+        At its solution.
+    covariance : ndarray, shape (n, n)
+        Posterior of all columns.
+    kind : {"scale", "waves"}
+        Whether the whole error or single waves depend on the feedrate.
+
+    Returns
+    -------
+    tuple of (float, int) or None
+        Statistic, chi-square if there is no such part, and its degrees of freedom; None where
+        the readings cannot tell.
+    """
+    rel = system.terms.relative_speed
+    n = system.n_fixed + 2 * system.n_harmonics
+    q = system.terms.wavenumbers.size * 2 if kind == "waves" else 1
+    score, own, cross = np.zeros(q), np.zeros((q, q)), np.zeros((n, q))
+    for group, model in zip(system.groups, system.noise, strict=True):
+        for i in group:
+            columns = _columns(system, i, kind) * (rel[i] ** 2 - float(np.mean(rel**2)))
+            rows, extra, rest, variance = _rows(system, i, model, columns)
+            variance *= system.sharing[0]
+            score += extra.T @ rest / variance
+            own += extra.T @ extra / variance
+            cross += rows.T @ extra / variance
+    information = own - cross.T @ covariance @ cross
+    values, vectors = np.linalg.eigh(information)
+    seen = values > 1e-6 * float(np.diag(own).max())
+    if not seen.any():
+        return None
+    along = vectors[:, seen].T @ score
+    return float(np.sum(along**2 / values[seen])), int(seen.sum())
+
+
+def _columns(system: System, index: int, kind: str) -> FloatArray:
+    if kind == "waves":
+        return system.terms.waves(index)
+    curve = system.basis(index) @ system.solution[system.n_fixed :]
+    return np.asarray(curve[:, None])
+
+
+def _rows(
+    system: System, index: int, model: AutoregressiveModel, columns: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, float]:
+    """Return whitened design, extra columns, residual and variance of a row."""
+    design = np.hstack([system.design(index), columns])
+    n = design.shape[1]
+    variance = model.variance
+    if system.weights is None:
+        rows, values = whitened(design, system.z[index], model.coefficients)
+    else:
+        marks = system.weights.marks(index)
+        rows, values = whitened(np.hstack([design, marks]), system.z[index], model.coefficients)
+        rows, values = system.weights.apply(index, rows, values, n)
+        variance /= system.weights.information(index)
+    first = n - columns.shape[1]
+    return rows[:, :first], rows[:, first:], values - rows[:, :first] @ system.solution, variance

@@ -1,0 +1,276 @@
+r"""Private to separation: deterministic lines in the residual, found by a likelihood-ratio test.
+
+A lightly damped mode and a line both peak in a periodogram; they differ in how well the past
+predicts them. So the noise model is fitted without and with a sine of free phase in each run, and
+:math:`\Lambda = AICc_0 - AICc_1` is compared with chi-square of the sine's parameters, times the
+number of frequencies that were looked at (Bonferroni). A mode that the noise model holds gains
+nothing more than chance.
+
+Source: Rife and Boorstyn 1974 (single tone); likelihood ratio after Wilks 1938.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.core.errors import TooFewSamplesError
+from metrosep.separation.terms import Terms
+from metrosep.spectral.autoregressive import fit_autoregressive, whiten
+
+__all__ = ["FoundLine", "find_line", "nearest_power"]
+
+FloatArray = NDArray[np.float64]
+
+_OVERSAMPLING = 4
+_CANDIDATES = 4
+"""Peaks of the periodogram that are tested in one search."""
+
+_BACKGROUND = 12
+"""Half-width, in resolution cells, of the stretch whose median is the background of a peak."""
+
+_NEAR = 3.0
+"""No second line is looked for within so many resolution cells of one that was found."""
+
+_FIRST_CELL = 3.0
+"""Lowest frequency looked at, over one per duration of the shortest run: below it is drift."""
+
+
+_TABLE = 2_000_000
+"""Complex numbers in a table of the transform."""
+
+
+@dataclass(frozen=True, slots=True)
+class FoundLine:
+    """A frequency with its test.
+
+    Parameters
+    ----------
+    frequency : float, Hz
+        Of the sine that lowers the noise most.
+    statistic : float
+        Fall of AICc of the noise models, parameters of the sine not counted.
+    p : float
+        Chance of it without a line, for all frequencies looked at.
+    """
+
+    frequency: float
+    statistic: float
+    p: float
+
+
+def find_line(
+    residuals: Sequence[FloatArray],
+    groups: Sequence[Sequence[int]],
+    terms: Terms,
+    orders: Sequence[int],
+    *,
+    level: float,
+) -> FoundLine | None:
+    """Return the strongest line whose chance is below a level.
+
+    Parameters
+    ----------
+    residuals : sequence of ndarray, shape (n_r,)
+        Readings minus model of each run, NaN = not measured.
+    groups : sequence of sequence of int
+        Runs that share a noise model.
+    terms : Terms
+        For times and the shape of a line; its lines so far are not looked for again.
+    orders : sequence of int
+        Candidate orders of the noise models.
+    level : float
+        False-alarm probability of the whole search.
+
+    Returns
+    -------
+    FoundLine or None
+        None if no candidate passes.
+    """
+    frequency, power, cell = _search_spectrum(residuals, terms)
+    if frequency.size < 2 * _OVERSAMPLING * _BACKGROUND:
+        return None
+    for known in terms.frequencies:
+        power[np.abs(frequency - known) < _NEAR * cell] = 0.0
+    ratio = power / _running_median(power, _OVERSAMPLING * _BACKGROUND)
+    n_looked = 2.0 * frequency.size / _OVERSAMPLING
+    base = _noise_criterion(residuals, groups, terms, orders)
+    for _ in range(_CANDIDATES):
+        at = int(ratio.argmax())
+        if ratio[at] <= 0.0:
+            return None
+        best = _refined(residuals, terms, float(frequency[at]), cell)
+        found = _tested(residuals, groups, terms, orders, best, base, n_looked)
+        if found.p < level:
+            return found
+        ratio[np.abs(frequency - frequency[at]) < 2.0 * cell] = 0.0
+    return None
+
+
+def nearest_power(residuals: Sequence[FloatArray], terms: Terms, frequency: float) -> float:
+    """Return the frequency of most power within half a resolution cell of a stated one.
+
+    Parameters
+    ----------
+    residuals : sequence of ndarray, shape (n_r,)
+        Readings minus model of each run, NaN = not measured.
+    terms : Terms
+        For times, and whether the runs share a phase.
+    frequency : float, Hz
+        As stated.
+
+    Returns
+    -------
+    float, Hz
+        The cell is one over the duration of the longest run.
+    """
+    cell = 1.0 / max(float(np.ptp(r.t)) for r in terms.runs)
+    return _refined(residuals, terms, frequency, cell)
+
+
+def _search_spectrum(
+    residuals: Sequence[FloatArray], terms: Terms
+) -> tuple[FloatArray, FloatArray, float]:
+    """Return frequencies, power summed over the runs, and the resolution of the longest run."""
+    step = max(r.time_step for r in terms.runs)
+    longest = max(float(np.ptp(r.t)) for r in terms.runs)
+    shortest = min(float(np.ptp(r.t)) for r in terms.runs)
+    cell = 1.0 / longest
+    frequency = np.arange(_FIRST_CELL / shortest, 0.49 / step, cell / _OVERSAMPLING)
+    total = np.zeros(frequency.size, dtype=np.complex128 if terms.locked else np.float64)
+    for i, residual in enumerate(residuals):
+        sums = _transform(terms.line_time(i), residual, frequency)
+        total = total + (sums if terms.locked else np.abs(sums) ** 2 / residual.size)
+    return frequency, np.asarray(np.abs(total) ** (2 if terms.locked else 1)), cell
+
+
+def _transform(t: FloatArray, z: FloatArray, frequency: FloatArray) -> NDArray[np.complex128]:
+    """Return the sums of z exp(-2 pi i f t) over uniform frequencies, in bounded memory.
+
+    With f = f_0 + (a B + b) df the factor splits into one of a and one of b: two short tables and
+    one product, at the true times.
+    """
+    filled = np.where(np.isnan(z), 0.0, z)
+    n = frequency.size
+    inner = int(np.ceil(np.sqrt(n)))
+    fine = frequency[:inner] - frequency[0]
+    coarse = frequency[::inner]
+    out = np.zeros((coarse.size, inner), dtype=np.complex128)
+    size = max(1, _TABLE // inner)
+    for first in range(0, t.size, size):
+        part = slice(first, first + size)
+        left = np.exp(-2j * np.pi * np.outer(coarse, t[part])) * filled[part]
+        out += left @ np.exp(-2j * np.pi * np.outer(t[part], fine))
+    return np.asarray(out.ravel()[:n])
+
+
+def _running_median(values: FloatArray, half: int) -> FloatArray:
+    from scipy.ndimage import median_filter
+
+    smooth = median_filter(values, size=2 * half + 1, mode="nearest")
+    return np.asarray(np.maximum(smooth, 1e-12 * max(float(values.max()), 1e-300)))
+
+
+def _refined(
+    residuals: Sequence[FloatArray], terms: Terms, frequency: float, cell: float
+) -> float:
+    """Return the frequency of most power within a cell."""
+    for half in (0.5, 0.025, 0.00125):
+        fine = frequency + np.linspace(-half, half, 41) * cell
+        total = np.zeros(fine.size, dtype=np.complex128 if terms.locked else np.float64)
+        for i, residual in enumerate(residuals):
+            sums = _transform(terms.line_time(i), residual, fine)
+            total = total + (sums if terms.locked else np.abs(sums) ** 2 / residual.size)
+        frequency = float(fine[int(np.abs(total).argmax())])
+    return frequency
+
+
+def _tested(
+    residuals: Sequence[FloatArray],
+    groups: Sequence[Sequence[int]],
+    terms: Terms,
+    orders: Sequence[int],
+    frequency: float,
+    base: float,
+    n_looked: float,
+) -> FoundLine:
+    from scipy.stats import chi2
+
+    rest = _without_line(residuals, groups, terms, orders, frequency)
+    statistic = base - _noise_criterion(rest, groups, terms, orders)
+    freedom = 2 if terms.locked else 2 * len(residuals)
+    p = min(1.0, n_looked * float(chi2.sf(max(statistic, 0.0), freedom)))
+    return FoundLine(frequency, statistic, p)
+
+
+def _noise_criterion(
+    residuals: Sequence[FloatArray],
+    groups: Sequence[Sequence[int]],
+    terms: Terms,
+    orders: Sequence[int],
+) -> float:
+    """Return AICc of the best noise models."""
+    total = 0.0
+    for group in groups:
+        own = [residuals[i] for i in group]
+        allowed = [p for p in orders if p <= max(1, min(r.size for r in own) // 8)] or [1]
+        _, _, aicc = fit_autoregressive(
+            own, orders=allowed, time_step=terms.runs[group[0]].time_step
+        )
+        total += min(aicc.values())
+    return total
+
+
+def _without_line(
+    residuals: Sequence[FloatArray],
+    groups: Sequence[Sequence[int]],
+    terms: Terms,
+    orders: Sequence[int],
+    frequency: float,
+) -> list[FloatArray]:
+    """Take the line out, first by least squares, then with the noise model that is left."""
+    rest = list(residuals)
+    for whitened in (False, True):
+        new = list(residuals)
+        for group in groups:
+            own = [rest[i] for i in group]
+            coefficients = np.empty(0)
+            if whitened:
+                allowed = [p for p in orders if p <= max(1, min(r.size for r in own) // 8)]
+                step = terms.runs[group[0]].time_step
+                try:
+                    coefficients = fit_autoregressive(own, orders=allowed or [1], time_step=step)[
+                        0
+                    ].coefficients
+                except TooFewSamplesError:
+                    coefficients = np.empty(0)
+            for i, fitted in _line_of_group(
+                residuals, group, terms, frequency, coefficients
+            ).items():
+                new[i] = residuals[i] - fitted
+        rest = new
+    return rest
+
+
+def _line_of_group(
+    residuals: Sequence[FloatArray],
+    group: Sequence[int],
+    terms: Terms,
+    frequency: float,
+    coefficients: FloatArray,
+) -> dict[int, FloatArray]:
+    pairs = {i: terms.line_pair(i, frequency) for i in group}
+    tables = {}
+    for i in group:
+        rows = whiten(np.column_stack([pairs[i], residuals[i]]), coefficients)
+        tables[i] = rows[~np.isnan(rows[:, 2])]
+    if terms.locked:
+        table = np.concatenate(list(tables.values()))
+        tables = dict.fromkeys(group, table)
+    return {
+        i: pairs[i] @ np.linalg.lstsq(tables[i][:, :2], tables[i][:, 2], rcond=None)[0]
+        for i in group
+    }

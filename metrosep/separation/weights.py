@@ -1,0 +1,373 @@
+r"""Private to separation: weights by which spikes and bad stretches do not move the estimate.
+
+A wrong sample spoils all the innovations that it enters, one more than the order of the noise
+model. So samples whose own error :math:`\hat\delta_i = \sum_j h_j \epsilon_{i+j} / \sum_j h_j^2`
+(h the whitening filter) is beyond chance are marked and each becomes an unknown, which costs one
+degree of freedom; the innovations that are left get Huber's weights.
+
+Sources: Huber 1964; Chen and Liu 1993 (additive outliers in time series).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.spectral.autoregressive import AutoregressiveModel
+
+__all__ = ["MAD", "RowWeights"]
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+_MARK = 4.5
+"""A sample is marked where its own error exceeds so many standard deviations: 7 in a million."""
+
+_HUBER = 2.0
+"""Innovations beyond so many standard deviations lose weight; 99 % efficiency for Gaussian noise."""
+
+_PASSES = 40
+"""Most passes in which samples are marked."""
+
+_LEVEL = 2.0
+"""The level of a bad stretch is at least so many standard deviations of one sample."""
+
+_CLIP = 3.0
+"""Residuals are cut at so many standard deviations before their level is taken."""
+
+_FEW_RUNS = 3
+"""Fewer runs at a place have no median that tells a bad stretch from geometry."""
+
+_NEIGHBOURS = 7
+"""Samples on each side whose median a gross outlier is compared with before the first fit."""
+
+_WINDOWS = (1, 8, 32)
+"""Samples over which the level of the residual is looked at."""
+
+_MAX_SHARE = 0.3
+"""No more than this share of a run is marked: beyond it the run is bad, not the samples."""
+
+MAD = 1.482602218505602
+"""Standard deviation of a Gaussian over its median absolute deviation."""
+
+
+@dataclass(slots=True, eq=False)
+class RowWeights:
+    """Marked samples and weights of the innovations of all runs.
+
+    Parameters
+    ----------
+    positions : list of ndarray, shape (n_r,), m
+        Of the samples.
+    marked : list of ndarray of bool, shape (n_r,)
+        Samples that are unknowns.
+    weight : list of ndarray, shape (m_r,)
+        Of the whitened rows; empty before the first `update`.
+    efficiency : list of float
+        Information of a weighted row over that of a row of the noise model's variance.
+    """
+
+    positions: list[FloatArray]
+    marked: list[BoolArray]
+    weight: list[FloatArray] = field(default_factory=list)
+    efficiency: list[float] = field(default_factory=list)
+
+    @classmethod
+    def gross(cls, readings: Sequence[FloatArray], positions: Sequence[FloatArray]) -> RowWeights:
+        """Return marks of the samples that stand out of the readings themselves, weights of 1.
+
+        Parameters
+        ----------
+        readings : sequence of ndarray, shape (n_r,)
+            Of each run, NaN = not measured.
+        positions : sequence of ndarray, shape (n_r,), m
+            Where.
+
+        Returns
+        -------
+        RowWeights
+            Before anything is known of geometry and noise.
+        """
+        marked = []
+        for z in readings:
+            smooth = _running_median(z)
+            rest = z - smooth
+            scale = MAD * float(np.nanmedian(np.abs(rest)))
+            away = np.abs(z - np.nanmedian(z))
+            far = np.nan_to_num(np.abs(rest) > 2.0 * _MARK * scale, nan=0.0).astype(bool)
+            far |= away > 4.0 * _MARK * MAD * float(np.nanmedian(away))
+            marked.append(far & ~np.isnan(z) if far.mean() < _MAX_SHARE else np.zeros_like(far))
+        return cls(list(positions), marked)
+
+    def marks(self, index: int) -> FloatArray:
+        """Return one column for each marked sample of a run.
+
+        Parameters
+        ----------
+        index : int
+            Which run.
+
+        Returns
+        -------
+        ndarray, shape (n_r, n_marked)
+            A single 1 in each column.
+        """
+        at = np.flatnonzero(self.marked[index])
+        columns = np.zeros((self.marked[index].size, at.size))
+        columns[at, np.arange(at.size)] = 1.0
+        return columns
+
+    def apply(
+        self, index: int, rows: FloatArray, values: FloatArray, n_design: int
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return weighted rows from which the marked samples are projected out.
+
+        Parameters
+        ----------
+        index : int
+            Which run.
+        rows : ndarray, shape (m, n_design + n_marked)
+            Whitened design and marks.
+        values : ndarray, shape (m,)
+            Whitened readings.
+        n_design : int
+            Columns of the design.
+
+        Returns
+        -------
+        rows : ndarray, shape (m, n_design)
+            Design.
+        values : ndarray, shape (m,)
+            Readings.
+        """
+        if self.weight:
+            root = np.sqrt(self.weight[index])
+            rows, values = rows * root[:, None], values * root
+        design, marks = rows[:, :n_design], rows[:, n_design:]
+        if not marks.shape[1]:
+            return design, values
+        q, _ = np.linalg.qr(marks)
+        return design - q @ (q.T @ design), values - q @ (q.T @ values)
+
+    def information(self, index: int) -> float:
+        """Return the information of a weighted row over that of an unweighted one.
+
+        Parameters
+        ----------
+        index : int
+            Which run.
+
+        Returns
+        -------
+        float
+            About 1 for Gaussian noise.
+        """
+        return self.efficiency[index] if self.efficiency else 1.0
+
+    def n_marked(self, group: Sequence[int]) -> int:
+        """Return how many samples of some runs are marked.
+
+        Parameters
+        ----------
+        group : sequence of int
+            Which runs.
+
+        Returns
+        -------
+        int
+            Number of samples.
+        """
+        return sum(int(self.marked[i].sum()) for i in group)
+
+    def clean(
+        self,
+        residuals: Sequence[FloatArray],
+        groups: Sequence[Sequence[int]],
+        noise: Sequence[AutoregressiveModel],
+    ) -> list[FloatArray]:
+        """Mark anew, and take what is marked out of the residuals.
+
+        Parameters
+        ----------
+        residuals : sequence of ndarray, shape (n_r,)
+            Readings minus model of each run, NaN = not measured.
+        groups : sequence of sequence of int
+            Runs that share a noise model.
+        noise : sequence of AutoregressiveModel
+            Their models.
+
+        Returns
+        -------
+        list of ndarray, shape (n_r,)
+            Residuals, the marked samples replaced by what the noise model expects there.
+        """
+        cleaned = [r.copy() for r in residuals]
+        apart = _without_common(residuals, self.positions)
+        for group, model in zip(groups, noise, strict=True):
+            taps = np.concatenate([[1.0], -model.coefficients])
+            own = [apart[i] for i in group]
+            scale = _robust_scale(own, model.coefficients)
+            for i, stretch in zip(group, _stretches(own), strict=True):
+                self.marked[i] = _mark(apart[i], taps, scale, stretch)
+                if self.marked[i].any():
+                    cleaned[i] = _replaced(residuals[i], self.marked[i], taps)
+        return cleaned
+
+    def weigh(
+        self,
+        cleaned: Sequence[FloatArray],
+        groups: Sequence[Sequence[int]],
+        noise: Sequence[AutoregressiveModel],
+    ) -> None:
+        """Give every innovation its weight.
+
+        Parameters
+        ----------
+        cleaned : sequence of ndarray, shape (n_r,)
+            From `clean`.
+        groups, noise : sequence
+            As for `clean`.
+        """
+        self.weight = [np.empty(0)] * len(cleaned)
+        self.efficiency = [1.0] * len(cleaned)
+        for group, model in zip(groups, noise, strict=True):
+            own = {i: _innovations(cleaned[i], model.coefficients) for i in group}
+            own = {i: e[~np.isnan(e)] for i, e in own.items()}
+            pooled = np.concatenate(list(own.values()))
+            scale = max(MAD * float(np.median(np.abs(pooled))), 1e-15)
+            efficiency = _efficiency(pooled, scale)
+            for i, innovation in own.items():
+                self.weight[i] = _huber(innovation, scale)
+                self.efficiency[i] = efficiency
+
+
+def _running_median(z: FloatArray) -> FloatArray:
+    """Return the median of each sample and its neighbours, NaN left out."""
+    padded = np.pad(z, _NEIGHBOURS, mode="edge")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * _NEIGHBOURS + 1)
+    missing = np.asarray(np.isnan(windows).all(axis=1))
+    filled = np.where(missing[:, None], 0.0, windows)
+    return np.asarray(np.nanmedian(filled, axis=1))
+
+
+def _innovations(residual: FloatArray, coefficients: FloatArray) -> FloatArray:
+    """Return rows p ... n - 1 of the filtered residual; NaN where one touches a NaN."""
+    taps = np.concatenate([[1.0], -coefficients])
+    return np.convolve(residual, taps, mode="valid")
+
+
+def _robust_scale(residuals: Sequence[FloatArray], coefficients: FloatArray) -> float:
+    pooled = np.concatenate([_innovations(r, coefficients) for r in residuals])
+    return max(MAD * float(np.nanmedian(np.abs(pooled))), 1e-15)
+
+
+def _without_common(
+    residuals: Sequence[FloatArray], positions: Sequence[FloatArray]
+) -> list[FloatArray]:
+    """Take out what most runs show at the same place: an error not yet fitted, no bad stretch."""
+    low = min(float(x.min()) for x in positions)
+    high = max(float(x.max()) for x in positions)
+    grid = np.linspace(low, high, max(x.size for x in positions))
+    table = np.full((len(residuals), grid.size), np.nan)
+    for row, residual, x in zip(table, residuals, positions, strict=True):
+        valid = ~np.isnan(residual)
+        order = np.argsort(x[valid])
+        row[:] = np.interp(
+            grid, x[valid][order], residual[valid][order], left=np.nan, right=np.nan
+        )
+    known = (~np.isnan(table)).sum(axis=0) >= _FEW_RUNS
+    common = np.zeros(grid.size)
+    if known.any():
+        common[known] = np.nanmedian(table[:, known], axis=0)
+    return [r - np.interp(x, grid, common) for r, x in zip(residuals, positions, strict=True)]
+
+
+def _stretches(residuals: Sequence[FloatArray]) -> list[BoolArray]:
+    """Mark where the mean over a window leaves the spread of all such means of these runs.
+
+    A noise model that has seen a bad stretch takes it for noise; its level gives it away.
+    """
+    marked = [np.zeros(r.size, dtype=bool) for r in residuals]
+    single = MAD * float(np.nanmedian(np.abs(np.concatenate(residuals))))
+    for width in _WINDOWS:
+        top = _CLIP * single if width > 1 else np.inf  # one spike must not spoil a window
+        means = [_moving_mean(np.clip(r, -top, top), width) for r in residuals]
+        pooled = np.concatenate(means)
+        scale = MAD * float(np.nanmedian(np.abs(pooled)))
+        for mask, residual, mean in zip(marked, residuals, means, strict=True):
+            limit = max(_MARK * scale, _LEVEL * single)
+            far = np.nan_to_num(np.abs(mean), nan=0.0) > limit
+            if width > 1:
+                far = np.convolve(far, np.ones(width // 2 + 1), mode="same") > 0.5
+            np.logical_or(mask, far & ~np.isnan(residual), out=mask)
+    return [m if m.mean() < _MAX_SHARE else np.zeros_like(m) for m in marked]
+
+
+def _moving_mean(values: FloatArray, width: int) -> FloatArray:
+    """Return the mean of the measured samples around each; NaN where half of them are missing."""
+    valid = ~np.isnan(values)
+    ones = np.ones(width)
+    count = np.convolve(valid.astype(np.float64), ones, mode="same")
+    total = np.convolve(np.where(valid, values, 0.0), ones, mode="same")
+    return np.where(count > 0.5 * width, total / np.maximum(count, 1.0), np.nan)
+
+
+def _mark(residual: FloatArray, taps: FloatArray, scale: float, stretch: BoolArray) -> BoolArray:
+    """Mark bad stretches, then the strongest samples; take them out, look again."""
+    p = taps.size - 1
+    marked = stretch.copy()
+    cleaned = _replaced(residual, marked, taps) if marked.any() else residual
+    innovation = _innovations(cleaned, -taps[1:])
+    valid = ~np.isnan(innovation)
+    norm = np.correlate(np.pad(valid.astype(np.float64), p), taps**2, mode="valid")
+    allowed = int(_MAX_SHARE * residual.size)
+    for _ in range(_PASSES):
+        filled = np.pad(np.where(np.isnan(innovation), 0.0, innovation), p)
+        own = np.correlate(filled, taps, mode="valid")
+        statistic = np.abs(own) / (np.sqrt(np.maximum(norm, 1e-30)) * scale)
+        statistic[marked | np.isnan(residual) | (norm < 1e-3)] = 0.0
+        left = np.concatenate([[0.0], statistic[:-1]])
+        right = np.concatenate([statistic[1:], [0.0]])
+        new = (statistic > _MARK) & (statistic >= left) & (statistic >= right)
+        new &= statistic > 0.5 * statistic.max()
+        if not new.any() or marked.sum() + new.sum() > allowed:
+            break
+        marked |= new
+        innovation = _innovations(_replaced(residual, marked, taps), -taps[1:])
+    return marked
+
+
+def _replaced(residual: FloatArray, marked: BoolArray, taps: FloatArray) -> FloatArray:
+    """Replace the marked samples by the values of least squared innovations."""
+    at = np.flatnonzero(marked)
+    p = taps.size - 1
+    innovation = _innovations(residual, -taps[1:])
+    valid = ~np.isnan(innovation)
+    columns = np.zeros((innovation.size, at.size))
+    for j, i in enumerate(at.tolist()):
+        rows = np.arange(max(i - p, 0), min(i + 1, innovation.size))
+        columns[rows, j] = taps[rows + p - i]
+    columns = columns[valid]
+    own = np.linalg.lstsq(columns, innovation[valid], rcond=1e-10)[0]
+    out = residual.copy()
+    out[at] -= own
+    return out
+
+
+def _huber(innovation: FloatArray, scale: float) -> FloatArray:
+    size = np.abs(innovation)
+    return np.asarray(np.minimum(1.0, _HUBER * scale / np.maximum(size, 1e-300)))
+
+
+def _efficiency(innovation: FloatArray, scale: float) -> float:
+    """Return (E psi')^2 / (E psi^2 E w) in units of the inverse mean square."""
+    inside = np.abs(innovation) < _HUBER * scale
+    weight = _huber(innovation, scale)
+    psi2 = float(np.mean((weight * innovation) ** 2))
+    square = float(np.mean(innovation**2))
+    if psi2 <= 0.0:
+        return 1.0
+    return float(np.mean(inside)) ** 2 * square / (psi2 * float(np.mean(weight)))

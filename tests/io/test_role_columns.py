@@ -1,0 +1,84 @@
+"""Columns by role: units, labels, several files, and headers whose unit is none."""
+
+import numpy as np
+import pytest
+
+from metrosep.core.errors import FormatMismatchError, ReadError, UnitError
+from metrosep.io.readings import read_readings
+from metrosep.io.role_columns import Role, read_roles
+
+
+@pytest.fixture
+def put(tmp_path):
+    def write(text, name="t.csv"):
+        file = tmp_path / name
+        file.write_text(text, "ascii")
+        return file
+
+    return write
+
+
+def test_numbers_come_in_si_labels_as_text(put):
+    file = put("t_ms,who,z_um\n0,A,1.5\n2,B,-2.5\n")
+    data = read_roles(
+        file,
+        {
+            "time": Role("t_ms", "time"),
+            "label": Role("who", "label"),
+            "z": Role(["z_um"], "length"),
+        },
+    )
+    np.testing.assert_allclose(data.values["time"], [0.0, 2e-3], rtol=0.0, atol=1e-15)
+    assert data.values["label"].tolist() == ["A", "B"]
+    np.testing.assert_allclose(data.values["z"], [[1.5e-6, -2.5e-6]], rtol=1e-12)
+    assert data.columns["z"] == ("z",)
+    assert data.history[0].parameters["time"] == "t_ms"
+
+
+def test_numbers_as_labels_and_rows_of_several_files(put):
+    files = [put("n,x_mm\n1,0\n2,1\n"), put("n,x_mm\n3,2\n", "u.csv")]
+    data = read_roles(files, {"n": Role("n", "label"), "x": Role("x_mm", "position")})
+    assert data.values["n"].tolist() == ["1", "2", "3"]
+    assert data.units == {"x": "m"}
+    assert len(data.history) == 2
+    assert data.name == "t"
+
+
+def test_a_header_of_something_per_time_is_no_unit_of_time(put):
+    file = put("speed_rev_per_ms,t_ms\n100,1\n200,2\n")
+    data = read_roles(file, {"v": Role("speed_rev_per_ms", "any"), "t": Role("t_ms", "any")})
+    assert data.values["v"].tolist() == [100.0, 200.0]
+    assert data.values["t"].tolist() == [1e-3, 2e-3]
+
+
+def test_positions_are_all_lengths_or_all_angles(put):
+    file = put("a_deg,b_mm\n180,1\n90,2\n")
+    assert read_roles(file, {"p": Role("a_deg", "position")}).units == {"p": "rad"}
+    with pytest.raises(UnitError, match="lengths and angles"):
+        read_roles(file, {"p": Role(["a_deg", "b_mm"], "position")})
+
+
+def test_what_does_not_fit_is_refused(put):
+    file = put("who,z_um\nA,1\nB,2\n")
+    with pytest.raises(FormatMismatchError, match="holds text"):
+        read_roles(file, {"v": Role("who", "any")})
+    with pytest.raises(UnitError, match="time is needed"):
+        read_roles(file, {"t": Role("z_um", "time")})
+    with pytest.raises(ReadError, match="z_um"):
+        read_roles(file, {"t": Role("q", "any")})
+    with pytest.raises(FormatMismatchError, match="no file"):
+        read_roles([], {"t": Role("q", "any")})
+
+
+def test_readings_with_extra_columns_by_repeat(put):
+    file = put(
+        "run,x_mm,z_nm,p_urad\n"
+        + "".join(f"{r},{i},{r + i},{10 * r + i}\n" for r in (1, 2) for i in range(3))
+    )
+    data = read_readings(
+        file, readings="z_nm", x="x_mm", repeat="run", extra={"pitch": Role("p_urad", "angle")}
+    )
+    np.testing.assert_allclose(data.extra["pitch"] * 1e6, [[10, 11, 12], [20, 21, 22]], rtol=1e-12)
+    assert data.position_unit == "m"
+    with pytest.raises(FormatMismatchError, match="readings of one file"):
+        read_readings([file, file], readings="z_nm", extra={"pitch": Role("p_urad", "angle")})

@@ -1,0 +1,89 @@
+"""Every recipe of the examples runs as it stands, is judged, and writes what it says."""
+
+import tomllib
+
+import numpy as np
+import pytest
+
+import metrosep as ms
+from metrosep.recipe.result import load_document
+
+NAMES = [
+    "reversal/recipe.toml",
+    "multiprobe/recipe.toml",
+    "multistep/recipe.toml",
+    "three_point/recipe.toml",
+    "mirror_slopes/recipe.toml",
+    "positioning/recipe.toml",
+    "positioning/diagonals.toml",
+    "drift/recipe.toml",
+    "drift/sequence.toml",
+    "drift/speeds.toml",
+    "spindle/recipe.toml",
+    "xy_plane/recipe.toml",
+    "feedrate_plan/recipe.toml",
+    "flats/recipe.toml",
+    "rotation_test/recipe.toml",
+    "periodic_error/recipe.toml",
+]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_recipe_runs_as_it_stands(name, repository, tmp_path):
+    recipe = repository / "examples" / name
+    result = ms.Recipe.load(recipe).run(out=tmp_path / "out")
+
+    checks = tomllib.loads(recipe.read_text("utf-8")).get("check", [])
+    assert result.verdict == ("accept" if checks else None)
+    assert (tmp_path / "out" / "report.html").stat().st_size > 20_000
+    assert (tmp_path / "out" / "result.json").stat().st_size < 1_000_000
+    document = load_document(tmp_path / "out")
+    assert document["characteristics"]
+
+
+WITHOUT = {"straightness", "stitching"}
+"""The first has tests of its own; the maps of the second stand in one table of its own layout."""
+
+
+def test_every_example_has_a_recipe(repository):
+    folders = {f.name for f in (repository / "examples").iterdir() if f.is_dir()}
+    assert folders - WITHOUT <= {name.split("/")[0] for name in NAMES}
+
+
+def test_every_recipe_of_the_examples_is_tested(repository):
+    found = {
+        f"{f.parent.name}/{f.name}"
+        for f in (repository / "examples").glob("*/*.toml")
+        if f.parent.name != "straightness"
+    }
+    assert found == set(NAMES)
+
+
+TRUTHS = {
+    "flats/recipe.toml": {"A": 2, "B": 3, "C": 4},
+    "multiprobe/recipe.toml": {"artefact": 1, "x": 2, "y": 3},
+    "reversal/recipe.toml": {"artefact": 1, "spindle": 2},
+    "multistep/recipe.toml": {"artefact": 1, "spindle": 2},
+}
+"""Column of truth.csv, in nm, of each part."""
+
+
+@pytest.mark.parametrize("name", TRUTHS)
+def test_recipe_finds_what_was_planted(name, repository):
+    produced = ms.Recipe.load(repository / "examples" / name).run().produced
+    table = repository / "examples" / name.split("/")[0] / "truth.csv"
+    rows = np.loadtxt(table, delimiter=",", skiprows=1)
+    for part, column in TRUTHS[name].items():
+        found = produced.parts[part].ravel()
+        rest = found - rows[:, column] * 1e-9
+        known = np.isfinite(rest)
+        place = rows[known, :2] if name.startswith("flats") else _once(rows[known, 0])
+        basis = np.column_stack([np.ones(known.sum()), place])  # what alignment decides
+        rest = rest[known] - basis @ np.linalg.lstsq(basis, rest[known], rcond=None)[0]
+        u = produced.u[part].ravel()[known]
+        assert rest.std() < 2.0 * np.sqrt(np.mean(u**2)), part
+
+
+def _once(degrees):
+    angle = np.radians(degrees)
+    return np.column_stack([np.cos(angle), np.sin(angle)])
