@@ -32,7 +32,7 @@ def _over_turn(name: str) -> Callable[[Readings, Mapping[str, Any]], Any]:
 
     def call(data: Readings, options: Mapping[str, Any]) -> Any:
         _require_turn(data)
-        return toolbox(name)(*data.values, **options)
+        return toolbox(name)(*data.values, angle=data.position, **options)
 
     return call
 
@@ -42,17 +42,19 @@ def _face(data: Readings, options: Mapping[str, Any]) -> Any:
     f1, f2, axial, *second = data.values
     rest = {k: v for k, v in options.items() if k != "radius"}
     axial2 = second[0] if second else None
-    return toolbox("face_reversal")(f1, f2, axial, options["radius"], axial2=axial2, **rest)
+    return toolbox("face_reversal")(
+        f1, f2, axial, options["radius"], axial2=axial2, angle=data.position, **rest
+    )
 
 
 def _multiprobe(data: Readings, options: Mapping[str, Any]) -> Any:
     _require_turn(data)
-    return toolbox("multiprobe")(as_rows(data.values), **options)
+    return toolbox("multiprobe")(as_rows(data.values), angle=data.position, **options)
 
 
 def _multistep(data: Readings, options: Mapping[str, Any]) -> Any:
     _require_turn(data)
-    return toolbox("multistep")(as_rows(data.values), **options)
+    return toolbox("multistep")(as_rows(data.values), angle=data.position, **options)
 
 
 def _mixed(data: Readings, options: Mapping[str, Any]) -> Any:
@@ -65,7 +67,7 @@ def _mixed(data: Readings, options: Mapping[str, Any]) -> Any:
     displacement, slope = data.values[0], data.extra["slope"]
     if len(displacement) == 1:
         displacement, slope = displacement[0], slope[0]
-    return toolbox("orthogonal_mixed")(displacement, slope, **options)
+    return toolbox("orthogonal_mixed")(displacement, slope, angle=data.position, **options)
 
 
 def _closure(data: Readings, options: Mapping[str, Any]) -> Any:

@@ -158,3 +158,19 @@ def test_same_input_same_bytes(readings, tmp_path):
     first, second = ((tmp_path / f / "result.json").read_bytes() for f in ("a", "b"))
     assert first == second
     json.loads(first)
+
+
+def test_angle_of_the_first_sample_is_that_of_the_file(tmp_path):
+    """A file that starts at 30 degrees: phase and parts are over the angles of the file."""
+    start = np.radians(30.0)
+    file = tmp_path / "late.csv"
+    rows = [
+        f"{np.degrees(a):.9f},{50 * np.cos(3 * a):.6f},{50 * np.cos(3 * a):.6f}"
+        for a in ANGLE + start
+    ]
+    file.write_text("\n".join(["angle_deg,m1_nm,m2_nm", *rows]) + "\n", "ascii")
+
+    found = ms.Recipe.parse(RECIPE).run(file).produced
+
+    assert found.coordinates["angle"][0] == pytest.approx(start, abs=1e-9)
+    assert abs(found.harmonics["artefact"][3] - 50e-9) < 1e-14
