@@ -17,6 +17,7 @@ from metrosep.separation._map_orders import (
     solve_order,
     without_plane,
 )
+from metrosep.separation._map_whiteness import smoothness
 
 FloatArray = NDArray[np.float64]
 
@@ -101,8 +102,8 @@ class FlatPixelSolver:
 
     def solve(
         self, stack: FloatArray, grid: MapGrid, removed: Sequence[str]
-    ) -> tuple[FloatArray, FloatArray, FloatArray, float]:
-        """Return parts, their variance, the residual of the readings and its freedom.
+    ) -> tuple[FloatArray, FloatArray, FloatArray, float, float]:
+        """Return parts, their variance, the residual of the readings, its freedom and smoothness.
 
         Parameters
         ----------
@@ -123,20 +124,22 @@ class FlatPixelSolver:
             Of the readings.
         freedom : float
             Of the residual.
+        smooth : float
+            Smoothness that the residual of white noise has.
         """
         parts, variance = combined(stack, grid, self.direct, self.mirrored, flip=self.flip)
         parts = np.stack([without_plane(z, grid, removed=removed) for z in parts])
         residual = self.residual(stack, grid, removed)
         measured = float(np.isfinite(residual).all(axis=0).sum())
         if self.n in (1, 2, 4):
-            return parts, variance, residual, self.freedom * measured
+            return parts, variance, residual, self.freedom * measured, 1.0
         rng = np.random.default_rng(_SEED)
         small, small_grid = coarse(stack, grid, _COARSE)
         unit = np.where(np.isfinite(small), rng.standard_normal(small.shape), np.nan)
         left = self.residual(unit, small_grid, removed)
         known = np.isfinite(left).all(axis=0)
         freedom = float((left[:, known] ** 2).sum(axis=0).mean()) if known.any() else 0.0
-        return parts, variance, residual, freedom * measured
+        return parts, variance, residual, freedom * measured, smoothness(left)
 
     def residual(self, stack: FloatArray, grid: MapGrid, removed: Sequence[str]) -> FloatArray:
         """Return what the model leaves of the readings.

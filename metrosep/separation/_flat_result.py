@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +14,9 @@ from metrosep.separation._flat_pixels import FlatPixelSolver
 from metrosep.separation._flat_setups import FLATS, FlatSetup, facing
 from metrosep.separation._flat_zernike import DiscBasis, FlatZernikeSolver
 from metrosep.separation._map_input import MapGrid
-from metrosep.separation._map_orders import RIGID, coarse, without_plane
+from metrosep.separation._map_orders import RIGID, coarse, mirror, without_plane
 from metrosep.separation._map_results import noise_of
+from metrosep.separation._map_whiteness import residual_doubts, smoothness
 from metrosep.separation._registration_terms import extended, map_gradient
 from metrosep.separation.null_space import Unobservable
 
@@ -24,6 +25,7 @@ FloatArray = NDArray[np.float64]
 _BETTER = 0.5
 _COARSE = 64
 _UNDESCRIBED = 1.3
+_ROUND_OFF = 1e-6
 
 ODD_REASON = (
     "its share that changes sign under the mirror ({axis} -> -{axis}) is the same to all readings "
@@ -47,6 +49,8 @@ class FlatResult:
         What is to be said.
     audit : dict, optional
         Plain values.
+    unexplained : tuple of str, optional
+        That the residual is no noise; said where nothing explains it better.
     """
 
     parts: dict[str, FloatArray]
@@ -55,6 +59,7 @@ class FlatResult:
     coordinates: dict[str, FloatArray] = field(default_factory=dict)
     messages: tuple[str, ...] = ()
     audit: dict[str, object] = field(default_factory=dict)
+    unexplained: tuple[str, ...] = ()
 
 
 def by_pixels(
@@ -93,7 +98,7 @@ def by_pixels(
     DataError
         If no pixel has its counterparts.
     """
-    found, variance, residual, freedom = solver.solve(stack, grid, removed)
+    found, variance, residual, freedom, smooth = solver.solve(stack, grid, removed)
     if not np.isfinite(found).any():
         raise DataError(
             "three_flat: no pixel has its mirrored and turned counterparts in all maps; give maps "
@@ -108,11 +113,12 @@ def by_pixels(
     share = registration_of_flats(linear, found, solver.setups, grid, solver.flip, u_shift)
     u = np.sqrt(noise.value**2 * variance[:, None, None] + share**2)
     u = np.where(np.isfinite(found), u, np.nan)
+    odd = residual_doubts(residual, stack, expected=smooth)
     if solver.n > 1:
         return FlatResult(dict(zip(FLATS, found, strict=True)),
-                          dict(zip(FLATS, u, strict=True)), noise)  # fmt: skip
+                          dict(zip(FLATS, u, strict=True)), noise, unexplained=odd)  # fmt: skip
     own = noise.value**2 * variance
-    return _diameter(found, u, own, noise, solver.flip)
+    return replace(_diameter(found, u, own, noise, solver.flip), unexplained=odd)
 
 
 def by_terms(
@@ -192,7 +198,7 @@ def by_terms(
     }
     left = np.full(stack.shape, np.nan)
     left[:, basis.mask] = residual
-    return FlatResult(parts, u_parts, noise, coordinates, _undescribed(left), audit)
+    return FlatResult(parts, u_parts, noise, coordinates, _undescribed(left, stack), audit)
 
 
 def registration_of_flats(
@@ -267,11 +273,12 @@ def doubts_of_flats(solver: FlatPixelSolver, stack: FloatArray, grid: MapGrid) -
         return ()
     trials = []
     for i, item in enumerate(solver.setups):
-        flipped = small.copy()
-        flipped[i] = small[i, :, ::-1] if solver.flip == "x" else small[i, ::-1]
         name = f"{item.first}{item.second}" + (" turned" if i > 2 else "")
-        text = f"reading {i + 1} ({name}) looks mirrored: with {solver.flip} reversed"
-        trials.append((left(solver, flipped), text))
+        for axis in ("x", "y"):
+            flipped = small.copy()
+            flipped[i] = mirror(small[i], axis)
+            text = f"reading {i + 1} ({name}) looks mirrored: with {axis} reversed"
+            trials.append((left(solver, flipped), text))
     other = "y" if solver.flip == "x" else "x"
     across = FlatPixelSolver(solver.setups, solver.n, other, 50.0)
     trials.append(
@@ -363,18 +370,19 @@ def _diameter(
     return FlatResult(parts, u_parts, noise, messages=tuple(messages))
 
 
-def _undescribed(residual: FloatArray) -> tuple[str, ...]:
+def _undescribed(residual: FloatArray, stack: FloatArray) -> tuple[str, ...]:
     """Say that the residual is not white: neighbours resemble each other."""
-    steps = np.diff(residual, axis=2)
-    steps = steps[np.isfinite(steps)]
-    known = residual[np.isfinite(residual)]
-    if steps.size == 0 or known.size == 0:
+    known, read = residual[np.isfinite(residual)], stack[np.isfinite(stack)]
+    if known.size == 0:
         return ()
-    rough, whole = float(np.sqrt(np.mean(steps**2) / 2.0)), float(np.sqrt(np.mean(known**2)))
-    if whole <= _UNDESCRIBED * rough:
+    whole = float(np.sqrt(np.mean(known**2)))
+    if whole <= _ROUND_OFF * float(np.sqrt(np.mean(read**2))):
+        return ()
+    if smoothness(residual) <= _UNDESCRIBED:
         return ()
     text = (
         f"the readings hold {whole * 1e9:.3g} nm RMS that these Zernike terms do not describe and "
-        "that is no noise; it counts as noise here, and method='pixel' would keep it"
+        "that is no noise; it counts as noise here, and method='pixel' would keep it. If the flats "
+        "have no such waves, check the set-up: which flat was turned, angles, order of the readings"
     )
     return (text,)

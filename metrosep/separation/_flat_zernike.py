@@ -18,6 +18,8 @@ FloatArray = NDArray[np.float64]
 
 _BLOCK = 16384
 _WORST_CONDITION = 1e6
+MOST_TERMS = 1000
+"""Beyond, the systems of equations grow out of all memory."""
 
 
 def zernike_terms_of(
@@ -37,6 +39,10 @@ def zernike_terms_of(
     tuple of (int, int)
         With piston and tilts.
     """
+    indices = () if isinstance(terms, int) else tuple(terms)
+    many = terms if isinstance(terms, int) else max([len(indices), *indices], default=0)
+    if many > MOST_TERMS:
+        raise DataError(f"terms go up to {MOST_TERMS}, got {many}; use fewer, or method='pixel'")
     chosen = {to_nm(i, order) for i in term_indices(terms, order)} | {(0, 0), (1, 1)}
     both = chosen | {(n, -m) for n, m in chosen}
     return tuple(sorted(both, key=lambda nm: nm_to_ansi(*nm)))
@@ -71,16 +77,21 @@ class DiscBasis:
         if not (np.isfinite(self.radius) and self.radius > 0.0):
             raise DataError(f"radius is {radius} m; the disc needs a positive one")
         self.x, self.y = x / self.radius, y / self.radius
+        if x.size < 3 * len(self.nm):
+            raise DegenerateFitError(self._undetermined())
         normal = np.zeros((len(self.nm), len(self.nm)))
         for block, _ in self.blocks():
             normal += block @ block.T
         self.normal = normal
-        if x.size < 3 * len(self.nm) or np.linalg.cond(normal) > _WORST_CONDITION:
-            raise DegenerateFitError(
-                f"{len(self.nm)} Zernike terms are not determined by the {x.size} pixels of the "
-                "common mask; use fewer terms, state the radius and the centre, or method='pixel'"
-            )
+        if np.linalg.cond(normal) > _WORST_CONDITION:
+            raise DegenerateFitError(self._undetermined())
         self.inverse = np.linalg.inv(normal)
+
+    def _undetermined(self) -> str:
+        return (
+            f"{len(self.nm)} Zernike terms are not determined by the {self.x.size} pixels of the "
+            "common mask; use fewer terms, state the radius and the centre, or method='pixel'"
+        )
 
     def blocks(self) -> Iterator[tuple[FloatArray, slice]]:
         """Yield the terms, shape (p, k), at pieces of the pixels.

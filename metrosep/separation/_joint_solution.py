@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.separation._joint_probe_test import ProbeDifference
 from metrosep.separation._solver_state import SolverState
 from metrosep.separation._unknowns import Lag, Unknown
 from metrosep.separation.lines import FoundLine
@@ -64,6 +65,8 @@ class Solution:
         Score statistic and degrees of freedom of a part that grows with the square of the feed.
     sharing : tuple of (float, float, int)
         Growth of the variance because probes share passes, correlation, number of such pairs.
+    probe_differences : tuple of ProbeDifference
+        Of the sensitivities, where they were not fitted.
     """
 
     origin: float
@@ -91,6 +94,7 @@ class Solution:
     found: list[FoundLine]
     feed_test: tuple[float, int] | None
     sharing: tuple[float, float, int]
+    probe_differences: tuple[ProbeDifference, ...] = ()
 
 
 def considered_amplitudes(
@@ -114,6 +118,7 @@ def make_solution(
     considered: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
     found: list[FoundLine],
     feed_test: tuple[float, int] | None,
+    differences: tuple[ProbeDifference, ...] = (),
 ) -> Solution:
     """Return the solution in the units of the runs; dropped wavelengths keep what was considered."""
     n, k, f = len(system.runs), system.n_harmonics, system.n_fixed
@@ -171,4 +176,5 @@ def make_solution(
         found=found,
         feed_test=feed_test,
         sharing=(*system.sharing, len(system.passes)),
+        probe_differences=differences,
     )

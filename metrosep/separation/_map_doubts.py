@@ -8,13 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.separation._map_input import MapGrid
-from metrosep.separation._map_orders import coarse
+from metrosep.separation._map_orders import coarse, mirror
 from metrosep.separation._rotation_solution import RotationSolver
 
 FloatArray = NDArray[np.float64]
 
 _COARSE = 64
 _BETTER = 0.5
+_ROUND_OFF = 1e-6
+_RIM = 9.0
+_MUCH = 0.02
 
 
 def doubts_of_rotations(
@@ -44,7 +47,7 @@ def doubts_of_rotations(
         return ()
     as_given = _left(solver, small, small_grid)
     size = math.sqrt(float(np.nanmean(small**2)))
-    if not as_given > 1e-6 * size:
+    if not as_given > _ROUND_OFF * size:
         return ()
     other = _left(RotationSolver(-angles, largest_gain), small, small_grid)
     if other < _BETTER * as_given:
@@ -56,17 +59,48 @@ def doubts_of_rotations(
         return (text,)
     found = []
     for i in range(stack.shape[0]):
-        flipped = small.copy()
-        flipped[i] = small[i, :, ::-1]
-        left = _left(solver, flipped, small_grid)
-        if left < _BETTER * as_given:
-            found.append((left, i))
+        for axis in ("x", "y"):
+            flipped = small.copy()
+            flipped[i] = mirror(small[i], axis)
+            left = _left(solver, flipped, small_grid)
+            if left < _BETTER * as_given:
+                found.append((left, i, axis))
     if not found:
         return ()
-    left, i = min(found)
+    left, i, axis = min(found)
     text = (
-        f"map {i + 1} looks mirrored: with x reversed the readings fit much better "
+        f"map {i + 1} looks mirrored: with {axis} reversed the readings fit much better "
         f"({left * 1e9:.3g} nm left instead of {as_given * 1e9:.3g} nm)"
+    )
+    return (text,)
+
+
+def lost_pixels(stack: FloatArray, part: FloatArray) -> tuple[str, ...]:
+    """Say that gaps cost much more than themselves: their turned counterparts, or whole circles.
+
+    Parameters
+    ----------
+    stack : ndarray, shape (S, n_y, n_x)
+        Readings.
+    part : ndarray, shape (n_y, n_x)
+        Result.
+
+    Returns
+    -------
+    tuple of str
+        At most one message.
+    """
+    from scipy import ndimage
+
+    common: NDArray[np.bool_] = np.logical_and.reduce(np.isfinite(stack), axis=0)
+    field = np.pad(ndimage.binary_fill_holes(common), 1)
+    inner = ndimage.distance_transform_edt(field)[1:-1, 1:-1] > _RIM
+    lost = int((inner & common & ~np.isfinite(part)).sum())
+    if lost <= _MUCH * inner.sum():
+        return ()
+    text = (
+        f"{lost} pixels that all maps have measured, away from the rim, have no result: a gap or a corner costs its "
+        "turned counterparts, and its whole circle where the angles are no multiples of one step"
     )
     return (text,)
 

@@ -59,6 +59,7 @@ def map_stack(
     what: str,
     names: Sequence[str] | None = None,
     least: int = 1,
+    one_frame: bool = False,
     dx: float | None = None,
     dy: float | None = None,
     centre: tuple[float, float] | None = None,
@@ -75,6 +76,8 @@ def map_stack(
         What each map is called; their number is then demanded.
     least : int, optional
         Least number of maps.
+    one_frame : bool, optional
+        Whether surfaces must have one origin, because pixels are compared with each other.
     dx, dy : float, m, optional
         Steps of plain arrays.
     centre : tuple of (float, float), m, optional
@@ -92,7 +95,7 @@ def map_stack(
     Raises
     ------
     DataError
-        If shapes or steps differ, or surfaces are mixed with arrays.
+        If shapes, steps or origins differ, or surfaces are mixed with arrays.
     InvalidSamplesError
         If a map holds no numbers, is infinite or nothing was measured.
     TooFewSamplesError
@@ -111,6 +114,8 @@ def map_stack(
         if dx is not None or dy is not None:
             raise DataError(f"{what}: surfaces carry their own dx and dy; do not give them again")
         dx, dy = _common_steps(surfaces, what)
+        if one_frame:
+            _check_origins(surfaces, dx, what)
     arrays = [_array(i, name, what) for i, name in zip(items, called, strict=True)]
     shapes = {a.shape for a in arrays}
     if len(shapes) != 1:
@@ -157,13 +162,36 @@ def require_overlap(stack: FloatArray, what: str, *, least: int = 30) -> NDArray
     return common
 
 
-def checked_u(value: float | None, name: str, unit: str = "m") -> float | None:
+def require_scale(grid: MapGrid, u_registration: ArrayLike, what: str) -> None:
+    """Refuse an uncertainty of registration in m where steps are in pixels.
+
+    Parameters
+    ----------
+    grid : MapGrid
+        Of the maps.
+    u_registration : float or array_like, m
+        As given.
+    what : str
+        Name of the method for messages.
+
+    Raises
+    ------
+    DataError
+        If no step is known and u_registration is not zero.
+    """
+    if not grid.calibrated and np.any(np.asarray(u_registration) != 0.0):
+        raise DataError(
+            f"{what}: u_registration is in m, but no lateral step is known; give dx= in m as well"
+        )
+
+
+def checked_u(value: object, name: str, unit: str = "m") -> float | None:
     """Return a stated uncertainty, or refuse it.
 
     Parameters
     ----------
-    value : float or None
-        As given.
+    value : object
+        As given: a number or None.
     name : str
         Of the argument.
     unit : str, optional
@@ -177,10 +205,16 @@ def checked_u(value: float | None, name: str, unit: str = "m") -> float | None:
     Raises
     ------
     DataError
-        If it is negative or not finite.
+        If it is no number, negative or not finite.
     """
     if value is None:
         return None
+    if isinstance(value, np.ndarray) and value.ndim == 0:
+        value = value.item()
+    if not isinstance(value, (int, float, np.integer, np.floating)):
+        raise DataError(
+            f"{name} must be one number, a standard uncertainty in {unit}, got {value!r}"
+        )
     if not (math.isfinite(value) and value >= 0.0):
         raise DataError(f"{name} is {value}; it must be a standard uncertainty >= 0 in {unit}")
     return float(value)
@@ -209,7 +243,7 @@ def checked_angles(angles: ArrayLike, n: int, what: str) -> FloatArray:
         If their number is wrong, one is not finite, or they look like degrees.
     """
     try:
-        found = np.atleast_1d(np.array(angles, dtype=np.float64))
+        found = np.atleast_1d(np.array(_real(angles), dtype=np.float64))
     except (TypeError, ValueError) as exc:
         raise InvalidSamplesError(f"{what}: angles hold no numbers ({exc})") from None
     if found.shape != (n,):
@@ -244,7 +278,7 @@ def _items(
 
 def _array(item: ArrayLike | Surface, name: str, what: str) -> FloatArray:
     try:
-        z = np.array(item.z if isinstance(item, Surface) else item, dtype=np.float64)
+        z = _real(item.z if isinstance(item, Surface) else item)
     except (TypeError, ValueError) as exc:
         raise InvalidSamplesError(f"{what}: {name} holds no numbers ({exc})") from None
     if z.ndim != 2:
@@ -257,6 +291,29 @@ def _array(item: ArrayLike | Surface, name: str, what: str) -> FloatArray:
     if z.size and np.isnan(z).all():
         raise InvalidSamplesError(f"{what}: {name} has no measured pixel")
     return z
+
+
+def _real(values: ArrayLike) -> FloatArray:
+    """Return a copy in float64, NaN where masked; complex numbers and text are refused."""
+    if np.iscomplexobj(values):
+        raise TypeError("complex numbers; give their real part")
+    if np.asarray(values).dtype.kind in "SU":
+        raise TypeError("text")
+    out = np.array(values, dtype=np.float64)
+    if isinstance(values, np.ma.MaskedArray):
+        out[np.ma.getmaskarray(values)] = np.nan
+    return out
+
+
+def _check_origins(surfaces: list[Surface], dx: float | None, what: str) -> None:
+    first = surfaces[0].origin
+    for i, other in enumerate(surfaces[1:], start=2):
+        away = max(abs(a - b) for a, b in zip(first, other.origin, strict=True))
+        if away > 1e-3 * (1.0 if dx is None else dx):
+            raise DataError(
+                f"{what}: map {i} begins at {other.origin} m, map 1 at {first} m; pixels are compared "
+                "one by one, so crop the maps to one field and give them one origin"
+            )
 
 
 def _common_steps(surfaces: list[Surface], what: str) -> tuple[float | None, float | None]:
@@ -272,6 +329,10 @@ def _common_steps(surfaces: list[Surface], what: str) -> tuple[float | None, flo
     return first.dx, first.dy
 
 
+def _is_number(value: object) -> bool:
+    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
+
+
 def _grid(
     shape: tuple[int, int],
     dx: float | None,
@@ -280,15 +341,25 @@ def _grid(
     what: str,
 ) -> MapGrid:
     for name, step in (("dx", dx), ("dy", dy)):
-        if step is not None and not (math.isfinite(step) and step > 0.0):
+        if step is None:
+            continue
+        if not _is_number(step):
+            raise DataError(f"{what}: {name} must be a number in m, got {step!r}")
+        if not (math.isfinite(step) and step > 0.0):
             raise DataError(f"{what}: {name} is {step} m; a lateral step must be positive")
-    calibrated = dx is not None
+    calibrated = dx is not None or dy is not None
+    dx = dy if dx is None else dx
     step_x = 1.0 if dx is None else float(dx)
     step_y = step_x if dy is None else float(dy)
     middle = ((shape[1] - 1) / 2.0 * step_x, (shape[0] - 1) / 2.0 * step_y)
     if centre is None:
         return MapGrid(shape, step_x, step_y, middle, calibrated)
-    cx, cy = float(centre[0]), float(centre[1])
+    try:
+        cx, cy = (float(v) for v in centre)
+    except (TypeError, ValueError):
+        raise DataError(
+            f"{what}: centre must be two numbers (x, y) in m, got {centre!r}"
+        ) from None
     if not (0.0 <= cx <= 2.0 * middle[0] and 0.0 <= cy <= 2.0 * middle[1]):
         raise DataError(
             f"{what}: the centre ({cx:.6g}, {cy:.6g}) lies outside the map, which reaches from 0 to "

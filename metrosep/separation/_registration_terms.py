@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Protocol
 
@@ -22,7 +23,9 @@ class _Linear(Protocol):
     def parts(self, stack: FloatArray, grid: MapGrid) -> tuple[FloatArray, FloatArray | None]: ...
 
 
-def map_gradient(z: FloatArray, grid: MapGrid) -> tuple[FloatArray, FloatArray]:
+def map_gradient(
+    z: FloatArray, grid: MapGrid, *, smoothing: float = _SMOOTHING
+) -> tuple[FloatArray, FloatArray]:
     """Return the derivatives of a map by x and y: slopes of local planes over a few pixels.
 
     Parameters
@@ -31,6 +34,8 @@ def map_gradient(z: FloatArray, grid: MapGrid) -> tuple[FloatArray, FloatArray]:
         Map; NaN = not measured.
     grid : MapGrid
         Steps and centre.
+    smoothing : float, optional
+        Standard deviation of the Gaussian weights, in pixels.
 
     Returns
     -------
@@ -42,25 +47,26 @@ def map_gradient(z: FloatArray, grid: MapGrid) -> tuple[FloatArray, FloatArray]:
         return np.full(z.shape, np.nan), np.full(z.shape, np.nan)
     mask = valid.astype(np.float64)
     filled = np.where(valid, z - np.mean(z[valid]), 0.0)
-    m00, m10, m01 = (_moment(mask, i, j) for i, j in ((0, 0), (1, 0), (0, 1)))
-    m20, m11, m02 = (_moment(mask, i, j) for i, j in ((2, 0), (1, 1), (0, 2)))
-    z00, z10, z01 = (_moment(filled, i, j) for i, j in ((0, 0), (1, 0), (0, 1)))
+    m00, m10, m01 = (_moment(mask, i, j, smoothing) for i, j in ((0, 0), (1, 0), (0, 1)))
+    m20, m11, m02 = (_moment(mask, i, j, smoothing) for i, j in ((2, 0), (1, 1), (0, 2)))
+    z00, z10, z01 = (_moment(filled, i, j, smoothing) for i, j in ((0, 0), (1, 0), (0, 1)))
     with np.errstate(invalid="ignore", divide="ignore"):
         a, b, c = m20 - m10**2 / m00, m11 - m10 * m01 / m00, m02 - m01**2 / m00
         p, q = z10 - m10 * z00 / m00, z01 - m01 * z00 / m00
         determinant = a * c - b**2
-        told = valid & (determinant > 1e-3 * m00**2)
+        told = valid & (determinant > 1e-3 * smoothing**4 * m00**2)
         gx = np.where(told, (c * p - b * q) / determinant / grid.dx, 0.0)
         gy = np.where(told, (a * q - b * p) / determinant / grid.dy, 0.0)
     return np.where(valid, gx, np.nan), np.where(valid, gy, np.nan)
 
 
-def _moment(values: FloatArray, power_x: int, power_y: int) -> FloatArray:
+def _moment(values: FloatArray, power_x: int, power_y: int, smoothing: float) -> FloatArray:
     """Return Gaussian-weighted sums of values times powers of the distance in pixels."""
     from scipy import ndimage
 
-    t = np.arange(-_REACH, _REACH + 1.0)
-    weight = np.exp(-0.5 * (t / _SMOOTHING) ** 2)
+    reach = math.ceil(_REACH * smoothing)
+    t = np.arange(-reach, reach + 1.0)
+    weight = np.exp(-0.5 * (t / smoothing) ** 2)
     out = ndimage.correlate1d(values, weight * t**power_x, axis=1, mode="constant")
     return np.asarray(
         ndimage.correlate1d(out, weight * t**power_y, axis=0, mode="constant"), dtype=np.float64
@@ -85,9 +91,7 @@ def extended(field: FloatArray) -> FloatArray:
     missing = np.isnan(field)
     if not missing.any() or missing.all():
         return field
-    nearest = ndimage.distance_transform_edt(
-        missing, return_distances=False, return_indices=True
-    )
+    nearest = ndimage.distance_transform_edt(missing, return_distances=False, return_indices=True)
     return np.asarray(field[tuple(nearest)])
 
 
@@ -99,6 +103,7 @@ def registration_share(
     u_shift: float,
     u_angle: float,
     *,
+    unseparated: FloatArray | float = 0.0,
     removed: Sequence[str] = RIGID,
 ) -> FloatArray:
     """Return the standard uncertainty of each part from centring and angles.
@@ -117,6 +122,8 @@ def registration_share(
         Standard uncertainty of the position along x and along y, independent for each reading.
     u_angle : float, rad
         Standard uncertainty of each angle.
+    unseparated : ndarray, shape (n_y, n_x), m, optional
+        What may be turned besides, and looks the same at all angles.
     removed : sequence of str, optional
         Of ``"piston"``, ``"tilt"``, ``"power"``.
 
@@ -128,7 +135,7 @@ def registration_share(
     total: FloatArray | None = None
     known = np.isfinite(part)
     for i, angle in enumerate(angles):
-        moved = turned(part[None], float(angle), grid)[0][0]
+        moved = turned(part[None], float(angle), grid)[0][0] + unseparated
         gx, gy = (extended(g) for g in map_gradient(moved, grid))
         fields = [(gx, u_shift), (gy, u_shift), (grid.x * gy - grid.y[:, None] * gx, u_angle)]
         for field, u in fields:

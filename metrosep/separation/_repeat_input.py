@@ -16,6 +16,7 @@ from metrosep.core.errors import (
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
+from metrosep.separation._readings import as_numbers
 
 FloatArray = NDArray[np.float64]
 
@@ -74,13 +75,18 @@ def common_stack(
             return stack, positions, None, history, notes
         stack, steps = _maps(surfaces)
         return stack, None, steps, history, {}
-    try:
-        stack = np.array(items, dtype=np.float64)
-    except (TypeError, ValueError) as exc:
-        raise InvalidSamplesError(
-            f"repeatable: repeats must be arrays of numbers of one shape ({exc})"
-        ) from None
-    return stack, None if x is None else np.array(x, dtype=np.float64), None, (), {}
+    needs = "repeatable: repeats must be arrays of numbers of one shape"
+    rows = [as_numbers(i, needs) for i in items]
+    shapes = sorted({r.shape for r in rows})
+    if len(shapes) > 1:
+        raise InvalidSamplesError(f"{needs}, got {shapes}")
+    stack = np.array(rows)
+    if x is None:
+        return stack, None, None, (), {}
+    positions = as_numbers(x, "repeatable: x must be positions in m (or angles in rad)")
+    if positions.ndim != 1 or not np.isfinite(positions).all():
+        raise InvalidSamplesError("repeatable: x must be one row of finite positions")
+    return stack, positions, None, (), {}
 
 
 def _maps(surfaces: list[Surface]) -> tuple[FloatArray, tuple[float, float] | None]:
@@ -152,7 +158,11 @@ def shifted_to_first(
     ------
     NotConvergedError
         If an offset does not settle, or leaves less than half of the length.
+    DataError
+        If the positions do not rise.
     """
+    if not np.all(np.diff(x) > 0.0):
+        raise DataError('repeatable: shift="fit" needs x that rises; sort x and the repeats')
     shifts = np.array([0.0, *(_shift(x, stack[0], z) for z in stack[1:])])
     low, high = x[0] + max(0.0, *(-shifts)), x[-1] - max(0.0, *shifts)
     keep = (x >= low) & (x <= high)

@@ -15,7 +15,7 @@ _MOST_LINES = 60
 
 
 def repeating_lines(
-    stack: FloatArray, x: FloatArray, *, closed: bool
+    stack: FloatArray, x: FloatArray, *, closed: bool, calibrated: bool = True
 ) -> tuple[list[dict[str, Any]], list[str]]:
     """Return the wavelengths that repeat, strongest first.
 
@@ -27,11 +27,13 @@ def repeating_lines(
         Positions, or angles where closed.
     closed : bool
         One turn; else a Hann window is used.
+    calibrated : bool, optional
+        Whether x is in m; else wavelengths are in samples.
 
     Returns
     -------
     lines : list of dict
-        ``wavelength_um`` or ``upr``, ``amplitude_nm``, ``u_nm`` (of real and imaginary part), ``p``.
+        ``wavelength_um``, ``wavelength_samples`` or ``upr``, ``amplitude_nm``, ``u_nm`` (of real and imaginary part), ``p``.
     messages : list of str
         Why there are none.
     """
@@ -57,12 +59,14 @@ def repeating_lines(
     passed = np.flatnonzero(p[order] <= FALSE_DISCOVERIES * (1 + np.arange(p.size)) / p.size)
     chosen = order[: passed[-1] + 1] if passed.size else order[:0]
     chosen = chosen[np.argsort(-np.abs(mean[chosen]))]
-    length = float(n * steps.mean())
+    length = abs(float(n * steps.mean()))
     lines = []
     for k in chosen[:_MOST_LINES]:
-        name: dict[str, Any] = (
-            {"upr": int(orders[k])} if closed else {"wavelength_um": 1e6 * length / int(orders[k])}
-        )
+        name: dict[str, Any] = {"wavelength_um": 1e6 * length / int(orders[k])}
+        if closed:
+            name = {"upr": int(orders[k])}
+        elif not calibrated:
+            name = {"wavelength_samples": length / int(orders[k])}
         u = math.sqrt(float(scatter[k]) / (2.0 * m))
         lines.append(
             {**name, "amplitude_nm": 1e9 * float(abs(mean[k])), "u_nm": 1e9 * u, "p": float(p[k])}

@@ -20,6 +20,7 @@ from metrosep.separation._map_orders import (
     solve_order,
     without_plane,
 )
+from metrosep.separation._map_whiteness import smoothness
 from metrosep.separation._polar_maps import solve_polar
 from metrosep.separation.map_turning import turned
 
@@ -42,12 +43,15 @@ class RotationSolution:
         Degrees of freedom of the residual.
     variance : ndarray, shape (3,)
         Of each part for white noise of variance 1.
+    smoothness : float
+        RMS over steps between neighbours (`smoothness`) that the residual of white noise has.
     """
 
     parts: FloatArray
     residual: FloatArray
     freedom: float
     variance: FloatArray
+    smoothness: float = 1.0
 
 
 class RotationSolver:
@@ -62,9 +66,14 @@ class RotationSolver:
     """
 
     def __init__(self, angles: FloatArray, largest_gain: float) -> None:
-        self.angles = angles
         self.largest_gain = largest_gain
-        self.n = common_step(angles)
+        self.n, self.first = common_step(angles), 0.0
+        relative = common_step(angles - angles[0])
+        if relative is not None and (self.n is None or relative < self.n):
+            # the part is found as it lies in the first reading, and turned back at the end
+            self.n, self.first = relative, float(angles[0])
+        self.angles = angles - self.first
+        angles = self.angles
         self.weights: FloatArray | None = None
         self.freedom = 0.0
         if self.n is not None:
@@ -90,9 +99,25 @@ class RotationSolver:
         variance : ndarray, shape (3,), or None
             For white noise of variance 1; None on circles.
         """
+        parts, variance = self._parts_in_first(stack, grid)
+        return self._turned_back(parts, variance, grid)
+
+    def _parts_in_first(
+        self, stack: FloatArray, grid: MapGrid
+    ) -> tuple[FloatArray, FloatArray | None]:
         if self.weights is not None:
             return combined(stack, grid, self.weights)
         return solve_polar(stack, self.angles, grid, self.largest_gain)[0], None
+
+    def _turned_back(
+        self, parts: FloatArray, variance: FloatArray | None, grid: MapGrid
+    ) -> tuple[FloatArray, FloatArray | None]:
+        if self.first == 0.0:
+            return parts, variance
+        back, share = turned(parts[1:2], -self.first, grid)
+        if variance is not None:
+            variance = variance * np.array([1.0, share, 1.0])
+        return np.stack([parts[0], back[0], parts[2]]), variance
 
     def solve(
         self, stack: FloatArray, grid: MapGrid, *, removed: Sequence[str] = RIGID
@@ -130,12 +155,12 @@ class RotationSolver:
         variance = (noise[:, known] ** 2).mean(axis=1)
         freedom = float((left[:, known] ** 2).sum(axis=0).mean())
         n_pixels = float(np.isfinite(residual).all(axis=0).sum())
-        return RotationSolution(parts, residual, freedom * n_pixels, variance)
+        return RotationSolution(parts, residual, freedom * n_pixels, variance, smoothness(left))
 
     def _once(
         self, stack: FloatArray, grid: MapGrid, removed: Sequence[str]
     ) -> tuple[FloatArray, FloatArray, FloatArray | None, bool]:
-        parts, variance = self.parts(stack, grid)
+        parts, variance = self._parts_in_first(stack, grid)
         parts = np.stack([without_plane(z, grid, removed=removed) for z in parts])
         residual, exact = [], True
         for z, angle in zip(stack, self.angles, strict=True):
@@ -143,6 +168,7 @@ class RotationSolver:
             exact = exact and share == 1.0
             rest = z - parts[0] - moved[0] - parts[2]
             residual.append(without_plane(rest, grid, removed=removed))
+        parts, variance = self._turned_back(parts, variance, grid)
         return parts, np.stack(residual), variance, exact
 
 

@@ -14,12 +14,20 @@ from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesEr
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
+from metrosep.separation._readings import as_numbers
+from metrosep.spectral._checks import real_number
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 MOST_PIXELS = 60_000_000
 """Largest stitched map; beyond it a position is more likely wrong than the part that large."""
+
+_LARGEST_STEP = 0.1
+"""In m: a coarser pixel is more likely in another unit."""
+
+_LARGEST_SPAN = 1e-3
+"""In m: no interferometer measures more in one sub-aperture."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +50,10 @@ class Pieces:
         Of all of them.
     calibrated : bool
         Whether steps and positions are in m.
+    doubts : tuple of str
+        Units that look wrong.
+    known : ndarray or None, shape (n_y, n_x), m
+        Reference that was subtracted.
     """
 
     values: tuple[FloatArray, ...]
@@ -52,6 +64,8 @@ class Pieces:
     line: bool
     history: tuple[Step, ...] = ()
     calibrated: bool = True
+    doubts: tuple[str, ...] = ()
+    known: FloatArray | None = None
 
     def __len__(self) -> int:
         return len(self.values)
@@ -112,10 +126,11 @@ def pieces_of(
     step_x, step_y, calibrated = _steps(items, kind, dx, dy, line)
     corners = _corners(items, kind, positions, line, step_x, step_y)
     turns = _turns(rotations, len(items), line)
-    _sane(corners, arrays, step_x, step_y)
+    _sane(corners, turns, arrays, step_x, step_y, calibrated=calibrated)
     history = tuple(s for i in items if own_steps for s in i.history)
     values = tuple(np.atleast_2d(a) for a in arrays)
-    return Pieces(values, corners, turns, step_x, step_y, line, history, calibrated)
+    doubts = _unit_doubts(values, step_x, step_y) if calibrated else ()
+    return Pieces(values, corners, turns, step_x, step_y, line, history, calibrated, doubts)
 
 
 def _listed(maps: Any) -> list[Any]:
@@ -131,12 +146,7 @@ def _listed(maps: Any) -> list[Any]:
 
 
 def _array(item: Any, k: int) -> FloatArray:
-    try:
-        z = np.array(item, dtype=np.float64)
-    except (TypeError, ValueError) as exc:
-        raise InvalidSamplesError(
-            f"stitch: sub-aperture {k + 1} holds no numbers ({exc})"
-        ) from None
+    z = as_numbers(item, f"stitch: sub-aperture {k + 1} must hold numbers in m")
     if np.isinf(z).any():
         raise InvalidSamplesError(
             f"stitch: sub-aperture {k + 1} is infinite somewhere; mark what was not measured as NaN"
@@ -159,8 +169,11 @@ def _steps(
         steps = [(s.dx, s.dy) for s in items]
     else:
         calibrated = dx is not None
-        first = 1.0 if dx is None else float(dx)
-        steps = [(first, first if dy is None else float(dy))]
+        if dx is None and dy is not None:
+            raise DataError("stitch: dy is given without dx; give dx, or both, in m")
+        first = 1.0 if dx is None else real_number(dx, "stitch: dx", "a step in m")
+        second = first if dy is None else real_number(dy, "stitch: dy", "a step in m")
+        steps = [(first, second)]
         for name, value in zip(("dx", "dy"), steps[0], strict=True):
             if not (math.isfinite(value) and value > 0.0):
                 raise DataError(f"stitch: {name} is {value} m; a lateral step must be positive")
@@ -185,10 +198,7 @@ def _corners(
         if kind is Surface:
             return np.array([s.origin for s in items], dtype=np.float64)
         raise DataError("stitch: arrays need positions: where the first sample of each lies, in m")
-    try:
-        found = np.array(positions, dtype=np.float64)
-    except (TypeError, ValueError) as exc:
-        raise InvalidSamplesError(f"stitch: positions hold no numbers ({exc})") from None
+    found = as_numbers(positions, "stitch: positions must be numbers in m")
     if line and found.shape == (n,):
         found = np.column_stack([found, np.zeros(n)])
     if found.shape != (n, 2):
@@ -202,7 +212,7 @@ def _corners(
 def _turns(rotations: ArrayLike | None, n: int, line: bool) -> FloatArray:
     if rotations is None:
         return np.zeros(n)
-    turns = np.atleast_1d(np.array(rotations, dtype=np.float64))
+    turns = np.atleast_1d(as_numbers(rotations, "stitch: rotations must be angles in rad"))
     if turns.shape != (n,) or not np.isfinite(turns).all():
         raise DataError(f"stitch: rotations must be {n} finite angles in rad")
     if line and np.any(turns != 0.0):
@@ -215,12 +225,40 @@ def _turns(rotations: ArrayLike | None, n: int, line: bool) -> FloatArray:
     return turns
 
 
-def _sane(corners: FloatArray, arrays: list[FloatArray], dx: float, dy: float) -> None:
+def _sane(
+    corners: FloatArray,
+    turns: FloatArray,
+    arrays: list[FloatArray],
+    dx: float,
+    dy: float,
+    *,
+    calibrated: bool,
+) -> None:
     shapes = [np.atleast_2d(a).shape for a in arrays]
-    wide = np.ptp(corners[:, 0]) / dx + max(s[1] for s in shapes)
-    high = np.ptp(corners[:, 1]) / dy + max(s[0] for s in shapes)
+    span = np.ptp(corners, axis=0) / np.array([dx, dy])
+    wide, high = span[0] + max(s[1] for s in shapes), span[1] + max(s[0] for s in shapes)
     if wide * high > MOST_PIXELS:
         raise DataError(
             f"stitch: the positions span {wide:.4g} x {high:.4g} pixels, more than can be stitched; "
             "are positions and steps both in m?"
         )
+    if span.max() < 1.0 and np.ptp(turns) == 0.0:
+        hint = (
+            f"({dx:.3g} m), so nothing is stitched; are positions and steps both in m?"
+            if calibrated
+            else "(pixels, as dx was not given), so nothing is stitched; give dx in m."
+        )
+        raise DataError(
+            f"stitch: all positions lie within {span.max():.3g} of one lateral step {hint} Repeats at "
+            "one place are for repeatable"
+        )
+
+
+def _unit_doubts(values: tuple[FloatArray, ...], dx: float, dy: float) -> tuple[str, ...]:
+    out = []
+    if max(dx, dy) > _LARGEST_STEP:
+        out.append(f"the lateral step is {max(dx, dy):.3g} m; is it in m? 10 um is 1e-5")
+    span = max(float(np.nanmax(v) - np.nanmin(v)) for v in values)
+    if span > _LARGEST_SPAN:
+        out.append(f"the heights of one sub-aperture span {span:.3g} m; are they in m?")
+    return tuple(out)

@@ -69,7 +69,7 @@ def registered(pieces: Pieces, freedoms: tuple[str, ...]) -> tuple[Pieces, dict[
     """
     start, n_axes = pieces.corners.copy(), 1 if pieces.line else 2
     steps = np.array([pieces.dx, pieces.dy])[:n_axes]
-    largest, damping = math.inf, 1.0
+    largest, damping, noise = math.inf, 1.0, math.nan
     for count in range(1, _MOST_PASSES + 1):
         before = largest
         shift, u = _one_pass(pieces, freedoms, n_axes)
@@ -124,7 +124,7 @@ def _one_pass(
         plain, values, mean_of(plain, values)
     )
     slopes = _slopes(mean_of(plain, fitted_pieces(plain, values, theta)), layout, n_axes)
-    layout = _where_known(layout, np.isfinite(slopes).all(axis=0))
+    layout = _where_known(layout, ~np.isnan(slopes.sum(axis=0)))
     overlaps, weight, slopes = overlaps_of(layout), layout.weights(), np.nan_to_num(slopes)
     require_connection(overlaps, n, least=n_own + n_axes + 1)
 

@@ -18,6 +18,7 @@ from metrosep.separation._overlaps import (
     pair_residuals,
     require_connection,
 )
+from metrosep.separation._stitch_doubts import setup_doubts
 from metrosep.separation._stitch_grid import layout_of
 from metrosep.separation._stitch_input import Pieces
 from metrosep.separation._stitch_models import (
@@ -98,7 +99,17 @@ def _result(
     if not bad:
         bad, shown = outlying_pairs(residuals, floor, settings.u_reading), residuals
     _refuse_mirrored(pieces, problem, residuals, bad)
-    messages = [*extra.pop("messages", ()), *s.messages, *_outlier_words(problem, shown, bad)]
+    messages = [*pieces.doubts, *extra.pop("messages", ()), *s.messages]
+    messages += _outlier_words(problem, shown, bad)
+    stated = settings.u_reading
+    messages += setup_doubts(
+        pieces,
+        problem,
+        s.fitted,
+        settings.freedoms,
+        beyond_stated=stated is not None and s.noise[0] > 1.5 * stated > 0.0,
+        named=bool(bad),
+    )
     if settings.u_reading is None and math.isnan(s.noise[0]):
         messages.append("the overlaps are too small to show the noise: give u_reading")
     if settings.u_reading is not None and s.noise[0] > 1.5 * settings.u_reading > 0.0:

@@ -18,6 +18,7 @@ from metrosep.separation._inputs import given_parts
 from metrosep.separation._map_input import PIXELS, MapGrid, checked_u, map_stack, require_overlap
 from metrosep.separation._map_orders import without_plane
 from metrosep.separation._map_results import REMOVABLE, noise_of, rigid_terms
+from metrosep.separation._map_whiteness import unit_doubts
 from metrosep.separation.contract import Separation, SeparationMethod
 from metrosep.separation.null_space import Unobservable
 
@@ -90,6 +91,7 @@ def ball_average(
     )
     _check_removed(removed)
     common = require_overlap(stack, "ball_average")
+    units = unit_doubts(stack, grid)
     stack = np.stack([without_plane(z, grid, removed=removed, mask=common) for z in stack])
     stack[:, ~common] = np.nan
     n = stack.shape[0]
@@ -108,7 +110,7 @@ def ball_average(
         pooled, "m", "standard deviation of one patch about the mean (type A)",
         u=pooled / math.sqrt(2.0 * (n / tau - 1.0)), symbol="s",
     )  # fmt: skip
-    messages = () if grid.calibrated else (PIXELS,)
+    messages = (*units, *(() if grid.calibrated else (PIXELS,)))
     if tau > 1.0:
         text = (
             f"neighbouring patches resemble each other: the {n} maps are worth "
@@ -244,11 +246,13 @@ class ThreePositions(SeparationMethod):
             readings,
             what=self.name,
             names=("0 deg", "180 deg", "cat's eye"),
+            one_frame=True,
             dx=self.dx,
             dy=self.dy,
         )
         u_reading = checked_u(u_reading, "u_reading")
         common = require_overlap(stack, self.name)
+        units = unit_doubts(stack, grid)
         common = common & common[::-1, ::-1]
         if common.sum() < 30:
             raise DataError(
@@ -259,7 +263,7 @@ class ThreePositions(SeparationMethod):
             [without_plane(z, grid, removed=self.removed, mask=common) for z in stack]
         )
         stack[:, ~common] = np.nan
-        return self._separated(stack, grid, common, u_reading, history)
+        return self._separated(stack, grid, common, u_reading, history, units)
 
     def _separated(
         self,
@@ -268,6 +272,7 @@ class ThreePositions(SeparationMethod):
         common: NDArray[np.bool_],
         u_reading: float | None,
         history: tuple[Step, ...],
+        units: tuple[str, ...],
     ) -> Separation:
         turned = _half_turn(stack)
         even, odd = (stack + turned) / 2.0, (stack - turned) / 2.0
@@ -295,7 +300,7 @@ class ThreePositions(SeparationMethod):
                 "n_pixels": int(common.sum()),
                 "closure_rms_nm": float(np.sqrt(np.mean(closure[0][common] ** 2))) * 1e9,
             },
-            messages=(*_doubts(stack, common), *(() if grid.calibrated else (PIXELS,))),
+            messages=(*units, *_doubts(stack, common), *(() if grid.calibrated else (PIXELS,))),
             history=(*history, Step(self.name, {"removed": list(self.removed)})),
         )
 
@@ -359,7 +364,12 @@ def three_positions(
     """
     maps = [confocal, confocal_180, cats_eye]
     stack, _, history = map_stack(
-        maps, what="three_positions", names=("0 deg", "180 deg", "cat's eye"), dx=dx, dy=dy
+        maps,
+        what="three_positions",
+        names=("0 deg", "180 deg", "cat's eye"),
+        one_frame=True,
+        dx=dx,
+        dy=dy,
     )
     first = confocal if isinstance(confocal, Surface) else None
     method = ThreePositions(

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from metrosep.separation.system import System, whitened
 from metrosep.spectral.autoregressive import AutoregressiveModel
 
-__all__ = ["square_of_feed_score"]
+__all__ = ["square_of_feed_score", "whitened_rows"]
 
 FloatArray = NDArray[np.float64]
 
@@ -40,7 +40,7 @@ def square_of_feed_score(
     for group, model in zip(system.groups, system.noise, strict=True):
         for i in group:
             columns = _columns(system, i, kind) * (rel[i] ** 2 - float(np.mean(rel**2)))
-            rows, extra, rest, variance = _rows(system, i, model, columns)
+            rows, extra, rest, variance = whitened_rows(system, i, model, columns)
             variance *= system.sharing[0]
             score += extra.T @ rest / variance
             own += extra.T @ extra / variance
@@ -61,10 +61,33 @@ def _columns(system: System, index: int, kind: str) -> FloatArray:
     return np.asarray(curve[:, None])
 
 
-def _rows(
+def whitened_rows(
     system: System, index: int, model: AutoregressiveModel, columns: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, float]:
-    """Return whitened design, extra columns, residual and variance of a row."""
+    """Return whitened design, extra columns, residual and variance of a row.
+
+    Parameters
+    ----------
+    system : System
+        At its solution.
+    index : int
+        Which run.
+    model : AutoregressiveModel
+        Its noise.
+    columns : ndarray, shape (n, q)
+        Extra columns of this run.
+
+    Returns
+    -------
+    design : ndarray, shape (m, p)
+        Whitened.
+    extra : ndarray, shape (m, q)
+        The extra columns, whitened.
+    rest : ndarray, shape (m,)
+        Whitened residual.
+    variance : float
+        Of a row.
+    """
     design = np.hstack([system.design(index), columns])
     n = design.shape[1]
     variance = model.variance

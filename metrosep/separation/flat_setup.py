@@ -33,9 +33,11 @@ from metrosep.separation._map_input import (
     checked_u,
     map_stack,
     require_overlap,
+    require_scale,
 )
 from metrosep.separation._map_orders import MOST_POSITIONS, common_step, without_plane
 from metrosep.separation._map_results import REMOVABLE, rigid_terms
+from metrosep.separation._map_whiteness import unit_doubts
 from metrosep.separation.contract import Separation, SeparationMethod
 from metrosep.separation.null_space import Unobservable
 
@@ -111,6 +113,8 @@ class ThreeFlat(SeparationMethod):
                 "angle by which the flat was turned"
             )
         object.__setattr__(self, "angles", tuple(angles.tolist()))
+        if self.pairs is None:
+            raise DataError(f"{self.name}: pairs must be 'AB', 'AC' or 'BC', got None")
         pairs = [self.pairs] * angles.size if isinstance(self.pairs, str) else list(self.pairs)
         if len(pairs) != angles.size or any(p not in ("AB", "AC", "BC") for p in pairs):
             raise DataError(
@@ -242,6 +246,7 @@ class ThreeFlat(SeparationMethod):
         """
         stack, grid = self._stack(readings)
         u_reading = checked_u(u_reading, "u_reading")
+        require_scale(grid, self._shifts(), self.name)
         common = require_overlap(stack, self.name)
         planar = np.stack(
             [without_plane(z, grid, removed=self.removed, mask=common) for z in stack]
@@ -254,7 +259,8 @@ class ThreeFlat(SeparationMethod):
                 )  # fmt: skip
             else:
                 result = self._by_terms(planar, grid, common, u_reading)
-            doubts = self._doubts(planar, grid)
+            doubts = self._doubts(planar, grid) or result.unexplained
+            doubts = (*unit_doubts(stack, grid, np.array(self.angles)), *doubts)
         return self._result(result, grid, common, doubts, history)
 
     def _result(
@@ -296,6 +302,7 @@ class ThreeFlat(SeparationMethod):
             readings,
             what=self.name,
             names=names[:3] + [f"{n} turned" for n in names[3:]],
+            one_frame=True,
             dx=self.dx,
             dy=self.dy,
             centre=self.centre,
@@ -353,7 +360,12 @@ class ThreeFlat(SeparationMethod):
 
     def _shifts(self) -> FloatArray:
         n = 3 + len(self.angles)
-        shifts = np.asarray(self.u_registration, dtype=np.float64)
+        try:
+            shifts = np.array(self.u_registration, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise DataError(
+                f"{self.name}: u_registration must be numbers in m, got {self.u_registration!r}"
+            ) from None
         if shifts.ndim == 0:
             shifts = np.full(n, float(shifts))
         if shifts.shape not in ((n,), (n, 2)):

@@ -132,14 +132,16 @@ def three_flat(
     if not turned_maps and np.size(angles):
         raise DataError("three_flat: angles are given without rotated maps")
     maps: list[ArrayLike | Surface] = [ab, ac, bc, *turned_maps]
-    stack, _, history = map_stack(maps, what="three_flat", dx=dx, dy=dy, centre=centre)
+    stack, _, history = map_stack(
+        maps, what="three_flat", one_frame=True, dx=dx, dy=dy, centre=centre
+    )
     method_object = ThreeFlat(
         tuple(float(a) for a in angle_list),
         pairs,
         turned,
         flip,
         method,
-        terms if isinstance(terms, int) else tuple(terms),
+        terms if isinstance(terms, int) else _listed(terms),
         order,
         ab.dx if isinstance(ab, Surface) else dx,
         ab.dy if isinstance(ab, Surface) else dy,
@@ -156,4 +158,20 @@ def _as_list(
 ) -> list[ArrayLike | Surface]:
     if isinstance(rotated, Surface) or (isinstance(rotated, np.ndarray) and rotated.ndim == 2):
         return [rotated]
-    return list(rotated)  # type: ignore[arg-type]
+    try:
+        return list(rotated)  # type: ignore[arg-type]
+    except TypeError:
+        raise DataError(
+            f"three_flat: rotated must be a map or a list of maps, got {type(rotated).__name__}"
+        ) from None
+
+
+def _listed(terms: Sequence[int]) -> int | tuple[int, ...]:
+    if isinstance(terms, np.integer):
+        return int(terms)
+    try:
+        return tuple(terms)
+    except TypeError:
+        raise DataError(
+            f"three_flat: terms must be a whole number or a list of numbers, got {terms!r}"
+        ) from None

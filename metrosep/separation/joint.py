@@ -37,6 +37,7 @@ from metrosep.separation.run_probes import probe_names
 from metrosep.separation.solver import solve_joint
 from metrosep.separation.spectra import feed_spectra_columns
 from metrosep.separation.term_curves import check_lines, feed_curves, report_terms
+from metrosep.separation.term_hints import hint_options
 
 __all__ = ["benjamini_hochberg", "separate_joint"]
 
@@ -129,7 +130,7 @@ def separate_joint(
     InvalidSamplesError, NotUniformError, TooFewSamplesError
         If the runs have no usable time, cover different travels or are too short.
     """
-    share = "a share between 0 and 1, 5 % is 0.05,"
+    share = "a share between 0 and 1, such as 0.05 for 5 %"
     if not 0.0 < checked_number(false_discovery_rate, "false_discovery_rate", share) < 1.0:
         raise DataError(
             f"false_discovery_rate must be in (0, 1), got {false_discovery_rate}; 5 % is 0.05"
@@ -189,6 +190,7 @@ def separate_joint(
         *explain_lag(solution, fitted=lag == "fit", n_selected=sum(spectrum["selected"])),
         *explain_disturbances(solution, runs, spectrum),
         *sentences,
+        *hint_options(solution, prepared, options),
     )
     audit = joint_audit(runs, prepared, solution, shortest, false_discovery_rate)
     if options != JointOptions() or n_probes > 1:
@@ -246,10 +248,10 @@ def _check_feeds(runs: RunSet, *, min_feeds: int, fit_lag: bool) -> None:
 def _checked_lag(lag: Any) -> float:
     if isinstance(lag, bool) or not isinstance(lag, int | float | np.number):
         raise DataError(f"lag is a number in seconds or 'fit', got {lag!r}; 1 ms is 1e-3")
-    lag = float(lag)
-    if not math.isfinite(lag) or abs(lag) > 1.0:
-        raise UnitError(f"lag is {lag} s; it must be finite and below 1 s: 1 ms is 1e-3")
-    return lag
+    value = float(lag)
+    if not math.isfinite(value) or abs(value) > 1.0:
+        raise UnitError(f"lag is {value} s; it must be finite and below 1 s: 1 ms is 1e-3")
+    return value
 
 
 def _n_harmonics(

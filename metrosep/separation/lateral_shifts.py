@@ -88,16 +88,15 @@ def shift_rotation(
     >>> [i.indices for i in result.null_space if "defocus" in i.indices]
     [('defocus',), ('defocus',)]
     """
-    stack, _, history = map_stack(
-        surfaces, what="shift_rotation", least=2, dx=dx, dy=dy, centre=centre
+    stack, grid, history = map_stack(
+        surfaces, what="shift_rotation", least=2, one_frame=True, dx=dx, dy=dy, centre=centre
     )
-    first = next((s for s in surfaces if isinstance(s, Surface)), None)
     method = ShiftRotation(
         tuple(checked_angles(angles, stack.shape[0], "shift_rotation").tolist()),
         shifts,  # type: ignore[arg-type]
         terms,
-        dx if first is None else first.dx,
-        dy if first is None else first.dy,
+        grid.dx if grid.calibrated else None,
+        grid.dy if grid.calibrated else None,
         centre,
         power,
     )

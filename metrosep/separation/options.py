@@ -224,8 +224,10 @@ def _checked_waves(waves: Any) -> int | tuple[float, ...]:
 
 
 def _numbers(values: Any, name: str, what: str) -> tuple[float, ...]:
+    if isinstance(values, bool | np.bool_):
+        raise DataError(f"{name} is a list of {what}, got {values!r}")
     items = [values] if isinstance(values, int | float | np.number) else values
-    if isinstance(items, bool | str | bytes):
+    if isinstance(items, str | bytes):
         raise DataError(f"{name} is a list of {what}, got {values!r}")
     try:
         return tuple(float(v) for v in cast("Sequence[float]", items))

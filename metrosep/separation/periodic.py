@@ -15,17 +15,22 @@ from metrosep.core.errors import (
     InvalidSamplesError,
     NotSeparableError,
     TooFewSamplesError,
+    UnitError,
 )
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
+from metrosep.core.units import parse_unit
 from metrosep.separation._inputs import given_parts
 from metrosep.separation._map_input import checked_u
+from metrosep.separation._readings import as_numbers
 from metrosep.separation.contract import Separation, SeparationMethod
 from metrosep.separation.null_space import Unobservable
+from metrosep.spectral._checks import finite_number, real_number
 
 __all__ = ["FringeError", "periodic_error"]
 
 FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
 
 _WORST_CONDITION = 1e4
 """Of the scaled design: beyond it a harmonic cannot be told from the trend or from another."""
@@ -34,6 +39,9 @@ _NEIGHBOURS = np.array([-6, -5, -4, -3, -2, 2, 3, 4, 5, 6])
 """Lines beside a harmonic, in cycles over the travel, that show the noise there."""
 
 _LEAST_PERIODS = 12
+_CLEAR = 5.0
+"""Times its uncertainty, and of the largest one: a harmonic that is there."""
+
 _NOT_PART = (
     "what the part or the stage has at these wavelengths looks the same: measure again with the part "
     "moved by a fraction of the fringe"
@@ -56,6 +64,13 @@ class FringeError(SeparationMethod):
         Degree of the polynomial that the reading follows without periodic error.
     unit : str, optional
         SI unit of the readings.
+
+    Raises
+    ------
+    DataError
+        If period, harmonics or degree cannot be used.
+    UnitError
+        If the unit is not one of SI.
     """
 
     x: tuple[float, ...]
@@ -69,8 +84,18 @@ class FringeError(SeparationMethod):
     error_parts: ClassVar[tuple[str, ...]] = ("periodic",)
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.period) and self.period > 0.0):
+        period = real_number(self.period, "periodic_error: period", "a length in m")
+        if not (math.isfinite(period) and period > 0.0):
             raise DataError(f"periodic_error: period is {self.period} m; it must be positive")
+        for name, value in (("harmonics", self.harmonics), ("degree", self.degree)):
+            number = finite_number(value, f"periodic_error: {name}", "a whole number")
+            if number != int(number):
+                raise DataError(f"periodic_error: {name} is {value}; it must be a whole number")
+            object.__setattr__(self, name, int(number))
+        if parse_unit(self.unit).factor != 1.0:
+            raise UnitError(
+                f"periodic_error: unit is {self.unit!r}; give readings in an SI unit (m, rad, V)"
+            )
         if not 1 <= self.harmonics <= 50 or not 0 <= self.degree <= 9:
             raise DataError(
                 f"periodic_error: harmonics is {self.harmonics} (1 to 50), degree {self.degree} "
@@ -147,6 +172,8 @@ class FringeError(SeparationMethod):
             If the readings cannot be used.
         """
         x, z = self._positions(), _row(readings, len(self.x))
+        if u_reading is not None:
+            u_reading = real_number(u_reading, "u_reading", f"a number in {self.unit}")
         stated = checked_u(u_reading, "u_reading", self.unit)
         good = ~np.isnan(z)
         n_unknown = self.degree + 1 + 2 * self.harmonics
@@ -223,7 +250,12 @@ class FringeError(SeparationMethod):
             u[k] = max(spread * white, local if math.isfinite(local) else 0.0)
             if u[k] > 1.5 * spread * white:
                 excess.append(k)
-        messages = []
+        messages = _period_doubts(coefficients, u, self.period)
+        if fit.n_periods > fit.good.sum():
+            messages.append(
+                f"{fit.n_periods:.4g} fringes for {int(fit.good.sum())} readings: are positions and "
+                "period both in m?"
+            )
         if hidden:
             messages.append(
                 f"harmonics {', '.join(map(str, hidden))} are hidden at these positions; NaN"
@@ -309,8 +341,8 @@ def periodic_error(
 
     Raises
     ------
-    DataError, InvalidSamplesError, TooFewSamplesError, NotSeparableError
-        If lengths differ, values are not finite, or no harmonic can be told from the polynomial.
+    DataError, InvalidSamplesError, TooFewSamplesError, NotSeparableError, UnitError
+        If lengths differ, the unit is not one of SI, values are not finite, or no harmonic can be told from the polynomial.
 
     Notes
     -----
@@ -336,16 +368,14 @@ def periodic_error(
     >>> [round(a, 6) for a in result.audit["amplitudes_nm"]], round(result.audit["phases_rad"][0], 6)
     ([2.0, 0.0], -0.5)
     """
-    try:
-        x = np.array(position, dtype=np.float64)
-        z = np.array(reading, dtype=np.float64)
-    except (TypeError, ValueError) as exc:
-        raise InvalidSamplesError(f"periodic_error: no numbers ({exc})") from None
+    x = as_numbers(position, "periodic_error: positions must be numbers in m")
+    z = as_numbers(reading, "periodic_error: readings must be real numbers")
     if x.ndim != 1 or z.shape != x.shape:
         raise DataError(
             f"periodic_error needs positions and readings of one length, got {x.shape} and {z.shape}"
         )
-    method = FringeError(tuple(x.tolist()), float(period), int(harmonics), int(degree), unit)
+    length = real_number(period, "periodic_error: period", "a length in m")
+    method = FringeError(tuple(x.tolist()), length, harmonics, degree, unit)
     return method.separate(z[None, :], u_reading=u_reading)
 
 
@@ -400,13 +430,24 @@ class _Fit:
         return {"corrected": np.maximum(corrected, 0.0), "periodic": np.maximum(periodic, 0.0)}
 
 
+def _period_doubts(coefficients: ComplexArray, u: FloatArray, period: float) -> list[str]:
+    """Say it where only multiples of one harmonic are there: the fringe may be that much shorter."""
+    sizes = np.abs(np.nan_to_num(coefficients))
+    seen = np.flatnonzero((sizes > _CLEAR * np.nan_to_num(u)) & (sizes > sizes.max() / _CLEAR))
+    common = int(np.gcd.reduce(seen)) if seen.size else 1
+    if common < 2:
+        return []
+    text = (
+        f"harmonic {common} dominates those below it: if the period given ({1e9 * period:.6g} nm) is "
+        f"the wavelength or another multiple of the fringe, give period={period / common:.6g} (half "
+        "the wavelength for single pass, a quarter for double pass); else unequal amplitudes or a "
+        "wrong phase of the signals make it"
+    )
+    return [text]
+
+
 def _row(readings: ArrayLike, n: int) -> FloatArray:
-    try:
-        z = np.array(readings, dtype=np.float64)
-    except (TypeError, ValueError) as exc:
-        raise InvalidSamplesError(
-            f"periodic_error: the readings hold no numbers ({exc})"
-        ) from None
+    z = as_numbers(readings, "periodic_error: the readings must be real numbers")
     if z.shape != (1, n):
         raise DataError(f"periodic_error needs readings of the shape (1, {n}), got {z.shape}")
     if np.isinf(z).any():

@@ -35,6 +35,8 @@ _UNLIKE = (
 )
 _REST, _REST_OF_U, _NEAR_REST = 1e-5, 0.05, 6.0
 _FREE_MASK = 8
+_NOISY_SLOPES, _SMOOTHEST = 0.03, 4.0
+_LEAST_OVERLAP, _FOREIGN = 0.6, 0.9
 _NAMES = ("shift along x", "shift along y", "turn")
 
 
@@ -106,6 +108,7 @@ def register_maps(
         [fixed, moved], what="register_maps", names=("fixed", "moved"), dx=dx, dy=dy, centre=centre
     )
     u_reading = checked_u(u_reading, "u_reading")
+    start = _three(start)
     if not all(math.isfinite(v) for v in start):
         raise DataError(f"register_maps: start holds shift_x, shift_y, angle, got {start}")
     if abs(start[2]) > 2.0 * np.pi + 1e-9:
@@ -113,15 +116,17 @@ def register_maps(
             f"register_maps: the start angle {start[2]} rad is more than a turn; it looks like degrees"
         )
     stack = np.stack([without_plane(z, grid) for z in stack])
-    p = _coarse_shift(stack, np.array(start, dtype=np.float64), grid)
+    first = np.array(start, dtype=np.float64)
+    p = _coarse_shift(stack, first, grid)
     free = np.array([True, True, rotation])
-    start_at = p
-    p, count, at_rest = _gauss_newton(stack, start_at, grid, free)
-    if not at_rest:
-        left_so = _left(stack, p, grid, free)
-        mirrored = _mirrored_left(stack, start_at, grid, free) < 0.5 * left_so
+    end = _gauss_newton(stack, p, grid, free)
+    rms, form = _left(stack, end, grid, free)
+    size = math.sqrt(min(float(np.nanmean(z**2)) for z in stack))
+    overlap = [_linearised(stack, q, grid, free).mask.sum() for q in (end.p, first)]
+    if not end.reached or form > _FOREIGN * size or overlap[0] < _LEAST_OVERLAP * overlap[1]:
+        mirrored = _mirrored_left(stack, p, grid, free) < 0.5 * rms
         raise NotConvergedError(_UNLIKE + (_MIRRORED if mirrored else ""))
-    at = _linearised(stack, p, grid, free)
+    at = _linearised(stack, end.p, grid, free, smoothing=end.smoothing)
     design = at.design
     left = at.rest - design @ _solved(at, free)
     if u_reading is None:
@@ -132,13 +137,17 @@ def register_maps(
         noise = u_reading * math.sqrt(2.0)
     n = int(free.sum())
     cov = np.zeros((3, 3))
-    cov[np.ix_(free, free)] = noise**2 * np.linalg.inv(design.T @ design)[:n, :n]
-    rms = math.sqrt(float(np.mean(left**2)))
+    cov[np.ix_(free, free)] = noise**2 * _inverse(design)[:n, :n]
     audit = MappingProxyType(
-        {"iterations": count, "n_pixels": int(left.size), "rms_nm": rms * 1e9}
+        {
+            "iterations": end.count,
+            "n_pixels": int(left.size),
+            "rms_nm": rms * 1e9,
+            "smoothing_of_slopes_pixels": end.smoothing,
+        }
     )
-    shift_x, shift_y, angle = (float(v) for v in p)
-    messages = _doubts(stack, rms, p, grid, free)
+    shift_x, shift_y, angle = (float(v) for v in end.p)
+    messages = _doubts(stack, rms, form, p, grid, free)
     return Registration(shift_x, shift_y, angle, cov, rms, grid.centre, messages, audit)
 
 
@@ -185,13 +194,26 @@ def registration_uncertainty(
     True
     """
     stack, grid, _ = map_stack([z], what="registration_uncertainty", dx=dx, dy=dy, centre=centre)
-    both = np.broadcast_to(np.asarray(u_shift, dtype=np.float64), (2,))
+    try:
+        both = np.broadcast_to(np.asarray(u_shift, dtype=np.float64), (2,))
+    except (TypeError, ValueError):
+        raise DataError(f"u_shift must be one number or two, in m, got {u_shift!r}") from None
     for value, name in ((both[0], "u_shift"), (both[1], "u_shift"), (u_angle, "u_angle")):
-        checked_u(float(value), name, "rad" if name == "u_angle" else "m")
+        checked_u(value, name, "rad" if name == "u_angle" else "m")
     gx, gy = map_gradient(stack[0], grid)
     turn = grid.x * gy - grid.y[:, None] * gx
     square = (gx * both[0]) ** 2 + (gy * both[1]) ** 2 + (turn * u_angle) ** 2
     return np.asarray(np.sqrt(square))
+
+
+def _three(start: tuple[float, float, float]) -> tuple[float, float, float]:
+    try:
+        x, y, angle = (float(v) for v in start)
+    except (TypeError, ValueError):
+        raise DataError(
+            f"register_maps: start holds shift_x, shift_y, angle, got {start!r}"
+        ) from None
+    return x, y, angle
 
 
 def _coarse_shift(stack: FloatArray, start: FloatArray, grid: MapGrid) -> FloatArray:
@@ -237,7 +259,9 @@ def _linearised(
     p: FloatArray,
     grid: MapGrid,
     free: NDArray[np.bool_],
+    *,
     mask: NDArray[np.bool_] | None = None,
+    smoothing: float = 1.0,
 ) -> _Linearised:
     """Return gradients, plane and difference of the maps at parameters p, on a mask if given."""
     from scipy import ndimage
@@ -249,7 +273,7 @@ def _linearised(
     inner = ndimage.binary_erosion(common, np.ones((3, 3), dtype=bool), iterations=3)
     common = inner if inner.sum() >= 30 else common
     common = common if mask is None else common & mask
-    gx, gy = map_gradient(here, grid)
+    gx, gy = map_gradient(here, grid, smoothing=smoothing)
     x, y = np.broadcast_arrays(grid.x - p[0], (grid.y - p[1])[:, None])
     slope, reach = np.hypot(gx, gy), np.hypot(x, y)
     columns = [c for c, used in zip((-gx, -gy, y * gx - x * gy), free, strict=True) if used]
@@ -264,36 +288,72 @@ def _linearised(
     return _Linearised(design, (stack[1] - here)[common], seen, share, common)
 
 
+@dataclass(frozen=True, slots=True)
+class _Rest:
+    """Where the passes ended: parameters, number of passes, smoothing, whether they came to rest."""
+
+    p: FloatArray
+    count: int
+    smoothing: float
+    reached: bool
+
+
 def _gauss_newton(
     stack: FloatArray, p: FloatArray, grid: MapGrid, free: NDArray[np.bool_]
-) -> tuple[FloatArray, int, bool]:
-    """Return the parameters, the number of steps, and whether they came to rest.
+) -> _Rest:
+    """Return parameters whose next step is short against their uncertainty.
 
-    A step need not be shorter than a fraction of its own uncertainty: noise that is interpolated
-    anew, and a rim that comes and goes, keep it from zero. So the last passes hold the pixels, and
-    the best of short steps is taken.
+    Noise that is interpolated anew, and a rim that comes and goes, keep a step from zero. So
+    the last passes hold the pixels, slopes are smoothed until noise has little part in them, and
+    the shortest step is taken.
     """
     scale = np.array([grid.dx, grid.dy, 1.0 / max(grid.shape)])
-    n, mask = int(free.sum()), None
-    best, shortest = p, math.inf
+    n, mask, smoothing = int(free.sum()), None, 1.0
+    best, shortest, damping, before = p, math.inf, 1.0, np.zeros(3)
     for count in range(1, _ITERATIONS + 1):
-        at = _linearised(stack, p, grid, free, mask)
+        at = _linearised(stack, p, grid, free, mask=mask, smoothing=smoothing)
         found = _solved(at, free)
-        left = at.rest - at.design @ found
-        variance = float(np.mean(left**2)) * np.diag(np.linalg.pinv(at.design.T @ at.design))[:n]
-        step, rest = np.zeros(3), np.full(3, _REST) * scale
+        noise = _white(at, found)
+        step, rest = np.zeros(3), _REST * scale
         step[free] = found[:n]
-        rest[free] = np.maximum(rest[free], _REST_OF_U * np.sqrt(np.maximum(variance, 0.0)))
+        spread = np.diag(_inverse(at.design))[:n]
+        rest[free] = np.maximum(rest[free], _REST_OF_U * noise * np.sqrt(np.maximum(spread, 0.0)))
         longest = float(np.max(np.abs(step / scale)))
-        p = p + step * min(1.0, 3.0 / max(longest, 1e-300))
+        if mask is not None:  # to and fro: interpolated noise has kinks
+            back = float((step / scale) @ (before / scale)) < 0.0
+            damping = max(0.5 * damping, 0.1) if back else min(1.5 * damping, 1.0)
+        before = step
+        p = p + step * min(damping, 3.0 / max(longest, 1e-300))
+        # slopes of white noise have the variance noise**2 / (8 pi smoothing**4) for each pixel
+        slopes = np.mean((at.design[:, :2] * scale[:2]) ** 2)
+        noisy = noise**2 / (8.0 * math.pi * smoothing**4) > 2.0 * _NOISY_SLOPES * slopes
+        if noisy and smoothing < _SMOOTHEST:
+            smoothing = min(1.5 * smoothing, _SMOOTHEST)
+            continue
         ratio = float(np.max(np.abs(step / rest)))
         if ratio < 1.0:
-            return p, count, True
+            return _Rest(p, count, smoothing, True)
         if ratio < shortest:
             best, shortest = p, ratio
         if count >= _FREE_MASK and mask is None and longest < 1.0:
             mask = at.mask
-    return best, _ITERATIONS, shortest < _NEAR_REST
+    return _Rest(best, _ITERATIONS, smoothing, shortest < _NEAR_REST)
+
+
+def _inverse(design: FloatArray) -> FloatArray:
+    """Return the inverse of the normal matrix, columns scaled first."""
+    size = np.sqrt((design**2).sum(axis=0))
+    scaled = design / size
+    return np.asarray(np.linalg.inv(scaled.T @ scaled) / np.outer(size, size))
+
+
+def _white(at: _Linearised, found: FloatArray) -> float:
+    """Return the white noise of the difference, from neighbours along x."""
+    left = np.full(at.mask.shape, np.nan)
+    left[at.mask] = at.rest - at.design @ found
+    steps = np.diff(left, axis=1)
+    steps = steps[np.isfinite(steps)]
+    return math.sqrt(float(np.mean(steps**2)) / 2.0) if steps.size else 0.0
 
 
 def _solved(at: _Linearised, free: NDArray[np.bool_]) -> FloatArray:
@@ -314,10 +374,14 @@ def _solved(at: _Linearised, free: NDArray[np.bool_]) -> FloatArray:
     )
 
 
-def _left(stack: FloatArray, p: FloatArray, grid: MapGrid, free: NDArray[np.bool_]) -> float:
-    """Return the RMS of what parameters leave of the difference."""
-    at = _linearised(stack, p, grid, free)
-    return math.sqrt(float(np.mean((at.rest - at.design @ _solved(at, free)) ** 2)))
+def _left(
+    stack: FloatArray, end: _Rest, grid: MapGrid, free: NDArray[np.bool_]
+) -> tuple[float, float]:
+    """Return the RMS of what parameters leave of the difference, and of its share that is no noise."""
+    at = _linearised(stack, end.p, grid, free, smoothing=end.smoothing)
+    found = _solved(at, free)
+    square = float(np.mean((at.rest - at.design @ found) ** 2))
+    return math.sqrt(square), math.sqrt(max(square - _white(at, found) ** 2, 0.0))
 
 
 def _mirrored_left(
@@ -327,20 +391,23 @@ def _mirrored_left(
     small, small_grid = coarse(stack, grid, _COARSE)
     small = np.stack([small[0, :, ::-1], small[1]])
     try:
-        q, _, at_rest = _gauss_newton(
-            small, _coarse_shift(small, p, small_grid), small_grid, free
-        )
-        return _left(small, q, small_grid, free) if at_rest else math.inf
+        end = _gauss_newton(small, _coarse_shift(small, p, small_grid), small_grid, free)
+        return _left(small, end, small_grid, free)[0] if end.reached else math.inf
     except (DataError, DegenerateFitError):
         return math.inf
 
 
 def _doubts(
-    stack: FloatArray, rms: float, p: FloatArray, grid: MapGrid, free: NDArray[np.bool_]
+    stack: FloatArray,
+    rms: float,
+    form: float,
+    p: FloatArray,
+    grid: MapGrid,
+    free: NDArray[np.bool_],
 ) -> tuple[str, ...]:
-    """Say that much is left, and whether a mirrored map would fit much better."""
+    """Say that much is left that is no noise, and whether a mirrored map would fit much better."""
     size = math.sqrt(float(np.nanmean(stack[0] ** 2)))
-    if rms < 0.3 * size:
+    if form < 0.3 * size:
         return ()
     text = f"{rms * 1e9:.3g} nm of {size * 1e9:.3g} nm RMS are left after registration"
     if _mirrored_left(stack, p, grid, free) < 0.5 * rms:

@@ -15,10 +15,12 @@ from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
+from metrosep.separation._readings import _own_shares, as_numbers
 from metrosep.separation._repeat_input import common_stack, shifted_to_first
 from metrosep.separation._repeat_spectrum import repeating_lines
 from metrosep.separation.contract import Separation, SeparationMethod
 from metrosep.separation.null_space import Unobservable
+from metrosep.spectral._checks import real_number
 
 __all__ = ["RepeatSplit", "repeatable"]
 
@@ -47,6 +49,11 @@ class RepeatSplit(SeparationMethod):
         Whether a profile is one turn: wavelengths are then undulations per revolution.
     steps : tuple of (float, float) or None, m, optional
         dx and dy of maps.
+
+    Raises
+    ------
+    DataError
+        If `align` is unknown.
     """
 
     x: tuple[float, ...] | None = None
@@ -142,10 +149,12 @@ class RepeatSplit(SeparationMethod):
             If the readings cannot be used.
         """
         stack = _checked(readings)
-        if u_reading is not None and not (math.isfinite(u_reading) and u_reading >= 0.0):
-            raise DataError(
-                f"u_reading is {u_reading}; it must be a standard uncertainty >= 0 in m"
-            )
+        if u_reading is not None:
+            u_reading = real_number(u_reading, "u_reading", "a standard uncertainty in m")
+            if not (math.isfinite(u_reading) and u_reading >= 0.0):
+                raise DataError(
+                    f"u_reading is {u_reading}; it must be a standard uncertainty >= 0 in m"
+                )
         coordinates = self._coordinates(stack.shape[1:])
         aligned, n_removed, left = _aligned(stack, self.align, coordinates)
         return self._result(aligned, n_removed, left, coordinates, u_reading, history)
@@ -212,7 +221,9 @@ class RepeatSplit(SeparationMethod):
         lines: list[dict[str, Any]] = []
         if mean.ndim == 1:
             ((_, positions),) = coordinates.items()
-            lines, said = repeating_lines(stack, positions, closed=self.closed)
+            lines, said = repeating_lines(
+                stack, positions, closed=self.closed, calibrated=self.x is not None
+            )
             messages += said
         audit["lines"] = lines
         if m < 4:
@@ -304,6 +315,11 @@ def repeatable(
     if shift not in ("trust", "fit"):
         raise DataError(f"repeatable: shift is {shift!r}; trust or fit")
     stack, positions, steps, history, extra = common_stack(repeats, x)
+    if closed and positions is not None and np.ptp(positions) > 2.0 * np.pi * 1.001:
+        raise DataError(
+            f"repeatable: x of a closed profile spans {float(np.ptp(positions)):.4g} rad, more than one "
+            "turn; this looks like degrees or m: give angles in rad"
+        )
     if shift == "fit":
         if positions is None or stack.ndim != 2:
             raise DataError('repeatable: shift="fit" needs profiles, or arrays with x')
@@ -321,10 +337,7 @@ def repeatable(
 
 
 def _checked(readings: ArrayLike) -> FloatArray:
-    try:
-        stack = np.array(readings, dtype=np.float64)
-    except (TypeError, ValueError) as exc:
-        raise InvalidSamplesError(f"repeatable: repeats hold no numbers ({exc})") from None
+    stack = as_numbers(readings, "repeatable: repeats must be numbers in m")
     if stack.ndim not in (2, 3):
         raise InvalidSamplesError(
             f"repeatable needs an array (repeats, n) or (repeats, n_y, n_x), got {stack.shape}"
@@ -355,14 +368,48 @@ def _aligned(
     if not columns:
         return stack, 0, np.ones(shape)
     basis = np.stack([c.ravel() for c in columns], axis=1)
-    out = stack.reshape(stack.shape[0], -1).copy()
-    for k, one in enumerate(out):
-        good = np.isfinite(one)
-        out[k] = one - basis @ np.linalg.lstsq(basis[good], one[good], rcond=None)[0]
+    flat = stack.reshape(stack.shape[0], -1)
+    out = _lines_removed(flat, basis)
     common = np.isfinite(out).all(axis=0)
     used = basis[common] if common.sum() > basis.shape[1] else basis
     lever = np.einsum("ni,ij,nj->n", basis, np.linalg.pinv(used.T @ used), basis)
     return out.reshape(stack.shape), basis.shape[1], np.maximum(1.0 - lever, 0.0).reshape(shape)
+
+
+def _lines_removed(flat: FloatArray, basis: FloatArray) -> FloatArray:
+    """Return repeats without their columns of the basis.
+
+    With gaps in other places a line of each by itself would follow the part where it was measured.
+    The columns are then fitted together with the mean: ``z_r(x) = f(x) + basis(x) c_r``; what f and
+    all c_r can exchange is taken from f by least squares over all positions.
+    """
+    valid = np.isfinite(flat)
+    seen = valid.any(axis=0)
+    if (valid == seen).all():
+        found = np.linalg.lstsq(basis[seen], flat[:, seen].T, rcond=None)[0]
+        return flat - (basis @ found).T
+    _require_common(valid, basis.shape[1])
+    counts = valid.sum(axis=0).astype(np.float64)
+    own = np.where(valid, flat, 0.0)
+    rest = own - valid * _own_shares(own, valid, counts, basis)
+    mean = rest.sum(axis=0)[seen] / counts[seen]
+    common = basis @ np.linalg.lstsq(basis[seen], mean, rcond=None)[0]
+    return np.where(valid, rest - common, np.nan)
+
+
+def _require_common(valid: NDArray[np.bool_], n_columns: int) -> None:
+    """Refuse repeats that no chain of common positions ties together."""
+    numbers = valid.astype(np.float64)
+    tied = numbers @ numbers.T > n_columns
+    reached = tied[0]
+    for _ in range(len(valid)):
+        reached = tied[reached].any(axis=0)
+    if not reached.all():
+        apart = ", ".join(str(k + 1) for k in np.flatnonzero(~reached)[:8])
+        raise TooFewSamplesError(
+            f"repeatable: the masks do not meet: repeats {apart} share too few positions with the "
+            'first to tell their line from the part; leave them out, or use align="none"'
+        )
 
 
 def _scaled(x: FloatArray) -> FloatArray:

@@ -15,7 +15,7 @@ from metrosep.core.errors import DataError, NotSeparableError
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
 from metrosep.separation._inputs import given_parts
-from metrosep.separation._map_doubts import doubts_of_rotations
+from metrosep.separation._map_doubts import doubts_of_rotations, lost_pixels
 from metrosep.separation._map_input import (
     PIXELS,
     MapGrid,
@@ -23,9 +23,11 @@ from metrosep.separation._map_input import (
     checked_u,
     map_stack,
     require_overlap,
+    require_scale,
 )
 from metrosep.separation._map_orders import LISTED_ORDERS, common_step, without_plane
 from metrosep.separation._map_results import REMOVABLE, noise_of, rigid_terms
+from metrosep.separation._map_whiteness import residual_doubts, unit_doubts
 from metrosep.separation._registration_terms import registration_share
 from metrosep.separation._rotation_solution import RotationSolver
 from metrosep.separation.contract import Separation, SeparationMethod
@@ -177,11 +179,13 @@ class RotationTest(SeparationMethod):
             readings,
             what=self.name,
             names=[f"map {i + 1}" for i in range(n)],
+            one_frame=True,
             dx=self.dx,
             dy=self.dy,
             centre=self.centre,
         )
         u_reading = checked_u(u_reading, "u_reading")
+        require_scale(grid, self.u_registration, self.name)
         common = require_overlap(stack, self.name)
         stack = np.stack(
             [without_plane(z, grid, removed=self.removed, mask=common) for z in stack]
@@ -215,13 +219,16 @@ class RotationTest(SeparationMethod):
         if self.u_registration > 0.0 or self.u_angle > 0.0:
             # the unseparated sum may be the part's: its slopes count wholly, an upper bound
             shares = registration_share(
-                solver, part + solution.parts[2], angles, grid,
-                self.u_registration, self.u_angle, removed=self.removed,
+                solver, part, angles, grid, self.u_registration, self.u_angle,
+                unseparated=solution.parts[2], removed=self.removed,
             )  # fmt: skip
             for name, share in zip(("instrument", "part", "unseparated"), shares, strict=True):
                 both = np.hypot(u_maps[name], share)
                 u_maps[name] = np.where(np.isfinite(named[name]), both, np.nan)
         messages = doubts_of_rotations(stack, angles, grid, self.largest_gain)
+        if not messages:
+            messages = residual_doubts(solution.residual, stack, expected=solution.smoothness)
+        messages = (*unit_doubts(stack, grid, angles), *messages, *lost_pixels(stack, part))
         if not grid.calibrated:
             messages = (*messages, PIXELS)
         return Separation(
@@ -326,14 +333,13 @@ def rotation_average(
     >>> result.null_space[0].indices[:3]
     (0, 4, 8)
     """
-    items, _, history = map_stack(
-        surfaces, what="rotation_average", least=2, dx=dx, dy=dy, centre=centre
+    items, grid, history = map_stack(
+        surfaces, what="rotation_average", least=2, one_frame=True, dx=dx, dy=dy, centre=centre
     )
-    first = next((s for s in surfaces if isinstance(s, Surface)), None)
     method = RotationTest(
         tuple(checked_angles(angles, items.shape[0], "rotation_average").tolist()),
-        dx if first is None else first.dx,
-        dy if first is None else first.dy,
+        grid.dx if grid.calibrated else None,
+        grid.dy if grid.calibrated else None,
         centre,
         tuple(removed),
         u_registration,

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from metrosep.core.errors import DataError
 from metrosep.core.runset import RunSet
 
@@ -41,7 +43,7 @@ def probe_names(runs: RunSet, probes: Sequence[str] | None) -> list[str]:
                 "metadata['probe'] in every run, or state probes=[...]"
             )
         return [str(name) for name in told]
-    if isinstance(probes, str):
+    if isinstance(probes, str | bytes) or not np.iterable(probes):
         raise DataError(f"probes is a list with one name for each run, got {probes!r}")
     names = [str(p) for p in probes]
     if len(names) != len(runs):

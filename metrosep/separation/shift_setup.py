@@ -26,6 +26,7 @@ from metrosep.separation._map_input import (
     require_overlap,
 )
 from metrosep.separation._map_results import noise_of, rigid_terms
+from metrosep.separation._map_whiteness import unit_doubts
 from metrosep.separation.contract import Separation, SeparationMethod
 from metrosep.separation.null_space import Unobservable
 
@@ -94,7 +95,18 @@ class ShiftRotation(SeparationMethod):
                 f"{self.name}: the part was neither turned nor shifted, so part and instrument "
                 "cannot be told apart"
             )
+        if isinstance(self.terms, bool) or not isinstance(self.terms, (int, np.integer)):
+            raise DataError(f"{self.name}: terms must be a whole number, got {self.terms!r}")
+        object.__setattr__(self, "terms", int(self.terms))
         if self.power is not None:
+            try:
+                value, u_value = (float(v) for v in self.power)
+            except (TypeError, ValueError):
+                raise DataError(
+                    f"{self.name}: power must be the known value and its standard uncertainty, both "
+                    f"in m, got {self.power!r}"
+                ) from None
+            object.__setattr__(self, "power", (value, u_value))
             if not math.isfinite(self.power[0]):
                 raise DataError(f"{self.name}: the known power is {self.power[0]} m")
             checked_u(self.power[1], "power[1]")
@@ -184,7 +196,7 @@ class ShiftRotation(SeparationMethod):
         n = len(self.angles)
         stack, grid, _ = map_stack(
             readings, what=self.name, names=[f"map {i + 1}" for i in range(n)],
-            dx=self.dx, dy=self.dy, centre=self.centre,
+            one_frame=True, dx=self.dx, dy=self.dy, centre=self.centre,
         )  # fmt: skip
         u_reading = checked_u(u_reading, "u_reading")
         basis = self._basis(grid, require_overlap(stack, self.name))
@@ -263,7 +275,8 @@ class ShiftRotation(SeparationMethod):
                 for j, ok, g in zip(free, seen, gain, strict=True)
                 if not ok
             ]
-        messages = () if grid.calibrated else (PIXELS,)
+        messages = unit_doubts(stack, grid, np.array(self.angles))
+        messages = messages if grid.calibrated else (*messages, PIXELS)
         weak = {k: [t for t, _ in v if t != "defocus"] for k, v in hidden.items()}
         if any(weak.values()):
             text = "; ".join(f"{k}: {', '.join(v)}" for k, v in weak.items() if v)

@@ -23,6 +23,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from metrosep.core.blas import one_blas_thread
+from metrosep.separation._joint_probe_test import ProbeDifference, probe_differences
 from metrosep.separation._joint_solution import Solution, considered_amplitudes, make_solution
 from metrosep.separation._solver_state import INNER, SolverState, first_state, iterate
 from metrosep.separation._solver_terms import (
@@ -142,7 +143,10 @@ def solve_joint(
         test = None
         if options.following in ("scale", "waves"):
             test = square_of_feed_score(system, state.covariance, kind=options.following)
-        return make_solution(system, state, considered, found, test)
+        differences: tuple[ProbeDifference, ...] = ()
+        if options.probe_gain == "equal":
+            differences = probe_differences(system, state.covariance)
+        return make_solution(system, state, considered, found, test, differences)
 
 
 def _drop_short(system: System, state: SolverState) -> None:

@@ -10,10 +10,11 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from metrosep.core.errors import DataError, InvalidSamplesError
+from metrosep.core.errors import DataError
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
 from metrosep.separation._map_input import checked_u
+from metrosep.separation._readings import as_numbers
 from metrosep.separation._stitch_grid import layout_of
 from metrosep.separation._stitch_input import Pieces, pieces_of
 from metrosep.separation._stitch_models import Settings
@@ -21,6 +22,7 @@ from metrosep.separation._stitch_registration import registered
 from metrosep.separation._stitch_run import run
 from metrosep.separation.contract import Separation, SeparationMethod
 from metrosep.separation.null_space import Unobservable
+from metrosep.spectral._checks import finite_number, real_number
 
 __all__ = ["Stitching", "stitch"]
 
@@ -125,22 +127,20 @@ def stitch(
             f"stitch: ambiguous is {ambiguous!r} (remove or surface), registration {registration!r} "
             "(trust or fit)"
         )
-    if reference_degree is not None and not 2 <= int(reference_degree) <= 12:
-        raise DataError(f"stitch: reference_degree is {reference_degree}; it must be 2 to 12")
+    degree = None if reference_degree is None else _degree(reference_degree)
     fit = isinstance(reference, str) and reference == "fit"
     if isinstance(reference, str) and reference not in ("none", "fit"):
         raise DataError(f"stitch: reference is {reference!r}; give none, fit or a map")
-    if reference_degree is not None and not fit:
+    if degree is not None and not fit:
         raise DataError('stitch: reference_degree needs reference="fit"')
-    if int(draws) < 0:
-        raise DataError(f"stitch: draws is {draws}; it must not be negative")
+    n_draws = finite_number(draws, "stitch: draws", "a whole number")
+    if n_draws < 0 or n_draws != int(n_draws):
+        raise DataError(f"stitch: draws is {draws}; it must be a whole number, 0 or more")
+    stated = u_reading
+    if stated is not None:
+        stated = real_number(stated, "u_reading", "a standard uncertainty in m")
     settings = Settings(
-        kinds,
-        fit,
-        None if reference_degree is None else int(reference_degree),
-        ambiguous,
-        int(draws),
-        checked_u(u_reading, "u_reading"),
+        kinds, fit, degree, ambiguous, int(n_draws), checked_u(stated, "u_reading")
     )
     pieces = pieces_of(maps, positions, rotations, dx, dy)
     extra: dict[str, object] = {"reference": "fitted" if fit else "none"}
@@ -336,7 +336,12 @@ def checked_freedoms(freedoms: Sequence[str]) -> tuple[str, ...]:
     DataError
         If one is unknown, or piston is missing.
     """
-    names = (freedoms,) if isinstance(freedoms, str) else tuple(freedoms)
+    try:
+        names = (freedoms,) if isinstance(freedoms, str) else tuple(freedoms)
+    except TypeError:
+        raise DataError(
+            f"stitch: freedoms are {freedoms!r}; give names out of {', '.join(_FREEDOMS)}"
+        ) from None
     unknown = [n for n in names if n not in _FREEDOMS]
     if unknown or "piston" not in names:
         raise DataError(
@@ -345,16 +350,22 @@ def checked_freedoms(freedoms: Sequence[str]) -> tuple[str, ...]:
     return tuple(n for n in _FREEDOMS if n in names)
 
 
+def _degree(value: object) -> int:
+    degree = finite_number(value, "stitch: reference_degree", "a whole number from 2 to 12")
+    if degree != int(degree) or not 2 <= degree <= 12:
+        raise DataError(f"stitch: reference_degree is {value}; it must be 2 to 12, and whole")
+    return int(degree)
+
+
 def _numbers(readings: ArrayLike) -> FloatArray:
-    try:
-        return np.array(readings, dtype=np.float64)
-    except (TypeError, ValueError) as exc:
-        raise InvalidSamplesError(f"stitch: the readings hold no numbers ({exc})") from None
+    return as_numbers(readings, "stitch: the readings must be numbers in m")
 
 
 def _without_known(pieces: Pieces, reference: ArrayLike | Surface | Profile) -> Pieces:
     z = reference.z if isinstance(reference, Surface | Profile) else reference
-    known = np.atleast_2d(np.asarray(z, dtype=np.float64))
+    known = np.atleast_2d(
+        as_numbers(z, "stitch: reference must be none, fit or a map of heights in m")
+    )
     for k, v in enumerate(pieces.values):
         if v.shape != known.shape:
             raise DataError(
@@ -363,4 +374,4 @@ def _without_known(pieces: Pieces, reference: ArrayLike | Surface | Profile) -> 
             )
     if not math.isfinite(float(np.nansum(known))) or np.isnan(known).all():
         raise DataError("stitch: the reference holds no usable heights")
-    return replace(pieces, values=tuple(v - known for v in pieces.values))
+    return replace(pieces, values=tuple(v - known for v in pieces.values), known=known)

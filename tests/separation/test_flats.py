@@ -415,3 +415,61 @@ class TestBadInput:
         np.testing.assert_array_equal(result.A, plain.A)
         with pytest.raises(MetrosepError, match="not mixed"):
             three_flat(maps[0], self.data[1], self.data[2])
+
+
+class TestWrongSetUps:
+    """What does not fit the set-ups is said; noise and round-off are not."""
+
+    @staticmethod
+    def said(maps, angle=np.pi / 2, **options):
+        messages = three_flat(*maps[:3], maps[3], angle, dx=STEP, **options).messages
+        words = ("are not noise", "mirrored", "fits better", "fit better", "do not describe")
+        return [m for m in messages if any(w in m for w in words)]
+
+    @pytest.mark.parametrize("fault", ["angle", "flat", "order"])
+    def test_faults(self, fault):
+        maps = list(readings(flats(21), [np.pi / 3 if fault == "angle" else np.pi / 2]))
+        rng = np.random.default_rng(5)
+        maps = [m + 2e-10 * rng.standard_normal(m.shape) for m in maps]
+        if fault == "order":
+            maps[1], maps[2] = maps[2], maps[1]
+        assert self.said(maps, turned="second" if fault == "flat" else "first")
+
+    @pytest.mark.parametrize("angle", [np.pi / 2, np.pi / 3, 0.9])
+    def test_noise_alone_raises_no_doubt(self, angle):
+        maps = list(readings(flats(21), [angle]))
+        rng = np.random.default_rng(6)
+        assert not self.said([m + 1e-9 * rng.standard_normal(m.shape) for m in maps], angle)
+
+    def test_round_off_is_no_message(self):
+        maps = readings(flats(21), [np.pi / 2])
+        assert not self.said(maps)
+        assert not self.said(maps, method="zernike")
+
+
+@pytest.mark.parametrize(
+    ("options", "match"),
+    [
+        ({"terms": 36.0}, "terms must be a whole number"),
+        ({"terms": 100000, "method": "zernike"}, "terms go up to"),
+        ({"rotated": None}, "rotated must be"),
+        ({"pairs": None}, "pairs must be"),
+        ({"dx": "1e-4"}, "dx must be a number"),
+        ({"u_reading": "1 nm"}, "u_reading must be one number"),
+        ({"u_registration": "1 um"}, "u_registration must be numbers"),
+        ({"u_registration": 1e-6}, "no lateral step is known"),
+        ({"centre": (1,)}, "centre must be two numbers"),
+    ],
+)
+def test_refused_by_name(options, match):
+    maps = readings(flats(17), [np.pi / 2])
+    with pytest.raises(DataError, match=match):
+        three_flat(*maps[:3], **{"rotated": maps[3], "angles": np.pi / 2, **options})
+
+
+def test_masked_readings_are_not_measured():
+    maps = [m.copy() for m in readings(flats(17), [np.pi / 2])]
+    maps[1][40:44, 60:64] = np.nan
+    masked = [np.ma.array(np.nan_to_num(m, nan=9.0), mask=np.isnan(m)) for m in maps]
+    one, two = (three_flat(*m[:3], m[3], np.pi / 2) for m in (maps, masked))
+    np.testing.assert_array_equal(one.A, two.A)

@@ -136,6 +136,7 @@ def test_correction_is_minus_the_stage_error():
     assert np.std(true + found.stage) > 1.9 * np.std(true)
 
 
+@pytest.mark.slow
 def test_uncertainty_agrees_with_monte_carlo():
     """300 trials: an sd is known to 4.1 %; three times that."""
     rng = np.random.default_rng(25)

@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 from contracts.separation import SeparationContract
 
-from metrosep.core.errors import DataError, InvalidSamplesError, MetrosepError, NotSeparableError
+from metrosep.core.errors import (
+    DataError,
+    InvalidSamplesError,
+    MetrosepError,
+    NotSeparableError,
+    UnitError,
+)
 from metrosep.separation.periodic import FringeError, periodic_error
 
 EXACT = 1e-9
@@ -140,6 +146,40 @@ def test_gaps_stay_gaps_and_take_no_part():
     np.testing.assert_allclose(result.periodic, z, rtol=0.0, atol=EXACT * 3e-9)
 
 
+def test_masked_readings_take_no_part():
+    z = 3e-9 * np.cos(2 * np.pi * X / FRINGE - 0.7)
+    hole = np.zeros(N, dtype=bool)
+    hole[50:70] = True
+
+    result = periodic_error(X, np.ma.array(np.where(hole, 1.0, z), mask=hole), period=FRINGE)
+
+    assert np.isnan(result.corrected[50:70]).all()
+    np.testing.assert_allclose(result.periodic, z, rtol=0.0, atol=EXACT * 3e-9)
+
+
+def test_settings_as_floats_and_positions_in_um():
+    z = 3e-9 * np.cos(2 * np.pi * X / FRINGE - 0.7)
+    whole = periodic_error(X, z, period=FRINGE, harmonics=2.0, degree=1.0)
+    np.testing.assert_array_equal(whole.corrected, periodic_error(X, z, period=FRINGE).corrected)
+    assert not whole.messages
+    doubtful = periodic_error(1e6 * X + 0.01 * np.sin(np.arange(N)), z, period=FRINGE)
+    assert any("both in m" in m for m in doubtful.messages)
+
+
+@pytest.mark.parametrize("multiple", [2, 4])
+def test_a_wavelength_given_for_the_fringe_is_said(multiple):
+    """All harmonics are then multiples of 2 (or 4, for double pass)."""
+    t = 2 * np.pi * X / FRINGE
+    z = 3e-9 * np.cos(t - 0.7) + 1e-9 * np.cos(2 * t + 2.0)
+    z += 0.1e-9 * np.random.default_rng(5).standard_normal(N)
+
+    wrong = periodic_error(X, z, period=multiple * FRINGE, harmonics=multiple)
+    right = periodic_error(X, z, period=FRINGE)
+
+    assert any(f"period={FRINGE:.6g}" in m for m in wrong.messages)
+    assert not any("period=" in m for m in right.messages)
+
+
 @pytest.mark.parametrize(
     ("x", "z", "settings", "error"),
     [
@@ -151,6 +191,14 @@ def test_gaps_stay_gaps_and_take_no_part():
         (X, np.zeros(N), {"degree": -1}, DataError),
         (X * 1e-6, np.zeros(N), {}, NotSeparableError),
         (["a"] * N, np.zeros(N), {}, InvalidSamplesError),
+        (X, np.zeros(N) + 1j, {}, InvalidSamplesError),
+        (X, np.zeros(N), {"period": "a"}, DataError),
+        (X, np.zeros(N), {"harmonics": "a"}, DataError),
+        (X, np.zeros(N), {"harmonics": 1.5}, DataError),
+        (X, np.zeros(N), {"degree": None}, DataError),
+        (X, np.zeros(N), {"u_reading": "a"}, DataError),
+        (X, np.zeros(N), {"unit": "furlong"}, UnitError),
+        (X, np.zeros(N), {"unit": "nm"}, UnitError),
     ],
 )
 def test_bad_input_is_refused(x, z, settings, error):

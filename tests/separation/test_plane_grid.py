@@ -135,6 +135,7 @@ def test_line_that_crosses_once_is_nan():
     assert np.max(np.abs(rest)) < 1e-9 * np.ptp(e)
 
 
+@pytest.mark.slow
 def test_uncertainty_agrees_with_monte_carlo():
     """500 trials: an sd is known to 3.2 %; three times that and a little for the worst of three."""
     rest = []

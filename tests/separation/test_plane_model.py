@@ -233,6 +233,7 @@ def test_uncertainty_agrees_with_monte_carlo():
     assert drawn == pytest.approx(stated, rel=0.11, abs=0.0)
 
 
+@pytest.mark.slow
 def test_f_test_keeps_its_level_without_coupling():
     """300 planes without coupling: p is uniform, for repeats and for single maps."""
     *_, z = sum_model(7)

@@ -169,6 +169,7 @@ def test_sd_never_exceeds_the_disturbance_itself():
 # --- goal S10: Monte Carlo --------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_predicted_variance_is_that_of_monte_carlo_with_three_feeds():
     feeds, length = [0.08, 0.12, 0.16], 87.5e-3
 

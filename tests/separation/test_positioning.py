@@ -282,6 +282,7 @@ def ratios(n_trials, **options):
     return found
 
 
+@pytest.mark.slow
 def test_standard_uncertainties_are_those_of_repeated_tests():
     """Flat means: a simulation about the noisy means found would give 1.3 to 1.7."""
     found = ratios(70)

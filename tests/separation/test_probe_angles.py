@@ -91,6 +91,7 @@ def test_goals_of_the_specification(n, kmax, separation, goal):
     assert used < 10.0
 
 
+@pytest.mark.slow
 def test_same_seed_same_angles_and_bodies_keep_their_distance():
     options = {"min_separation": math.radians(33), "seed": 5}
     first, second = (optimise_probe_angles(4, 16, **options) for _ in range(2))
@@ -194,6 +195,7 @@ def test_result_is_json_with_numpy_settings_too():
     json.dumps(found.to_dict(), allow_nan=False)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("n", "kmax"), [(12, 500), (24, 500)])
 def test_many_probes_and_undulations_stay_near_the_bound_in_seconds(n, kmax):
     """Review B10: 12 and 24 s. The RMS gain cannot fall below 1/sqrt(n)."""

@@ -191,11 +191,65 @@ def test_maps_lose_a_plane_each():
             DataError,
         ),
         ([["a"], ["b"]], {}, InvalidSamplesError),
+        (np.zeros((2, N)), {"u_reading": "a"}, DataError),
+        (np.zeros((2, N)), {"x": np.full(N, np.nan)}, InvalidSamplesError),
     ],
 )
 def test_bad_input_is_refused(given, settings, error):
     with pytest.raises(error):
         repeatable(given, **settings)
+
+
+def test_gaps_in_other_places_do_not_turn_the_repeats():
+    """Found by review: a line of each by itself followed the part, 2.4 nm for 1.0 nm of noise."""
+    rng = np.random.default_rng(21)
+    part = 20e-9 * np.sin(2 * np.pi * np.arange(N) / (N / 4.7))
+    noise = []
+    for _ in range(10):
+        z = part + 1e-9 * rng.standard_normal((5, N))
+        z += 1e-6 * rng.standard_normal((5, 1)) + 1e-6 * rng.standard_normal((5, 1)) * X / X[-1]
+        for k in range(5):
+            z[k, k * N // 5 : k * N // 5 + N // 8] = np.nan
+        result = repeatable(z, x=X)
+        noise.append(result.noise.value)
+        np.testing.assert_allclose(result.repeatable, straight(part), rtol=0.0, atol=4e-9)
+    assert np.mean(noise) == pytest.approx(1e-9, rel=0.02, abs=0.0)
+    exact = np.stack([np.where(np.isnan(r), np.nan, part + k * 1e-6 * X) for k, r in enumerate(z)])
+    again = repeatable(exact, x=X)
+    np.testing.assert_allclose(again.repeatable, straight(part), rtol=0.0, atol=EXACT * 5e-6)
+    assert again.noise.value < 1e-15
+
+
+def test_falling_positions_and_none():
+    """A wavelength is positive; without x it is in samples."""
+    rng = np.random.default_rng(22)
+    wave = 10e-9 * np.sin(2 * np.pi * np.arange(N) * 8 / N)
+    z = wave + 1e-9 * rng.standard_normal((5, N))
+    rising, falling = repeatable(z, x=X), repeatable(z[:, ::-1], x=X[::-1])
+    plain = repeatable(z)
+    up, down = rising.audit["lines"][0], falling.audit["lines"][0]
+    assert down["wavelength_um"] == pytest.approx(up["wavelength_um"], abs=1e-6)
+    assert up["wavelength_um"] == pytest.approx(1e6 * N / 8 * (X[1] - X[0]), rel=1e-9, abs=0.0)
+    assert plain.audit["lines"][0]["wavelength_samples"] == pytest.approx(N / 8, abs=1e-9)
+    assert "wavelength_um" not in plain.audit["lines"][0]
+    with pytest.raises(DataError, match="rises"):
+        repeatable(z, x=X[::-1], shift="fit")
+
+
+def test_masked_and_complex_readings():
+    rng = np.random.default_rng(23)
+    z = 1e-9 * rng.standard_normal((4, N))
+    hole = np.zeros(z.shape, dtype=bool)
+    hole[:, 5:9] = True
+    masked = np.ma.array(np.where(hole, 1.0, z), mask=hole)
+    for given in (masked, list(masked)):
+        result = repeatable(given, x=X)
+        assert np.isnan(result.repeatable[5:9]).all()
+        assert result.noise.value < 2e-9
+    with pytest.raises(InvalidSamplesError, match="complex"):
+        repeatable(z + 1j, x=X)
+    with pytest.raises(DataError, match="degrees"):
+        repeatable(z, x=np.linspace(0, 360, N), closed=True)
 
 
 def test_masks_that_do_not_meet():

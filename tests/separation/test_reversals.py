@@ -233,12 +233,13 @@ class TestDonaldson(SeparationContract):
 
     def test_white_noise_of_few_samples_reaches_harmonics_undiminished(self):
         rng = np.random.default_rng(33)
-        n, trials = 12, 3000
+        n, trials = 12, 800
         c = [
             donaldson(*(1e-9 * rng.standard_normal((2, n))), u_reading=1e-9) for _ in range(trials)
         ]
         spread = np.std([r.harmonics["artefact"][3].real for r in c])
-        assert c[0].harmonics_u["artefact"][3] == pytest.approx(spread, rel=0.05, abs=0.0)
+        # 800 trials know the spread to 2.5 %; without the correction it would be 16 % too small
+        assert c[0].harmonics_u["artefact"][3] == pytest.approx(spread, rel=0.08, abs=0.0)
 
     def test_index_error_is_in_the_harmonics(self):
         p = 500e-9 * np.cos(20 * ANGLE)

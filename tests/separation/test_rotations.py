@@ -280,7 +280,9 @@ def test_registration_leaves_no_pixel_without_uncertainty(degrees):
     angles, sd = np.radians(degrees), 0.3 * STEP
     shift = sd * np.random.default_rng(4).standard_normal((3, 2))
     maps = turned_readings(angles, shift=shift)
-    found = rotation_average(maps, angles, dx=STEP, u_reading=1e-12, u_registration=sd, u_angle=1e-4)
+    found = rotation_average(
+        maps, angles, dx=STEP, u_reading=1e-12, u_registration=sd, u_angle=1e-4
+    )
     for name in ("part", "instrument", "unseparated"):
         np.testing.assert_array_equal(np.isfinite(found.u[name]), np.isfinite(found.parts[name]))
 
@@ -415,3 +417,118 @@ def test_tilt_is_kept_and_power_taken_as_asked():
     gone = rotation_average(bowls, FOUR, removed=("piston", "tilt", "power"))
     assert np.abs(gone.unseparated).max() < 1e-20
     assert any("defocus" in i.indices for i in gone.null_space)
+
+
+class TestWrongSetUps:
+    """What does not fit the model is said, and noise is not called a fault."""
+
+    @staticmethod
+    def said(maps, angles=FOUR, **options):
+        messages = rotation_average(maps, angles, dx=STEP, **options).messages
+        return [m for m in messages if "are not noise" in m or "mirrored" in m or "sign" in m]
+
+    @pytest.mark.parametrize("fault", ["exchanged", "negated", "80 deg", "mirrored in y"])
+    def test_faults(self, fault):
+        true = np.radians([0.0, 80.0, 180.0, 270.0]) if fault == "80 deg" else FOUR
+        maps = turned_readings(true, noise=1e-9)
+        if fault == "exchanged":
+            maps[1], maps[2] = maps[2], maps[1]
+        elif fault == "negated":
+            maps[1] = -maps[1]
+        elif fault == "mirrored in y":
+            maps[3] = maps[3][::-1]
+        found = self.said(maps)
+        assert found
+        if fault == "mirrored in y":
+            assert "map 4 looks mirrored: with y reversed" in found[0]
+
+    @pytest.mark.parametrize(
+        "degrees", [(0, 90, 180, 270), (0, 120, 240), (0, 45, 90, 225), (0, 50, 137)]
+    )
+    def test_noise_alone_raises_no_doubt(self, degrees):
+        angles = np.radians(degrees)
+        for noise in (0.0, 1e-9):
+            assert not self.said(turned_readings(angles, noise=noise, seed=3), angles)
+
+
+def test_quarter_turns_from_any_first_angle_are_exact():
+    """10, 100, 190, 280 degrees: dust costs its counterparts, no circles, and the part is at 0."""
+    angles = np.radians([10.0, 100.0, 190.0, 280.0])
+    maps = turned_readings(angles)
+    maps[0][40, 50] = np.nan
+    result = rotation_average(maps, angles, dx=STEP)
+    assert result.audit["positions_in_a_turn"] == 4
+    assert worst(result.part, part_surface(GX, GY)) < INTERPOLATION
+    assert worst(result.instrument, instrument_surface(GX, GY)) < 1e-20
+    assert np.isfinite(result.instrument).sum() == ROUND.sum() - 4
+
+
+def test_circles_lost_to_gaps_are_said():
+    angles = np.radians([0.0, 50.0, 137.0])
+    maps = turned_readings(angles)
+    maps[0][64, 90] = np.nan
+    result = rotation_average(maps, angles, dx=STEP)
+    assert any("whole circle" in m for m in result.messages)
+    whole = rotation_average(turned_readings(angles), angles, dx=STEP)
+    assert not any("whole circle" in m for m in whole.messages)
+
+
+class TestWhatIsGiven:
+    maps = turned_readings(FOUR, noise=1e-9)
+
+    def test_masked_is_not_measured(self):
+        plain = [m.copy() for m in self.maps]
+        plain[2][30:34, 60:70] = np.nan
+        spoilt = [np.where(np.isnan(m), 99.0, m) for m in plain]
+        masked = [np.ma.array(z, mask=np.isnan(m)) for z, m in zip(spoilt, plain, strict=True)]
+        expected = rotation_average(plain, FOUR).part
+        np.testing.assert_array_equal(rotation_average(masked, FOUR).part, expected)
+        np.testing.assert_array_equal(
+            RotationTest(tuple(FOUR)).separate(np.ma.stack(masked)).part, expected
+        )
+
+    def test_complex_heights_are_refused(self):
+        with pytest.raises(InvalidSamplesError, match="complex"):
+            rotation_average([m + 0j for m in self.maps], FOUR)
+
+    def test_generator_keeps_the_scale(self):
+        surfaces = (ms.Surface(m, STEP, STEP) for m in self.maps)
+        result = rotation_average(surfaces, FOUR, u_reading=1e-9, u_registration=STEP)
+        expected = rotation_average(self.maps, FOUR, dx=STEP, u_reading=1e-9, u_registration=STEP)
+        np.testing.assert_array_equal(result.u["part"], expected.u["part"])
+
+    def test_dy_alone_is_both(self):
+        one = rotation_average(self.maps, FOUR, dy=STEP, u_reading=0.0, u_registration=STEP)
+        two = rotation_average(self.maps, FOUR, dx=STEP, u_reading=0.0, u_registration=STEP)
+        np.testing.assert_array_equal(one.u["part"], two.u["part"])
+
+    @pytest.mark.parametrize(
+        ("options", "match"),
+        [
+            ({"u_registration": 1e-5}, "no lateral step is known"),
+            ({"dx": "1e-4"}, "dx must be a number"),
+            ({"u_reading": "1 nm"}, "u_reading must be one number"),
+            ({"u_registration": [1e-6] * 4, "dx": STEP}, "u_registration must be one number"),
+            ({"centre": (1,)}, "centre must be two numbers"),
+        ],
+    )
+    def test_refused(self, options, match):
+        with pytest.raises(DataError, match=match):
+            rotation_average(self.maps, FOUR, **options)
+
+    def test_other_origins_are_refused(self):
+        surfaces = [
+            ms.Surface(m, STEP, STEP, origin=(i * STEP, 0.0)) for i, m in enumerate(self.maps)
+        ]
+        with pytest.raises(DataError, match="map 2 begins at"):
+            rotation_average(surfaces, FOUR)
+
+    def test_other_units_are_said(self):
+        def messages(maps, angles, step):
+            return " ".join(rotation_average(maps, angles, dx=step).messages)
+
+        assert "more than 1 mm" in messages([m * 1e9 for m in self.maps], FOUR, STEP)
+        assert "the lateral step is 0.5 m" in messages(self.maps, FOUR, 0.5)
+        assert "more than a turn" in messages(self.maps[:3], [0.0, 5.0, 10.0], STEP)
+        plain = messages(self.maps, FOUR, STEP)
+        assert not any(t in plain for t in ("1 mm", "lateral step", "more than a turn"))

@@ -180,3 +180,20 @@ def test_bad_input():
     spot = np.where(np.hypot(X, Y) < 0.2, z, np.nan)
     with pytest.raises(DegenerateFitError, match="fewer terms"):
         shift_rotation(spot, [0.0, 1.0, 2.0], np.zeros((3, 2)))
+
+
+@pytest.mark.parametrize(
+    ("options", "match"),
+    [
+        ({"power": 3}, "power must be the known value and"),
+        ({"power": (1e-9,)}, "power must be the known value and"),
+        ({"terms": 36.0}, "terms must be a whole number"),
+        ({"terms": 100000}, "terms go up to"),
+        ({"u_reading": "1 nm"}, "u_reading must be one number"),
+        ({"dx": "1e-4"}, "dx must be a number"),
+    ],
+)
+def test_refused_by_name(options, match):
+    z = np.zeros((3, N, N)) + 1e-9 * X * Y
+    with pytest.raises(DataError, match=match):
+        shift_rotation(z, [0.0, 1.0, 2.0], np.zeros((3, 2)), **options)

@@ -105,6 +105,7 @@ def test_values_are_those_of_the_definitions():
     np.testing.assert_allclose(result.motion, x - circle, rtol=0, atol=ROUNDING)
 
 
+@pytest.mark.slow
 def test_bias_constants_of_the_specification():
     """Range 6.25, 6.80, 7.20 sd at 20, 50, 100 turns; noise alone gives 1.32, 0.59 sd."""
     rng = np.random.default_rng(2)
@@ -320,6 +321,7 @@ def test_uncertainties_are_those_of_repeats(m):
     assert np.all(np.abs(ratio - 1) < [0.2, 0.25, 0.35, 0.2, 0.2])
 
 
+@pytest.mark.slow
 def test_harmonic_uncertainty_is_that_of_repeats():
     s, c = curve(2, 128, orders=range(2, 8))
     rng = np.random.default_rng(1)
@@ -595,6 +597,7 @@ def test_total_scatters_as_stated(n, m, offset):
     assert abs(np.std(value, ddof=1) / np.mean(u) - 1) < 0.12
 
 
+@pytest.mark.slow
 def test_total_of_white_noise_is_that_of_order_statistics():
     """Range of 20 x 36 independent values: sd by its closed form, from the two extremes."""
     from metrosep.separation._spindle_noise import spectrum_of, u_of_total

@@ -528,6 +528,99 @@ def test_wrong_position_is_named():
     assert all(9 in pair for pair in result.audit["outlying_pairs"])
 
 
+GRID = np.array([(a * 15, b * 12) for b in range(2) for a in range(3)]) * STEP
+TURNS = (0.0, 0.5, -0.8, 1.5, 0.2, -2.6)
+
+
+def set_up(angles=(0.0,) * 6, reference=0.0):
+    """Six maps of 31 x 31 pixels with 0.3 nm of noise."""
+    rng = np.random.default_rng(20)
+    maps = misaligned(turned(GRID, angles, 31, smooth, reference), rng)
+    return list(maps + 0.3e-9 * rng.standard_normal(maps.shape))
+
+
+@pytest.mark.parametrize(
+    ("turn", "named"),
+    [
+        (((-1, 0), (0, 1)), "sign of x of the positions reversed"),
+        (((1, 0), (0, -1)), "sign of y of the positions reversed"),
+        (((0, 1), (1, 0)), "x and y of the positions exchanged"),
+    ],
+)
+def test_positions_of_the_wrong_sense_are_said(turn, named):
+    """Found by review: all maps shifted the wrong way looked like noise, 41 nm off with u 6.5."""
+    result = stitch(set_up(), GRID @ np.array(turn), dx=STEP)
+    assert any(named in m for m in result.messages)
+    assert not stitch(set_up(), GRID, dx=STEP).messages  # and only then
+
+
+def test_rows_in_the_other_order_are_said():
+    result = stitch([z[::-1] for z in set_up()], GRID, dx=STEP)
+    assert any("rows of each map" in m for m in result.messages)
+
+
+def test_rotations_of_the_other_sign_are_said():
+    maps = set_up(TURNS)
+    result = stitch(maps, GRID, dx=STEP, rotations=-np.array(TURNS))
+    assert any("sign of the rotations" in m for m in result.messages)
+    assert not stitch(maps, GRID, dx=STEP, rotations=TURNS).messages
+
+
+def test_known_reference_of_the_wrong_sign_is_said():
+    x, y = grids(31, 31)
+    error = 20e-9 * (x**3 - x * y**2) + 10e-9 * np.sin(5 * x + 1) * np.cos(4 * y)
+    maps = set_up(reference=error)
+    result = stitch(maps, GRID, dx=STEP, reference=-error)
+    assert any("sign of the known reference" in m for m in result.messages)
+    assert not stitch(maps, GRID, dx=STEP, reference=error).messages
+    ignored = stitch(maps, GRID, dx=STEP)
+    assert any("more than noise" in m for m in ignored.messages)
+
+
+def test_one_wrong_position_among_few_is_said():
+    """The mismatch is below three medians, but it is no noise."""
+    wrong = GRID + np.array([[0, 0]] * 4 + [[1, 0]] + [[0, 0]]) * 0.6 * STEP
+    result = stitch(set_up(), wrong, dx=STEP)
+    assert not result.audit["outlying_pairs"]
+    assert any("more than noise" in m for m in result.messages)
+
+
+def test_large_maps_are_tried_on_coarse_pixels():
+    """151 pixels are tried on every third; the positions are those of the full maps."""
+    x, y = np.meshgrid(np.arange(330.0), np.arange(240.0))
+    part = smooth(x / 5.0, y / 5.0)
+    places = [(a * 75, b * 60) for b in range(2) for a in range(3)]
+    maps = [part[j : j + 151, i : i + 151] for i, j in places]
+    wrong = np.array(places) * [STEP, -STEP]
+    result = stitch(maps, wrong, dx=STEP)
+    assert any("sign of y of the positions" in m for m in result.messages)
+
+
+def test_masked_arrays_are_not_measured():
+    maps, masked = set_up(), []
+    for z in maps:
+        hole = np.zeros(z.shape, dtype=bool)
+        hole[3:6, 4:9] = True
+        masked.append(np.ma.array(np.where(hole, 1.0, z), mask=hole))
+    result = stitch(masked, GRID, dx=STEP)
+    expected = stitch([z.filled(np.nan) for z in masked], GRID, dx=STEP)
+    np.testing.assert_array_equal(result.surface, expected.surface)
+    assert result.noise.value < 1e-9
+
+
+def test_units_that_look_wrong_are_said():
+    maps = set_up()
+    with pytest.raises(DataError, match="both in m"):
+        stitch(maps, GRID * 1e-3, dx=STEP)
+    with pytest.raises(DataError, match="dx was not given"):
+        stitch(maps, GRID)
+    with pytest.raises(DataError, match="dy is given without dx"):
+        stitch(maps, GRID, dy=STEP)
+    assert any("step is 1 m" in m for m in stitch(maps, GRID / STEP, dx=1.0).messages)
+    large = stitch([1e6 * z for z in maps], GRID, dx=STEP)
+    assert any("heights" in m for m in large.messages)
+
+
 def test_overlap_of_one_column_fixes_no_tilt():
     rng = np.random.default_rng(14)
     maps = list(rng.standard_normal((2, ROWS, SIDE)) * 1e-9)
@@ -557,6 +650,15 @@ def test_stated_noise_that_does_not_fit_is_said():
         ({"reference_degree": 4}, "fit"),
         ({"registration": "hope"}, "hope"),
         ({"u_reading": -1.0}, "u_reading"),
+        ({"u_reading": "1"}, "u_reading"),
+        ({"dx": "a"}, "dx"),
+        ({"rotations": "ab"}, "rotations"),
+        ({"reference": [["a"]]}, "reference"),
+        ({"reference": "fit", "reference_degree": "x"}, "reference_degree"),
+        ({"draws": None}, "draws"),
+        ({"draws": -1}, "draws"),
+        ({"freedoms": 3}, "freedoms"),
+        ({"positions": np.array(FIVE) + 1j}, "complex"),
     ],
 )
 def test_bad_settings_are_refused(change, match):
@@ -564,6 +666,11 @@ def test_bad_settings_are_refused(change, match):
     given = {"positions": FIVE, "dx": STEP, **change}
     with pytest.raises(MetrosepError, match=match):
         stitch(maps, given.pop("positions"), **given)
+
+
+def test_complex_maps_are_refused():
+    with pytest.raises(MetrosepError, match="complex"):
+        stitch(list(np.ones((5, ROWS, SIDE)) * 1j), FIVE, dx=STEP)
 
 
 def test_real_mirror_in_pieces(corpus):

@@ -147,6 +147,7 @@ def test_spikes_and_a_bad_stretch_do_not_move_the_estimate(
     assert 0.01 < robust.terms["robust"]["share_rejected"] < 0.03
 
 
+@pytest.mark.slow
 def test_robust_costs_little_on_clean_data(contract_machine, as_runset):
     """Efficiency: ratio of mean squares over six sets; 95 % is asked, 5 % is the scatter of it."""
     squares = []
@@ -268,6 +269,47 @@ def test_probes_that_read_the_same_pass_share_its_vibration(contract_machine, as
     assert 0.85 < ratio < 1.15
 
 
+def test_a_drift_that_was_not_modelled_is_named(contract_machine, as_runset):
+    """Rates of 0.6 um/s: 0.4 um over the slowest run, the noise explains some 10 nm."""
+    runs = as_runset(machine(contract_machine, rates, seed=702))
+
+    assert any("drift=1 takes it out" in m for m in joint(runs).messages)
+    assert not any("drift=1" in m for m in joint(runs, drift=1).messages)
+
+
+def test_a_gain_that_was_not_modelled_is_named(two_probes, as_runset):
+    """Probe B reads 10 % more."""
+    told = [m for m in joint(as_runset(two_probes), probes=PROBES).messages if "probe_gain" in m]
+    fitted = joint(as_runset(two_probes), probes=PROBES, probe_gain="fit")
+
+    assert len(told) == 1
+    percent = float(told[0].split("differ by ")[1].split(" %")[0])
+    assert percent == pytest.approx(10.0, abs=4.0)
+    assert not any("probe_gain" in m for m in fitted.messages)
+
+
+def test_clean_runs_get_no_hint(contract_machine, as_runset):
+    """Chance would name a drift once in a thousand sets, a gain less often."""
+    for seed in range(750, 756):
+        runs = as_runset(contract_machine.Machine(seed))
+        messages = joint(runs, probes=["A", "B", "A"] * 3).messages
+        assert not any("drift=1" in m or "probe_gain" in m for m in messages), messages
+
+
+def test_the_line_search_sums_at_the_true_times():
+    """The factored transform against its definition, at jittered times and with a gap."""
+    from metrosep.separation.lines import _transform
+
+    rng = np.random.default_rng(0)
+    t = np.sort(rng.uniform(-1.0, 1.0, 300))
+    z = rng.standard_normal(300)
+    z[7] = np.nan
+    for n in (1, 2, 41, 1025):
+        f = 1.7 + 0.11 * np.arange(n)
+        wanted = np.exp(-2j * np.pi * np.outer(f, t)) @ np.where(np.isnan(z), 0.0, z)
+        np.testing.assert_allclose(_transform(t, z, f), wanted, atol=1e-9, rtol=0)
+
+
 def test_options_work_both_ways_and_lost_motion_stays(contract_machine, as_runset):
     """0.4 um lost motion, spikes and a drift of each run: the reverse runs are 0.4 um higher."""
 
@@ -333,6 +375,8 @@ def test_storage_holds_the_terms_and_older_results_still_load(contract_machine, 
         ({"drift": "1"}, DataError, "drift"),
         ({"drift": None}, DataError, "drift"),
         ({"lines": {"a": 1}}, DataError, "lines"),
+        ({"lines": True}, DataError, "lines"),
+        ({"probes": 5}, DataError, "list with one name"),
         ({"robust": None}, DataError, "robust"),
         ({"following": ["scale"]}, DataError, "following"),
         ({"false_alarm": "a"}, DataError, "false_alarm"),

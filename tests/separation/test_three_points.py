@@ -207,6 +207,7 @@ def test_uncertainty_has_its_closed_form(n):
         assert found == pytest.approx(1e-18 * expected, rel=1e-8, abs=0.0)
 
 
+@pytest.mark.slow
 def test_noise_of_thirty_steps_is_that_of_the_specification():
     """Goal S14: 20.7 s for n = 30 steps, 31 positions of the artefact."""
     rng = np.random.default_rng(31)
@@ -346,6 +347,7 @@ def test_waves_of_the_distance_are_named_and_not_invented():
         assert waves == pytest.approx([6.0, 3.0, 2.0], rel=1e-9, abs=0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["generalised", "combined"])
 def test_uncertainty_of_smoothed_curves_is_their_scatter(method):
     rng = np.random.default_rng(12)

@@ -87,6 +87,7 @@ def test_uncertainty_has_its_closed_form(n):
     assert found == pytest.approx(expected, rel=1e-9, abs=0.0)
 
 
+@pytest.mark.slow
 def test_noise_of_thirty_steps_is_that_of_the_specification():
     """Goal S14: 2.04 s for n = 30."""
     rng = np.random.default_rng(30)
@@ -297,6 +298,7 @@ def test_one_reading_missing_in_one_pass_lets_no_slide_motion_in(method):
     assert any("passes" in text and "missing" in text for text in result.messages)
 
 
+@pytest.mark.slow
 def test_a_pass_broken_off_is_weighed_by_what_it_read():
     """Four of five passes end early: u is the scatter, position by position (review: 0.63)."""
     rng = np.random.default_rng(78)
