@@ -33,8 +33,8 @@ def cell_edges(centres: FloatArray) -> FloatArray:
     if log.size == 1:
         return np.asarray(np.exp(log[0] + np.array([-0.1, 0.1])))
     inner = (log[1:] + log[:-1]) / 2.0
-    outer = [[2.0 * log[0] - inner[0]], inner, [2.0 * log[-1] - inner[-1]]]
-    return np.asarray(np.exp(np.concatenate(outer)))
+    first, last = [2.0 * log[0] - inner[0]], [2.0 * log[-1] - inner[-1]]
+    return np.asarray(np.exp(np.concatenate([first, inner, last])))
 
 
 def in_bands(wavelength: FloatArray, amplitude: FloatArray) -> tuple[FloatArray, FloatArray]:
