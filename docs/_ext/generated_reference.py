@@ -94,7 +94,7 @@ def _exports(package: ModuleType) -> list[str]:
     links = []
     for name in names:
         value = getattr(package, name)
-        owner = getattr(value, "__module__", None)
+        owner = _owner(package, name, value)
         if inspect.isclass(value) or inspect.isfunction(value):
             links.append(f":py:{role[inspect.isclass(value)]}:`{name} <{owner}.{name}>`")
         else:
@@ -102,9 +102,26 @@ def _exports(package: ModuleType) -> list[str]:
     return ["Names of the package: " + ", ".join(links), ""]
 
 
+def _owner(package: ModuleType, name: str, value: Any) -> str | None:
+    """Module under which a name is documented: a public one where it is written in a private one."""
+    written: str | None = getattr(value, "__module__", None)
+    if written is None or not written.rpartition(".")[2].startswith("_"):
+        return written
+    for module in _modules(package):
+        if name in getattr(module, "__all__", ()):
+            return module.__name__
+    return written
+
+
 def _defined_in(module: ModuleType, name: str) -> bool:
     value = getattr(module, name)
-    return getattr(value, "__module__", module.__name__) == module.__name__ or not callable(value)
+    if not callable(value):
+        return True
+    written = getattr(value, "__module__", module.__name__)
+    if not written.rpartition(".")[2].startswith("_"):
+        return bool(written == module.__name__)
+    package = importlib.import_module(module.__name__.rpartition(".")[0])
+    return _owner(package, name, value) == module.__name__
 
 
 def _directive(module: ModuleType, name: str) -> list[str]:

@@ -153,7 +153,7 @@ def _rows(data: bytes, path: Path) -> list[tuple[int, list[str]]]:
 
 def _shifted(value: float, places: int) -> str:
     """Return the shortest decimal of a value times 10^places: exact, unlike a multiplication."""
-    return str(Decimal(repr(value)).scaleb(places)).lower()
+    return format(Decimal(repr(value)).scaleb(places), "f")
 
 
 def _numbers(row: list[str], line: int, n: int, path: Path) -> list[float]:

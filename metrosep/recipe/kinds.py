@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import math
 from collections.abc import Callable
@@ -98,10 +99,13 @@ def _limit(value: Any) -> float:
     """Return a limit of any dimension: a length or an angle with its unit, or a plain number."""
     if not isinstance(value, str):
         return _number(value)
-    try:
-        return parse_quantity(value, dimension="length")
-    except UnitError:
-        return parse_quantity(value, dimension="angle")
+    for dimension in ("length", "angle"):
+        with contextlib.suppress(UnitError):
+            return parse_quantity(value, dimension=dimension)
+    raise UnitError(
+        'a length or an angle with its unit is needed here, such as "120 nm" or "0.5 urad"; a pure '
+        "number is written without quotes"
+    )
 
 
 def _list_of(check: Callable[[Any], float], example: str) -> Callable[[Any], tuple[float, ...]]:

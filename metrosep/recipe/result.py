@@ -320,7 +320,15 @@ def stored_estimate(document: Mapping[str, Any]) -> ErrorEstimate:
     ------
     CorruptFileError
         If the document holds none.
+    DataError
+        If it is the result of another separation.
     """
+    other = document.get("separation") if document.get("estimate") is None else None
+    if isinstance(other, Mapping):
+        raise DataError(
+            f"this is a result of {other.get('op')}; the error of an axis comes from 'separate' "
+            "(joint, kono or mean)"
+        )
     try:
         return ErrorEstimate.from_dict(document["estimate"])
     except (AttributeError, KeyError, TypeError, ValueError, DataError) as exc:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from metrosep.report.text import readable_unit
+from metrosep.report.text import length, readable_unit
 
 __all__ = ["SEPARATED_NOTE", "plan_rows", "separation_audit", "separation_rows"]
 
@@ -98,6 +98,8 @@ def _value(noise: Document) -> str:
 
 def _unobservable(item: Document) -> str:
     indices = list(item.get("indices") or [])
+    if item.get("kind") == "wavelength":
+        indices = [length(float(i)) for i in indices]
     shown = ", ".join(f"{i:.6g}" if isinstance(i, float) else str(i) for i in indices)
     if len(indices) > _MOST_INDICES:
         first = ", ".join(str(i) for i in indices[:_MOST_INDICES])

@@ -228,13 +228,31 @@ def require_turn(angle: FloatArray) -> None:
     """
     n = angle.size
     step = 2.0 * np.pi / n
-    if np.max(np.abs(np.diff(angle) - step)) > 1e-6 * step:
-        hint = ""
-        if angle.size > 1 and angle[-1] < angle[0]:
-            hint = "; they fall: turn the samples round, or give the angle of the other sense"
-        elif np.max(np.abs(np.diff(angle) - 360.0 / n)) < 1e-6 * 360.0 / n:
-            hint = "; these look like degrees"
+    apart = np.abs(angle - angle[0] - step * np.arange(n))
+    if np.max(apart) > _ROUNDED * step:
+        hint = _angle_hint(angle)
         raise InvalidSamplesError(
-            f"the angles must be equally spaced over one revolution, {n} steps of {step:.6g} rad"
-            f"{hint}: resample them (the last sample is not the first one again)"
+            f"the angles must be equally spaced over one revolution, {n} steps of "
+            f"{np.degrees(step):.6g} deg; {hint}"
         )
+
+
+def _angle_hint(angle: FloatArray) -> str:
+    """Return what is probably the matter with angles that do not close one turn."""
+    n = angle.size
+    forward = float(np.median(np.diff(angle))) if n > 1 else 0.0
+    if forward < 0.0:
+        return "they fall: turn the samples round, or give the angle of the other sense"
+    if np.max(np.abs(angle - angle[0] - 360.0 / n * np.arange(n))) < _ROUNDED * 360.0 / n:
+        return "these look like degrees, rad are needed"
+    turns = round(n * forward / (2.0 * np.pi))
+    if turns > 1:
+        return (
+            f"they run through {turns} revolutions: tell them apart (repeat, a column that numbers "
+            "them), or give an array (revolutions, samples)"
+        )
+    return "resample them; the last sample is not the first one again"
+
+
+_ROUNDED = 0.01
+"""Angles may lie this share of a step beside the grid: they were rounded in a text."""

@@ -117,6 +117,12 @@ def checked_row(
         raise UnitError(
             f"{what}: the probes span {float(np.ptp(o)):g} m; distances are given in m, not in mm"
         )
+    if float(np.ptp(o)) < float(step) * (1.0 - GRID_RTOL):
+        raise DataError(
+            f"{what}: the probes span {format_length(float(np.ptp(o)))}, less than the step of "
+            f"{format_length(float(step))}: no place is read by two probes; move in steps of at most "
+            "the distance of the probes"
+        )
     return Row(tuple(o.tolist()), float(step), pitch, zero_known)
 
 

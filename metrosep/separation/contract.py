@@ -283,26 +283,30 @@ class Separation:
             ) from exc
 
     def _rows(self) -> dict[str, str]:
-        rows = {}
-        for name, values in self.parts.items():
-            unit = self.units[name]
-            known = values[np.isfinite(values)]
-            if known.size == 0:
-                rows[name] = "not determined"
-                continue
-            text = f"P-V {format_engineering(float(np.ptp(known)), unit)}"
-            u = self.u[name][np.isfinite(self.u[name])]
-            mean_u = math.sqrt(float(np.mean(u**2))) if u.size else math.nan
-            text += (
-                f", u {format_engineering(mean_u, unit, digits=2)}" if u.size else ", u not known"
-            )
-            rows[name] = text
+        rows = {name: self._one_line(name) for name in self.parts}
         rows.update({f"not seen {i + 1}": str(item) for i, item in enumerate(self.null_space)})
         return rows
 
+    def _one_line(self, name: str) -> str:
+        """Return P-V (or the value of a single number) and the usual uncertainty of a point."""
+        values, unit = self.parts[name], self.units[name]
+        known = values[np.isfinite(values)]
+        if known.size == 0:
+            return "not determined"
+        u = self.u[name][np.isfinite(self.u[name])]
+        of_a_point = "" if values.ndim == 0 else " of a point"
+        told = "u not known"
+        if u.size:
+            mean = math.sqrt(float(np.mean(u**2)))
+            told = f"u{of_a_point} {format_engineering(mean, unit, digits=2)}"
+        if values.ndim == 0:
+            return f"{format_engineering(float(values), unit)}, {told}"
+        return f"P-V {format_engineering(float(np.ptp(known)), unit)}, {told}"
+
     def __repr__(self) -> str:
         parts = "; ".join(f"{k} {v}" for k, v in self._rows().items() if k in self.parts)
-        return f"Separation({self.method}: {parts}; {len(self.null_space)} null-space terms)"
+        n = len(self.null_space)
+        return f"Separation({self.method}: {parts}; {n} null-space term{'' if n == 1 else 's'})"
 
     def _repr_html_(self) -> str:
         """Return a small table for notebooks."""

@@ -112,8 +112,8 @@ def three_flat(
 
     References
     ----------
-    B. S. Fritz, Opt. Eng. 23 (1984) 379-383. C. Ai, J. C. Wyant, Appl. Opt. 32 (1993) 4698-4705.
-    C. J. Evans, R. N. Kestner, Appl. Opt. 35 (1996) 1015-1021. M. Vannoni, G. Molesini, Opt.
+    Fritz, Opt. Eng. 23 (1984) 379-383. Ai and Wyant, Appl. Opt. 32 (1993) 4698-4705.
+    Evans and Kestner, Appl. Opt. 35 (1996) 1015-1021. M. Vannoni, G. Molesini, Opt.
     Express 15 (2007) 6809-6816. U. Griesmann, Appl. Opt. 45 (2006) 5856-5865.
 
     Examples

@@ -10,6 +10,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from metrosep.core.units import format_length
+
 __all__ = ["Unobservable", "suppressed_harmonics"]
 
 Kind = Literal["harmonic", "angular order", "polynomial", "term", "wavelength", "samples"]
@@ -43,7 +45,7 @@ class Unobservable:
     reason: str
 
     def __str__(self) -> str:
-        shown = ", ".join(_named(i) for i in self.indices[:12])
+        shown = ", ".join(_named(i, self.kind) for i in self.indices[:12])
         more = f", ... ({len(self.indices)} in all)" if len(self.indices) > 12 else ""
         plural = self.kind + ("s" if len(self.indices) > 1 and self.kind != "samples" else "")
         return f"{self.part}: {plural} {shown}{more} not observable: {self.reason}"
@@ -104,5 +106,7 @@ def suppressed_harmonics(null_space: Iterable[Unobservable], part: str | None = 
     return sorted(found)
 
 
-def _named(index: int | float | str) -> str:
+def _named(index: int | float | str, kind: str) -> str:
+    if kind == "wavelength" and not isinstance(index, str):
+        return format_length(float(index))
     return f"{index:.6g}" if isinstance(index, float) else str(index)

@@ -174,3 +174,18 @@ def test_angle_of_the_first_sample_is_that_of_the_file(tmp_path):
 
     assert found.coordinates["angle"][0] == pytest.approx(start, abs=1e-9)
     assert abs(found.harmonics["artefact"][3] - 50e-9) < 1e-14
+
+
+def test_limit_without_a_unit_names_the_units_of_a_limit():
+    check = '[[check]]\nmetric = "spindle.pv"\nupper = "120"\n'
+    with pytest.raises(RecipeError, match='such as "120 nm"'):
+        ms.Recipe.parse(RECIPE + check)
+
+
+def test_an_error_is_not_taken_from_another_separation(readings, tmp_path):
+    from metrosep.core.errors import DataError
+    from metrosep.recipe.result import stored_estimate
+
+    ms.Recipe.parse(RECIPE).run(readings, out=tmp_path / "out")
+    with pytest.raises(DataError, match="result of donaldson"):
+        stored_estimate(load_document(tmp_path / "out"))

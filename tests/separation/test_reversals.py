@@ -452,3 +452,13 @@ class TestFace(SeparationContract):
     def test_impossible_radius_is_refused(self, radius):
         with pytest.raises(DataError, match="25 mm is 25e-3"):
             FaceReversal(radius)
+
+
+def test_angles_rounded_in_a_text_are_taken_and_several_turns_named():
+    p = round_shape(np.random.default_rng(51))
+    assert donaldson(p, p, angle=np.radians(np.round(np.degrees(ANGLE), 2))).artefact.size == N
+    many = np.concatenate([ANGLE + 2 * np.pi * k for k in range(5)])
+    with pytest.raises(InvalidSamplesError, match="5 revolutions"):
+        donaldson(np.tile(p, 5), np.tile(p, 5), angle=many)
+    with pytest.raises(InvalidSamplesError, match="look like degrees"):
+        donaldson(p, p, angle=np.degrees(ANGLE))

@@ -451,3 +451,10 @@ def test_passes_are_corrected_by_the_mean_error(repeats, rng):
 
     slide = method.separate(m).straightness
     np.testing.assert_allclose(corrected, m - slide[None, None, :], rtol=0, atol=1e-20)
+
+
+def test_probes_closer_than_a_step_read_no_place_twice():
+    m = np.zeros((2, 20))
+    for method in ("sequential", "generalised", "least_squares"):
+        with pytest.raises(DataError, match="no place is read by two probes"):
+            two_point(m, 2e-3, step=5e-3, method=method)
