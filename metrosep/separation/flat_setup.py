@@ -83,6 +83,13 @@ class ThreeFlat(SeparationMethod):
         (along x and along y), or one for each along x and one along y.
     largest_gain : float, optional
         Shares whose noise would grow by more are taken as not observable.
+
+    Raises
+    ------
+    DataError
+        If a setting cannot be used: its type, sign, unit or number.
+    NotSeparableError
+        If the set-up turns or shifts nothing.
     """
 
     angles: Sequence[float] = ()

@@ -59,6 +59,13 @@ class RotationTest(SeparationMethod):
         Standard uncertainty of each angle.
     largest_gain : float, optional
         Orders whose noise would grow by more than this factor are taken as not observable.
+
+    Raises
+    ------
+    DataError
+        If a setting cannot be used: its type, sign, unit or number.
+    NotSeparableError
+        If the set-up turns or shifts nothing.
     """
 
     angles: Sequence[float]

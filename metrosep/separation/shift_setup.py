@@ -61,6 +61,13 @@ class ShiftRotation(SeparationMethod):
         pixel, and its standard uncertainty, from another test.
     largest_gain : float, optional
         Terms whose noise would grow by more than this, against the fit of one map, are not given.
+
+    Raises
+    ------
+    DataError
+        If a setting cannot be used: its type, sign, unit or number.
+    NotSeparableError
+        If the set-up turns or shifts nothing.
     """
 
     angles: Sequence[float]
