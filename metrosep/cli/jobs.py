@@ -131,6 +131,7 @@ def separate(
             text,
             runs,
             out,
+            method=options["method"],
             settings=[name for name, _ in name_values(options["settings"], "--set")],
             columns=[name for name, _ in name_values(options["columns"], "--column")],
             print_recipe=print_recipe,
@@ -170,6 +171,7 @@ def _separate_named(
     files: tuple[str, ...],
     out: str | None,
     *,
+    method: str,
     settings: list[str],
     columns: list[str],
     print_recipe: bool,
@@ -186,8 +188,9 @@ def _separate_named(
     try:
         recipe = Recipe.parse(text, name="command line")
     except RecipeError as exc:
+        text = option_error(exc, settings=settings, columns=columns)
         raise click.UsageError(
-            option_error(exc, settings=settings, columns=columns), ctx=context
+            f"{text}; 'metrosep ops {method}' explains its keys", ctx=context
         ) from None
     result = recipe.run(list(files), out=out, progress=_progress(context))
     print_named(recipe, result, as_json=as_json)

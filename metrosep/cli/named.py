@@ -33,9 +33,10 @@ _OF_RUNS = (
 
 
 @click.command()
+@click.argument("name", required=False)
 @json_option
-def ops(as_json: bool) -> int:
-    """List the steps of recipes, with the readings and the keys of each."""
+def ops(name: str | None, as_json: bool) -> int:
+    """List the steps of recipes, with the readings and the keys of each; or explain NAME."""
     from metrosep.recipe.methods import METHODS
     from metrosep.recipe.steps import STEPS, WHAT
 
@@ -60,8 +61,17 @@ def ops(as_json: bool) -> int:
         }
         for name, method in METHODS.items()
     ]
+    if name is not None:
+        rows = [row for row in rows if row["op"] == name]
+        if not rows:
+            near = difflib.get_close_matches(name, [*STEPS, *METHODS], n=1)
+            hint = f" Did you mean {near[0]}?" if near else ""
+            raise click.UsageError(f"there is no step {name!r}; 'metrosep ops' lists them.{hint}")
     if as_json:
         click.echo(json.dumps(rows, sort_keys=True))
+        return 0
+    if name is not None:
+        _explain(rows[0], METHODS[name].fields if name in METHODS else STEPS[name])
         return 0
     for row in rows:
         click.echo(f"{row['op']}: {row['what']}")
@@ -74,6 +84,36 @@ def ops(as_json: bool) -> int:
                 )
             )
     return 0
+
+
+def _explain(row: Mapping[str, Any], fields: Mapping[str, Field]) -> None:
+    """Print one step with a line for each of its keys."""
+    click.echo(f"{row['op']}: {row['what']}")
+    click.echo(f"    reads {_read_by(row)}")
+    for key, field in fields.items():
+        if key == "op":
+            continue
+        text = f"    {key}: {_KIND_WORDS.get(field.kind, field.kind)}"
+        if field.choices:
+            text += f", one of {', '.join(str(c) for c in field.choices)}"
+        click.echo(text + (", needed" if field.required else ""))
+
+
+_KIND_WORDS = {
+    "size": 'a length above zero with its unit, "25 mm"',
+    "length": 'a length with its unit, "-5 mm"',
+    "uncertainty": 'a length from zero with its unit, "2 nm"',
+    "angle": 'an angle with its unit, "0.1 deg"',
+    "angles": 'angles with their units, "0 deg, 45 deg"',
+    "lengths": 'lengths with their units, "0 mm, 10 mm"',
+    "time": 'a time with its unit, "2 ms"',
+    "speed": 'a feedrate with its unit, "4800 mm/min"',
+    "frequency": 'a frequency with its unit, "1 kHz"',
+    "integer": "a whole number",
+    "number": "a number",
+    "flag": "true or false",
+    "limit": "a length or an angle with its unit, or a plain number",
+}
 
 
 def _read_by(row: Mapping[str, Any]) -> str:

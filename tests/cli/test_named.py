@@ -114,3 +114,15 @@ def test_ops_lists_every_step(metrosep):
     code, out, _ = metrosep("ops", "--json")
     rows = {row["op"]: row for row in json.loads(out)}
     assert rows["face_reversal"]["keys"]["radius"] == "size"
+
+
+def test_one_step_is_explained_key_by_key(metrosep):
+    code, out, _ = metrosep("ops", "multiprobe")
+    assert code == 0
+    lines = {line.split(":")[0].strip(): line for line in out.splitlines()}
+    assert "needed" in lines["kmax"]
+    assert "deg" in lines["angles"]
+
+    code, _, err = metrosep("ops", "multprobe")
+    assert code == 2
+    assert "Did you mean multiprobe" in err
