@@ -24,9 +24,9 @@ EXACT = 1e-9
 """Relative error of a noise-free separation: rounding times the condition of the methods."""
 
 U_RTOL = 0.1
-"""RMS of u against the scatter of TRIALS trials over many samples: 1/sqrt(2 * 200 * 10) is 1.6 %."""
+"""RMS of u against the scatter of TRIALS trials over many samples: 1/sqrt(2 * 100 * 10) is 2.2 %."""
 
-TRIALS = 200
+TRIALS = 100
 
 MAP_TRIALS = 50
 """Maps have hundreds of pixels and more, whose scatters are averaged: 50 trials know it to 1 %."""

@@ -28,4 +28,4 @@ def test_script_finds_ball_and_spindle(folder, capsys):
     # noise 1.5 nm and wander of 2 nm over 16 revolutions: sqrt(1.5**2 + 2**2 / 2) / 4
     for name in ("ball", "spindle"):
         assert float(out.split(f"{name}: RMS against truth")[1].split("nm")[0]) < 0.75
-    assert "harmonics 0, 1 not observable" in out
+    assert "offset, eccentricity not observable" in out

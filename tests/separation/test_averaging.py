@@ -118,6 +118,7 @@ class TestBall:
         assert result.audit["n_effective"] == pytest.approx(60, rel=0.05, abs=0.0)
         assert not result.messages
 
+    @pytest.mark.slow
     @pytest.mark.parametrize("memory", [0.5, 0.8])
     def test_patches_that_overlap_count_for_fewer(self, memory):
         """First-order memory a: N_eff tends to N (1 - a)/(1 + a)."""

@@ -111,6 +111,7 @@ def test_wavelengths_at_which_the_feeds_do_not_tell_are_blank():
     assert table.loc[~blind, "p"].notna().all()
 
 
+@pytest.mark.slow
 def test_noise_selects_at_the_stated_rate():
     n = sum(
         int(evidence_table(runs_of(noise, seed=s)).to_frame()["selected"].any()) for s in range(60)

@@ -248,6 +248,7 @@ class TestDiameter:
         assert np.abs(error - np.polyval(np.polyfit(G, error, 1), G)).max() < 1e-12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "degrees"), [("pixel", [90.0]), ("pixel", [45.0]), ("zernike", [90.0])]
 )

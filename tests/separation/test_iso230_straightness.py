@@ -152,6 +152,7 @@ def test_uncertainty_and_bias_where_touching_points_change():
         assert 0.3 * true - 0.8e-9 <= stated <= true + 0.8e-9, key
 
 
+@pytest.mark.slow
 def test_uncertainty_where_touching_points_change_quickly():
     ratio, bias, _ = ratios_and_bias(60)["MZ"]
 

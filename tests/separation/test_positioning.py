@@ -240,6 +240,7 @@ def test_interval_of_r_covers(key, options, true):
     assert mean == pytest.approx(true * UM, abs=0.06 * true * UM)  # without it 0.2 to 0.7
 
 
+@pytest.mark.slow
 def test_interval_and_unbiased_value_quickly():
     rng = np.random.default_rng(8)
 

@@ -113,6 +113,7 @@ def test_fixed_probes_stay_and_the_rest_is_chosen():
     assert found.gain < math.sqrt(np.mean(alone[2:] ** 2))
 
 
+@pytest.mark.slow
 def test_tolerance_and_worst_case_are_criteria_of_their_own():
     plain = optimise_probe_angles(3, 20)
     robust = optimise_probe_angles(3, 20, tolerance=math.radians(2.0))

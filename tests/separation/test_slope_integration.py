@@ -106,6 +106,7 @@ def test_long_records_have_the_same_uncertainty(monkeypatch, zero_known):
         np.testing.assert_allclose(found, alone, rtol=tolerance, atol=0)
 
 
+@pytest.mark.slow
 def test_trapezoid_noise_grows_like_a_random_walk():
     """Known zero, mean removed: variance of the end-to-end height is s^2 h^2 (n - 3/2)."""
     rng = np.random.default_rng(2)

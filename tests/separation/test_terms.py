@@ -85,6 +85,7 @@ def test_a_tone_on_the_lead_is_detected_and_removed(contract_machine, as_runset)
     assert made.rms_nm(clean) < min(8.5, made.rms_nm(plain))
 
 
+@pytest.mark.slow
 def test_no_line_is_found_where_there_is_a_mode(contract_machine, as_runset):
     for seed in (710, 711):
         for case in ("modal", "none"):
@@ -160,6 +161,7 @@ def test_robust_costs_little_on_clean_data(contract_machine, as_runset):
     assert plain / robust > 0.90
 
 
+@pytest.mark.slow
 def test_growth_with_the_feed_is_found_and_predicts_another_feed(contract_machine, as_runset):
     made = contract_machine.Machine(730)
     made.runs = [(x, z + 0.3 * (v / 120 - 1) * made.truth(x), t, v) for x, z, t, v in made.runs]
