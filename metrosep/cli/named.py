@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from metrosep.cli.options import json_option, name_values, say
+from metrosep.cli.shortcut import quoted
 
 if TYPE_CHECKING:
     from metrosep.recipe.methods import Method
@@ -213,8 +214,8 @@ def named_recipe(name: str, options: Mapping[str, Any], *, report: bool) -> str:
         value = columns.get(key, options.get(key))
         if value is not None and value != ():
             several = key in known and known[key].kind == "texts"
-            lines.append(f"{key} = {_listed(value) if several else _quoted(value)}")
-    lines += ["", "[[step]]", f"op = {_quoted(name)}"]
+            lines.append(f"{key} = {_listed(value) if several else quoted(value)}")
+    lines += ["", "[[step]]", f"op = {quoted(name)}"]
     for key, value in name_values(options.get("settings") or (), "--set"):
         lines.append(f"{key} = {_typed(key, value, method)}")
     if report:
@@ -288,7 +289,7 @@ def _typed(key: str, value: str, method: Method) -> str:
     if kind in ("number", "integer", "flag"):
         return _plain(key, value)
     if kind == "frequencies" and value == "auto":
-        return _quoted(value)
+        return quoted(value)
     if kind == "waves" and value.isdecimal():
         return value
     if kind in ("numbers", "integers"):
@@ -297,7 +298,7 @@ def _typed(key: str, value: str, method: Method) -> str:
         return _nested(value, numbers=kind == "pairs")
     if kind in _LISTS:
         return _listed(value)
-    return _quoted(value)
+    return quoted(value)
 
 
 def _plain(key: str, value: str) -> str:
@@ -324,13 +325,9 @@ def _nested(value: str, *, numbers: bool) -> str:
     pairs = []
     for item in items:
         pair = [p.strip() for p in item.split("..")]
-        pairs.append("[" + ", ".join(p if numbers else _quoted(p) for p in pair) + "]")
+        pairs.append("[" + ", ".join(p if numbers else quoted(p) for p in pair) + "]")
     return "[" + ", ".join(pairs) + "]"
 
 
 def _listed(columns: str) -> str:
-    return "[" + ", ".join(_quoted(c.strip()) for c in columns.split(",")) + "]"
-
-
-def _quoted(value: object) -> str:
-    return json.dumps(str(value), ensure_ascii=False).replace("\x7f", "\\u007f")
+    return "[" + ", ".join(quoted(c.strip()) for c in columns.split(",")) + "]"

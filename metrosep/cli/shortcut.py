@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from metrosep.core.errors import RecipeError
 
-__all__ = ["option_error", "recipe_text"]
+__all__ = ["option_error", "quoted", "recipe_text"]
 
 _LAYOUT = ("separator", "decimal", "encoding")
 _INPUT = ("x", "z", "feed", "run", "direction", "time", "sampling_rate", "scale", *_LAYOUT)
@@ -34,32 +34,32 @@ def recipe_text(options: dict[str, Any], *, table: tuple[str, str] | None, repor
         TOML that `Recipe.parse` reads.
     """
     lines = ["metrosep = 1", "", "[input]"]
-    lines += [f"{k} = {_quoted(options[k])}" for k in _INPUT if options.get(k) is not None]
+    lines += [f"{k} = {quoted(options[k])}" for k in _INPUT if options.get(k) is not None]
     lines += ["", "[[step]]", 'op = "separate"']
-    lines += [f"{k} = {_quoted(options[k])}" for k in _SEPARATE if options.get(k) is not None]
+    lines += [f"{k} = {quoted(options[k])}" for k in _SEPARATE if options.get(k) is not None]
     for key in ("min_feeds", "drift"):
         if options.get(key) is not None:
             lines.append(f"{key} = {options[key]}")
     if options.get("lines") is not None:
         asked = str(options["lines"])
-        each = ", ".join(_quoted(f.strip()) for f in asked.split(","))
-        lines.append(f"lines = {_quoted(asked) if asked == 'auto' else f'[{each}]'}")
+        each = ", ".join(quoted(f.strip()) for f in asked.split(","))
+        lines.append(f"lines = {quoted(asked) if asked == 'auto' else f'[{each}]'}")
     if options.get("robust"):
         lines.append("robust = true")
     if options.get("poly") is not None:
         degree = str(options["poly"])
         lines += ["", "[[step]]", 'op = "polynomial"', 'quantity = "error"']
-        lines.append(f"degree = {degree if degree.isdecimal() else _quoted(degree)}")
+        lines.append(f"degree = {degree if degree.isdecimal() else quoted(degree)}")
     if table is not None:
-        lines += ["", "[[output]]", 'kind = "table"', f"controller = {_quoted(table[0])}"]
+        lines += ["", "[[output]]", 'kind = "table"', f"controller = {quoted(table[0])}"]
         lines += [
-            f"{k} = {_quoted(options[k])}"
+            f"{k} = {quoted(options[k])}"
             for k in ("axis", "compensates", "spacing", "reference")
             if options.get(k) is not None
         ]
-        lines.append(f"path = {_quoted(table[1])}")
+        lines.append(f"path = {quoted(table[1])}")
         if options.get("cross_axis") is not None:
-            lines.append(f"machine = {{ cross_axis = {_quoted(options['cross_axis'])} }}")
+            lines.append(f"machine = {{ cross_axis = {quoted(options['cross_axis'])} }}")
     if report:
         lines += ["", "[[output]]", 'kind = "report"', 'formats = ["html"]']
     return "\n".join(lines) + "\n"
@@ -97,7 +97,19 @@ def option_error(
     return f"{option}: {message}" if key else message
 
 
-def _quoted(value: object) -> str:
+def quoted(value: object) -> str:
+    """Return a value as TOML writes a text.
+
+    Parameters
+    ----------
+    value : object
+        Its text is taken.
+
+    Returns
+    -------
+    str
+        In double quotes, escaped.
+    """
     import json
 
     return json.dumps(str(value), ensure_ascii=False).replace("\x7f", "\\u007f")

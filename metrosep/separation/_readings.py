@@ -229,11 +229,11 @@ def _mean_curve(repeats: FloatArray, counts: FloatArray, basis: FloatArray) -> F
     used = valid.any(axis=1)
     own = np.where(valid, repeats, 0.0)
     if not valid[used].all() and used.sum() > 1:
-        own = own - valid * _own_shares(own, valid, counts, basis)
+        own = own - valid * own_shares(own, valid, counts, basis)
     return np.where(counts > 0, own.sum(axis=0) / np.maximum(counts, 1.0), np.nan)
 
 
-def _own_shares(
+def own_shares(
     own: FloatArray, valid: NDArray[np.bool_], counts: FloatArray, basis: FloatArray
 ) -> FloatArray:
     """Return basis(x) c_r by least squares, the curve f eliminated; their mean is not determined."""

@@ -15,7 +15,7 @@ from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
-from metrosep.separation._readings import _own_shares, as_numbers
+from metrosep.separation._readings import as_numbers, own_shares
 from metrosep.separation._repeat_input import common_stack, shifted_to_first
 from metrosep.separation._repeat_spectrum import repeating_lines
 from metrosep.separation.contract import Separation, SeparationMethod
@@ -391,7 +391,7 @@ def _lines_removed(flat: FloatArray, basis: FloatArray) -> FloatArray:
     _require_common(valid, basis.shape[1])
     counts = valid.sum(axis=0).astype(np.float64)
     own = np.where(valid, flat, 0.0)
-    rest = own - valid * _own_shares(own, valid, counts, basis)
+    rest = own - valid * own_shares(own, valid, counts, basis)
     mean = rest.sum(axis=0)[seen] / counts[seen]
     common = basis @ np.linalg.lstsq(basis[seen], mean, rcond=None)[0]
     return np.where(valid, rest - common, np.nan)
