@@ -27,7 +27,7 @@ def frozen_float(values: ArrayLike, *, name: str, ndim: int, min_size: int = 1) 
         checked.setflags(write=False)
         return checked
     try:
-        array = values if _is_frozen(values) else _as_float(values)
+        array = values if _is_frozen(values) else as_float(values)
     except (TypeError, ValueError) as exc:
         raise InvalidSamplesError(
             f"{name} must hold real numbers in SI, got {type(values).__name__}: {exc}"
@@ -45,11 +45,16 @@ def frozen_float(values: ArrayLike, *, name: str, ndim: int, min_size: int = 1) 
     return array
 
 
-def _as_float(values: ArrayLike) -> FloatArray:
-    """Return a copy in float64, masked values as NaN; complex numbers are a TypeError."""
+def as_float(values: Any) -> FloatArray:
+    """Return a copy in float64, masked values as NaN; complex numbers are a TypeError.
+
+    Also where some rows of a list are masked, whose masks numpy itself would drop.
+    """
+    if isinstance(values, list | tuple) and any(isinstance(v, np.ma.MaskedArray) for v in values):
+        values = np.ma.array(values)
     if np.iscomplexobj(values):
         raise TypeError("complex numbers; take their real part")
-    array = np.array(values, dtype=np.float64)
+    array: FloatArray = np.array(values, dtype=np.float64)
     if isinstance(values, np.ma.MaskedArray):
         array[np.ma.getmaskarray(values)] = np.nan
     return array

@@ -1,4 +1,4 @@
-"""Settings of the standard tests as plain numbers, and masked readings as NaN."""
+"""Settings of the standard tests as plain numbers."""
 
 from __future__ import annotations
 
@@ -10,34 +10,7 @@ import numpy as np
 
 from metrosep.core.errors import DataError
 
-__all__ = ["checked_count", "checked_number", "checked_sd", "checked_seed", "unmasked"]
-
-
-def unmasked(values: Any) -> Any:
-    """Return values with what is masked as NaN.
-
-    Parameters
-    ----------
-    values : object
-        A masked array, a sequence that holds some, or anything else.
-
-    Returns
-    -------
-    object
-        A float array where something was masked, else the same object.
-
-    Examples
-    --------
-    >>> unmasked(np.ma.array([1.0, 2.0], mask=[False, True])).tolist()
-    [1.0, nan]
-    """
-    if isinstance(values, np.ma.MaskedArray):
-        return np.where(np.ma.getmaskarray(values), math.nan, np.asarray(values.data, float))
-    if isinstance(values, (list, tuple)) and any(
-        isinstance(v, np.ma.MaskedArray) or v is np.ma.masked for v in values
-    ):
-        return [math.nan if v is np.ma.masked else unmasked(v) for v in values]
-    return values
+__all__ = ["checked_count", "checked_number", "checked_sd", "checked_seed"]
 
 
 def checked_number(value: Any, name: str, what: str = "a number") -> float:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from metrosep.core._arrays import as_float
 from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
@@ -126,7 +127,7 @@ def given_readings(
     n = readings.shape[-1]
     spacing = None if step is None else number(step, f"{what}: step")
     if x is not None:
-        at = positions(np.ma.filled(np.ma.array(x, dtype=np.float64), np.nan), None, n, what)
+        at = positions(as_float(x), None, n, what)
         return Given(readings, at, spacing or uniform_step(at, what), history, ())
     messages: tuple[str, ...] = ()
     if spacing is None:
@@ -153,16 +154,12 @@ def _one_distance(distance: Any) -> float | None:
 
 def _array(m: Any, what: str) -> FloatArray:
     try:
-        given = np.ma.array(m)
-        complex_numbers = np.iscomplexobj(given)
-        given = given.real if complex_numbers else given
-        readings = np.asarray(np.ma.filled(given.astype(np.float64), np.nan))
-    except (TypeError, ValueError):
+        readings = as_float(m)
+    except (TypeError, ValueError) as exc:
         raise InvalidSamplesError(
-            f"{what}: readings must be an array of numbers, one row for each probe, all of one length"
+            f"{what}: readings must be an array of numbers, one row for each probe, all of one length "
+            f"({exc})"
         ) from None
-    if complex_numbers:
-        raise InvalidSamplesError(f"{what}: readings are complex; give real heights in m")
     if readings.ndim < 2:
         raise InvalidSamplesError(
             f"{what}: got one row of {readings.size} numbers; give the raw readings of all probes as "

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from metrosep.core._arrays import as_float
 from metrosep.core.errors import DataError, UnitError
 from metrosep.separation._line_probes import (
     MAX_POSITIONS,
@@ -81,7 +82,7 @@ def checked_sensor(pitch: ArrayLike | None, u_pitch: float | None, n: int) -> Se
             raise DataError("u_pitch is given without pitch readings")
         return None
     try:
-        values = np.ma.filled(np.ma.array(pitch, dtype=np.float64), np.nan)
+        values = as_float(pitch)
     except (TypeError, ValueError):
         raise DataError("pitch must be numbers in rad") from None
     if values.shape != (n,):

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from metrosep.core._arrays import as_float
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
@@ -295,14 +296,9 @@ def _array(item: ArrayLike | Surface, name: str, what: str) -> FloatArray:
 
 def _real(values: ArrayLike) -> FloatArray:
     """Return a copy in float64, NaN where masked; complex numbers and text are refused."""
-    if np.iscomplexobj(values):
-        raise TypeError("complex numbers; give their real part")
     if np.asarray(values).dtype.kind in "SU":
         raise TypeError("text")
-    out = np.array(values, dtype=np.float64)
-    if isinstance(values, np.ma.MaskedArray):
-        out[np.ma.getmaskarray(values)] = np.nan
-    return out
+    return as_float(values)
 
 
 def _check_origins(surfaces: list[Surface], dx: float | None, what: str) -> None:

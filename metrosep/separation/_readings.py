@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from metrosep.core._arrays import as_float
 from metrosep.core.errors import (
     DataError,
     InvalidSamplesError,
@@ -78,15 +79,9 @@ def as_numbers(values: ArrayLike, needs: str) -> FloatArray:
         If they are complex, texts or ragged.
     """
     try:
-        raw = np.asarray(values)
-        array = np.array(raw.real, dtype=np.float64)
+        return as_float(values)
     except (TypeError, ValueError) as exc:
         raise InvalidSamplesError(f"{needs}, got no array of numbers ({exc})") from None
-    if np.iscomplexobj(raw):
-        raise InvalidSamplesError(f"{needs}, got complex numbers; take their real part")
-    if isinstance(values, np.ma.MaskedArray):
-        array[np.ma.getmaskarray(values)] = np.nan
-    return array
 
 
 def size_doubts(array: FloatArray, what: str) -> tuple[str, ...]:

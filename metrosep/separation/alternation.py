@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from metrosep.core._arrays import as_float
 from metrosep.core.errors import DataError, InvalidSamplesError, NotSeparableError
 from metrosep.core.provenance import freeze_mapping
-from metrosep.separation._checked_numbers import checked_sd, unmasked
+from metrosep.separation._checked_numbers import checked_sd
 from metrosep.separation._result_values import plain, reduced
 
 __all__ = ["DriftFreeDifference", "abba"]
@@ -166,7 +167,7 @@ def abba(
 
 def _stack(readings: ArrayLike | Sequence[ArrayLike]) -> FloatArray:
     try:
-        stack = np.array(unmasked(readings), dtype=np.float64)
+        stack = as_float(readings)
     except (TypeError, ValueError) as exc:
         raise InvalidSamplesError(
             f"readings must be arrays of one shape, one after the other: {exc}"
@@ -187,7 +188,7 @@ def _times(t: ArrayLike | None, count: int) -> FloatArray:
     if t is None:
         return np.arange(count, dtype=np.float64)
     try:
-        times = np.array(unmasked(t), dtype=np.float64)
+        times = as_float(t)
     except (TypeError, ValueError) as exc:
         raise InvalidSamplesError(f"t must be times in seconds: {exc}") from None
     if times.shape != (count,):

@@ -17,11 +17,13 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from metrosep.core._arrays import as_float
 from metrosep.core.errors import DataError
 from metrosep.core.profile import html_table
 from metrosep.core.provenance import Step, history_as_dicts
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_engineering
+from metrosep.separation._result_values import plain
 from metrosep.separation.null_space import Unobservable, suppressed_harmonics
 
 if TYPE_CHECKING:
@@ -217,18 +219,18 @@ class Separation:
         """
         return {
             "method": self.method,
-            "parts": {k: _plain(v) for k, v in self.parts.items()},
-            "u": {k: _plain(v) for k, v in self.u.items()},
+            "parts": {k: plain(v) for k, v in self.parts.items()},
+            "u": {k: plain(v) for k, v in self.u.items()},
             "units": dict(self.units),
-            "coordinates": {k: _plain(v) for k, v in self.coordinates.items()},
+            "coordinates": {k: plain(v) for k, v in self.coordinates.items()},
             "null_space": [item.to_dict() for item in self.null_space],
             "noise": self.noise.to_dict(),
             "harmonics": {
-                k: {"real": _plain(v.real), "imag": _plain(v.imag)}
+                k: {"real": plain(v.real), "imag": plain(v.imag)}
                 for k, v in self.harmonics.items()
             },
-            "harmonics_u": {k: _plain(v) for k, v in self.harmonics_u.items()},
-            "audit": _without_nan(dict(self.audit)),
+            "harmonics_u": {k: plain(v) for k, v in self.harmonics_u.items()},
+            "audit": plain(self.audit),
             "messages": list(self.messages),
             "history": history_as_dicts(self.history),
         }
@@ -403,35 +405,10 @@ class SeparationMethod(ABC):
             If the readings cannot be used.
         """
         found = self.separate(readings)
-        array = np.array(np.ma.filled(np.ma.asarray(readings, dtype=np.float64), np.nan))
+        array = as_float(readings)
         errors = {name: found.parts[name] for name in self.error_parts if name in found.parts}
         model = self.simulate({}, errors)
         return array - (model[:, None] if array.ndim == model.ndim + 1 else model)
-
-
-def _without_nan(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {str(k): _without_nan(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_without_nan(v) for v in value]
-    if isinstance(value, np.generic | np.ndarray):
-        return _without_nan(value.tolist())
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def _plain(values: FloatArray) -> Any:
-    if values.ndim == 0:
-        value = float(values)
-        return None if math.isnan(value) else value
-    return [_plain(v) for v in values] if values.ndim > 1 else _plain_row(values)
-
-
-def _plain_row(values: FloatArray) -> list[float | None]:
-    bad = np.isnan(values)
-    row: list[float | None] = values.tolist()
-    for i in np.flatnonzero(bad):
-        row[int(i)] = None
-    return row
 
 
 def _array(values: Any) -> FloatArray:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from metrosep.core._arrays import frozen_float, same_length
+from metrosep.core._arrays import as_float, frozen_float, same_length
 from metrosep.core.errors import (
     DataError,
     DegenerateFitError,
@@ -19,7 +19,7 @@ from metrosep.core.errors import (
 )
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.quantity import Quantity
-from metrosep.separation._checked_numbers import checked_number, unmasked
+from metrosep.separation._checked_numbers import checked_number
 from metrosep.separation._result_values import plain, reduced
 
 __all__ = ["Dependence", "drift_against_temperature", "speed_dependence"]
@@ -184,7 +184,7 @@ def speed_dependence(
     >>> round(fit.coefficients["c0"].value * 1e9, 6), round(fit.coefficients["c2"].value * 1e12, 6)
     (10.0, 10.0)
     """
-    v = frozen_float(unmasked(speed), name="speed", ndim=1)
+    v = frozen_float(speed, name="speed", ndim=1)
     if np.isnan(v).any() or (v < 0.0).any():
         raise InvalidSamplesError("a speed is NaN or negative; pass its magnitude")
     return _fit(v, amplitude, u, _powers(powers), confidence, "speed", correlated=False)
@@ -243,7 +243,7 @@ def drift_against_temperature(
     >>> round(fit.coefficients["c1"].value * 1e6, 9)
     2.0
     """
-    t = frozen_float(unmasked(temperature), name="temperature", ndim=1)
+    t = frozen_float(temperature, name="temperature", ndim=1)
     return _fit(t, displacement, u, (0, 1), confidence, "temperature", correlated=u is None)
 
 
@@ -257,7 +257,7 @@ def _fit(
     *,
     correlated: bool,
 ) -> Dependence:
-    y = frozen_float(unmasked(values), name="readings", ndim=1)
+    y = frozen_float(values, name="readings", ndim=1)
     same_length(**{name: variable, "readings": y})
     _check_model(powers, confidence)
     valid = ~np.isnan(y) & ~np.isnan(variable)
@@ -315,7 +315,7 @@ def _weights(u: ArrayLike | float | None, n: int) -> FloatArray:
     if u is None:
         return np.ones(n)
     try:
-        given = np.asarray(unmasked(u), dtype=np.float64)
+        given = as_float(u)
     except (TypeError, ValueError):
         raise InvalidSamplesError(
             f"u must be one number or one for each reading, in m, got {u!r}"

@@ -19,7 +19,7 @@ from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesEr
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.quantity import Quantity
 from metrosep.core.recording import Recording
-from metrosep.separation._checked_numbers import checked_number, checked_sd, unmasked
+from metrosep.separation._checked_numbers import checked_number, checked_sd
 from metrosep.separation._result_values import plain, reduced
 from metrosep.separation.alternation import DriftFreeDifference, abba
 from metrosep.separation.joint_fit import JointDrift, joint_drift
@@ -257,7 +257,7 @@ def _table(
     else:
         if not isinstance(channels, Mapping):
             raise DataError("pass channels as a mapping of names to readings, in m")
-        times = frozen_float(unmasked(t), name="t", ndim=1, min_size=2)
+        times = frozen_float(t, name="t", ndim=1, min_size=2)
         data = channels
     if np.isnan(times).any() or (np.diff(times) <= 0.0).any():
         raise InvalidSamplesError("t must be finite and strictly increasing, in seconds")
@@ -265,7 +265,7 @@ def _table(
         raise DataError("no channel was given")
     table = {}
     for name, values in data.items():
-        table[name] = frozen_float(unmasked(values), name=f"channel {name!r}", ndim=1)
+        table[name] = frozen_float(values, name=f"channel {name!r}", ndim=1)
         if table[name].size != times.size:
             raise InvalidSamplesError(
                 f"channel {name!r} has {table[name].size} readings, t has {times.size}"

@@ -21,7 +21,7 @@ from metrosep.core.provenance import freeze_mapping
 from metrosep.core.quantity import Quantity
 from metrosep.parameters.deviation import form_deviation
 from metrosep.parameters.form_result import FormDeviation
-from metrosep.separation._checked_numbers import checked_sd, checked_seed, unmasked
+from metrosep.separation._checked_numbers import checked_sd, checked_seed
 from metrosep.separation._result_values import plain, reduced
 
 if TYPE_CHECKING:
@@ -249,7 +249,7 @@ def _as_profile(profile: Profile | ArrayLike, z: ArrayLike | None) -> Profile:
         return profile
     if z is None:
         raise DataError("positions alone were given; pass z, or a Profile")
-    x, z = frozen_float(unmasked(profile), name="x", ndim=1), unmasked(z)
+    x = frozen_float(profile, name="x", ndim=1)
     if x.size != np.size(z):
         raise InvalidSamplesError(f"x has {x.size} samples, z has {np.size(z)}")
     return Profile(x, z)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from metrosep.core._arrays import frozen_float
+from metrosep.core._arrays import as_float, frozen_float
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import (
     DataError,
@@ -26,7 +26,6 @@ from metrosep.separation._checked_numbers import (
     checked_count,
     checked_number,
     checked_sd,
-    unmasked,
 )
 from metrosep.separation._result_values import plain, reduced
 
@@ -278,7 +277,7 @@ def joint_drift(
 
 def _checked_readings(readings: ArrayLike) -> FloatArray:
     try:
-        return np.array(unmasked(readings), dtype=np.float64)
+        return as_float(readings)
     except (TypeError, ValueError) as exc:
         raise InvalidSamplesError(
             f"readings must be numbers, or arrays of one shape, one for each time: {exc}"
@@ -300,7 +299,7 @@ def _checked_labels(labels: Sequence[Hashable] | None, n: int) -> list[Hashable]
 
 
 def _checked_times(t: ArrayLike) -> FloatArray:
-    times = frozen_float(unmasked(t), name="t", ndim=1, min_size=2)
+    times = frozen_float(t, name="t", ndim=1, min_size=2)
     if np.isnan(times).any() or (np.diff(times) <= 0.0).any():
         raise InvalidSamplesError("t must be finite and strictly increasing, in seconds")
     return times

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.core._arrays import frozen_float
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError, UnitError
 from metrosep.core.profile import Profile
-from metrosep.separation._checked_numbers import checked_number, checked_seed, unmasked
+from metrosep.separation._checked_numbers import checked_number, checked_seed
 from metrosep.separation.positioning_result import PositioningTest, build_result
 
 __all__ = ["iso230_2", "positions_from_columns", "positions_from_profiles"]
@@ -116,7 +116,7 @@ def iso230_2(
     if not 0.5 <= checked_number(confidence, "confidence", "a number, 0.95 for 95 %") < 1.0:
         raise DataError(f"confidence must lie in 0.5 to 1 (0.95 is usual), got {confidence}")
     seed = checked_seed(seed)
-    goals = frozen_float(unmasked(targets), name="targets", ndim=1)
+    goals = frozen_float(targets, name="targets", ndim=1)
     if goals.size < 2:
         raise TooFewSamplesError(f"a positioning test needs 2 or more targets, got {goals.size}")
     if np.isnan(goals).any():
@@ -146,7 +146,7 @@ def _errors(
     """Return position minus target, rows in the order of rising targets."""
     if reached is None or np.size(np.asarray(reached, dtype=object)) == 0:
         return None
-    positions = frozen_float(unmasked(reached), name=f"{name} positions", ndim=2)
+    positions = frozen_float(reached, name=f"{name} positions", ndim=2)
     m = goals.size
     if positions.shape[0] != m:
         turned = positions.shape[1] == m
@@ -268,8 +268,8 @@ def positions_from_columns(
     >>> targets.tolist(), down[0].tolist(), bool(np.isnan(down[1]).all())
     ([0.0, 1.0], [0.2, 0.3], True)
     """
-    rows = frozen_float(unmasked(target), name="target", ndim=1)
-    values = frozen_float(unmasked(readings), name="readings", ndim=2)
+    rows = frozen_float(target, name="target", ndim=1)
+    values = frozen_float(readings, name="readings", ndim=2)
     try:
         words = [str(d).strip().lower() for d in direction]
     except TypeError:

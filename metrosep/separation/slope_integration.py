@@ -11,6 +11,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from metrosep.core._arrays import as_float
 from metrosep.core.errors import (
     DataError,
     InvalidSamplesError,
@@ -223,9 +224,9 @@ def slope_transfer(
 
 def _checked(slope: ArrayLike, x: ArrayLike) -> tuple[FloatArray, FloatArray]:
     try:
-        slopes = np.ma.filled(np.ma.array(slope, dtype=np.float64), np.nan)
-        passes = np.atleast_2d(np.asarray(slopes))
-        at = np.asarray(np.ma.filled(np.ma.array(x, dtype=np.float64), np.nan))
+        slopes = as_float(slope)
+        passes = np.atleast_2d(slopes)
+        at = as_float(x)
     except (TypeError, ValueError) as exc:
         raise InvalidSamplesError(
             f"integrate_slopes: slopes and positions must be arrays of numbers ({exc})"

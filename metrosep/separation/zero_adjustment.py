@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from metrosep.core._arrays import as_float
 from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.quantity import Quantity
@@ -236,7 +237,7 @@ def _differences(m: ArrayLike, weights: FloatArray) -> tuple[FloatArray, FloatAr
 
 def _flat_differences(flat: Any, weights: FloatArray, n: int) -> FloatArray:
     try:
-        form = np.ma.filled(np.ma.array(flat, dtype=np.float64), np.nan)
+        form = as_float(flat)
     except (TypeError, ValueError):
         raise DataError("flat must be the known form in m") from None
     if np.isinf(form).any() or np.isnan(form).all():
