@@ -34,6 +34,8 @@ class Form(ABC):
     has_centre : bool
         Whether the form has a vertex or centre, which a fit puts in the middle of a map whose
         origin was not declared; periodic forms and polynomials have none.
+    is_everywhere : bool
+        Whether the form has a height at every point, so that no valid point is left out.
     is_linear : bool
         Whether the heights are linear in all parameters.
     """
@@ -41,6 +43,7 @@ class Form(ABC):
     name: str = "form"
     units: Mapping[str, str] = {}
     has_centre: bool = True
+    is_everywhere: bool = False
     is_linear: bool = False
 
     @property

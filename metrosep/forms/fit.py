@@ -203,7 +203,7 @@ def _result(
             metadata=obj.metadata,
             history=history,
         )
-    outside = points.n_valid - n
+    outside = 0 if placed.form.is_everywhere else points.n_valid - n
     notes = list(freedoms.notes)
     if robust is not None:
         good = spread(residual.ravel())

@@ -31,6 +31,7 @@ class Plane(Shape):
 
     name = "plane"
     has_centre = False
+    is_everywhere = True
 
     def _height(self, x: FloatArray, y: FloatArray) -> FloatArray:
         return np.zeros_like(x)

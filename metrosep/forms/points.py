@@ -115,8 +115,6 @@ class Points:
         Heights; NaN where not measured. One row of scattered points.
     centre : tuple of (float, float), m
         In the coordinates of the object.
-    n_valid : int
-        Number of points that were measured.
     is_scattered : bool
         Whether positions are those of single points, not of rows and columns.
     """
@@ -125,8 +123,28 @@ class Points:
     y: FloatArray
     z: FloatArray
     centre: tuple[float, float]
-    n_valid: int
     is_scattered: bool = False
+    _counted: list[int] = field(default_factory=list, repr=False)
+
+    @property
+    def n_valid(self) -> int:
+        """Number of points that were measured; counted when first asked for."""
+        if not self._counted:
+            self._counted.append(
+                sum(int(np.count_nonzero(part == part)) for part in self._parts())
+            )
+        return self._counted[0]
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing was measured."""
+        return not any(bool((part == part).any()) for part in self._parts())
+
+    def _parts(self) -> Iterator[FloatArray]:
+        """Yield the heights in parts that stay in the cache; NaN differs from itself."""
+        for rows in self.rows():
+            for columns in self.columns():
+                yield self.z[rows, columns]
 
     @property
     def largest(self) -> float:
@@ -288,9 +306,7 @@ def points_of(
     centre = None if centre is None else _pair(centre)
     if isinstance(obj, Profile):
         x0 = 0.0 if centre is None else float(centre[0])
-        points = Points(
-            obj.x - x0, np.zeros(1), obj.z[None, :], (x0, 0.0), len(obj) - obj.n_invalid
-        )
+        points = Points(obj.x - x0, np.zeros(1), obj.z[None, :], (x0, 0.0))
     elif isinstance(obj, Surface):
         if obj.dx is None or obj.dy is None:
             raise DataError(
@@ -304,16 +320,15 @@ def points_of(
             undeclared = middle and obj.origin == (0.0, 0.0)
             centre = (float(x.mean()), float(y.mean())) if undeclared else (0.0, 0.0)
         x0, y0 = float(centre[0]), float(centre[1])
-        points = Points(x - x0, y - y0, obj.z, (x0, y0), obj.z.size - obj.n_invalid)
+        points = Points(x - x0, y - y0, obj.z, (x0, y0))
     elif isinstance(obj, PointSet):
         x0, y0 = (0.0, 0.0) if centre is None else (float(centre[0]), float(centre[1]))
-        n = obj.z.size - obj.n_invalid
-        points = Points(obj.x - x0, obj.y - y0, obj.z[None, :], (x0, y0), n, is_scattered=True)
+        points = Points(obj.x - x0, obj.y - y0, obj.z[None, :], (x0, y0), is_scattered=True)
     else:
         raise DataError(
             f"a form is fitted to a Surface, a Profile or a PointSet, got {type(obj).__name__}"
         )
-    if points.n_valid == 0:
+    if points.is_empty:
         raise TooFewSamplesError("no sample was measured (all are NaN): nothing can be fitted")
     return points
 

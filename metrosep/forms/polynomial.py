@@ -77,6 +77,7 @@ class Polynomial(LinearForm):
 
     name = "polynomial"
     has_centre = False
+    is_everywhere = True
 
     def __init__(
         self,
