@@ -124,7 +124,7 @@ class Points:
     z: FloatArray
     centre: tuple[float, float]
     is_scattered: bool = False
-    _counted: list[int] = field(default_factory=list, repr=False)
+    _counted: list[int] = field(default_factory=list, init=False, repr=False)
 
     @property
     def n_valid(self) -> int:

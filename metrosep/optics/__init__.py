@@ -1,0 +1,48 @@
+"""Optics: what the form of a surface does to a wavefront and to the image.
+
+The path difference is positive where the material is high. A name loads its module on first use.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from metrosep.core._lazy import lazy_names
+
+if TYPE_CHECKING:
+    from metrosep.optics.image_quality import (
+        ModulationTransfer as ModulationTransfer,
+        PointSpread as PointSpread,
+        marechal as marechal,
+        point_spread as point_spread,
+        strehl_ratio as strehl_ratio,
+    )
+    from metrosep.optics.rays import (
+        path_difference as path_difference,
+        path_sensitivity as path_sensitivity,
+    )
+    from metrosep.optics.wavefronts import (
+        Wavefront as Wavefront,
+        ZernikeTable as ZernikeTable,
+        wavefront as wavefront,
+    )
+
+_HOMES = {
+    "image_quality": (
+        "ModulationTransfer",
+        "PointSpread",
+        "marechal",
+        "point_spread",
+        "strehl_ratio",
+    ),
+    "rays": ("path_difference", "path_sensitivity"),
+    "wavefronts": ("Wavefront", "ZernikeTable", "wavefront"),
+}
+
+__all__ = sorted(name for names in _HOMES.values() for name in names)  # noqa: PLE0605
+
+__getattr__ = lazy_names(__name__, _HOMES)
+
+
+def __dir__() -> list[str]:
+    return list(__all__)

@@ -1,0 +1,225 @@
+"""Optical path of a plane wave that meets a surface along its axis, by ray tracing.
+
+A ray along the axis meets the surface at (x, y, z); its path is counted to the plane z = 0 that
+touches the vertex, along the ray as it really leaves. The path difference W is positive where the
+material is high: a mirror sends the wave ahead there, and a wave that leaves a denser material
+(n > 1) lags there, by ``(n - 1) z`` at small slopes. To keep one sign for both, W is the lead of a
+reflected and the lag of a refracted wave.
+
+Source: Micromachines 11 (2020) 331, sections 3.2 and 3.3, which name the method and no formula.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import DataError, InvalidSamplesError
+
+__all__ = ["Mode", "Side", "check_mode", "path_difference", "path_sensitivity"]
+
+Mode = Literal["reflect", "refract"]
+Side = Literal["inside", "outside"]
+
+_MOST_INDEX = 10.0
+"""A refractive index beyond this is a mistake of units or of columns."""
+
+
+def path_difference(
+    z: ArrayLike,
+    slope_x: ArrayLike,
+    slope_y: ArrayLike,
+    *,
+    mode: Mode = "reflect",
+    n: float | None = None,
+    side: Side = "inside",
+) -> FloatArray:
+    """Return the optical path difference of each ray against a flat at z = 0.
+
+    Parameters
+    ----------
+    z : array_like, m
+        Heights from the vertex plane, out of the material; NaN where not known.
+    slope_x, slope_y : array_like
+        dz/dx and dz/dy there, of the shape of z.
+    mode : {"reflect", "refract"}, optional
+        Whether the surface is a mirror or a boundary of glass.
+    n : float, optional
+        Refractive index of the material; needed to refract, and only then.
+    side : {"inside", "outside"}, optional
+        Where the light comes from when refracted: out of the material, or into it.
+
+    Returns
+    -------
+    ndarray, m, shape of z
+        Positive where the material is high (see the module); NaN where an input is.
+
+    Raises
+    ------
+    DataError
+        If the mode, the side or the index is not one that can be used.
+    InvalidSamplesError
+        If shapes differ, or a slope is so steep that the ray never comes back to the plane.
+
+    Notes
+    -----
+    With ``g = (dz/dx)^2 + (dz/dy)^2``: reflected ``W = 2 z / (1 - g)``. Refracted from inside
+    ``W = (n - 1 / t) z`` with ``t = n s^2 + c sqrt(1 - n^2 s^2)``, ``s^2 = g / (1 + g)`` and
+    ``c^2 = 1 - s^2``: the cosine of the leaving ray to the axis. From outside n becomes 1 / n and the
+    result is scaled by -n. The path is that of the ray at its own point of the surface.
+
+    Examples
+    --------
+    >>> path_difference(1e-6, 0.0, 0.0).item()
+    2e-06
+    >>> round(path_difference(1e-6, 0.0, 0.0, mode="refract", n=1.5).item() * 1e6, 9)
+    0.5
+    """
+    heights, square = _checked(z, slope_x, slope_y)
+    index = check_mode(mode, n, side)
+    if index is None:
+        out: FloatArray = 2.0 * heights / _room(1.0 - square, square, "reflected back")
+        return out
+    factor, m = (1.0, index) if side == "inside" else (-index, 1.0 / index)
+    cosine, _ = _leaving(square, m)
+    out = factor * (m - 1.0 / cosine) * heights
+    return out
+
+
+def path_sensitivity(
+    z: ArrayLike,
+    slope_x: ArrayLike,
+    slope_y: ArrayLike,
+    *,
+    mode: Mode = "reflect",
+    n: float | None = None,
+    side: Side = "inside",
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the derivatives of the path difference by height and by both slopes.
+
+    Parameters
+    ----------
+    z : array_like, m
+        Heights.
+    slope_x, slope_y : array_like
+        Slopes, of the shape of z.
+    mode : {"reflect", "refract"}, optional
+        As of `path_difference`.
+    n : float, optional
+        As of `path_difference`.
+    side : {"inside", "outside"}, optional
+        As of `path_difference`.
+
+    Returns
+    -------
+    by_height : ndarray, m/m
+        dW/dz.
+    by_slope_x, by_slope_y : ndarray, m
+        dW per unit of slope.
+
+    Raises
+    ------
+    DataError
+        If the mode, the side or the index is not one that can be used.
+    InvalidSamplesError
+        If shapes differ, or a slope is too steep.
+
+    Notes
+    -----
+    A small change d(x, y) of the form changes the wave by ``W_z d + W_p dd/dx + W_q dd/dy``: the
+    rays tilt with the surface, which ``2 d`` alone would miss.
+    """
+    heights, square = _checked(z, slope_x, slope_y)
+    index = check_mode(mode, n, side)
+    p, q = (np.asarray(v, dtype=np.float64) for v in (slope_x, slope_y))
+    if index is None:
+        room = _room(1.0 - square, square, "reflected back")
+        by_height, by_square = 2.0 / room, 2.0 * heights / room**2
+    else:
+        factor, m = (1.0, index) if side == "inside" else (-index, 1.0 / index)
+        cosine, change = _leaving(square, m)
+        by_height = factor * (m - 1.0 / cosine)
+        by_square = factor * heights * change / cosine**2
+    return by_height, 2.0 * p * by_square, 2.0 * q * by_square
+
+
+def check_mode(mode: str, n: float | None, side: str = "inside") -> float | None:
+    """Return the refractive index, None for a mirror, or refuse the arguments.
+
+    Parameters
+    ----------
+    mode : str
+        "reflect" or "refract".
+    n : float or None
+        Refractive index.
+    side : str, optional
+        "inside" or "outside".
+
+    Returns
+    -------
+    float or None
+        The index to refract with.
+
+    Raises
+    ------
+    DataError
+        If a word is unknown, an index is missing, not wanted, or not between 1 and 10.
+    """
+    if mode not in ("reflect", "refract"):
+        raise DataError(f'mode must be "reflect" or "refract", got {mode!r}')
+    if side not in ("inside", "outside"):
+        raise DataError(f'side must be "inside" or "outside", got {side!r}')
+    if mode == "reflect":
+        if n is not None:
+            raise DataError(f'a mirror has no refractive index; drop n={n} or say mode="refract"')
+        return None
+    if n is None:
+        raise DataError(
+            'mode="refract" needs the refractive index n of the material, such as 1.49'
+        )
+    try:
+        index = float(n)
+    except (TypeError, ValueError):
+        index = float("nan")
+    if not 1.0 < index <= _MOST_INDEX:
+        raise DataError(f"the refractive index n must lie above 1 and below 10, got {n!r}")
+    return index
+
+
+def _checked(
+    z: ArrayLike, slope_x: ArrayLike, slope_y: ArrayLike
+) -> tuple[FloatArray, FloatArray]:
+    """Return heights and squared slopes."""
+    heights, p, q = (np.asarray(v, dtype=np.float64) for v in (z, slope_x, slope_y))
+    if not heights.shape == p.shape == q.shape:
+        raise InvalidSamplesError(
+            f"z, slope_x and slope_y must have one shape, got {heights.shape}, {p.shape} and "
+            f"{q.shape}"
+        )
+    return heights, p * p + q * q
+
+
+def _leaving(square: FloatArray, m: float) -> tuple[FloatArray, FloatArray]:
+    """Return the cosine of the refracted ray to the axis, and its derivative by squared slope."""
+    s2 = square / (1.0 + square)
+    inner = _room(1.0 - m * m * s2, square, "refracted: it is totally reflected")
+    c, ct = 1.0 / np.sqrt(1.0 + square), np.sqrt(inner)
+    cosine = m * s2 + c * ct
+    per = 1.0 / (1.0 + square) ** 2
+    change = m * per - 0.5 * c * m * m * per / ct - 0.5 * ct * c**3
+    return _room(cosine, square, "refracted towards the plane"), change
+
+
+def _room(value: FloatArray, square: FloatArray, what: str) -> FloatArray:
+    """Return the value where it is positive or NaN; refuse a ray that never arrives."""
+    bad = value <= 0.0
+    if bad.any():
+        steepest = float(np.degrees(np.arctan(np.sqrt(np.nanmax(square)))))
+        raise InvalidSamplesError(
+            f"{int(bad.sum())} rays are not {what}; the surface is up to {steepest:.1f} deg "
+            "steep: crop it to a smaller aperture, or check that heights and steps are in metres"
+        )
+    return value

@@ -1,0 +1,164 @@
+"""Figures of a wavefront: its map, its Zernike terms as bars, and the image that it gives."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from metrosep.core.errors import DataError
+from metrosep.plot.disc import disc_map, readable_length
+from metrosep.plot.style import COLOURS, DASHED, axes_or_new, house_style
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from metrosep.optics.image_quality import ModulationTransfer
+    from metrosep.optics.wavefronts import Wavefront, ZernikeTable
+
+__all__ = ["contrast_plot", "wavefront_map", "zernike_bars"]
+
+_BAR_COLOURS = ("estimate", "after", "before", "reverse")
+_ORDERS = {"ansi": "ANSI", "noll": "Noll", "fringe": "Fringe"}
+
+
+def wavefront_map(wavefront: Wavefront, *, ax: Axes | None = None) -> Axes:
+    """Return the map of the optical path difference.
+
+    Parameters
+    ----------
+    wavefront : Wavefront
+        On rings or squares.
+    ax : matplotlib Axes, optional
+        Where to draw.
+
+    Returns
+    -------
+    matplotlib Axes
+        Titled with what was removed and the P-V.
+    """
+    rest = f" without {', '.join(wavefront.removed)}" if wavefront.removed else ""
+    kind = "reflected" if wavefront.mode == "reflect" else f"refracted, n = {wavefront.n:.4g}"
+    return disc_map(
+        wavefront.x,
+        wavefront.y,
+        wavefront.opd,
+        title=f"wavefront {kind}{rest}",
+        quantity="path difference",
+        ax=ax,
+    )
+
+
+def zernike_bars(
+    tables: ZernikeTable | Mapping[str, ZernikeTable],
+    *,
+    leave_out: tuple[str, ...] = ("piston",),
+    ax: Axes | None = None,
+) -> Axes:
+    """Return Zernike terms as bars, one colour for each wavefront.
+
+    Parameters
+    ----------
+    tables : ZernikeTable or mapping of str to ZernikeTable
+        One, or several by name, with the same terms.
+    leave_out : tuple of str, optional
+        Names of terms that are not drawn, such as "piston".
+    ax : matplotlib Axes, optional
+        Where to draw.
+
+    Returns
+    -------
+    matplotlib Axes
+        Lengths on the ordinate.
+
+    Raises
+    ------
+    DataError
+        If there is no table, or their terms differ.
+    """
+    from metrosep.forms.zernike_index import term_name
+
+    named = dict(tables) if isinstance(tables, Mapping) else {"": tables}
+    if not named:
+        raise DataError("there is no table of Zernike terms to draw")
+    first = next(iter(named.values()))
+    if any(t.nm != first.nm or t.order != first.order for t in named.values()):
+        raise DataError("the tables hold different terms; fit the same ones to each wavefront")
+    labels = [term_name(n, m) for n, m in first.nm]
+    shown = [i for i, label in enumerate(labels) if label not in leave_out]
+    largest = max(float(np.abs(t.values()[shown]).max(initial=0.0)) for t in named.values())
+    unit, symbol = readable_length(largest)
+    terms = list(first.coefficients)
+    with house_style():
+        axes = axes_or_new(ax)
+        width = 0.8 / len(named)
+        for k, (name, table) in enumerate(named.items()):
+            colour = COLOURS[_BAR_COLOURS[k % len(_BAR_COLOURS)]]
+            place = np.arange(len(shown)) + (k - 0.5 * (len(named) - 1)) * width
+            axes.bar(place, table.values()[shown] / unit, width, color=colour, label=name or None)
+        axes.axhline(0.0, color=COLOURS["line"], linewidth=0.8)
+        many = len(shown) > 16
+        text = [terms[i] if many else f"{terms[i]}\n{labels[i]}" for i in shown]
+        axes.set_xticks(
+            range(len(shown)), text, rotation=90 if len(shown) > 6 else 0, fontsize=7.5
+        )
+        axes.grid(visible=False, axis="x")
+        axes.set_ylabel(f"coefficient / {symbol}")
+        axes.set_xlabel(f"Zernike term, {_ORDERS[first.order]}")
+        if any(named):
+            axes.legend()
+    return axes
+
+
+def contrast_plot(
+    transfers: ModulationTransfer | Mapping[str, ModulationTransfer], *, ax: Axes | None = None
+) -> Axes:
+    """Return modulation transfer functions against frequency over cut-off.
+
+    Parameters
+    ----------
+    transfers : ModulationTransfer or mapping of str to ModulationTransfer
+        One, or several by name.
+    ax : matplotlib Axes, optional
+        Where to draw.
+
+    Returns
+    -------
+    matplotlib Axes
+        The ideal full circle is dashed.
+
+    Raises
+    ------
+    DataError
+        If there is nothing to draw.
+    """
+    named: dict[str, Any] = dict(transfers) if isinstance(transfers, Mapping) else {"": transfers}
+    if not named:
+        raise DataError("there is no modulation transfer function to draw")
+    with house_style():
+        axes = axes_or_new(ax)
+        for k, (name, transfer) in enumerate(named.items()):
+            colour = COLOURS[_BAR_COLOURS[k % len(_BAR_COLOURS)]]
+            before = f"{name}, " if name else ""
+            v = transfer.frequency_x / transfer.cutoff
+            axes.plot(v, transfer.along_x, color=colour, label=f"{before}along x")
+            v = transfer.frequency_y / transfer.cutoff
+            axes.plot(
+                v, transfer.along_y, color=colour, linestyle=DASHED, label=f"{before}along y"
+            )
+        v = np.linspace(0.0, 1.0, 101)
+        ideal = next(iter(named.values()))
+        axes.plot(
+            v,
+            ideal.ideal(v * ideal.cutoff),
+            color=COLOURS["before"],
+            linewidth=0.9,
+            label="full circle without error",
+        )
+        axes.set_xlim(0.0, 1.0)
+        axes.set_ylim(0.0, 1.02)
+        axes.set_xlabel("frequency / cut-off frequency D / wavelength")
+        axes.set_ylabel("contrast")
+        axes.legend()
+    return axes
