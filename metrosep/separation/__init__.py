@@ -13,11 +13,16 @@ from typing import TYPE_CHECKING
 from metrosep.core._lazy import lazy_names
 
 if TYPE_CHECKING:
+    from metrosep.separation.abba_method import (
+        AbbaDrift as AbbaDrift,
+    )
     from metrosep.separation.alternation import (
         DriftFreeDifference as DriftFreeDifference,
         abba as abba,
     )
-    from metrosep.separation.average import separate_mean as separate_mean
+    from metrosep.separation.average import (
+        separate_mean as separate_mean,
+    )
     from metrosep.separation.averaging import (
         ThreePositions as ThreePositions,
         ball_average as ball_average,
@@ -31,22 +36,38 @@ if TYPE_CHECKING:
         CircleClosure as CircleClosure,
         closure as closure,
     )
-    from metrosep.separation.combine import combine_harmonics as combine_harmonics
+    from metrosep.separation.combine import (
+        combine_harmonics as combine_harmonics,
+    )
     from metrosep.separation.contract import (
         Separation as Separation,
         SeparationMethod as SeparationMethod,
+    )
+    from metrosep.separation.coupled_method import (
+        CoupledGrid as CoupledGrid,
     )
     from metrosep.separation.dependence import (
         Dependence as Dependence,
         drift_against_temperature as drift_against_temperature,
         speed_dependence as speed_dependence,
     )
+    from metrosep.separation.diagonal_method import (
+        Diagonals as Diagonals,
+    )
     from metrosep.separation.diagonals import (
         DiagonalTest as DiagonalTest,
         iso230_6_diagonals as iso230_6_diagonals,
     )
-    from metrosep.separation.drift import DriftTest as DriftTest, iso230_3_drift as iso230_3_drift
-    from metrosep.separation.entry import separate as separate
+    from metrosep.separation.drift import (
+        DriftTest as DriftTest,
+        iso230_3_drift as iso230_3_drift,
+    )
+    from metrosep.separation.drift_fit_method import (
+        DriftFit as DriftFit,
+    )
+    from metrosep.separation.entry import (
+        separate as separate,
+    )
     from metrosep.separation.evidence import (
         EvidenceTable as EvidenceTable,
         evidence_table as evidence_table,
@@ -59,20 +80,38 @@ if TYPE_CHECKING:
         Registration as Registration,
         register_points as register_points,
     )
-    from metrosep.separation.flat_setup import ThreeFlat as ThreeFlat
-    from metrosep.separation.flats import three_flat as three_flat
-    from metrosep.separation.fourier import separate_kono as separate_kono
-    from metrosep.separation.index_detection import index_pulses as index_pulses
+    from metrosep.separation.flat_setup import (
+        ThreeFlat as ThreeFlat,
+    )
+    from metrosep.separation.flats import (
+        three_flat as three_flat,
+    )
+    from metrosep.separation.fourier import (
+        separate_kono as separate_kono,
+    )
+    from metrosep.separation.index_detection import (
+        index_pulses as index_pulses,
+    )
     from metrosep.separation.iso230_straightness import (
         MotionStraightness as MotionStraightness,
         straightness_iso230_1 as straightness_iso230_1,
     )
-    from metrosep.separation.joint import separate_joint as separate_joint
-    from metrosep.separation.joint_fit import JointDrift as JointDrift, joint_drift as joint_drift
-    from metrosep.separation.lateral_shifts import shift_rotation as shift_rotation
+    from metrosep.separation.joint import (
+        separate_joint as separate_joint,
+    )
+    from metrosep.separation.joint_fit import (
+        JointDrift as JointDrift,
+        joint_drift as joint_drift,
+    )
+    from metrosep.separation.lateral_shifts import (
+        shift_rotation as shift_rotation,
+    )
     from metrosep.separation.lattice_calibration import (
         GridView as GridView,
         grid_calibration as grid_calibration,
+    )
+    from metrosep.separation.lattice_method import (
+        GridCalibration as GridCalibration,
     )
     from metrosep.separation.mixed import (
         OrthogonalMixed as OrthogonalMixed,
@@ -100,19 +139,34 @@ if TYPE_CHECKING:
         PlaneFit as PlaneFit,
         fit_plane_model as fit_plane_model,
     )
-    from metrosep.separation.plane_grid import coupled_grid as coupled_grid
-    from metrosep.separation.plane_model import PlaneMap as PlaneMap, plane_map as plane_map
+    from metrosep.separation.plane_grid import (
+        coupled_grid as coupled_grid,
+    )
+    from metrosep.separation.plane_method import (
+        PlaneModel as PlaneModel,
+    )
+    from metrosep.separation.plane_model import (
+        PlaneMap as PlaneMap,
+        plane_map as plane_map,
+    )
     from metrosep.separation.planner import (
         plan_feedrates as plan_feedrates,
         predicted_sd as predicted_sd,
     )
-    from metrosep.separation.planner_result import FeedPlan as FeedPlan
+    from metrosep.separation.planner_result import (
+        FeedPlan as FeedPlan,
+    )
     from metrosep.separation.positioning import (
         iso230_2 as iso230_2,
         positions_from_columns as positions_from_columns,
         positions_from_profiles as positions_from_profiles,
     )
-    from metrosep.separation.positioning_result import PositioningTest as PositioningTest
+    from metrosep.separation.positioning_method import (
+        PositioningSheet as PositioningSheet,
+    )
+    from metrosep.separation.positioning_result import (
+        PositioningTest as PositioningTest,
+    )
     from metrosep.separation.probe_angles import (
         ProbeAngles as ProbeAngles,
         optimise_probe_angles as optimise_probe_angles,
@@ -131,7 +185,10 @@ if TYPE_CHECKING:
         register_maps as register_maps,
         registration_uncertainty as registration_uncertainty,
     )
-    from metrosep.separation.repeats import RepeatSplit as RepeatSplit, repeatable as repeatable
+    from metrosep.separation.repeats import (
+        RepeatSplit as RepeatSplit,
+        repeatable as repeatable,
+    )
     from metrosep.separation.resampling import (
         AngleSynchronous as AngleSynchronous,
         cubic_interpolation_error as cubic_interpolation_error,
@@ -150,7 +207,9 @@ if TYPE_CHECKING:
         DonaldsonReversal as DonaldsonReversal,
         donaldson as donaldson,
     )
-    from metrosep.separation.shift_setup import ShiftRotation as ShiftRotation
+    from metrosep.separation.shift_setup import (
+        ShiftRotation as ShiftRotation,
+    )
     from metrosep.separation.simulate import (
         KONO_WAVES as KONO_WAVES,
         SimulatedAxis as SimulatedAxis,
@@ -160,16 +219,28 @@ if TYPE_CHECKING:
         integrate_slopes as integrate_slopes,
         slope_transfer as slope_transfer,
     )
+    from metrosep.separation.slope_method import (
+        SlopeIntegration as SlopeIntegration,
+    )
     from metrosep.separation.spectra import (
         FeedSpectra as FeedSpectra,
         feed_spectra as feed_spectra,
+        kono_weights as kono_weights,
     )
-    from metrosep.separation.speed_fit import SpeedFit as SpeedFit, fit_values as fit_values
+    from metrosep.separation.speed_fit import (
+        SpeedFit as SpeedFit,
+        fit_values as fit_values,
+    )
     from metrosep.separation.speed_sweep import (
         SpeedSweep as SpeedSweep,
         fit_speed_sweep as fit_speed_sweep,
     )
-    from metrosep.separation.spindle import iso230_7 as iso230_7
+    from metrosep.separation.spindle import (
+        iso230_7 as iso230_7,
+    )
+    from metrosep.separation.spindle_method import (
+        SpindleSplit as SpindleSplit,
+    )
     from metrosep.separation.spindle_result import (
         SpindleHarmonics as SpindleHarmonics,
         SpindleMotion as SpindleMotion,
@@ -178,25 +249,39 @@ if TYPE_CHECKING:
         Squareness as Squareness,
         squareness_from_diagonals as squareness_from_diagonals,
     )
-    from metrosep.separation.stability import allan_deviation as allan_deviation
+    from metrosep.separation.stability import (
+        allan_deviation as allan_deviation,
+    )
     from metrosep.separation.steps import (
         MultistepRoundness as MultistepRoundness,
         multistep as multistep,
     )
-    from metrosep.separation.stitching import Stitching as Stitching, stitch as stitch
+    from metrosep.separation.stitching import (
+        Stitching as Stitching,
+        stitch as stitch,
+    )
+    from metrosep.separation.straightness_method import (
+        ReferenceLine as ReferenceLine,
+    )
     from metrosep.separation.three_points import (
         ThreePoint as ThreePoint,
         three_point as three_point,
         zero_error_sag as zero_error_sag,
     )
-    from metrosep.separation.two_points import TwoPoint as TwoPoint, two_point as two_point
+    from metrosep.separation.two_points import (
+        TwoPoint as TwoPoint,
+        two_point as two_point,
+    )
     from metrosep.separation.zero_adjustment import (
         ZeroCalibration as ZeroCalibration,
         zero_calibration as zero_calibration,
     )
-    from metrosep.spectral.window import kono_weights as kono_weights
+    from metrosep.separation.zero_method import (
+        ZeroAdjustment as ZeroAdjustment,
+    )
 
 _HOMES = {
+    "abba_method": ("AbbaDrift",),
     "alternation": (
         "DriftFreeDifference",
         "abba",
@@ -220,11 +305,13 @@ _HOMES = {
         "Separation",
         "SeparationMethod",
     ),
+    "coupled_method": ("CoupledGrid",),
     "dependence": (
         "Dependence",
         "drift_against_temperature",
         "speed_dependence",
     ),
+    "diagonal_method": ("Diagonals",),
     "diagonals": (
         "DiagonalTest",
         "iso230_6_diagonals",
@@ -233,6 +320,7 @@ _HOMES = {
         "DriftTest",
         "iso230_3_drift",
     ),
+    "drift_fit_method": ("DriftFit",),
     "entry": ("separate",),
     "evidence": (
         "EvidenceTable",
@@ -264,6 +352,7 @@ _HOMES = {
         "GridView",
         "grid_calibration",
     ),
+    "lattice_method": ("GridCalibration",),
     "mixed": (
         "OrthogonalMixed",
         "mixed_transfer",
@@ -291,6 +380,7 @@ _HOMES = {
         "fit_plane_model",
     ),
     "plane_grid": ("coupled_grid",),
+    "plane_method": ("PlaneModel",),
     "plane_model": (
         "PlaneMap",
         "plane_map",
@@ -305,6 +395,7 @@ _HOMES = {
         "positions_from_columns",
         "positions_from_profiles",
     ),
+    "positioning_method": ("PositioningSheet",),
     "positioning_result": ("PositioningTest",),
     "probe_angles": (
         "ProbeAngles",
@@ -356,6 +447,7 @@ _HOMES = {
         "integrate_slopes",
         "slope_transfer",
     ),
+    "slope_method": ("SlopeIntegration",),
     "spectra": (
         "FeedSpectra",
         "feed_spectra",
@@ -370,6 +462,7 @@ _HOMES = {
         "fit_speed_sweep",
     ),
     "spindle": ("iso230_7",),
+    "spindle_method": ("SpindleSplit",),
     "spindle_result": (
         "SpindleHarmonics",
         "SpindleMotion",
@@ -387,6 +480,7 @@ _HOMES = {
         "Stitching",
         "stitch",
     ),
+    "straightness_method": ("ReferenceLine",),
     "three_points": (
         "ThreePoint",
         "three_point",
@@ -400,6 +494,7 @@ _HOMES = {
         "ZeroCalibration",
         "zero_calibration",
     ),
+    "zero_method": ("ZeroAdjustment",),
 }
 
 __all__ = sorted(name for names in _HOMES.values() for name in names)  # noqa: PLE0605

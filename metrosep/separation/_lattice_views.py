@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.core.errors import DataError, NotSeparableError, UnitError
 from metrosep.separation._real_numbers import real_numbers
 
-__all__ = ["GridView", "checked_size", "parsed_views", "refuse_inseparable"]
+__all__ = ["GridView", "checked_placement", "checked_size", "parsed_views", "refuse_inseparable"]
 
 FloatArray = NDArray[np.float64]
 
@@ -66,12 +66,12 @@ def parsed_views(
                 f"view {i}: readings must have the shape (n_y, n_x, 2), x and y component, finite "
                 f"or NaN; got {values.shape}"
             )
-        turns, shift = _placement(view, i)
+        turns, shift = checked_placement(view, i)
         out.append((GridView(view.readings, turns, shift), values))
     return out
 
 
-def _placement(view: GridView, number: int) -> tuple[int, tuple[int, int]]:
+def checked_placement(view: GridView, number: int) -> tuple[int, tuple[int, int]]:
     """Return turns and shift as whole numbers."""
     whole: list[int] = []
     given: list[Any] = []

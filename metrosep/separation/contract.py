@@ -34,6 +34,9 @@ __all__ = ["Separation", "SeparationMethod"]
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
+_COORDINATE_UNITS = {"angle": "rad", "time": "s"}
+"""All other coordinates are lengths in m."""
+
 _UNKNOWN_NOISE = Quantity(
     math.nan, "m", "standard deviation of one reading; not known", symbol="s"
 )
@@ -65,8 +68,8 @@ class Separation:
     units : mapping of str to str
         SI unit of each part.
     coordinates : mapping of str to array_like
-        What the samples of the parts are sampled over, such as ``{"angle": ...}`` in rad or
-        ``{"x": ...}`` in m.
+        What the samples of the parts are sampled over, such as ``{"angle": ...}`` in rad,
+        ``{"time": ...}`` in s or ``{"x": ...}`` in m.
     null_space : tuple of Unobservable
         What the method cannot see.
     noise : Quantity, optional
@@ -203,7 +206,7 @@ class Separation:
         if any(v.ndim > 1 for v in left.values()):
             raise DataError("parts that are maps have no table; use .parts and .u")
         for name, positions in self.coordinates.items():
-            columns[f"{name}_{'rad' if name == 'angle' else 'm'}"] = positions
+            columns[f"{name}_{_COORDINATE_UNITS.get(name, 'm')}"] = positions
             for part in [k for k, v in left.items() if v.shape == positions.shape]:
                 columns[f"{part}_{self.units[part]}"] = left.pop(part)
                 columns[f"u_{part}_{self.units[part]}"] = self.u[part]
@@ -407,8 +410,11 @@ class SeparationMethod(ABC):
         found = self.separate(readings)
         array = as_float(readings)
         errors = {name: found.parts[name] for name in self.error_parts if name in found.parts}
-        model = self.simulate({}, errors)
-        return array - (model[:, None] if array.ndim == model.ndim + 1 else model)
+        return array - self._like_readings(self.simulate({}, errors), array)
+
+    def _like_readings(self, model: FloatArray, readings: FloatArray) -> FloatArray:
+        """Return what `simulate` gives so that it broadcasts to readings with their repeats."""
+        return model[:, None] if readings.ndim == model.ndim + 1 else model
 
 
 def _array(values: Any) -> FloatArray:

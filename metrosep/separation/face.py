@@ -123,31 +123,11 @@ class FaceReversal(SeparationMethod):
             Unobservable("tilt", "term", ("offset", "once per revolution"), _SQUARENESS),
         )
 
-    def correct(self, readings: ArrayLike) -> FloatArray:
-        """Return the readings without axial and tilt error motion.
-
-        Parameters
-        ----------
-        readings : array_like, shape (3 or 4, n) or (3 or 4, M, n), m
-            As for `separate`.
-
-        Returns
-        -------
-        ndarray, of the shape of the readings
-            Of a fourth reading the axial motion is taken out as of the third.
-
-        Raises
-        ------
-        DataError
-            If the readings cannot be used.
-        """
-        array = np.array(readings, dtype=np.float64)
-        found = self.separate(readings)
-        errors = {name: found.parts[name] for name in self.error_parts}
-        model = self.simulate({}, errors)
-        if array.shape[0] == 4:
+    def _like_readings(self, model: FloatArray, readings: FloatArray) -> FloatArray:
+        """Return the axial motion for a fourth reading, as for the third, and for repeats."""
+        if readings.shape[0] == model.shape[0] + 1:
             model = np.concatenate([model, model[2:]])
-        return array - (model[:, None] if array.ndim == 3 else model)
+        return model[:, None] if readings.ndim == model.ndim + 1 else model
 
     def separate(
         self,

@@ -117,15 +117,13 @@ def grid_calibration(
         sigma = stated
         noise = Quantity(sigma, "m", f"{text}, as stated", symbol="s")
     n_y, n_x = size
-    reason = "placements are free, and no length enters: a long stage on a short plate reads alike"
     return Separation(
         "grid_calibration",
         {"stage": fit.parts[0], "plate": fit.parts[1]},
         {"stage": fit.uncertainty(0, sigma), "plate": fit.uncertainty(1, sigma)},
         {"stage": "m", "plate": "m"},
         {"x": _centred(n_x, step), "y": _centred(n_y, step)},
-        tuple(Unobservable(part, "term", _TERMS, reason) for part in ("stage", "plate"))
-        + fit.unseen(),
+        unseen_terms() + fit.unseen(),
         noise,
         audit={
             "placements": [[v.turns, v.shift[0], v.shift[1]] for v, _ in parsed],
@@ -140,6 +138,18 @@ def grid_calibration(
         },
         messages=_messages(fit, sigma, stated, step, parsed, other),
     )  # fmt: skip
+
+
+def unseen_terms() -> tuple[Unobservable, ...]:
+    """Return what no set of views determines.
+
+    Returns
+    -------
+    tuple of Unobservable
+        Translation, rotation and scale of stage and plate.
+    """
+    reason = "placements are free, and no length enters: a long stage on a short plate reads alike"
+    return tuple(Unobservable(part, "term", _TERMS, reason) for part in ("stage", "plate"))
 
 
 def _centred(n: int, pitch: float) -> FloatArray:

@@ -8,7 +8,7 @@ found from the readings, and fewer wavelengths are lost.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -19,13 +19,13 @@ from metrosep.core.errors import DataError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.separation._line_given import given_readings
+from metrosep.separation._line_method import ProbeRowMethod
 from metrosep.separation._line_null_space import null_space_of, transfer_of
 from metrosep.separation._line_probes import Row, checked_row
 from metrosep.separation._line_request import Request, checked_smoothing, method_named
 from metrosep.separation._line_result import evaluate
-from metrosep.separation._line_simulation import simulated
 from metrosep.separation._readings import checked_readings
-from metrosep.separation.contract import Separation, SeparationMethod
+from metrosep.separation.contract import Separation
 from metrosep.separation.null_space import Unobservable
 
 __all__ = ["MultiProbe", "multi_probe_straightness"]
@@ -36,7 +36,7 @@ _METHODS = ("least_squares", "generalised")
 
 
 @dataclass(frozen=True, slots=True)
-class MultiProbe(SeparationMethod):
+class MultiProbe(ProbeRowMethod):
     """Probes at offsets on one carriage, evaluated by least squares.
 
     Parameters
@@ -106,38 +106,6 @@ class MultiProbe(SeparationMethod):
             row.offsets,
             nuisance if row.pitch else nuisance[:, :1],
             np.asarray(wavelengths, dtype=np.float64),
-        )
-
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
-        """Return the readings of given parts.
-
-        Parameters
-        ----------
-        truth : mapping of str to array_like
-            ``artefact``, shape (n + span/step rounded up,), m, from the first probe at the first
-            position on.
-        errors : mapping of str to array_like
-            ``straightness``, shape (n,), m, and ``pitch``, shape (n,), rad.
-
-        Returns
-        -------
-        ndarray, shape (n_probes, n), m
-            In the order of the offsets.
-
-        Raises
-        ------
-        DataError
-            If a part is unknown, none is given, or the lengths do not fit.
-        """
-        return simulated(
-            self._row,
-            truth,
-            errors,
-            truth_parts=self.truth_parts,
-            error_parts=self.error_parts,
-            what=self.name,
         )
 
     def null_space(self) -> tuple[Unobservable, ...]:

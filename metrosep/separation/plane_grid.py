@@ -34,7 +34,7 @@ Slopes = Literal["free", "common", "none"]
 _RANK = 1e-9
 """Eigenvalues below this share of the largest one belong to the null space."""
 
-_TERMS = {
+TERMS = {
     "free": ("piston", "tilt x", "tilt y", "twist xy"),
     "common": ("piston", "tilt x", "tilt y"),
     "none": ("piston",),
@@ -99,7 +99,7 @@ def coupled_grid(
     >>> bool(abs(found.error - (e - e.mean())).max() < 1e-18)
     True
     """
-    if slopes not in _TERMS:
+    if slopes not in TERMS:
         raise DataError(f"slopes is 'free', 'common' or 'none', got {slopes!r}")
     if u_reading is not None:
         u_reading = positive(u_reading, "u_reading", "m", zero=True)
@@ -124,17 +124,8 @@ def coupled_grid(
     error[solved.used] = solved.error
     u[solved.used] = sigma * np.sqrt(solved.variance)
     lost = int((counts.any(axis=0) & ~solved.used).sum())
-    null = [
-        Unobservable(
-            "error",
-            "term",
-            _TERMS[slopes],
-            "each line has an offset and a slope of its own"
-            if slopes == "free"
-            else "the reference of the lines is not known",
-        )
-    ]
-    messages = [f"removed from the map because no line can see it: {', '.join(_TERMS[slopes])}"]
+    null = [unseen_terms(slopes)]
+    messages = [f"removed from the map because no line can see it: {', '.join(TERMS[slopes])}"]
     if lost:
         null.append(
             Unobservable("error", "samples", (lost,), "on lines that cross too few others: NaN")
@@ -158,11 +149,32 @@ def coupled_grid(
             "slopes": slopes,
             "degrees_of_freedom": solved.dof,
             "residual_rms_nm": solved.residual_rms * 1e9,
-            "removed": list(_TERMS[slopes]),
+            "removed": list(TERMS[slopes]),
         },
         messages=tuple(messages),
         history=history,
     )
+
+
+def unseen_terms(slopes: Slopes) -> Unobservable:
+    """Return what every line can take as its own offset and slope.
+
+    Parameters
+    ----------
+    slopes : {"free", "common", "none"}
+        As for `coupled_grid`.
+
+    Returns
+    -------
+    Unobservable
+        Terms of the error map.
+    """
+    reason = (
+        "each line has an offset and a slope of its own"
+        if slopes == "free"
+        else "the reference of the lines is not known"
+    )
+    return Unobservable("error", "term", TERMS[slopes], reason)
 
 
 class _Joined:

@@ -8,7 +8,7 @@ A zero difference ``delta = e1 - 2 e2 + e3`` bends the artefact: ``f + delta x^2
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -19,6 +19,7 @@ from metrosep.core.errors import DataError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.separation._line_given import given_readings, split_call
+from metrosep.separation._line_method import ProbeRowMethod
 from metrosep.separation._line_null_space import null_space_of, transfer_of
 from metrosep.separation._line_probes import Row, checked_row
 from metrosep.separation._line_request import (
@@ -30,9 +31,8 @@ from metrosep.separation._line_request import (
     number,
 )
 from metrosep.separation._line_result import evaluate
-from metrosep.separation._line_simulation import simulated
 from metrosep.separation._readings import checked_readings
-from metrosep.separation.contract import Separation, SeparationMethod
+from metrosep.separation.contract import Separation
 from metrosep.separation.null_space import Unobservable
 from metrosep.separation.two_points import check_multiple
 from metrosep.separation.zero_adjustment import ZeroCalibration, distances
@@ -78,7 +78,7 @@ def zero_error_sag(zero: float, length: float, distance: float | tuple[float, fl
 
 
 @dataclass(frozen=True, slots=True)
-class ThreePoint(SeparationMethod):
+class ThreePoint(ProbeRowMethod):
     """Three probes at x, x + d1 and x + d1 + d2 on one carriage.
 
     Parameters
@@ -155,38 +155,6 @@ class ThreePoint(SeparationMethod):
         length = float(np.linalg.norm(row.weights))
         lengths = np.asarray(wavelengths, dtype=np.float64)
         return length * transfer_of(row.offsets, nuisance, lengths)
-
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
-        """Return the readings of given parts.
-
-        Parameters
-        ----------
-        truth : mapping of str to array_like
-            ``artefact``, shape (n + (d1 + d2)/step rounded up,), m.
-        errors : mapping of str to array_like
-            ``straightness``, shape (n,), m, ``pitch``, shape (n,), rad, and ``zero``, scalar, m.
-            NaN as zero is no zero difference.
-
-        Returns
-        -------
-        ndarray, shape (3, n), m
-            Trailing, middle, leading probe.
-
-        Raises
-        ------
-        DataError
-            If a part is unknown, none is given, or the lengths do not fit.
-        """
-        return simulated(
-            self._row,
-            truth,
-            errors,
-            truth_parts=self.truth_parts,
-            error_parts=self.error_parts,
-            what=self.name,
-        )
 
     def null_space(self) -> tuple[Unobservable, ...]:
         """Return offset, line, without a zero the parabola, and the wavelengths not seen.

@@ -8,7 +8,7 @@ pitch t is not separated from the form f; read it with an angle sensor, or use t
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.separation._line_given import given_readings, split_call
+from metrosep.separation._line_method import ProbeRowMethod
 from metrosep.separation._line_null_space import null_space_of, transfer_of
 from metrosep.separation._line_probes import Row, checked_row
 from metrosep.separation._line_request import (
@@ -28,9 +29,8 @@ from metrosep.separation._line_request import (
     number,
 )
 from metrosep.separation._line_result import evaluate
-from metrosep.separation._line_simulation import simulated
 from metrosep.separation._readings import checked_readings
-from metrosep.separation.contract import Separation, SeparationMethod
+from metrosep.separation.contract import Separation
 from metrosep.separation.null_space import Unobservable
 
 __all__ = ["TwoPoint", "two_point"]
@@ -39,7 +39,7 @@ FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
-class TwoPoint(SeparationMethod):
+class TwoPoint(ProbeRowMethod):
     """Two probes at x and x + distance on one carriage.
 
     Parameters
@@ -95,37 +95,6 @@ class TwoPoint(SeparationMethod):
         """
         lengths = np.asarray(wavelengths, dtype=np.float64)
         return math.sqrt(2.0) * transfer_of(self._row.offsets, np.ones((2, 1)), lengths)
-
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
-        """Return the readings of given parts.
-
-        Parameters
-        ----------
-        truth : mapping of str to array_like
-            ``artefact``, shape (n + distance/step rounded up,), m.
-        errors : mapping of str to array_like
-            ``straightness``, shape (n,), m, and ``pitch``, shape (n,), rad.
-
-        Returns
-        -------
-        ndarray, shape (2, n), m
-            Trailing, leading probe.
-
-        Raises
-        ------
-        DataError
-            If a part is unknown, none is given, or the lengths do not fit.
-        """
-        return simulated(
-            self._row,
-            truth,
-            errors,
-            truth_parts=self.truth_parts,
-            error_parts=self.error_parts,
-            what=self.name,
-        )
 
     def null_space(self) -> tuple[Unobservable, ...]:
         """Return offset and line, the pitch, and the wavelengths ``distance/n``.
