@@ -1,4 +1,4 @@
-"""Make maps.csv and truth.csv: nine sub-apertures of a flat, with the error of the interferometer.
+"""Make map_1.csv ... map_9.csv and truth.csv: sub-apertures of a flat, with the interferometer's error.
 
 Run ``python make_data.py [FOLDER]``; without a folder the files beside this script are written.
 """
@@ -25,7 +25,6 @@ def main(folder):
     v, u = np.mgrid[0:SIDE, 0:SIDE] / (SIDE - 1) * 2 - 1
     reference = 15 * u**3 - 9 * u * v**2 + 4 * np.sin(6 * u) * np.cos(5 * v)
 
-    rows = ["map,x0_mm,y0_mm,row,column,z_nm"]
     number = 0
     for j in STARTS:
         for i in STARTS:
@@ -33,9 +32,11 @@ def main(folder):
             a, b, c = 400 * rng.normal(size=3)
             z = part[j : j + SIDE, i : i + SIDE] + reference + a + b * u + c * v
             z = z + NOISE_NM * rng.normal(size=z.shape)
-            place = f"{number},{i * STEP_MM:.0f},{j * STEP_MM:.0f}"
-            rows += [f"{place},{r},{k},{z[r, k]:.2f}" for r in range(SIDE) for k in range(SIDE)]
-    _write(folder / "maps.csv", rows)
+            places = np.ndindex(z.shape)
+            rows = [
+                f"{(i + k) * STEP_MM:g},{(j + r) * STEP_MM:g},{z[r, k]:.2f}" for r, k in places
+            ]
+            _write(folder / f"map_{number}.csv", ["x_mm,y_mm,z_nm", *rows])
 
     rows = ["part,row,column,z_nm"]
     for name, z in (("surface", part), ("reference", reference)):

@@ -34,12 +34,8 @@ def score(found, truth):
     return np.sqrt(np.mean(d**2)) * 1e9
 
 
-rows, truth = table("maps.csv"), table("truth.csv")
-maps = []
-for number in sorted({int(r["map"]) for r in rows}):
-    own = [r for r in rows if int(r["map"]) == number]
-    origin = (float(own[0]["x0_mm"]) * 1e-3, float(own[0]["y0_mm"]) * 1e-3)
-    maps.append(ms.Surface(as_map(own), 1e-3, 1e-3, origin=origin))
+maps = [ms.read(file) for file in sorted(folder.glob("map_*.csv"))]  # x and y tell where each lies
+truth = table("truth.csv")
 surface, reference = (
     as_map([r for r in truth if r["part"] == n]) for n in ("surface", "reference")
 )

@@ -10,6 +10,12 @@ from collections.abc import Mapping
 from typing import Any
 
 from metrosep.core.errors import DataError
+from metrosep.recipe.describe_checks import (
+    evidence_of,
+    probe_angles_of,
+    probe_check_of,
+    speed_sweep_of,
+)
 from metrosep.recipe.describe_drift import (
     dependence_of,
     difference_of,
@@ -45,6 +51,10 @@ _KINDS: Mapping[str, Any] = {
     "PlaneFit": surfaces_of,
     "FeedPlan": feed_plan_of,
     "Registration": registration_of,
+    "ProbeCheck": probe_check_of,
+    "ProbeAngles": probe_angles_of,
+    "EvidenceTable": evidence_of,
+    "SpeedSweep": speed_sweep_of,
 }
 
 

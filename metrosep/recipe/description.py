@@ -37,6 +37,8 @@ class Description:
         What the document holds beside: of a separation everything that reads it again.
     audit : mapping
         What was done.
+    messages : tuple of str
+        What the user should know, of results that hold no ``messages`` themselves.
     """
 
     quantities: Mapping[str, Quantity] = field(default_factory=dict)
@@ -45,6 +47,7 @@ class Description:
     maps: Mapping[str, Surface] = field(default_factory=dict)
     document: Mapping[str, Any] = field(default_factory=dict)
     audit: Mapping[str, Any] = field(default_factory=dict)
+    messages: tuple[str, ...] = ()
 
 
 def quantity(

@@ -82,7 +82,7 @@ def _document(
 
     steps = tuple(history)
     name = recipe.steps[0]["op"]
-    messages = tuple(getattr(produced, "messages", ()))
+    messages = (*getattr(produced, "messages", ()), *described.messages)
     return clean(  # type: ignore[no-any-return]
         {
             "schema": SCHEMA,

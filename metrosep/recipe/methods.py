@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from metrosep.recipe.method import CURVES, MAPS, Method, input_fields
+from metrosep.recipe.ops_checks import CHECKS
 from metrosep.recipe.ops_circle import CIRCLE
 from metrosep.recipe.ops_lines import LINES
 from metrosep.recipe.ops_maps import MAPS_OF
@@ -27,4 +28,5 @@ METHODS: Mapping[str, Method] = {
     **PLANES,
     **RESULTS,
     **PLANS,
+    **CHECKS,
 }

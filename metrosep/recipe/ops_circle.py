@@ -12,12 +12,26 @@ from metrosep.io.readings import Readings
 from metrosep.recipe.method import OP, U_READING, Method, as_rows, toolbox
 from metrosep.recipe.schema import Field
 
-__all__ = ["CIRCLE"]
+__all__ = ["CIRCLE", "require_angles"]
 
 _TURN = {"turn": Field("integer", choices=(1, -1))}
 
 
-def _require_turn(data: Readings) -> None:
+def require_angles(data: Readings) -> None:
+    """Refuse readings that do not lie at equal angles over one revolution.
+
+    Parameters
+    ----------
+    data : Readings
+        With the angle of each sample as position.
+
+    Raises
+    ------
+    FormatMismatchError
+        If no column of angles was named.
+    InvalidSamplesError, NotUniformError
+        If the angles do not make one revolution in equal steps.
+    """
     from metrosep.separation._inputs import require_turn
 
     if data.position is None:
@@ -31,14 +45,14 @@ def _over_turn(name: str) -> Callable[[Readings, Mapping[str, Any]], Any]:
     """Return the call of a method of two readings over one revolution."""
 
     def call(data: Readings, options: Mapping[str, Any]) -> Any:
-        _require_turn(data)
+        require_angles(data)
         return toolbox(name)(*data.values, angle=data.position, **options)
 
     return call
 
 
 def _face(data: Readings, options: Mapping[str, Any]) -> Any:
-    _require_turn(data)
+    require_angles(data)
     f1, f2, axial, *second = data.values
     rest = {k: v for k, v in options.items() if k != "radius"}
     axial2 = second[0] if second else None
@@ -48,17 +62,17 @@ def _face(data: Readings, options: Mapping[str, Any]) -> Any:
 
 
 def _multiprobe(data: Readings, options: Mapping[str, Any]) -> Any:
-    _require_turn(data)
+    require_angles(data)
     return toolbox("multiprobe")(as_rows(data.values), angle=data.position, **options)
 
 
 def _multistep(data: Readings, options: Mapping[str, Any]) -> Any:
-    _require_turn(data)
+    require_angles(data)
     return toolbox("multistep")(as_rows(data.values), angle=data.position, **options)
 
 
 def _mixed(data: Readings, options: Mapping[str, Any]) -> Any:
-    _require_turn(data)
+    require_angles(data)
     if len(data.values) != 1:
         raise InvalidSamplesError(
             f"readings names one displacement probe, got {len(data.values)}; the slope probe is "
@@ -96,7 +110,7 @@ def _spindle(data: Readings, options: Mapping[str, Any]) -> Any:
     one = len(data.values) == 1
     if data.values.shape[1] > 1:  # revolutions at fixed angles
         if data.position is not None:
-            _require_turn(data)
+            require_angles(data)
         return analyse(data.values[0] if one else data.values, data.position, **rest)
     if data.position is None:
         raise FormatMismatchError(

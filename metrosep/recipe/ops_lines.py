@@ -90,7 +90,11 @@ def _slopes(data: Readings, options: Mapping[str, Any]) -> Any:
 
 
 def _straightness(data: Readings, options: Mapping[str, Any]) -> Any:
-    """One reading over x; repeats are averaged, and their scatter tells the sd of the mean."""
+    """One reading over x; repeats are averaged, and their scatter tells the sd of the mean.
+
+    A run that lies higher or askew adds a line to the mean, and lines are no straightness: the
+    scatter is that about a line of its own for each run.
+    """
     x, repeats = _require_x(data), data.values[0]
     if len(data.values) != 1:
         raise InvalidSamplesError(
@@ -99,9 +103,14 @@ def _straightness(data: Readings, options: Mapping[str, Any]) -> Any:
     rest, mean = dict(options), repeats[0]
     if len(repeats) > 1:
         mean = repeats.mean(axis=0)
-        scatter = repeats.var(axis=0, ddof=1) / len(repeats)
-        if np.isfinite(scatter).any():
-            rest.setdefault("sd", math.sqrt(float(np.nanmean(scatter))))
+        common = np.isfinite(mean)
+        freedom = (len(repeats) - 1) * (int(common.sum()) - 2)
+        if freedom > 0:
+            line = np.vander(x[common] - x[common].mean(), 2)
+            left = (repeats - mean)[:, common].T
+            left = left - line @ np.linalg.lstsq(line, left, rcond=None)[0]
+            scatter = float(np.sum(left**2)) / freedom
+            rest.setdefault("sd", math.sqrt(scatter / len(repeats)))
     return toolbox("straightness_iso230_1")(x, mean, **rest)
 
 

@@ -17,9 +17,11 @@ def test_input_is_made_by_its_script(folder, tmp_path):
     spec.loader.exec_module(module)
     module.main(tmp_path)
 
-    for name in ("maps.csv", "truth.csv"):
+    names = [*(f"map_{i}.csv" for i in range(1, 10)), "truth.csv"]
+    assert sorted(f.name for f in folder.glob("*.csv")) == sorted(names)
+    for name in names:
         assert (tmp_path / name).read_bytes() == (folder / name).read_bytes()
-        assert (folder / name).stat().st_size < 300_000
+        assert (folder / name).stat().st_size < 60_000
 
 
 def test_script_scores_against_the_truth(folder, capsys):

@@ -192,6 +192,8 @@ def test_slopes_of_several_passes(table):
 def test_straightness_of_a_motion_averages_repeats(table):
     rng = np.random.default_rng(6)
     repeats = edge(X) + 3e-6 * X + 5e-9 * rng.standard_normal((4, X.size))
+    # each run has a zero and an alignment of its own: no straightness, so no share of u
+    repeats += 4e-6 * rng.standard_normal((4, 1)) + 2e-6 * rng.standard_normal((4, 1)) * X
     file = table(
         run=np.repeat(np.arange(4.0), X.size), x_mm=np.tile(X * 1e3, 4), z_nm=repeats.ravel() * 1e9
     )
@@ -199,7 +201,10 @@ def test_straightness_of_a_motion_averages_repeats(table):
     text += '[[step]]\nop = "straightness_iso230_1"\nreference = "LS"\n'
     text += '[[check]]\nmetric = "MZ"\nupper = "1 um"\n'
     result = run(text, file)
-    sd = np.sqrt(np.mean(repeats.var(axis=0, ddof=1)) / 4)
+    rest = (repeats - repeats.mean(axis=0)).T
+    rest = rest - np.polyval(np.polyfit(X, rest, 1), X[:, None])
+    sd = np.sqrt(np.sum(rest**2) / 3 / (X.size - 2) / 4)
+    assert 0.8 < sd / 2.5e-9 < 1.2  # 5 nm over 4 runs
     called = straightness_iso230_1(X, repeats.mean(axis=0), reference="LS", sd=float(sd))
     values = {c["metric"]: c for c in result.document["characteristics"]}
     assert values["straightness"]["value"] == pytest.approx(called.value, abs=TEXT)
