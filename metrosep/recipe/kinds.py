@@ -202,4 +202,5 @@ KINDS: dict[str, Callable[[Any], Any]] = {
     "places": _places,
     "pairs": _pairs,
     "waves": _waves,
+    "file": _typed(str, "the name of a file"),
 }

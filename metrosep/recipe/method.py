@@ -22,7 +22,7 @@ __all__ = [
     "toolbox",
 ]
 
-Reads = Literal["curves", "table", "tables", "maps", "results"]
+Reads = Literal["curves", "table", "tables", "maps", "results", "nothing"]
 
 OP = {"op": Field("text", required=True)}
 U_READING = {"u_reading": Field("uncertainty")}
@@ -57,9 +57,9 @@ class Method:
     ----------
     what : str
         What it separates, for the list of methods.
-    reads : {"curves", "table", "tables", "maps", "results"}
+    reads : {"curves", "table", "tables", "maps", "results", "nothing"}
         Columns over positions; columns by their role, of all files together or file by file; maps;
-        documents of results.
+        documents of results; nothing where the keys of the step say all.
     names : tuple of str
         What the readings are, in their order; empty where their number is free.
     fields : mapping of str to Field
@@ -110,6 +110,8 @@ def input_fields(method: Method) -> Mapping[str, Field]:
         return MAPS
     if method.reads == "results":
         return {"files": Field("texts")}
+    if method.reads == "nothing":
+        return {}
     roles = {
         name: Field("texts" if "*" in kind else "text", required="?" not in kind)
         for name, kind in method.roles.items()

@@ -52,6 +52,8 @@ def load_inputs(method: Method, files: Sequence[Path], options: Mapping[str, Any
     DataError
         If readings do not fit together, or their number is wrong.
     """
+    if method.reads == "nothing":
+        return ()
     if method.reads == "results":
         return load_results(files)
     if method.reads == "maps":

@@ -14,6 +14,7 @@ from metrosep.recipe.characteristics import DECISION_RULE
 from metrosep.recipe.described import describe
 from metrosep.recipe.description import Description
 from metrosep.recipe.method_inputs import load_inputs, sources
+from metrosep.recipe.method import Method
 from metrosep.recipe.methods import METHODS
 from metrosep.recipe.outputs import write_reports
 from metrosep.recipe.parts import write_parts
@@ -58,7 +59,7 @@ def run_method(
     tell(f"reading {len(files)} file(s)")
     inputs = load_inputs(method, files, {k: v for k, v in recipe.input.items() if k != "files"})
     tell(f"separating: {method.what}")
-    produced = method.call(inputs, {k: v for k, v in step.items() if k != "op"})
+    produced = method.call(inputs, _options(method, step, recipe.folder))
     history, warnings = sources(inputs)
     described = describe(produced, inputs)
     document = _document(recipe, produced, described, history, warnings)
@@ -69,6 +70,15 @@ def run_method(
         names += write_reports(recipe, document, stage, tell)
         Result(document, produced).write(stage / RESULT_NAME)
     return Result(document, produced, tuple(out / n for n in (*names, RESULT_NAME)))
+
+
+def _options(method: Method, step: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Return the keys of a step; names of files are looked for beside the recipe."""
+    options = {k: v for k, v in step.items() if k != "op"}
+    for key, value in options.items():
+        if method.fields[key].kind == "file" and (folder / value).exists():
+            options[key] = str(folder / value)
+    return options
 
 
 def _document(

@@ -67,6 +67,11 @@ class Recipe:
         return self.steps[0]["op"] in METHODS
 
     @property
+    def reads_nothing(self) -> bool:
+        """Whether the keys of its step say all, and no input is read."""
+        return self.is_method and METHODS[self.steps[0]["op"]].reads == "nothing"
+
+    @property
     def sha256(self) -> str:
         """Hash of the text."""
         return hashlib.sha256(self.text.encode("utf-8")).hexdigest()
@@ -145,13 +150,17 @@ class Recipe:
                 "step",
             )
         fields = INPUT if method is None else input_fields(method)
+        if "input" not in data and not (method is not None and method.reads == "nothing"):
+            raise top.error('the recipe needs the key "input"')
         recipe = cls(
             name=name,
             text=text,
             folder=Path(folder),
             title=data.get("title", ""),
             input=freeze_mapping(
-                checked_table(data["input"], fields, Place(name, text, "[input]"), what="[input]")
+                checked_table(
+                    data.get("input", {}), fields, Place(name, text, "[input]"), what="[input]"
+                )
             ),
             steps=steps,
             checks=_several(

@@ -151,15 +151,21 @@ def input_files(recipe: Recipe, inputs: PathLike | Iterable[PathLike] | None) ->
     Returns
     -------
     list of Path
-        At least one.
+        At least one, unless the recipe reads nothing.
 
     Raises
     ------
     ReadError
         If a folder holds no file of that pattern.
     RecipeError
-        If neither inputs nor ``files`` are given.
+        If neither inputs nor ``files`` are given, or inputs to a recipe that reads nothing.
     """
+    if recipe.reads_nothing:
+        if inputs is not None:
+            raise RecipeError(
+                f"{recipe.name}: this recipe reads no inputs; its keys name the files that it needs"
+            )
+        return []
     if inputs is None:
         places = [recipe.folder]
         if "files" not in recipe.input:

@@ -49,6 +49,7 @@ Kind = Literal[
     "places",
     "pairs",
     "waves",
+    "file",
 ]
 
 

@@ -20,7 +20,7 @@ __all__ = [
 TOP = {
     "metrosep": Field("integer", required=True),
     "title": Field("text"),
-    "input": Field("table", required=True),
+    "input": Field("table"),
     "step": Field("any", required=True),
     "check": Field("any"),
     "output": Field("any"),

@@ -1,0 +1,230 @@
+"""What a unit of each error term does to the part: maps of deviation, or of optical path.
+
+The vertical deviation of a point that is cut at an error E is ``d = Ez - dz/dx Ex - dz/dy Ey``;
+the normal one is ``d / sqrt(1 + |grad z|^2)``. Blocks of points keep the memory small.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from metrosep.core.errors import InvalidSamplesError
+from metrosep.machine._mesh import SurfaceMesh
+from metrosep.machine._positions import Positions, axis_positions
+from metrosep.machine._term_amounts import Shape
+from metrosep.machine.alignment import freedom_maps
+from metrosep.optics.rays import Mode, check_mode, path_sensitivity
+
+__all__ = ["MapMaker", "Perturbation", "WavefrontHook", "path_hook", "vertical_maps"]
+
+FloatArray = NDArray[np.float64]
+
+_BLOCK = 16384
+_SAMPLE = 1000
+
+_ROUNDING = 1e-12
+"""Of the parts of a deviation: a sum this small is their rounding."""
+
+_OF_THE_WAVE = ("piston", "tilt_x", "tilt_y", "defocus")
+
+_STEP = 1e-4
+"""Of the radius of a point: step of the central difference that gives the slopes of a map; its
+error is 1e-8 of a map that varies with the radius."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Perturbation:
+    """A surface and its small changes, as a wavefront hook gets them.
+
+    Parameters
+    ----------
+    x, y, z, slope_x, slope_y : ndarray, shape (n,)
+        Points of the nominal surface in m, and its slopes.
+    dz : ndarray, shape (n, m), m per unit
+        Change of height, one column per term.
+    dslope_x, dslope_y : ndarray, shape (n, m), per unit
+        Change of the slopes.
+    """
+
+    x: FloatArray
+    y: FloatArray
+    z: FloatArray
+    slope_x: FloatArray
+    slope_y: FloatArray
+    dz: FloatArray
+    dslope_x: FloatArray
+    dslope_y: FloatArray
+
+
+WavefrontHook = Callable[[Perturbation], ArrayLike]
+"""Returns the change of the optical path, shape (n, m), m per unit, linear in the changes."""
+
+
+def vertical_maps(jacobian: ArrayLike, slope_x: ArrayLike, slope_y: ArrayLike) -> FloatArray:
+    """Return ``d = Ez - dz/dx Ex - dz/dy Ey`` of each term, shape (n, m), m per unit.
+
+    Takes the Jacobian, shape (n, 3, m), in either order of memory.
+    """
+    J = np.asarray(jacobian, dtype=np.float64)
+    gx, gy = (np.asarray(s, dtype=np.float64) for s in (slope_x, slope_y))
+    if J.ndim != 3 or J.shape[1] != 3 or gx.shape != J.shape[:1] or gy.shape != J.shape[:1]:
+        raise InvalidSamplesError(
+            f"a Jacobian of n points has shape (n, 3, terms) and n slopes, got {J.shape}, "
+            f"{gx.shape} and {gy.shape}"
+        )
+    if J.flags.c_contiguous:
+        factors = np.stack((-gx, -gy, np.ones_like(gx)), axis=1)[:, None, :]
+        return np.asarray((factors @ J)[:, 0, :])
+    out = np.empty((J.shape[2], J.shape[0]))
+    for k in range(J.shape[2]):
+        np.multiply(gx, J[:, 0, k], out=out[k])
+        out[k] += gy * J[:, 1, k]
+        np.subtract(J[:, 2, k], out[k], out=out[k])
+    return out.T
+
+
+def path_hook(mode: str, n: float | None) -> WavefrontHook:
+    """Return the change of optical path of a plane wave along -z, mirror or boundary of glass.
+
+    The path of `metrosep.optics.rays.path_difference`, linear in height and slopes, at a fixed
+    point of the surface; positive where the material rises.
+    """
+    index = check_mode(mode, n)
+    kind: Mode = "reflect" if index is None else "refract"
+
+    def change(part: Perturbation) -> FloatArray:
+        by_height, by_x, by_y = path_sensitivity(
+            part.z, part.slope_x, part.slope_y, mode=kind, n=index
+        )
+        return np.asarray(
+            by_height[:, None] * part.dz
+            + by_x[:, None] * part.dslope_x
+            + by_y[:, None] * part.dslope_y
+        )
+
+    return change
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MapMaker:
+    """Everything that unit maps are made of; `make` makes them."""
+
+    chain: Any
+    mesh: SurfaceMesh
+    terms: tuple[str, ...]
+    response: str
+    direction: str
+    tool: tuple[float, float, float]
+    positions: Positions | None
+    wavefront: WavefrontHook | None
+    shapes: Mapping[str, Shape] = field(default_factory=dict)
+
+    def make(self) -> FloatArray:
+        """Return the unit maps at the points of the mesh, shape (n, m)."""
+        maps = self._blocks(self._errors, len(self.terms))
+        bad = np.flatnonzero(~np.isfinite(maps).all(axis=0))
+        if bad.size:
+            names = ", ".join(self.terms[k] for k in bad)
+            raise InvalidSamplesError(
+                f"the effect of {names} is not finite somewhere on the part: check positions and tool"
+            )
+        maps[:, self._is_rounding()] = 0.0
+        return maps
+
+    def miss(self) -> float:
+        """Return how far the nominal tool point stands from the points it should cut, m."""
+        x, y, z, _, _ = self._points(slice(None, None, max(1, self.mesh.x.size // _SAMPLE)))
+        q = axis_positions(self.chain, x, y, z, positions=self.positions, tool=self.tool)
+        reached = self.chain.transform(q, tool=self.tool)[..., :3, 3]
+        return float(np.abs(reached - np.stack((x, y, z), axis=-1)).max())
+
+    def _is_rounding(self) -> NDArray[np.bool_]:
+        """Return which terms move the tool within the surface: what is left is rounding."""
+        rows = slice(None, None, max(1, self.mesh.x.size // _SAMPLE))
+        x, y, z, gx, gy = self._points(rows)
+        q = axis_positions(self.chain, x, y, z, positions=self.positions, tool=self.tool)
+        J = self.chain.jacobian(q, tool=self.tool, terms=self.terms)
+        size = np.abs(J[:, 2]) + np.abs(gx[:, None] * J[:, 0]) + np.abs(gy[:, None] * J[:, 1])
+        return np.asarray(
+            np.abs(vertical_maps(J, gx, gy)).max(axis=0) <= _ROUNDING * size.max(axis=0)
+        )
+
+    def freedoms(self, names: Sequence[str]) -> FloatArray:
+        """Return the maps of freedoms in the same response, shape (n, k).
+
+        Piston, tilt and defocus of a wavefront are those of the wavefront itself.
+        """
+        mesh = self.mesh
+        plain = freedom_maps(
+            names, x=mesh.x, y=mesh.y, z=mesh.z, slope_x=mesh.slope_x, slope_y=mesh.slope_y
+        )
+        if self.response == "form":
+            return plain / self._secant(slice(None))[:, None]
+        moved = [k for k, n in enumerate(names) if n not in _OF_THE_WAVE]
+        if moved:
+            motions = [names[k] for k in moved]
+
+            def vertical(*points: FloatArray) -> FloatArray:
+                return freedom_maps(
+                    motions,
+                    **dict(zip(("x", "y", "z", "slope_x", "slope_y"), points, strict=True)),
+                )
+
+            plain[:, moved] = self._blocks(vertical, len(moved))
+        return plain
+
+    def _blocks(self, vertical: Callable[..., FloatArray], n_maps: int) -> FloatArray:
+        n = self.mesh.x.size
+        out = np.empty((n_maps, n))
+        for i in range(0, n, _BLOCK):
+            rows = slice(i, i + _BLOCK)
+            if self.response == "form":
+                block = vertical(*self._points(rows)) / self._secant(rows)[:, None]
+            else:
+                block = self._wave(vertical, rows)
+            out[:, rows] = block.T
+        return out.T
+
+    def _points(self, rows: slice) -> tuple[FloatArray, ...]:
+        m = self.mesh
+        return m.x[rows], m.y[rows], m.z[rows], m.slope_x[rows], m.slope_y[rows]
+
+    def _secant(self, rows: slice) -> FloatArray:
+        """Return by what a vertical deviation is divided: 1, or the secant of the slope."""
+        gx, gy = self.mesh.slope_x[rows], self.mesh.slope_y[rows]
+        return np.sqrt(1.0 + gx**2 + gy**2) if self.direction == "normal" else np.ones_like(gx)
+
+    def _errors(
+        self, x: FloatArray, y: FloatArray, z: FloatArray, gx: FloatArray, gy: FloatArray
+    ) -> FloatArray:
+        q = axis_positions(self.chain, x, y, z, positions=self.positions, tool=self.tool)
+        maps = vertical_maps(self.chain.jacobian(q, tool=self.tool, terms=self.terms), gx, gy)
+        for name, shape in self.shapes.items():
+            maps[:, self.terms.index(name)] *= shape.at(q)
+        return maps
+
+    def _wave(self, vertical: Callable[..., FloatArray], rows: slice) -> FloatArray:
+        """Return the change of optical path; slopes of the maps by central differences."""
+        x, y, z, gx, gy = self._points(rows)
+        step = _STEP * np.maximum(np.hypot(x, y), 1e-3 * float(self.mesh.rho[-1]))
+        slopes = []
+        for ux, uy in ((1.0, 0.0), (0.0, 1.0)):
+            sides = []
+            for sign in (1.0, -1.0):
+                px, py = x + sign * ux * step, y + sign * uy * step
+                pz, slope = self.mesh.form(px, py), self.mesh.form.gradient(px, py)
+                sides.append(vertical(px, py, pz, *slope))
+            slopes.append((sides[0] - sides[1]) / (2.0 * step[:, None]))
+        change = Perturbation(x, y, z, gx, gy, vertical(x, y, z, gx, gy), *slopes)
+        hook = self.wavefront or path_hook("reflect", None)
+        result = np.asarray(hook(change), dtype=np.float64)
+        if result.shape != change.dz.shape:
+            raise InvalidSamplesError(
+                f"the wavefront hook must return shape {change.dz.shape}, got {result.shape}"
+            )
+        return result

@@ -1,0 +1,498 @@
+"""Kinematic chains: two branches from the bed, and what their error motions do at the tool point.
+
+The chain gives the tool point in the workpiece, ``P = W^-1 T p``, with T and W the products of the
+elements of either branch (`metrosep.machine.elements`) and p the tool point in the tool's frame.
+The error is ``E = P - P0``, actual minus nominal, in workpiece coordinates. Its Jacobian needs no
+differentiation: with A the pose of the frame in which an error sits, the column of error j is
+
+    dP = sign W^-1 A hat(e_j) A^-1 p_bed,    sign = +1 in the tool branch, -1 in the workpiece branch.
+
+Positions `q` are SI (m, rad) by axis name, numbers or arrays that broadcast against each other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from os import PathLike
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import DataError
+from metrosep.machine import _poses as ps
+from metrosep.machine._exact import EXACT, exact_pose, linear_error, linear_pose
+from metrosep.machine._states import States, positions_of, tool_point
+from metrosep.machine.elements import BRANCHES, DIRECTIONS, Element, element_terms, error_sign
+from metrosep.machine.error_sets import ErrorSet, as_error_set
+from metrosep.machine.naming import paper_hint
+
+__all__ = ["Chain"]
+
+_PARALLEL = 1e-6  # rad; axes of one kind closer than this are the same axis
+
+Positions = Mapping[str, ArrayLike]
+Errors = ErrorSet | Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Chain:
+    """Kinematic chain of a machine, from the workpiece over the bed to the tool.
+
+    Parameters
+    ----------
+    elements : sequence of Element
+        Each branch in the order from the bed outwards; the branches may be mixed.
+    name : str, optional
+        Name of the machine.
+    description : str, optional
+        One sentence for lists.
+
+    Raises
+    ------
+    DataError
+        No element in one of the branches, two elements or terms of the same name, two axes along
+        the same direction of which neither says so (``parallel_to``).
+
+    Examples
+    --------
+    >>> chain = Chain([
+    ...     Element("X", "tool", "linear", direction=(1, 0, 0)),
+    ...     Element("C", "workpiece", "rotary"),
+    ... ])
+    >>> chain.volumetric_error({"X": 0.02, "C": 0.0}, {"ECC": 1e-6}).round(12).tolist()
+    [0.0, -2e-08, 0.0]
+    """
+
+    elements: Sequence[Element]
+    name: str = ""
+    description: str = ""
+    terms: tuple[str, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "elements", tuple(self.elements))
+        for element in self.elements:
+            if not isinstance(element, Element):
+                raise DataError(f"a chain is made of Element objects, got {element!r}")
+        _refuse_open(self.elements, self.name)
+        _refuse_parallel(self.elements)
+        terms = tuple(term for element in self.elements for term in element_terms(element))
+        object.__setattr__(self, "terms", terms)
+        for names, what in ((tuple(e.name for e in self.elements), "element"), (terms, "term")):
+            twice = sorted({n for n in names if names.count(n) > 1})
+            if twice:
+                raise DataError(f"{what} {twice[0]!r} stands twice in the chain; names are unique")
+
+    @classmethod
+    def from_dict(cls, table: Mapping[str, Any], **parameters: float) -> Chain:
+        """Return a chain from a table of plain values, as a TOML file gives it.
+
+        Parameters
+        ----------
+        table : mapping
+            Keys ``name``, ``description``, ``parameters`` and a list ``element`` of tables.
+        **parameters : float, SI
+            Values of the parameters that the table names.
+
+        Returns
+        -------
+        Chain
+            The chain.
+
+        Raises
+        ------
+        DataError
+            A key, a unit or a parameter is unknown or missing, or the chain does not close.
+        InvalidSamplesError
+            A value is no finite number.
+
+        Examples
+        --------
+        >>> Chain.from_dict({"element": [
+        ...     {"name": "X", "branch": "tool", "kind": "linear", "direction": "+X"},
+        ...     {"name": "C", "branch": "workpiece", "kind": "rotary", "direction": "+Z",
+        ...      "errors": "XZ"},
+        ... ]}).terms
+        ('EXX', 'EYX', 'EZX', 'EAX', 'EBX', 'ECX', 'EXC', 'EZC')
+        """
+        from metrosep.machine.chain_files import chain_parts
+
+        elements, name, description = chain_parts(table, parameters)
+        return cls(elements, name=name, description=description)
+
+    @classmethod
+    def from_toml(cls, path: str | PathLike[str], **parameters: float) -> Chain:
+        """Return the chain that a TOML file describes.
+
+        Parameters
+        ----------
+        path : str or path
+            File with ``[[element]]`` tables; lengths and angles carry their unit in the key
+            (``location_mm``, ``angle_deg``).
+        **parameters : float, SI
+            Values of the parameters that the file names.
+
+        Returns
+        -------
+        Chain
+            The chain.
+
+        Raises
+        ------
+        DataError
+            The file is no TOML, a key, a unit or a parameter is unknown or missing, or the chain
+            does not close; the message names file and key.
+        InvalidSamplesError
+            A value is no finite number.
+
+        Notes
+        -----
+        A missing or locked file raises what the operating system says (FileNotFoundError).
+        """
+        from metrosep.machine.chain_files import chain_parts, toml_table
+
+        elements, name, description = chain_parts(toml_table(path), parameters, source=str(path))
+        try:
+            return cls(elements, name=name, description=description)
+        except DataError as exc:
+            raise DataError(f"{path}: {exc}") from None
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Names of the axes that move, in the order of the elements."""
+        return tuple(e.name for e in self.elements if e.kind != "fixed")
+
+    def jacobian(
+        self,
+        q: Positions,
+        *,
+        tool: ArrayLike = (0.0, 0.0, 0.0),
+        terms: Iterable[str] | None = None,
+    ) -> FloatArray:
+        """Return the derivative of the volumetric error with respect to each error term.
+
+        Parameters
+        ----------
+        q : mapping of str to array_like, m or rad
+            Position of every axis; parked axes may be missing.
+        tool : array_like, shape (3,) or (..., 3), m
+            Tool point in the frame of the last element of the tool branch.
+        terms : iterable of str, optional
+            Terms wanted, in this order; all (`terms`) by default.
+
+        Returns
+        -------
+        ndarray, shape (..., 3, n_terms), m/m or m/rad
+            Columns in workpiece X, Y, Z. In memory the states lie innermost.
+
+        Raises
+        ------
+        DataError
+            A position is missing, an axis or a term is unknown.
+        InvalidSamplesError
+            Positions or tool points are infinite, complex, or do not broadcast.
+
+        Notes
+        -----
+        Closed adjoint form of [1]_, no differentiation and no loop over states. An axis that is
+        parked and not in `q` is no joint: its columns are zero (the setting of the machine takes
+        up what it does). NaN in a position gives NaN in every column of that state.
+
+        References
+        ----------
+        .. [1] papers.md section 4.2; eq 11 of the FTS paper is this for its lathe.
+
+        Examples
+        --------
+        >>> chain = Chain([Element("X", "tool", "linear", direction=(1, 0, 0)),
+        ...                Element("C", "workpiece", "rotary")])
+        >>> chain.jacobian({"X": 0.02, "C": [0.0, 1.0]}, terms=["EXX", "ECX"]).shape
+        (2, 3, 2)
+        """
+        wanted = self.terms if terms is None else self.known_terms(terms)
+        states = self._states(q, tool)
+        columns = {}
+        for element in self.elements:
+            chosen = [t for t in element_terms(element) if t in wanted]
+            if chosen and element.name in states.active:
+                columns.update(_columns(element, states, chosen))
+        out = np.zeros((3, len(wanted), *states.shape))
+        for i, term in enumerate(wanted):
+            for k, part in enumerate(columns.get(term, ps.ORIGIN)):
+                if not isinstance(part, float) or part != 0.0:
+                    out[k, i] = part
+        states.poison(out)
+        result: FloatArray = np.moveaxis(out, (0, 1), (-2, -1))
+        return result
+
+    def volumetric_error(
+        self,
+        q: Positions,
+        errors: Errors,
+        *,
+        tool: ArrayLike = (0.0, 0.0, 0.0),
+        exact: bool | str = False,
+    ) -> FloatArray:
+        """Return the error of the tool point in the workpiece, actual minus nominal.
+
+        Parameters
+        ----------
+        q : mapping of str to array_like, m or rad
+            Position of every axis; parked axes may be missing.
+        errors : ErrorSet or mapping of str to float, callable or ErrorTerm
+            Error terms by name; those that are not named are zero.
+        tool : array_like, shape (3,) or (..., 3), m
+            Tool point in the frame of the last element of the tool branch.
+        exact : bool or str
+            False: first order, `jacobian` times errors. ``"orthonormal"`` or True: the product with
+            true rotations. ``"small-angle"``: the product with matrices ``I + hat``.
+
+        Returns
+        -------
+        ndarray, shape (..., 3), m
+            In workpiece X, Y, Z.
+
+        Raises
+        ------
+        DataError
+            A position is missing, an axis, a term or `exact` is unknown, a position lies outside a
+            term's table.
+        InvalidSamplesError
+            Positions or errors are infinite, complex, or do not broadcast; a term is not known.
+
+        Notes
+        -----
+        True rotations are ``Rx(EA) Ry(EB) Rz(EC)``; another order differs by the second order. A
+        correction is the negative of the result. NaN in a position gives NaN in that state.
+
+        Examples
+        --------
+        >>> chain = Chain([Element("X", "tool", "linear", direction=(1, 0, 0)),
+        ...                Element("C", "workpiece", "rotary")])
+        >>> chain.volumetric_error({"X": 0.02, "C": 0.0}, {"EZX": lambda x: x / 1024}).tolist()
+        [0.0, 0.0, 1.953125e-05]
+        """
+        rule = _rule(exact)
+        states = self._states(q, tool)
+        values = self._values(q, errors)
+        if rule is None:
+            shift = linear_error(self.elements, states, values).t
+        else:
+            pose = exact_pose(self.elements, states, values, rule)
+            shift = ps.subtract(pose.t, states.point)
+        out = np.zeros((3, *states.shape))
+        for k, part in enumerate(shift):
+            out[k] = part
+        states.poison(out)
+        return np.moveaxis(out, 0, -1)
+
+    def transform(
+        self,
+        q: Positions,
+        errors: Errors | None = None,
+        *,
+        tool: ArrayLike = (0.0, 0.0, 0.0),
+        exact: bool | str = "orthonormal",
+    ) -> FloatArray:
+        """Return the pose of the tool in the workpiece.
+
+        Parameters
+        ----------
+        q : mapping of str to array_like, m or rad
+            Position of every axis; parked axes may be missing.
+        errors : ErrorSet or mapping of str to float, callable or ErrorTerm, optional
+            Error terms by name; none gives the nominal pose.
+        tool : array_like, shape (3,) or (..., 3), m
+            Tool point in the frame of the last element of the tool branch.
+        exact : bool or str
+            As in `volumetric_error`; False adds the errors to first order.
+
+        Returns
+        -------
+        ndarray, shape (..., 4, 4)
+            Directions of the tool frame (columns 0 to 2) and the tool point (column 3, m) in
+            workpiece coordinates.
+
+        Raises
+        ------
+        DataError
+            A position is missing, an axis, a term or `exact` is unknown, a position lies outside a
+            term's table.
+        InvalidSamplesError
+            Positions or errors are infinite, complex, or do not broadcast; a term is not known.
+
+        Examples
+        --------
+        >>> chain = Chain([Element("X", "tool", "linear", direction=(1, 0, 0)),
+        ...                Element("C", "workpiece", "rotary")])
+        >>> chain.transform({"X": 0.02, "C": 0.0})[:3, 3].tolist()
+        [0.02, 0.0, 0.0]
+        """
+        rule = _rule(exact)
+        states = self._states(q, tool)
+        values = self._values(q, {} if errors is None else errors)
+        if rule is None:
+            pose = linear_pose(self.elements, states, values)
+        else:
+            pose = exact_pose(self.elements, states, values, rule)
+        out = np.zeros((4, 4, *states.shape))
+        for i in range(3):
+            for k in range(3):
+                out[i, k] = pose.r[i][k]
+            out[i, 3] = pose.t[i]
+        out[3, 3] = 1.0
+        states.poison(out)
+        return np.moveaxis(out, (0, 1), (-2, -1))
+
+    def volumetric_covariance(
+        self, q: Positions, errors: ErrorSet, *, tool: ArrayLike = (0.0, 0.0, 0.0)
+    ) -> FloatArray:
+        """Return the covariance of the volumetric error that the terms' uncertainties cause.
+
+        Parameters
+        ----------
+        q : mapping of str to array_like, m or rad
+            Position of every axis; parked axes may be missing.
+        errors : ErrorSet
+            Error terms with standard uncertainties and correlations.
+        tool : array_like, shape (3,) or (..., 3), m
+            Tool point in the frame of the last element of the tool branch.
+
+        Returns
+        -------
+        ndarray, shape (..., 3, 3), m^2
+            ``J Sigma J'`` at each state; square roots of the diagonal are standard uncertainties.
+
+        Raises
+        ------
+        DataError
+            A position is missing, an axis or a term is unknown, a position lies outside a table.
+        InvalidSamplesError
+            Positions are infinite, complex, or do not broadcast.
+
+        Examples
+        --------
+        >>> chain = Chain([Element("X", "tool", "linear", direction=(1, 0, 0)),
+        ...                Element("C", "workpiece", "rotary")])
+        >>> errors = ErrorSet({"EZX": 0.0}, u={"EZX": 1e-7})
+        >>> u = chain.volumetric_covariance({"X": 0.02, "C": 0.0}, errors)[2, 2] ** 0.5
+        >>> print(f"{1e9 * u:.1f} nm")
+        100.0 nm
+        """
+        from metrosep.core.blas import one_blas_thread
+
+        names = self.known_terms(as_error_set(errors).names)
+        matrix = self.jacobian(q, tool=tool, terms=names)
+        active = self._active(names, q)
+        chosen = np.array([n in active for n in names], dtype=bool)
+        part = as_error_set(errors).covariance(active, q)
+        sigma = np.zeros((*part.shape[:-2], len(names), len(names)))
+        sigma[..., chosen[:, None] & chosen[None, :]] = part.reshape(*part.shape[:-2], -1)
+        with one_blas_thread():
+            result: FloatArray = matrix @ sigma @ np.swapaxes(matrix, -1, -2)
+        return result
+
+    def _states(self, q: Positions, tool: ArrayLike) -> States:
+        return States(self.elements, positions_of(self.elements, q, self.name), tool_point(tool))
+
+    def _active(self, names: Iterable[str], q: Positions) -> list[str]:
+        """Return the terms of the elements that are joints: fixed ones, and axes that are in q."""
+        home = {t: e for e in self.elements for t in element_terms(e)}
+        return [n for n in names if home[n].kind == "fixed" or home[n].name in q]
+
+    def _values(self, q: Positions, errors: Errors) -> dict[str, ps.Part]:
+        """Return the errors at the states, by name."""
+        errors = as_error_set(errors)
+        active = self._active(self.known_terms(errors.names), q)
+        values = errors.at(q, names=active)
+        return {name: ps.as_part(value) for name, value in values.items()}
+
+    def known_terms(self, terms: Iterable[str]) -> tuple[str, ...]:
+        """Return the names as a tuple, after a check that the chain has them.
+
+        Parameters
+        ----------
+        terms : iterable of str
+            Names of error terms.
+
+        Returns
+        -------
+        tuple of str
+            The same names in the same order.
+
+        Raises
+        ------
+        DataError
+            A name is no term of this chain.
+
+        Examples
+        --------
+        >>> chain = Chain([Element("X", "tool", "linear"), Element("C", "workpiece", "rotary")])
+        >>> chain.known_terms(["EXX"])
+        ('EXX',)
+        """
+        names = (terms,) if isinstance(terms, str) else tuple(terms)
+        unknown = [name for name in names if name not in self.terms]
+        if unknown:
+            raise DataError(
+                f"{unknown[0]!r} is no error term of chain {self.name!r}; "
+                f"known are {', '.join(self.terms)}" + paper_hint(unknown[0])
+            )
+        return names
+
+
+def _columns(element: Element, states: States, chosen: Sequence[str]) -> dict[str, ps.Vector]:
+    """Return the columns of one element, in workpiece coordinates."""
+    own = states.six(element, element.error_frame)
+    columns = {}
+    for term in chosen:
+        if term in element.location_errors:
+            columns[term] = _line_column(element, states, element.location_errors[term])
+        else:
+            columns[term] = ps.scale(own[DIRECTIONS.index(term[1])], error_sign(element))
+    return columns
+
+
+def _rule(exact: bool | str) -> str | None:
+    """Return the kind of product, None for the first order."""
+    if isinstance(exact, str):
+        if exact not in EXACT:
+            raise DataError(f"exact is {exact!r}; known are False, True and {', '.join(EXACT)}")
+        return exact
+    return EXACT[0] if exact else None
+
+
+def _line_column(element: Element, states: States, line: Sequence[float]) -> ps.Vector:
+    """Return the column of a displaced line of motion: ``L M L^-1`` of a slide, else ``L M``."""
+    total: ps.Vector = ps.ORIGIN
+    ends = [("before", 1.0), ("after", -1.0)] if element.kind == "linear" else [("before", 1.0)]
+    for frame, sign in ends:
+        for weight, column in zip(line, states.six(element, frame), strict=True):
+            total = ps.add(total, ps.scale(column, sign * weight))
+    return total
+
+
+def _refuse_open(elements: Sequence[Element], name: str) -> None:
+    for branch in BRANCHES:
+        if not any(e.branch == branch for e in elements):
+            raise DataError(
+                f"chain {name!r} does not close: no element has branch = {branch!r}; "
+                "a part that is fixed to the bed is an element of kind 'fixed'"
+            )
+
+
+def _refuse_parallel(elements: Sequence[Element]) -> None:
+    moving = [e for e in elements if e.kind != "fixed"]
+    for i, one in enumerate(moving):
+        for two in moving[i + 1 :]:
+            if one.kind != two.kind or two.name == one.parallel_to or one.name == two.parallel_to:
+                continue
+            across = np.linalg.norm(np.cross(one.direction, two.direction))
+            if across < _PARALLEL:
+                raise DataError(
+                    f"axes {one.name!r} and {two.name!r} are both {one.kind} along "
+                    f"{tuple(one.direction)}; if that is meant, write "
+                    f"parallel_to = {one.name!r} in {two.name!r}"
+                )

@@ -1,0 +1,243 @@
+"""Elements of a kinematic chain: one slide, spindle, table or fixed part each.
+
+The frame of an element sits in the frame of the element before it (or in the bed):
+
+    T = Trans(location) M(q) (I + hat(xi))      error frame "after": the error moves with the body
+    T = Trans(location) (I + hat(xi)) M(q)      error frame "before": the error stays where it was
+
+with ``M = Trans(q direction)``, ``Rot(direction, q)`` or, for a fixed part, ``Rot(direction, angle)``
+and ``xi = (EX, EY, EZ, EA, EB, EC)`` along and about the element's own X, Y, Z. With all axes at zero
+(and no fixed rotation) every frame is parallel to the bed. SI: metres and radians.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from metrosep.core.errors import DataError, InvalidSamplesError
+from metrosep.core.provenance import freeze_mapping
+
+__all__ = [
+    "BRANCHES",
+    "DIRECTIONS",
+    "FRAMES",
+    "KINDS",
+    "SIDES",
+    "Element",
+    "element_terms",
+    "error_sign",
+]
+
+KINDS = ("linear", "rotary", "fixed")
+BRANCHES = ("tool", "workpiece")
+FRAMES = ("after", "before")
+SIDES = ("body", "tool")
+DIRECTIONS = "XYZABC"
+
+_LOCATION_NAME = re.compile(r"E?[XYZABC]0[A-Za-z][A-Za-z0-9_]*")
+_UNIT_TOLERANCE = 1e-9  # a direction typed with ten digits passes, one with three does not
+
+Triple = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Element:
+    """One element of a chain: how it moves and which errors it has.
+
+    Parameters
+    ----------
+    name : str
+        Name of the axis, as it stands in the error terms ("X", "C", "FTS"); letters, digits and
+        ``_``, starting with a letter.
+    branch : str
+        ``"tool"`` or ``"workpiece"``.
+    kind : str
+        ``"linear"``, ``"rotary"`` or ``"fixed"``.
+    direction : sequence of float, shape (3,), dimensionless
+        Unit vector along which the axis moves this body when its position grows, or about which it
+        turns it by the right-hand rule. Free for a fixed part without a rotation.
+    location : sequence of float, shape (3,), m
+        Origin of this element in the frame before it, at position zero: for a rotary axis a point
+        on its axis, for a linear axis the point about which its angular errors turn.
+    error_frame : str
+        ``"after"`` (the errors are attached to the moved body) or ``"before"``.
+    errors_of : str
+        ``"body"``: the errors are motions of this body in its frame. ``"tool"``: they are motions of
+        the tool against the workpiece, as an instrument between the two reads them; in the
+        workpiece branch that is the opposite.
+    errors : sequence of str, optional
+        Directions that have an error term; all six where the element moves, none where it is fixed.
+    location_errors : mapping of str to sequence of float, shape (6,), optional
+        Name of each location error (squareness, offset of a rotary axis) -> displacement of the
+        line of motion per unit of the term: (x, y, z, a, b, c) in the frame before the motion.
+    angle : float, rad, optional
+        Fixed rotation of a fixed part.
+    parked : bool, optional
+        The axis may be missing in the positions: then it is no joint, its motion and errors are nil.
+    parallel_to : str, optional
+        Name of the axis that this one repeats on purpose (a fast tool on a slide).
+
+    Raises
+    ------
+    DataError
+        An unknown kind, branch, error frame, side or direction, a name that cannot be part of a term, a
+        direction that is no unit vector, a rotation of a part that is not fixed.
+    InvalidSamplesError
+        A vector with the wrong length or with values that are not finite.
+
+    Notes
+    -----
+    A location error displaces the line of motion by a small displacement L about the element's
+    location. Of a linear axis the travel turns and the carriage keeps its attitude, ``L M L^-1``:
+    nothing happens at position zero (an attitude is the constant part of EA, EB, EC). The axis of a
+    rotary element takes along what it carries, ``L M``.
+
+    Examples
+    --------
+    >>> x = Element("X", "tool", "linear", direction=(1, 0, 0))
+    >>> element_terms(x)
+    ('EXX', 'EYX', 'EZX', 'EAX', 'EBX', 'ECX')
+    """
+
+    name: str
+    branch: str
+    kind: str
+    direction: Sequence[float] = (0.0, 0.0, 1.0)
+    location: Sequence[float] = (0.0, 0.0, 0.0)
+    error_frame: str = "after"
+    errors_of: str = "body"
+    errors: Sequence[str] | None = None
+    location_errors: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    angle: float = 0.0
+    parked: bool = False
+    parallel_to: str | None = None
+
+    def __post_init__(self) -> None:
+        if not self.name.isidentifier() or not self.name.isascii() or self.name[0] == "_":
+            raise DataError(
+                f"an axis name is a letter and then letters, digits or _, got {self.name!r}; "
+                "it becomes part of the term names (X -> EXX)"
+            )
+        for key, allowed in (
+            ("kind", KINDS),
+            ("branch", BRANCHES),
+            ("error_frame", FRAMES),
+            ("errors_of", SIDES),
+        ):
+            value = getattr(self, key)
+            if value not in allowed:
+                raise DataError(
+                    f"{key} of element {self.name!r} is {value!r}; known are {', '.join(allowed)}"
+                )
+        self._set("direction", _vector(self.direction, 3, f"direction of {self.name!r}"))
+        self._set("location", _vector(self.location, 3, f"location of {self.name!r}"))
+        norm = math.hypot(*self.direction)
+        if abs(norm - 1.0) > _UNIT_TOLERANCE:
+            raise DataError(
+                f"direction of element {self.name!r} is {tuple(self.direction)} with length "
+                f"{norm:.9g}; it must be a unit vector"
+            )
+        self._set("direction", tuple(c / norm for c in self.direction))
+        if self.kind != "fixed" and self.angle != 0.0:
+            raise DataError(
+                f"element {self.name!r} is {self.kind} and has a fixed angle of {self.angle} rad; "
+                "put the rotation into a fixed element of its own"
+            )
+        if not math.isfinite(self.angle):
+            raise InvalidSamplesError(f"angle of element {self.name!r} is {self.angle}")
+        self._set("errors", self._checked_errors())
+        self._set("location_errors", self._checked_location_errors())
+
+    def _set(self, key: str, value: object) -> None:
+        object.__setattr__(self, key, value)
+
+    def _checked_errors(self) -> tuple[str, ...]:
+        chosen = self.errors
+        if chosen is None:
+            return () if self.kind == "fixed" else tuple(DIRECTIONS)
+        for direction in chosen:
+            if len(direction) != 1 or direction not in DIRECTIONS:
+                raise DataError(
+                    f"errors of element {self.name!r} hold {direction!r}; "
+                    f"known directions are {', '.join(DIRECTIONS)}"
+                )
+        if len(set(chosen)) < len(chosen):
+            raise DataError(f"errors of element {self.name!r} repeat a direction: {list(chosen)}")
+        return tuple(d for d in DIRECTIONS if d in chosen)
+
+    def _checked_location_errors(self) -> Mapping[str, tuple[float, ...]]:
+        if self.kind == "fixed" and self.location_errors:
+            raise DataError(
+                f"element {self.name!r} is fixed and has no line of motion that "
+                f"{next(iter(self.location_errors))!r} could displace; give it errors instead"
+            )
+        for name in self.location_errors:
+            if not _LOCATION_NAME.fullmatch(name):
+                raise DataError(
+                    f"location error {name!r} of {self.name!r} needs a name such as C0Y, B0Z or X0C: "
+                    "a direction, 0, an axis name"
+                )
+        return freeze_mapping(
+            {
+                name: _vector(value, 6, f"location error {name!r} of {self.name!r}")
+                for name, value in self.location_errors.items()
+            }
+        )
+
+
+def error_sign(element: Element) -> float:
+    """Return what turns an element's errors into motions of its body: -1 or 1.
+
+    Parameters
+    ----------
+    element : Element
+        One element of a chain.
+
+    Returns
+    -------
+    float
+        -1 where the errors are the tool's and the element carries the workpiece.
+
+    Examples
+    --------
+    >>> error_sign(Element("X", "workpiece", "linear", errors_of="tool"))
+    -1.0
+    """
+    return -1.0 if (element.errors_of, element.branch) == ("tool", "workpiece") else 1.0
+
+
+def element_terms(element: Element) -> tuple[str, ...]:
+    """Return the names of an element's error terms after ISO 230-1.
+
+    Parameters
+    ----------
+    element : Element
+        One element of a chain.
+
+    Returns
+    -------
+    tuple of str
+        ``E`` + direction + axis name for the error motions, then the location errors.
+
+    Examples
+    --------
+    >>> element_terms(Element("C", "workpiece", "rotary", errors=("X", "A")))
+    ('EXC', 'EAC')
+    """
+    motions = tuple(f"E{direction}{element.name}" for direction in element.errors or ())
+    return motions + tuple(element.location_errors)
+
+
+def _vector(values: Sequence[float], size: int, name: str) -> tuple[float, ...]:
+    try:
+        vector = tuple(float(v) for v in values)
+    except (TypeError, ValueError) as exc:
+        raise InvalidSamplesError(
+            f"{name} must be {size} numbers, got {values!r}: {exc}"
+        ) from None
+    if len(vector) != size or not all(math.isfinite(v) for v in vector):
+        raise InvalidSamplesError(f"{name} must be {size} finite numbers, got {values!r}")
+    return vector

@@ -1,0 +1,289 @@
+"""Error terms of a machine by name, with their uncertainties and correlations."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from metrosep.core._arrays import FloatArray, as_float
+from metrosep.core.errors import DataError, InvalidSamplesError
+from metrosep.core.provenance import freeze_mapping
+from metrosep.machine.naming import axis_of
+from metrosep.machine.terms import ConstantTerm, ErrorTerm, as_term
+
+__all__ = ["ErrorSet", "as_error_set"]
+
+_ROUNDING = 1e-9  # of the least eigenvalue of a correlation matrix
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorSet:
+    """Error terms by their ISO 230-1 names.
+
+    Parameters
+    ----------
+    values : mapping of str to float, callable or ErrorTerm
+        One entry per term: a number (m or rad), a function of the axis position, or an object with
+        ``evaluate(x)`` and ``sd(x)``, such as what `metrosep.separation.separate` returns.
+    u : mapping of str to float, m or rad, optional
+        Standard uncertainty of numbers and functions; 0 where nothing is given.
+    correlations : mapping of (str, str) to float, optional
+        Correlation coefficients of pairs of terms, -1 to 1; 0 where nothing is given.
+
+    Raises
+    ------
+    DataError
+        A name follows no rule, an uncertainty or a correlation belongs to no term or is given twice,
+        or the correlations contradict each other (no covariance has them).
+    InvalidSamplesError
+        A value, an uncertainty or a correlation is not finite, or out of range.
+
+    Notes
+    -----
+    A correlation holds at equal states: that of two terms at their positions in the same `q`.
+
+    Examples
+    --------
+    >>> errors = ErrorSet({"EXX": 1e-6, "EYX": 0.0}, u={"EXX": 2e-7, "EYX": 1e-7},
+    ...                   correlations={("EXX", "EYX"): 0.5})
+    >>> errors.covariance().round(16).tolist()
+    [[4e-14, 1e-14], [1e-14, 1e-14]]
+    """
+
+    values: Mapping[str, Any]
+    u: Mapping[str, float] = field(default_factory=dict)
+    correlations: Mapping[tuple[str, str], float] = field(default_factory=dict)
+    terms: Mapping[str, ErrorTerm] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        for name in self.u:
+            if name not in self.values:
+                raise DataError(f"u of {name!r} belongs to no term; there are {list(self.values)}")
+        terms = {}
+        for name, value in self.values.items():
+            axis_of(name)
+            try:
+                terms[name] = as_term(value, u=self.u.get(name))
+            except (DataError, InvalidSamplesError) as exc:
+                raise type(exc)(f"error term {name!r}: {exc}") from None
+        for key in ("values", "u", "correlations"):
+            object.__setattr__(self, key, freeze_mapping(getattr(self, key)))
+        object.__setattr__(self, "terms", freeze_mapping(terms))
+        self._check_correlations()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the terms, in the order given."""
+        return tuple(self.terms)
+
+    def at(
+        self, q: Mapping[str, ArrayLike], *, names: Iterable[str] | None = None
+    ) -> dict[str, FloatArray]:
+        """Return the value of every term at axis positions.
+
+        Parameters
+        ----------
+        q : mapping of str to array_like, m or rad
+            Axis positions.
+        names : iterable of str, optional
+            Terms wanted, in this order; all by default.
+
+        Returns
+        -------
+        dict of str to ndarray, m or rad
+            Shape of the axis position; ``()`` where the term is a constant.
+
+        Raises
+        ------
+        DataError
+            The position of an axis is missing, or lies outside a term's table.
+        InvalidSamplesError
+            A term is NaN or infinite at a position that is known.
+
+        Notes
+        -----
+        NaN in a position gives NaN in the terms that depend on it.
+        """
+        wanted = self._known(names)
+        return {name: _at(name, self.terms[name], "evaluate", q) for name in wanted}
+
+    def u_at(self, q: Mapping[str, ArrayLike]) -> dict[str, FloatArray]:
+        """Return the standard uncertainty of every term at axis positions.
+
+        Parameters
+        ----------
+        q : mapping of str to array_like, m or rad
+            Axis positions.
+
+        Returns
+        -------
+        dict of str to ndarray, m or rad
+            Shape as in `at`.
+
+        Raises
+        ------
+        DataError
+            The position of an axis is missing, or lies outside a term's table.
+        InvalidSamplesError
+            An uncertainty is NaN, infinite or negative at a position that is known.
+        """
+        return {name: _at(name, term, "sd", q) for name, term in self.terms.items()}
+
+    def correlation(self, names: Iterable[str] | None = None) -> FloatArray:
+        """Return the correlation matrix of terms.
+
+        Parameters
+        ----------
+        names : iterable of str, optional
+            Terms wanted, in this order; all by default.
+
+        Returns
+        -------
+        ndarray, shape (n, n), dimensionless
+            Ones on the diagonal.
+
+        Raises
+        ------
+        DataError
+            A name is no term of the set.
+        """
+        wanted = self._known(names)
+        matrix = np.eye(len(wanted))
+        for (one, two), r in self.correlations.items():
+            if one in wanted and two in wanted:
+                i, k = wanted.index(one), wanted.index(two)
+                matrix[i, k] = matrix[k, i] = r
+        return matrix
+
+    def covariance(
+        self, names: Iterable[str] | None = None, q: Mapping[str, ArrayLike] | None = None
+    ) -> FloatArray:
+        """Return the covariance of terms.
+
+        Parameters
+        ----------
+        names : iterable of str, optional
+            Terms wanted, in this order; all by default.
+        q : mapping of str to array_like, m or rad, optional
+            Axis positions, where uncertainties depend on them.
+
+        Returns
+        -------
+        ndarray, shape (n, n), or (..., n, n) with `q`, m^2, m rad, rad^2
+            ``u_i u_k r_ik``.
+
+        Raises
+        ------
+        DataError
+            A name is no term of the set, or an uncertainty depends on the position and there is
+            no `q`.
+
+        Examples
+        --------
+        >>> ErrorSet({"EXX": 0.0}, u={"EXX": 3e-7}).covariance().shape
+        (1, 1)
+        """
+        wanted = self._known(names)
+        r = self.correlation(wanted)
+        if q is None:
+            u = np.array([self._constant_u(name) for name in wanted])
+        else:
+            at = {name: _at(name, self.terms[name], "sd", q) for name in wanted}
+            u = np.stack(np.broadcast_arrays(*at.values()), axis=-1) if at else np.zeros(0)
+        result: FloatArray = u[..., :, None] * r * u[..., None, :]
+        return result
+
+    def _constant_u(self, name: str) -> float:
+        term = self.terms[name]
+        u = np.unique(np.asarray(getattr(term, "u", (0.0, 1.0)), dtype=np.float64))
+        if u.size == 1 and getattr(term, "covariance", None) is None:
+            return float(u[0])
+        raise DataError(f"the uncertainty of {name!r} depends on the position; give q")
+
+    def _known(self, names: Iterable[str] | None) -> tuple[str, ...]:
+        wanted = self.names if names is None else tuple(names)
+        for name in wanted:
+            if name not in self.terms:
+                raise DataError(f"{name!r} is no term of the set; it has {', '.join(self.names)}")
+        return wanted
+
+    def _check_correlations(self) -> None:
+        seen = set()
+        for pair, r in self.correlations.items():
+            if pair[0] == pair[1] or frozenset(pair) in seen:
+                raise DataError(f"correlation {pair!r}: name each pair of two terms once")
+            seen.add(frozenset(pair))
+            self._known(pair)
+            if not (math.isfinite(r) and -1.0 <= r <= 1.0):
+                raise InvalidSamplesError(f"correlation of {pair} is {r}; it lies in -1 to 1")
+        involved = sorted({name for pair in self.correlations for name in pair})
+        if involved:
+            lowest = float(np.linalg.eigvalsh(self.correlation(involved)).min())
+            if lowest < -_ROUNDING:
+                raise DataError(
+                    f"the correlations of {', '.join(involved)} contradict each other: their "
+                    f"matrix has the eigenvalue {lowest:.3g}, no covariance has"
+                )
+
+
+def as_error_set(errors: ErrorSet | Mapping[str, Any]) -> ErrorSet:
+    """Return an error set for a plain mapping of names to values.
+
+    Parameters
+    ----------
+    errors : ErrorSet or mapping of str to float, callable or ErrorTerm
+        A set passes as it is; numbers of a mapping are taken as exact.
+
+    Returns
+    -------
+    ErrorSet
+        The set.
+
+    Raises
+    ------
+    DataError
+        The values are no mapping, or no error terms.
+
+    Examples
+    --------
+    >>> as_error_set({"EXX": 1e-6}).names
+    ('EXX',)
+    """
+    if isinstance(errors, ErrorSet):
+        return errors
+    if not isinstance(errors, Mapping):
+        raise DataError(f"errors are a mapping of term names, got {type(errors).__name__}")
+    return ErrorSet(errors)
+
+
+def _at(name: str, term: ErrorTerm, what: str, q: Mapping[str, ArrayLike]) -> FloatArray:
+    """Return ``evaluate`` or ``sd`` of a term at its axis, NaN where the position is NaN."""
+    axis = axis_of(name)
+    function = getattr(term, what)
+    if isinstance(term, ConstantTerm):
+        return as_float(function(0.0))
+    if axis is None or axis not in q:
+        raise DataError(
+            f"error term {name!r} is a function of a position, but "
+            + (f"q holds no axis {axis!r}" if axis else "a location error is a constant")
+        )
+    x = as_float(q[axis])
+    asked = np.atleast_1d(x)[np.isfinite(np.atleast_1d(x))]
+    values = as_float(function(asked))
+    if values.shape != asked.shape:
+        raise InvalidSamplesError(
+            f"error term {name!r} returned shape {values.shape} for {asked.size} positions"
+        )
+    if not np.isfinite(values).all():
+        bad = float(asked[~np.isfinite(values)][0])
+        raise InvalidSamplesError(f"error term {name!r} is not known at {axis} = {bad:.9g}")
+    if what == "sd" and asked.size and values.min() < 0.0:
+        raise InvalidSamplesError(f"standard uncertainty of {name!r} is negative: {values.min()}")
+    result = np.full(x.shape, np.nan)
+    result[np.isfinite(x)] = values
+    return result

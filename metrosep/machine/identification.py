@@ -1,0 +1,352 @@
+"""Which errors of a machine explain a measured part: the inverse of `metrosep.machine.ranking`.
+
+The alignment of the measurement is fitted along with the terms. It starts from the closed-form
+Jacobian and ends with the exact model (the part that a machine with those errors cuts). What the
+map cannot determine is named and NaN: terms that look like the alignment, and terms that look like
+each other. `error = actual - nominal`; the amount of a term is what the machine did.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from metrosep.core.errors import (
+    DataError,
+    NotConvergedError,
+    TooFewSamplesError,
+)
+from metrosep.core.provenance import Step, freeze_mapping
+from metrosep.core.surface import Surface
+from metrosep.forms.plane import Plane
+from metrosep.machine._cut_model import CutModel
+from metrosep.machine._identified import Identification, IdentifiedGroup
+from metrosep.machine._measured import Measured, measured_points, residual_inflation
+from metrosep.machine._positions import Positions
+from metrosep.machine._responses import MapMaker
+from metrosep.machine._separable import Solution, Solver, common_map
+from metrosep.machine._term_amounts import term_unit
+from metrosep.machine.alignment import alignment_space, removed_freedoms
+from metrosep.machine.gram import aligned_gram
+
+__all__ = ["Identification", "IdentifiedGroup", "identify"]
+
+FloatArray = NDArray[np.float64]
+
+_STEPS = 20
+
+_HARDLY = 0.05
+"""Of a common map: a term with less in it is not what made the map."""
+
+_SMALL = 1e-6
+"""Of the uncertainty: a step this small ends the iteration."""
+
+
+def identify(
+    chain: Any,
+    surface_map: Surface | tuple[ArrayLike, ArrayLike, ArrayLike],
+    *,
+    form: Any = None,
+    terms: Iterable[str] | None = None,
+    removed: str | Iterable[str] = ("piston", "tilt"),
+    radius: float | None = None,
+    inner_radius: float = 0.0,
+    centre: tuple[float, float] | None = None,
+    tool: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    positions: Positions | None = None,
+    threshold: float = 0.9,
+    exact: bool = True,
+    max_points: int = 100_000,
+) -> Identification:
+    """Find the error terms that explain a measured map.
+
+    Parameters
+    ----------
+    chain : Chain
+        The machine that cut the part.
+    surface_map : Surface or tuple of three array_like (x, y, z), m
+        Measured heights; NaN = not measured. Heights, not deviations: the form is taken off here.
+    form : Form, optional
+        Nominal surface, with its origin on the axis of the part; a plane if omitted.
+    terms : iterable of str, optional
+        Terms that may be at work; all of the chain if omitted.
+    removed : str or iterable of str, optional
+        Freedoms of the alignment, fitted along; as in `metrosep.machine.ranking.rank`.
+    radius, inner_radius : float, m, optional
+        Points between them are used; all if omitted.
+    centre : tuple of (float, float), m, optional
+        Axis of the part in the coordinates of the map; the middle of a map whose origin was not
+        declared (0, 0), else zero.
+    tool : tuple of (float, float, float), m, optional
+        Tool point in the frame of the last element of the tool branch.
+    positions : callable, optional
+        As in `metrosep.machine.ranking.rank`.
+    threshold : float, optional
+        Of |r|: terms more alike are reported together. Nearer to 1 they are told apart, with the
+        uncertainty that this costs.
+    exact : bool, optional
+        Whether the exact model ends the fit; else it stays linear.
+    max_points : int, optional
+        Larger maps are thinned to every second, third, ... row and column.
+
+    Returns
+    -------
+    Identification
+        Amounts with standard uncertainty, groups, what cannot be seen, residual.
+
+    Raises
+    ------
+    DataError
+        If a term or freedom is unknown, the map has no lateral calibration or no term can be seen.
+    InvalidSamplesError
+        If coordinates do not fit or are not finite.
+    NotConvergedError
+        If the iteration does not settle.
+    TooFewSamplesError
+        If there are fewer than twice as many points as unknowns.
+
+    Notes
+    -----
+    Least squares over the points, each with equal weight, on maps scaled to unit size; directions
+    below 1e-7 of the largest singular value are not determined, and terms with a part in them are
+    reported together. Uncertainties come from the residual. Where neighbours of the residual are
+    alike (waviness, an error that is not among the terms), they are widened by
+    ``sqrt((1 + r) / (1 - r))`` for each direction, and a message says so; a systematic error that
+    looks like a term is in that term all the same. Turns about x and y are fitted to first order.
+
+    Examples
+    --------
+    >>> from metrosep.forms import Toric
+    >>> from metrosep.machine.preset_chains import presets
+    >>> lathe, form = presets("fts_lathe", radius=20e-3), Toric(Rb=0.265, Rd=0.1325)
+    >>> x = np.linspace(-14e-3, 14e-3, 60)
+    >>> rho = np.hypot(x, x[:, None])
+    >>> squareness = -2e-5 * (20e-3 - rho)  # B0Z = 20 urad: a cone
+    >>> z = form(x, x[:, None]) + squareness
+    >>> found = identify(lathe, Surface(z, dx=x[1] - x[0], dy=x[1] - x[0]), form=form,
+    ...                  terms=["B0Z", "EXX", "EZX"])
+    >>> round(found["B0Z"].value, 9), found.unobservable
+    (2e-05, ('EZX',))
+    """
+    names = chain.known_terms(chain.terms if terms is None else tuple(terms))
+    if not names:
+        raise DataError(f"terms names no error term; known are {', '.join(chain.terms)}")
+    if len(set(names)) < len(names):
+        raise DataError("terms names a term twice")
+    if not 0.0 < threshold < 1.0:
+        raise DataError(f"the threshold of |r| must be between 0 and 1, got {threshold}")
+    freedoms = removed_freedoms(removed)
+    place: tuple[float, float, float] = tuple(float(v) for v in tool)  # type: ignore[assignment]
+    points = measured_points(
+        surface_map,
+        Plane() if form is None else form,
+        radius=radius,
+        inner_radius=inner_radius,
+        centre=centre,
+        max_points=max_points,
+    )
+    need = 2 * (len(names) + len(freedoms))
+    if points.z.size < need:
+        raise TooFewSamplesError(
+            f"{points.z.size} valid points for {len(names)} terms and {len(freedoms)} freedoms; "
+            f"at least {need} are needed"
+        )
+    maker = MapMaker(chain, points.mesh, names, "form", "vertical", place, positions, None)
+    solver = _solver(maker, freedoms, threshold)
+    model = CutModel(chain, points.mesh.form, place, positions, exact=True)
+    solution, left, used = _fit(solver, model, points, exact=exact)
+    return _result(solver, solution, left, used, points, surface_map, form is None)
+
+
+def _solver(maker: MapMaker, freedoms: tuple[str, ...], threshold: float) -> Solver:
+    """Return the linear problem on the points; terms without effect are set aside."""
+    mesh = maker.mesh
+    scales = np.where([n.startswith(("shift", "rotation_z")) for n in freedoms], 1e-6, 0.0)
+    columns = maker.freedoms(freedoms)
+    scales = scales * np.where([n == "rotation_z" for n in freedoms], float(mesh.rho[-1]), 1.0)
+    space = alignment_space(freedoms, columns, mesh.weights, scales=scales)
+    maps = maker.make()
+    gram = aligned_gram(maps, space)
+    if gram.is_removed.all():
+        raise DataError(
+            f"the map shows nothing of {', '.join(maker.terms)}: the alignment "
+            f"({', '.join(space.used) or 'none'}) takes it, or they do nothing to this part"
+        )
+    units = tuple(term_unit(maker.chain, n) for n in maker.terms)
+    return Solver(maker.terms, maps, columns, space, gram, threshold, units)
+
+
+def _fit(
+    solver: Solver, model: CutModel, points: Measured, *, exact: bool
+) -> tuple[Solution, FloatArray, NDArray[np.bool_]]:
+    """Return the solution, the residual at the points, and which points were used."""
+    everything = np.ones(points.z.size, dtype=bool)
+    nominal = points.mesh.z
+    solution = solver.solve(points.z - nominal, everything)
+    left = points.z - nominal - solver.effect(solution)
+    if not exact:
+        return solution, left, everything
+    used = _outside_the_core(model, points, solution)
+    total = solution
+    for _ in range(_STEPS):
+        seen = model.seen(points.mesh.x, points.mesh.y, total.errors(), total.freedoms(solver))
+        left = points.z - seen
+        used &= np.isfinite(left)
+        if used.sum() < 2 * (solution.rank + len(solver.space.used)):
+            raise TooFewSamplesError(
+                f"{int(used.sum())} points are left where the errors found do not mix up the part; "
+                "are the heights in m, and is the form the right one?"
+            )
+        step = solver.solve(np.where(used, left, 0.0), used)
+        total = total.plus(step)
+        noise = float(np.sqrt(np.mean(left[used] ** 2)))
+        if solver.size_of(step) <= _SMALL * noise / np.sqrt(used.sum()) + 1e-18:
+            return total, left, used
+    raise NotConvergedError(
+        f"the exact fit did not settle in {_STEPS} steps; give fewer terms, or exact=False"
+    )
+
+
+def _outside_the_core(model: CutModel, points: Measured, solution: Solution) -> NDArray[np.bool_]:
+    """Return the points at which neighbours do not change places: away from the centre."""
+    errors = solution.errors()
+    moved = model.error(points.mesh.x, points.mesh.y, errors)
+    reach = float(np.nanmax(np.hypot(moved[:, 0], moved[:, 1]), initial=0.0))
+    return np.asarray(np.hypot(points.mesh.x, points.mesh.y) > 20.0 * reach)
+
+
+def _result(
+    solver: Solver,
+    solution: Solution,
+    left: FloatArray,
+    used: NDArray[np.bool_],
+    points: Measured,
+    source: Any,
+    no_form: bool,
+) -> Identification:
+    n, p = int(used.sum()), solution.rank + len(solver.space.used)
+    residual = points.on_map(np.where(used, left, np.nan))
+    inflation = residual_inflation(residual)
+    square = float(np.sum(left[used] ** 2)) / (n - p) * inflation**2
+    cov = solution.scaled_covariance * square
+    names = solver.names
+    values, u = np.full(len(names), np.nan), np.full(len(names), np.nan)
+    grouped = {i for g in solver.groups for i in g}
+    for k, i in enumerate(solver.visible):
+        if i not in grouped:
+            values[i] = solution.scaled[k] / solver.sizes[k]
+            u[i] = np.sqrt(cov[k, k]) / solver.sizes[k]
+    amounts = solution.scaled / solver.sizes
+    covariance = cov / np.outer(solver.sizes, solver.sizes)
+    before = solver.space.remove(points.z - points.mesh.z)
+    after = float(np.sqrt(np.mean(left[used] ** 2)))
+    added = float(np.sum(solver.correlation * cov))
+    freedom_u = solver.freedom_uncertainty(solution, square, n)
+    seen_names = tuple(names[i] for i in solver.visible)
+    for array in (values, u, covariance):
+        array.setflags(write=False)
+    audit = {
+        "n_points": n,
+        "n_not_used": points.n_given - n,
+        "rank": solution.rank,
+        "threshold": solver.threshold,
+        "removed": solver.space.names,
+        "dropped": solver.space.dropped,
+        "inflation": inflation,
+        "stride": points.stride,
+        "centre_mm": tuple(1e3 * c for c in points.centre),
+    }
+    return Identification(
+        names=names,
+        units=solver.units,
+        values=values,
+        u=u,
+        groups=tuple(_group(solver, solution, cov, g) for g in solver.groups),
+        unobservable=tuple(names[i] for i in range(len(names)) if i not in solver.visible),
+        estimate=freeze_mapping(dict(zip(seen_names, amounts.tolist(), strict=True))),
+        covariance=covariance,
+        freedoms=freeze_mapping(
+            {
+                name: (float(v), float(s))
+                for name, v, s in zip(solver.space.used, solution.amounts, freedom_u, strict=True)
+            }
+        ),
+        sq_before=float(np.sqrt(np.mean(before[used] ** 2))),
+        sq_after=after,
+        predicted_sq=float(np.sqrt(after**2 + added)),
+        residual=_as_given(residual, source),
+        audit=freeze_mapping(audit),
+        messages=_messages(solver, points, used, inflation, no_form),
+    )
+
+
+def _group(
+    solver: Solver, solution: Solution, cov: FloatArray, members: tuple[int, ...]
+) -> IdentifiedGroup:
+    """Return the common map of a group: its size, and each term's amount if it alone acted."""
+    at = [solver.visible.index(i) for i in members]
+    vector, strength = common_map(solver.correlation[np.ix_(at, at)])
+    size = float(np.sqrt(strength) * vector @ solution.scaled[at])
+    variance = float(strength * vector @ cov[np.ix_(at, at)] @ vector)
+    u = float(np.sqrt(max(variance, 0.0)))
+    alone = {}
+    for k, i in enumerate(members):
+        effect = float(np.sqrt(strength) * vector[k] * solver.sizes[at[k]])
+        seen = abs(vector[k]) > _HARDLY
+        alone[solver.names[i]] = (size / effect, u / abs(effect)) if seen else (np.nan, np.nan)
+    return IdentifiedGroup(
+        tuple(solver.names[i] for i in members),
+        size,
+        u,
+        freeze_mapping({n: (float(v), float(s)) for n, (v, s) in alone.items()}),
+        float(strength) / len(members),
+    )
+
+
+def _as_given(residual: FloatArray, source: Any) -> Surface | FloatArray:
+    if not isinstance(source, Surface):
+        residual.setflags(write=False)
+        return residual
+    return Surface(
+        residual,
+        dx=source.dx,
+        dy=source.dy,
+        origin=source.origin,
+        metadata=source.metadata,
+        history=(*source.history, Step("identify")),
+    )
+
+
+def _messages(
+    solver: Solver, points: Measured, used: NDArray[np.bool_], inflation: float, no_form: bool
+) -> tuple[str, ...]:
+    found = []
+    if no_form:
+        found.append("no form was given: the part is taken as nominally plane")
+    hidden = [solver.names[i] for i in range(len(solver.names)) if i not in solver.visible]
+    if hidden:
+        found.append(
+            f"{', '.join(hidden)}: not visible; the alignment ({', '.join(solver.space.used)}) takes "
+            "the effect, or there is none on this part"
+        )
+    found += [
+        f"{', '.join(solver.names[i] for i in g)}: one part cannot tell them apart; they are known "
+        "together"
+        for g in solver.groups
+    ]
+    if solver.space.dropped:
+        found.append(f"{', '.join(solver.space.dropped)}: moves this surface in no way of its own")
+    core = int(used.size - used.sum())
+    if core:
+        found.append(f"{core} points at the centre or at the rim of the form were left out")
+    if points.stride > 1:
+        found.append(f"every {points.stride}th row and column was used")
+    if inflation > 1.0:
+        found.append(
+            f"the residual is not white: uncertainties are {inflation:.1f} times those of white "
+            "noise; an error that is not among the terms may be at work"
+        )
+    return tuple(found)

@@ -1,0 +1,138 @@
+"""Chains of common machines, by name.
+
+The files in ``presets_data`` hold them in the form that `Chain.from_toml` reads: `preset_table`
+returns one as a table, to start the description of another machine from.
+
+==========  ========================================  =======================================
+name        positions (SI)                            kinematics
+==========  ========================================  =======================================
+fts_lathe   C theta, X x, FTS s; Z parked             tool on FTS on X on Z; spindle C
+sts_lathe   X x, Z z, C theta                         tool on Z; spindle C on X
+mill_xyz    X x, Y y, Z z                             tool on Z; table X on Y
+five_axis   X x, Y y, Z z, A a, C c                   tool on Z on X; table C on A on Y
+==========  ========================================  =======================================
+"""
+
+from __future__ import annotations
+
+import tomllib
+from importlib.resources import files
+from typing import Any, overload
+
+from metrosep.core.errors import DataError
+from metrosep.machine.chains import Chain
+
+__all__ = ["preset_table", "presets"]
+
+_FOLDER = "presets_data"
+_LATHES = ("fts_lathe", "sts_lathe")
+_SPINDLE_ERRORS = {"co-rotating": "after", "fixed": "before"}
+
+
+@overload
+def presets() -> tuple[str, ...]: ...
+@overload
+def presets(name: None) -> tuple[str, ...]: ...
+@overload
+def presets(name: str, *, spindle_errors: str = ..., **parameters: float) -> Chain: ...
+def presets(
+    name: str | None = None, *, spindle_errors: str | None = None, **parameters: float
+) -> Chain | tuple[str, ...]:
+    """Return the chain of a common machine, or the names of all of them.
+
+    Parameters
+    ----------
+    name : str, optional
+        ``"fts_lathe"``, ``"sts_lathe"``, ``"mill_xyz"`` or ``"five_axis"``; without it, the names.
+    spindle_errors : str, optional
+        Of the lathes: ``"co-rotating"`` (eq 3 of [1]_: the errors turn with the workpiece; default)
+        or ``"fixed"`` (they stay in the machine, ISO 230-7).
+    **parameters : float, m
+        ``radius`` of the workpiece (fts_lathe, > 0), ``pivot_height`` of the C table's datum above
+        the axis of A (five_axis).
+
+    Returns
+    -------
+    Chain or tuple of str
+        The machine, or the names.
+
+    Raises
+    ------
+    DataError
+        The name, a parameter or the choice of the spindle errors is unknown, missing or out of
+        range.
+
+    Notes
+    -----
+    fts_lathe: 25 terms. Position X is the paper's x, 0 at the rim: the tool stands at the radius
+    R - x; FTS is its current height s = S - z_f. The spindle angle theta puts the cut point at the
+    workpiece azimuth -theta. Z may be left out: it is then no joint, and its errors do nothing.
+    B0Z is the paper's eta_zx with the sign of its eq 1 (eq 9 has the other one).
+
+    References
+    ----------
+    .. [1] Micromachines 11 (2020) 331, eq 1-11 and Table 1.
+
+    Examples
+    --------
+    >>> presets()
+    ('five_axis', 'fts_lathe', 'mill_xyz', 'sts_lathe')
+    >>> len(presets("fts_lathe", radius=20e-3).terms)
+    25
+    """
+    if name is None:
+        return _names()
+    table = preset_table(name)
+    if spindle_errors is not None:
+        _choose_spindle(table, name, spindle_errors)
+    chain = Chain.from_dict(table, **parameters)
+    if parameters.get("radius", 1.0) <= 0.0:
+        raise DataError(f"radius of {name} is {parameters['radius']} m; it must be positive")
+    return chain
+
+
+def preset_table(name: str) -> dict[str, Any]:
+    """Return the table of a preset, as its TOML file holds it.
+
+    Parameters
+    ----------
+    name : str
+        Name of the preset.
+
+    Returns
+    -------
+    dict
+        What `Chain.from_dict` takes; a new one each time.
+
+    Raises
+    ------
+    DataError
+        There is no such preset.
+
+    Examples
+    --------
+    >>> [element["name"] for element in preset_table("mill_xyz")["element"]]
+    ['Z', 'Y', 'X']
+    """
+    if name not in _names():
+        raise DataError(f"there is no preset chain {name!r}; there are {', '.join(_names())}")
+    file = files("metrosep.machine") / _FOLDER / f"{name}.toml"
+    return tomllib.loads(file.read_text(encoding="utf-8"))
+
+
+def _names() -> tuple[str, ...]:
+    folder = files("metrosep.machine") / _FOLDER
+    found = (f.name.removesuffix(".toml") for f in folder.iterdir() if f.name.endswith(".toml"))
+    return tuple(sorted(found))
+
+
+def _choose_spindle(table: dict[str, Any], name: str, choice: str) -> None:
+    """Write the error frame of the spindle into the table."""
+    if name not in _LATHES:
+        raise DataError(f"{name} has no spindle errors to choose; {', '.join(_LATHES)} have")
+    if choice not in _SPINDLE_ERRORS:
+        known = ", ".join(_SPINDLE_ERRORS)
+        raise DataError(f"spindle_errors is {choice!r}; known are {known}")
+    for element in table["element"]:
+        if element["name"] == "C":
+            element["error_frame"] = _SPINDLE_ERRORS[choice]

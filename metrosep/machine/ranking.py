@@ -1,0 +1,286 @@
+"""Ranking of the error terms of a machine by what they do to a given part.
+
+Each term gets a map of its unit effect from the closed-form Jacobian of the chain; an alignment is
+projected out of the maps; the Gram matrix of what is left answers the rest: Sq, shares, groups that
+one part cannot tell apart, Monte Carlo. `error = actual - nominal`, z out of the material.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from metrosep.core.errors import DataError
+from metrosep.core.provenance import freeze_mapping
+from metrosep.core.units import format_length
+from metrosep.machine._mesh import N_AZIMUTH, N_RHO, SurfaceMesh, polar_mesh
+from metrosep.machine._positions import Positions, axis_positions
+from metrosep.machine._responses import MapMaker, WavefrontHook, path_hook
+from metrosep.machine._term_amounts import TermAmounts, amounts_of_set, term_amounts
+from metrosep.machine.alignment import Alignment, alignment_space, removed_freedoms
+from metrosep.machine.error_sets import ErrorSet
+from metrosep.machine.gram import AlignedGram, aligned_gram, groups_alike
+from metrosep.machine.sensitivity import SensitivityTable
+
+__all__ = ["rank"]
+
+FloatArray = NDArray[np.float64]
+
+_REACHED = 1e-6
+"""Of the radius: a tool point this near to its place is there."""
+
+
+def rank(
+    chain: Any,
+    surface: Any,
+    *,
+    radius: float,
+    errors: Any,
+    removed: str | Iterable[str] = ("piston", "tilt"),
+    response: str = "form",
+    direction: str = "vertical",
+    distribution: str = "normal",
+    mean: Mapping[str, float | str] | None = None,
+    correlations: Mapping[tuple[str, str], float] | ArrayLike | None = None,
+    inner_radius: float = 0.0,
+    centre: tuple[float, float] | None = None,
+    tool: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    positions: Positions | None = None,
+    wavefront: WavefrontHook | None = None,
+    mode: str = "reflect",
+    n: float | None = None,
+    threshold: float = 0.9,
+    n_rho: int = N_RHO,
+    n_azimuth: int = N_AZIMUTH,
+) -> SensitivityTable:
+    """Rank error terms by the deviation they leave on a part after alignment.
+
+    Parameters
+    ----------
+    chain : Chain
+        The machine.
+    surface : Form or Surface
+        Nominal surface; a form counts from its own origin, which lies on the axis of the part.
+    radius : float, m
+        Outer radius of the part.
+    errors : mapping of str to float or str, or ErrorSet
+        Term -> magnitude in SI, or as text with a unit (``"1 um"``, ``"0.001 deg"``). Of an error
+        set the magnitude is ``sqrt(value^2 + u^2)``, and terms that depend on their axis position
+        act with their shape.
+    removed : str or iterable of str, optional
+        Freedoms that an alignment removes: ``"none"``, ``"piston"``, ``"plane"``,
+        ``"plane+defocus"``, ``"rigid"``, or names of `metrosep.machine.alignment.FREEDOMS`.
+    response : {"form", "wavefront"}, optional
+        Deviation of the surface, or change of the optical path of a reflected plane wave.
+    direction : {"vertical", "normal"}, optional
+        Of the deviation of the form.
+    distribution : {"normal", "uniform"}, optional
+        Whether a magnitude is a standard uncertainty or a half-width.
+    mean : mapping of str to float or str, optional
+        What is known of terms; zero where nothing stands.
+    correlations : mapping or array_like, shape (m, m), optional
+        Of the random part: ``{("EXX", "EYX"): 0.5}``, or the matrix in the order of `errors`.
+    inner_radius : float, m, optional
+        Inner radius; the part lies between both.
+    centre : tuple of (float, float), m, optional
+        Axis of the part in the coordinates of the surface; of a map without origin its middle.
+    tool : tuple of (float, float, float), m, optional
+        Tool point in the frame of the last element of the tool branch.
+    positions : callable, optional
+        ``positions(x, y, z)`` returns axis positions by name; found for lathes (spindle at minus
+        the azimuth) and machines of three linear axes.
+    wavefront : callable, optional
+        Turns a change of height and slopes into optical path, in place of `mode`.
+    mode : {"reflect", "refract"}, optional
+        What the surface does to a plane wave along -z; of the response "wavefront".
+    n : float, optional
+        Refractive index of the material, to refract.
+    threshold : float, optional
+        Of |r|: terms more alike are a group.
+    n_rho, n_azimuth : int, optional
+        Radii (at the middle of rings of equal width) and azimuths of the mesh.
+
+    Returns
+    -------
+    SensitivityTable
+        Terms with Sq and P-V before and after, shares, groups.
+
+    Raises
+    ------
+    DataError
+        If a term, freedom or option is unknown, no term is given, a unit does not fit, or the way
+        from a point of the part to axis positions is not known.
+    InvalidSamplesError
+        If a magnitude is negative or not finite, radii do not fit, correlations are none, or an
+        effect is not finite.
+    TooFewSamplesError
+        If the mesh is too coarse or the surface covers almost none of it.
+    UnitError
+        If a text has no unit or one of another kind.
+
+    Notes
+    -----
+    ``d = Ez - dz/dx Ex - dz/dy Ey`` [1]_; Sq is the root of the mean of d^2 over the area seen
+    along z. First order in the errors: exact poses differ by 0.04 nm at 1 um and 0.001 deg on a
+    part of 20 mm. Points where the surface is NaN are left out and counted in a message. The mesh
+    holds no point at the centre, where the azimuth is not defined.
+
+    References
+    ----------
+    .. [1] papers.md, sections 0 and 4.3.
+
+    Examples
+    --------
+    >>> from metrosep.forms import Toric
+    >>> from metrosep.machine.preset_chains import presets
+    >>> lathe = presets("fts_lathe", radius=20e-3)
+    >>> table = rank(
+    ...     lathe, Toric(Rb=0.265, Rd=0.1325), radius=20e-3, n_rho=50, n_azimuth=72,
+    ...     errors={"EXX": "1 um", "EZX": "1 um", "B0Z": "0.001 deg"})
+    >>> table.order, table.unobservable
+    (('B0Z', 'EXX', 'EZX'), ('EZX',))
+    """
+    _check_option("response", response, ("form", "wavefront"))
+    _check_option("direction", direction, ("vertical", "normal"))
+    if response == "wavefront" and direction == "normal":
+        raise DataError("a wavefront has no normal direction; leave direction out")
+    if wavefront is not None and not callable(wavefront):
+        raise DataError(f"wavefront is a function, got {type(wavefront).__name__}")
+    if response != "wavefront" and (n is not None or mode != "reflect"):
+        raise DataError('mode and n belong to response="wavefront"; a form has neither')
+    if response == "wavefront" and wavefront is None:
+        wavefront = path_hook(mode, n)
+    freedoms = removed_freedoms(removed)
+    mesh = polar_mesh(
+        surface,
+        radius=radius,
+        inner_radius=inner_radius,
+        n_rho=n_rho,
+        n_azimuth=n_azimuth,
+        centre=centre,
+    )
+    place: tuple[float, float, float] = tuple(float(v) for v in tool)  # type: ignore[assignment]
+    if isinstance(errors, ErrorSet):
+        q = axis_positions(chain, mesh.x, mesh.y, mesh.z, positions=positions, tool=place)
+        if mean is not None or correlations is not None or distribution != "normal":
+            raise DataError(
+                "an ErrorSet holds values, uncertainties and correlations itself: leave out mean, "
+                "correlations and distribution"
+            )
+        amounts = amounts_of_set(chain, errors, q)
+    else:
+        amounts = term_amounts(
+            chain, errors, mean=mean, correlations=correlations, distribution=distribution
+        )
+    maker = MapMaker(
+        chain,
+        mesh,
+        amounts.names,
+        response,
+        direction,
+        place,
+        positions,
+        wavefront,
+        amounts.shapes,
+    )
+    columns = maker.freedoms(freedoms)
+    space = alignment_space(freedoms, columns, mesh.weights, scales=_scales(freedoms, mesh))
+    gram = aligned_gram(maker.make(), space)
+    audit = {
+        "radius_mm": 1e3 * float(radius),
+        "inner_radius_mm": 1e3 * float(inner_radius),
+        "n_rho": mesh.shape[0],
+        "n_azimuth": mesh.shape[1],
+        "n_missing": mesh.n_missing,
+        "removed": freedoms,
+        "dropped": space.dropped,
+        "response": response,
+        "direction": direction,
+        **({"mode": mode, "refractive_index": n} if response == "wavefront" else {}),
+        "distribution": distribution,
+        "tool_mm": tuple(1e3 * v for v in place),
+        "weights": "area along z",
+    }
+    return SensitivityTable(
+        names=amounts.names,
+        units=amounts.units,
+        magnitudes=amounts.magnitudes,
+        mean=amounts.mean,
+        distribution=distribution,
+        covariance=amounts.covariance,
+        unit_gram=gram,
+        space=space,
+        groups=groups_alike(gram.matrix, amounts.names, threshold=threshold),
+        threshold=threshold,
+        response=response,
+        direction=direction,
+        maker=maker,
+        audit=freeze_mapping(audit),
+        messages=(*_reach(maker), *_messages(amounts, gram, space, mesh)),
+    )
+
+
+def _check_option(name: str, value: str, known: tuple[str, ...]) -> None:
+    if value not in known:
+        raise DataError(f"{name} is one of {', '.join(known)}, got {value!r}")
+
+
+def _scales(names: tuple[str, ...], mesh: SurfaceMesh) -> FloatArray:
+    """Return the size that the map of each freedom could have: below 1e-9 of it, it is rounding."""
+    size = float(mesh.rho[-1])
+    slope = float(np.sqrt(np.sum(mesh.weights * (mesh.slope_x**2 + mesh.slope_y**2))))
+    turn = size * slope
+    known = {"shift_x": 1e-3, "shift_y": 1e-3, "rotation_z": max(turn, 1e-3 * size)}
+    return np.array([known.get(n, 0.0) for n in names])
+
+
+def _reach(maker: MapMaker) -> tuple[str, ...]:
+    """Return a message where given axis positions do not put the tool on the part."""
+    if maker.positions is None:
+        return ()
+    miss = maker.miss()
+    if miss <= _REACHED * float(maker.mesh.rho[-1]):
+        return ()
+    text = (
+        f"the axis positions put the tool up to {format_length(miss)} beside the points they "
+        "should cut; check the signs, unless this is meant"
+    )
+    return (text,)
+
+
+def _messages(
+    amounts: TermAmounts, gram: AlignedGram, space: Alignment, mesh: SurfaceMesh
+) -> tuple[str, ...]:
+    found = []
+    flat = [n for n, d in zip(amounts.names, np.diag(gram.raw), strict=True) if d == 0.0]
+    gone = [n for n, g in zip(amounts.names, gram.is_removed, strict=True) if g and n not in flat]
+    if gone:
+        found.append(
+            f"{', '.join(gone)}: the alignment ({', '.join(space.used)}) takes the whole effect; "
+            "no measurement of the aligned part shows such an error"
+        )
+    if flat:
+        found.append(f"{', '.join(flat)}: no effect on this part with this tool point")
+    if space.dropped:
+        found.append(
+            f"{', '.join(space.dropped)}: does what the other freedoms do, or nothing, on this "
+            "surface; counted once"
+        )
+    if mesh.n_missing:
+        share = 100.0 * mesh.n_missing / (mesh.shape[0] * mesh.shape[1])
+        found.append(
+            f"the surface is not defined at {mesh.n_missing} points of the mesh ({share:.1f} %); "
+            "they are left out"
+        )
+    if amounts.shapes:
+        found.append(
+            f"{', '.join(amounts.shapes)}: function of the axis position; the magnitude is its "
+            "largest amount, and its uncertainty is taken to have its shape"
+        )
+    zero = [n for n, v in zip(amounts.names, amounts.magnitudes, strict=True) if v == 0.0]
+    if zero:
+        found.append(f"{', '.join(zero)}: magnitude zero, so no part in the ranking")
+    return tuple(found)

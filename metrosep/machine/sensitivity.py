@@ -1,0 +1,486 @@
+"""`SensitivityTable`: which error term does what to the part, before and after alignment.
+
+Each term has a magnitude (a standard uncertainty, or the half-width of a uniform distribution).
+``Sq`` and ``P-V`` of a term are those of the part with this error alone at its magnitude; its share
+is that of the expected mean square ``tr(G S) + mu' G mu``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.core.errors import DataError, InvalidSamplesError
+from metrosep.core.quantity import Quantity
+from metrosep.core.units import format_engineering, format_length
+from metrosep.machine._draws import MonteCarloResult, correlated_draws, drawn_maps
+from metrosep.machine._responses import MapMaker
+from metrosep.machine.alignment import Alignment
+from metrosep.machine.gram import AlignedGram, correlations, expected_mean_square, shares
+from metrosep.machine.sobol import DISTRIBUTIONS, SobolIndices, draws, sobol_indices
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from metrosep.forms.zernike_index import ZernikeOrder
+
+__all__ = ["ParetoStep", "SensitivityTable"]
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class ParetoStep:
+    """What is left when the terms that matter most are compensated.
+
+    Parameters
+    ----------
+    names : tuple of str
+        What this step compensates beyond the steps before it: a term or a group.
+    sq : float, m
+        Root of the expected mean square that is left.
+    """
+
+    names: tuple[str, ...]
+    sq: float
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class SensitivityTable:
+    """Error terms of a machine, ranked by what they do to a part.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Error terms, in the order of all arrays.
+    units : tuple of str
+        ``"m"`` or ``"rad"``.
+    magnitudes, mean : ndarray, shape (m,)
+        Of each term in its unit; the mean is what is known of it.
+    distribution : str
+        ``"normal"`` (the magnitude is a standard uncertainty) or ``"uniform"`` (a half-width).
+    covariance : ndarray, shape (m, m)
+        Of the random part of the terms.
+    unit_gram : AlignedGram
+        Gram matrices and extremes of the unit maps.
+    space : Alignment
+        What was removed.
+    groups : tuple of tuple of str
+        Terms that cannot be told apart on this part, |r| above `threshold`.
+    threshold : float
+        Of |r|.
+    response, direction : str
+        ``"form"`` or ``"wavefront"``; ``"vertical"`` or ``"normal"``.
+    maker : MapMaker
+        Makes the maps again.
+    audit : mapping
+        Settings, with units in the keys.
+    messages : tuple of str
+        What the reader must know.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    magnitudes: FloatArray
+    mean: FloatArray
+    distribution: str
+    covariance: FloatArray
+    unit_gram: AlignedGram
+    space: Alignment
+    groups: tuple[tuple[str, ...], ...]
+    threshold: float
+    response: str
+    direction: str
+    maker: MapMaker
+    audit: Mapping[str, Any] = field(default_factory=dict)
+    messages: tuple[str, ...] = ()
+
+    @property
+    def gram(self) -> FloatArray:
+        """Gram matrix after alignment, m^2 per unit^2; `unit_gram.raw` is the one before."""
+        return self.unit_gram.matrix
+
+    @property
+    def removed(self) -> tuple[str, ...]:
+        """Freedoms that were removed."""
+        return self.space.names
+
+    @property
+    def sq_raw(self) -> FloatArray:
+        """Sq of each term alone at its magnitude about zero, nothing removed, m."""
+        return np.asarray(np.sqrt(np.diag(self.unit_gram.raw)) * self.magnitudes)
+
+    @property
+    def sq(self) -> FloatArray:
+        """Sq of each term alone at its magnitude, after alignment, m."""
+        return np.asarray(np.sqrt(np.diag(self.gram)) * self.magnitudes)
+
+    @property
+    def pv_raw(self) -> FloatArray:
+        """P-V of each term alone at its magnitude, nothing removed, m."""
+        return (self.unit_gram.highest_raw - self.unit_gram.lowest_raw) * self.magnitudes
+
+    @property
+    def pv(self) -> FloatArray:
+        """P-V of each term alone at its magnitude, after alignment, m."""
+        return (self.unit_gram.highest - self.unit_gram.lowest) * self.magnitudes
+
+    @property
+    def shares(self) -> FloatArray:
+        """Share of each term in the expected mean square after alignment."""
+        return shares(self.gram, self._second_moment())
+
+    @property
+    def shares_raw(self) -> FloatArray:
+        """Share of each term in the expected mean square before alignment."""
+        return shares(self.unit_gram.raw, self._second_moment())
+
+    @property
+    def correlations(self) -> FloatArray:
+        """How alike the aligned maps are, shape (m, m); NaN for terms that leave nothing."""
+        return correlations(self.gram)
+
+    @property
+    def unobservable(self) -> tuple[str, ...]:
+        """Terms of which the alignment leaves nothing, and terms that do nothing to this part."""
+        return tuple(
+            n for n, gone in zip(self.names, self.unit_gram.is_removed, strict=True) if gone
+        )
+
+    @property
+    def order(self) -> tuple[str, ...]:
+        """Terms by falling Sq after alignment."""
+        return tuple(self.names[i] for i in np.argsort(-self.sq, kind="stable"))
+
+    @property
+    def expected_sq(self) -> float:
+        """Root of the expected mean square after alignment, ``tr(G S) + mu' G mu``, m."""
+        return float(np.sqrt(expected_mean_square(self.gram, self.covariance, self.mean)))
+
+    @property
+    def expected_sq_raw(self) -> float:
+        """The same before alignment, m."""
+        square = expected_mean_square(self.unit_gram.raw, self.covariance, self.mean)
+        return float(np.sqrt(square))
+
+    @property
+    def sq_together(self) -> float:
+        """Sq after alignment with every term at plus its magnitude at once, m."""
+        return float(np.sqrt(max(float(self.magnitudes @ self.gram @ self.magnitudes), 0.0)))
+
+    @property
+    def sq_together_raw(self) -> float:
+        """The same before alignment, m."""
+        square = float(self.magnitudes @ self.unit_gram.raw @ self.magnitudes)
+        return float(np.sqrt(max(square, 0.0)))
+
+    def __getitem__(self, term: str) -> Quantity:
+        """Return Sq of a term after alignment, with its definition.
+
+        Parameters
+        ----------
+        term : str
+            Of `names`.
+
+        Raises
+        ------
+        DataError
+            If the term is not in the table.
+        """
+        i = self._place(term)
+        removed = ", ".join(self.removed) or "nothing"
+        text = (
+            f"Sq of the {self.direction if self.response == 'form' else self.response} deviation "
+            f"from {term} = {format_engineering(float(self.magnitudes[i]), self.units[i])}; "
+            f"removed: {removed}; area-weighted"
+        )
+        return Quantity(float(self.sq[i]), "m", text, symbol="Sq")
+
+    def unit_maps(self, *, aligned: bool = True) -> FloatArray:
+        """Return the map of a unit of each term on the polar mesh.
+
+        Parameters
+        ----------
+        aligned : bool, optional
+            Whether the removed freedoms are taken out.
+
+        Returns
+        -------
+        ndarray, shape (n_rho, n_azimuth, m), m per unit
+            NaN where the surface is not defined.
+        """
+        maps = self._maps(aligned=aligned)
+        whole = self.maker.mesh.whole(maps)
+        whole.setflags(write=False)
+        return whole
+
+    def zernike(self, terms: int = 15, *, order: ZernikeOrder = "ansi") -> pd.DataFrame:
+        """Return what each error term, at its magnitude, adds to the Zernike terms of the part.
+
+        Parameters
+        ----------
+        terms : int, optional
+            How many first Zernike terms, fitted together with the area as weight.
+        order : {"ansi", "noll", "fringe"}, optional
+            How they are counted; ANSI and Noll are normalised to rms.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Index ``term``; a column ``Z4_nm`` ... for each Zernike term, nothing removed before,
+            and ``rest_nm``, the rms that they leave.
+
+        Raises
+        ------
+        DataError
+            If the Zernike terms do not exist.
+        DegenerateFitError
+            If the points do not determine them.
+
+        Notes
+        -----
+        Of the form, or of the wavefront where that is the response. The disc is the part.
+        """
+        import pandas as pd
+
+        from metrosep.forms.zernike import Zernike
+
+        mesh, maps = self.maker.mesh, self._maps(aligned=False) * self.magnitudes
+        form = Zernike(terms, order=order, radius=1e-3 * float(self.audit["radius_mm"]))
+        weights = mesh.weights / float(mesh.weights.max())
+        rows = []
+        for k, name in enumerate(self.names):
+            fit, left = form.fit_list(mesh.x, mesh.y, maps[:, k], weights=weights)
+            found = {f"{z}_nm": 1e9 * float(v or 0.0) for z, v in fit.form.parameters.items()}
+            rest = float(np.sqrt((mesh.weights * left**2).sum() / mesh.weights.sum()))
+            rows.append({"term": name, **found, "rest_nm": 1e9 * rest})
+        return pd.DataFrame(rows).set_index("term")
+
+    def monte_carlo(
+        self, n: int = 10000, *, seed: int = 0, maps: bool = False
+    ) -> MonteCarloResult:
+        """Draw the errors and return Sq of each draw, and P-V if maps are wanted.
+
+        Parameters
+        ----------
+        n : int, optional
+            Draws, at least 2.
+        seed : int, optional
+            Of the generator.
+        maps : bool, optional
+            Whether every drawn map is made, for its P-V: slower. Sq needs only the Gram matrix.
+
+        Returns
+        -------
+        MonteCarloResult
+            Sq, P-V (or None), and the mean square beside its expectation.
+
+        Raises
+        ------
+        DataError
+            If the amounts are uniform and correlated: then their covariance says too little.
+        TooFewSamplesError
+            If n is below 2.
+        """
+        amounts = self._amounts(n, seed)
+        unit = self._maps(aligned=True) if maps else None
+        return drawn_maps(self.gram, amounts, self.expected_sq**2, unit)
+
+    def sobol(self, n: int = 65536, *, seed: int = 0) -> SobolIndices:
+        """Return Sobol indices of Sq (not of its square) after alignment.
+
+        Parameters
+        ----------
+        n : int, optional
+            Draws per term.
+        seed : int, optional
+            Of the generator.
+
+        Returns
+        -------
+        SobolIndices
+            In the order of `names`.
+
+        Raises
+        ------
+        DataError
+            If the terms are correlated: the indices hold for independent ones.
+        TooFewSamplesError
+            If n is below 64.
+        """
+        if self._is_correlated():
+            raise DataError(
+                "Sobol indices need independent terms, these are correlated; take shares"
+            )
+        return sobol_indices(
+            self.gram,
+            self._spreads(),
+            mean=self.mean,
+            distribution=self.distribution,
+            n=n,
+            seed=seed,
+        )
+
+    def pareto(self, *, by: str = "group", left: float = 0.0) -> tuple[ParetoStep, ...]:
+        """Return what is left when the terms are compensated one after the other, best first.
+
+        Parameters
+        ----------
+        by : {"group", "term"}, optional
+            Whether terms that cannot be told apart go together.
+        left : float, optional
+            Share of an amount that its compensation leaves, 0 to 1.
+
+        Returns
+        -------
+        tuple of ParetoStep
+            The first compensates nothing. Each next takes the term or group after which least is
+            left.
+
+        Raises
+        ------
+        DataError
+            If `by` is unknown.
+        InvalidSamplesError
+            If `left` is not between 0 and 1.
+        """
+        if by not in ("group", "term"):
+            raise DataError(f"by is 'group' or 'term', got {by!r}")
+        if not 0.0 <= left <= 1.0:
+            raise InvalidSamplesError(f"left is a share between 0 and 1, got {left}")
+        grouped = {n: g for g in self.groups for n in g} if by == "group" else {}
+        open_sets = list(dict.fromkeys(grouped.get(n, (n,)) for n in self.names))
+        factors = np.ones(len(self.names))
+        steps = [ParetoStep((), self._expected(factors))]
+        while open_sets:
+            trials = []
+            for names in open_sets:
+                trial = factors.copy()
+                trial[[self.names.index(n) for n in names]] = left
+                trials.append((self._expected(trial), trial))
+            best = min(range(len(trials)), key=lambda k: trials[k][0])
+            steps.append(ParetoStep(open_sets.pop(best), trials[best][0]))
+            factors = trials[best][1]
+        return tuple(steps)
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return the table, by falling Sq after alignment.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Index ``term``; columns ``unit``, ``magnitude`` (SI), ``mean`` (SI), ``sq_raw_nm``,
+            ``pv_raw_nm``, ``share_raw``, ``sq_nm``, ``pv_nm``, ``share``, ``group`` (0: none),
+            ``observable``.
+        """
+        import pandas as pd
+
+        return pd.DataFrame(self._rows()).set_index("term")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON.
+
+        Returns
+        -------
+        dict
+            Keys ``terms`` (rows as in `to_frame`), ``groups``, ``unobservable``,
+            ``expected_sq_nm``, ``expected_sq_raw_nm``, ``pareto``, ``audit``, ``messages``.
+        """
+        return {
+            "terms": [
+                {k: None if isinstance(v, float) and np.isnan(v) else v for k, v in row.items()}
+                for row in self._rows()
+            ],
+            "groups": [list(g) for g in self.groups],
+            "unobservable": list(self.unobservable),
+            "expected_sq_nm": 1e9 * self.expected_sq,
+            "expected_sq_raw_nm": 1e9 * self.expected_sq_raw,
+            "pareto": [{"compensated": list(s.names), "sq_nm": 1e9 * s.sq} for s in self.pareto()],
+            "audit": dict(self.audit),
+            "messages": list(self.messages),
+        }
+
+    def report(self) -> str:
+        """Return the table as text, ranked, with groups, what is unobservable, and messages.
+
+        Returns
+        -------
+        str
+            Several lines.
+        """
+        from metrosep.machine._sensitivity_text import report_text
+
+        return report_text(self)
+
+    def __repr__(self) -> str:
+        return (
+            f"SensitivityTable({len(self.names)} terms, {self.response}, removed "
+            f"{', '.join(self.removed) or 'nothing'}, expected Sq "
+            f"{format_length(self.expected_sq)}, first {self.order[0]})"
+        )
+
+    def _rows(self) -> list[dict[str, Any]]:
+        group = {n: k for k, g in enumerate(self.groups, start=1) for n in g}
+        columns = {
+            "magnitude": self.magnitudes,
+            "mean": self.mean,
+            "sq_raw_nm": 1e9 * self.sq_raw,
+            "pv_raw_nm": 1e9 * self.pv_raw,
+            "share_raw": self.shares_raw,
+            "sq_nm": 1e9 * self.sq,
+            "pv_nm": 1e9 * self.pv,
+            "share": self.shares,
+        }
+        gone = self.unobservable
+        return [
+            {
+                "term": n,
+                "unit": self.units[i],
+                **{k: float(v[i]) for k, v in columns.items()},
+                "group": group.get(n, 0),
+                "observable": n not in gone,
+            }
+            for n, i in ((n, self.names.index(n)) for n in self.order)
+        ]
+
+    def _place(self, term: str) -> int:
+        if term not in self.names:
+            raise DataError(f"{term!r} was not ranked; there are {', '.join(self.names)}")
+        return self.names.index(term)
+
+    def _maps(self, *, aligned: bool) -> FloatArray:
+        maps = self.maker.make()
+        if aligned:
+            maps = self.space.remove(maps)
+            maps[:, self.unit_gram.is_removed] = 0.0
+        return maps
+
+    def _spreads(self) -> FloatArray:
+        """Return the half-width or standard uncertainty of the random part of each term."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)) / DISTRIBUTIONS[self.distribution])
+
+    def _second_moment(self) -> FloatArray:
+        """Return ``S + mu mu'``: with it, shares add up to the whole expectation."""
+        return self.covariance + np.outer(self.mean, self.mean)
+
+    def _is_correlated(self) -> bool:
+        return bool((self.covariance != np.diag(np.diag(self.covariance))).any())
+
+    def _amounts(self, n: int, seed: int) -> FloatArray:
+        if not self._is_correlated():
+            return draws(n, self._spreads(), self.mean, self.distribution, seed)
+        if self.distribution != "normal":
+            raise DataError(
+                "uniform and correlated: the covariance does not say how such errors are "
+                "distributed; give standard uncertainties with distribution='normal'"
+            )
+        return correlated_draws(n, self.covariance, self.mean, seed)
+
+    def _expected(self, factors: FloatArray) -> float:
+        covariance = self.covariance * np.outer(factors, factors)
+        square = expected_mean_square(self.gram, covariance, self.mean * factors)
+        return float(np.sqrt(max(square, 0.0)))

@@ -1,0 +1,175 @@
+"""Process models: tool path, tool setting, servo and flexure, error budgets, before and after cutting.
+
+Errors are actual minus nominal along z, out of the material. A name loads its module on first use.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from metrosep.core._lazy import lazy_names
+
+if TYPE_CHECKING:
+    from metrosep.process.arc_lengths import (
+        angle_at_length as angle_at_length,
+        arc_length as arc_length,
+    )
+    from metrosep.process.budget import (
+        BudgetTotal as BudgetTotal,
+        Contribution as Contribution,
+        ErrorBudget as ErrorBudget,
+    )
+    from metrosep.process.chip import (
+        approximate_chip_thickness as approximate_chip_thickness,
+        cusp_height as cusp_height,
+        cusp_ra as cusp_ra,
+        max_chip_thickness as max_chip_thickness,
+    )
+    from metrosep.process.feedforward import (
+        CorrectedPath as CorrectedPath,
+        CorrectedPoints as CorrectedPoints,
+        corrected_path as corrected_path,
+        corrected_points as corrected_points,
+    )
+    from metrosep.process.interpolation import (
+        evaluate as evaluate,
+        fitted_heights as fitted_heights,
+        knot_slopes as knot_slopes,
+    )
+    from metrosep.process.jobs import (
+        JobPlan as JobPlan,
+        TurningJob as TurningJob,
+    )
+    from metrosep.process.machining_time import (
+        MachiningTime as MachiningTime,
+        machining_time as machining_time,
+    )
+    from metrosep.process.nose import (
+        RoundNose as RoundNose,
+        rake_error as rake_error,
+    )
+    from metrosep.process.nose_checks import (
+        NoseCheck as NoseCheck,
+        clearance_check as clearance_check,
+        gouge_check as gouge_check,
+        window_check as window_check,
+    )
+    from metrosep.process.path_errors import (
+        PathErrorMap as PathErrorMap,
+    )
+    from metrosep.process.path_estimates import (
+        estimated_points as estimated_points,
+        sine_path_error as sine_path_error,
+        sine_path_step as sine_path_step,
+    )
+    from metrosep.process.path_points import (
+        CountCurve as CountCurve,
+        PathPoints as PathPoints,
+        PointPlan as PointPlan,
+        errors_by_count as errors_by_count,
+        points_for_tolerance as points_for_tolerance,
+    )
+    from metrosep.process.predictions import (
+        CorrectedProgram as CorrectedProgram,
+        Prediction as Prediction,
+    )
+    from metrosep.process.setting_fit import (
+        SettingFit as SettingFit,
+        identify_setting as identify_setting,
+    )
+    from metrosep.process.setting_maps import (
+        SettingError as SettingError,
+    )
+    from metrosep.process.setting_tolerances import (
+        SettingTolerance as SettingTolerance,
+        setting_tolerance as setting_tolerance,
+    )
+    from metrosep.process.spirals import (
+        SpiralPath as SpiralPath,
+    )
+    from metrosep.process.tool_settings import (
+        ToolSetting as ToolSetting,
+    )
+
+_HOMES = {
+    "arc_lengths": (
+        "angle_at_length",
+        "arc_length",
+    ),
+    "budget": (
+        "BudgetTotal",
+        "Contribution",
+        "ErrorBudget",
+    ),
+    "chip": (
+        "approximate_chip_thickness",
+        "cusp_height",
+        "cusp_ra",
+        "max_chip_thickness",
+    ),
+    "feedforward": (
+        "CorrectedPath",
+        "CorrectedPoints",
+        "corrected_path",
+        "corrected_points",
+    ),
+    "interpolation": (
+        "evaluate",
+        "fitted_heights",
+        "knot_slopes",
+    ),
+    "jobs": (
+        "JobPlan",
+        "TurningJob",
+    ),
+    "machining_time": (
+        "MachiningTime",
+        "machining_time",
+    ),
+    "nose": (
+        "RoundNose",
+        "rake_error",
+    ),
+    "nose_checks": (
+        "NoseCheck",
+        "clearance_check",
+        "gouge_check",
+        "window_check",
+    ),
+    "path_errors": ("PathErrorMap",),
+    "path_estimates": (
+        "estimated_points",
+        "sine_path_error",
+        "sine_path_step",
+    ),
+    "path_points": (
+        "CountCurve",
+        "PathPoints",
+        "PointPlan",
+        "errors_by_count",
+        "points_for_tolerance",
+    ),
+    "predictions": (
+        "CorrectedProgram",
+        "Prediction",
+    ),
+    "setting_fit": (
+        "SettingFit",
+        "identify_setting",
+    ),
+    "setting_maps": ("SettingError",),
+    "setting_tolerances": (
+        "SettingTolerance",
+        "setting_tolerance",
+    ),
+    "spirals": ("SpiralPath",),
+    "tool_settings": ("ToolSetting",),
+}
+
+__all__ = sorted(name for names in _HOMES.values() for name in names)  # noqa: PLE0605
+
+__getattr__ = lazy_names(__name__, _HOMES)
+
+
+def __dir__() -> list[str]:
+    return list(__all__)

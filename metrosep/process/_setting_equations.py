@@ -1,0 +1,226 @@
+"""Private: normal equations of a tool setting on the points of a map, and which freedoms show.
+
+The matrix is never built whole: its products are added up block by block. A freedom that no point
+shows, or that others on the same points can hold as well, is found and named before anything is
+solved.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.core.blas import one_blas_thread
+from metrosep.forms.base import Form
+from metrosep.forms.points import Points
+from metrosep.process._setting_model import exact_cut
+
+FloatArray = NDArray[np.float64]
+
+FREEDOMS: Mapping[str, str] = {
+    "piston": "m",
+    "tilt_x": "1",
+    "tilt_y": "1",
+    "dx": "m",
+    "dR": "m",
+    "dy": "m",
+    "shift_x": "m",
+    "shift_y": "m",
+    "rotation": "rad",
+}
+"""Unit of each; when two hold the same, the one that stands later is given up."""
+
+_LARGEST = {"dx": 1e-3, "dy": 1e-3, "dR": 10e-3, "rotation": 1.0}
+_SAME = 1e-9
+"""Share of its square norm that a column must keep beside the others."""
+_NO_TRACE = 1e-9
+_CLOSE = 0.9
+
+
+@dataclass(frozen=True, slots=True)
+class Equations:
+    """Sums over the points at some values of the freedoms, in the order of `FREEDOMS`.
+
+    Parameters
+    ----------
+    gram : ndarray, shape (9, 9)
+        Products of the derivatives.
+    right : ndarray, shape (9,)
+        Products of the derivatives with the residual.
+    square : float, m^2
+        Sum of squared residuals.
+    n : int
+        Points used.
+    n_undefined : int
+        Points left out because nothing is cut or defined there.
+    """
+
+    gram: FloatArray
+    right: FloatArray
+    square: float
+    n: int
+    n_undefined: int
+
+    @property
+    def mean_square(self) -> float:
+        """Mean of the squared residuals, m^2."""
+        return self.square / self.n if self.n else math.inf
+
+
+def modelled(
+    form: Form, x: FloatArray, y: FloatArray, values: Mapping[str, float]
+) -> tuple[FloatArray, FloatArray]:
+    """Return heights (n,) and their derivatives (9, n) at points, NaN where nothing is defined."""
+    px, py = x - values["shift_x"], y - values["shift_y"]
+    rho, theta = np.hypot(px, py), np.arctan2(py, px) - values["rotation"]
+    cut = exact_cut(form, rho, theta, values["dx"], values["dy"], values["dR"])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        around = np.where(rho > 0.0, cut.along_theta / rho, 0.0)
+    turned = theta + values["rotation"]
+    cosine, sine = np.cos(turned), np.sin(turned)
+    columns = np.empty((len(FREEDOMS), x.size))
+    columns[0] = 1.0
+    columns[1], columns[2] = x, y
+    columns[3], columns[4], columns[5] = cut.by_dx, cut.by_dR, cut.by_dy
+    columns[6] = sine * around - cosine * cut.along_rho
+    columns[7] = -cosine * around - sine * cut.along_rho
+    columns[8] = -cut.along_theta
+    z = cut.height + values["piston"] + values["tilt_x"] * x + values["tilt_y"] * y
+    return z, columns
+
+
+def equations(
+    points: Points, form: Form, values: Mapping[str, float], region: tuple[float, float]
+) -> Equations:
+    """Return the sums over the measured points within a region about the spindle axis."""
+    size = len(FREEDOMS)
+    gram, right = np.zeros((size, size)), np.zeros(size)
+    square, n, undefined = 0.0, 0, 0
+    with one_blas_thread():
+        for all_x, all_y, all_z in points.valid_blocks():
+            rho = np.hypot(all_x - values["shift_x"], all_y - values["shift_y"])
+            inside = (rho >= region[0]) & (rho <= region[1])
+            x, y, z = all_x[inside], all_y[inside], all_z[inside]
+            model, columns = modelled(form, x, y, values)
+            off = z - model
+            good = ~np.isnan(off) & np.isfinite(columns).all(axis=0)
+            if not good.all():
+                undefined += int(np.count_nonzero(~good))
+                off, columns = off[good], columns[:, good]
+            gram += columns @ columns.T
+            right += columns @ off
+            square += float(off @ off)
+            n += off.size
+    return Equations(gram, right, square, n, undefined)
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """Which freedoms are solved for, and why the others are not.
+
+    Parameters
+    ----------
+    used : tuple of str
+        In the order of `FREEDOMS`.
+    given_up : mapping of str to tuple of str
+        Freedom to those that hold its effect; empty where it leaves no trace.
+    """
+
+    used: tuple[str, ...]
+    given_up: Mapping[str, tuple[str, ...]]
+
+    @property
+    def rows(self) -> list[int]:
+        """Places of the used freedoms in `FREEDOMS`."""
+        names = list(FREEDOMS)
+        return [names.index(n) for n in self.used]
+
+
+def choose(sums: Equations, free: Sequence[str], *, noise: float, extent: float) -> Choice:
+    """Return the freedoms that the points determine, in order of preference.
+
+    A freedom is given up where it leaves no trace, where others hold its effect to rounding, or
+    where its uncertainty exceeds the size of the part (or 1 mm of dx and dy, 10 mm of dR, 1 rad).
+    """
+    names = list(FREEDOMS)
+    slopes = [names.index(n) for n in ("dx", "dy", "shift_x", "shift_y")]
+    strongest = math.sqrt(float(sums.gram[slopes, slopes].max()))
+    used: list[int] = []
+    given_up: dict[str, tuple[str, ...]] = {}
+    for i, name in enumerate(names):
+        if name not in free:
+            continue
+        norm = math.sqrt(float(sums.gram[i, i]))
+        scale = strongest * (extent if name == "rotation" else 1.0)
+        is_setting = name in ("dx", "dy", "shift_x", "shift_y", "rotation")
+        if norm == 0.0 or (is_setting and norm <= _NO_TRACE * scale):
+            given_up[name] = ()
+            continue
+        left, partners = _beside(sums.gram, i, used)
+        limit = _LARGEST.get(name, extent if FREEDOMS[name] == "m" else math.inf)
+        if left <= _SAME or noise > limit * norm * math.sqrt(left):
+            given_up[name] = tuple(names[k] for k in partners)
+            continue
+        used.append(i)
+    return Choice(tuple(names[k] for k in used), given_up)
+
+
+def _beside(gram: FloatArray, i: int, used: Sequence[int]) -> tuple[float, list[int]]:
+    """Return the share of a column that others do not hold, and which hold most of the rest."""
+    if not used:
+        return 1.0, []
+    norms = np.sqrt(np.diag(gram)[list(used)])
+    own = math.sqrt(float(gram[i, i]))
+    among = gram[np.ix_(used, used)] / np.outer(norms, norms)
+    onto = gram[list(used), i] / (norms * own)
+    weights = np.linalg.lstsq(among, onto, rcond=1e-13)[0]
+    left = max(0.0, 1.0 - float(weights @ onto))
+    shares = np.abs(weights)
+    return left, [k for k, w in zip(used, shares, strict=True) if w > 0.3 * shares.max()]
+
+
+def solve(sums: Equations, choice: Choice) -> tuple[FloatArray, FloatArray]:
+    """Return the step of the used freedoms, and the inverse of their products."""
+    rows = choice.rows
+    norms = np.sqrt(np.diag(sums.gram)[rows])
+    unit = sums.gram[np.ix_(rows, rows)] / np.outer(norms, norms)
+    inverse = np.linalg.inv(unit)
+    inverse = 0.5 * (inverse + inverse.T)
+    return inverse @ (sums.right[rows] / norms) / norms, inverse / np.outer(norms, norms)
+
+
+def alike(sums: Equations, choice: Choice, held: Sequence[str]) -> dict[str, tuple[str, float]]:
+    """Return held freedoms that would pass for a used setting: its name and the correlation.
+
+    Correlations are those of what piston and tilts leave of both.
+    """
+    names = list(FREEDOMS)
+    plane = [names.index(n) for n in ("piston", "tilt_x", "tilt_y") if n in choice.used]
+    found: dict[str, tuple[str, float]] = {}
+    for name in held:
+        i = names.index(name)
+        for setting in ("dx", "dy"):
+            if setting not in choice.used:
+                continue
+            j = names.index(setting)
+            r = _partial(sums.gram, i, j, plane)
+            if abs(r) > _CLOSE and abs(r) > abs(found.get(name, ("", 0.0))[1]):
+                found[name] = (setting, r)
+    return found
+
+
+def _partial(gram: FloatArray, i: int, j: int, over: list[int]) -> float:
+    pair = [i, j]
+    left = gram[np.ix_(pair, pair)].copy()
+    if over:
+        norms = np.sqrt(np.diag(gram)[list(over)])
+        among = gram[np.ix_(over, over)] / np.outer(norms, norms)
+        onto = gram[np.ix_(over, pair)] / norms[:, None]
+        left -= onto.T @ np.linalg.lstsq(among, onto, rcond=1e-13)[0]
+    size = float(left[0, 0] * left[1, 1])
+    whole = float(gram[i, i] * gram[j, j])
+    return float(left[0, 1]) / math.sqrt(size) if size > 1e-18 * whole else 0.0

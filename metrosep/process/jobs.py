@@ -1,0 +1,425 @@
+"""`TurningJob`: a freeform to be turned, from the number of blocks to the corrected program.
+
+Everything is evaluated at the same points of the spiral, so that the maps of the causes add. Errors
+are actual minus nominal along z, out of the material. After slow-tool-servo, sections 2 to 4.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import DataError
+from metrosep.core.provenance import freeze_mapping
+from metrosep.forms.base import Form
+from metrosep.process._follow_result import FollowUp, FollowUpMap
+from metrosep.process._job_causes import (
+    cause_of,
+    checked_removed,
+    frozen,
+    on_spiral,
+    u_of_setting,
+)
+from metrosep.process.arc_lengths import checked_positive
+from metrosep.process.budget import Contribution, ErrorBudget
+from metrosep.process.interpolation import Interpolation
+from metrosep.process.machining_time import MachiningTime, machining_time
+from metrosep.process.path_points import PointPlan, points_for_tolerance
+from metrosep.process.predictions import CorrectedProgram, Prediction
+from metrosep.process.spirals import Distribution, Sense, SpiralPath
+from metrosep.process.tool_settings import ToolSetting
+
+if TYPE_CHECKING:
+    from metrosep.process.path_errors import PathErrorMap
+
+__all__ = ["JobPlan", "TurningJob"]
+
+_LEAD_IN = 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JobPlan:
+    """A block program that holds a tolerance, and how long it runs.
+
+    Parameters
+    ----------
+    points : PointPlan
+        Search for the number of blocks.
+    time : MachiningTime
+        Of one pass.
+    """
+
+    points: PointPlan
+    time: MachiningTime
+
+    @property
+    def path(self) -> SpiralPath:
+        """Points and interpolation."""
+        return self.points.path
+
+    @property
+    def n_points(self) -> int:
+        """Blocks on the part."""
+        return self.points.n_points
+
+    @property
+    def minutes(self) -> float:
+        """Time of one pass in minutes."""
+        return self.time.seconds / 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class TurningJob:
+    """A freeform that is turned by a slow tool servo along a spiral.
+
+    Parameters
+    ----------
+    form : Form
+        The surface wanted, the spindle axis at its origin.
+    radius : float, m
+        Of the workpiece.
+    feed : float, m
+        Advance per revolution.
+    rpm : float, 1/min
+        Spindle speed.
+    block_time : float, s, optional
+        Shortest time of a block in the controller.
+    core : float, m, optional
+        Radius at which the path ends.
+    sense : {"counterclockwise", "clockwise"}, optional
+        How the tool goes round the part, seen from above.
+
+    Raises
+    ------
+    DataError
+        If the form is none, or a number is not positive and finite.
+
+    Examples
+    --------
+    >>> from metrosep.forms import SineGrid
+    >>> job = TurningJob(SineGrid(amplitude=50e-9, wavelength=100e-6), 200e-6, 4e-6, rpm=20)
+    >>> plan = job.plan(5e-9)
+    >>> prediction = job.predict(plan, tool=ToolSetting(dx=0.25e-6))
+    >>> list(prediction.maps)
+    ['tool setting', 'program']
+    """
+
+    form: Form
+    radius: float
+    feed: float
+    rpm: float
+    block_time: float = 0.0
+    core: float = 0.0
+    sense: Sense = "counterclockwise"
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.form, Form):
+            raise DataError(
+                f"the form must be a metrosep form such as SineGrid(...), got "
+                f"{type(self.form).__name__}"
+            )
+        for name in ("radius", "feed", "rpm"):
+            checked_positive(getattr(self, name), name)
+        if not (np.isfinite(self.block_time) and self.block_time >= 0.0):
+            raise DataError(f"block_time must be a time from 0 on, in s, got {self.block_time}")
+
+    def path(
+        self,
+        *,
+        step: float,
+        distribution: Distribution = "CA",
+        interpolation: Interpolation = "spline",
+        lead_in: int = _LEAD_IN,
+        **options: Any,
+    ) -> SpiralPath:
+        """Return a path with a step that is given.
+
+        Parameters
+        ----------
+        step : float, rad or m
+            Between points.
+        distribution : {"CA", "CAL"}, optional
+            Constant angle or arc length.
+        interpolation : {"linear", "spline"}, optional
+            What the controller does.
+        lead_in : int, optional
+            Points before the rim.
+        **options : object
+            Of `SpiralPath`.
+
+        Returns
+        -------
+        SpiralPath
+            Of this workpiece and feed.
+
+        Raises
+        ------
+        DataError
+            If an argument is not one that can be used.
+        """
+        return SpiralPath(
+            self.radius,
+            self.feed,
+            distribution=distribution,
+            step=step,
+            interpolation=interpolation,
+            lead_in=lead_in,
+            core=self.core,
+            sense=self.sense,
+            **options,
+        )
+
+    def plan(
+        self,
+        tolerance: float,
+        *,
+        distribution: Distribution = "CA",
+        interpolation: Interpolation = "spline",
+        annulus: tuple[float | None, float | None] | None = None,
+        lead_in: int = _LEAD_IN,
+        **options: Any,
+    ) -> JobPlan:
+        """Return the fewest blocks whose interpolation error holds a tolerance.
+
+        Parameters
+        ----------
+        tolerance : float, m
+            P-V of the interpolation error.
+        distribution : {"CA", "CAL"}, optional
+            Constant angle or arc length.
+        interpolation : {"linear", "spline"}, optional
+            What the controller does.
+        annulus : tuple of (float or None, float or None), m, optional
+            Region that counts; the whole part if omitted.
+        lead_in : int, optional
+            Points before the rim, so that the free end of the spline is not on the part.
+        **options : object
+            Of `points_for_tolerance`.
+
+        Returns
+        -------
+        JobPlan
+            Path, number of blocks, minutes.
+
+        Raises
+        ------
+        LimitError
+            If no number of blocks holds it.
+        DataError
+            If an argument is not one that can be used.
+        """
+        found = points_for_tolerance(
+            self.form,
+            self.radius,
+            self.feed,
+            tolerance,
+            distribution=distribution,
+            interpolation=interpolation,
+            annulus=annulus,
+            lead_in=lead_in,
+            core=self.core,
+            sense=self.sense,
+            **options,
+        )
+        return JobPlan(found, self.time(found.path))
+
+    def time(self, path: SpiralPath) -> MachiningTime:
+        """Return the time of one pass.
+
+        Parameters
+        ----------
+        path : SpiralPath
+            Its blocks and turns.
+
+        Returns
+        -------
+        MachiningTime
+            Spindle or controller, whichever is slower.
+        """
+        return machining_time(
+            path.n_points, path.turns, spindle_speed=self.rpm / 60.0, block_time=self.block_time
+        )
+
+    def predict(
+        self,
+        path: SpiralPath | JobPlan,
+        *,
+        tool: ToolSetting | None = None,
+        follow_up: FollowUp | FollowUpMap | float | None = None,
+        others: Sequence[Contribution] = (),
+        removed: Sequence[str] = (),
+        sub_points: int = 10,
+    ) -> Prediction:
+        """Return the form error that the part will have, cause by cause.
+
+        Parameters
+        ----------
+        path : SpiralPath or JobPlan
+            The program.
+        tool : ToolSetting, optional
+            Errors of the setting; its uncertainties go into the budget.
+        follow_up : FollowUp, FollowUpMap or float, optional
+            A log of the dry run with places on the part, or a P-V in m.
+        others : sequence of Contribution, optional
+            Further causes, maps at the points of this prediction or P-Vs.
+        removed : sequence of {"piston", "tilt"}, optional
+            Taken off each map by least squares over the area, as an evaluation does.
+        sub_points : int, optional
+            Samples between two points of the program.
+
+        Returns
+        -------
+        Prediction
+            Budget and maps.
+
+        Raises
+        ------
+        DataError
+            If the path is of another job, or an argument is not one that can be used.
+        TooFewSamplesError
+            If the log has no sample on the part.
+        InvalidSamplesError
+            If the form has no height at a point.
+        """
+        spiral = self._own(path)
+        removed = checked_removed(removed)
+        error = spiral.error_map(self.form, sub_points=sub_points)
+        rho, azimuth = error.rho, error.theta
+        weights = rho if spiral.distribution == "CA" else np.ones_like(rho)
+        messages = list(error.messages)
+        causes: list[Contribution] = []
+        if tool is not None:
+            causes.append(self._of_tool(tool, error, weights, removed, messages))
+        causes.append(cause_of("program", error.z, rho, azimuth, weights, removed))
+        if isinstance(follow_up, FollowUp | FollowUpMap):
+            z = on_spiral(follow_up, spiral, rho, messages)
+            causes.append(cause_of("follow-up", z, rho, azimuth, weights, removed))
+        elif follow_up is not None:
+            causes.append(Contribution("follow-up", float(follow_up)))
+        causes += list(others)
+        audit = {
+            "radius_um": 1e6 * self.radius,
+            "feed_um": 1e6 * self.feed,
+            "n_blocks": spiral.n_points,
+            "distribution": spiral.distribution,
+            "interpolation": spiral.interpolation,
+            "minutes": self.time(spiral).seconds / 60.0,
+            "removed": list(removed),
+            "n_samples": int(rho.size),
+        }
+        return Prediction(
+            ErrorBudget(causes), rho, azimuth, removed, tuple(messages), freeze_mapping(audit)
+        )
+
+    def compensated(
+        self,
+        path: SpiralPath | JobPlan,
+        *,
+        tool: ToolSetting | None = None,
+        follow_up: FollowUp | FollowUpMap | None = None,
+        gain: float = 1.0,
+    ) -> CorrectedProgram:
+        """Return the program that makes up for the tool setting and a logged follow-up error.
+
+        Parameters
+        ----------
+        path : SpiralPath or JobPlan
+            The program.
+        tool : ToolSetting, optional
+            What the errors of the setting are; inverted exactly.
+        follow_up : FollowUp or FollowUpMap, optional
+            Log of the dry run with places on the part; its negative is added.
+        gain : float, optional
+            Share of the follow-up error that is taken, above 0 and at most 1.
+
+        Returns
+        -------
+        CorrectedProgram
+            Points with nominal and commanded height.
+
+        Raises
+        ------
+        DataError
+            If there is nothing to make up for, the gain is not in its range, or the path is of
+            another job.
+        TooFewSamplesError
+            If the log has no sample on the part.
+        NotConvergedError
+            If the setting cannot be inverted.
+        """
+        from metrosep.process.feedforward import corrected_path
+
+        if tool is None and follow_up is None:
+            raise DataError(
+                "give the tool setting or the follow-up error that is to be made up for"
+            )
+        if not 0.0 < gain <= 1.0:
+            raise DataError(f"gain must lie above 0 and at most at 1, got {gain}")
+        spiral = self._own(path)
+        points = spiral.points(self.form)
+        messages: list[str] = []
+        z, residual = points.z.copy(), {}
+        audit: dict[str, Any] = {"n_points": len(points), "gain": gain}
+        if tool is not None:
+            found = corrected_path(self.form, tool, points.rho, points.azimuth)
+            z += found.change
+            residual = dict(found.residual_pv)
+            messages += found.messages
+            audit |= {k: v for k, v in found.audit.items() if k.startswith("d")}
+        if follow_up is not None:
+            logged = on_spiral(follow_up, spiral, points.rho, messages)
+            missing = int(np.isnan(logged).sum())
+            if missing:
+                messages.append(
+                    f"{missing} of {logged.size} points lie where the log has no follow-up error; "
+                    "their height is not changed for it"
+                )
+            z -= gain * np.where(np.isnan(logged), 0.0, logged)
+        return CorrectedProgram(
+            points.rho,
+            points.azimuth,
+            points.z,
+            frozen(z),
+            points.lead_in,
+            freeze_mapping(residual),
+            tuple(messages),
+            freeze_mapping(audit),
+        )
+
+    def _of_tool(
+        self,
+        tool: ToolSetting,
+        error: PathErrorMap,
+        weights: FloatArray,
+        removed: tuple[str, ...],
+        messages: list[str],
+    ) -> Contribution:
+        """Return the error of the setting at the samples of the path; NaN in the uncut core."""
+        rho, azimuth = error.rho, error.theta
+        cut = rho > abs(tool.dy) * (1.0 + 1e-9) + 1e-12
+        z = np.full(rho.shape, np.nan)
+        x, y = rho[cut] * np.cos(azimuth[cut]), rho[cut] * np.sin(azimuth[cut])
+        z[cut] = tool.error(self.form, x, y)
+        if not cut.all():
+            messages.append(
+                f"{int((~cut).sum())} samples within |dy| of the spindle axis are not cut and have "
+                "no error"
+            )
+        plain = cause_of("tool setting", z, rho, azimuth, weights, removed)
+        u = u_of_setting(self.form, tool, x, y)
+        return plain if u is None else Contribution("tool setting", map=plain.map, u=u)
+
+    def _own(self, path: SpiralPath | JobPlan) -> SpiralPath:
+        spiral = path.path if isinstance(path, JobPlan) else path
+        if not isinstance(spiral, SpiralPath):
+            raise DataError(f"the path must be a SpiralPath or a plan, got {type(path).__name__}")
+        if (spiral.radius, spiral.feed, spiral.sense) != (self.radius, self.feed, self.sense):
+            raise DataError(
+                f"the path is one of radius {spiral.radius:.6g} m, feed {spiral.feed:.6g} m, "
+                f"{spiral.sense}; the job has {self.radius:.6g} m, {self.feed:.6g} m, {self.sense}"
+            )
+        return spiral

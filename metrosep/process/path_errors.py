@@ -1,0 +1,413 @@
+"""Error of an interpolated tool path on the whole surface: path minus ideal.
+
+The dense samples divide every interval of the block program into equal arc lengths, Eqs. (7)-(11)
+of "Deterministic error compensation for slow tool servo-driven diamond turning" with the opposite
+sign: positive where material is left.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.core._arrays import frozen_float
+from metrosep.core.blas import one_blas_thread
+from metrosep.core.errors import DataError
+from metrosep.core.profile import Profile
+from metrosep.core.provenance import Step
+from metrosep.core.quantity import Quantity
+from metrosep.core.surface import Surface
+from metrosep.core.units import format_length
+from metrosep.process._courses import (
+    Course,
+    course_of,
+    dense_samples,
+    heights_of,
+    last_point,
+)
+from metrosep.process.arc_lengths import arc_length, checked_count
+from metrosep.process.interpolation import dense_rows
+from metrosep.process.path_points import PathPoints
+from metrosep.process.spirals import Height, SpiralPath
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+__all__ = ["PathErrorMap", "path_error_map", "program_points"]
+
+FloatArray = NDArray[np.float64]
+
+_TURN = 2.0 * math.pi
+
+
+def program_points(path: SpiralPath, form: Height) -> PathPoints:
+    """Return the points of the block program; see `SpiralPath.points`.
+
+    Parameters
+    ----------
+    path : SpiralPath
+        Where the points lie.
+    form : callable
+        ``form(x, y)``, m.
+
+    Returns
+    -------
+    PathPoints
+        Lead-in first.
+
+    Raises
+    ------
+    InvalidSamplesError
+        If the form has no height at a point.
+    DataError
+        If the ends are clamped and the form has no gradient.
+    """
+    course = course_of(path, form)
+    u, _ = path.stations()
+    theta = _TURN * path.turns - u
+    columns = {
+        "rho": u * (path.feed / _TURN),
+        "theta": theta,
+        "azimuth": path.azimuth_of(theta),
+        "s": course.s,
+        "z": course.z,
+    }
+    frozen = {k: frozen_float(v, name=k, ndim=1) for k, v in columns.items()}
+    return PathPoints(**frozen, lead_in=path.lead_in)
+
+
+def path_error_map(path: SpiralPath, form: Height, *, sub_points: int = 10) -> PathErrorMap:
+    """Return the error of the interpolated path along the spiral; see `SpiralPath.error_map`.
+
+    Parameters
+    ----------
+    path : SpiralPath
+        Points and interpolation.
+    form : callable
+        ``form(x, y)``, m.
+    sub_points : int, optional
+        Parts of each interval, >= 2.
+
+    Returns
+    -------
+    PathErrorMap
+        Samples on the part; the lead-in is left out.
+
+    Raises
+    ------
+    InvalidSamplesError
+        If the form has no height at a point of the path.
+    DataError
+        If `sub_points` is no whole number of 2 or more, or clamped ends lack a gradient.
+    """
+    parts = checked_count(sub_points, "sub_points", least=2)
+    fractions = np.arange(parts) / parts
+    course = course_of(path, form)
+    z = np.empty(path.n_points * parts + 1)
+    steps = np.diff(course.s)
+    filled = 0
+    with one_blas_thread():
+        for samples in dense_samples(path, parts, first=path.lead_in):
+            chosen = samples.intervals
+            knots = slice(chosen.start, chosen.stop + 1)
+            slopes = None if course.slopes is None else course.slopes[knots]
+            made = dense_rows(course.z[knots], steps[chosen], slopes, fractions).ravel()
+            made -= heights_of(form, samples.rho, samples.azimuth)
+            z[filled : filled + made.size] = made
+            filled += made.size
+    z[-1:] = course.z[-1:] - heights_of(form, *last_point(path))
+    return PathErrorMap(_frozen(z, "z"), path, form, parts, course)
+
+
+def _frozen(values: FloatArray, name: str) -> FloatArray:
+    values.setflags(write=False)
+    return frozen_float(values, name=name, ndim=1)
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class PathErrorMap:
+    """Error of a path along its whole spiral: dense samples, path minus ideal.
+
+    Parameters
+    ----------
+    z : ndarray, shape (n,), m
+        Height of the path minus that of the form: positive where material is left; read-only.
+    path : SpiralPath
+        Points and interpolation.
+    form : callable
+        ``form(x, y)``, m.
+    sub_points : int
+        Samples for each interval.
+    course : object
+        Knots of the interpolation.
+
+    Notes
+    -----
+    Half of the distance between samples is what the P-V may miss: with 10 samples in an interval
+    1 % of the error of a line at most, and nothing in its middle. Samples are dense where points
+    are: an RMS over samples is one over arc length, which is one over the area of the part.
+    """
+
+    z: FloatArray
+    path: SpiralPath
+    form: Height
+    sub_points: int
+    course: Course
+    _positions: dict[str, FloatArray] = field(default_factory=dict, init=False, repr=False)
+
+    def __len__(self) -> int:
+        return int(self.z.size)
+
+    def __repr__(self) -> str:
+        return (
+            f"PathErrorMap({self.z.size} samples, {self.path.distribution}, "
+            f"{self.path.n_points} intervals, {self.path.interpolation}, "
+            f"P-V {format_length(float(np.ptp(self.z)))})"
+        )
+
+    @property
+    def rho(self) -> FloatArray:
+        """Radius of each sample, m, shape (n,), falling from the rim; read-only."""
+        return self._position("rho")
+
+    @property
+    def theta(self) -> FloatArray:
+        """Azimuth on the part, rad, shape (n,), not wrapped: ``x = rho cos(theta)``."""
+        return self._position("theta")
+
+    @property
+    def core_radius(self) -> float:
+        """Radius within which nothing is cut, m."""
+        return self.path.core_radius
+
+    @property
+    def messages(self) -> tuple[str, ...]:
+        """What to know about the numbers, in plain words."""
+        return self.path.messages
+
+    def peak_to_valley(
+        self,
+        *,
+        annulus: tuple[float | None, float | None] | None = None,
+        azimuth: float | None = None,
+    ) -> float:
+        """Return the largest minus the smallest error in a region, nothing removed.
+
+        Parameters
+        ----------
+        annulus : tuple of (float or None, float or None), m, optional
+            Inner and outer radius; None as far as the path goes.
+        azimuth : float, rad, optional
+            Only the half line from the centre in this direction, where the turns cross it.
+
+        Returns
+        -------
+        float
+            P-V, m.
+
+        Raises
+        ------
+        DataError
+            If the annulus is empty, lies outside of the path or within its uncut core, or holds
+            fewer than two samples.
+
+        Notes
+        -----
+        A line is blind: with CA and a whole number of points a turn, the turns cross the line
+        through the start in the points themselves, where the error is zero. Take the whole map,
+        or a line half a step beside.
+        """
+        low, high = self._limits(annulus)
+        if azimuth is not None:
+            line = self.line(azimuth)
+            inside = line.z[(line.x >= low) & (line.x <= high)]
+        else:
+            inside = self.z if annulus is None else self.z[self._slice(low, high)]
+        if inside.size < 2:
+            raise DataError(
+                f"{inside.size} sample(s) lie from {low:.6g} to {high:.6g} m"
+                f"{'' if azimuth is None else f' at the azimuth {azimuth:.6g} rad'}, too few for a "
+                f"P-V; the turns are {self.path.feed:.6g} m apart: make the region wider"
+            )
+        return float(np.ptp(inside))
+
+    def line(self, azimuth: float) -> Profile:
+        """Return the error where the turns cross a half line from the centre.
+
+        Parameters
+        ----------
+        azimuth : float, rad
+            Direction of the line on the part.
+
+        Returns
+        -------
+        Profile
+            Radius and error, one sample a turn, from the centre out.
+
+        Raises
+        ------
+        DataError
+            If the azimuth is not finite, or the line crosses no turn.
+        """
+        if not math.isfinite(azimuth):
+            raise DataError(f"the azimuth must be finite, in rad, got {azimuth}")
+        path = self.path
+        whole = _TURN * path.turns
+        turned = (azimuth - path.start) * (1.0 if path.sense == "counterclockwise" else -1.0)
+        first = turned % _TURN
+        first = 0.0 if _TURN - first < 1e-12 * whole else first
+        last = float(path.u[-1])
+        theta = first + _TURN * np.arange(math.floor((whole - last - first) / _TURN) + 1)
+        if not theta.size:
+            raise DataError(f"the path crosses no line at the azimuth {azimuth:.6g} rad")
+        rho, z = self._error_at(np.asarray(whole - theta, dtype=np.float64))
+        return Profile(rho[::-1], z[::-1], metadata={"azimuth_rad": float(azimuth)})
+
+    def to_surface(self, n_pixels: int = 401) -> Surface:
+        """Return the error on a square grid around the centre, between the turns as well.
+
+        Parameters
+        ----------
+        n_pixels : int, optional
+            Rows and columns, >= 3; an odd number has a pixel in the centre.
+
+        Returns
+        -------
+        Surface
+            From -radius to radius along x and y. Each pixel lies between two turns: the errors of
+            both at its azimuth, weighted linearly. NaN outside of the first turn, and within the
+            last turn or the core.
+
+        Raises
+        ------
+        DataError
+            If there are fewer than 3 pixels.
+
+        Notes
+        -----
+        The errors come from the interpolation itself, not from the dense samples. A real tool
+        with its nose covers the space between two turns; that is another error.
+        """
+        n_pixels = checked_count(n_pixels, "n_pixels", least=3)
+        path = self.path
+        axis = np.linspace(-path.radius, path.radius, n_pixels)
+        x, y = np.meshgrid(axis, axis)
+        u = np.hypot(x, y) * (_TURN / path.feed)
+        outer, weight = self._outer_turn(np.arctan2(y, x), u)
+        covered = (outer <= _TURN * path.turns) & (outer - _TURN >= path.stations()[0][-1])
+        z = np.full(x.shape, np.nan)
+        ends = [self._error_at(v)[1] for v in (outer[covered], outer[covered] - _TURN)]
+        z[covered] = ends[0] + weight[covered] * (ends[1] - ends[0])
+        step = float(axis[1] - axis[0])
+        return Surface(z, step, step, origin=(-path.radius, -path.radius), history=(self._step(),))
+
+    def _outer_turn(self, azimuth: FloatArray, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the angle left on the next turn outside of points, and the share of the inner."""
+        path = self.path
+        whole = _TURN * path.turns
+        turned = (azimuth - path.start) * (1.0 if path.sense == "counterclockwise" else -1.0)
+        number = np.floor((whole - u - turned) / _TURN)
+        outer = whole - turned - _TURN * number
+        return outer, (outer - u) / _TURN
+
+    def summary(self) -> tuple[Quantity, ...]:
+        """Return P-V and RMS of the whole map.
+
+        Returns
+        -------
+        tuple of Quantity
+            In m, nothing removed; the uncertainty is not known, the model is exact.
+        """
+        p = self.path
+        what = (
+            f"of path minus ideal, {p.distribution}, {p.n_points} intervals, {p.interpolation}"
+            f"{'' if p.interpolation == 'linear' else f' with {p.end} ends'}, {p.lead_in} lead-in "
+            f"points, {self.sub_points} samples an interval, rho from {p.core_radius:.6g} to "
+            f"{p.radius:.6g} m, nothing removed"
+        )
+        rms = math.sqrt(float(np.mean(np.square(self.z))))
+        return (
+            Quantity(self.peak_to_valley(), "m", f"peak to valley {what}", symbol="PV"),
+            Quantity(rms, "m", f"root mean square {what}", symbol="RMS"),
+        )
+
+    @property
+    def audit(self) -> Mapping[str, Any]:
+        """What the numbers rest on, plain values with units in the keys."""
+        p = self.path
+        step = ("step_deg", math.degrees(p.step)) if p.distribution == "CA" else None
+        largest = int(np.argmax(np.abs(self.z)))
+        return {
+            "radius_mm": p.radius * 1e3,
+            "feed_um": p.feed * 1e6,
+            "distribution": p.distribution,
+            **dict([step or ("step_um", p.step * 1e6)]),
+            "n_points": p.n_points,
+            "length_mm": p.length * 1e3,
+            "interpolation": p.interpolation,
+            "end": p.end if p.interpolation == "spline" else "none",
+            "lead_in": p.lead_in,
+            "knots": p.knots,
+            "sense": p.sense,
+            "core_radius_um": p.core_radius * 1e6,
+            "sub_points": self.sub_points,
+            "pv_nm": float(np.ptp(self.z)) * 1e9,
+            "largest_error_nm": float(self.z[largest]) * 1e9,
+            "largest_error_at_rho_um": float(self.rho[largest]) * 1e6,
+        }
+
+    def _step(self) -> Step:
+        return Step("path_error_map", dict(self.audit))
+
+    def _position(self, name: str) -> FloatArray:
+        """Return radius or azimuth, worked out when they are first asked for."""
+        if not self._positions:
+            rho, theta = np.empty(self.z.size), np.empty(self.z.size)
+            filled = 0
+            for samples in dense_samples(self.path, self.sub_points, first=self.path.lead_in):
+                out = slice(filled, filled + samples.rho.size)
+                rho[out], theta[out] = samples.rho, samples.azimuth
+                filled = out.stop
+            rho[-1:], theta[-1:] = last_point(self.path)
+            self._positions.update(rho=_frozen(rho, "rho"), theta=_frozen(theta, "theta"))
+        return self._positions[name]
+
+    def _error_at(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return radius and error at any angles left, within the path."""
+        path, s = self.path, self.course.s
+        rho, azimuth = u * (path.feed / _TURN), path.azimuth_of(_TURN * path.turns - u)
+        at = np.clip(path.length - arc_length(u, path.feed), s[0], s[-1])
+        return rho, self.course.at(at) - heights_of(self.form, rho, azimuth)
+
+    def _limits(self, annulus: tuple[float | None, float | None] | None) -> tuple[float, float]:
+        inner, outer = self.path.core_radius, self.path.radius
+        low, high = annulus if annulus is not None else (None, None)
+        low = inner if low is None else float(low)
+        high = outer if high is None else float(high)
+        slack = 1e-9 * outer
+        if not (0.0 <= low < high):
+            raise DataError(
+                f"the annulus from {low:.6g} to {high:.6g} m is empty; give the inner and the "
+                "outer radius in m"
+            )
+        if low < inner - slack:
+            raise DataError(
+                f"the annulus starts at {low:.6g} m, inside the uncut core of {inner:.6g} m; "
+                "start it there, or with None"
+            )
+        if high > outer + slack:
+            raise DataError(
+                f"the annulus ends at {high:.6g} m, outside the path that starts at {outer:.6g} m; "
+                "end it there, or with None"
+            )
+        return low, high
+
+    def _slice(self, low: float, high: float) -> slice:
+        rising = self.rho[::-1]
+        begin = int(np.searchsorted(rising, low, side="left"))
+        end = int(np.searchsorted(rising, high, side="right"))
+        return slice(rising.size - end, rising.size - begin)
