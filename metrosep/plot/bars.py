@@ -62,7 +62,7 @@ def draw_bars(chart: Mapping[str, Any], *, ax: Axes | None = None) -> Axes:
                 bottom=bottom if chart["stacked"] else 0.0,
                 color=COLOURS[_COLOURS[k % len(_COLOURS)]],
                 label=name or None,
-                yerr=None if error is None else 2.0 * np.nan_to_num(error) / unit,
+                yerr=None if error is None else 2.0 * np.where(error > 0.0, error, np.nan) / unit,
                 error_kw={"elinewidth": 0.9, "capsize": 2.0, "ecolor": COLOURS["text"]},
             )
             if chart["stacked"]:

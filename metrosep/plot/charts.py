@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core.errors import DataError
+from metrosep.plot.bars import draw_bars
 from metrosep.plot.harmonics import harmonic_bars
 from metrosep.plot.maps import separation_maps
 from metrosep.plot.planning import plan_sd
@@ -240,4 +241,5 @@ CHART_KINDS: Mapping[str, Callable[[Chart], Figure | Axes]] = {
     "positions": _positions,
     "polar": _polar,
     "plan": _plan,
+    "bars": draw_bars,
 }

@@ -25,11 +25,37 @@ if TYPE_CHECKING:
         cusp_ra as cusp_ra,
         max_chip_thickness as max_chip_thickness,
     )
+    from metrosep.process.drive import (
+        DriveTable as DriveTable,
+        drive_table as drive_table,
+        stage_displacement as stage_displacement,
+    )
+    from metrosep.process.dual_servo import (
+        BeforeAfter as BeforeAfter,
+        CumulativeError as CumulativeError,
+        before_after as before_after,
+        cumulative_error as cumulative_error,
+    )
     from metrosep.process.feedforward import (
         CorrectedPath as CorrectedPath,
         CorrectedPoints as CorrectedPoints,
         corrected_path as corrected_path,
         corrected_points as corrected_points,
+    )
+    from metrosep.process.flexure import (
+        FlexureCalibration as FlexureCalibration,
+        flexure_calibration as flexure_calibration,
+    )
+    from metrosep.process.follow_ups import (
+        FollowUp as FollowUp,
+        FollowUpMap as FollowUpMap,
+        TermShare as TermShare,
+        follow_up as follow_up,
+    )
+    from metrosep.process.gain_sweep import (
+        GainSweep as GainSweep,
+        stability_limits as stability_limits,
+        sweep_gains as sweep_gains,
     )
     from metrosep.process.interpolation import (
         evaluate as evaluate,
@@ -39,6 +65,11 @@ if TYPE_CHECKING:
     from metrosep.process.jobs import (
         JobPlan as JobPlan,
         TurningJob as TurningJob,
+    )
+    from metrosep.process.learning import (
+        LearningStep as LearningStep,
+        learn_step as learn_step,
+        low_pass as low_pass,
     )
     from metrosep.process.machining_time import (
         MachiningTime as MachiningTime,
@@ -73,6 +104,12 @@ if TYPE_CHECKING:
         CorrectedProgram as CorrectedProgram,
         Prediction as Prediction,
     )
+    from metrosep.process.servo import (
+        Gains as Gains,
+        ServoModel as ServoModel,
+        error_ratio as error_ratio,
+        retuned_error as retuned_error,
+    )
     from metrosep.process.setting_fit import (
         SettingFit as SettingFit,
         identify_setting as identify_setting,
@@ -86,6 +123,16 @@ if TYPE_CHECKING:
     )
     from metrosep.process.spirals import (
         SpiralPath as SpiralPath,
+    )
+    from metrosep.process.static_errors import (
+        StaticComparison as StaticComparison,
+        compare_static as compare_static,
+    )
+    from metrosep.process.straightness_runs import (
+        RunPolynomial as RunPolynomial,
+        StraightnessLines as StraightnessLines,
+        run_polynomial as run_polynomial,
+        straightness_lines as straightness_lines,
     )
     from metrosep.process.tool_settings import (
         ToolSetting as ToolSetting,
@@ -107,11 +154,37 @@ _HOMES = {
         "cusp_ra",
         "max_chip_thickness",
     ),
+    "drive": (
+        "DriveTable",
+        "drive_table",
+        "stage_displacement",
+    ),
+    "dual_servo": (
+        "BeforeAfter",
+        "CumulativeError",
+        "before_after",
+        "cumulative_error",
+    ),
     "feedforward": (
         "CorrectedPath",
         "CorrectedPoints",
         "corrected_path",
         "corrected_points",
+    ),
+    "flexure": (
+        "FlexureCalibration",
+        "flexure_calibration",
+    ),
+    "follow_ups": (
+        "FollowUp",
+        "FollowUpMap",
+        "TermShare",
+        "follow_up",
+    ),
+    "gain_sweep": (
+        "GainSweep",
+        "stability_limits",
+        "sweep_gains",
     ),
     "interpolation": (
         "evaluate",
@@ -121,6 +194,11 @@ _HOMES = {
     "jobs": (
         "JobPlan",
         "TurningJob",
+    ),
+    "learning": (
+        "LearningStep",
+        "learn_step",
+        "low_pass",
     ),
     "machining_time": (
         "MachiningTime",
@@ -153,6 +231,12 @@ _HOMES = {
         "CorrectedProgram",
         "Prediction",
     ),
+    "servo": (
+        "Gains",
+        "ServoModel",
+        "error_ratio",
+        "retuned_error",
+    ),
     "setting_fit": (
         "SettingFit",
         "identify_setting",
@@ -163,6 +247,16 @@ _HOMES = {
         "setting_tolerance",
     ),
     "spirals": ("SpiralPath",),
+    "static_errors": (
+        "StaticComparison",
+        "compare_static",
+    ),
+    "straightness_runs": (
+        "RunPolynomial",
+        "StraightnessLines",
+        "run_polynomial",
+        "straightness_lines",
+    ),
     "tool_settings": ("ToolSetting",),
 }
 

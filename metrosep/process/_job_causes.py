@@ -29,8 +29,10 @@ def u_of_setting(form: Form, tool: ToolSetting, x: FloatArray, y: FloatArray) ->
     cov = tool.covariance
     if cov is None or not np.isfinite(cov).all():
         return None
+    core = abs(tool.dy) + math.sqrt(float(cov[1, 1]))  # the core of the setting one u off
+    cut = np.hypot(x, y) > core * (1.0 + 1e-9) + 1e-12
     thin = slice(None, None, max(1, x.size // _MOST_POINTS))
-    x, y = x[thin], y[thin]
+    x, y = x[cut][thin], y[cut][thin]
 
     def pv(values: FloatArray) -> float:
         dx, dy, dR = (float(v) for v in values)

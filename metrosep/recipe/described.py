@@ -22,7 +22,15 @@ from metrosep.recipe.describe_drift import (
     drift_test_of,
     joint_drift_of,
 )
+from metrosep.recipe.describe_machine import identification_of, sensitivity_of, wavefront_of
 from metrosep.recipe.describe_maps import plane_map_of, registration_of, surfaces_of
+from metrosep.recipe.describe_process import (
+    calibration_of,
+    dual_servo_of,
+    follow_up_of,
+    prediction_of,
+    setting_of,
+)
 from metrosep.recipe.describe_separation import separation_of
 from metrosep.recipe.describe_tests import (
     diagonals_of,
@@ -55,6 +63,14 @@ _KINDS: Mapping[str, Any] = {
     "ProbeAngles": probe_angles_of,
     "EvidenceTable": evidence_of,
     "SpeedSweep": speed_sweep_of,
+    "SensitivityTable": sensitivity_of,
+    "Identification": identification_of,
+    "WavefrontResult": wavefront_of,
+    "SettingFit": setting_of,
+    "FollowUp": follow_up_of,
+    "FlexureCalibration": calibration_of,
+    "JobResult": prediction_of,
+    "DualServoResult": dual_servo_of,
 }
 
 

@@ -13,8 +13,8 @@ from metrosep.parameters.decision import decide, worst
 from metrosep.recipe.characteristics import DECISION_RULE
 from metrosep.recipe.described import describe
 from metrosep.recipe.description import Description
-from metrosep.recipe.method_inputs import load_inputs, sources
 from metrosep.recipe.method import Method
+from metrosep.recipe.method_inputs import load_inputs, sources
 from metrosep.recipe.methods import METHODS
 from metrosep.recipe.outputs import write_reports
 from metrosep.recipe.parts import write_parts
@@ -56,9 +56,10 @@ def run_method(
     """
     step = recipe.steps[0]
     method = METHODS[step["op"]]
-    tell(f"reading {len(files)} file(s)")
+    if method.reads != "nothing":
+        tell(f"reading {len(files)} file(s)")
     inputs = load_inputs(method, files, {k: v for k, v in recipe.input.items() if k != "files"})
-    tell(f"separating: {method.what}")
+    tell(f"{'computing' if method.reads == 'nothing' else 'separating'}: {method.what}")
     produced = method.call(inputs, _options(method, step, recipe.folder))
     history, warnings = sources(inputs)
     described = describe(produced, inputs)

@@ -11,10 +11,13 @@ from collections.abc import Mapping
 from metrosep.recipe.method import CURVES, MAPS, Method, input_fields
 from metrosep.recipe.ops_checks import CHECKS
 from metrosep.recipe.ops_circle import CIRCLE
+from metrosep.recipe.ops_dual_servo import DUAL_SERVO
 from metrosep.recipe.ops_lines import LINES
+from metrosep.recipe.ops_machine import MACHINES
 from metrosep.recipe.ops_maps import MAPS_OF
 from metrosep.recipe.ops_planes import PLANES
 from metrosep.recipe.ops_positions import POSITIONS
+from metrosep.recipe.ops_process import PROCESSES
 from metrosep.recipe.ops_results import RESULTS
 from metrosep.recipe.plan import PLANS
 
@@ -29,4 +32,7 @@ METHODS: Mapping[str, Method] = {
     **RESULTS,
     **PLANS,
     **CHECKS,
+    **MACHINES,
+    **PROCESSES,
+    **DUAL_SERVO,
 }

@@ -53,6 +53,12 @@ def test_tool_uncertainty_reaches_the_budget():
     assert SMALL.predict(path, tool=ToolSetting(dx=1e-6)).budget.contributions[0].u is None
 
 
+def test_uncertain_dy_widens_the_core_that_is_left_out():
+    found = SMALL.predict(SMALL.path(step=np.deg2rad(5)), tool=ToolSetting(dy=1e-6, u_dy=0.5e-6))
+    tool = found.budget.contributions[0]
+    assert 0.3 * tool.pv < tool.u < 0.7 * tool.pv
+
+
 def test_the_core_of_dy_is_not_cut():
     found = SMALL.predict(SMALL.path(step=np.deg2rad(5)), tool=ToolSetting(dy=5e-6))
     inside = found.rho < 5e-6

@@ -1,0 +1,239 @@
+"""Private helpers of follow-up logs: uniform time, noise-aware derivatives, delay."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial import legendre
+from numpy.typing import NDArray
+
+from metrosep.core.errors import DataError, DegenerateFitError, NotUniformError, TooFewSamplesError
+
+FloatArray = NDArray[np.float64]
+
+ORDER = 5
+"""Of the local polynomials: two above the third derivative, so that its bias is of order h^4."""
+
+_JITTER = 1e-3
+"""Largest deviation of a step from the usual one, relative, that needs no resampling."""
+
+_MOST = 20
+"""Resampling may need this many times the samples of the log."""
+
+_GAP = 1.5
+"""A pause longer than this many usual steps is a gap and stays NaN."""
+
+_SHORT = 6
+"""Shortest windows, of which the lowest residual tells the noise of the positions."""
+
+_ROUNDING = 1e-12
+"""Residual, relative to the range, that is rounding and no noise."""
+
+_LAST_PLACES = 1e-15
+"""Rounding of a weighted sum, relative to the range of the positions."""
+
+
+@dataclass(frozen=True, slots=True)
+class Derivatives:
+    """Velocity, acceleration and jerk with the half-window at each end NaN."""
+
+    velocity: FloatArray
+    acceleration: FloatArray
+    jerk: FloatArray
+    window: int
+    noise: float
+    sd: tuple[float, float, float]
+
+
+def uniform(
+    t: FloatArray, columns: dict[str, FloatArray]
+) -> tuple[FloatArray, dict[str, FloatArray], float, float]:
+    """Return time, columns, step and largest relative jitter, resampled only where it must be."""
+    steps = np.diff(t)
+    usual = float(np.median(steps))
+    jitter = float(np.abs(steps / usual - 1.0).max())
+    if jitter <= _JITTER:
+        return t, columns, float((t[-1] - t[0]) / (t.size - 1)), jitter
+    n = round(float(t[-1] - t[0]) / usual) + 1
+    if n > _MOST * t.size:
+        raise NotUniformError(
+            f"the log has {t.size} samples but lasts for {n} of its usual steps of {usual:.4g} s, "
+            f"the longest pause is {float(steps.max()):.4g} s; cut it at its pauses"
+        )
+    grid = t[0] + usual * np.arange(n)
+    return grid, {k: _resampled(t, c, grid, usual) for k, c in columns.items()}, usual, jitter
+
+
+def _resampled(t: FloatArray, values: FloatArray, grid: FloatArray, step: float) -> FloatArray:
+    from scipy.interpolate import CubicSpline
+
+    valid = ~np.isnan(values)
+    if valid.sum() < 4:
+        return np.full(grid.size, np.nan)
+    x = t[valid]
+    inside = np.clip(grid, x[0], x[-1])
+    result = np.asarray(CubicSpline(x, values[valid])(inside), dtype=np.float64)
+    after = np.clip(np.searchsorted(x, grid, side="left"), 1, x.size - 1)
+    gap = (x[after] - x[after - 1] > _GAP * step) & (grid > x[after - 1]) & (grid < x[after])
+    outside = (grid < x[0] - 1e-9 * step) | (grid > x[-1] + 1e-9 * step)
+    result[gap | outside] = np.nan
+    return result
+
+
+def derivatives(z: FloatArray, step: float, window: int | None = None) -> Derivatives:
+    """Return v, a and j by local polynomials over a window that balances noise and bias."""
+    longest = (z.size - 1) // 2 * 2 - 1
+    if window is not None:
+        if window % 2 == 0 or not ORDER + 2 <= window <= longest:
+            raise DataError(
+                f"window={window} samples; use an odd number from {ORDER + 2} to {longest}"
+            )
+        chosen = window
+    else:
+        chosen = _window(z, longest)
+    smooth = _weights(chosen, 0)
+    noise = _residual(z, smooth)
+    # sums round: a change of that size is no motion
+    least = max(noise, _LAST_PLACES * float(np.nanmax(z) - np.nanmin(z)))
+    weights = [_weights(chosen, k, step) for k in (1, 2, 3)]
+    v, a, j = (_filtered(z, w) for w in weights)
+    sd_v, sd_a, sd_j = (least * float(np.linalg.norm(w)) for w in weights)
+    return Derivatives(v, a, j, chosen, noise, (sd_v, sd_a, sd_j))
+
+
+def _weights(size: int, derivative: int, step: float = 1.0) -> FloatArray:
+    """Return the weights of a local polynomial's derivative in the middle, as convolution wants.
+
+    In Legendre polynomials of the scaled window: powers of the sample number lose five digits.
+    """
+    half = size // 2
+    u = np.arange(-half, half + 1) / half
+    q, r = np.linalg.qr(legendre.legvander(u, ORDER))
+    at_zero = [
+        float(legendre.legval(0.0, legendre.legder(np.eye(ORDER + 1)[i], derivative)))
+        for i in range(ORDER + 1)
+    ]
+    weights = q @ np.linalg.solve(r.T, np.array(at_zero)) / (half * step) ** derivative
+    return np.asarray(weights[::-1], dtype=np.float64)
+
+
+def _window(z: FloatArray, longest: int) -> int:
+    """Return the window of least expected error of the acceleration (Goldenshluger and Lepski).
+
+    The bias of a window is what it differs from shorter ones by beyond what their noise explains.
+    """
+    if longest < ORDER + 2:
+        raise TooFewSamplesError(
+            f"velocity, acceleration and jerk need at least {ORDER + 4} samples, got {z.size}"
+        )
+    sizes = [ORDER + 2]
+    while (following := int(sizes[-1] * 1.25) // 2 * 2 + 1) <= min(longest, z.size // 4):
+        sizes.append(max(following, sizes[-1] + 2))
+    noise = min(_residual(z, _weights(w, 0)) for w in sizes[:_SHORT])
+    noise = max(noise, _ROUNDING * float(np.nanmax(z) - np.nanmin(z)))
+    weights = [_weights(w, 2) for w in sizes]
+    columns = [_filtered(z, w) for w in weights]
+    costs = []
+    for i, (own, column) in enumerate(zip(weights, columns, strict=True)):
+        bias = 0.0
+        for other, shorter in zip(weights[:i], columns[:i], strict=True):
+            difference = own.copy()
+            edge = (own.size - other.size) // 2
+            difference[edge : own.size - edge] -= other
+            seen = float(np.nanmean((column - shorter) ** 2)) if _any(column) else np.inf
+            by_chance = 1.05 + 3.0 * math.sqrt(2.0 * other.size / z.size)
+            bias = max(bias, seen - by_chance * noise**2 * float(difference @ difference))
+        costs.append(bias + noise**2 * float(own @ own))
+    return sizes[int(np.argmin(costs))]
+
+
+def _any(column: FloatArray) -> bool:
+    return not bool(np.isnan(column).all())
+
+
+def _residual(z: FloatArray, smooth: FloatArray) -> float:
+    """Return the noise that a window sees: RMS residual over the root of its freedom."""
+    rest = z - _filtered(z, smooth)
+    valid = rest[~np.isnan(rest)]
+    if not valid.size:
+        raise TooFewSamplesError(
+            f"no {smooth.size} samples in a row were measured; log without gaps"
+        )
+    free = 1.0 - smooth[smooth.size // 2]
+    return float(np.sqrt(np.mean(valid**2) / free))
+
+
+def _filtered(z: FloatArray, weights: FloatArray) -> FloatArray:
+    """Return a convolution, NaN where the window holds a sample that was not measured."""
+    from scipy.signal import fftconvolve
+
+    half = weights.size // 2
+    gaps = np.isnan(z)
+    result = np.full(z.size, np.nan)
+    # the mean is put back by hand, so that a large position costs no digits
+    level = float(z[~gaps].mean()) if not gaps.all() else 0.0
+    convolve = np.convolve if weights.size < 64 else fftconvolve
+    centred = np.where(gaps, 0.0, z - level)
+    result[half : z.size - half] = convolve(centred, weights, mode="valid")
+    result += level * round(float(weights.sum()))
+    if gaps.any():
+        near = np.convolve(gaps.astype(float), np.ones(weights.size), mode="same") > 0.5
+        result[near] = np.nan
+    return result
+
+
+def shifted(z: FloatArray, step: float, delay: float) -> FloatArray:
+    """Return z(t - delay) on the same grid, NaN where that lies outside the log or in a gap."""
+    t = np.asarray(step * np.arange(z.size), dtype=np.float64)
+    wanted = t - delay
+    result = _resampled(t, z, wanted, step)
+    result[(wanted < 0.0) | (wanted > t[-1])] = np.nan
+    return result
+
+
+def best_delay(
+    command: FloatArray, actual: FloatArray, velocity: FloatArray, step: float
+) -> tuple[float, float]:
+    """Return by how much actual lags command, in s, and its residual RMS in m.
+
+    Coarse by cross-correlation of the velocities, then Gauss-Newton on actual(t) = c(t - d) + b.
+    """
+    valid = ~(np.isnan(command) | np.isnan(actual))
+    if valid.sum() < ORDER + 4:
+        raise TooFewSamplesError(
+            f"command and actual share {int(valid.sum())} samples; a delay needs {ORDER + 4}"
+        )
+    if not float(np.nanmax(velocity) - np.nanmin(velocity)) > 0.0:
+        raise DegenerateFitError("the command does not move: no delay can be told from it")
+    delay = _coarse(command, actual, valid) * step
+    rms = np.inf
+    for _ in range(30):
+        c = shifted(command, step, delay)
+        v = shifted(np.where(np.isnan(velocity), 0.0, velocity), step, delay)
+        keep = ~(np.isnan(c) | np.isnan(actual))
+        if keep.sum() < ORDER + 4:
+            raise DegenerateFitError(
+                f"the delay of {delay:.3g} s leaves no overlap of command and actual"
+            )
+        basis = np.column_stack([-v[keep], np.ones(int(keep.sum()))])
+        rest = actual[keep] - c[keep]
+        scale = np.linalg.norm(basis, axis=0)
+        change = np.linalg.lstsq(basis / scale, rest, rcond=None)[0] / scale
+        delay += float(change[0])
+        rms = float(np.sqrt(np.mean((rest - basis @ change) ** 2)))
+        if abs(change[0]) < 1e-9 * step:
+            break
+    return delay, rms
+
+
+def _coarse(command: FloatArray, actual: FloatArray, valid: NDArray[np.bool_]) -> int:
+    from scipy.signal import fftconvolve
+
+    a = np.where(valid, actual - actual[valid].mean(), 0.0)
+    c = np.where(valid, command - command[valid].mean(), 0.0)
+    reach = max(min(command.size // 4, 2000), 1)
+    both = fftconvolve(a, c[::-1])
+    middle = command.size - 1
+    return int(np.argmax(both[middle - reach : middle + reach + 1])) - reach

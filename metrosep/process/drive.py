@@ -1,0 +1,371 @@
+"""Drive of a piezo stage: displacements, voltages, and every limit they must keep.
+
+A compensation is ``-error``; the stage stands at an offset so that it can move both ways. What the
+sign of a column is (error or compensation) is stated by the caller and never inferred.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from metrosep.core._arrays import FloatArray, frozen_float
+from metrosep.core.errors import DataError, InvalidSamplesError, LimitError
+from metrosep.core.provenance import freeze_mapping
+from metrosep.process.flexure import FlexureCalibration
+
+__all__ = ["DriveTable", "drive_table", "stage_displacement"]
+
+_SLACK = 1e-9
+"""Relative to a range; a value on the limit keeps it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DriveTable:
+    """Voltages of a stage over position or time.
+
+    Parameters
+    ----------
+    x : ndarray, shape (n,)
+        Position in m, or time in s.
+    displacement : ndarray, shape (n,), m
+        Of the stage, the offset included.
+    voltage : ndarray, shape (n,), V
+        As the DAC can set it; equal to the wanted one without `bits`.
+    residual : ndarray, shape (n,), m
+        What the DAC sets minus what was wanted.
+    violations : tuple of str
+        Every limit that is not kept, with the offending value.
+    audit : mapping
+        Ranges and settings.
+    """
+
+    x: FloatArray
+    displacement: FloatArray
+    voltage: FloatArray
+    residual: FloatArray
+    violations: tuple[str, ...]
+    audit: Mapping[str, Any]
+
+    @property
+    def is_ok(self) -> bool:
+        """Whether all limits are kept."""
+        return not self.violations
+
+
+def stage_displacement(
+    values: ArrayLike,
+    *,
+    quantity: Literal["error", "compensation"],
+    offset: float = 0.0,
+    travel: float = math.inf,
+) -> FloatArray:
+    """Return where a stage must stand: ``offset - error`` or ``offset + compensation``.
+
+    Parameters
+    ----------
+    values : array_like, shape (n,), m
+        Error or compensation; NaN stays NaN.
+    quantity : {"error", "compensation"}
+        Which of them; the sign follows.
+    offset : float, m, optional
+        Where the stage rests.
+    travel : float, m, optional
+        Of the stage, from 0.
+
+    Returns
+    -------
+    ndarray, shape (n,), m
+        Displacement from the end of the travel.
+
+    Raises
+    ------
+    LimitError
+        If the stage would leave its travel; the offending value is named.
+    DataError
+        If `quantity` is not one of its choices, or offset or travel is no length.
+
+    References
+    ----------
+    .. [1] Kono 2008, section on the drive: reference = d_off - e, d_off = 2 um in 5 um travel.
+
+    Examples
+    --------
+    >>> um = 1e-6
+    >>> d = stage_displacement([-3 * um, 2 * um], quantity="error", offset=2 * um, travel=5 * um)
+    >>> (d / um).round(9).tolist()
+    [5.0, 0.0]
+    """
+    d = _displacement(values, quantity, offset)
+    if not travel > 0.0:
+        raise DataError(f"travel={travel} m; it must be positive")
+    first = _outside(d, 0.0, travel)
+    if first is not None:
+        raise LimitError(_stroke_words(d, first, values, quantity, offset, travel))
+    return d
+
+
+def drive_table(
+    x: ArrayLike,
+    values: ArrayLike,
+    *,
+    quantity: Literal["error", "compensation"],
+    calibration: FlexureCalibration | float,
+    offset: float = 0.0,
+    limits: tuple[float, float] = (0.0, 10.0),
+    travel: float = math.inf,
+    speed: float | None = None,
+    slew: float = math.inf,
+    bits: int | None = None,
+    strict: bool = True,
+) -> DriveTable:
+    """Return the voltages that compensate an error, checked against every limit.
+
+    Parameters
+    ----------
+    x : array_like, shape (n,)
+        Positions in m with `speed`, else times in s; strictly increasing.
+    values : array_like, shape (n,), m
+        Error or compensation at these.
+    quantity : {"error", "compensation"}
+        Which of them; the sign follows.
+    calibration : FlexureCalibration or float
+        Monotone curve, or the sensitivity in m/V of a stage that stands at 0 at 0 V.
+    offset : float, m, optional
+        Displacement at which the stage rests.
+    limits : tuple of (float, float), V, optional
+        Of the amplifier.
+    travel : float, m, optional
+        Of the stage, from 0.
+    speed : float, m/s, optional
+        Feed; makes times of positions.
+    slew : float, V/s, optional
+        Fastest change that the amplifier makes.
+    bits : int, optional
+        Of the DAC over the limits; voltages become its steps.
+    strict : bool, optional
+        Whether a violated limit is an error, or only listed.
+
+    Returns
+    -------
+    DriveTable
+        Voltages, residual of the DAC, violations.
+
+    Raises
+    ------
+    LimitError
+        With `strict`, if any limit is not kept; every one is named with its value.
+    InvalidSamplesError
+        If a value or a position is NaN, or positions do not increase.
+    DataError
+        If an option is not one of its choices.
+
+    Notes
+    -----
+    A table cannot have gaps: a voltage that is not known is refused, not filled. ``2^bits`` levels
+    span the limits, their ends included; the residual is at most half a step.
+
+    References
+    ----------
+    .. [1] Dual-servo paper, eq. 1 and section 4.1.
+
+    Examples
+    --------
+    >>> table = drive_table([0.0, 1.0], [0.0, 8.3e-6], quantity="compensation", calibration=1.66e-6)
+    >>> table.voltage.round(9).tolist(), table.is_ok
+    ([0.0, 5.0], True)
+    """
+    positions, times = _positions(x, speed)
+    low, high = _checked_limits(limits, travel, slew, bits)
+    d = _displacement(values, quantity, offset)
+    if d.size != positions.size:
+        raise InvalidSamplesError(f"values has {d.size} samples, x has {positions.size}")
+    if np.isnan(d).any():
+        i = int(np.flatnonzero(np.isnan(d))[0])
+        raise InvalidSamplesError(
+            f"values is NaN at x = {positions[i]:.6g}; a drive table cannot have gaps"
+        )
+    violations = []
+    first = _outside(d, 0.0, travel) if math.isfinite(travel) else None
+    if first is not None:
+        violations.append(_stroke_words(d, first, values, quantity, offset, travel))
+    wanted, beyond = _voltages(d, calibration)
+    violations += beyond
+    violations += _range_words(wanted, positions, low, high)
+    violations += _slew_words(wanted, positions, times, slew)
+    if strict and violations:
+        raise LimitError("; ".join(violations))
+    voltage, residual = _quantised(wanted, d, calibration, low, high, bits)
+    return DriveTable(
+        x=positions,
+        displacement=d,
+        voltage=voltage,
+        residual=residual,
+        violations=tuple(violations),
+        audit=freeze_mapping(
+            {
+                "quantity": quantity,
+                "offset_um": offset * 1e6,
+                "voltage_min_V": float(np.nanmin(wanted)) if _some(wanted) else math.nan,
+                "voltage_max_V": float(np.nanmax(wanted)) if _some(wanted) else math.nan,
+                "stroke_um": float(np.ptp(d)) * 1e6,
+                "limits_V": (low, high),
+                "largest_slew_V_per_s": _largest_slew(wanted, times),
+                "bits": bits,
+                "dac_step_mV": math.nan if bits is None else 1e3 * (high - low) / (2**bits - 1),
+                "residual_rms_nm": float(np.sqrt(np.nanmean(residual**2))) * 1e9
+                if _some(residual)
+                else math.nan,
+            }
+        ),
+    )
+
+
+def _displacement(values: ArrayLike, quantity: str, offset: float) -> FloatArray:
+    if quantity not in ("error", "compensation"):
+        raise DataError(
+            f"quantity={quantity!r}; state 'error' or 'compensation': the sign follows"
+        )
+    if not math.isfinite(offset):
+        raise DataError(f"offset={offset} m; give a finite length")
+    v = frozen_float(np.atleast_1d(np.asarray(values)), name="values", ndim=1)
+    return _locked(offset - v if quantity == "error" else offset + v)
+
+
+def _outside(d: FloatArray, low: float, high: float) -> int | None:
+    """Return the index of the value furthest outside, None if all are inside."""
+    span = high - low if math.isfinite(high - low) else float(np.nanmax(np.abs(d), initial=0.0))
+    beyond = np.fmax(low - d, d - high)
+    if not (beyond > _SLACK * span).any():
+        return None
+    return int(np.nanargmax(beyond))
+
+
+def _stroke_words(
+    d: FloatArray, i: int, values: ArrayLike, quantity: str, offset: float, travel: float
+) -> str:
+    value = float(np.atleast_1d(np.asarray(values, dtype=np.float64))[i])
+    sign = "negative " if d[i] < 0.0 else ""
+    low, high = (offset - travel, offset) if quantity == "error" else (-offset, travel - offset)
+    return (
+        f"{quantity} {value * 1e6:.6g} um needs a {sign}displacement of {d[i] * 1e6:.6g} um, beyond "
+        f"the stroke 0 ... {travel * 1e6:.6g} um; with an offset of {offset * 1e6:.6g} um an "
+        f"{quantity} of {low * 1e6:.6g} ... {high * 1e6:.6g} um is admissible"
+    )
+
+
+def _voltages(
+    d: FloatArray, calibration: FlexureCalibration | float
+) -> tuple[FloatArray, list[str]]:
+    if not isinstance(calibration, FlexureCalibration):
+        sensitivity = float(calibration)
+        if not math.isfinite(sensitivity) or sensitivity == 0.0:
+            raise DataError(f"a sensitivity of {calibration} m/V is of no use")
+        return np.asarray(d / sensitivity), []
+    low = float(calibration.mean.min())
+    high = float(calibration.mean.max())
+    i = _outside(d, low, high)
+    if i is None:
+        return calibration.voltage_for(np.clip(d, low, high)), []
+    inside = np.where((d >= low) & (d <= high), d, np.nan)
+    words = (
+        f"displacement {d[i] * 1e6:.6g} um lies outside the calibrated {low * 1e6:.6g} ... "
+        f"{high * 1e6:.6g} um"
+    )
+    return calibration.voltage_for(inside), [words]
+
+
+def _range_words(v: FloatArray, x: FloatArray, low: float, high: float) -> list[str]:
+    if not _some(v):
+        return []
+    i = _outside(v, low, high)
+    if i is None:
+        return []
+    negative = "negative " if v[i] < 0.0 <= low else ""
+    return [
+        (
+            f"{negative}voltage {v[i]:.6g} V at x = {x[i]:.6g} lies outside {low:.6g} ... {high:.6g} V "
+            f"(the table needs {np.nanmin(v):.6g} ... {np.nanmax(v):.6g} V); change the offset"
+        )
+    ]
+
+
+def _slew_words(v: FloatArray, x: FloatArray, times: FloatArray | None, slew: float) -> list[str]:
+    if not math.isfinite(slew):
+        return []
+    if times is None or v.size < 2:
+        raise DataError("a slew rate needs at least two times: pass speed= with positions")
+    rate = np.abs(np.diff(v)) / np.diff(times)
+    i = int(np.nanargmax(rate)) if _some(rate) else 0
+    if not rate[i] > slew * (1.0 + _SLACK):
+        return []
+    return [
+        (
+            f"the voltage changes by {rate[i]:.6g} V/s at x = {x[i]:.6g}, the amplifier makes "
+            f"{slew:.6g} V/s; lower the feed"
+        )
+    ]
+
+
+def _largest_slew(v: FloatArray, times: FloatArray | None) -> float:
+    if times is None or v.size < 2:
+        return math.nan
+    rate = np.abs(np.diff(v)) / np.diff(times)
+    return float(np.nanmax(rate)) if _some(rate) else math.nan
+
+
+def _quantised(
+    wanted: FloatArray,
+    d: FloatArray,
+    calibration: FlexureCalibration | float,
+    low: float,
+    high: float,
+    bits: int | None,
+) -> tuple[FloatArray, FloatArray]:
+    if bits is None:
+        return _locked(wanted), _locked(np.where(np.isnan(wanted), np.nan, 0.0))
+    step = (high - low) / (2**bits - 1)
+    set_to = low + step * np.rint((np.clip(wanted, low, high) - low) / step)
+    if isinstance(calibration, FlexureCalibration):
+        ends = calibration.voltage
+        got = calibration.evaluate(np.clip(set_to, ends[0], ends[-1]))
+    else:
+        got = set_to * float(calibration)
+    return _locked(set_to), _locked(got - d)
+
+
+def _positions(x: ArrayLike, speed: float | None) -> tuple[FloatArray, FloatArray | None]:
+    positions = frozen_float(x, name="x", ndim=1)
+    if np.isnan(positions).any() or (np.diff(positions) <= 0.0).any():
+        raise InvalidSamplesError("x must be without NaN and strictly increasing")
+    if speed is None:
+        return positions, positions
+    if not (math.isfinite(speed) and speed > 0.0):
+        raise DataError(f"speed={speed} m/s; it must be positive")
+    return positions, _locked(positions / speed)
+
+
+def _checked_limits(
+    limits: tuple[float, float], travel: float, slew: float, bits: int | None
+) -> tuple[float, float]:
+    low, high = (float(v) for v in limits)
+    if not (math.isfinite(low) and math.isfinite(high) and low < high):
+        raise DataError(f"limits={limits} V; give the lower and the upper voltage")
+    if not (travel > 0.0 and slew > 0.0):
+        raise DataError(f"travel={travel} m and slew={slew} V/s must be positive")
+    if bits is not None and not 1 <= bits <= 32:
+        raise DataError(f"bits={bits}; a DAC has 1 to 32")
+    return low, high
+
+
+def _some(values: FloatArray) -> bool:
+    return bool(values.size) and not bool(np.isnan(values).all())
+
+
+def _locked(values: FloatArray) -> FloatArray:
+    return frozen_float(values, name="result", ndim=1)

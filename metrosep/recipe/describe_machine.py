@@ -1,0 +1,246 @@
+"""Rankings, identified error terms and wavefronts in a result document."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from metrosep.core.quantity import Quantity
+from metrosep.core.surface import Surface
+from metrosep.recipe.bar_charts import bar_chart
+from metrosep.recipe.charts import map_chart
+from metrosep.recipe.description import Description, quantity
+
+__all__ = ["identification_of", "sensitivity_of", "wavefront_of"]
+
+_MOST_TERMS = 30
+_MOST_MAPS = 6
+_PIXELS = 161
+
+
+def sensitivity_of(produced: Any, inputs: Any = None) -> Description:
+    """Return what a document holds of a `SensitivityTable`.
+
+    Parameters
+    ----------
+    produced : SensitivityTable
+        Error terms, ranked.
+    inputs : object, optional
+        Not used.
+
+    Returns
+    -------
+    Description
+        ``expected_sq``, ``expected_sq_raw`` and ``sq.TERM``; the table; bars and maps.
+    """
+    what = "wavefront" if produced.response == "wavefront" else "form"
+    removed = ", ".join(produced.removed) or "nothing"
+    words = f"root of the expected mean square of the {what} error"
+    found: dict[str, Quantity] = {
+        "expected_sq": quantity(
+            produced.expected_sq, "m", f"{words}; removed: {removed}", symbol="Sq expected"
+        ),
+        "expected_sq_raw": quantity(
+            produced.expected_sq_raw, "m", f"{words}; nothing removed", symbol="Sq expected, raw"
+        ),
+    }
+    for name in produced.order:
+        item = produced[name]
+        found[f"sq.{name}"] = quantity(item.value, "m", item.definition, symbol=f"Sq {name}")
+    frame = produced.to_frame().reset_index()
+    tables = {"": {str(k): frame[k].tolist() for k in frame.columns}}
+    groups = [", ".join(g) for g in produced.groups]
+    messages = [f"{g}: one part cannot tell these terms apart" for g in groups]
+    messages += [
+        f"without {' + '.join(n for s in steps for n in s.names)} the expected Sq is "
+        f"{1e9 * steps[-1].sq:.4g} nm"
+        for steps in (produced.pareto()[1 : k + 1] for k in (1, 2, 3))
+        if steps
+    ]
+    document = {"groups": [list(g) for g in produced.groups], "ranking": produced.to_dict()}
+    charts = (_ranking(produced, what, removed), *_term_maps(produced, what))
+    return Description(
+        found,
+        charts,
+        tables,
+        document=document,
+        audit=dict(produced.audit),
+        messages=tuple(dict.fromkeys(messages)),
+    )
+
+
+def _ranking(produced: Any, what: str, removed: str) -> dict[str, Any]:
+    shown = produced.order[:_MOST_TERMS]
+    at = [produced.names.index(n) for n in shown]
+    return bar_chart(
+        f"Sq of the {what} error by each term alone",
+        shown,
+        {"nothing removed": produced.sq_raw[at], f"without {removed}": produced.sq[at]},
+        unit="m",
+        quantity="Sq",
+        caption=(
+            "Each error term at its magnitude, the others zero. Only what is left after the "
+            "alignment is a ranking of the machine."
+        ),
+    )
+
+
+def _term_maps(produced: Any, what: str) -> tuple[dict[str, Any], ...]:
+    shown = [n for n in produced.order if n not in produced.unobservable][:_MOST_MAPS]
+    if not shown:
+        return ()
+    maps = produced.unit_maps()
+    maker = produced.maker
+    rho, azimuth = maker.mesh.rho, maker.mesh.azimuth
+    parts, step = {}, 0.0
+    for name in shown:
+        i = produced.names.index(name)
+        z, step = _on_squares(rho, azimuth, maps[..., i] * produced.magnitudes[i])
+        parts[name] = z
+    return (
+        map_chart(
+            f"{what.capitalize()} error by the terms of largest Sq",
+            parts,
+            dx=step,
+            dy=step,
+            unit="m",
+            caption="Each term at its magnitude, after the alignment; nearest points of the mesh.",
+        ),
+    )
+
+
+def _on_squares(rho: Any, azimuth: Any, z: Any) -> tuple[Any, float]:
+    """Return a map on rings as pixels, each the nearest point of the mesh; NaN outside."""
+    radii, angles = np.unique(np.ravel(rho)), np.unique(np.ravel(azimuth))
+    reach = float(radii[-1])
+    axis = np.linspace(-reach, reach, _PIXELS)
+    x, y = np.meshgrid(axis, axis)
+    r = np.hypot(x, y)
+    turn = np.mod(np.arctan2(y, x) - angles[0], 2.0 * np.pi)
+    ring = np.abs(radii[:, None] - r.ravel()).argmin(axis=0).reshape(r.shape)
+    spoke = np.rint(turn / (2.0 * np.pi) * angles.size).astype(int) % angles.size
+    out = np.where((r <= reach) & (r >= radii[0]), z[ring, spoke], np.nan)
+    return out, float(axis[1] - axis[0])
+
+
+def identification_of(produced: Any, inputs: Any = None) -> Description:
+    """Return what a document holds of an `Identification`.
+
+    Parameters
+    ----------
+    produced : Identification
+        Error terms found from a part.
+    inputs : object, optional
+        Not used.
+
+    Returns
+    -------
+    Description
+        ``TERM`` of each identifiable one, ``sq_before``, ``sq_after``, ``predicted_sq``.
+    """
+    found: dict[str, Quantity] = {}
+    tables: dict[str, list[Any]] = {"term": [], "value_si": [], "u_si": [], "unit": []}
+    for name, value, u, unit in zip(
+        produced.names, produced.values, produced.u, produced.units, strict=True
+    ):
+        for key, item in zip(tables, (name, float(value), float(u), unit), strict=True):
+            tables[key].append(item)
+        if math.isfinite(value):
+            found[name] = quantity(value, unit, f"error term {name} that explains the part", u=u)
+    for group in produced.groups:
+        label = "+".join(group.names)
+        words = f"common effect of {', '.join(group.names)}: one part cannot tell them apart"
+        found[label] = quantity(group.size, "m", words, u=group.u)
+    found["sq_before"] = quantity(
+        produced.sq_before, "m", "Sq of the measured form error, aligned"
+    )
+    found["sq_after"] = quantity(produced.sq_after, "m", "Sq of what the terms leave unexplained")
+    found["predicted_sq"] = quantity(
+        produced.predicted_sq, "m", "Sq to expect when the terms found are compensated"
+    )
+    maps: dict[str, Surface] = {}
+    charts: tuple[dict[str, Any], ...] = ()
+    if isinstance(produced.residual, Surface):
+        maps = {"residual": produced.residual}
+        charts = (
+            map_chart(
+                "What the error terms leave",
+                {"residual": produced.residual.z},
+                dx=produced.residual.dx,
+                dy=produced.residual.dy,
+                unit="m",
+                caption="Measured minus the part that the machine with these errors cuts.",
+            ),
+        )
+    unseen = [f"{n}: nothing of it can be seen on this part" for n in produced.unobservable]
+    return Description(
+        found, charts, {"": tables}, maps, audit=dict(produced.audit), messages=tuple(unseen)
+    )
+
+
+def wavefront_of(produced: Any, inputs: Any = None) -> Description:
+    """Return what a document holds of a wavefront.
+
+    Parameters
+    ----------
+    produced : WavefrontResult
+        Wavefront, its Zernike terms, what was removed.
+    inputs : object, optional
+        Not used.
+
+    Returns
+    -------
+    Description
+        ``rms``, ``pv``, ``strehl`` and each Zernike term.
+    """
+    rest, table = produced.rest, produced.table
+    removed = ", ".join(rest.removed) or "nothing"
+    kind = "reflected" if rest.mode == "reflect" else f"refracted (n = {rest.n:g})"
+    found = {
+        "rms": quantity(rest.rms, "m", f"RMS of the {kind} wavefront; removed: {removed}"),
+        "pv": quantity(
+            rest.peak_to_valley, "m", f"P-V of the {kind} wavefront; removed: {removed}"
+        ),
+    }
+    if produced.wavelength is not None:
+        found["strehl"] = quantity(
+            rest.strehl(produced.wavelength, removed=()),
+            "1",
+            f"Strehl ratio at {1e9 * produced.wavelength:g} nm; removed: {removed}",
+        )
+    frame = table.to_frame()
+    for name, label in zip(frame["term"], frame["name"], strict=True):
+        found[name] = quantity(
+            table[name], "m", f"Zernike {name} ({table.order}), {label}", u=table.u[name]
+        )
+    where = [i for i, (n, _) in enumerate(table.nm) if n > 0]
+    charts: list[dict[str, Any]] = []
+    if where:
+        charts.append(
+            bar_chart(
+                "Zernike terms of the wavefront",
+                [str(frame["term"][i]) for i in where],
+                {"": table.values()[where]},
+                unit="m",
+                quantity="coefficient",
+                caption="Without piston; nothing removed before. Normalised to rms but for Fringe.",
+            )
+        )
+    maps: dict[str, Surface] = {}
+    if rest.steps is not None:
+        maps = {"wavefront": rest.to_surface()}
+        charts.insert(
+            0,
+            map_chart(
+                "Wavefront",
+                {"path difference": rest.opd},
+                dx=rest.steps[0],
+                dy=rest.steps[1],
+                unit="m",
+                caption=f"Positive where the material is high. Removed: {removed}.",
+            ),
+        )
+    columns = {str(k): frame[k].tolist() for k in frame.columns}
+    return Description(found, tuple(charts), {"": columns}, maps, audit=dict(produced.front.audit))

@@ -1,0 +1,437 @@
+"""Tool settings, follow-up errors, calibrations, predictions and dual servos in a result document."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from metrosep.core.quantity import Quantity
+from metrosep.core.surface import Surface
+from metrosep.recipe.bar_charts import bar_chart
+from metrosep.recipe.charts import curve, curve_chart, map_chart, panel
+from metrosep.recipe.description import Description, quantity
+
+__all__ = ["calibration_of", "dual_servo_of", "follow_up_of", "prediction_of", "setting_of"]
+
+_PIXELS = 161
+
+
+def setting_of(produced: Any, inputs: Any = None) -> Description:
+    """Return what a document holds of a `SettingFit`.
+
+    Parameters
+    ----------
+    produced : SettingFit
+        Tool setting found on a part.
+    inputs : object, optional
+        Not used.
+
+    Returns
+    -------
+    Description
+        Each freedom with u, ``rms``; the residual.
+    """
+    found = dict(produced.quantities)
+    found["rms"] = quantity(
+        produced.rms, "m", "RMS of the residual: what remains with the setting compensated"
+    )
+    maps: dict[str, Surface] = {}
+    charts: tuple[dict[str, Any], ...] = ()
+    left = produced.residual
+    if isinstance(left, Surface):
+        maps = {"residual": left}
+        charts = (
+            map_chart(
+                "What the tool setting leaves",
+                {"residual": left.z},
+                dx=left.dx,
+                dy=left.dy,
+                unit="m",
+                caption="Measured minus the part that a tool with this setting cuts.",
+            ),
+        )
+    columns = {
+        "freedom": list(found),
+        "value_si": [q.value for q in found.values()],
+        "u_si": [np.nan if q.u is None else q.u for q in found.values()],
+        "unit": [q.unit for q in found.values()],
+    }
+    return Description(found, charts, {"": columns}, maps, audit=dict(produced.audit))
+
+
+def follow_up_of(produced: Any, inputs: Any = None) -> Description:
+    """Return what a document holds of a `FollowUp`.
+
+    Parameters
+    ----------
+    produced : FollowUp
+        Follow-up error of an axis.
+    inputs : object, optional
+        Not used.
+
+    Returns
+    -------
+    Description
+        P-V, RMS, coefficients, shares, delay; the curves.
+    """
+    found: dict[str, Quantity] = {
+        **produced.quantities,
+        **produced.coefficients,
+        "r2": quantity(produced.r2, "1", "share of the variance that the motion explains"),
+        "delay": produced.delay,
+    }
+    for name, share in produced.shares.items():
+        found[f"{name}.pv"] = share.pv
+        found[f"{name}.share"] = quantity(
+            share.share, "1", f"share of the variance of the error that goes with {name}"
+        )
+    t = produced.t
+    explained = produced.error - produced.residual
+    charts = (
+        curve_chart(
+            "Follow-up error",
+            ("time", "s"),
+            [
+                panel(
+                    "actual − command",
+                    "m",
+                    [
+                        curve("error", t, produced.error),
+                        curve("explained by the motion", t, explained),
+                    ],
+                ),
+                panel("residual", "m", [curve("", t, produced.residual)]),
+            ],
+            caption="Positive out of the material.",
+        ),
+        bar_chart(
+            "P-V of what each term explains",
+            list(produced.shares),
+            {"": [s.pv.value for s in produced.shares.values()]},
+            unit="m",
+            quantity="P-V",
+        ),
+    )
+    columns: dict[str, Any] = {
+        "t_s": t,
+        "error_m": produced.error,
+        "velocity_m_per_s": produced.velocity,
+        "acceleration_m_per_s2": produced.acceleration,
+        "residual_m": produced.residual,
+    }
+    tables: dict[str, Any] = {"": columns}
+    if produced.map is not None:
+        tables["map"] = {
+            "rho_m": produced.map.rho,
+            "azimuth_rad": produced.map.theta,
+            "error_m": produced.map.z,
+        }
+    return Description(found, charts, tables, audit=dict(produced.audit))
+
+
+def calibration_of(produced: Any, inputs: Any = None) -> Description:
+    """Return what a document holds of a `FlexureCalibration`.
+
+    Parameters
+    ----------
+    produced : FlexureCalibration
+        Displacement over voltage.
+    inputs : object, optional
+        Not used.
+
+    Returns
+    -------
+    Description
+        Sensitivity, nonlinearity, hysteresis, repeatability; the curves.
+    """
+    return Description(
+        dict(produced.quantities),
+        _calibration_charts(produced),
+        {
+            "": {
+                "voltage_V": produced.voltage,
+                "up_m": produced.up,
+                "down_m": produced.down,
+                "mean_m": produced.mean,
+                "scatter_m": produced.scatter,
+            }
+        },
+        audit=dict(produced.audit),
+    )
+
+
+def _calibration_charts(produced: Any) -> tuple[dict[str, Any], ...]:
+    v = produced.voltage
+    line = produced.intercept + produced.sensitivity * v
+    up, down = (
+        curve(name, v, values - line)
+        for name, values in (("voltage rising", produced.up), ("voltage falling", produced.down))
+    )
+    return (
+        curve_chart(
+            "Calibration of the stage",
+            ("voltage / V", "1"),
+            [
+                panel("displacement", "m", [curve("mean of both directions", v, produced.mean)]),
+                panel("deviation from the line", "m", [up, down]),
+            ],
+        ),
+    )
+
+
+def prediction_of(produced: Any, inputs: Any = None) -> Description:
+    """Return what a document holds of a predicted job.
+
+    Parameters
+    ----------
+    produced : JobResult
+        Budget, maps, plan and corrected program.
+    inputs : object, optional
+        Not used.
+
+    Returns
+    -------
+    Description
+        P-V of each cause and total; budget bars, maps; the program.
+    """
+    from metrosep.process.predictions import pv_quantities
+
+    prediction = produced.prediction
+    budget = prediction.budget
+    found = pv_quantities(budget)
+    audit = dict(prediction.audit)
+    if produced.measured is not None:
+        found["measured"] = quantity(produced.measured, "m", "P-V of the part as cut, as stated")
+    found["time"] = quantity(60.0 * audit["minutes"], "s", "time of one pass")
+    found["n_blocks"] = quantity(audit["n_blocks"], "1", "blocks of the program")
+    tables: dict[str, Any] = {}
+    frame = budget.to_frame(measured=produced.measured)
+    tables["budget"] = {str(k): frame[k].tolist() for k in frame.columns}
+    charts = [_budget_bars(produced, found), *_cause_maps(produced)]
+    if produced.program is not None:
+        frame = produced.program.to_frame()
+        tables["program"] = {str(k): frame[k].tolist() for k in frame.columns}
+        for name, left in produced.program.residual_pv.items():
+            found[f"residual.{name}"] = quantity(
+                left, "m", f"P-V that one standard uncertainty of the setting leaves ({name})"
+            )
+    return Description(found, tuple(charts), tables, audit=audit)
+
+
+def _budget_bars(produced: Any, found: dict[str, Quantity]) -> dict[str, Any]:
+    budget = produced.prediction.budget
+    names = [c.name for c in budget.contributions]
+    ways = list(budget.totals())
+    labels = [*names, *ways, *(["measured"] if produced.measured is not None else [])]
+    keys = [*(f"{n}.pv" for n in names), *labels[len(names) :]]
+    u = [found[k].u for k in keys]
+    return bar_chart(
+        "Error budget: causes, then totals",
+        labels,
+        {"": [found[k].value for k in keys]},
+        unit="m",
+        quantity="P-V",
+        u={"": [np.nan if v is None else v for v in u]},
+        caption="Bars ± 2 u where it is known. The pointwise sum of the maps is the true total.",
+    )
+
+
+def _cause_maps(produced: Any) -> list[dict[str, Any]]:
+    """Return the maps of the causes as pixels: the sample nearest to each."""
+    from scipy.spatial import cKDTree
+
+    prediction = produced.prediction
+    maps = prediction.maps
+    if not maps:
+        return []
+    reach = float(np.nanmax(prediction.rho))
+    axis = np.linspace(-reach, reach, _PIXELS)
+    x, y = np.meshgrid(axis, axis)
+    places = np.column_stack([prediction.x, prediction.y])
+    thin = slice(None, None, max(1, places.shape[0] // 200_000))
+    found = cKDTree(places[thin]).query(np.column_stack([x.ravel(), y.ravel()]))
+    distance, nearest = np.asarray(found[0]), np.asarray(found[1])
+    far = (np.hypot(x, y) > reach) | (distance.reshape(x.shape) > 3.0 * reach / _PIXELS)
+    shown = {}
+    for name, z in {**maps, "sum": prediction.total}.items():
+        pixels = z[thin][nearest].reshape(x.shape)
+        shown[name] = np.where(far, np.nan, pixels)
+    step = float(axis[1] - axis[0])
+    return [
+        map_chart(
+            "Form error by cause, and their sum",
+            shown,
+            dx=step,
+            dy=step,
+            unit="m",
+            caption="Error = actual − nominal, out of the material; the sample nearest to each pixel.",
+        )
+    ]
+
+
+def dual_servo_of(produced: Any, inputs: Any = None) -> Description:
+    """Return what a document holds of a dual servo.
+
+    Parameters
+    ----------
+    produced : DualServoResult
+        Runs, polynomial, drive table, before and after.
+    inputs : object, optional
+        Not used.
+
+    Returns
+    -------
+    Description
+        Straightness, alignment, coefficients, voltages, ratios; charts; drive table.
+    """
+    polynomial, lines, table = produced.polynomial, produced.lines, produced.table
+    found: dict[str, Quantity] = {"total": lines.total}
+    for name in lines.straightness:
+        found[f"straightness.{name}"] = lines.straightness[name]
+        found[f"slope.{name}"] = lines.slope[name]
+    units = [
+        "m" if k == 0 else "1" if k == 1 else f"m^{1 - k}" for k in range(polynomial.degree + 1)
+    ]
+    for k, unit in enumerate(units):
+        found[f"c{k}"] = quantity(
+            polynomial.coefficients[k],
+            unit,
+            f"coefficient of x^{k} of the {polynomial.quantity}, x in m; u between runs",
+            u=polynomial.u[k],
+        )
+    found["repeatability"] = quantity(
+        polynomial.repeatability, "m", "standard deviation between runs, drift lines removed"
+    )
+    found["voltage_min"] = quantity(
+        float(table.voltage.min()), "V", "smallest voltage of the table"
+    )
+    found["voltage_max"] = quantity(
+        float(table.voltage.max()), "V", "largest voltage of the table"
+    )
+    found["violations"] = quantity(
+        len(table.violations), "1", "limits that the table does not keep"
+    )
+    if hasattr(produced.calibration, "quantities"):
+        found |= {f"stage.{k}": q for k, q in produced.calibration.quantities.items()}
+    found |= _gains(produced)
+    text = horner(polynomial)
+    tables = {
+        "": {
+            "x_m": table.x,
+            "displacement_m": table.displacement,
+            "voltage_V": table.voltage,
+        }
+    }
+    charts = _dual_charts(produced)
+    audit = {
+        **dict(polynomial.audit),
+        **dict(lines.audit),
+        **dict(table.audit),
+        "polynomial": text,
+    }
+    return Description(
+        found, charts, tables, document={"polynomial_text": text}, audit=audit, messages=(text,)
+    )
+
+
+def horner(polynomial: Any) -> str:
+    """Return a polynomial as a formula for a controller: x in mm, result in um.
+
+    Parameters
+    ----------
+    polynomial : RunPolynomial
+        In SI.
+
+    Returns
+    -------
+    str
+        Horner's scheme with 9 digits.
+    """
+    scaled = [float(c) * 1e6 * 1e-3**k for k, c in enumerate(polynomial.coefficients)]
+    text = f"{scaled[-1]:.9g}"
+    for value in reversed(scaled[:-1]):
+        text = f"{value:.9g} + x*({text})"
+    low, high = (1e3 * v for v in polynomial.domain)
+    return (
+        f"{polynomial.quantity}_um = {text}   with x in mm, {low:.6g} <= x <= {high:.6g}; hold the "
+        "end values outside"
+    )
+
+
+def _gains(produced: Any) -> dict[str, Quantity]:
+    found: dict[str, Quantity] = {}
+    if produced.static is not None:
+        found["at_rest.ratio"] = produced.static.ratio
+        found["at_rest.ratio_db"] = produced.static.ratio_db
+        for name in ("before", "after"):
+            for key, item in getattr(produced.static, name).items():
+                found[f"at_rest.{name}.{key}"] = item
+    if produced.parts is not None:
+        for name in ("before", "after"):
+            for key, item in getattr(produced.parts, name).items():
+                found[f"{name}.{key}"] = item
+        for key, ratio in produced.parts.ratio.items():
+            found[f"ratio.{key}"] = quantity(ratio, "1", f"{key} before over {key} after")
+    return found
+
+
+def _dual_charts(produced: Any) -> tuple[dict[str, Any], ...]:
+    polynomial, table = produced.polynomial, produced.table
+    low, high = polynomial.domain
+    x = np.linspace(low, high, 401)
+    runs = [curve(f"run {k + 1}", r.x, r.z) for k, r in enumerate(produced.runs[:6])]
+    rest = [
+        curve(f"run {k + 1}", r.x[inside], r.z[inside] - polynomial.evaluate(r.x[inside]))
+        for k, r in enumerate(produced.runs[:6])
+        for inside in [(r.x >= low) & (r.x <= high)]
+    ]
+    charts = [
+        curve_chart(
+            f"Straightness runs ({polynomial.quantity}) and their polynomial",
+            ("position", "m"),
+            [
+                panel(
+                    "runs and polynomial ± 2 u",
+                    "m",
+                    [*runs, curve("polynomial", x, polynomial.evaluate(x), u=polynomial.sd(x))],
+                ),
+                panel("runs minus polynomial", "m", rest),
+            ],
+        ),
+        curve_chart(
+            "Drive table",
+            ("position", "m"),
+            [
+                panel("voltage", "V", [curve("", table.x, table.voltage)]),
+                panel("displacement of the stage", "m", [curve("", table.x, table.displacement)]),
+            ],
+        ),
+    ]
+    if hasattr(produced.calibration, "quantities"):
+        charts += _calibration_charts(produced.calibration)
+    if produced.static is not None:
+        s = produced.static
+        charts.append(
+            curve_chart(
+                "Following error at rest",
+                ("time", "s"),
+                [
+                    panel("without the stage", "m", [curve("", s.t_before, s.error_before)]),
+                    panel("with the stage", "m", [curve("", s.t_after, s.error_after)]),
+                ],
+            )
+        )
+    if produced.parts is not None:
+        names = ("before compensation", "after compensation")
+        charts.append(
+            curve_chart(
+                "The part before and after",
+                ("position", "m"),
+                [
+                    panel(name, "m", [curve("", p.x, p.z)])
+                    for name, p in zip(names, produced.parts.profiles, strict=True)
+                ],
+            )
+        )
+    return tuple(charts)

@@ -1,0 +1,244 @@
+"""The step of a dual servo: straightness runs to polynomial, drive table, before and after."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from metrosep.core.errors import DataError
+from metrosep.core.profile import Profile
+from metrosep.core.provenance import Step
+from metrosep.io.readings import Readings
+from metrosep.recipe.method import OP, Method
+from metrosep.recipe.schema import Field
+
+__all__ = ["DUAL_SERVO", "DualServoResult"]
+
+_MOST_VOLTAGES = 10_001
+
+
+@dataclass(frozen=True, slots=True)
+class DualServoResult:
+    """What a dual servo needs to compensate a slide, and what it gained.
+
+    Parameters
+    ----------
+    runs : tuple of Profile
+        Straightness runs.
+    polynomial : RunPolynomial
+        Through all runs.
+    lines : StraightnessLines
+        Straightness of their mean about three lines, alignment apart.
+    calibration : FlexureCalibration or float
+        Of the stage; the sensitivity in m/V if no sweep was given.
+    table : DriveTable
+        Voltages, checked against every limit.
+    static : StaticComparison or None
+        Following error at rest without and with the stage.
+    parts : BeforeAfter or None
+        Roughness and profile height of a part before and after.
+    history : tuple of Step
+        Of the files beside the runs.
+    """
+
+    runs: tuple[Profile, ...]
+    polynomial: Any
+    lines: Any
+    calibration: Any
+    table: Any
+    static: Any = None
+    parts: Any = None
+    history: tuple[Step, ...] = ()
+
+    @property
+    def messages(self) -> tuple[str, ...]:
+        """What to know."""
+        found = [*self.polynomial.messages, *self.lines.messages]
+        found += [f"the drive table does not keep a limit: {v}" for v in self.table.violations]
+        for item in (self.calibration, self.static, self.parts):
+            found += getattr(item, "messages", ())
+        return tuple(dict.fromkeys(found))
+
+
+def _dual_servo(data: Readings, options: Mapping[str, Any]) -> DualServoResult:
+    from metrosep.process import drive_table, run_polynomial, straightness_lines
+
+    if data.position is None or data.position_unit != "m":
+        raise DataError(
+            "straightness runs need their positions along the slide: name the column x"
+        )
+    rest = dict(options)
+    runs = tuple(
+        Profile(data.position, z, history=data.history) for reading in data.values for z in reading
+    )
+    quantity = rest["quantity"]
+    degree = rest.get("degree", "f-test")
+    polynomial = run_polynomial(
+        runs, quantity=quantity, degree=degree, max_degree=rest.get("max_degree", 6)
+    )
+    with np.errstate(invalid="ignore"):
+        mean = np.mean([r.z for r in runs], axis=0)
+    lines = straightness_lines(
+        Profile(data.position, mean), against=rest.get("against", "spindle face")
+    )
+    calibration, history = _calibration(rest)
+    low, high = polynomial.domain
+    step = rest.get("table_step", (high - low) / 400.0)
+    count = round((high - low) / step) + 1
+    if not 2 <= count <= _MOST_VOLTAGES:
+        raise DataError(
+            f"table_step gives {count} voltages over {1e3 * (high - low):.6g} mm; 2 to "
+            f"{_MOST_VOLTAGES} can be written"
+        )
+    x = np.linspace(low, high, count)
+    table = drive_table(
+        x,
+        polynomial.evaluate(x),
+        quantity=quantity,
+        calibration=calibration,
+        offset=rest.get("offset", 0.0),
+        limits=_limits(rest.get("limits", [0.0, 10.0])),
+        travel=rest.get("travel", math.inf),
+        speed=rest.get("speed"),
+        slew=rest.get("slew", math.inf),
+        bits=rest.get("bits"),
+        strict=False,
+    )
+    static, more = _static(rest)
+    parts, last = _parts(rest)
+    return DualServoResult(
+        runs, polynomial, lines, calibration, table, static, parts, (*history, *more, *last)
+    )
+
+
+def _limits(values: Any) -> tuple[float, float]:
+    if len(values) != 2:
+        raise DataError(f"limits is two voltages, got {len(values)}")
+    return float(values[0]), float(values[1])
+
+
+def _calibration(rest: Mapping[str, Any]) -> tuple[Any, tuple[Step, ...]]:
+    """Return the calibration of the stage: of a sweep, or the sensitivity."""
+    from metrosep.core.recording import Recording
+    from metrosep.process import flexure_calibration
+
+    if ("calibration" in rest) == ("sensitivity" in rest):
+        raise DataError(
+            'give either calibration = "sweep.csv" (columns voltage_V and displacement_um) or '
+            'sensitivity = "1.66 um" (displacement for 1 V)'
+        )
+    if "sensitivity" in rest:
+        return float(rest["sensitivity"]), ()
+    data = _columns(
+        rest["calibration"],
+        voltage=(rest.get("voltage", "voltage_V"), "any"),
+        displacement=(rest.get("displacement", "displacement_um"), "length"),
+    )
+    n = data.values["voltage"].size
+    log = Recording(
+        np.arange(float(n)),
+        {k: np.asarray(data.values[k]) for k in ("voltage", "displacement")},
+        history=data.history,
+    )
+    return flexure_calibration(log), data.history
+
+
+def _columns(file: Any, **roles: tuple[str, str]) -> Any:
+    from metrosep.io.role_columns import Role, read_roles
+
+    return read_roles([file], {k: Role(column, kind) for k, (column, kind) in roles.items()})
+
+
+def _static(rest: Mapping[str, Any]) -> tuple[Any, tuple[Step, ...]]:
+    """Return the comparison of the following error at rest, where its file is named."""
+    if "at_rest" not in rest:
+        return None, ()
+    from metrosep.process import compare_static
+
+    data = _columns(
+        rest["at_rest"],
+        time=("t_s", "time"),
+        before=("without_nm", "length"),
+        after=("with_nm", "length"),
+    )
+    t = np.asarray(data.values["time"])
+    step = float(t[-1] - t[0]) / max(t.size - 1, 1)
+    if not step > 0.0 or float(np.abs(np.diff(t) - step).max()) > 1e-3 * step:
+        raise DataError(f"{rest['at_rest']}: the time must grow by equal steps")
+    found = compare_static(
+        data.values["before"],
+        data.values["after"],
+        step=step,
+        resolution=rest.get("resolution", 0.0),
+    )
+    return found, data.history
+
+
+def _parts(rest: Mapping[str, Any]) -> tuple[Any, tuple[Step, ...]]:
+    """Return Ra and Pt before and after, where both profiles are named."""
+    named = [k for k in ("before", "after", "lambda_c") if k in rest]
+    if not named:
+        return None, ()
+    if len(named) < 3:
+        raise DataError(
+            "before and after are two profiles of the part, evaluated with one cut-off lambda_c; "
+            f"only {', '.join(named)} is given"
+        )
+    from metrosep.io.read import read
+    from metrosep.process import before_after
+
+    profiles = []
+    for key in ("before", "after"):
+        found = read(rest[key])
+        if not isinstance(found, Profile):
+            raise DataError(
+                f"{rest[key]}: {key} must hold a profile, not a {type(found).__name__}"
+            )
+        profiles.append(found)
+    result = before_after(
+        *profiles,
+        lambda_c=rest["lambda_c"],
+        lambda_s=rest.get("lambda_s"),
+        form=rest.get("form", "line"),
+    )
+    return result, tuple(s for p in profiles for s in p.history)
+
+
+DUAL_SERVO: Mapping[str, Method] = {
+    "dual_servo": Method(
+        "straightness runs of a slide to a polynomial and the voltages of a flexure stage",
+        "curves",
+        (),
+        {
+            **OP,
+            "quantity": Field("text", choices=("error", "compensation"), required=True),
+            "degree": Field("degree"),
+            "max_degree": Field("integer"),
+            "against": Field("text"),
+            "calibration": Field("file"),
+            "voltage": Field("text"),
+            "displacement": Field("text"),
+            "sensitivity": Field("size"),
+            "offset": Field("length"),
+            "limits": Field("numbers"),
+            "travel": Field("size"),
+            "table_step": Field("size"),
+            "speed": Field("speed"),
+            "slew": Field("number"),
+            "bits": Field("integer"),
+            "at_rest": Field("file"),
+            "resolution": Field("uncertainty"),
+            "before": Field("file"),
+            "after": Field("file"),
+            "lambda_c": Field("size"),
+            "lambda_s": Field("size"),
+            "form": Field("text", choices=("none", "line")),
+        },
+        _dual_servo,
+        over="x",
+    ),
+}

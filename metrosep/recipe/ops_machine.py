@@ -1,0 +1,285 @@
+"""Steps of recipes with the model of a machine: rank, identify, wavefront."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from metrosep.core.errors import DataError
+from metrosep.core.surface import Surface
+from metrosep.recipe.method import OP, Method
+from metrosep.recipe.schema import Field
+
+__all__ = ["MACHINES", "form_of", "machine_of"]
+
+_PART = {
+    "machine": Field("file", required=True),
+    "machine_radius": Field("size"),
+    "spindle_errors": Field("text", choices=("co-rotating", "fixed")),
+    "radius": Field("size"),
+    "inner_radius": Field("size"),
+    "removed": Field("text"),
+    "tool": Field("lengths"),
+}
+
+_WAVE = {
+    "mode": Field("text", choices=("reflect", "refract")),
+    "n": Field("number"),
+}
+
+
+def form_of(text: str) -> Any:
+    """Return the ideal surface that a key of a step describes, all parameters known.
+
+    Parameters
+    ----------
+    text : str
+        Such as ``"toric: Rb=265 mm, Rd=132.5 mm"``.
+
+    Returns
+    -------
+    Form
+        The surface.
+
+    Raises
+    ------
+    DataError
+        If it is not known, or a parameter is missing.
+    """
+    from metrosep.forms import form_from_text
+
+    form = form_from_text(text)
+    missing = [k for k, v in form.parameters.items() if v is None]
+    if missing:
+        raise DataError(f'form = "{text}" has no value for {", ".join(missing)}; give all of them')
+    return form
+
+
+def machine_of(options: dict[str, Any], radius: float | None) -> Any:
+    """Take the keys of a machine out of options and return its chain.
+
+    Parameters
+    ----------
+    options : dict
+        With ``machine``: a file of TOML, or the name of a preset.
+    radius : float or None, m
+        Of the part, for presets that need one.
+
+    Returns
+    -------
+    Chain
+        The machine.
+
+    Raises
+    ------
+    DataError
+        If it is neither a file nor a preset, or does not close.
+    """
+    from metrosep.machine import Chain, presets
+
+    name = str(options.pop("machine"))
+    own, errors = options.pop("machine_radius", None), options.pop("spindle_errors", None)
+    if Path(name).suffix == ".toml" or Path(name).exists():
+        if own is not None or errors is not None:
+            raise DataError(
+                "machine_radius and spindle_errors belong to a preset; write them into the file"
+            )
+        return Chain.from_toml(name)
+    if name not in presets():
+        raise DataError(
+            f"machine = {name!r} is neither a file of TOML nor a preset; presets are "
+            f"{', '.join(presets())}"
+        )
+    parameters: dict[str, Any] = {}
+    if name == "fts_lathe":
+        parameters["radius"] = radius if own is None else own
+        if parameters["radius"] is None:
+            raise DataError('fts_lathe needs the radius of the part: radius = "20 mm"')
+    if errors is not None:
+        parameters["spindle_errors"] = errors
+    return presets(name, **parameters)
+
+
+def _rank(_: Any, options: Mapping[str, Any]) -> Any:
+    from metrosep.machine import rank
+
+    rest = dict(options)
+    radius = rest.pop("radius")
+    form = form_of(rest.pop("form"))
+    chain = machine_of(rest, radius)
+    errors = _errors(chain, rest)
+    rest = {**rest, **_tool(rest)}
+    return rank(chain, form, radius=radius, errors=errors, **rest)
+
+
+def _errors(chain: Any, rest: dict[str, Any]) -> dict[str, float | str]:
+    """Take the magnitudes out of the options: of each term, of all lengths, of all angles."""
+    from metrosep.machine import from_paper
+
+    given = rest.pop("errors", {})
+    lengths, angles = rest.pop("all_lengths", None), rest.pop("all_angles", None)
+    found: dict[str, float | str] = {}
+    for term in chain.terms:
+        is_angle = term[1] in "ABC" if term[0] == "E" else term[0] in "ABC"
+        value = angles if is_angle else lengths
+        if value is not None:
+            found[term] = value
+    names: dict[str, str] = {}
+    for key, value in given.items():
+        name = key if key in chain.terms else _paper_name(key, from_paper)
+        if name in names:
+            raise DataError(f"errors names {name} twice, as {names[name]} and as {key}")
+        names[name] = key
+        found[name] = value
+    if not found:
+        raise DataError(
+            'the errors are not given: errors = { EXX = "1 um", EAC = "0.2 arcsec" }, or all_lengths '
+            "and all_angles"
+        )
+    return found
+
+
+def _paper_name(key: str, from_paper: Any) -> str:
+    """Return the ISO name of a term of the paper, or the key where it is none."""
+    try:
+        return str(from_paper(key))
+    except DataError:
+        return key  # the chain refuses it and lists what it knows
+
+
+def _tool(rest: dict[str, Any]) -> dict[str, Any]:
+    if "tool" not in rest:
+        return {}
+    if len(rest["tool"]) != 3:
+        raise DataError(f"tool is three lengths x, y, z, got {len(rest['tool'])}")
+    return {"tool": tuple(rest["tool"])}
+
+
+def _identify(maps: tuple[Surface, ...], options: Mapping[str, Any]) -> Any:
+    from metrosep.machine import identify
+
+    rest = dict(options)
+    radius = rest.get("radius")
+    form = form_of(rest.pop("form")) if "form" in rest else None
+    chain = machine_of(rest, radius)
+    rest = {**rest, **_tool(rest)}
+    if "centre" in rest:
+        rest["centre"] = _pair(rest["centre"])
+    return identify(chain, _one(maps), form=form, **rest)
+
+
+def _wavefront(maps: tuple[Surface, ...], options: Mapping[str, Any]) -> Any:
+    from metrosep.optics import wavefront
+
+    rest = dict(options)
+    wanted = {k: rest.pop(k) for k in ("terms", "order", "wavelength", "removed") if k in rest}
+    if "form" in rest:
+        rest["form"] = form_of(rest["form"])
+    if "centre" in rest:
+        rest["centre"] = _pair(rest["centre"])
+    front = wavefront(_one(maps), **rest)
+    return WavefrontResult(front, **wanted)
+
+
+class WavefrontResult:
+    """A wavefront with what was asked of it.
+
+    Parameters
+    ----------
+    front : Wavefront
+        As traced.
+    terms : int, optional
+        How many Zernike terms.
+    order : str, optional
+        How they are counted.
+    wavelength : float, m, optional
+        For the Strehl ratio.
+    removed : str, optional
+        Names separated by commas.
+    """
+
+    def __init__(
+        self,
+        front: Any,
+        terms: int = 15,
+        order: str = "ansi",
+        wavelength: float | None = None,
+        removed: str = "piston, tilt",
+    ) -> None:
+        self.front = front
+        self.wavelength = wavelength
+        self.removed = tuple(v.strip() for v in removed.split(",") if v.strip())
+        self.table = front.zernike(terms, order=order)
+        self.rest = front.remove(self.removed)
+        self.messages = front.messages
+
+
+def _one(maps: tuple[Surface, ...]) -> Surface:
+    if len(maps) != 1:
+        raise DataError(f"one map is needed, got {len(maps)}; take them one by one")
+    return maps[0]
+
+
+def _pair(values: tuple[float, ...]) -> tuple[float, float]:
+    if len(values) != 2:
+        raise DataError(f"centre is two lengths x, y, got {len(values)}")
+    return values[0], values[1]
+
+
+MACHINES: Mapping[str, Method] = {
+    "rank": Method(
+        "error terms of a machine, ranked by what they do to a part",
+        "nothing",
+        (),
+        {
+            **OP,
+            **_PART,
+            "radius": Field("size", required=True),
+            "form": Field("text", required=True),
+            "errors": Field("table"),
+            "all_lengths": Field("size"),
+            "all_angles": Field("angle"),
+            "response": Field("text", choices=("form", "wavefront")),
+            "direction": Field("text", choices=("vertical", "normal")),
+            "distribution": Field("text", choices=("normal", "uniform")),
+            "threshold": Field("number"),
+            **_WAVE,
+        },
+        _rank,
+    ),
+    "identify": Method(
+        "error terms of a machine that explain a measured part",
+        "maps",
+        ("map",),
+        {
+            **OP,
+            **_PART,
+            "form": Field("text"),
+            "terms": Field("texts"),
+            "centre": Field("lengths"),
+            "threshold": Field("number"),
+            "exact": Field("flag"),
+        },
+        _identify,
+    ),
+    "wavefront": Method(
+        "wavefront that a measured surface makes of a plane wave",
+        "maps",
+        ("map",),
+        {
+            **OP,
+            **_WAVE,
+            "side": Field("text", choices=("inside", "outside")),
+            "radius": Field("size"),
+            "inner_radius": Field("size"),
+            "centre": Field("lengths"),
+            "form": Field("text"),
+            "terms": Field("integer"),
+            "order": Field("text", choices=("ansi", "noll", "fringe")),
+            "wavelength": Field("size"),
+            "removed": Field("text"),
+        },
+        _wavefront,
+    ),
+}

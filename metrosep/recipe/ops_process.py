@@ -1,0 +1,283 @@
+"""Steps of recipes with models of the process: tool setting, follow-up error, flexure, prediction."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from metrosep.core.errors import DataError
+from metrosep.core.recording import Recording
+from metrosep.core.surface import Surface
+from metrosep.io.role_columns import RoleColumns
+from metrosep.recipe.method import OP, Method
+from metrosep.recipe.ops_machine import form_of
+from metrosep.recipe.schema import Field
+
+__all__ = ["PROCESSES", "JobResult"]
+
+
+def _tool_setting(maps: tuple[Surface, ...], options: Mapping[str, Any]) -> Any:
+    from metrosep.process import identify_setting
+
+    rest = dict(options)
+    form = form_of(rest.pop("form"))
+    for key in ("centre", "region"):
+        if key in rest:
+            if len(rest[key]) != 2:
+                raise DataError(f"{key} is two lengths, got {len(rest[key])}")
+            rest[key] = tuple(rest[key])
+    if len(maps) != 1:
+        raise DataError(f"one map is needed, got {len(maps)}; take them one by one")
+    return identify_setting(maps[0], form, **rest)
+
+
+def _recording(data: RoleColumns, **channels: str) -> Recording:
+    """Return columns as a recording; the channels keep the names of their roles."""
+    values = {name: np.asarray(data.values[role]) for name, role in channels.items()}
+    return Recording(np.asarray(data.values["time"]), values, history=data.history)
+
+
+def _follow_up(data: RoleColumns, options: Mapping[str, Any]) -> Any:
+    from metrosep.process import follow_up
+
+    rest = dict(options)
+    given = [r for r in ("command", "actual", "error", "rho", "theta") if r in data.values]
+    spiral = rest.pop("spiral", None)
+    rpm = rest.pop("rpm", None)
+    if (spiral is None) != (rpm is None):
+        raise DataError(
+            "a spiral needs its start radius and feed, and the spindle speed: spiral = "
+            '["500 um", "2 um"] and rpm = 20'
+        )
+    if spiral is not None:
+        if len(spiral) != 2:
+            raise DataError(f"spiral is two lengths, start radius and feed, got {len(spiral)}")
+        rest["spiral"] = (spiral[0], spiral[1], 2.0 * np.pi * float(rpm) / 60.0)
+    delay = rest.pop("delay", None)
+    if delay is not None:
+        rest["delay"] = delay
+    if rest.pop("estimate_delay", False):
+        rest["delay"] = "estimate"
+    log = _recording(data, **{name: name for name in given})
+    if "error" in given:
+        rest["error"] = "error"
+    return follow_up(log, **rest)
+
+
+def _flexure(data: RoleColumns, options: Mapping[str, Any]) -> Any:
+    from metrosep.process import flexure_calibration
+
+    n = data.values["displacement"].size
+    time = data.values.get("time", np.arange(float(n)))
+    log = Recording(
+        time,
+        {"voltage": data.values["voltage"], "displacement": data.values["displacement"]},
+        history=data.history,
+    )
+    return flexure_calibration(log, **dict(options))
+
+
+@dataclass(frozen=True, slots=True)
+class JobResult:
+    """A predicted turning job.
+
+    Parameters
+    ----------
+    plan : JobPlan or None
+        Where the number of blocks was sought.
+    prediction : Prediction
+        Budget and maps.
+    measured : float or None, m
+        P-V of the part as cut.
+    program : CorrectedProgram or None
+        Heights that make up for what is known.
+    path : SpiralPath
+        The program's points.
+    """
+
+    plan: Any
+    prediction: Any
+    measured: float | None
+    program: Any
+    path: Any
+
+    @property
+    def messages(self) -> tuple[str, ...]:
+        """What to know."""
+        plan = () if self.plan is None else self.plan.points.messages
+        program = () if self.program is None else self.program.messages
+        return tuple(dict.fromkeys((*plan, *self.prediction.messages, *program)))
+
+
+def _predict(_: Any, options: Mapping[str, Any]) -> JobResult:
+    from metrosep.process import ToolSetting, TurningJob
+
+    rest = dict(options)
+    job = TurningJob(
+        form_of(rest["form"]),
+        rest["radius"],
+        rest["feed"],
+        rpm=float(rest["rpm"]),
+        block_time=rest.get("block_time", 0.0),
+        core=rest.get("core", 0.0),
+        sense=rest.get("sense", "counterclockwise"),
+    )
+    plan, path = _path(job, rest)
+    tool = None
+    setting = {k: rest[k] for k in ("dx", "dy", "dR", "u_dx", "u_dy", "u_dR") if k in rest}
+    if setting:
+        tool = ToolSetting(**setting)
+    log = _logged(rest, job)
+    removed = tuple(v.strip() for v in rest.get("removed", "").split(",") if v.strip())
+    prediction = job.predict(path, tool=tool, follow_up=log, removed=removed)
+    known = None if isinstance(log, float) else log
+    program = None
+    if tool is not None or known is not None:
+        gain = float(rest.get("gain", 1.0))
+        program = job.compensated(path, tool=tool, follow_up=known, gain=gain)
+    return JobResult(plan, prediction, rest.get("measured"), program, path)
+
+
+def _path(job: Any, rest: Mapping[str, Any]) -> tuple[Any, Any]:
+    """Return the plan of a tolerance, or the path of a step."""
+    common = {k: rest[k] for k in ("distribution", "interpolation", "lead_in") if k in rest}
+    steps = [k for k in ("tolerance", "angle_step", "length_step") if k in rest]
+    if len(steps) != 1:
+        raise DataError(
+            "give one of tolerance, angle_step (constant angle) and length_step (constant arc "
+            f"length); got {', '.join(steps) or 'none'}"
+        )
+    if "tolerance" in rest:
+        plan = job.plan(rest["tolerance"], **common)
+        return plan, plan.path
+    usual = "CA" if "angle_step" in rest else "CAL"
+    if common.setdefault("distribution", usual) != usual:
+        raise DataError(f"{steps[0]} belongs to the distribution {usual}")
+    return None, job.path(step=rest[steps[0]], **common)
+
+
+def _logged(rest: Mapping[str, Any], job: Any) -> Any:
+    """Return the follow-up error: of a log file, or a P-V, or None."""
+    if "follow_up" in rest and "follow_up_pv" in rest:
+        raise DataError(
+            "give the log of the dry run (follow_up) or its P-V (follow_up_pv), not both"
+        )
+    if "follow_up_pv" in rest:
+        return float(rest["follow_up_pv"])
+    if "follow_up" not in rest:
+        return None
+    from metrosep.io.role_columns import Role, read_roles
+    from metrosep.process import follow_up
+
+    roles = {
+        name: Role(rest.get(f"log_{name}", usual), kind)
+        for name, usual, kind in (
+            ("time", "t_s", "time"),
+            ("command", "command_um", "length"),
+            ("actual", "actual_um", "length"),
+        )
+    }
+    data = read_roles([rest["follow_up"]], roles)
+    turn = -1.0 if job.sense == "clockwise" else 1.0
+    speed = 2.0 * np.pi * job.rpm / 60.0
+    log = _recording(data, command="command", actual="actual")
+    found = follow_up(log, spiral=(job.radius, job.feed, speed))
+    if turn < 0.0 and found.map is not None:
+        from metrosep.process import FollowUpMap
+
+        return FollowUpMap(found.map.rho, -found.map.theta, found.map.z, found.map.history)
+    return found
+
+
+PROCESSES: Mapping[str, Method] = {
+    "tool_setting": Method(
+        "errors of the tool setting (dx, dy, nose radius) that explain a turned part",
+        "maps",
+        ("map",),
+        {
+            **OP,
+            "form": Field("text", required=True),
+            "free": Field("texts"),
+            "nose_radius": Field("size"),
+            "centre": Field("lengths"),
+            "region": Field("lengths"),
+            "noise": Field("size"),
+        },
+        _tool_setting,
+    ),
+    "follow_up": Method(
+        "follow-up error of an axis from its log, and what it depends on",
+        "table",
+        (),
+        {
+            **OP,
+            "terms": Field("texts"),
+            "delay": Field("time"),
+            "estimate_delay": Field("flag"),
+            "window": Field("integer"),
+            "error_sign": Field("text", choices=("actual-command", "command-actual")),
+            "spiral": Field("lengths"),
+            "rpm": Field("number"),
+        },
+        _follow_up,
+        roles={
+            "time": "time",
+            "command": "length?",
+            "actual": "length?",
+            "error": "length?",
+            "rho": "length?",
+            "theta": "angle?",
+        },
+    ),
+    "flexure_calibration": Method(
+        "displacement of a flexure stage over its voltage: sensitivity, hysteresis, inverse",
+        "table",
+        (),
+        {
+            **OP,
+            "line": Field("text", choices=("least-squares", "end-point")),
+            "resolution": Field("uncertainty"),
+        },
+        _flexure,
+        roles={"voltage": "any", "displacement": "length", "time": "time?"},
+    ),
+    "predict": Method(
+        "form error of a turned freeform before it is cut, cause by cause",
+        "nothing",
+        (),
+        {
+            **OP,
+            "form": Field("text", required=True),
+            "radius": Field("size", required=True),
+            "feed": Field("size", required=True),
+            "rpm": Field("number", required=True),
+            "block_time": Field("time"),
+            "core": Field("size"),
+            "sense": Field("text", choices=("counterclockwise", "clockwise")),
+            "tolerance": Field("size"),
+            "angle_step": Field("angle"),
+            "length_step": Field("size"),
+            "distribution": Field("text", choices=("CA", "CAL")),
+            "interpolation": Field("text", choices=("linear", "spline")),
+            "lead_in": Field("integer"),
+            "dx": Field("length"),
+            "dy": Field("length"),
+            "dR": Field("length"),
+            "u_dx": Field("uncertainty"),
+            "u_dy": Field("uncertainty"),
+            "u_dR": Field("uncertainty"),
+            "follow_up": Field("file"),
+            "log_time": Field("text"),
+            "log_command": Field("text"),
+            "log_actual": Field("text"),
+            "follow_up_pv": Field("uncertainty"),
+            "gain": Field("number"),
+            "removed": Field("text"),
+            "measured": Field("uncertainty"),
+        },
+        _predict,
+    ),
+}
