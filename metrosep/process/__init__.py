@@ -71,7 +71,7 @@ if TYPE_CHECKING:
         learn_step as learn_step,
         low_pass as low_pass,
     )
-    from metrosep.process.machining_time import (
+    from metrosep.process.machining_times import (
         MachiningTime as MachiningTime,
         machining_time as machining_time,
     )
@@ -200,7 +200,7 @@ _HOMES = {
         "learn_step",
         "low_pass",
     ),
-    "machining_time": (
+    "machining_times": (
         "MachiningTime",
         "machining_time",
     ),

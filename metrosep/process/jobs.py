@@ -27,7 +27,7 @@ from metrosep.process._job_causes import (
 from metrosep.process.arc_lengths import checked_positive
 from metrosep.process.budget import Contribution, ErrorBudget
 from metrosep.process.interpolation import Interpolation
-from metrosep.process.machining_time import MachiningTime, machining_time
+from metrosep.process.machining_times import MachiningTime, machining_time
 from metrosep.process.path_points import PointPlan, points_for_tolerance
 from metrosep.process.predictions import CorrectedProgram, Prediction
 from metrosep.process.spirals import Distribution, Sense, SpiralPath

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from metrosep.core.errors import DataError
-from metrosep.process.machining_time import machining_time
+from metrosep.process.machining_times import machining_time
 
 SPEED = 20.0 / 60.0
 ROUNDING = 1e-9
