@@ -23,11 +23,13 @@ def main(folder):
     rng = np.random.default_rng(SEED)
     x, y = np.arange(NX) * STEP_X_MM, np.arange(NY) * STEP_Y_MM
     error = plane(x, y[:, None])
-    # the straightedge is put down anew for each line, and stays for its repeats
-    along_x = error + 2000 * rng.standard_normal((NY, 1)) + 15 * rng.standard_normal((NY, 1)) * x
-    along_y = error + 2000 * rng.standard_normal(NX) + 15 * rng.standard_normal(NX) * y[:, None]
     lines = ["repeat,line,x_mm,y_mm,z_nm"]
     for repeat in range(1, N_REPEATS + 1):
+        # the straightedge is put down anew for each line of each repeat
+        offset_x, slope_x = rng.standard_normal((2, NY, 1))
+        offset_y, slope_y = rng.standard_normal((2, NX))
+        along_x = error + 2000 * offset_x + 15 * slope_x * x
+        along_y = error + 2000 * offset_y + 15 * slope_y * y[:, None]
         for name, readings in (("x", along_x), ("y", along_y)):
             z = readings + NOISE_NM * rng.standard_normal(readings.shape)
             for i, j in np.ndindex(z.shape):

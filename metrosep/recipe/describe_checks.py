@@ -28,21 +28,23 @@ def probe_check_of(produced: Any, inputs: Any = None) -> Description:
     Returns
     -------
     Description
-        ``disagreement``; ``probe_3.angle`` or ``probe_3.sensitivity`` of a fault that is named;
+        ``p``, ``disagreement``; ``probe_3.angle`` or ``probe_3.sensitivity`` of a fault that is named;
         shares by undulation, and the suspects.
     """
     text = "chi-square of what the probes disagree by, over its expectation without a fault"
     found = {
-        "disagreement": quantity(
-            produced.chi2 / produced.freedom, "1", text, u=math.sqrt(2.0 / produced.freedom)
-        )
+        "p": quantity(
+            produced.p, "1", "probability that noise alone disagrees as much", u=0.0, symbol="p"
+        ),
+        "disagreement": quantity(produced.chi2 / produced.freedom, "1", text),
     }
     named = produced.named
     if named is not None and named.fault != "turn":
         unit = "rad" if named.fault == "angle" else "1"
         key = f"probe_{named.probe}.{named.fault}"
         words = "true minus stated angle" if unit == "rad" else "relative excess of sensitivity"
-        found[key] = quantity(named.size, unit, f"{words} of probe {named.probe}, counted from 0")
+        text = f"{words} of probe {named.probe}, counted from 0"
+        found[key] = quantity(named.size, unit, text, u=named.u)
     k = np.arange(produced.chi2_per_k.size)
     chart = curve_chart(
         "Disagreement of the probes",

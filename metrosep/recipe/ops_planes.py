@@ -131,6 +131,7 @@ def _lattice(data: RoleColumns, options: Mapping[str, Any]) -> Any:
 
 
 _PLACE = {"x": "length", "y": "length"}
+_REPEATS = {"repeats": Field("text", choices=("relaid", "passes"))}
 
 PLANES: Mapping[str, Method] = {
     "fit_plane_model": Method(
@@ -145,7 +146,12 @@ PLANES: Mapping[str, Method] = {
         "error map of a plane from lines along x and lines along y",
         "table",
         (),
-        {**OP, **U_READING, "slopes": Field("text", choices=("free", "common", "none"))},
+        {
+            **OP,
+            **U_READING,
+            "slopes": Field("text", choices=("free", "common", "none")),
+            **_REPEATS,
+        },
         _lines,
         roles={**_PLACE, "z": "length", "line": "label", "repeat": "label?"},
     ),
@@ -159,6 +165,7 @@ PLANES: Mapping[str, Method] = {
             "pitch": Field("size"),
             "turns": Field("integers"),
             "shifts": Field("pairs"),
+            **_REPEATS,
         },
         _lattice,
         roles={**_PLACE, "ex": "length", "ey": "length", "view": "label", "repeat": "label?"},

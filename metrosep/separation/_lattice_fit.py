@@ -29,20 +29,24 @@ _BETTER = 0.5
 class Lattice:
     """Joint least squares; unknowns: stage (site, component), plate (mark, component), placements."""
 
-    def __init__(self, views: list[tuple[GridView, FloatArray]], size: tuple[int, int]) -> None:
+    def __init__(
+        self, views: list[tuple[GridView, FloatArray]], size: tuple[int, int], relaid: bool = False
+    ) -> None:
         self.size = size
         n = size[0] * size[1]
-        blocks = [_rows(i, v, r, size, len(views)) for i, (v, r) in enumerate(views)]
+        lays = [(i, v, z) for i, (v, r) in enumerate(views) for z in _lays(r, relaid)]
+        blocks = [_rows(i, k, v, r, size, len(lays)) for k, (i, v, r) in enumerate(lays)]
         design = np.concatenate([b[0] for b in blocks])
         mean = np.concatenate([b[1] for b in blocks])
         weight = np.concatenate([b[2] for b in blocks])
-        pure = np.concatenate([b[3] for b in blocks])
+        owner = np.repeat(np.arange(len(lays)), [b[1].size for b in blocks])
+        about = [b[3] for b in blocks]
         keep = np.ones(4 * n, dtype=bool)
         while True:
             seen = np.abs(design[:, : 4 * n]).sum(axis=0) > 0
             keep &= seen
             use = np.abs(design[:, : 4 * n][:, ~keep]).sum(axis=1) == 0
-            columns = np.concatenate([keep, np.ones(3 * len(views), dtype=bool)])
+            columns = np.concatenate([keep, np.ones(3 * len(lays), dtype=bool)])
             a = design[np.ix_(use, columns)]
             inverse, null, values = _pseudo_inverse(a, weight[use])
             functions = _removed(size, keep)
@@ -56,10 +60,18 @@ class Lattice:
                     "by one pitch, both with most marks read, are needed"
                 )
             keep[np.flatnonzero(keep)[stray]] = False
-            design, mean, weight, pure = design[use], mean[use], weight[use], pure[use]
-        self._finish(a, mean[use], weight[use], inverse, functions, keep, float(pure[use].sum()))
+            about = [rows[use[owner == k]] for k, rows in enumerate(about)]
+            design, mean, weight, owner = design[use], mean[use], weight[use], owner[use]
+        placed = [design[use & (owner == k)][:, 4 * n + 3 * k :][:, :3] for k in range(len(lays))]
+        about = [rows[use[owner == k]] for k, rows in enumerate(about)]
+        pairs = [_rigid_share(r, p) for r, p in zip(about, placed, strict=True)]
+        total = sum(float(np.nansum(rows**2)) for rows in about)
+        share, rank = sum(p[0] for p in pairs), sum(p[1] for p in pairs)
+        pure = total - share if relaid else total
+        self._finish(a, mean[use], weight[use], inverse, functions, keep, max(pure, 0.0))
         self.n_readings = int(weight[use].sum())
-        self.rank = int(values.size)
+        self.rank = int(values.size) + (rank if relaid else 0)
+        self.moved = (0.0, 0) if relaid else (share, rank)
         self.null_dimension = int(null.shape[1])
 
     def _finish(
@@ -121,16 +133,44 @@ class Lattice:
         )
 
 
+def _lays(readings: FloatArray, relaid: bool) -> list[FloatArray]:
+    """Return what shares a placement; repeats placed anew that read the same marks go together."""
+    if not relaid:
+        return [readings]
+    groups: dict[bytes, list[int]] = {}
+    for i, z in enumerate(readings):
+        if not np.isnan(z).all():
+            groups.setdefault(np.isnan(z).tobytes(), []).append(i)
+    return [readings[rows] for rows in groups.values()] or [readings]
+
+
+def _rigid_share(about: FloatArray, placed: FloatArray) -> tuple[float, int]:
+    """Return squares and rank of what placements of each repeat make of the scatter (n, repeats)."""
+    share, ranks = 0.0, []
+    for repeat in about.T:
+        seen = ~np.isnan(repeat)
+        left, size, _ = np.linalg.svd(placed[seen], full_matrices=False)
+        kept = left[:, size > 1e-9 * size.max(initial=1e-300)]
+        share += float(np.sum((kept.T @ repeat[seen]) ** 2))
+        ranks.append(kept.shape[1])
+    return share, sum(ranks) - max(ranks, default=0)
+
+
 def _rows(
-    index: int, view: GridView, readings: FloatArray, size: tuple[int, int], n_views: int
+    number: int,
+    index: int,
+    view: GridView,
+    readings: FloatArray,
+    size: tuple[int, int],
+    n_views: int,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Design rows, mean readings, counts and sums of squares of the repeats of one view."""
+    """Design rows, mean readings, counts and the repeats about their mean of one placement."""
     n_y, n_x = size
     n = n_y * n_x
     count = (~np.isnan(readings)).sum(axis=0)
     cos, sin = ((1, 0), (0, 1), (-1, 0), (0, -1))[view.turns % 4]
     turn = np.array([[cos, -sin], [sin, cos]])
-    rows, values, weights, pure = [], [], [], []
+    rows, values, weights, about = [], [], [], []
     for j, i in np.ndindex(n_y, n_x):
         site = np.array([i - (n_x - 1) / 2, j - (n_y - 1) / 2])
         mark = turn.T @ (site - np.array(view.shift))
@@ -141,7 +181,7 @@ def _rows(
                 continue
             if not on_plate:
                 raise DataError(
-                    f"view {index + 1} has a reading at row {j}, column {i}, where its turn "
+                    f"view {number + 1} has a reading at row {j}, column {i}, where its turn "
                     f"({view.turns}) and shift {view.shift} put no mark; write NaN there, or "
                     "check the sign of the shift"
                 )
@@ -152,14 +192,13 @@ def _rows(
             line[4 * n + 3 * index + c] = 1.0
             line[4 * n + 3 * index + 2] = (-site[1], site[0])[c] / max(size)
             got = readings[:, j, i, c]
-            got = got[~np.isnan(got)]
+            values.append(float(np.nanmean(got)))
+            weights.append(float(count[j, i, c]))
+            about.append(got - values[-1])
             rows.append(line)
-            values.append(got.mean())
-            weights.append(float(got.size))
-            pure.append(float(np.sum((got - got.mean()) ** 2)))
     if not rows:
-        raise DataError(f"view {index + 1} holds no readings")
-    return np.array(rows), np.array(values), np.array(weights), np.array(pure)
+        raise DataError(f"view {number + 1} holds no readings")
+    return np.array(rows), np.array(values), np.array(weights), np.array(about)
 
 
 def _pseudo_inverse(
@@ -203,7 +242,10 @@ def _stray(null: FloatArray, functions: list[FloatArray]) -> BoolArray:
 
 
 def better_turns(
-    views: list[tuple[GridView, FloatArray]], size: tuple[int, int], sigma: float
+    views: list[tuple[GridView, FloatArray]],
+    size: tuple[int, int],
+    sigma: float,
+    relaid: bool = False,
 ) -> tuple[list[int], float] | None:
     """Return numbers of the views that fit clearly better turned the other way, and the residual.
 
@@ -220,7 +262,7 @@ def better_turns(
             for i, (v, r) in enumerate(views)
         ]
         try:
-            found = Lattice(turned, size).sigma
+            found = Lattice(turned, size, relaid).sigma
         except (DataError, NotSeparableError):
             continue
         if found < _BETTER * sigma and (best is None or found < best[1]):

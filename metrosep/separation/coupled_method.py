@@ -15,12 +15,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core.errors import DataError
 from metrosep.core.provenance import Step
+from metrosep.separation._grid_solution import Repeats, Slopes, refuse_unknown
 from metrosep.separation._method_parts import known_parts
 from metrosep.separation._plane_input import plane_steps
 from metrosep.separation._real_numbers import real_numbers
 from metrosep.separation.contract import Separation, SeparationMethod
 from metrosep.separation.null_space import Unobservable
-from metrosep.separation.plane_grid import TERMS, Slopes, coupled_grid, unseen_terms
+from metrosep.separation.plane_grid import coupled_grid, unseen_terms
 
 __all__ = ["CoupledGrid"]
 
@@ -37,11 +38,13 @@ class CoupledGrid(SeparationMethod):
         Steps of the grid.
     slopes : {"free", "common", "none"}, optional
         What each line is set anew in: see `coupled_grid`.
+    repeats : {"relaid", "passes"}, optional
+        Whether each repeat was laid anew, or passes over lines that stayed.
 
     Raises
     ------
     DataError
-        If a step is not positive or `slopes` is unknown.
+        If a step is not positive or `slopes` or `repeats` is unknown.
 
     Examples
     --------
@@ -55,6 +58,7 @@ class CoupledGrid(SeparationMethod):
     dx: float
     dy: float
     slopes: Slopes = "free"
+    repeats: Repeats = "relaid"
 
     name: ClassVar[str] = "coupled_grid"
     truth_parts: ClassVar[tuple[str, ...]] = ()
@@ -62,8 +66,7 @@ class CoupledGrid(SeparationMethod):
 
     def __post_init__(self) -> None:
         plane_steps(self.dx, self.dy)
-        if self.slopes not in TERMS:
-            raise DataError(f"slopes is 'free', 'common' or 'none', got {self.slopes!r}")
+        refuse_unknown(self.slopes, self.repeats)
 
     def simulate(
         self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
@@ -143,7 +146,14 @@ class CoupledGrid(SeparationMethod):
                 f"(2, repeats, n_y, n_x), got {both.shape}"
             )
         found = coupled_grid(
-            both[0], both[1], dx=self.dx, dy=self.dy, slopes=self.slopes, u_reading=u_reading
+            both[0],
+            both[1],
+            dx=self.dx,
+            dy=self.dy,
+            slopes=self.slopes,
+            repeats=self.repeats,
+            u_reading=u_reading,
         )
-        step = Step(self.name, {"dx_m": self.dx, "dy_m": self.dy, "slopes": self.slopes})
+        how = {"slopes": self.slopes, "repeats": self.repeats}
+        step = Step(self.name, {"dx_m": self.dx, "dy_m": self.dy, **how})
         return replace(found, history=(*history, step))

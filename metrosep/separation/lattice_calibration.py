@@ -17,7 +17,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core.blas import one_blas_thread
+from metrosep.core.errors import DataError
 from metrosep.core.quantity import Quantity
+from metrosep.separation._grid_solution import Repeats, moved_between
 from metrosep.separation._lattice_fit import Lattice, better_turns
 from metrosep.separation._lattice_views import (
     GridView,
@@ -40,6 +42,7 @@ def grid_calibration(
     views: Mapping[str, ArrayLike] | Sequence[GridView],
     *,
     pitch: float,
+    repeats: Repeats = "relaid",
     u_reading: float | None = None,
 ) -> Separation:
     """Return the errors of a stage and of a grid plate from views of the plate.
@@ -51,6 +54,9 @@ def grid_calibration(
         ``shifted`` (one pitch along +x), or views with turns and shifts of their own.
     pitch : float, m
         Pitch of the lattice.
+    repeats : {"relaid", "passes"}, optional
+        Whether the plate was placed anew for each repeat of a view, with a translation and rotation
+        of its own, or stayed where it lay.
     u_reading : float, m, optional
         Standard uncertainty of one reading as it is believed; a message tells if the residuals
         exceed it.
@@ -64,8 +70,8 @@ def grid_calibration(
     Raises
     ------
     DataError
-        If shapes differ, a turn or shift is not whole, pitch or `u_reading` are not usable, or the
-        lattice is too large or too small.
+        If shapes differ, a turn or shift is not whole, pitch or `u_reading` are not usable,
+        `repeats` is unknown, or the lattice is too large or too small.
     InvalidSamplesError
         If readings are not real numbers.
     NotSeparableError
@@ -79,7 +85,9 @@ def grid_calibration(
     Null space: translation and rotation of each part (the placements are free), and the scale: a
     stage that reads too long on a plate that is too short gives the same readings in every view.
     No length enters, so none comes out; calibrate one distance of the plate. u is from the
-    covariance of the fit with the noise of its residuals; it grows slowly with the lattice.
+    covariance of the fit with the noise of its residuals; it grows slowly with the lattice. Where
+    all repeats of a view read the same marks, both kinds of `repeats` give the same parts; a plate
+    that was placed anew and is said to have stayed makes noise of its placements (told).
 
     References
     ----------
@@ -97,14 +105,16 @@ def grid_calibration(
     >>> bool(abs(found.plate).max() < 1e-15)
     True
     """
+    if repeats not in ("relaid", "passes"):
+        raise DataError(f"repeats is 'relaid' or 'passes', got {repeats!r}")
     step = positive(pitch, "pitch", "m")
     stated = None if u_reading is None else positive(u_reading, "u_reading", "m", zero=True)
     parsed = parsed_views(views)
     size = checked_size(parsed, step)
     refuse_inseparable(parsed)
     with one_blas_thread():
-        fit = Lattice(parsed, size)
-        other = better_turns(parsed, size, fit.sigma)
+        fit = Lattice(parsed, size, repeats == "relaid")
+        other = better_turns(parsed, size, fit.sigma, repeats == "relaid")
     dof = fit.n_readings - fit.rank
     sigma = fit.sigma
     text = "standard deviation of one reading"
@@ -128,6 +138,7 @@ def grid_calibration(
         audit={
             "placements": [[v.turns, v.shift[0], v.shift[1]] for v, _ in parsed],
             "pitch_mm": step * 1e3,
+            "repeats": repeats,
             "n_readings": fit.n_readings,
             "degrees_of_freedom": dof,
             "null_space_dimension": fit.null_dimension,
@@ -173,6 +184,12 @@ def _messages(
     for part, lost in zip(("stage sites", "plate marks"), fit.lost, strict=True):
         if lost:
             out.append(f"{lost} {part} are not determined by these views: NaN")
+    dof = fit.n_readings - fit.rank
+    if moved_between(fit.squares, dof, *fit.moved):
+        out.append(
+            "repeats of a view differ by translation and rotation by more than their noise: the plate "
+            "was placed anew between them; give repeats = 'relaid', as stated noise and u are too large"
+        )
     if math.isnan(sigma):
         out.append("no redundancy and no u_reading: the uncertainty is not known (NaN)")
     elif u_reading is not None and sigma > 1.5 * u_reading:

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core.errors import DataError
 from metrosep.core.provenance import Step
+from metrosep.separation._grid_solution import Repeats, refuse_unknown
 from metrosep.separation._lattice_views import GridView, checked_placement
 from metrosep.separation._method_parts import known_parts, part_of
 from metrosep.separation._real_numbers import real_numbers
@@ -42,11 +43,14 @@ class GridCalibration(SeparationMethod):
     placements : tuple of (int, (int, int)), optional
         Quarter turns from x to y, and the shift along x and y in pitches after it, of each view:
         as placed, turned once, and shifted by one pitch along x if omitted.
+    repeats : {"relaid", "passes"}, optional
+        Whether the plate was placed anew for each repeat of a view, or stayed.
 
     Raises
     ------
     DataError
-        If the pitch is not positive, or a turn or a shift is no whole number.
+        If the pitch is not positive, a turn or a shift is no whole number, or
+        `repeats` is unknown.
 
     Examples
     --------
@@ -60,6 +64,7 @@ class GridCalibration(SeparationMethod):
 
     pitch: float
     placements: tuple[Placement, ...] = _INITIAL_ROTATED_SHIFTED
+    repeats: Repeats = "relaid"
 
     name: ClassVar[str] = "grid_calibration"
     truth_parts: ClassVar[tuple[str, ...]] = ("plate",)
@@ -67,6 +72,7 @@ class GridCalibration(SeparationMethod):
 
     def __post_init__(self) -> None:
         positive(self.pitch, "pitch", "m")
+        refuse_unknown("free", self.repeats)
         for i, placement in enumerate(self.placements, start=1):
             try:
                 turns, shift = placement
@@ -164,8 +170,11 @@ class GridCalibration(SeparationMethod):
                 f"2) or ({count}, repeats, n_y, n_x, 2), got {views.shape}"
             )
         given = [GridView(v, *p) for v, p in zip(views, self.placements, strict=True)]
-        found = grid_calibration(given, pitch=self.pitch, u_reading=u_reading)
-        return replace(found, history=(*history, Step(self.name, {"pitch_m": self.pitch})))
+        found = grid_calibration(
+            given, pitch=self.pitch, repeats=self.repeats, u_reading=u_reading
+        )
+        step = Step(self.name, {"pitch_m": self.pitch, "repeats": self.repeats})
+        return replace(found, history=(*history, step))
 
 
 def _on_stage(plate: FloatArray, turns: int, shift: tuple[int, int]) -> FloatArray:

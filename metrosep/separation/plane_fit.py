@@ -22,6 +22,7 @@ from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_engineering
+from metrosep.separation._grid_solution import moved_between
 from metrosep.separation._plane_coupling import Interaction, coupling, two_way
 from metrosep.separation._plane_input import described, plane_stack
 from metrosep.separation._result_values import plain, reduced
@@ -149,7 +150,8 @@ def fit_plane_model(
 
     Notes
     -----
-    Repeats must share one zero: take the mean off each map first if each has its own.
+    Repeats must share zero and tilt: take the mean, or the plane, off each map first if each was set
+    up anew; a message tells when they differ. Without its plane a map has no alpha and no beta.
     Noise comes from the repeats (pure error); else from `u_reading` (infinite degrees of freedom);
     else the smooth coupling ``P_i(x) P_j(y)``, i, j = 1, 2, is tested against the rest of the
     residual. Null space: piston of f against g (both are free of mean); the split of a rigid tilt
@@ -226,6 +228,7 @@ def fit_plane_model(
         (
             *_words(test, noise, int((~rows).sum()), int((~columns).sum())),
             *_own_zeros(stack, mean, noise.value),
+            *_own_tilts(stack, mean),
         ),
     )
 
@@ -259,6 +262,33 @@ def _own_zeros(stack: FloatArray, mean: FloatArray, noise: float) -> tuple[str, 
     text = (
         f"the repeats differ in their zero by {spread * 1e9:.3g} nm (sd), which counts as noise "
         "and hides coupling: take the mean off each map first"
+    )
+    return (text,)
+
+
+def _own_tilts(stack: FloatArray, mean: FloatArray) -> tuple[str, ...]:
+    """Say if the repeats differ in tilt by more than the rest of the noise."""
+    rows, columns = np.nonzero(~np.isnan(mean))
+    about = (stack - mean)[:, rows, columns]
+    at = np.column_stack([np.ones(rows.size), columns - columns.mean(), rows - rows.mean()])
+    share, squares, n, widest = 0.0, 0.0, 0, 0.0
+    for repeat in about:
+        seen = ~np.isnan(repeat)
+        if seen.sum() <= at.shape[1]:
+            continue
+        level = repeat[seen] - repeat[seen].mean()
+        tilt = at[seen] @ np.linalg.lstsq(at[seen], level, rcond=None)[0]
+        share += float(tilt @ tilt)
+        squares += float(level @ level)
+        n += 1
+        widest = max(widest, float(np.ptp(tilt)))
+    dof = int((~np.isnan(about)).sum()) - rows.size - (n - 1)
+    if n < 2 or not moved_between(squares, dof, share, 2 * (n - 1)) or widest < 1e-18:
+        return ()
+    text = (
+        f"the repeats differ in tilt by up to {widest * 1e9:.3g} nm over the map, which counts as noise "
+        "and hides coupling: if the plane was set up anew each time, take the plane off each map first "
+        "(alpha and beta are then not known)"
     )
     return (text,)
 

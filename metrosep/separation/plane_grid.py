@@ -9,7 +9,6 @@ map may hold what a sum of two axis errors cannot. Rows grow with y, columns wit
 from __future__ import annotations
 
 import math
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +18,15 @@ from metrosep.core.errors import DataError, NotSeparableError, TooFewSamplesErro
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
+from metrosep.separation._grid_solution import (
+    TERMS,
+    Joined,
+    Repeats,
+    Slopes,
+    lays_of,
+    moved_between,
+    refuse_unknown,
+)
 from metrosep.separation._plane_input import plane_steps
 from metrosep.separation._real_numbers import real_numbers
 from metrosep.separation.contract import Separation
@@ -28,17 +36,6 @@ from metrosep.separation.planner_checks import positive
 __all__ = ["coupled_grid"]
 
 FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-Slopes = Literal["free", "common", "none"]
-
-_RANK = 1e-9
-"""Eigenvalues below this share of the largest one belong to the null space."""
-
-TERMS = {
-    "free": ("piston", "tilt x", "tilt y", "twist xy"),
-    "common": ("piston", "tilt x", "tilt y"),
-    "none": ("piston",),
-}
 
 
 def coupled_grid(
@@ -48,6 +45,7 @@ def coupled_grid(
     dx: float | None = None,
     dy: float | None = None,
     slopes: Slopes = "free",
+    repeats: Repeats = "relaid",
     u_reading: float | None = None,
 ) -> Separation:
     """Return the error map that lines in both directions agree on.
@@ -63,6 +61,9 @@ def coupled_grid(
     slopes : {"free", "common", "none"}, optional
         Whether each line has a slope of its own, the lines of a direction share one, or the
         lines keep a common reference (a level, a flat that stays).
+    repeats : {"relaid", "passes"}, optional
+        Whether the lines of each repeat were laid anew, with offsets and slopes of their own, or
+        the repeats are passes over lines that stayed as they lay.
     u_reading : float, m, optional
         Standard uncertainty of one reading, where redundancy is missing.
 
@@ -74,7 +75,8 @@ def coupled_grid(
     Raises
     ------
     DataError
-        If shapes differ, steps or `u_reading` are not usable, or `slopes` is unknown.
+        If shapes differ, steps or `u_reading` are not usable, `slopes` or `repeats` is unknown,
+        or there are too many repeats each with other points missing.
     InvalidSamplesError
         If readings are not real numbers.
     NotSeparableError
@@ -99,8 +101,7 @@ def coupled_grid(
     >>> bool(abs(found.error - (e - e.mean())).max() < 1e-18)
     True
     """
-    if slopes not in TERMS:
-        raise DataError(f"slopes is 'free', 'common' or 'none', got {slopes!r}")
+    refuse_unknown(slopes, repeats)
     if u_reading is not None:
         u_reading = positive(u_reading, "u_reading", "m", zero=True)
     sets, x, y, history = _sets(x_lines, y_lines, dx, dy)
@@ -117,7 +118,7 @@ def coupled_grid(
                 f"there is one line along {axis}; two or more are needed to join the others"
             )
     with one_blas_thread():
-        solved = _Joined(sets, counts, x, y, slopes)
+        solved = Joined(lays_of(sets, repeats == "relaid"), x, y, slopes)
     noise, sigma = _noise(solved, u_reading)
     shape = counts.shape[1:]
     error, u = np.full(shape, np.nan), np.full(shape, np.nan)
@@ -131,6 +132,7 @@ def coupled_grid(
             Unobservable("error", "samples", (lost,), "on lines that cross too few others: NaN")
         )
         messages.append(f"{lost} points lie on lines that cross too few others: NaN")
+    messages += _moved(solved)
     if math.isnan(sigma):
         messages.append("no redundancy and no u_reading: the uncertainty is not known (NaN)")
     return Separation(
@@ -147,6 +149,7 @@ def coupled_grid(
             "n_readings": int(counts.sum()),
             "n_crossings": int((counts.min(axis=0) > 0).sum()),
             "slopes": slopes,
+            "repeats": repeats,
             "degrees_of_freedom": solved.dof,
             "residual_rms_nm": solved.residual_rms * 1e9,
             "removed": list(TERMS[slopes]),
@@ -177,131 +180,21 @@ def unseen_terms(slopes: Slopes) -> Unobservable:
     return Unobservable("error", "term", TERMS[slopes], reason)
 
 
-class _Joined:
-    """Least-squares map over the points that the crossings determine."""
-
-    def __init__(
-        self,
-        sets: list[FloatArray],
-        counts: NDArray[np.int64],
-        x: FloatArray,
-        y: FloatArray,
-        slopes: str,
-    ) -> None:
-        used: BoolArray = np.asarray(counts.any(axis=0))
-        for _ in range(counts.shape[1] + counts.shape[2]):
-            joined = (counts.min(axis=0) > 0) & used
-            if joined.any(axis=1).sum() < 2 or joined.any(axis=0).sum() < 2:
-                break
-            lost = self._solve(sets, counts, used, x, y, slopes)
-            if not lost.any():
-                return
-            used = np.asarray(used & ~lost)
-        raise NotSeparableError(
-            "the crossings do not join the lines: at least two lines along x must cross the same "
-            "two lines along y; measure longer lines or more of them"
-        )
-
-    def _solve(
-        self,
-        sets: list[FloatArray],
-        counts: NDArray[np.int64],
-        used: BoolArray,
-        x: FloatArray,
-        y: FloatArray,
-        slopes: str,
-    ) -> BoolArray:
-        rows, columns = np.nonzero(used)
-        u, v = _unit(x)[columns], _unit(y)[rows]
-        basis = [_line_basis(rows, u, y.size, slopes), _line_basis(columns, v, x.size, slopes)]
-        zero = [np.zeros_like(b) for b in basis]
-        design = [np.hstack([basis[0], zero[1]]), np.hstack([zero[0], basis[1]])]
-        weights = [counts[s][used].astype(np.float64) for s in range(2)]
-        means = [
-            np.divide(np.nansum(sets[s], axis=0)[used], w, out=np.zeros(w.size), where=w > 0)
-            for s, w in enumerate(weights)
-        ]
-        total = weights[0] + weights[1]
-        coupling = sum(d * w[:, np.newaxis] for d, w in zip(design, weights, strict=True))
-        coupling = np.asarray(coupling) / total[:, np.newaxis]  # D^-1 B
-        pair = (weights[0] * weights[1] / total)[:, np.newaxis]
-        difference = design[0] - design[1]
-        schur = difference.T @ (pair * difference)
-        right = difference.T @ (pair[:, 0] * (means[0] - means[1]))
-        values, vectors = np.linalg.eigh(schur)
-        null = values < _RANK * values[-1]
-        inverse = (vectors[:, ~null] / values[~null]) @ vectors[:, ~null].T
-        lines = inverse @ right
-        mean = (weights[0] * means[0] + weights[1] * means[1]) / total
-        error = mean - coupling @ lines
-        regular = np.column_stack(
-            [np.ones(u.size), u, v, u * v][: {"free": 4, "common": 3, "none": 1}[slopes]]
-        )
-        orthonormal = np.linalg.qr(regular)[0]
-        shapes = coupling @ vectors[:, null]
-        extra = shapes - orthonormal @ (orthonormal.T @ shapes)
-        lost = np.zeros(used.shape, dtype=bool)
-        lost[rows, columns] = np.abs(extra).max(axis=1, initial=0.0) > 1e-6
-        if lost.any():
-            return _whole_or_loose(lost, used, counts)
-        self.used = used
-        self.error = error - orthonormal @ (orthonormal.T @ error)
-        self.variance = _variance(total, coupling, inverse, orthonormal)
-        self._score(sets, used, error, design, lines, int((~null).sum()))
-        return lost
-
-    def _score(
-        self,
-        sets: list[FloatArray],
-        used: BoolArray,
-        error: FloatArray,
-        design: list[FloatArray],
-        lines: FloatArray,
-        rank: int,
-    ) -> None:
-        left = [s[:, used] - (error + d @ lines) for s, d in zip(sets, design, strict=True)]
-        squares = sum(float(np.nansum(r**2)) for r in left)
-        n = sum(int((~np.isnan(r)).sum()) for r in left)
-        self.dof = n - error.size - rank
-        self.squares = squares
-        self.residual_rms = math.sqrt(squares / n)
+def _moved(solved: Joined) -> list[str]:
+    """Say if passes of one lay differ by line terms by more than the rest of the noise."""
+    share, terms = solved.moved
+    if not moved_between(solved.squares, solved.dof, share, terms):
+        return []
+    kept = math.sqrt(max(solved.squares - share, 0.0) / (solved.dof - terms)) * 1e9
+    text = (
+        "passes over one line differ by offset and slope by more than the rest of their noise "
+        f"({kept:.3g} nm): the lines were laid anew between the repeats; give repeats = 'relaid', as "
+        "stated noise and u are too large"
+    )
+    return [text]
 
 
-def _whole_or_loose(lost: BoolArray, used: BoolArray, counts: NDArray[np.int64]) -> BoolArray:
-    """Drop first what only one set of lines sees; where nothing is left of that, drop all of it."""
-    single = lost & (counts.min(axis=0) == 0)
-    return single if single.any() else lost & used
-
-
-def _variance(
-    total: FloatArray, coupling: FloatArray, inverse: FloatArray, q: FloatArray
-) -> FloatArray:
-    """Diagonal of P (D^-1 + W S^-1 W') P' for unit noise, P without the null space."""
-    own = 1.0 / total
-    inner = q.T @ (own[:, np.newaxis] * q)
-    direct = own - 2.0 * own * (q**2).sum(axis=1) + np.einsum("ij,jk,ik->i", q, inner, q)
-    rest = coupling - q @ (q.T @ coupling)
-    total_variance = direct + np.einsum("ij,jk,ik->i", rest, inverse, rest, optimize=True)
-    return np.asarray(np.maximum(total_variance, 0.0), dtype=np.float64)
-
-
-def _line_basis(line: NDArray[np.intp], along: FloatArray, n: int, slopes: str) -> FloatArray:
-    offsets = np.zeros((line.size, n))
-    offsets[np.arange(line.size), line] = 1.0
-    if slopes == "none":
-        return offsets
-    if slopes == "common":
-        return np.hstack([offsets, along[:, np.newaxis]])
-    return np.hstack([offsets, offsets * along[:, np.newaxis]])
-
-
-def _unit(positions: FloatArray) -> FloatArray:
-    middle = 0.5 * (positions[0] + positions[-1])
-    scaled: FloatArray = (positions - middle) / max(positions[-1] - middle, 1e-300)
-    return scaled
-
-
-def _noise(solved: _Joined, u_reading: float | None) -> tuple[Quantity, float]:
+def _noise(solved: Joined, u_reading: float | None) -> tuple[Quantity, float]:
     text = "standard deviation of one reading"
     if solved.dof > 0:
         s = math.sqrt(solved.squares / solved.dof)

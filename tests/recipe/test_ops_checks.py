@@ -94,14 +94,14 @@ def test_probe_that_stands_elsewhere_is_named(table, tmp_path):
 
 
 def test_probes_that_agree_pass_a_limit(table):
-    limit = '[[check]]\nmetric = "disagreement"\nupper = 1.6\n'
+    limit = '[[check]]\nmetric = "p"\nlower = 0.002\n'
     result = run(PROBES + limit, probe_table(table, four_probes(STATED)))
 
     # expectation 1, two standard deviations 2 sqrt(2 / freedom)
     assert abs(metrics(result)["disagreement"] - 1.0) < 5 * np.sqrt(2 / result.produced.freedom)
     assert result.verdict == "accept"
     assert run(PROBES + limit, probe_table(table, four_probes(TRUE))).verdict == "reject"
-    assert set(metrics(result)) == {"disagreement"}
+    assert set(metrics(result)) == {"p", "disagreement"}
 
 
 def test_three_probes_cannot_be_checked(table):

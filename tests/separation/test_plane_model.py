@@ -291,6 +291,23 @@ def test_repeats_with_zeros_of_their_own_are_noticed():
     assert any("take the mean off" in m for m in fit_plane_model(moved, dx=MM, dy=MM).messages)
 
 
+def test_repeats_with_tilts_of_their_own_are_noticed():
+    """Three repeats; noise alone raises no alarm in 60 draws."""
+    *_, z = sum_model(16)
+    ramp = (
+        np.linspace(-1.0, 1.0, z.shape[0])[:, None] * np.array([-20.0, 0.0, 20.0])[:, None, None]
+    )
+
+    for seed in range(60):
+        maps = z + 5 * NM * np.random.default_rng(seed).standard_normal((3, *z.shape))
+        assert not any("tilt" in m for m in fit_plane_model(maps, dx=MM, dy=MM).messages)
+    maps[1, 2, 3:] = np.nan
+    told = fit_plane_model(maps + NM * ramp, dx=MM, dy=MM).messages
+    assert sum("differ in tilt" in m for m in told) == 1
+    assert "40" in told[-1] or "39" in told[-1] or "41" in told[-1]
+    assert not any("tilt" in m for m in fit_plane_model(maps + NM, dx=MM, dy=MM).messages)
+
+
 def test_disconnected_groups_are_refused():
     z = np.full((6, 6), np.nan)
     z[:3, :3] = 0.0

@@ -1,0 +1,286 @@
+"""Private helper: least squares of a map and of the lays of its lines, with its null space.
+
+A lay is one set of lines of one direction that were put down once: all repeats if the straightedge
+stayed, one repeat if it was laid anew. Each lay has line terms of its own. Repeats that were laid
+anew and measured the same points are one lay of their mean: what they differ by tells their own
+terms and noise, and nothing of the map.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.core.errors import DataError, NotSeparableError
+
+__all__ = [
+    "TERMS",
+    "Joined",
+    "Lay",
+    "Repeats",
+    "Slopes",
+    "lays_of",
+    "moved_between",
+    "refuse_unknown",
+]
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+Slopes = Literal["free", "common", "none"]
+Repeats = Literal["relaid", "passes"]
+
+_SPREAD = 5.0
+"""Standard deviations of a ratio of variances beyond which it is no chance."""
+
+_MOST_TERMS = 4000
+"""Line terms that are solved in half a minute."""
+
+_RANK = 1e-9
+"""Eigenvalues below this share of the largest one belong to the null space."""
+
+TERMS = {
+    "free": ("piston", "tilt x", "tilt y", "twist xy"),
+    "common": ("piston", "tilt x", "tilt y"),
+    "none": ("piston",),
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Lay:
+    """Lines of one direction (0 along x, 1 along y) that share their line terms.
+
+    ``values`` (repeats, n_y, n_x); ``moved`` says that repeats differ by line terms of their own.
+    """
+
+    direction: int
+    values: FloatArray
+    moved: bool
+
+    @property
+    def count(self) -> NDArray[np.int64]:
+        """Number of readings of each point."""
+        n: NDArray[np.int64] = (~np.isnan(self.values)).sum(axis=0)
+        return n
+
+
+def refuse_unknown(slopes: str, repeats: str) -> None:
+    """Refuse what is no kind of slopes or repeats."""
+    if slopes not in TERMS:
+        raise DataError(f"slopes is 'free', 'common' or 'none', got {slopes!r}")
+    if repeats not in get_args(Repeats):
+        raise DataError(f"repeats is 'relaid' or 'passes', got {repeats!r}")
+
+
+def moved_between(squares: float, dof: int, share: float, share_dof: int) -> bool:
+    """Return whether passes differ by set-up terms by more than the rest of the noise lets them."""
+    left, rest = squares - share, dof - share_dof
+    if share_dof < 1 or rest < 1:
+        return False
+    limit = 1.0 + _SPREAD * math.sqrt(2.0 / share_dof + 2.0 / rest)
+    return share / share_dof > limit * left / rest
+
+
+def lays_of(sets: list[FloatArray], relaid: bool) -> list[Lay]:
+    """Return the lays of both directions; repeats laid anew are grouped by the points they read."""
+    if not relaid:
+        return [Lay(way, values, False) for way, values in enumerate(sets)]
+    out = []
+    for way, values in enumerate(sets):
+        groups: dict[bytes, list[int]] = {}
+        for i, z in enumerate(values):
+            if not np.isnan(z).all():
+                groups.setdefault(np.isnan(z).tobytes(), []).append(i)
+        out += [Lay(way, values[rows], True) for rows in groups.values()]
+    return out
+
+
+class Joined:
+    """Least-squares map over the points that the crossings determine."""
+
+    def __init__(self, lays: list[Lay], x: FloatArray, y: FloatArray, slopes: str) -> None:
+        counts = np.stack([sum(lay.count for lay in lays if lay.direction == s) for s in (0, 1)])
+        used: BoolArray = np.asarray(counts.any(axis=0))
+        for _ in range(counts.shape[1] + counts.shape[2]):
+            joined = (counts.min(axis=0) > 0) & used
+            if joined.any(axis=1).sum() < 2 or joined.any(axis=0).sum() < 2:
+                break
+            lost = self._solve(lays, counts, used, x, y, slopes)
+            if not lost.any():
+                return
+            used = np.asarray(used & ~lost)
+        raise NotSeparableError(
+            "the crossings do not join the lines: at least two lines along x must cross the same "
+            "two lines along y; measure longer lines or more of them"
+        )
+
+    def _solve(
+        self,
+        lays: list[Lay],
+        counts: NDArray[np.int64],
+        used: BoolArray,
+        x: FloatArray,
+        y: FloatArray,
+        slopes: str,
+    ) -> BoolArray:
+        rows, columns = np.nonzero(used)
+        u, v = _unit(x)[columns], _unit(y)[rows]
+        basis = (_line_basis(rows, u, y.size, slopes), _line_basis(columns, v, x.size, slopes))
+        weights = [lay.count[used].astype(np.float64) for lay in lays]
+        means = [_mean(lay.values[:, used], w) for lay, w in zip(lays, weights, strict=True)]
+        total = np.sum(weights, axis=0)
+        mean = sum(w * m for w, m in zip(weights, means, strict=True)) / total
+        schur, right, coupling = _without_map(lays, basis, weights, means, total, np.asarray(mean))
+        values, vectors = np.linalg.eigh(schur)
+        null = values < _RANK * values[-1]
+        inverse = (vectors[:, ~null] / values[~null]) @ vectors[:, ~null].T
+        lines = inverse @ right
+        error = mean - coupling @ lines
+        regular = np.column_stack([np.ones(u.size), u, v, u * v][: len(TERMS[slopes])])
+        orthonormal = np.linalg.qr(regular)[0]
+        shapes = coupling @ vectors[:, null]
+        extra = shapes - orthonormal @ (orthonormal.T @ shapes)
+        lost = np.zeros(used.shape, dtype=bool)
+        lost[rows, columns] = np.abs(extra).max(axis=1, initial=0.0) > 1e-6
+        if lost.any():
+            return _whole_or_loose(lost, used, counts)
+        self.used = used
+        self.error = error - orthonormal @ (orthonormal.T @ error)
+        self.variance = _variance(total, coupling, inverse, orthonormal)
+        self.n_null = int(null.sum())
+        left = [m - error for m in means]
+        self._score(lays, basis, weights, left, lines, int((~null).sum()), used)
+        return lost
+
+    def _score(
+        self,
+        lays: list[Lay],
+        basis: tuple[FloatArray, FloatArray],
+        weights: list[FloatArray],
+        left: list[FloatArray],
+        lines: FloatArray,
+        rank: int,
+        used: BoolArray,
+    ) -> None:
+        """Residuals of the means, of the passes about them, and of line terms moved between."""
+        start, squares, freedom = 0, 0.0, -self.error.size - rank
+        n, moved = 0, [0.0, 0]
+        for lay, w, rest in zip(lays, weights, left, strict=True):
+            own = basis[lay.direction]
+            terms = lines[start : start + own.shape[1]]
+            start += own.shape[1]
+            squares += float(w @ np.where(w > 0, rest - own @ terms, 0.0) ** 2)
+            readings = lay.values[:, used]
+            n += int(w.sum())
+            about = _about(readings, w)
+            straight, share, dof = _straight(about, own)
+            if lay.moved:
+                squares += float(np.nansum((about - straight) ** 2))
+                freedom -= dof
+            else:
+                squares += float(np.nansum(about**2))
+                moved = [moved[0] + share, moved[1] + dof]
+        self.n_readings = n
+        self.dof = freedom + n
+        self.squares = squares
+        self.residual_rms = math.sqrt(squares / n)
+        self.moved = (float(moved[0]), int(moved[1]))
+
+
+def _mean(values: FloatArray, weight: FloatArray) -> FloatArray:
+    total = np.nansum(values, axis=0)
+    out: FloatArray = np.divide(total, weight, out=np.zeros(weight.size), where=weight > 0)
+    return out
+
+
+def _about(values: FloatArray, weight: FloatArray) -> FloatArray:
+    out: FloatArray = values - _mean(values, weight)
+    return out
+
+
+def _straight(about: FloatArray, basis: FloatArray) -> tuple[FloatArray, float, int]:
+    """Return what line terms of each pass make of the scatter about the mean, its squares and rank."""
+    out = np.zeros_like(about)
+    if about.shape[0] < 2:
+        return out, 0.0, 0
+    squares, ranks = 0.0, []
+    for i, row in enumerate(about):
+        seen = ~np.isnan(row)
+        line, (size, at) = basis[seen], np.linalg.eigh(basis[seen].T @ basis[seen])
+        kept = at[:, size > _RANK * max(float(size[-1]), 1e-300)]
+        ranks.append(kept.shape[1])
+        terms = kept @ ((kept.T @ (line.T @ row[seen])) / size[-kept.shape[1] :])
+        out[i, seen] = line @ terms
+        squares += float(np.sum(out[i, seen] ** 2))
+    return out, squares, sum(ranks) - max(ranks, default=0)
+
+
+def _without_map(
+    lays: list[Lay],
+    basis: tuple[FloatArray, FloatArray],
+    weights: list[FloatArray],
+    means: list[FloatArray],
+    total: FloatArray,
+    mean: FloatArray,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the normal equations of the line terms, and what these terms do to the map."""
+    own = [basis[lay.direction] for lay in lays]
+    ends = np.cumsum([0, *(b.shape[1] for b in own)])
+    if ends[-1] > _MOST_TERMS:
+        raise DataError(
+            f"{len(lays)} lays of lines with other points missing in each have {ends[-1]} offsets and "
+            f"slopes, more than {_MOST_TERMS}: set a point NaN in all repeats if one lacks it"
+        )
+    schur = np.zeros((int(ends[-1]), int(ends[-1])))
+    for i, (b, w) in enumerate(zip(own, weights, strict=True)):
+        here = slice(ends[i], ends[i + 1])
+        for j in range(i + 1):
+            pair = w * (total - w) / total if i == j else -w * weights[j] / total
+            block = b.T @ (pair[:, np.newaxis] * own[j])
+            there = slice(ends[j], ends[j + 1])
+            schur[here, there] = block
+            schur[there, here] = block.T
+    right = np.concatenate(
+        [b.T @ (w * (m - mean)) for b, w, m in zip(own, weights, means, strict=True)]
+    )
+    coupling = np.hstack(
+        [b * (w / total)[:, np.newaxis] for b, w in zip(own, weights, strict=True)]
+    )
+    return schur, right, coupling
+
+
+def _whole_or_loose(lost: BoolArray, used: BoolArray, counts: NDArray[np.int64]) -> BoolArray:
+    """Drop first what only one set of lines sees; where nothing is left of that, drop all of it."""
+    single = lost & (counts.min(axis=0) == 0)
+    return single if single.any() else lost & used
+
+
+def _variance(
+    total: FloatArray, coupling: FloatArray, inverse: FloatArray, q: FloatArray
+) -> FloatArray:
+    """Diagonal of P (D^-1 + W S^-1 W') P' for unit noise, P without the null space."""
+    own = 1.0 / total
+    inner = q.T @ (own[:, np.newaxis] * q)
+    direct = own - 2.0 * own * (q**2).sum(axis=1) + np.einsum("ij,jk,ik->i", q, inner, q)
+    rest = coupling - q @ (q.T @ coupling)
+    total_variance = direct + np.einsum("ij,jk,ik->i", rest, inverse, rest, optimize=True)
+    return np.asarray(np.maximum(total_variance, 0.0), dtype=np.float64)
+
+
+def _line_basis(line: NDArray[np.intp], along: FloatArray, n: int, slopes: str) -> FloatArray:
+    offsets = np.zeros((line.size, n))
+    offsets[np.arange(line.size), line] = 1.0
+    if slopes == "none":
+        return offsets
+    if slopes == "common":
+        return np.hstack([offsets, along[:, np.newaxis]])
+    return np.hstack([offsets, offsets * along[:, np.newaxis]])
+
+
+def _unit(positions: FloatArray) -> FloatArray:
+    middle = 0.5 * (positions[0] + positions[-1])
+    scaled: FloatArray = (positions - middle) / max(positions[-1] - middle, 1e-300)
+    return scaled
