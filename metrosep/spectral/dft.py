@@ -7,6 +7,8 @@ Convention: ``e(x) = sum a_k cos(2 pi k (x - x0)/l) + b_k sin(...)``, eq. 4 of m
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -16,6 +18,8 @@ __all__ = ["fourier_basis", "fourier_coefficients", "fourier_sum"]
 
 FloatArray = NDArray[np.float64]
 
+_FEW_HARMONICS = 16
+"""Below it each cosine is worked out by itself."""
 _MAX_CELLS = 4_000_000
 """Cells of the basis held at a time, 32 MB."""
 
@@ -38,11 +42,22 @@ def fourier_basis(x: ArrayLike, *, origin: float, period: float, n_harmonics: in
     -------
     ndarray, shape (n, 2 K)
         ``cos(2 pi k (x - origin)/period)`` for k = 1 ... K, then the sines.
+
+    Notes
+    -----
+    Of many harmonics each is the product of a coarse and a fine one, ``k = q m + j``: a square
+    root as many cosines, and equal to 1e-12.
     """
-    phase = (2.0 * np.pi / period) * np.outer(
-        np.asarray(x, dtype=np.float64) - origin, np.arange(1, n_harmonics + 1)
-    )
-    return np.hstack([np.cos(phase), np.sin(phase)])
+    phase = (2.0 * np.pi / period) * (np.asarray(x, dtype=np.float64) - origin)
+    if n_harmonics < _FEW_HARMONICS:
+        turns = np.outer(phase, np.arange(1, n_harmonics + 1))
+        return np.hstack([np.cos(turns), np.sin(turns)])
+    q = math.isqrt(n_harmonics)
+    m = -(-n_harmonics // q)
+    fine = np.exp(1j * np.outer(phase, np.arange(1, q + 1)))
+    coarse = np.exp(1j * np.outer(phase, q * np.arange(m)))
+    waves = (coarse[:, :, None] * fine[:, None, :]).reshape(phase.size, m * q)[:, :n_harmonics]
+    return np.hstack([waves.real, waves.imag])
 
 
 def _row_blocks(n_rows: int, n_harmonics: int) -> list[slice]:

@@ -56,3 +56,16 @@ def test_basis_and_coefficients_use_the_same_convention(rng):
 def test_nan_raises():
     with pytest.raises(DataError, match="NaN"):
         fourier_coefficients([0, 1, 2], [0, np.nan, 0], origin=0, period=3, n_harmonics=1)
+
+
+@pytest.mark.parametrize("n_harmonics", [0, 1, 15, 16, 17, 75, 400])
+def test_basis_of_many_harmonics_is_that_of_each(n_harmonics):
+    rng = np.random.default_rng(4)
+    x = rng.uniform(-0.3, 0.7, 40)
+
+    basis = fourier_basis(x, origin=0.1, period=0.35, n_harmonics=n_harmonics)
+
+    each = [2 * np.pi * k * (x - 0.1) / 0.35 for k in range(1, n_harmonics + 1)]
+    expected = np.array([np.cos(p) for p in each] + [np.sin(p) for p in each]).T
+    # rounding of phases up to 2 pi 400 * 2
+    np.testing.assert_allclose(basis, expected.reshape(basis.shape), rtol=0, atol=5e-12)
