@@ -18,11 +18,15 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError
+from metrosep.optics._checks import real_array, real_number
 
 __all__ = ["Mode", "Side", "check_mode", "path_difference", "path_sensitivity"]
 
 Mode = Literal["reflect", "refract"]
 Side = Literal["inside", "outside"]
+
+_STEEPEST = 1e70
+"""Slopes are cut there, so that the fill values of a file are refused as too steep, not overflow."""
 
 _MOST_INDEX = 10.0
 """A refractive index beyond this is a mistake of units or of columns."""
@@ -62,14 +66,17 @@ def path_difference(
     DataError
         If the mode, the side or the index is not one that can be used.
     InvalidSamplesError
-        If shapes differ, or a slope is so steep that the ray never comes back to the plane.
+        If shapes differ, an input does not hold finite real numbers (NaN is allowed), or a slope is
+        so steep that the ray never comes back to the plane.
 
     Notes
     -----
     With ``g = (dz/dx)^2 + (dz/dy)^2``: reflected ``W = 2 z / (1 - g)``. Refracted from inside
     ``W = (n - 1 / t) z`` with ``t = n s^2 + c sqrt(1 - n^2 s^2)``, ``s^2 = g / (1 + g)`` and
     ``c^2 = 1 - s^2``: the cosine of the leaving ray to the axis. From outside n becomes 1 / n and the
-    result is scaled by -n. The path is that of the ray at its own point of the surface.
+    result is scaled by -n. The path is that of the ray at its own point of the surface. A height
+    that does not count from the vertex plane is not a mere piston: an offset c changes W by
+    ``2 c / (1 - g)``, whose part ``2 c g`` looks like defocus.
 
     Examples
     --------
@@ -125,16 +132,23 @@ def path_sensitivity(
     DataError
         If the mode, the side or the index is not one that can be used.
     InvalidSamplesError
-        If shapes differ, or a slope is too steep.
+        If shapes differ, an input does not hold finite real numbers (NaN is allowed), or a slope is
+        too steep.
 
     Notes
     -----
     A small change d(x, y) of the form changes the wave by ``W_z d + W_p dd/dx + W_q dd/dy``: the
-    rays tilt with the surface, which ``2 d`` alone would miss.
+    rays tilt with the surface, which ``2 d`` alone would miss. NaN where an input is.
+
+    Examples
+    --------
+    >>> by_height, by_slope_x, _ = path_sensitivity(1e-3, 0.1, 0.0)
+    >>> round(by_height.item(), 6), round(by_slope_x.item() * 1e3, 6)  # mm per unit of slope
+    (2.020202, 0.408122)
     """
     heights, square = _checked(z, slope_x, slope_y)
     index = check_mode(mode, n, side)
-    p, q = (np.asarray(v, dtype=np.float64) for v in (slope_x, slope_y))
+    p, q = real_array(slope_x, "slope_x", "m/m"), real_array(slope_y, "slope_y", "m/m")
     if index is None:
         room = _room(1.0 - square, square, "reflected back")
         by_height, by_square = 2.0 / room, 2.0 * heights / room**2
@@ -166,7 +180,7 @@ def check_mode(mode: str, n: float | None, side: str = "inside") -> float | None
     Raises
     ------
     DataError
-        If a word is unknown, an index is missing, not wanted, or not between 1 and 10.
+        If a word is unknown, an index is missing, not wanted, or not a number above 1 and up to 10.
     """
     if mode not in ("reflect", "refract"):
         raise DataError(f'mode must be "reflect" or "refract", got {mode!r}')
@@ -181,11 +195,13 @@ def check_mode(mode: str, n: float | None, side: str = "inside") -> float | None
             'mode="refract" needs the refractive index n of the material, such as 1.49'
         )
     try:
-        index = float(n)
-    except (TypeError, ValueError):
-        index = float("nan")
+        index = real_number(n, "n", "1")
+    except DataError:
+        index = 0.0
     if not 1.0 < index <= _MOST_INDEX:
-        raise DataError(f"the refractive index n must lie above 1 and below 10, got {n!r}")
+        raise DataError(
+            f"the refractive index n must be a number above 1 and up to {_MOST_INDEX:g}, got {n!r}"
+        )
     return index
 
 
@@ -193,13 +209,15 @@ def _checked(
     z: ArrayLike, slope_x: ArrayLike, slope_y: ArrayLike
 ) -> tuple[FloatArray, FloatArray]:
     """Return heights and squared slopes."""
-    heights, p, q = (np.asarray(v, dtype=np.float64) for v in (z, slope_x, slope_y))
+    heights = real_array(z, "z")
+    p, q = real_array(slope_x, "slope_x", "m/m"), real_array(slope_y, "slope_y", "m/m")
     if not heights.shape == p.shape == q.shape:
         raise InvalidSamplesError(
             f"z, slope_x and slope_y must have one shape, got {heights.shape}, {p.shape} and "
             f"{q.shape}"
         )
-    return heights, p * p + q * q
+    square: FloatArray = np.minimum(np.hypot(p, q), _STEEPEST) ** 2
+    return heights, square
 
 
 def _leaving(square: FloatArray, m: float) -> tuple[FloatArray, FloatArray]:
@@ -219,7 +237,8 @@ def _room(value: FloatArray, square: FloatArray, what: str) -> FloatArray:
     if bad.any():
         steepest = float(np.degrees(np.arctan(np.sqrt(np.nanmax(square)))))
         raise InvalidSamplesError(
-            f"{int(bad.sum())} rays are not {what}; the surface is up to {steepest:.1f} deg "
-            "steep: crop it to a smaller aperture, or check that heights and steps are in metres"
+            f"{int(bad.sum())} of {bad.size} rays are not {what}; the surface is up to "
+            f"{steepest:.1f} deg steep: crop it to a smaller aperture, or check that heights "
+            "and steps are in metres"
         )
     return value

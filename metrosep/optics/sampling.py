@@ -6,13 +6,18 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError, TooFewSamplesError
+from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.surface import Surface
 from metrosep.forms.base import Form
+from metrosep.optics._checks import pair_of, positive, real_number, whole_number
+from metrosep.optics._map_slopes import slopes_of
 
 __all__ = ["Grid", "Sampled", "form_points", "map_points"]
+
+_Mask = NDArray[np.bool_]
 
 Grid = Literal["polar", "square"]
 
@@ -21,6 +26,15 @@ POLAR = (300, 720)
 
 SQUARE = 256
 """Points along each side of the square grid."""
+
+_CLEAR = 3.0
+"""Standard errors of the mean height about the axis beyond which the height is not only their scatter."""
+
+_MOST_HEIGHT = 1e30
+"""m: beyond it stand the numbers with which files fill what was not measured."""
+
+_LITTLE = 0.5
+"""Share of the disc: a map that covers less of it is worth a word."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,6 +57,14 @@ class Sampled:
         Of a rectangular grid.
     messages : tuple of str
         What a reader should know.
+    doubt : tuple of (ndarray, ndarray) or None
+        What slopes from a single neighbour may be off by, in x and in y; 0 for all others, NaN where
+        that cannot be said. Of a map only.
+    centre : tuple of (float, float) or None, m
+        Optical axis in the coordinates of the map.
+    on_axis : float, m
+        Height of a map where the axis meets it, about: 0 where it is lost in scatter, NaN where
+        nothing was measured there. 0 for a form, which says what it means.
     """
 
     x: FloatArray
@@ -54,6 +76,9 @@ class Sampled:
     radius: float
     steps: tuple[float, float] | None
     messages: tuple[str, ...] = ()
+    doubt: tuple[FloatArray, FloatArray] | None = None
+    centre: tuple[float, float] | None = None
+    on_axis: float = 0.0
 
 
 def form_points(
@@ -90,13 +115,10 @@ def form_points(
     """
     if radius is None:
         raise DataError("the wavefront of an ideal form needs the radius of its aperture, in m")
-    _check_radii(radius, inner_radius)
-    if grid == "polar":
-        x, y, weights, steps = _polar(radius, inner_radius, samples)
-    elif grid == "square":
-        x, y, weights, steps = _square(radius, inner_radius, samples)
-    else:
-        raise DataError(f'grid must be "polar" or "square", got {grid!r}')
+    radius, inner_radius = _radii(radius, inner_radius)
+    check_grid(grid)
+    made = _polar if grid == "polar" else _square
+    x, y, weights, steps = made(radius, inner_radius, samples)
     z = form(x, y)
     p, q = form.gradient(x, y)
     wanted = weights > 0.0
@@ -109,7 +131,7 @@ def form_points(
             "the aperture smaller"
         )
     z = np.where(wanted, z, np.nan)
-    return Sampled(x, y, z, p, q, weights, float(radius), steps)
+    return Sampled(x, y, z, p, q, weights, radius, steps)
 
 
 def map_points(
@@ -118,6 +140,7 @@ def map_points(
     inner_radius: float,
     centre: tuple[float, float] | None,
     form: Form | None,
+    vertex_height: float = 0.0,
 ) -> Sampled:
     """Return the pixels of a measured map, with slopes from their neighbours.
 
@@ -134,6 +157,8 @@ def map_points(
         else (0, 0).
     form : Form or None
         Ideal surface about that axis: its slopes are exact, and only the rest is differenced.
+    vertex_height : float, m, optional
+        Height in the map of the plane from which heights count.
 
     Returns
     -------
@@ -143,10 +168,101 @@ def map_points(
     Raises
     ------
     DataError
-        If the map has no lateral calibration, or an argument is not one that can be used.
+        If the map has no lateral calibration, an argument is not one that can be used, or the axis
+        lies beside the map and no radius is given.
+    InvalidSamplesError
+        If a height is a fill value.
     TooFewSamplesError
         If fewer than 3 pixels with slopes lie in the aperture.
     """
+    across, up, axis, notes = _about_the_axis(surface, centre, any_axis=radius is not None)
+    dx, dy = surface.dx, surface.dy
+    assert dx is not None and dy is not None  # noqa: S101, PT018  # refused just now
+    _refuse_fill_values(surface.z)
+    z = surface.z - real_number(vertex_height, "vertex_height")
+    rest = z if form is None else z - _of_form(form, across, up)
+    (p, doubt_x), (q, doubt_y) = slopes_of(rest, dx, 1), slopes_of(rest, dy, 0)
+    if form is not None:
+        exact = form.gradient(across, up)
+        p, q = p + exact[0], q + exact[1]
+    known = ~(np.isnan(rest) | np.isnan(p) | np.isnan(q))
+    rho = np.hypot(across, up)
+    radius, hole, aperture = _aperture(known, rho, radius, inner_radius)
+    inside = known & aperture
+    notes += _left_out(aperture & ~known, z, rest)
+    notes += _coverage(int(inside.sum()) * dx * dy, radius, hole)
+    start = np.nan if form is None else float(np.asarray(form(0.0, 0.0)).item())
+    reach, on_axis = float(np.hypot(dx, dy)), rest + start
+    if np.isnan(start):  # a parabola continues to the axis
+        on_axis = z - 0.5 * (across * p + up * q)
+    else:
+        reach += float(rho[inside].min())
+    return Sampled(
+        across,
+        up,
+        np.where(inside, z, np.nan),
+        p,
+        q,
+        inside.astype(np.float64),
+        radius,
+        (dx, dy),
+        notes,
+        (np.where(inside, doubt_x, 0.0), np.where(inside, doubt_y, 0.0)),
+        axis,
+        _height_on_axis(np.where(inside, on_axis, np.nan), rho, reach),
+    )
+
+
+def _refuse_fill_values(z: FloatArray) -> None:
+    beyond = np.abs(z) > _MOST_HEIGHT
+    if beyond.any():
+        row, column = (int(i) for i in np.argwhere(beyond)[0])
+        raise InvalidSamplesError(
+            f"z is {z[row, column]:.3g} m at row {row}, column {column}, a fill value rather than a "
+            "height: write NaN where nothing was measured"
+        )
+
+
+def _aperture(
+    known: _Mask, rho: FloatArray, radius: float | None, inner_radius: float
+) -> tuple[float, float, _Mask]:
+    """Return both radii and what lies between them; refuse an aperture that holds next to nothing."""
+    hole = real_number(inner_radius, "inner_radius")
+    if radius is not None or known.any():
+        farthest = float(rho[known].max(initial=0.0))
+        radius, hole = _radii(farthest if radius is None else radius, hole)
+    limit = 0.0 if radius is None else radius * (1.0 + 1e-12)
+    aperture: _Mask = (rho <= limit) & (rho >= hole)
+    count = int((known & aperture).sum())
+    if count < 3 or radius is None:
+        raise TooFewSamplesError(
+            f"{count} pixels with slopes lie in the aperture; a wavefront needs at least 3: check "
+            "the radius and the centre"
+        )
+    return radius, hole, aperture
+
+
+def check_grid(grid: str) -> None:
+    """Refuse a word that is no grid.
+
+    Parameters
+    ----------
+    grid : str
+        "polar" or "square".
+
+    Raises
+    ------
+    DataError
+        If it is neither.
+    """
+    if grid not in ("polar", "square"):
+        raise DataError(f'grid must be "polar" or "square", got {grid!r}')
+
+
+def _about_the_axis(
+    surface: Surface, centre: tuple[float, float] | None, *, any_axis: bool
+) -> tuple[FloatArray, FloatArray, tuple[float, float], tuple[str, ...]]:
+    """Return positions from the optical axis, the axis in the map, and how it was found."""
     if surface.dx is None or surface.dy is None:
         raise DataError(
             "the surface has no lateral calibration (dx or dy is None), and slopes need one: read "
@@ -155,55 +271,92 @@ def map_points(
     rows, columns = surface.shape
     x = surface.origin[0] + surface.dx * np.arange(columns, dtype=np.float64)
     y = surface.origin[1] + surface.dy * np.arange(rows, dtype=np.float64)
-    if centre is None:
-        undeclared = surface.origin == (0.0, 0.0)
-        centre = (float(x.mean()), float(y.mean())) if undeclared else (0.0, 0.0)
-    across, up = np.meshgrid(x - float(centre[0]), y - float(centre[1]))
-    rest = surface.z if form is None else surface.z - form(across, up)
-    p, q = _differences(rest, surface.dx, 1), _differences(rest, surface.dy, 0)
-    if form is not None:
-        exact = form.gradient(across, up)
-        p, q = p + exact[0], q + exact[1]
-    known = ~(np.isnan(surface.z) | np.isnan(p) | np.isnan(q))
-    alone = int((~np.isnan(rest) & (np.isnan(p) | np.isnan(q))).sum())
-    rho = np.hypot(across, up)
-    if radius is None:
-        radius = float(rho[known].max()) if known.any() else 0.0
-    if known.any():
-        _check_radii(radius, inner_radius)
-    inside = known & (rho <= radius * (1.0 + 1e-12)) & (rho >= inner_radius)
-    if int(inside.sum()) < 3:
-        raise TooFewSamplesError(
-            f"{int(inside.sum())} pixels with slopes lie in the aperture; a wavefront needs at "
-            "least 3: check the radius and the centre"
+    notes: tuple[str, ...] = ()
+    if centre is not None:
+        axis = pair_of(centre, "centre")
+    elif surface.origin == (0.0, 0.0):
+        axis = (float(x.mean()), float(y.mean()))
+        note = (
+            "the map declares no origin (it is 0, 0), so the optical axis is taken in its middle, x "
+            f"= {1e3 * axis[0]:.6g} mm, y = {1e3 * axis[1]:.6g} mm; pass centre=(0, 0) if its corner "
+            "lies on the axis"
         )
-    notes = (
-        (f"{alone} pixels have no measured neighbour in x or y and are left out",) if alone else ()
+        notes = (note,)
+    else:
+        axis = (0.0, 0.0)
+    beside = (
+        max(x[0] - axis[0], axis[0] - x[-1]) > 0.5 * surface.dx
+        or max(y[0] - axis[1], axis[1] - y[-1]) > 0.5 * surface.dy
     )
-    z = np.where(inside, surface.z, np.nan)
-    steps = (surface.dx, surface.dy)
-    weights = inside.astype(np.float64)
-    return Sampled(across, up, z, p, q, weights, float(radius), steps, notes)
-
-
-def _check_radii(radius: float, inner_radius: float) -> None:
-    if not (np.isfinite(radius) and radius > 0.0):
-        raise DataError(f"radius must be positive, in m, got {radius}")
-    if not 0.0 <= inner_radius < radius:
+    if beside and not any_axis:
         raise DataError(
-            f"inner_radius must lie between 0 and the radius {radius} m, got {inner_radius}"
+            f"the optical axis, x = {1e3 * axis[0]:.6g} mm, y = {1e3 * axis[1]:.6g} mm, lies beside "
+            f"the map, which spans x = {1e3 * x[0]:.6g} to {1e3 * x[-1]:.6g} mm and y = "
+            f"{1e3 * y[0]:.6g} to {1e3 * y[-1]:.6g} mm: give centre in m, or the radius of the "
+            "aperture if the part is off its axis"
         )
+    across, up = np.meshgrid(x - axis[0], y - axis[1])
+    return across, up, axis, notes
+
+
+def _of_form(form: Form, x: FloatArray, y: FloatArray) -> FloatArray:
+    if not isinstance(form, Form):
+        raise DataError(f"form must be an ideal form of metrosep.forms, got {type(form).__name__}")
+    return np.asarray(form(x, y), dtype=np.float64)
+
+
+def _left_out(gone: _Mask, z: FloatArray, rest: FloatArray) -> tuple[str, ...]:
+    """Return what to say about measured pixels of the aperture that have no path difference."""
+    undefined = int((gone & ~np.isnan(z) & np.isnan(rest)).sum())
+    alone = int((gone & ~np.isnan(rest)).sum())
+    notes = []
+    if alone:
+        notes.append(f"{alone} pixels have no measured neighbour in x or y and are left out")
+    if undefined:
+        notes.append(f"{undefined} measured pixels lie where the form is not defined: left out")
+    return tuple(notes)
+
+
+def _coverage(area: float, radius: float, inner: float) -> tuple[str, ...]:
+    """Return what to say where the measured part is little of the disc."""
+    share = area / (np.pi * (radius**2 - inner**2))
+    if share >= _LITTLE:
+        return ()
+    note = (
+        f"the measured pixels cover {100.0 * share:.2g} % of the aperture of radius "
+        f"{1e3 * radius:.6g} mm: Zernike terms lean on each other there; check radius and centre"
+    )
+    return (note,)
+
+
+def _height_on_axis(heights: FloatArray, rho: FloatArray, reach: float) -> float:
+    """Return the mean height close to the axis, 0 where it is lost in scatter, NaN where unknown."""
+    near = heights[~np.isnan(heights) & (rho <= reach)]
+    if not near.size:
+        return float("nan")
+    mean = float(near.mean())
+    return mean if abs(mean) > _CLEAR * float(near.std()) / near.size**0.5 else 0.0
+
+
+def _radii(radius: float, inner_radius: float) -> tuple[float, float]:
+    outer, inner = positive(radius, "radius"), real_number(inner_radius, "inner_radius")
+    if not 0.0 <= inner < outer:
+        raise DataError(
+            f"inner_radius must lie between 0 and the radius {1e3 * outer:.6g} mm, got {inner} m"
+        )
+    return outer, inner
 
 
 def _polar(
     radius: float, inner: float, samples: int | tuple[int, int] | None
 ) -> tuple[FloatArray, FloatArray, FloatArray, None]:
     counts: object = POLAR if samples is None else samples
-    if not (isinstance(counts, tuple) and len(counts) == 2 and min(counts) >= 3):
+    if not (isinstance(counts, tuple | list) and len(counts) == 2):
         raise DataError(
-            f"samples of a polar grid are (radii, azimuths), each 3 or more, got {samples}"
+            f"samples of a polar grid are (radii, azimuths), each 3 or more, got {samples!r}"
         )
-    n_rho, n_theta = (int(v) for v in counts)
+    n_rho = whole_number(counts[0], "samples (radii) of a polar grid", 3)
+    n_theta = whole_number(counts[1], "samples (azimuths) of a polar grid", 3)
     rho = inner + (np.arange(n_rho) + 0.5) / n_rho * (radius - inner)
     theta = 2.0 * np.pi * (np.arange(n_theta) + 0.5) / n_theta
     weights = np.repeat(rho[:, None] / (rho.sum() * n_theta), n_theta, axis=1)
@@ -213,25 +366,10 @@ def _polar(
 def _square(
     radius: float, inner: float, samples: int | tuple[int, int] | None
 ) -> tuple[FloatArray, FloatArray, FloatArray, tuple[float, float]]:
-    n = SQUARE if samples is None else samples
-    if not isinstance(n, int) or n < 8:
-        raise DataError(f"samples of a square grid is one number, 8 or more, got {samples}")
+    n = whole_number(SQUARE if samples is None else samples, "samples of a square grid", 8)
     step = 2.0 * radius / n
     axis = step * (np.arange(n) - 0.5 * (n - 1))
     x, y = np.meshgrid(axis, axis)
     rho = np.hypot(x, y)
     weights = ((rho <= radius) & (rho >= inner)).astype(np.float64)
     return x, y, weights, (step, step)
-
-
-def _differences(z: FloatArray, step: float, axis: int) -> FloatArray:
-    """Return slopes: the mean of those to both neighbours, or the one there is; NaN without."""
-    turned = np.moveaxis(z, axis, 0)
-    out = np.full(turned.shape, np.nan)
-    if turned.shape[0] > 1:
-        steps = np.diff(turned, axis=0) / step
-        ahead, behind = out.copy(), out.copy()
-        ahead[:-1], behind[1:] = steps, steps
-        out = 0.5 * (ahead + behind)
-        out = np.where(np.isnan(out), np.where(np.isnan(ahead), behind, ahead), out)
-    return np.moveaxis(np.where(np.isnan(turned), np.nan, out), 0, axis)

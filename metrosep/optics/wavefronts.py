@@ -8,111 +8,28 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError
+from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.surface import Surface
 from metrosep.forms.base import Form
 from metrosep.forms.zernike import Zernike
-from metrosep.forms.zernike_index import ZernikeOrder, term_name, to_nm
+from metrosep.forms.zernike_fit import RIM
+from metrosep.forms.zernike_index import ZernikeOrder
+from metrosep.optics._checks import frozen, pair_of, positive, wavelength_of
+from metrosep.optics._map_doubts import map_doubts
+from metrosep.optics._removal import removal_names, terms_to_fit, what_is_gone
 from metrosep.optics.image_quality import PointSpread, point_spread, strehl_ratio
-from metrosep.optics.rays import Mode, Side, path_difference
-from metrosep.optics.sampling import Grid, form_points, map_points
-
-if TYPE_CHECKING:
-    import pandas as pd
+from metrosep.optics.rays import Mode, Side, check_mode, path_difference
+from metrosep.optics.sampling import Grid, Sampled, check_grid, form_points, map_points
+from metrosep.optics.zernike_tables import ZernikeTable, fit_table
 
 __all__ = ["Wavefront", "ZernikeTable", "wavefront"]
-
-_TERMS = {"piston": (0,), "tilt": (1, 2), "tilt_y": (1,), "tilt_x": (2,), "defocus": (4,)}
-"""ANSI numbers of what can be removed."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ZernikeTable:
-    """Zernike terms of a wavefront, normalised to rms (ANSI, Noll) or to the rim (Fringe).
-
-    Parameters
-    ----------
-    coefficients : mapping of str to float, m
-        By name, such as ``"Z4"``.
-    u : mapping of str to float, m
-        Standard uncertainty from the residual, as if it were independent from point to point.
-    nm : tuple of (int, int)
-        Radial and azimuthal order of each term.
-    order : str
-        How the terms are counted.
-    radius : float, m
-        Of the disc of the polynomials.
-    residual_rms : float, m
-        What the terms leave.
-    """
-
-    coefficients: Mapping[str, float]
-    u: Mapping[str, float]
-    nm: tuple[tuple[int, int], ...]
-    order: str
-    radius: float
-    residual_rms: float
-
-    def __getitem__(self, name: str) -> float:
-        """Return the coefficient of a term in m, by its name."""
-        if name not in self.coefficients:
-            raise DataError(
-                f"no term {name!r} was fitted; there are {', '.join(self.coefficients)}"
-            )
-        return self.coefficients[name]
-
-    def values(self) -> FloatArray:
-        """Return the coefficients in their order.
-
-        Returns
-        -------
-        ndarray, m
-            One for each term.
-        """
-        return np.array(list(self.coefficients.values()))
-
-    def to_frame(self) -> pd.DataFrame:
-        """Return the table.
-
-        Returns
-        -------
-        DataFrame
-            Columns term, n, m, name, coefficient_nm, u_nm.
-        """
-        import pandas as pd
-
-        return pd.DataFrame(
-            {
-                "term": list(self.coefficients),
-                "n": [n for n, _ in self.nm],
-                "m": [m for _, m in self.nm],
-                "name": [term_name(n, m) for n, m in self.nm],
-                "coefficient_nm": [1e9 * v for v in self.coefficients.values()],
-                "u_nm": [1e9 * v for v in self.u.values()],
-            }
-        )
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the table as plain values.
-
-        Returns
-        -------
-        dict
-            Keys with units.
-        """
-        return {
-            "order": self.order,
-            "radius_mm": 1e3 * self.radius,
-            "residual_rms_nm": 1e9 * self.residual_rms,
-            "coefficients_nm": {k: 1e9 * v for k, v in self.coefficients.items()},
-            "u_nm": {k: 1e9 * v for k, v in self.u.items()},
-        }
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -143,6 +60,23 @@ class Wavefront:
         The ideal form it was traced from, if it was.
     audit : mapping
         Settings, keys with units.
+    side : {"inside", "outside"}, optional
+        Where refracted light comes from; "inside" for a mirror.
+
+    Raises
+    ------
+    DataError
+        If mode, n and side do not fit together, or the radius or a step is not positive.
+    InvalidSamplesError
+        If an array does not hold finite real numbers, shapes differ, a weight is negative or NaN, or
+        a point with a path has no position or lies beyond the radius.
+    TooFewSamplesError
+        If no point has both a path and a weight.
+
+    Notes
+    -----
+    `opd` is positive where the material is high: the lead of a reflected wave and the lag of a
+    refracted one. Images need the lag, and `point_spread` changes the sign of a mirror.
     """
 
     x: FloatArray
@@ -157,26 +91,54 @@ class Wavefront:
     messages: tuple[str, ...] = ()
     source: Form | None = None
     audit: Mapping[str, Any] = field(default_factory=dict)
+    side: str = "inside"
 
     def __post_init__(self) -> None:
         for name in ("x", "y", "opd", "weights"):
-            array = np.ascontiguousarray(getattr(self, name), dtype=np.float64)
-            array = array.copy() if array.flags.writeable else array
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
+            object.__setattr__(self, name, frozen(getattr(self, name), name))
+        object.__setattr__(self, "n", check_mode(self.mode, self.n, self.side))
+        object.__setattr__(self, "radius", positive(self.radius, "radius"))
+        if self.steps is not None:
+            steps = pair_of(self.steps, "steps")
+            object.__setattr__(self, "steps", tuple(positive(v, "a step") for v in steps))
         object.__setattr__(self, "audit", freeze_mapping(self.audit))
+        self._check_points()
+
+    def _check_points(self) -> None:
+        shapes = {self.x.shape, self.y.shape, self.opd.shape, self.weights.shape}
+        if len(shapes) > 1:
+            raise InvalidSamplesError(
+                f"x, y, opd and weights must have one shape, got {self.x.shape}, {self.y.shape}, "
+                f"{self.opd.shape} and {self.weights.shape}"
+            )
+        if not (self.weights >= 0.0).all():
+            raise InvalidSamplesError("weights are areas, 0 or more and never NaN")
+        used = self._used()
+        if not used.any():
+            raise TooFewSamplesError(
+                "no point of the wavefront has both a known path difference and an area"
+            )
+        rho = np.hypot(self.x[used], self.y[used])
+        if not (rho <= self.radius * (1.0 + RIM)).all():
+            raise InvalidSamplesError(
+                "x and y must be known at every point with a path difference and lie within the "
+                f"radius {1e3 * self.radius:.6g} mm, found {1e3 * float(rho.max()):.6g} mm"
+            )
+
+    def _used(self) -> NDArray[np.bool_]:
+        return ~np.isnan(self.opd) & (self.weights > 0.0)
 
     @property
     def rms(self) -> float:
         """Root mean square over the area in m; nothing removed but what `removed` lists."""
-        good = ~np.isnan(self.opd)
+        good = self._used()
         w = self.weights[good]
         return float(np.sqrt((w * self.opd[good] ** 2).sum() / w.sum()))
 
     @property
     def peak_to_valley(self) -> float:
         """Largest minus smallest path difference in m."""
-        return float(np.nanmax(self.opd) - np.nanmin(self.opd))
+        return float(np.ptp(self.opd[self._used()]))
 
     def zernike(
         self,
@@ -194,7 +156,7 @@ class Wavefront:
         order : {"ansi", "noll", "fringe"}, optional
             How terms are counted: ANSI from 0, the others from 1.
         radius : float, m, optional
-            Of the disc of the polynomials; the aperture if omitted.
+            Of the disc of the polynomials; the aperture if omitted. Points beyond it have no part.
 
         Returns
         -------
@@ -204,29 +166,17 @@ class Wavefront:
         Raises
         ------
         DataError
-            If a term or the order does not exist.
+            If a term or the order does not exist, or the radius is not positive.
         DegenerateFitError
             If the points do not determine the terms.
         """
-        form = Zernike(terms, order=order, radius=self.radius if radius is None else radius)
-        good = ~np.isnan(self.opd) & (self.weights > 0.0)
-        w = self.weights[good] / float(self.weights[good].max())
-        fit, left = form.fit_list(self.x[good], self.y[good], self.opd[good], weights=w)
-        names = list(fit.form.parameters)
-        found = {k: float(v or 0.0) for k, v in fit.form.parameters.items()}
-        u = np.full(len(names), np.nan)
-        if fit.n_valid > len(names):
-            u = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
-        inside = ~np.isnan(left)
-        squares = float((w[inside] * left[inside] ** 2).sum() / w[inside].sum())
-        numbers = tuple(int(name[1:]) for name in names)
-        return ZernikeTable(
-            freeze_mapping(found),
-            freeze_mapping(dict(zip(names, (float(v) for v in u), strict=True))),
-            tuple(to_nm(j, order) for j in numbers),
+        used = self._used()
+        return fit_table(
+            (self.x[used], self.y[used], self.opd[used], self.weights[used]),
+            terms,
             order,
-            float(form.radius or self.radius),
-            float(np.sqrt(squares)),
+            self.radius if radius is None else radius,
+            self.messages,
         )
 
     def remove(self, what: Sequence[str]) -> Wavefront:
@@ -234,8 +184,8 @@ class Wavefront:
 
         Parameters
         ----------
-        what : sequence of {"piston", "tilt", "tilt_x", "tilt_y", "defocus"}
-            What to take off, fitted together; tilt_x is the term that grows with x.
+        what : str or sequence of {"piston", "tilt", "tilt_x", "tilt_y", "defocus"}
+            What to take off; tilt_x is the term that grows with x.
 
         Returns
         -------
@@ -248,17 +198,20 @@ class Wavefront:
             If a word is not one of those above.
         DegenerateFitError
             If the points do not determine what is removed.
+
+        Notes
+        -----
+        Piston is fitted along with tilt, and both along with defocus, but only what was asked for is
+        taken off: on an annulus defocus has a mean, and alone it would eat some of the piston.
         """
-        names = (what,) if isinstance(what, str) else tuple(what)
-        unknown = [name for name in names if name not in _TERMS]
-        if unknown:
-            raise DataError(f"removed must be of {', '.join(_TERMS)}, got {unknown[0]!r}")
+        names = removal_names(what)
         if not names:
             return self
-        terms = sorted({j for name in names for j in _TERMS[name]})
-        table = self.zernike(terms)
-        fitted = Zernike(terms, coefficients=table.values(), radius=table.radius * (1.0 + 1e-9))
-        left = self.opd - fitted(self.x, self.y)
+        fitted, asked = terms_to_fit(names)
+        found = self.zernike(fitted)
+        parts = [found[f"Z{j}"] if j in asked else 0.0 for j in fitted]
+        taken = Zernike(fitted, coefficients=parts, radius=found.radius)
+        left = self.opd - taken(self.x, self.y)
         return replace(self, opd=left, removed=(*self.removed, *names), source=None)
 
     def minus(self, other: Wavefront) -> Wavefront:
@@ -277,8 +230,13 @@ class Wavefront:
         Raises
         ------
         DataError
-            If the points or the modes differ.
+            If the points differ, or what the surface does, from which side the light comes, or what
+            was removed.
+        TooFewSamplesError
+            If no point is known in both.
         """
+        if not isinstance(other, Wavefront):
+            raise DataError(f"the increment is against a Wavefront, got {type(other).__name__}")
         if self.opd.shape != other.opd.shape or not (
             np.abs(self.x - other.x).max() <= 1e-9 * self.radius
             and np.abs(self.y - other.y).max() <= 1e-9 * self.radius
@@ -286,12 +244,16 @@ class Wavefront:
             raise DataError(
                 "the wavefronts were sampled at different points; use one grid for both"
             )
-        if (self.mode, self.n) != (other.mode, other.n):
+        if self._kind() != other._kind():
             raise DataError(
-                f"one wavefront is {self.mode} with n={self.n}, the other {other.mode} with "
-                f"n={other.n}; compare like with like"
+                f"one wavefront is {self._kind()}, the other {other._kind()}; compare like with like"
             )
-        return replace(self, opd=self.opd - other.opd, source=None)
+        notes = tuple(dict.fromkeys((*self.messages, *other.messages)))
+        return replace(self, opd=self.opd - other.opd, source=None, messages=notes)
+
+    def _kind(self) -> str:
+        glass = "" if self.n is None else f" from the {self.side} with n = {self.n}"
+        return f"{self.mode}ed{glass}, without {what_is_gone(self.removed)}"
 
     def strehl(self, wavelength: float, *, removed: Sequence[str] = ("piston", "tilt")) -> float:
         """Return the Strehl ratio: intensity on the axis against that without error.
@@ -299,9 +261,9 @@ class Wavefront:
         Parameters
         ----------
         wavelength : float, m
-            Of the light.
+            Of the light in vacuum, from 1e-8 to 1e-2.
         removed : sequence of str, optional
-            Taken off first; tilt only moves the image.
+            Taken off first, as by `remove`; tilt only moves the image.
 
         Returns
         -------
@@ -311,7 +273,7 @@ class Wavefront:
         Raises
         ------
         DataError
-            If the wavelength is not positive, or a word is unknown.
+            If the wavelength is not one of light, or a word is unknown.
         DegenerateFitError
             If the points do not determine what is removed.
         """
@@ -331,7 +293,7 @@ class Wavefront:
         Parameters
         ----------
         wavelength : float, m
-            Of the light.
+            Of the light in vacuum, from 1e-8 to 1e-2.
         removed : sequence of str, optional
             Taken off first.
         samples : int, optional
@@ -342,7 +304,9 @@ class Wavefront:
         Returns
         -------
         PointSpread
-            Directions in rad and intensity.
+            Directions in rad and intensity. The peak of a tilted surface stands where its rays go,
+            seen in the medium behind the surface: in air for a mirror, and in the material for light
+            that enters it (`side="outside"`).
 
         Raises
         ------
@@ -353,9 +317,12 @@ class Wavefront:
         DegenerateFitError
             If the points do not determine what is removed.
         """
+        wavelength_of(wavelength)  # before anything is traced
         here = self._on_squares(samples).remove(removed)
         assert here.steps is not None  # noqa: S101  # _on_squares refuses rings
-        return point_spread(here.opd, *here.steps, wavelength=wavelength, pad=pad)
+        lag = -here.opd if here.mode == "reflect" else here.opd
+        behind = float(here.n) if here.n is not None and here.side == "outside" else 1.0
+        return point_spread(lag, *here.steps, wavelength=wavelength, pad=pad, index=behind)
 
     def to_surface(self) -> Surface:
         """Return the path difference as a map.
@@ -384,7 +351,7 @@ class Wavefront:
             self.source,
             mode=self.mode,  # type: ignore[arg-type]
             n=self.n,
-            side=self.audit["side"],
+            side=self.side,  # type: ignore[arg-type]
             radius=self.radius,
             inner_radius=1e-3 * float(self.audit["inner_radius_mm"]),
             grid="square",
@@ -418,13 +385,15 @@ def wavefront(
     form: Form | None = None,
     grid: Grid = "polar",
     samples: int | tuple[int, int] | None = None,
+    vertex_height: float = 0.0,
 ) -> Wavefront:
     """Return the wavefront that a surface makes of a plane wave along its axis.
 
     Parameters
     ----------
     surface : Surface or Form
-        A measured map, or an ideal form. Heights count from the vertex plane z = 0.
+        A measured map, or an ideal form. Heights count from the vertex plane z = 0, or that of
+        `vertex_height`.
     mode : {"reflect", "refract"}, optional
         Mirror, or boundary of a material.
     n : float, optional
@@ -436,13 +405,17 @@ def wavefront(
     inner_radius : float, m, optional
         Of a central hole.
     centre : tuple of (float, float), m, optional
-        Optical axis in the coordinates of a map; the middle of a map without declared origin.
+        Optical axis in the coordinates of a map. If omitted: (0, 0), but the middle of a map whose
+        origin was not declared, which is the same as declared (0, 0); a message says so.
     form : Form, optional
         Ideal surface of a map, about the centre: makes the slopes of a steep part exact.
     grid : {"polar", "square"}, optional
         Points of an ideal form.
     samples : int or tuple of int, optional
         Radii and azimuths on rings (300, 720), or points along the side of a square (256).
+    vertex_height : float, m, optional
+        Height of the vertex plane in a measured map, 0 if omitted: heights count as given. Slopes
+        turn an offset into defocus, so it matters on a curved part.
 
     Returns
     -------
@@ -452,15 +425,18 @@ def wavefront(
     Raises
     ------
     DataError
-        If an argument is not one that can be used, or the form is not defined in the aperture.
+        If an argument is not one that can be used, the form is not defined in the aperture, or the
+        axis lies beside a map and no radius is given.
     InvalidSamplesError
-        If a slope is so steep that its ray never comes back.
+        If a slope is so steep that its ray never comes back, or a height is a fill value.
     TooFewSamplesError
         If fewer than 3 pixels with slopes lie in the aperture.
 
     Notes
     -----
-    Each ray keeps the position where it met the surface. The paper [1]_ states neither the kind of
+    Each ray keeps the position where it met the surface. NaN of a map stays NaN: a pixel without a
+    measured neighbour in x or in y has no slope and is left out, counted in `messages`. Slopes of a
+    map are centred differences, three-point ones at its rim, exact on a parabola. The paper [1]_ states neither the kind of
     wavefront nor the aperture; reflection of a plane wave fits its Table 4 best.
 
     References
@@ -475,33 +451,22 @@ def wavefront(
     >>> round(table["Z4"] * 1e3, 4), round(table["Z5"] * 1e3, 4)  # q5 and q6 of the paper, in mm
     (0.3113, -0.148)
     """
-    if isinstance(surface, Form):
-        if form is not None or centre is not None:
-            raise DataError("form and centre belong to a measured map; an ideal form has its own")
-        points = form_points(surface, radius, inner_radius, grid, samples)
-    elif isinstance(surface, Surface):
-        if samples is not None:
-            raise DataError("a measured map has its own points; drop samples")
-        points = map_points(surface, radius, inner_radius, centre, form)
-    else:
-        raise DataError(
-            f"the wavefront is that of a Surface or an ideal form, got {type(surface).__name__}"
-        )
+    check_mode(mode, n, side)
+    check_grid(grid)
+    points = _points(surface, radius, inner_radius, centre, form, grid, samples, vertex_height)
     used = ~np.isnan(points.z)
-    path = path_difference(
-        points.z,
-        np.where(used, points.slope_x, np.nan),
-        np.where(used, points.slope_y, np.nan),
-        mode=mode,
-        n=n,
-        side=side,
-    )
-    audit = {
+    rays = tuple(np.where(used, v, np.nan) for v in (points.z, points.slope_x, points.slope_y))
+    path = path_difference(*rays, mode=mode, n=n, side=side)
+    is_map = points.centre is not None
+    audit: dict[str, Any] = {
         "side": side,
-        "inner_radius_mm": 1e3 * inner_radius,
-        "grid": "map" if isinstance(surface, Surface) else grid,
+        "inner_radius_mm": 1e3 * float(inner_radius),
+        "grid": "map" if is_map else grid,
         "n_points": int(used.sum()),
     }
+    if points.centre is not None:
+        audit["centre_mm"] = (1e3 * points.centre[0], 1e3 * points.centre[1])
+        audit["vertex_height_mm"] = 1e3 * float(vertex_height)
     return Wavefront(
         points.x,
         points.y,
@@ -510,8 +475,35 @@ def wavefront(
         points.radius,
         points.steps,
         mode,
-        None if n is None else float(n),
-        messages=points.messages,
+        n,
+        messages=points.messages + (map_doubts(points, rays, mode, n, side) if is_map else ()),
         source=surface if isinstance(surface, Form) else None,
         audit=audit,
+        side=side,
+    )
+
+
+def _points(
+    surface: object,
+    radius: float | None,
+    inner_radius: float,
+    centre: tuple[float, float] | None,
+    form: Form | None,
+    grid: Grid,
+    samples: int | tuple[int, int] | None,
+    vertex_height: float,
+) -> Sampled:
+    """Return the points of a form or of a map, whose arguments differ."""
+    if isinstance(surface, Form):
+        if form is not None or centre is not None or vertex_height != 0.0:
+            raise DataError(
+                "form, centre and vertex_height belong to a measured map; an ideal form has its own"
+            )
+        return form_points(surface, radius, inner_radius, grid, samples)
+    if isinstance(surface, Surface):
+        if samples is not None:
+            raise DataError("a measured map has its own points; drop samples")
+        return map_points(surface, radius, inner_radius, centre, form, vertex_height)
+    raise DataError(
+        f"the wavefront is that of a Surface or an ideal form, got {type(surface).__name__}"
     )

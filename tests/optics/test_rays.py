@@ -70,14 +70,32 @@ def test_sensitivity_is_the_derivative(mode, n, side):
     np.testing.assert_allclose([v.item() for v in by], centred, rtol=1e-8, atol=1e-14)
 
 
-def test_nan_stays_nan():
-    out = path_difference([1e-6, np.nan], [0.0, 0.0], [0.0, 0.0])
-    assert out[0] == 2e-6
+@pytest.mark.parametrize("function", [path_difference, path_sensitivity])
+@pytest.mark.parametrize("hole", [(np.nan, 0, 0), (0, np.nan, 0), (0, 0, np.nan)])
+@pytest.mark.parametrize("options", [{}, {"mode": "refract", "n": 1.5}], ids=["mirror", "glass"])
+def test_nan_stays_nan(function, hole, options):
+    z, p, q = np.array([[1e-6, 1e-6], [0.1, 0.1], [0.2, 0.2]])
+    z[1], p[1], q[1] = np.array([z[1], p[1], q[1]]) + hole
+    given = [v.copy() for v in (z, p, q)]
+    out = np.atleast_2d(function(z, p, q, **options))
+    assert np.isfinite(out[:, 0]).all()
+    assert np.isnan(out[:, 1]).any()
+    assert np.isnan(path_difference(z, p, q, **options)[1])
+    for before, after in zip(given, (z, p, q), strict=True):
+        np.testing.assert_array_equal(before, after)  # never changed
+
+
+def test_masked_and_integer_arrays():
+    z = np.ma.masked_equal([1.0, -9.0], -9.0)
+    out = path_difference(z, [0, 0], [0, 0])
+    assert out[0] == 2.0
     assert np.isnan(out[1])
 
 
 def test_a_mirror_steeper_than_45_degrees_is_refused():
-    with pytest.raises(InvalidSamplesError, match=r"1 rays are not reflected back.*50\.\d deg"):
+    with pytest.raises(
+        InvalidSamplesError, match=r"1 of 2 rays are not reflected back.*50\.\d deg"
+    ):
         path_difference([0.0, 0.0], [0.1, 1.2], [0.0, 0.0])
 
 
@@ -85,6 +103,14 @@ def test_total_reflection_is_named():
     with pytest.raises(InvalidSamplesError, match="totally reflected"):
         path_difference(0.0, 1.0, 0.0, mode="refract", n=1.6)
     path_difference(0.0, 1.0, 0.0, mode="refract", n=1.6, side="outside")  # into glass it goes
+
+
+@pytest.mark.parametrize("slope", [3.4e38, 1e300])
+def test_fill_values_of_files_are_refused_without_overflow(slope):
+    for options in ({}, {"mode": "refract", "n": 1.5}):
+        for function in (path_difference, path_sensitivity):
+            with pytest.raises(InvalidSamplesError, match=r"90\.0 deg"):
+                function(0.0, slope, slope, **options)
 
 
 @pytest.mark.parametrize(
@@ -95,6 +121,14 @@ def test_total_reflection_is_named():
         ({"mode": "reflect", "n": 1.5}, "mirror has no"),
         ({"mode": "refract", "n": 1.0}, "above 1"),
         ({"mode": "refract", "n": np.nan}, "above 1"),
+        ({"mode": "refract", "n": np.inf}, "above 1"),
+        ({"mode": "refract", "n": 10.5}, "above 1"),
+        ({"mode": "refract", "n": "1.5"}, "n must be a number above 1"),
+        ({"mode": "refract", "n": True}, "above 1"),
+        ({"mode": "refract", "n": 1.5 + 0.1j}, "above 1"),
+        ({"mode": "refract", "n": [1.5, 1.6]}, "above 1"),
+        ({"mode": ["reflect"]}, "mode"),
+        ({"mode": None}, "mode"),
         ({"mode": "refract", "n": 1.5, "side": "left"}, "side"),
     ],
 )
@@ -106,3 +140,24 @@ def test_bad_options(options, match):
 def test_unequal_shapes():
     with pytest.raises(InvalidSamplesError, match="one shape"):
         path_difference([0.0, 0.0], 0.0, 0.0)
+
+
+WRONG = {
+    "none": None,
+    "truth": True,
+    "text": "1",
+    "date": np.datetime64("2024-01-01"),
+    "complex": 1j,
+    "infinite": np.inf,
+    "ragged": [[0.0], [0.0, 1.0]],
+}
+
+
+@pytest.mark.parametrize("function", [path_difference, path_sensitivity])
+@pytest.mark.parametrize("wrong", WRONG.values(), ids=WRONG)
+@pytest.mark.parametrize(("place", "name"), [(0, "z"), (1, "slope_x"), (2, "slope_y")])
+def test_only_real_numbers_are_taken(function, wrong, place, name):
+    given = [0.0, 0.0, 0.0]
+    given[place] = wrong
+    with pytest.raises(InvalidSamplesError, match=rf"^{name} "):
+        function(*given)

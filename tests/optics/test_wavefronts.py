@@ -6,9 +6,14 @@ import numpy as np
 import pytest
 
 from metrosep import Surface
-from metrosep.errors import DataError, InvalidSamplesError, TooFewSamplesError
+from metrosep.errors import (
+    DataError,
+    DegenerateFitError,
+    InvalidSamplesError,
+    TooFewSamplesError,
+)
 from metrosep.forms import Conic, Expression, Plane, SineGrid, Sphere, Toric
-from metrosep.optics import wavefront
+from metrosep.optics import Wavefront, wavefront
 
 PAPER = Toric(Rb=265e-3, Rd=132.5e-3)
 PRINTED = 5e-7
@@ -107,7 +112,7 @@ def test_gaps_stay_gaps_and_lonely_pixels_are_named():
     z[8, 8] = 1e-9
     front = wavefront(Surface(z, 1e-3, 1e-3))
     assert int((~np.isnan(front.opd)).sum()) == 25
-    assert front.messages == ("1 pixels have no measured neighbour in x or y and are left out",)
+    assert "1 pixels have no measured neighbour in x or y and are left out" in front.messages
 
 
 def test_mirrored_map_mirrors_the_tilt():
@@ -128,34 +133,185 @@ def test_remove_takes_off_what_it_says():
     assert front.remove(["tilt"]).removed == ("tilt",)
 
 
+def ring(form, outer=10e-3, inner=8e-3):
+    return wavefront(form, radius=outer, inner_radius=inner, samples=(40, 90))
+
+
+def test_removing_defocus_alone_leaves_the_piston_of_an_annulus():
+    # Z4 has a mean over an annulus: fitted alone it would eat the piston
+    lifted = ring(Expression("c + 0*x", c=1e-6))
+    assert lifted.remove(["defocus"]).rms == pytest.approx(2e-6, abs=1e-18)
+    both = ring(Expression("c + t*x + a*(x**2 + y**2)", c=1e-6, t=1e-7, a=1e-6))
+    flat = ring(Expression("c + t*x", c=1e-6, t=1e-7))
+    # a (x^2 + y^2) = a R^2 (Z4 / (2 sqrt 3) + 1 / 2): what stays is its part of the piston
+    left = both.remove(["defocus"]).opd - flat.opd
+    np.testing.assert_allclose(left, 2 * 1e-6 * 1e-4 / 2, rtol=0, atol=1e-16)
+
+
+def test_removing_tilt_alone_leaves_the_piston_of_a_part_of_a_disc():
+    z = np.where(np.arange(40) >= 30, 1e-6, np.nan) * np.ones((40, 1))
+    front = wavefront(Surface(z, 1e-3, 1e-3))
+    assert front.remove(["tilt"]).rms == pytest.approx(2e-6, abs=1e-18)
+    assert front.remove(["tilt_x"]).rms == pytest.approx(2e-6, abs=1e-18)
+    assert front.remove("piston").rms == pytest.approx(0.0, abs=1e-18)
+
+
+def test_piston_alone_is_the_mean():
+    z = 1e-9 * np.arange(20.0) * np.ones((10, 1))
+    z[:, :8] = np.nan  # the mean stands beside the axis
+    front = wavefront(Surface(z, 1e-3, 1e-3))
+    left = front.remove(["piston"])
+    assert np.nanmean(left.opd) == pytest.approx(0.0, abs=1e-20)
+    assert front.remove(["piston", "piston"]).removed == ("piston",)
+    assert left.remove("piston").removed == ("piston", "piston")  # what was done
+
+
+def test_what_is_removed_is_exact_for_large_waves():
+    form = Expression("a*(x**2 + y**2) + c", a=1.0, c=1e-3)
+    front = wavefront(form, radius=10e-3, samples=(60, 90))
+    exact = front.opd - front.zernike([0, 1, 2, 4])["Z4"] * 3**0.5 * (
+        2 * (front.x**2 + front.y**2) / 10e-3**2 - 1
+    )
+    np.testing.assert_allclose(front.remove("defocus").opd, exact, rtol=0, atol=1e-17)
+
+
+def test_increment_compares_side_and_what_was_removed():
+    def made(**options):
+        return wavefront(PAPER, radius=5e-3, samples=(20, 24), **options)
+
+    inside, outside = (made(mode="refract", n=1.5, side=side) for side in ("inside", "outside"))
+    with pytest.raises(DataError, match=r"from the inside.*from the outside.*like with like"):
+        inside.minus(outside)
+    with pytest.raises(DataError, match="piston"):
+        made().minus(made().remove(["piston"]))
+    a, b = made().remove(["piston", "tilt"]), made().remove(["tilt", "piston"])
+    assert a.minus(b).rms == pytest.approx(0.0, abs=1e-18)
+    assert a.minus(b).removed == ("piston", "tilt")
+    with pytest.raises(DataError, match="Wavefront, got ndarray"):
+        a.minus(b.opd)
+
+
+def test_increment_keeps_the_messages_of_both_and_needs_common_points():
+    z = np.zeros((8, 8))
+    left, right = z.copy(), z.copy()
+    left[:, 4:], right[:, :4] = np.nan, np.nan
+    one, other, whole = (
+        wavefront(Surface(v, 1e-3, 1e-3), centre=(3.5e-3, 3.5e-3), radius=6e-3)
+        for v in (left, right, z)
+    )
+    assert whole.minus(one).messages == one.messages
+    assert len(one.messages) == 1
+    assert int((~np.isnan(whole.minus(one).opd)).sum()) == 32
+    with pytest.raises(TooFewSamplesError, match="no point"):
+        one.minus(other)
+
+
+def test_a_table_that_leaves_no_freedom_says_so():
+    opd = np.array([[0.0, 1e-9], [2e-9, np.nan]])
+    front = by_hand(opd=opd, messages=("as it was",))
+    table = front.zernike(3)  # a plane through three points: 1 nm along x and 2 nm along y
+    assert table["Z2"] == pytest.approx(1e-9, abs=1e-20)  # rms 2 nm / 2 at the rim of 2 mm
+    assert table["Z1"] == pytest.approx(2e-9, abs=1e-20)
+    assert np.isnan(list(table.u.values())).all()
+    assert table.messages == ("as it was", "3 terms of 3 points leave no uncertainty to tell")
+    assert table.to_dict()["messages"] == list(table.messages)
+    assert np.isfinite(list(by_hand().zernike(3).u.values())).all()
+
+
+def test_a_smaller_disc_says_what_it_leaves_out():
+    front = wavefront(PAPER, radius=10e-3, samples=(20, 24))
+    table = front.zernike(9, radius=5e-3)
+    ideal = wavefront(PAPER, radius=5e-3, samples=(10, 24)).zernike(9)
+    assert table["Z4"] == pytest.approx(ideal["Z4"], abs=1e-16)
+    assert table.messages == ("240 of 480 points lie outside the disc of the terms, radius 5 mm",)
+
+
+def test_image_of_an_annulus_straight_from_its_form():
+    front = ring(Plane())
+    spread = front.point_spread(633e-9, samples=64)
+    assert spread.strehl == pytest.approx(1.0, abs=1e-12)
+    assert front.audit["inner_radius_mm"] == pytest.approx(8.0, abs=1e-12)
+
+
+def test_the_mean_of_two_waves_made_by_hand():
+    axis = np.linspace(-1e-3, 1e-3, 9)
+    x, y = np.meshgrid(axis, axis)
+    front = Wavefront(
+        x, y, 1e-9 * x / 1e-3, np.ones_like(x), 1.5e-3, (0.25e-3, 0.25e-3), "reflect"
+    )
+    assert front.zernike(3)["Z2"] == pytest.approx(0.75e-9, abs=1e-20)  # 1.5 nm at the rim
+    assert front.side == "inside"
+
+
+def by_hand(**other):
+    x, y = np.meshgrid([0.0, 1e-3], [0.0, 1e-3])
+    given = {"x": x, "y": y, "opd": 0 * x, "weights": 0 * x + 1, "radius": 2e-3}
+    return Wavefront(**{**given, "steps": (1e-3, 1e-3), "mode": "reflect", **other})
+
+
 def test_results_cannot_be_changed():
     front = wavefront(Plane(), radius=1e-3, samples=(10, 12))
     with pytest.raises(ValueError, match="read-only"):
         front.opd[0, 0] = 1.0
 
 
-@pytest.mark.parametrize(
-    ("call", "error", "match"),
-    [
-        (lambda: wavefront(PAPER), DataError, "radius of its aperture"),
-        (lambda: wavefront(PAPER, radius=-1e-3), DataError, "radius must be positive"),
-        (lambda: wavefront(PAPER, radius=0.2), DataError, "not defined at x"),
-        (lambda: wavefront(Sphere(R=10e-3), radius=9e-3), InvalidSamplesError, "64"),
-        (lambda: wavefront(PAPER, radius=1e-3, inner_radius=2e-3), DataError, "inner_radius"),
-        (lambda: wavefront(PAPER, radius=1e-3, grid="hex"), DataError, "grid"),
-        (lambda: wavefront(PAPER, radius=1e-3, samples=5), DataError, "radii, azimuths"),
-        (lambda: wavefront([[0.0]]), DataError, "list"),
-        (lambda: wavefront(Surface(np.zeros((5, 5)))), DataError, "lateral"),
-        (
-            lambda: wavefront(Surface(np.full((5, 5), np.nan), 1.0, 1.0)),
-            TooFewSamplesError,
-            "0 pix",
-        ),
-        (lambda: wavefront(PAPER, radius=1e-3).remove(["coma"]), DataError, "removed must"),
-        (lambda: wavefront(PAPER, radius=1e-3).to_surface(), DataError, "square"),
-        (lambda: wavefront(PAPER, radius=1e-3).zernike(4)["Z9"], DataError, "Z9"),
-    ],
-)
+HERE = wavefront(PAPER, radius=1e-3, samples=(20, 24))
+GOOD = np.zeros((2, 2))
+
+BAD = [
+    (lambda: wavefront(PAPER), DataError, "radius of its aperture"),
+    (lambda: wavefront(PAPER, radius=-1e-3), DataError, "radius must be positive"),
+    (lambda: wavefront(PAPER, radius=0.2), DataError, "not defined at x"),
+    (lambda: wavefront(Toric(Rd=0.1), radius=1e-3), DataError, "Rb"),
+    (lambda: wavefront(Sphere(R=10e-3), radius=9e-3), InvalidSamplesError, "64"),
+    (lambda: wavefront(PAPER, radius=1e-3, inner_radius=2e-3), DataError, "inner_radius"),
+    (lambda: wavefront(PAPER, radius=1e-3, grid="hex"), DataError, "grid"),
+    (lambda: wavefront(PAPER, radius=1e-3, samples=5), DataError, "radii, azimuths"),
+    (lambda: wavefront(PAPER, radius=1e-3, mode="refract", n="1.5"), DataError, "n must be"),
+    (lambda: wavefront([[0.0]]), DataError, "list"),
+    (lambda: wavefront(Surface(np.zeros((5, 5)))), DataError, "lateral"),
+    (lambda: wavefront(Surface(np.full((5, 5), np.nan), 1.0, 1.0)), TooFewSamplesError, "0 pix"),
+    (lambda: wavefront(Surface(np.zeros((1, 9)), 1.0, 1.0)), TooFewSamplesError, "0 pix"),
+    *(
+        (lambda wrong=wrong: HERE.remove(wrong), DataError, "removed must be")
+        for wrong in (["coma"], "coma", 5, None, [5], [["piston"]], True)
+    ),
+    *(
+        (lambda wrong=wrong: HERE.zernike(wrong), DataError, "whole number|terms is a number")
+        for wrong in ([1.5], "4", ["4"], None, True, 2.5, [True], [None], np.nan)
+    ),
+    (lambda: HERE.zernike(0), DataError, "at least one"),
+    (lambda: HERE.zernike([]), DataError, "at least one"),
+    (lambda: HERE.zernike([-1]), DataError, "from 0"),
+    (lambda: HERE.zernike([0], order="noll"), DataError, "from 1"),
+    (lambda: HERE.zernike(4, order="ANSI"), DataError, "order"),
+    (lambda: HERE.zernike(4, order=["ansi"]), DataError, "order"),
+    *(
+        (lambda wrong=wrong: HERE.zernike(4, radius=wrong), DataError, "radius must be")
+        for wrong in (0.0, -1e-3, np.nan, "1", True)
+    ),
+    (lambda: HERE.zernike(4, radius=1e-6), DegenerateFitError, "0 valid points"),
+    (HERE.to_surface, DataError, "square"),
+    (lambda: HERE.remove("piston").point_spread(633e-9), DataError, "square"),
+    (lambda: HERE.zernike(4)["Z9"], DataError, "Z9"),
+    (lambda: by_hand(opd=np.zeros(3)), InvalidSamplesError, "one shape"),
+    (lambda: by_hand(opd=GOOD + np.inf), InvalidSamplesError, "opd is infinite"),
+    (lambda: by_hand(x=["a"]), InvalidSamplesError, "x must hold real"),
+    (lambda: by_hand(x=GOOD + np.nan), InvalidSamplesError, "x and y"),
+    (lambda: by_hand(opd=GOOD + np.nan), TooFewSamplesError, "no point"),
+    (lambda: by_hand(weights=GOOD), TooFewSamplesError, "no point"),
+    (lambda: by_hand(weights=GOOD - 1), InvalidSamplesError, "weights"),
+    (lambda: by_hand(weights=GOOD * np.nan), InvalidSamplesError, "weights"),
+    (lambda: by_hand(mode="absorb"), DataError, "mode"),
+    (lambda: by_hand(mode="refract"), DataError, "refractive index"),
+    (lambda: by_hand(side="left"), DataError, "side"),
+    (lambda: by_hand(radius=0.0), DataError, "radius"),
+    (lambda: by_hand(steps=(1e-3, 0.0)), DataError, "step"),
+    (lambda: by_hand(steps=1e-3), DataError, "steps"),
+]
+
+
+@pytest.mark.parametrize(("call", "error", "match"), BAD, ids=[str(i) for i in range(len(BAD))])
 def test_bad_input(call, error, match):
     with pytest.raises(error, match=match):
         call()
