@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core.errors import NotConvergedError
+from metrosep.machine._numbers import TrialAmounts
 from metrosep.machine._positions import Positions, axis_positions
 from metrosep.machine.alignment import freedom_maps
 
@@ -41,7 +42,7 @@ class CutModel:
         z = self.form(x, y)
         q = axis_positions(self.chain, x, y, z, positions=self.positions, tool=self.tool)
         return np.asarray(
-            self.chain.volumetric_error(q, errors, tool=self.tool, exact=self.exact),
+            self.chain.volumetric_error(q, TrialAmounts(errors), tool=self.tool, exact=self.exact),
             dtype=np.float64,
         )
 

@@ -12,9 +12,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from metrosep.core._arrays import FloatArray, as_float
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.machine import _poses as ps
+from metrosep.machine._numbers import positions_array
 from metrosep.machine.elements import Element
 
 Frame = tuple[str, str]  # element, "before" or "after" its motion
@@ -118,7 +119,7 @@ def positions_of(
     positions = {}
     for e in moving:
         if e.name in q:
-            positions[e.name] = finite(q[e.name], f"position of axis {e.name!r}")
+            positions[e.name] = positions_array(q[e.name], f"position of axis {e.name!r}")
         elif not e.parked:
             raise DataError(
                 f"the position of axis {e.name!r} of chain {chain!r} is missing; "
@@ -129,22 +130,10 @@ def positions_of(
 
 def tool_point(tool: ArrayLike) -> FloatArray:
     """Return the tool point as an array (..., 3)."""
-    point = finite(tool, "tool point")
+    point = positions_array(tool, "tool point")
     if point.ndim == 0 or point.shape[-1] != 3:
         raise InvalidSamplesError(f"a tool point has 3 coordinates in m, got shape {point.shape}")
     return point
-
-
-def finite(values: ArrayLike, name: str) -> FloatArray:
-    """Return real numbers as float64, NaN kept; infinities are refused."""
-    try:
-        array = as_float(values)
-    except (TypeError, ValueError) as exc:
-        raise InvalidSamplesError(f"{name} must be real numbers in SI: {exc}") from None
-    if np.isinf(array).any():
-        first = tuple(int(i) for i in np.argwhere(np.isinf(array))[0])
-        raise InvalidSamplesError(f"{name} is infinite at index {first}")
-    return array
 
 
 def triple(values: Sequence[float]) -> ps.Vector:

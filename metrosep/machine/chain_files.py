@@ -27,6 +27,7 @@ from pathlib import Path
 from typing import Any
 
 from metrosep.core.errors import DataError, MetrosepError
+from metrosep.machine._numbers import is_real
 from metrosep.machine.elements import DIRECTIONS, Element
 
 __all__ = ["chain_parts", "toml_table"]
@@ -57,12 +58,14 @@ def toml_table(path: str | PathLike[str]) -> dict[str, Any]:
     Raises
     ------
     DataError
-        The file is no TOML in UTF-8.
+        The file is no TOML in UTF-8 (a byte order mark is allowed), or nested too deeply.
     """
     try:
-        return tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        return tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as exc:
         raise DataError(f"{path} is no TOML file: {exc}") from None
+    except RecursionError:
+        raise DataError(f"{path} is no description of a chain: it is nested too deeply") from None
 
 
 def chain_parts(
@@ -90,12 +93,15 @@ def chain_parts(
         A key, a unit or a parameter is unknown or missing; the message names source and key.
     """
     _known(table, _TABLE_KEYS, source)
+    for key in ("name", "description"):
+        if not isinstance(table.get(key, ""), str):
+            raise DataError(f"{source}: key {key!r} must be a text, got {str(table[key])[:60]}")
     values = _parameters(table.get("parameters", {}), parameters, source)
     rows = table.get("element", [])
     if not isinstance(rows, Sequence) or isinstance(rows, str) or not rows:
         raise DataError(f"{source}: no element; write one [[element]] table for each axis")
     elements = [_element(row, values, f"{source}, element {i}") for i, row in enumerate(rows, 1)]
-    return elements, str(table.get("name", "")), str(table.get("description", ""))
+    return elements, table.get("name", ""), table.get("description", "")
 
 
 def _known(table: object, keys: Sequence[str], where: str) -> None:
@@ -109,9 +115,12 @@ def _known(table: object, keys: Sequence[str], where: str) -> None:
             raise DataError(f"{where}: unknown key {key!r}; {hint or 'known: ' + ', '.join(keys)}")
 
 
-def _parameters(
-    declared: Mapping[str, str], given: Mapping[str, float], source: str
-) -> dict[str, float]:
+def _parameters(declared: Any, given: Mapping[str, float], source: str) -> dict[str, float]:
+    if not isinstance(declared, Mapping):
+        raise DataError(
+            f"{source}: parameters is a table of names and what they mean, such as "
+            f'[parameters] and radius = "radius in m"; got {declared!r}'
+        )
     for name in given:
         if name not in declared:
             known = ", ".join(declared) or "none"
@@ -119,7 +128,7 @@ def _parameters(
     for name, meaning in declared.items():
         if name not in given:
             raise DataError(f"{source}: parameter {name!r} is missing ({meaning})")
-        if not _is_number(given[name]) or not math.isfinite(given[name]):
+        if not is_real(given[name]) or not math.isfinite(given[name]):
             raise DataError(
                 f"{source}: parameter {name!r} is {given[name]!r}, not a finite number"
             )
@@ -168,8 +177,15 @@ def _location_errors(value: Any, where: str) -> dict[str, tuple[float, ...]]:
     """Return displacements by term name, from a list of names or a table of weights."""
     if isinstance(value, Mapping):
         table = dict(value)
+    elif isinstance(value, list | tuple) and all(isinstance(name, str) for name in value):
+        table = {name: {name.removeprefix("E")[:1]: 1.0} for name in value}
+        if len(table) < len(value):
+            raise DataError(f"{where}: location_errors name a term twice: {', '.join(value)}")
     else:
-        table = {str(name): {str(name)[:1]: 1.0} for name in value}
+        raise DataError(
+            f"{where}: location_errors are a list of names such as ['C0Y', 'B0Z'] or a table of "
+            f"displacements, got {str(value)[:60]}"
+        )
     lines = {}
     for name, weights in table.items():
         _known(weights, tuple(DIRECTIONS), f"{where}, location_errors {name}")
@@ -177,13 +193,12 @@ def _location_errors(value: Any, where: str) -> dict[str, tuple[float, ...]]:
     return lines
 
 
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
 def _scaled(value: Any, factor: float, values: Mapping[str, float], where: str) -> Any:
     """Return numbers times the unit's factor; a text stands for a parameter, which is SI."""
     if isinstance(value, Sequence) and not isinstance(value, str):
+        for v in value:
+            if isinstance(v, Sequence) and not isinstance(v, str):
+                raise DataError(f"{where}: a list in a list is no number")
         return tuple(_scaled(v, factor, values, where) for v in value)
     if isinstance(value, str):
         sign, name = (-1.0, value[1:]) if value.startswith("-") else (1.0, value)
@@ -193,6 +208,6 @@ def _scaled(value: Any, factor: float, values: Mapping[str, float], where: str) 
         if factor != 1.0:
             raise DataError(f"{where}: the parameter {name!r} is SI; use the key without a prefix")
         return sign * values[name]
-    if not _is_number(value):
+    if not is_real(value):
         raise DataError(f"{where}: {value!r} is no number")
     return float(value) * factor

@@ -23,15 +23,19 @@ from numpy.typing import ArrayLike
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.machine import _poses as ps
+from metrosep.machine._chain_checks import (
+    refuse_open,
+    refuse_parallel,
+    refuse_strange_names,
+    refuse_twice,
+)
 from metrosep.machine._exact import EXACT, exact_pose, linear_error, linear_pose
 from metrosep.machine._states import States, positions_of, tool_point
-from metrosep.machine.elements import BRANCHES, DIRECTIONS, Element, element_terms, error_sign
+from metrosep.machine.elements import DIRECTIONS, Element, element_terms, error_sign
 from metrosep.machine.error_sets import ErrorSet, as_error_set
 from metrosep.machine.naming import paper_hint
 
 __all__ = ["Chain"]
-
-_PARALLEL = 1e-6  # rad; axes of one kind closer than this are the same axis
 
 Positions = Mapping[str, ArrayLike]
 Errors = ErrorSet | Mapping[str, Any]
@@ -53,8 +57,9 @@ class Chain:
     Raises
     ------
     DataError
-        No element in one of the branches, two elements or terms of the same name, two axes along
-        the same direction of which neither says so (``parallel_to``).
+        No element in one of the branches, two elements or terms of the same name, a location error
+        or ``parallel_to`` that names no axis of the chain, two axes of a kind along the same
+        direction, as they stand with all axes at zero, that do not say so (``parallel_to``).
 
     Examples
     --------
@@ -72,18 +77,19 @@ class Chain:
     terms: tuple[str, ...] = field(init=False)
 
     def __post_init__(self) -> None:
+        if not isinstance(self.elements, Iterable):
+            raise DataError(f"a chain is a sequence of elements, got {self.elements!r}")
         object.__setattr__(self, "elements", tuple(self.elements))
         for element in self.elements:
             if not isinstance(element, Element):
                 raise DataError(f"a chain is made of Element objects, got {element!r}")
-        _refuse_open(self.elements, self.name)
-        _refuse_parallel(self.elements)
+        refuse_open(self.elements, self.name)
+        refuse_twice([e.name for e in self.elements], "element")
         terms = tuple(term for element in self.elements for term in element_terms(element))
+        refuse_twice(terms, "term")
+        refuse_strange_names(self.elements)
+        refuse_parallel(self.elements)
         object.__setattr__(self, "terms", terms)
-        for names, what in ((tuple(e.name for e in self.elements), "element"), (terms, "term")):
-            twice = sorted({n for n in names if names.count(n) > 1})
-            if twice:
-                raise DataError(f"{what} {twice[0]!r} stands twice in the chain; names are unique")
 
     @classmethod
     def from_dict(cls, table: Mapping[str, Any], **parameters: float) -> Chain:
@@ -192,7 +198,7 @@ class Chain:
         DataError
             A position is missing, an axis or a term is unknown.
         InvalidSamplesError
-            Positions or tool points are infinite, complex, or do not broadcast.
+            Positions or tool points are no real numbers, infinite, or do not broadcast.
 
         Notes
         -----
@@ -260,7 +266,12 @@ class Chain:
             A position is missing, an axis, a term or `exact` is unknown, a position lies outside a
             term's table.
         InvalidSamplesError
-            Positions or errors are infinite, complex, or do not broadcast; a term is not known.
+            Positions or errors are no real numbers, infinite, or do not broadcast; a term is not
+            known at a position.
+        LimitError
+            A polynomial of `metrosep.process.run_polynomial` was not measured at a position.
+        UnitError
+            An error is above 1 m or 1 rad, no error of a machine (degrees as rad, um as m).
 
         Notes
         -----
@@ -321,7 +332,12 @@ class Chain:
             A position is missing, an axis, a term or `exact` is unknown, a position lies outside a
             term's table.
         InvalidSamplesError
-            Positions or errors are infinite, complex, or do not broadcast; a term is not known.
+            Positions or errors are no real numbers, infinite, or do not broadcast; a term is not
+            known at a position.
+        LimitError
+            A polynomial of `metrosep.process.run_polynomial` was not measured at a position.
+        UnitError
+            An error is above 1 m or 1 rad, no error of a machine (degrees as rad, um as m).
 
         Examples
         --------
@@ -356,7 +372,7 @@ class Chain:
         q : mapping of str to array_like, m or rad
             Position of every axis; parked axes may be missing.
         errors : ErrorSet
-            Error terms with standard uncertainties and correlations.
+            Error terms with standard uncertainties (``u=``) and correlations.
         tool : array_like, shape (3,) or (..., 3), m
             Tool point in the frame of the last element of the tool branch.
 
@@ -370,7 +386,15 @@ class Chain:
         DataError
             A position is missing, an axis or a term is unknown, a position lies outside a table.
         InvalidSamplesError
-            Positions are infinite, complex, or do not broadcast.
+            Positions are no real numbers, infinite, or do not broadcast; an uncertainty is not
+            known at a position.
+        UnitError
+            An uncertainty is above 1 m or 1 rad, no error of a machine.
+
+        Notes
+        -----
+        A plain mapping is no `ErrorSet`: its numbers and functions are taken as exact, and the
+        covariance of exact terms is zero. Only terms with an ``sd`` of their own bring one.
 
         Examples
         --------
@@ -433,6 +457,8 @@ class Chain:
         >>> chain.known_terms(["EXX"])
         ('EXX',)
         """
+        if not isinstance(terms, Iterable):
+            raise DataError(f"terms are names of error terms, got {terms!r}")
         names = (terms,) if isinstance(terms, str) else tuple(terms)
         unknown = [name for name in names if name not in self.terms]
         if unknown:
@@ -472,27 +498,3 @@ def _line_column(element: Element, states: States, line: Sequence[float]) -> ps.
         for weight, column in zip(line, states.six(element, frame), strict=True):
             total = ps.add(total, ps.scale(column, sign * weight))
     return total
-
-
-def _refuse_open(elements: Sequence[Element], name: str) -> None:
-    for branch in BRANCHES:
-        if not any(e.branch == branch for e in elements):
-            raise DataError(
-                f"chain {name!r} does not close: no element has branch = {branch!r}; "
-                "a part that is fixed to the bed is an element of kind 'fixed'"
-            )
-
-
-def _refuse_parallel(elements: Sequence[Element]) -> None:
-    moving = [e for e in elements if e.kind != "fixed"]
-    for i, one in enumerate(moving):
-        for two in moving[i + 1 :]:
-            if one.kind != two.kind or two.name == one.parallel_to or one.name == two.parallel_to:
-                continue
-            across = np.linalg.norm(np.cross(one.direction, two.direction))
-            if across < _PARALLEL:
-                raise DataError(
-                    f"axes {one.name!r} and {two.name!r} are both {one.kind} along "
-                    f"{tuple(one.direction)}; if that is meant, write "
-                    f"parallel_to = {one.name!r} in {two.name!r}"
-                )

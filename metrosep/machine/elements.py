@@ -19,6 +19,7 @@ from dataclasses import dataclass, field
 
 from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.core.provenance import freeze_mapping
+from metrosep.machine._numbers import is_real
 
 __all__ = [
     "BRANCHES",
@@ -84,9 +85,10 @@ class Element:
     ------
     DataError
         An unknown kind, branch, error frame, side or direction, a name that cannot be part of a term, a
-        direction that is no unit vector, a rotation of a part that is not fixed.
+        direction that is no unit vector, a rotation of a part that is not fixed, a location error
+        that does nothing (the shift of a slide's line of travel).
     InvalidSamplesError
-        A vector with the wrong length or with values that are not finite.
+        A vector with the wrong length or with values that are no finite numbers, an angle that is none.
 
     Notes
     -----
@@ -110,13 +112,15 @@ class Element:
     error_frame: str = "after"
     errors_of: str = "body"
     errors: Sequence[str] | None = None
-    location_errors: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    location_errors: Mapping[str, Sequence[float]] = field(default_factory=dict, hash=False)
     angle: float = 0.0
     parked: bool = False
     parallel_to: str | None = None
 
     def __post_init__(self) -> None:
-        if not self.name.isidentifier() or not self.name.isascii() or self.name[0] == "_":
+        given: object = self.name
+        name = given if isinstance(given, str) else ""
+        if not name.isidentifier() or not name.isascii() or name[0] == "_":
             raise DataError(
                 f"an axis name is a letter and then letters, digits or _, got {self.name!r}; "
                 "it becomes part of the term names (X -> EXX)"
@@ -141,27 +145,49 @@ class Element:
                 f"{norm:.9g}; it must be a unit vector"
             )
         self._set("direction", tuple(c / norm for c in self.direction))
+        if not is_real(self.angle) or not math.isfinite(self.angle):
+            raise InvalidSamplesError(
+                f"angle of element {self.name!r} is {_short(self.angle)}, not a finite number in rad"
+            )
+        self._set("angle", float(self.angle))
         if self.kind != "fixed" and self.angle != 0.0:
             raise DataError(
                 f"element {self.name!r} is {self.kind} and has a fixed angle of {self.angle} rad; "
                 "put the rotation into a fixed element of its own"
             )
-        if not math.isfinite(self.angle):
-            raise InvalidSamplesError(f"angle of element {self.name!r} is {self.angle}")
+        self._check_parking()
         self._set("errors", self._checked_errors())
         self._set("location_errors", self._checked_location_errors())
 
     def _set(self, key: str, value: object) -> None:
         object.__setattr__(self, key, value)
 
+    def _check_parking(self) -> None:
+        if not isinstance(self.parked, bool):
+            raise DataError(
+                f"parked of element {self.name!r} is true or false, got {self.parked!r}"
+            )
+        if self.parallel_to is not None and not isinstance(self.parallel_to, str):
+            raise DataError(
+                f"parallel_to of element {self.name!r} is the name of an axis, got "
+                f"{_short(self.parallel_to)}"
+            )
+        if self.parallel_to == self.name:
+            raise DataError(f"parallel_to of element {self.name!r} names itself")
+
     def _checked_errors(self) -> tuple[str, ...]:
         chosen = self.errors
         if chosen is None:
             return () if self.kind == "fixed" else tuple(DIRECTIONS)
+        if not isinstance(chosen, Sequence):
+            raise DataError(
+                f"errors of element {self.name!r} are directions such as 'XYZ' or ['X', 'A'], got "
+                f"{_short(chosen)}"
+            )
         for direction in chosen:
-            if len(direction) != 1 or direction not in DIRECTIONS:
+            if direction not in tuple(DIRECTIONS):
                 raise DataError(
-                    f"errors of element {self.name!r} hold {direction!r}; "
+                    f"errors of element {self.name!r} hold {_short(direction)}; "
                     f"known directions are {', '.join(DIRECTIONS)}"
                 )
         if len(set(chosen)) < len(chosen):
@@ -169,23 +195,44 @@ class Element:
         return tuple(d for d in DIRECTIONS if d in chosen)
 
     def _checked_location_errors(self) -> Mapping[str, tuple[float, ...]]:
+        if not isinstance(self.location_errors, Mapping):
+            raise DataError(
+                f"location_errors of element {self.name!r} map names to six numbers, got "
+                f"{_short(self.location_errors)}"
+            )
         if self.kind == "fixed" and self.location_errors:
             raise DataError(
                 f"element {self.name!r} is fixed and has no line of motion that "
                 f"{next(iter(self.location_errors))!r} could displace; give it errors instead"
             )
         for name in self.location_errors:
-            if not _LOCATION_NAME.fullmatch(name):
+            if not _LOCATION_NAME.fullmatch(str(name)):
                 raise DataError(
                     f"location error {name!r} of {self.name!r} needs a name such as C0Y, B0Z or X0C: "
                     "a direction, 0, an axis name"
                 )
-        return freeze_mapping(
-            {
-                name: _vector(value, 6, f"location error {name!r} of {self.name!r}")
-                for name, value in self.location_errors.items()
-            }
-        )
+        lines = {
+            name: _vector(value, 6, f"location error {name!r} of {self.name!r}")
+            for name, value in self.location_errors.items()
+        }
+        for name, line in lines.items():
+            self._refuse_idle(name, line)
+        return freeze_mapping(lines)
+
+    def _refuse_idle(self, name: str, line: Sequence[float]) -> None:
+        """Refuse a location error whose effect is zero at every position."""
+        if self.kind == "linear":
+            x, y, z = self.direction
+            a, b, c = line[3:]
+            acts = any((b * z - c * y, c * x - a * z, a * y - b * x))
+            reason = (
+                "a shift of the line of travel of a slide, or a turn about it, moves nothing; its "
+                "carriage has EX ... EC for that"
+            )
+        else:
+            acts, reason = any(line), "its displacement is zero"
+        if not acts:
+            raise DataError(f"location error {name!r} of {self.name!r} does nothing: {reason}")
 
 
 def error_sign(element: Element) -> float:
@@ -231,13 +278,19 @@ def element_terms(element: Element) -> tuple[str, ...]:
     return motions + tuple(element.location_errors)
 
 
+def _short(value: object) -> str:
+    text = repr(value)
+    return text if len(text) < 80 else text[:60] + " ..."
+
+
 def _vector(values: Sequence[float], size: int, name: str) -> tuple[float, ...]:
     try:
-        vector = tuple(float(v) for v in values)
-    except (TypeError, ValueError) as exc:
-        raise InvalidSamplesError(
-            f"{name} must be {size} numbers, got {values!r}: {exc}"
-        ) from None
+        listed = () if isinstance(values, str | Mapping) else tuple(values)
+    except TypeError:
+        listed = ()
+    if not listed or not all(is_real(v) for v in listed):
+        raise InvalidSamplesError(f"{name} must be {size} numbers, got {_short(values)}")
+    vector = tuple(float(v) for v in listed)
     if len(vector) != size or not all(math.isfinite(v) for v in vector):
-        raise InvalidSamplesError(f"{name} must be {size} finite numbers, got {values!r}")
+        raise InvalidSamplesError(f"{name} must be {size} finite numbers, got {_short(values)}")
     return vector

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -10,11 +9,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from metrosep.core._arrays import FloatArray, as_float
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.core.provenance import freeze_mapping
+from metrosep.machine._numbers import (
+    TrialAmounts,
+    check_amount,
+    finite_number,
+    positions_array,
+    real_array,
+)
+from metrosep.machine._term_sources import check_direction, direction_message, refuse_length
 from metrosep.machine.naming import axis_of
-from metrosep.machine.terms import ConstantTerm, ErrorTerm, as_term
+from metrosep.machine.terms import CallableTerm, ConstantTerm, ErrorTerm, as_term
 
 __all__ = ["ErrorSet", "as_error_set"]
 
@@ -34,18 +41,32 @@ class ErrorSet:
         Standard uncertainty of numbers and functions; 0 where nothing is given.
     correlations : mapping of (str, str) to float, optional
         Correlation coefficients of pairs of terms, -1 to 1; 0 where nothing is given.
+    direction : str or mapping of str to str, optional
+        ``"mean"``, ``"forward"`` or ``"backward"`` for the estimates whose runs went both ways, for
+        all of them or by name; see `as_term`.
+
+    Attributes
+    ----------
+    terms : mapping of str to ErrorTerm
+        The terms by name.
+    messages : tuple of str
+        What the user should know: which terms are the mean of two directions.
 
     Raises
     ------
     DataError
-        A name follows no rule, an uncertainty or a correlation belongs to no term or is given twice,
-        or the correlations contradict each other (no covariance has them).
+        A name follows no rule, an uncertainty, a correlation or a direction belongs to no term or is
+        given twice, or the correlations contradict each other (no covariance has them).
     InvalidSamplesError
-        A value, an uncertainty or a correlation is not finite, or out of range.
+        A value, an uncertainty or a correlation is no finite real number, or out of range.
+    UnitError
+        A number is above 1 m or 1 rad, no error of a machine (degrees as rad, um as m); a curve
+        in m stands for an angle.
 
     Notes
     -----
-    A correlation holds at equal states: that of two terms at their positions in the same `q`.
+    A correlation holds at equal states: that of two terms at their positions in the same `q`. What
+    gives a compensation instead of an error is turned round.
 
     Examples
     --------
@@ -58,23 +79,53 @@ class ErrorSet:
     values: Mapping[str, Any]
     u: Mapping[str, float] = field(default_factory=dict)
     correlations: Mapping[tuple[str, str], float] = field(default_factory=dict)
+    direction: str | Mapping[str, str] = "mean"
     terms: Mapping[str, ErrorTerm] = field(init=False, repr=False)
+    messages: tuple[str, ...] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        for name in self.u:
-            if name not in self.values:
-                raise DataError(f"u of {name!r} belongs to no term; there are {list(self.values)}")
-        terms = {}
+        _refuse_no_mapping(self.values, "values are a mapping of term names to errors")
+        _refuse_no_mapping(self.u, "u is a mapping of term names to standard uncertainties")
+        _refuse_no_mapping(self.correlations, "correlations are a mapping of pairs of term names")
+        ways: Mapping[str, str] = {}
+        if isinstance(self.direction, Mapping):
+            ways = freeze_mapping(self.direction)
+            object.__setattr__(self, "direction", ways)
+        else:
+            check_direction(self.direction)
+            ways = dict.fromkeys(self.values, self.direction)
+        for key, names in (("u", self.u), ("direction", ways)):
+            for name in names:
+                if name not in self.values:
+                    known = ", ".join(str(n) for n in self.values) or "none"
+                    raise DataError(f"{key} of {name!r} belongs to no term; there are {known}")
+        terms, messages = {}, []
         for name, value in self.values.items():
             axis_of(name)
+            way = ways.get(name, "mean")
             try:
-                terms[name] = as_term(value, u=self.u.get(name))
-            except (DataError, InvalidSamplesError) as exc:
+                terms[name] = self._term(name, value, way)
+            except DataError as exc:
                 raise type(exc)(f"error term {name!r}: {exc}") from None
+            messages.append(direction_message(name, value, way))
         for key in ("values", "u", "correlations"):
             object.__setattr__(self, key, freeze_mapping(getattr(self, key)))
         object.__setattr__(self, "terms", freeze_mapping(terms))
+        object.__setattr__(self, "messages", tuple(m for m in messages if m is not None))
         self._check_correlations()
+
+    def _term(self, name: str, value: Any, direction: str) -> ErrorTerm:
+        if name in self.u and self.u[name] is None:
+            raise InvalidSamplesError("its u is None; leave it out where none is known")
+        term = as_term(value, u=self.u.get(name), direction=direction)
+        refuse_length(name, value)
+        if isinstance(self.values, TrialAmounts):
+            return term
+        if isinstance(term, ConstantTerm):
+            check_amount(name, np.array(term.value), "its value")
+        if isinstance(term, ConstantTerm | CallableTerm):
+            check_amount(name, np.array(term.u), "its u")
+        return term
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -103,12 +154,18 @@ class ErrorSet:
         DataError
             The position of an axis is missing, or lies outside a term's table.
         InvalidSamplesError
-            A term is NaN or infinite at a position that is known.
+            A term is NaN or infinite at a position that is known, or a position is no real
+            number.
+        LimitError
+            A polynomial of `metrosep.process.run_polynomial` was not measured at a position.
+        UnitError
+            An amount is above 1 m or 1 rad, no error of a machine.
 
         Notes
         -----
         NaN in a position gives NaN in the terms that depend on it.
         """
+        _refuse_no_mapping(q, "positions are a mapping of axis names")
         wanted = self._known(names)
         return {name: _at(name, self.terms[name], "evaluate", q) for name in wanted}
 
@@ -130,8 +187,14 @@ class ErrorSet:
         DataError
             The position of an axis is missing, or lies outside a term's table.
         InvalidSamplesError
-            An uncertainty is NaN, infinite or negative at a position that is known.
+            An uncertainty is NaN, infinite or negative at a position that is known, or a position is no real
+            number.
+        LimitError
+            A polynomial of `metrosep.process.run_polynomial` was not measured at a position.
+        UnitError
+            An amount is above 1 m or 1 rad, no error of a machine.
         """
+        _refuse_no_mapping(q, "positions are a mapping of axis names")
         return {name: _at(name, term, "sd", q) for name, term in self.terms.items()}
 
     def correlation(self, names: Iterable[str] | None = None) -> FloatArray:
@@ -182,6 +245,10 @@ class ErrorSet:
         DataError
             A name is no term of the set, or an uncertainty depends on the position and there is
             no `q`.
+        InvalidSamplesError
+            An uncertainty is not known at a position, or a position is no real number.
+        UnitError
+            An uncertainty is above 1 m or 1 rad, no error of a machine.
 
         Examples
         --------
@@ -193,6 +260,7 @@ class ErrorSet:
         if q is None:
             u = np.array([self._constant_u(name) for name in wanted])
         else:
+            _refuse_no_mapping(q, "positions are a mapping of axis names")
             at = {name: _at(name, self.terms[name], "sd", q) for name in wanted}
             u = np.stack(np.broadcast_arrays(*at.values()), axis=-1) if at else np.zeros(0)
         result: FloatArray = u[..., :, None] * r * u[..., None, :]
@@ -206,6 +274,9 @@ class ErrorSet:
         raise DataError(f"the uncertainty of {name!r} depends on the position; give q")
 
     def _known(self, names: Iterable[str] | None) -> tuple[str, ...]:
+        given: Any = names
+        if isinstance(given, str) or not (given is None or isinstance(given, Iterable)):
+            raise DataError(f"names are a sequence of term names, got {given!r}")
         wanted = self.names if names is None else tuple(names)
         for name in wanted:
             if name not in self.terms:
@@ -214,12 +285,18 @@ class ErrorSet:
 
     def _check_correlations(self) -> None:
         seen = set()
-        for pair, r in self.correlations.items():
+        pairs: Mapping[Any, Any] = self.correlations
+        for pair, given in pairs.items():
+            if not isinstance(pair, tuple) or len(pair) != 2:
+                raise DataError(
+                    f"correlation {pair!r}: name a pair of two terms, such as ('EXX', 'EYX')"
+                )
             if pair[0] == pair[1] or frozenset(pair) in seen:
                 raise DataError(f"correlation {pair!r}: name each pair of two terms once")
             seen.add(frozenset(pair))
             self._known(pair)
-            if not (math.isfinite(r) and -1.0 <= r <= 1.0):
+            r = finite_number(given, f"correlation of {pair}")
+            if abs(r) > 1.0:
                 raise InvalidSamplesError(f"correlation of {pair} is {r}; it lies in -1 to 1")
         involved = sorted({name for pair in self.correlations for name in pair})
         if involved:
@@ -248,6 +325,10 @@ def as_error_set(errors: ErrorSet | Mapping[str, Any]) -> ErrorSet:
     ------
     DataError
         The values are no mapping, or no error terms.
+    InvalidSamplesError
+        A value is no finite real number.
+    UnitError
+        A number is above 1 m or 1 rad, or a curve in m stands for an angle.
 
     Examples
     --------
@@ -256,9 +337,13 @@ def as_error_set(errors: ErrorSet | Mapping[str, Any]) -> ErrorSet:
     """
     if isinstance(errors, ErrorSet):
         return errors
-    if not isinstance(errors, Mapping):
-        raise DataError(f"errors are a mapping of term names, got {type(errors).__name__}")
+    _refuse_no_mapping(errors, "errors are a mapping of term names")
     return ErrorSet(errors)
+
+
+def _refuse_no_mapping(value: object, what: str) -> None:
+    if not isinstance(value, Mapping):
+        raise DataError(f"{what}, got {type(value).__name__}")
 
 
 def _at(name: str, term: ErrorTerm, what: str, q: Mapping[str, ArrayLike]) -> FloatArray:
@@ -266,15 +351,15 @@ def _at(name: str, term: ErrorTerm, what: str, q: Mapping[str, ArrayLike]) -> Fl
     axis = axis_of(name)
     function = getattr(term, what)
     if isinstance(term, ConstantTerm):
-        return as_float(function(0.0))
+        return real_array(function(0.0), name)
     if axis is None or axis not in q:
         raise DataError(
             f"error term {name!r} is a function of a position, but "
             + (f"q holds no axis {axis!r}" if axis else "a location error is a constant")
         )
-    x = as_float(q[axis])
+    x = positions_array(q[axis], f"position of axis {axis!r}")
     asked = np.atleast_1d(x)[np.isfinite(np.atleast_1d(x))]
-    values = as_float(function(asked))
+    values = real_array(function(asked), f"what error term {name!r} returned")
     if values.shape != asked.shape:
         raise InvalidSamplesError(
             f"error term {name!r} returned shape {values.shape} for {asked.size} positions"
@@ -284,6 +369,7 @@ def _at(name: str, term: ErrorTerm, what: str, q: Mapping[str, ArrayLike]) -> Fl
         raise InvalidSamplesError(f"error term {name!r} is not known at {axis} = {bad:.9g}")
     if what == "sd" and asked.size and values.min() < 0.0:
         raise InvalidSamplesError(f"standard uncertainty of {name!r} is negative: {values.min()}")
+    check_amount(name, values, f"{'u' if what == 'sd' else 'the value'} of error term {name!r}")
     result = np.full(x.shape, np.nan)
     result[np.isfinite(x)] = values
     return result

@@ -23,13 +23,14 @@ from typing import TypeVar
 
 from metrosep.core.errors import DataError
 
-__all__ = ["axis_of", "from_paper", "import_errors", "paper_hint", "to_paper"]
+__all__ = ["axis_of", "from_paper", "import_errors", "located_axis", "paper_hint", "to_paper"]
 
 _AXES = {"x": "X", "z": "Z", "c": "C", "f": "FTS"}
 _MOTIONS = {"delta": "XYZ", "epsilon": "ABC"}
 _STEMS = {"d": "delta", "delta": "delta", "e": "epsilon", "eps": "epsilon", "epsilon": "epsilon"}
 _SQUARENESS = {"eta_zx": "B0Z"}
-_GREEK = {"\u03b4": "delta", "\u03b5": "epsilon", "\u03b7": "eta"}
+# both shapes of epsilon: what a person types and what LaTeX and many PDF files hold
+_GREEK = {"\u03b4": "delta", "\u03b5": "epsilon", "\u03f5": "epsilon", "\u03b7": "eta"}
 _SPELLING = re.compile(r"(delta|epsilon|eps|d|e)_?\{?([xzcf])([xyz])\}?")
 _ISO_MOTION = re.compile(r"E([XYZABC])([A-Za-z][A-Za-z0-9_]*)")
 _ISO_LOCATION = re.compile(r"E?([XYZABC])0([A-Za-z][A-Za-z0-9_]*)")
@@ -111,7 +112,8 @@ def to_paper(term: str) -> str:
     for paper, iso in _SQUARENESS.items():
         if term == iso:
             return paper
-    match = _ISO_MOTION.fullmatch(term)
+    given: object = term
+    match = _ISO_MOTION.fullmatch(given) if isinstance(given, str) else None
     letters = {axis: letter for letter, axis in _AXES.items()}
     if match is None or match[2] not in letters:
         raise DataError(f"the paper has no term {term!r}; its axes are X, Z, C and FTS, and B0Z")
@@ -136,13 +138,17 @@ def import_errors(errors: Mapping[str, Value]) -> dict[str, Value]:
     Raises
     ------
     DataError
-        A name is not the paper's, or two spellings mean the same term.
+        The errors are no mapping, a name is not the paper's, or two spellings mean the same term.
 
     Examples
     --------
     >>> import_errors({"dxy": 1e-6, "eta_zx": 2e-6})
     {'EYX': 1e-06, 'B0Z': 2e-06}
     """
+    if not isinstance(errors, Mapping):
+        raise DataError(
+            f"errors are a mapping of the paper's names to values, got {type(errors).__name__}"
+        )
     result: dict[str, Value] = {}
     for name, value in errors.items():
         term = from_paper(name)
@@ -175,6 +181,8 @@ def axis_of(term: str) -> str | None:
     >>> axis_of("EAFTS"), axis_of("B0Z")
     ('FTS', None)
     """
+    if not isinstance(term, str):
+        raise DataError(f"{term!r} is no ISO 230-1 name: it is no text")
     if _ISO_LOCATION.fullmatch(term):
         return None
     match = _ISO_MOTION.fullmatch(term)
@@ -184,6 +192,28 @@ def axis_of(term: str) -> str | None:
             + paper_hint(term)
         )
     return match[2]
+
+
+def located_axis(term: str) -> str | None:
+    """Return the axis whose place a location error describes.
+
+    Parameters
+    ----------
+    term : str
+        ISO 230-1 name.
+
+    Returns
+    -------
+    str or None
+        Axis name; None where the term is no location error.
+
+    Examples
+    --------
+    >>> located_axis("B0Z"), located_axis("EXX")
+    ('Z', None)
+    """
+    match = _ISO_LOCATION.fullmatch(term)
+    return None if match is None else match[2]
 
 
 def paper_hint(term: str) -> str:

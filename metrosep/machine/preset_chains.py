@@ -19,13 +19,14 @@ import tomllib
 from importlib.resources import files
 from typing import Any, overload
 
-from metrosep.core.errors import DataError
+from metrosep.core.errors import DataError, UnitError
 from metrosep.machine.chains import Chain
 
 __all__ = ["preset_table", "presets"]
 
 _FOLDER = "presets_data"
 _LATHES = ("fts_lathe", "sts_lathe")
+_LARGEST = 5.0  # m; a radius or a height above it was typed in mm
 _SPINDLE_ERRORS = {"co-rotating": "after", "fixed": "before"}
 
 
@@ -61,11 +62,15 @@ def presets(
     DataError
         The name, a parameter or the choice of the spindle errors is unknown, missing or out of
         range.
+    UnitError
+        A length is above 5 m: it was given in mm.
 
     Notes
     -----
     fts_lathe: 25 terms. Position X is the paper's x, 0 at the rim: the tool stands at the radius
-    R - x; FTS is its current height s = S - z_f. The spindle angle theta puts the cut point at the
+    R - x; FTS is its current height s = S - z_f. **EXX runs along the workpiece's +X, against x**:
+    a slide that stands 1 um too far along its own x has EXX = -1 um. Of every other axis of every
+    preset the positioning error (EXX, EYY, EZZ, EZFTS, EAA, ECC) is that of its position. The spindle angle theta puts the cut point at the
     workpiece azimuth -theta. Z may be left out: it is then no joint, and its errors do nothing.
     B0Z is the paper's eta_zx with the sign of its eq 1 (eq 9 has the other one).
 
@@ -86,6 +91,12 @@ def presets(
     if spindle_errors is not None:
         _choose_spindle(table, name, spindle_errors)
     chain = Chain.from_dict(table, **parameters)
+    for key, value in parameters.items():
+        if abs(value) > _LARGEST:
+            raise UnitError(
+                f"{key} of {name} is {value} m, more than {_LARGEST:g} m; lengths are in m, "
+                "20 mm are 0.02"
+            )
     if parameters.get("radius", 1.0) <= 0.0:
         raise DataError(f"radius of {name} is {parameters['radius']} m; it must be positive")
     return chain
@@ -130,7 +141,7 @@ def _choose_spindle(table: dict[str, Any], name: str, choice: str) -> None:
     """Write the error frame of the spindle into the table."""
     if name not in _LATHES:
         raise DataError(f"{name} has no spindle errors to choose; {', '.join(_LATHES)} have")
-    if choice not in _SPINDLE_ERRORS:
+    if choice not in tuple(_SPINDLE_ERRORS):
         known = ", ".join(_SPINDLE_ERRORS)
         raise DataError(f"spindle_errors is {choice!r}; known are {known}")
     for element in table["element"]:

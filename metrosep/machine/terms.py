@@ -8,7 +8,6 @@ terms by their ISO 230-1 names.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
@@ -16,8 +15,15 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from metrosep.core._arrays import FloatArray, as_float, frozen_float
+from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, InvalidSamplesError
+from metrosep.machine._numbers import (
+    finite_number,
+    finite_vector,
+    real_array,
+    standard_uncertainty,
+)
+from metrosep.machine._term_sources import check_direction, error_of, refuse_no_term, series_of
 
 __all__ = [
     "CallableTerm",
@@ -28,6 +34,8 @@ __all__ = [
     "TableTerm",
     "as_term",
 ]
+
+_ROUNDING = 1e-9  # of the span of a table; a position beyond its end by this is on the end
 
 
 @runtime_checkable
@@ -67,8 +75,8 @@ class ConstantTerm:
     u: float = 0.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "value", _number(self.value, "value of a constant term"))
-        object.__setattr__(self, "u", _uncertainty(self.u))
+        object.__setattr__(self, "value", finite_number(self.value, "value of a constant term"))
+        object.__setattr__(self, "u", standard_uncertainty(self.u))
 
     def evaluate(self, x: ArrayLike) -> FloatArray:
         """Return the error at positions of the axis.
@@ -130,8 +138,8 @@ class PolynomialTerm:
     covariance: ArrayLike | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "coefficients", _finite_vector(self.coefficients, "coefficients"))
-        object.__setattr__(self, "u", _uncertainty(self.u))
+        object.__setattr__(self, "coefficients", finite_vector(self.coefficients, "coefficients"))
+        object.__setattr__(self, "u", standard_uncertainty(self.u))
         if self.covariance is not None:
             n = len(self.coefficients)
             matrix = frozen_float(self.covariance, name="covariance of coefficients", ndim=2)
@@ -163,7 +171,7 @@ class PolynomialTerm:
             Actual minus nominal.
         """
         value: FloatArray = np.polynomial.polynomial.polyval(
-            as_float(x), np.asarray(self.coefficients)
+            real_array(x, "position of an error term"), np.asarray(self.coefficients)
         )
         return value
 
@@ -180,7 +188,7 @@ class PolynomialTerm:
         ndarray, shape of x, m or rad
             One standard deviation.
         """
-        positions = as_float(x)
+        positions = real_array(x, "position of an error term")
         if self.covariance is None:
             return np.full(positions.shape, self.u)
         powers = positions[..., None] ** np.arange(len(self.coefficients))
@@ -191,7 +199,7 @@ class PolynomialTerm:
 
 @dataclass(frozen=True, slots=True)
 class FourierTerm:
-    """Fourier series of the axis position, ``mean + sum a_k cos(2 pi x / L_k + phi_k)``.
+    """Fourier series of the axis position, ``mean + sum a_k cos(2 pi (x - origin) / L_k + phi_k)``.
 
     Parameters
     ----------
@@ -200,16 +208,23 @@ class FourierTerm:
     wavelengths : sequence of float, shape (n,), m or rad, > 0
         Of a rotary axis: 2 pi / k for k undulations per revolution.
     phases : sequence of float, shape (n,), rad
-        At position zero.
+        At the origin.
     mean : float, m or rad
         Constant part.
     u : float, m or rad
         Standard uncertainty at every position.
+    origin : float, m or rad
+        Position at which the phases hold. The spectrum of an estimate has them at its ``start``:
+        `from_estimate` takes that over.
 
     Raises
     ------
     InvalidSamplesError
         Unequal lengths, a number that is not finite, a wavelength <= 0, or u < 0.
+
+    Notes
+    -----
+    A series goes on beyond the travel that was measured; a table or an estimate refuses to.
 
     Examples
     --------
@@ -222,10 +237,11 @@ class FourierTerm:
     phases: Sequence[float]
     mean: float = 0.0
     u: float = 0.0
+    origin: float = 0.0
 
     def __post_init__(self) -> None:
         for key in ("amplitudes", "wavelengths", "phases"):
-            object.__setattr__(self, key, _finite_vector(getattr(self, key), key))
+            object.__setattr__(self, key, finite_vector(getattr(self, key), key))
         sizes = (len(self.amplitudes), len(self.wavelengths), len(self.phases))
         if len(set(sizes)) > 1:
             raise InvalidSamplesError(
@@ -233,8 +249,59 @@ class FourierTerm:
             )
         if min(self.wavelengths) <= 0.0:
             raise InvalidSamplesError(f"wavelengths must be positive, got {min(self.wavelengths)}")
-        object.__setattr__(self, "mean", _number(self.mean, "mean of a Fourier term"))
-        object.__setattr__(self, "u", _uncertainty(self.u))
+        for key in ("mean", "origin"):
+            value = finite_number(getattr(self, key), f"{key} of a Fourier term")
+            object.__setattr__(self, key, value)
+        object.__setattr__(self, "u", standard_uncertainty(self.u))
+
+    @classmethod
+    def from_estimate(
+        cls, estimate: Any, *, direction: str = "mean", u: float | None = None
+    ) -> FourierTerm:
+        """Return the series of the selected wavelengths of an estimate.
+
+        Parameters
+        ----------
+        estimate : ErrorEstimate
+            What `metrosep.separation.separate` returns by the methods "joint" and "kono".
+        direction : {"mean", "forward", "backward"}, optional
+            Of an estimate with two directions; as for `as_term`.
+        u : float, m, optional
+            Standard uncertainty at every position. By default the RMS over the evaluation range of
+            the estimate's own and of what the series lacks of the estimate.
+
+        Returns
+        -------
+        FourierTerm
+            Phases at ``estimate.start``, which becomes the origin.
+
+        Raises
+        ------
+        DataError
+            The object has no spectrum with selected wavelengths or no uncertainty, or the direction
+            is unknown or was not run.
+        InvalidSamplesError
+            `u` is negative or no finite number.
+
+        Notes
+        -----
+        The estimate has a least-squares line removed over its evaluation range, the series has not:
+        they agree but for a line, which is alignment. ``mean`` makes their means over the range
+        equal. The estimate itself is a term, too: take it where the travel is not left.
+
+        Examples
+        --------
+        >>> from types import SimpleNamespace
+        >>> spectrum = {"wavelength_mm": [10.0, 5.0], "amplitude_nm": [800.0, 2.0],
+        ...             "phase_rad": [0.5, 0.0], "selected": [True, False]}
+        >>> estimate = SimpleNamespace(spectrum=spectrum, start=0.02, stop=0.06,
+        ...     evaluate=lambda x: 8e-7 * np.cos(200 * np.pi * (x - 0.02) + 0.5),
+        ...     sd=lambda x: np.full(x.shape, 1e-9))
+        >>> term = FourierTerm.from_estimate(estimate)
+        >>> term.origin, term.wavelengths
+        (0.02, (0.01,))
+        """
+        return cls(**series_of(estimate, direction, u))
 
     def evaluate(self, x: ArrayLike) -> FloatArray:
         """Return the error at positions of the axis.
@@ -249,10 +316,10 @@ class FourierTerm:
         ndarray, shape of x, m or rad
             Actual minus nominal.
         """
-        positions = as_float(x)
+        positions = real_array(x, "position of an error term")
         value = np.full(positions.shape, self.mean)
         for a, length, phase in zip(self.amplitudes, self.wavelengths, self.phases, strict=True):
-            value += a * np.cos(2.0 * np.pi / length * positions + phase)
+            value += a * np.cos(2.0 * np.pi / length * (positions - self.origin) + phase)
         return value
 
     def sd(self, x: ArrayLike) -> FloatArray:
@@ -292,7 +359,8 @@ class TableTerm:
 
     Notes
     -----
-    Nothing is extrapolated: a position outside the table raises. The uncertainty between two points
+    Nothing is extrapolated: a position outside the table raises; 1e-9 of its span beyond an end is
+    rounding (``3 * 0.1`` against 0.3) and takes the value of the end. The uncertainty between two points
     is interpolated too, as if their errors were fully correlated: it is the upper bound.
 
     Examples
@@ -307,7 +375,7 @@ class TableTerm:
 
     def __post_init__(self) -> None:
         for key in ("positions", "values"):
-            object.__setattr__(self, key, _finite_vector(getattr(self, key), f"table {key}"))
+            object.__setattr__(self, key, finite_vector(getattr(self, key), f"table {key}"))
         n = len(self.positions)
         if n < 2 or len(self.values) != n:
             raise InvalidSamplesError(
@@ -321,8 +389,8 @@ class TableTerm:
                 f"positions of a table must rise, got {self.positions[i]} then "
                 f"{self.positions[i + 1]}"
             )
-        us = (self.u,) * n if np.ndim(self.u) == 0 else self.u
-        us = _finite_vector(us, "table uncertainty")  # type: ignore[arg-type]
+        given: Any = (self.u,) * n if np.ndim(self.u) == 0 else self.u
+        us = finite_vector(given, "table uncertainty")
         if len(us) != n or min(us) < 0.0:
             raise InvalidSamplesError(
                 f"u must be {n} numbers >= 0, got {len(us)}, least {min(us)}"
@@ -370,9 +438,10 @@ class TableTerm:
         return self._interpolated(x, self.u)  # type: ignore[arg-type]
 
     def _interpolated(self, x: ArrayLike, values: Sequence[float]) -> FloatArray:
-        asked = as_float(x)
+        asked = real_array(x, "position of an error term")
         low, high = self.positions[0], self.positions[-1]
-        outside = asked[(asked < low) | (asked > high)]
+        margin = _ROUNDING * (high - low)
+        outside = asked[(asked < low - margin) | (asked > high + margin)]
         if outside.size:
             raise DataError(
                 f"position {float(outside.flat[0]):.9g} lies outside the error table "
@@ -412,7 +481,7 @@ class CallableTerm:
     def __post_init__(self) -> None:
         if not callable(self.function):
             raise DataError(f"a callable term needs a function, got {self.function!r}")
-        object.__setattr__(self, "u", _uncertainty(self.u))
+        object.__setattr__(self, "u", standard_uncertainty(self.u))
 
     def evaluate(self, x: ArrayLike) -> FloatArray:
         """Return the error at positions of the axis.
@@ -430,10 +499,11 @@ class CallableTerm:
         Raises
         ------
         InvalidSamplesError
-            The function returns another shape than that of its argument, or a number.
+            The function returns no real numbers, or another shape than that of its argument, or a
+            number.
         """
-        positions = as_float(x)
-        value = as_float(self.function(positions))
+        positions = real_array(x, "position of an error term")
+        value = real_array(self.function(positions), "what an error function returned")
         if value.shape not in (positions.shape, ()):
             raise InvalidSamplesError(
                 f"an error function returned shape {value.shape} for {positions.shape} positions"
@@ -456,7 +526,7 @@ class CallableTerm:
         return np.full(np.shape(x), self.u)
 
 
-def as_term(value: object, *, u: float | None = None) -> ErrorTerm:
+def as_term(value: object, *, u: float | None = None, direction: str = "mean") -> ErrorTerm:
     """Return an error term for a number, a function, or what is a term already.
 
     Parameters
@@ -465,6 +535,8 @@ def as_term(value: object, *, u: float | None = None) -> ErrorTerm:
         What to take; an estimate of `metrosep.separation.separate` is a term.
     u : float, m or rad, optional
         Standard uncertainty of a number or a function; a term brings its own.
+    direction : {"mean", "forward", "backward"}, optional
+        Of an estimate whose runs went both ways. What has no direction is the same in all three.
 
     Returns
     -------
@@ -474,53 +546,37 @@ def as_term(value: object, *, u: float | None = None) -> ErrorTerm:
     Raises
     ------
     DataError
-        The value is neither, or `u` is given for a term that has its own.
+        The value is neither, or `u` is given for a term that has its own; the direction is unknown
+        or was not run.
     InvalidSamplesError
-        The value or `u` is not finite.
+        The value or `u` is no finite real number.
+
+    Notes
+    -----
+    An object that gives a compensation (``quantity = "compensation"``, as polynomials of metrosep
+    may) is turned round: the term is the error, ``-compensation``.
+
+    "forward" and "backward" are the curves of the estimate, each about its own line. Their offset,
+    the lost motion, is added to "backward" where its uncertainty is known: forward is the
+    reference, as in a compensation table. "mean" is the mean of the two curves without it.
 
     Examples
     --------
     >>> as_term(2e-6, u=1e-7)
     ConstantTerm(value=2e-06, u=1e-07)
     """
+    check_direction(direction)
+    refuse_no_term(value)
     if isinstance(value, ErrorTerm):
         if u is not None:
             raise DataError(f"{type(value).__name__} has an uncertainty of its own; leave u out")
-        return value
+        term: ErrorTerm = error_of(value, direction)
+        return term
     if callable(value):
-        return CallableTerm(value, u=u or 0.0)
+        return CallableTerm(value, u=0.0 if u is None else u)
     if np.ndim(value) == 0 and not isinstance(value, str | None):  # type: ignore[arg-type]
         return ConstantTerm(value, u=0.0 if u is None else u)  # type: ignore[arg-type]
     raise DataError(
         f"an error term is a number, a function of the position, or has evaluate(x) and sd(x); "
         f"got {type(value).__name__}; give points of a table as TableTerm(positions, values)"
     )
-
-
-def _number(value: Any, name: str) -> float:
-    if np.iscomplexobj(value):
-        raise InvalidSamplesError(f"{name} must be real, got {value!r}")
-    try:
-        number = float(value)
-    except (TypeError, ValueError) as exc:
-        raise InvalidSamplesError(f"{name} must be a number in SI, got {value!r}: {exc}") from None
-    if not math.isfinite(number):
-        raise InvalidSamplesError(f"{name} is {number}; leave out a term that was not measured")
-    return number
-
-
-def _uncertainty(value: Any) -> float:
-    number = _number(value, "standard uncertainty of a term")
-    if number < 0.0:
-        raise InvalidSamplesError(f"standard uncertainty of a term is {number}; it must be >= 0")
-    return number
-
-
-def _finite_vector(values: Sequence[float], name: str) -> tuple[float, ...]:
-    array = frozen_float(values, name=name, ndim=1)
-    if np.isnan(array).any():
-        raise InvalidSamplesError(
-            f"{name} hold NaN at index {int(np.argmax(np.isnan(array)))}; leave out what was not "
-            "measured"
-        )
-    return tuple(array.tolist())

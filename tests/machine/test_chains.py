@@ -125,7 +125,9 @@ def test_exact_products_are_those_of_matrices(seed, rule):
     chain = random_chain(rng)
     tool = rng.normal(size=3)
     q = {name: float(rng.normal()) for name in chain.axes}
-    errors = {t: 0.05 * rng.normal() for t in chain.terms}  # large: the second order must be right
+    # large, 9 mm and 0.09 rad: the second order must be right
+    size = {t: 0.09 if t.removeprefix("E")[0] in "ABC" else 9e-3 for t in chain.terms}
+    errors = {t: size[t] * rng.uniform(-1.0, 1.0) for t in chain.terms}
 
     def small(xi):
         if rule == "small-angle":
@@ -311,7 +313,7 @@ def test_covariance_is_that_of_draws():
     q = {"C": np.array([0.3, 2.0]), "X": 0.01, "FTS": 1e-3}
     errors = ErrorSet(
         {"EXX": 0.0, "ECC": 0.0, "EZZ": 0.0},
-        u={"EXX": 1e-7, "ECC": 1e-5, "EZZ": 1.0},
+        u={"EXX": 1e-7, "ECC": 1e-5, "EZZ": 1e-3},
         correlations={("EXX", "ECC"): -0.6},
     )
     got = chain.volumetric_covariance(q, errors)

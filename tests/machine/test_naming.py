@@ -29,6 +29,7 @@ SHORT = {
     "Hzx": "B0Z", "H_zx": "B0Z", "hzx": "B0Z", "eta_{zx}": "B0Z",
     "eps_xy": "EBX", "epsxy": "EBX", "delta_{xy}": "EYX",
     "\u03b4xy": "EYX", "\u03b5cx": "EAC", "\u03b7zx": "B0Z", "\u03b5_{fz}": "ECFTS",
+    "\u03f5_xy": "EBX", "\u03f5cx": "EAC",
 }  # fmt: skip
 
 

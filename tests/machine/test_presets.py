@@ -161,3 +161,36 @@ def test_tables_are_new_each_time():
 def test_bad_presets(name, options, message):
     with pytest.raises(DataError, match=message):
         presets(name, **options)
+
+
+# Of the lathe with the paper's x, that runs along -X, the error of the position is -EXX.
+AGAINST = {("fts_lathe", "X")}
+
+
+@pytest.mark.parametrize("name", CHAINS)
+def test_positioning_errors_are_those_of_the_positions_but_for_one(name):
+    parameters, _, _ = CHAINS[name]
+    chain = presets(name, **parameters)
+    rng = np.random.default_rng(4)
+    q = {axis: 0.3 * rng.normal() for axis in chain.axes}
+    tool = (0.01, 0.02, -0.07)  # off every axis, so that no column vanishes
+    step = 1e-6
+    for e in chain.elements:
+        letter = ("XYZ" if e.kind == "linear" else "ABC")[int(np.argmax(np.abs(e.direction)))]
+        column = chain.jacobian(q, tool=tool, terms=[f"E{letter}{e.name}"])[:, 0]
+        ahead, behind = (
+            chain.transform({**q, e.name: q[e.name] + s}, tool=tool)[:3, 3] for s in (step, -step)
+        )
+        moved = (ahead - behind) / (2 * step)
+        ratio = float(moved @ column / (column @ column))
+        expected = -1.0 if (name, e.name) in AGAINST else 1.0
+        assert ratio == pytest.approx(expected, abs=1e-8), e.name  # central difference
+        assert np.abs(moved - expected * column).max() < 1e-8
+
+
+def test_an_fts_lathe_whose_x_runs_too_far():
+    chain = presets("fts_lathe", radius=0.02)
+    q = {"C": 0.0, "X": 0.005, "FTS": 0.0}
+    far = chain.transform({**q, "X": 0.005 + 1e-6})[:3, 3] - chain.transform(q)[:3, 3]
+    assert np.abs(chain.volumetric_error(q, {"EXX": -1e-6}) - far).max() < TINY
+    assert "EXX = -1 um" in presets.__doc__

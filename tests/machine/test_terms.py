@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.core.errors import DataError, InvalidSamplesError
+from metrosep.core.errors import DataError, InvalidSamplesError, LimitError
 from metrosep.machine.chains import Chain
 from metrosep.machine.error_sets import ErrorSet, as_error_set
 from metrosep.machine.preset_chains import presets
@@ -85,6 +85,39 @@ def test_uncertainty_of_a_table_is_interpolated():
     assert term.sd(0.05) == pytest.approx(2e-7, abs=EXACT)
 
 
+def test_the_ends_of_a_table_are_rounded():
+    term = TableTerm([0.0, 0.3], [1e-6, 4e-6], u=[1e-8, 2e-8])
+    assert 3 * 0.1 > 0.3
+    assert term.evaluate(3 * 0.1) == 4e-6
+    assert term.sd([3 * 0.1, -2e-10]).tolist() == [2e-8, 1e-8]
+    for outside in (0.3 + 4e-10, -4e-10):  # beyond 1e-9 of the span
+        with pytest.raises(DataError, match="outside the error table"):
+            term.evaluate(outside)
+
+
+def test_a_run_polynomial_is_not_left():
+    from metrosep.process.straightness_runs import run_polynomial
+
+    x = np.linspace(0.0, 0.1, 101)
+    runs = [ms.Profile(x, 1e-6 * x)] * 2
+    errors = {"EZX": run_polynomial(runs, quantity="error", degree=1)}
+    chain = presets("mill_xyz")
+    assert chain.volumetric_error({"X": 0.1, "Y": 0.0, "Z": 0.0}, errors)[2] == pytest.approx(
+        1e-7, abs=EXACT
+    )
+    with pytest.raises(LimitError, match="not extrapolated"):
+        chain.volumetric_error({"X": 0.11, "Y": 0.0, "Z": 0.0}, errors)
+
+
+def test_numbers_of_a_plain_mapping_are_exact():
+    chain = presets("mill_xyz")
+    q = {"X": 0.1, "Y": 0.0, "Z": 0.0}
+    assert (chain.volumetric_covariance(q, {"EXX": 1e-6}) == 0).all()
+    with_u = chain.volumetric_covariance(q, {"EXX": ConstantTerm(1e-6, u=1e-7)})
+    assert with_u[0, 0] == pytest.approx(1e-14, abs=1e-26)
+    assert "exact" in Chain.volumetric_covariance.__doc__
+
+
 def test_what_separate_returns_is_a_term():
     x = np.linspace(0, 0.1, 400)
     truth = 1e-6 * np.cos(2 * np.pi * x / 0.02 + 0.4)
@@ -128,10 +161,10 @@ def test_uncertainty_that_depends_on_the_position_needs_it():
 
 
 def test_values_at_positions():
-    errors = ErrorSet({"EXX": lambda x: 2 * x, "B0Z": 1e-6}, u={"EXX": 1e-7})
+    errors = ErrorSet({"EXX": lambda x: 2e-3 * x, "B0Z": 1e-6}, u={"EXX": 1e-7})
     got = errors.at({"X": np.array([[1.0, np.nan]])})
     assert got["EXX"].shape == (1, 2)
-    assert got["EXX"][0, 0] == 2.0
+    assert got["EXX"][0, 0] == 2e-3
     assert np.isnan(got["EXX"][0, 1])
     assert got["B0Z"] == 1e-6
     assert (errors.u_at({"X": [0.0, 1.0]})["EXX"] == 1e-7).all()
@@ -174,8 +207,8 @@ def test_sets_cannot_be_changed_from_outside():
         (lambda: ErrorSet({"dxx": 1.0}), "EXX"),
         (lambda: ErrorSet({"EXX": "1 um"}), "'EXX'"),
         (lambda: ErrorSet({"EXX": 1.0}, u={"EYX": 1.0}), "'EYX' belongs to no term"),
-        (lambda: ErrorSet({"EXX": 1.0}, correlations={("EXX", "EYX"): 0.1}), "'EYX' is no term"),
-        (lambda: ErrorSet({"EXX": 1.0}, correlations={("EXX", "EXX"): 0.1}), "once"),
+        (lambda: ErrorSet({"EXX": 1e-6}, correlations={("EXX", "EYX"): 0.1}), "'EYX' is no term"),
+        (lambda: ErrorSet({"EXX": 1e-6}, correlations={("EXX", "EXX"): 0.1}), "once"),
         (lambda: ErrorSet({"EXX": 0, "EYX": 0}, correlations={("EXX", "EYX"): 1.1}), "-1 to 1"),
         (lambda: as_error_set([1.0]), "mapping"),
     ],
