@@ -11,7 +11,7 @@ import errno
 import re
 import sys
 import traceback
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 
 from metrosep.core import errors
 
@@ -155,7 +155,13 @@ def verdict_code(verdict: str | None) -> int:
     return {"reject": 1, "inconclusive": 3}.get(verdict or "", 0)
 
 
-def report_error(error: BaseException, *, verbosity: int, names: Collection[str] = ()) -> int:
+def report_error(
+    error: BaseException,
+    *,
+    verbosity: int,
+    names: Collection[str] = (),
+    words: Callable[[str], str] | None = None,
+) -> int:
     """Print one line about an error and return the exit code.
 
     Parameters
@@ -166,6 +172,9 @@ def report_error(error: BaseException, *, verbosity: int, names: Collection[str]
         2 or more prints the traceback too.
     names : collection of str, optional
         Parameters of the command, for `as_options`.
+    words : callable, optional
+        Returns the message in the words of what was typed, in place of `as_options`: keys of the
+        step that was carried out (`metrosep.recipe.step_words`).
 
     Returns
     -------
@@ -187,6 +196,6 @@ def report_error(error: BaseException, *, verbosity: int, names: Collection[str]
     elif is_standard_output(error):
         line = f"standard output cannot be written ({getattr(error, 'strerror', error)}); send it elsewhere"
     else:
-        line = as_options(str(error), names)
+        line = as_options(str(error), names) if words is None else words(str(error))
     print("error: " + " ".join(line.split()), file=sys.stderr)
     return code

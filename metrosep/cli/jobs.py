@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -24,10 +25,22 @@ if TYPE_CHECKING:
     from metrosep.recipe.result import Result
     from metrosep.separation.base import ErrorEstimate
 
-__all__ = ["demo", "run", "separate", "table", "verify"]
+__all__ = ["demo", "progress", "run", "separate", "table", "verify"]
 
 
-def _progress(context: click.Context) -> Callable[[str], None]:
+def progress(context: click.Context) -> Callable[[str], None]:
+    """Return what is told of the steps of a run: nothing where the user wants quiet.
+
+    Parameters
+    ----------
+    context : click.Context
+        Of the command.
+
+    Returns
+    -------
+    callable
+        Takes a message.
+    """
     quiet = bool((context.obj or {}).get("quiet"))
     return (lambda _message: None) if quiet else (lambda message: say(f"metrosep: {message}"))
 
@@ -43,7 +56,7 @@ def demo(context: click.Context, out: str, as_json: bool) -> int:
     from metrosep.recipe.recipe import Recipe
 
     recipe = Recipe.load(example_folder("straightness") / "recipe.toml")
-    result = recipe.run(out=out, progress=_progress(context))
+    result = recipe.run(out=out, progress=progress(context))
     _print_result(result, as_json=as_json)
     return verdict_code(result.verdict)
 
@@ -63,11 +76,13 @@ def run(
     new appears in the output folder.
     """
     from metrosep.cli.errors import verdict_code
-    from metrosep.cli.named import print_named
+    from metrosep.cli.printed import print_named, recipe_words
     from metrosep.recipe.recipe import Recipe
 
     loaded = Recipe.load(recipe)
-    result = loaded.run(list(inputs) or None, out=out, progress=_progress(context))
+    if context.obj is not None:
+        context.obj["words"] = functools.partial(recipe_words, loaded)
+    result = loaded.run(list(inputs) or None, out=out, progress=progress(context))
     if loaded.is_method:
         print_named(loaded, result, as_json=as_json)
     else:
@@ -85,6 +100,11 @@ def run(
     help="joint, kono or mean; or a named separation such as donaldson (metrosep ops lists them).",
 )
 @named_options
+@click.option(
+    "--flexure",
+    is_flag=True,
+    help="RUNS are sweeps of a stage: --method flexure_calibration, columns voltage, displacement.",
+)
 @click.option("--start", metavar="LENGTH", help='Where the evaluation range begins: "0 mm".')
 @click.option("--length", metavar="LENGTH", help='Length of the evaluation range: "45 mm".')
 @click.option("--shortest", metavar="LENGTH", help='Shortest wavelength: "1.2 mm".')
@@ -108,6 +128,7 @@ def separate(
     out: str | None,
     print_recipe: bool,
     as_json: bool,
+    flexure: bool,
     **options: Any,
 ) -> int:
     """Separate the repeatable error of an axis from repeated RUNS.
@@ -123,6 +144,8 @@ def separate(
     from metrosep.recipe.methods import METHODS
     from metrosep.recipe.recipe import Recipe
 
+    if flexure:
+        _as_flexure(context, options)
     if options["method"] in METHODS:
         given = {**options, "table_": table_}
         text = named_recipe(options["method"], given, report=out is not None)
@@ -155,7 +178,7 @@ def separate(
         recipe = Recipe.parse(text, name="command line")
     except RecipeError as exc:
         raise click.UsageError(option_error(exc), ctx=context) from None
-    result = recipe.run(list(runs), out=out, progress=_progress(context))
+    result = recipe.run(list(runs), out=out, progress=progress(context))
     written: list[str] = [str(f) for f in result.files]
     if table_ is not None and not inside:
         written += _write_table(
@@ -163,6 +186,19 @@ def separate(
         )
     _print_result(result, as_json=as_json, written=written)
     return 0
+
+
+def _as_flexure(context: click.Context, options: dict[str, Any]) -> None:
+    """Make the call one of the calibration of a flexure; columns have usual names."""
+    source = context.get_parameter_source("method")
+    if source is not None and source.name != "DEFAULT":
+        raise click.UsageError(
+            "--flexure stands for --method flexure_calibration; give one of them"
+        )
+    options["method"] = "flexure_calibration"
+    named = [name for name, _ in name_values(options["columns"], "--column")]
+    usual = {"voltage": "voltage_V", "displacement": "displacement_um"}
+    options["columns"] += tuple(f"{k}={v}" for k, v in usual.items() if k not in named)
 
 
 def _separate_named(
@@ -177,10 +213,11 @@ def _separate_named(
     print_recipe: bool,
     as_json: bool,
 ) -> int:
-    from metrosep.cli.named import print_named
+    from metrosep.cli.printed import print_named
     from metrosep.cli.shortcut import option_error
     from metrosep.core.errors import RecipeError
     from metrosep.recipe.recipe import Recipe
+    from metrosep.recipe.step_words import step_words
 
     if print_recipe:
         click.echo(text, nl=False)
@@ -192,8 +229,10 @@ def _separate_named(
         raise click.UsageError(
             f"{text}; 'metrosep ops {method}' explains its keys", ctx=context
         ) from None
-    result = recipe.run(list(files), out=out, progress=_progress(context))
-    print_named(recipe, result, as_json=as_json)
+    if context.obj is not None:
+        context.obj["words"] = functools.partial(step_words, op=method, command=True)
+    result = recipe.run(list(files), out=out, progress=progress(context))
+    print_named(recipe, result, as_json=as_json, command=True)
     return 0
 
 

@@ -12,7 +12,8 @@ from metrosep._version import __version__
 from metrosep.cli.files import check, controllers, convert, formats, info
 from metrosep.cli.jobs import demo, run, separate, table, verify
 from metrosep.cli.measuring import form, measure, verify_softgauge
-from metrosep.cli.named import ops
+from metrosep.cli.modelling import predict, rank
+from metrosep.cli.ops import ops
 from metrosep.cli.planning import plan
 
 __all__ = ["cli", "main"]
@@ -31,7 +32,8 @@ def cli(context: click.Context, verbose: int, quiet: bool) -> None:
     error, also an output that cannot be written; 3 inconclusive; 4 input unreadable or unusable;
     5 internal error; 130 interrupted.
     """
-    context.obj = {"verbose": verbose, "quiet": quiet}
+    context.obj = {} if context.obj is None else context.obj
+    context.obj |= {"verbose": verbose, "quiet": quiet}
 
 
 for _command in (
@@ -47,6 +49,8 @@ for _command in (
     verify_softgauge,
     run,
     plan,
+    rank,
+    predict,
     formats,
     controllers,
     ops,
@@ -117,8 +121,9 @@ def main(arguments: list[str] | None = None) -> Any:
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     words = _global_first(sys.argv[1:] if arguments is None else arguments)
+    told: dict[str, Any] = {}  # holds "words" where a command has words of its own
     try:
-        code = cli.main(args=words, prog_name="metrosep", standalone_mode=False)
+        code = cli.main(args=words, prog_name="metrosep", standalone_mode=False, obj=told)
     except click.exceptions.Abort:
         sys.exit(report_error(KeyboardInterrupt(), verbosity=0))
     except click.ClickException as exc:
@@ -133,5 +138,6 @@ def main(arguments: list[str] | None = None) -> Any:
     except (KeyboardInterrupt, Exception) as exc:  # every error becomes one line and a code
         if is_standard_output(exc):
             _give_up_standard_output()
-        sys.exit(report_error(exc, verbosity=_verbosity(words), names=_parameters(words)))
+        names, verbosity = _parameters(words), _verbosity(words)
+        sys.exit(report_error(exc, verbosity=verbosity, names=names, words=told.get("words")))
     sys.exit(code if isinstance(code, int) else 0)

@@ -249,9 +249,19 @@ def _print_measured(name: str, found: Any) -> None:
 )
 @click.option("--centre", metavar="X,Y", help='Origin of the form in the data: "1.5 mm, 2 mm".')
 @click.option("--residual", metavar="FILE", help="Write what is left: x3p, sur, h5, csv, int ...")
+@click.option(
+    "--identify",
+    metavar="MACHINE",
+    help="Errors that explain the map: of the tool setting (tool), a preset or a file of TOML.",
+)
+@click.option("--terms", metavar="TERMS", help="Error terms that may be at work (--identify).")
+@click.option("--radius", metavar="LENGTH", help="Of the part (--identify).")
+@click.option("-o", "--out", metavar="DIR", help="Folder for the report (--identify).")
 @file_options
 @json_option
+@click.pass_context
 def form(
+    context: click.Context,
     file: str,
     form_text: str,
     free: str | None,
@@ -262,10 +272,26 @@ def form(
     direction: Any,
     centre: str | None,
     residual: str | None,
+    identify: str | None,
+    terms: str | None,
+    radius: str | None,
+    out: str | None,
     reading: dict[str, Any],
     as_json: bool,
 ) -> int:
-    """Fit an ideal surface to FILE: parameters with uncertainties, and what is left."""
+    """Fit an ideal surface to FILE: parameters with uncertainties, and what is left.
+
+    With --identify: the errors of the machine, or of the tool setting, that explain the map.
+    """
+    if identify is not None:
+        given = {"fix": fix, "start": start, "robust": robust, "residual": residual}
+        _refuse_beside_identify(given, identify, free=free, terms=terms, radius=radius)
+        return _identify(
+            context, file, identify, form_text, free, terms, radius, centre, out, reading, as_json
+        )
+    for name, value in (("terms", terms), ("radius", radius), ("out", out)):
+        if value is not None:
+            raise click.UsageError(f"--{name} goes with --identify MACHINE")
     from pathlib import Path
 
     from metrosep.core.errors import InvalidSamplesError
@@ -305,6 +331,48 @@ def form(
     else:
         click.echo(result.report())
     return 0
+
+
+def _refuse_beside_identify(
+    given: dict[str, Any],
+    machine: str,
+    *,
+    free: str | None,
+    terms: str | None,
+    radius: str | None,
+) -> None:
+    for name, value in given.items():
+        if value:
+            raise click.UsageError(f"--{name} does not go with --identify")
+    wrong = {"terms": terms, "radius": radius} if machine == "tool" else {"free": free}
+    for name, value in wrong.items():
+        if value is not None:
+            raise click.UsageError(f"--{name} does not go with --identify {machine}")
+
+
+def _identify(
+    context: click.Context,
+    file: str,
+    machine: str,
+    form_text: str,
+    free: str | None,
+    terms: str | None,
+    radius: str | None,
+    centre: str | None,
+    out: str | None,
+    reading: dict[str, Any],
+    as_json: bool,
+) -> int:
+    from metrosep.cli.modelling import identified
+
+    options: dict[str, Any] = {
+        "reading": reading,
+        "free": list(_names(free)) or None,
+        "terms": list(_names(terms)) or None,
+        "radius": radius,
+        "centre": None if centre is None else [c.strip() for c in centre.split(",")],
+    }
+    return identified(context, file, machine, form_text, options=options, out=out, as_json=as_json)
 
 
 def _centre(text: str | None) -> tuple[float, float] | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from typing import Any
 
 import click
@@ -37,7 +38,16 @@ _DIMENSIONS = {
 )
 @click.option("--max-time", metavar="TIME", help="Longest travel time of all runs together.")
 @json_option
-def plan(result: str, wavelengths: str, n_runs: int, as_json: bool, **options: Any) -> int:
+@click.pass_context
+def plan(
+    context: click.Context,
+    /,
+    result: str,
+    wavelengths: str,
+    n_runs: int,
+    as_json: bool,
+    **options: Any,
+) -> int:
     """Plan the feedrates of the next runs from RESULT (result.json of 'metrosep separate').
 
     At the planned feedrates the disturbance that was found leaves each wavelength as well known as
@@ -46,6 +56,8 @@ def plan(result: str, wavelengths: str, n_runs: int, as_json: bool, **options: A
     from metrosep.recipe.plan import plan_after, plan_document
     from metrosep.recipe.result import clean, load_document, stored_estimate
 
+    if context.obj is not None:
+        context.obj["words"] = _words
     given = {
         name: _parsed(value, _DIMENSIONS[name], name)
         for name, value in options.items()
@@ -56,6 +68,7 @@ def plan(result: str, wavelengths: str, n_runs: int, as_json: bool, **options: A
     document = plan_document(found)
     if as_json:
         kept = {k: v for k, v in document.items() if k != "charts"}
+        kept["messages"] = [_words(m) for m in document["messages"]]
         click.echo(json.dumps(clean(kept), sort_keys=True, allow_nan=False))
         return 0
     for feed, number in document["runs"]:
@@ -66,8 +79,22 @@ def plan(result: str, wavelengths: str, n_runs: int, as_json: bool, **options: A
     ):
         say(f"{wave:.6g} mm: sd {_nm(sd)}; all at the middle feedrate {_nm(one)}")
     for message in document["messages"]:
-        say(f"note: {message}")
+        say(f"note: {_words(message)}")
     return 0
+
+
+def _words(message: str) -> str:
+    """Return a message of the planner with the options of this command."""
+    from metrosep.recipe.readable import readable_text
+
+    def option(found: re.Match[str]) -> str:
+        name = {"n_runs": "runs"}.get(found.group(1), found.group(1)).replace("_", "-")
+        return f"--{name} " if found.group(2) else f"--{name}"
+
+    names = "|".join([*_DIMENSIONS, "n_runs", "wavelengths"])
+    named = rf"(?<![\w\-])({names})( = |=)"
+    spelled = r"(?<![\w\-])(v_min|v_max|n_runs|settle_distance|max_time)\b(?=())"
+    return re.sub(spelled, option, re.sub(named, option, readable_text(message)))
 
 
 def _nm(value: float | None) -> str:

@@ -80,12 +80,13 @@ def _curves(chart: Chart) -> Figure:
     panels = chart["panels"]
     name, unit = chart["x"]["name"], chart["x"]["unit"]
     factor, label = _abscissa(name, unit, [c["x"] for p in panels for c in p["curves"]])
+    scales = _scales(panels)
     with house_style():
         figure = Figure(figsize=(7.2, 0.8 + 2.0 * len(panels)), layout="constrained")
         FigureCanvasAgg(figure)
         grid = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
         for i, (axes, each) in enumerate(zip(grid, panels, strict=True)):
-            _panel(axes, each, factor, first=i)
+            _panel(axes, each, factor, scales[each["unit"]], first=i)
         grid[-1].set_xlabel(label)
         if unit == "rad":
             from matplotlib.ticker import MultipleLocator
@@ -96,9 +97,11 @@ def _curves(chart: Chart) -> Figure:
     return figure
 
 
-def _panel(axes: Axes, each: Chart, factor: float, *, first: int) -> None:
+def _panel(
+    axes: Axes, each: Chart, factor: float, printed: tuple[float, str], *, first: int
+) -> None:
     curves = [(c, _numbers(c["x"]) * factor, _numbers(c["y"])) for c in each["curves"]]
-    scale, unit = _scale([y for _, _, y in curves], each["unit"])
+    scale, unit = printed
     for j, (item, x, y) in enumerate(curves):
         colour = COLOURS[_LINES[(first + j) % len(_LINES)]]
         if item.get("u") is not None:
@@ -127,14 +130,37 @@ def _abscissa(name: str, unit: str, positions: Sequence[Any]) -> tuple[float, st
     return 1e3, f"{name} / mm"
 
 
-def _scale(curves: Sequence[FloatArray], unit: str) -> tuple[float, str]:
-    """Return factor and name of the unit in which the largest value reads well."""
-    sizes = [float(np.nanmax(np.abs(c))) for c in curves if np.isfinite(c).any()]
-    largest = max(sizes, default=0.0)
+def _scales(panels: Sequence[Chart]) -> dict[str, tuple[float, str]]:
+    """Return factor and printed unit of each unit of a chart: one for all of its panels.
+
+    It is the unit in which the largest value reads well, or a smaller one where the values of
+    another panel would vanish in it.
+    """
+    largest: dict[str, list[float]] = {}
+    for each in panels:
+        values = [_numbers(c["y"]) for c in each["curves"]]
+        sizes = [float(np.nanmax(np.abs(v))) for v in values if np.isfinite(v).any()]
+        largest.setdefault(each["unit"], []).append(max(sizes, default=0.0))
+    return {unit: _scale(sizes, unit) for unit, sizes in largest.items()}
+
+
+def _scale(sizes: Sequence[float], unit: str) -> tuple[float, str]:
+    """Return factor and name of a unit that fits the largest values of several panels."""
+    known = [s for s in sizes if s > 0.0]
     steps = _SCALES.get(unit)
-    if steps is None or largest == 0.0:
+    if steps is None or not known:
         return 1.0, unit if unit != "1" else ""
-    return next((s for s in steps if largest * s[0] >= 2.0), steps[-1])
+    first = next((i for i, s in enumerate(steps) if max(known) * s[0] >= 2.0), len(steps) - 1)
+    for scale, name in steps[first:]:
+        if min(known) * scale >= _VANISHING or max(known) * scale * 1e3 > _MANY_DIGITS:
+            return scale, name
+    return steps[-1]
+
+
+_VANISHING = 0.02
+_MANY_DIGITS = 1e5
+"""A panel whose values stay below the first in a unit gets a smaller one, unless those of another
+panel would exceed the second in it."""
 
 
 def _harmonics(chart: Chart) -> Axes:

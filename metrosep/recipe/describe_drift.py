@@ -78,9 +78,7 @@ def difference_of(produced: Any, inputs: Any = None) -> Description:
     if value.ndim == 0:
         found = {
             "difference": quantity(value, "m", text, u=u, symbol="A − B"),
-            "drift_rate": quantity(
-                produced.drift_rate, "1", "drift in m per second, or per step without times"
-            ),
+            "drift_rate": _rate(produced),
         }
         each = np.atleast_1d(produced.each)
         number = np.arange(1.0, each.size + 1.0)
@@ -99,6 +97,13 @@ def difference_of(produced: Any, inputs: Any = None) -> Description:
     suffix = "" if unit == "1" else f"_{unit}"
     columns = {f"{name}{suffix}": x, "difference_m": value, "u_difference_m": u}
     return Description(found, (chart,), {"": columns}, audit=produced.audit)
+
+
+def _rate(produced: Any) -> Quantity:
+    """Return the drift per second, or per step where no times were given."""
+    timed = produced.audit.get("times") == "given"
+    text = "linear drift within the sequences, mean over them"
+    return quantity(produced.drift_rate, "m/s" if timed else "m/step", text)
 
 
 def _abscissa(inputs: Any, n: int) -> tuple[Any, str, str]:

@@ -51,6 +51,9 @@ def sensitivity_of(produced: Any, inputs: Any = None) -> Description:
         found[f"sq.{name}"] = quantity(item.value, "m", item.definition, symbol=f"Sq {name}")
     frame = produced.to_frame().reset_index()
     tables = {"": {str(k): frame[k].tolist() for k in frame.columns}}
+    if what == "wavefront":
+        frame = produced.zernike().reset_index()
+        tables["zernike"] = {str(k): frame[k].tolist() for k in frame.columns}
     groups = [", ".join(g) for g in produced.groups]
     messages = [f"{g}: one part cannot tell these terms apart" for g in groups]
     messages += [
@@ -152,7 +155,7 @@ def identification_of(produced: Any, inputs: Any = None) -> Description:
     for group in produced.groups:
         label = "+".join(group.names)
         words = f"common effect of {', '.join(group.names)}: one part cannot tell them apart"
-        found[label] = quantity(group.size, "m", words, u=group.u)
+        found[label] = quantity(group.sq, "m", words, u=group.u)
     found["sq_before"] = quantity(
         produced.sq_before, "m", "Sq of the measured form error, aligned"
     )
@@ -174,10 +177,7 @@ def identification_of(produced: Any, inputs: Any = None) -> Description:
                 caption="Measured minus the part that the machine with these errors cuts.",
             ),
         )
-    unseen = [f"{n}: nothing of it can be seen on this part" for n in produced.unobservable]
-    return Description(
-        found, charts, {"": tables}, maps, audit=dict(produced.audit), messages=tuple(unseen)
-    )
+    return Description(found, charts, {"": tables}, maps, audit=dict(produced.audit))
 
 
 def wavefront_of(produced: Any, inputs: Any = None) -> Description:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -82,7 +84,7 @@ def follow_up_of(produced: Any, inputs: Any = None) -> Description:
         "delay": produced.delay,
     }
     for name, share in produced.shares.items():
-        found[f"{name}.pv"] = share.pv
+        found[f"{name}.pv"] = replace(share.pv, symbol=f"PV {name}")
         found[f"{name}.share"] = quantity(
             share.share, "1", f"share of the variance of the error that goes with {name}"
         )
@@ -205,6 +207,8 @@ def prediction_of(produced: Any, inputs: Any = None) -> Description:
         found["measured"] = quantity(produced.measured, "m", "P-V of the part as cut, as stated")
     found["time"] = quantity(60.0 * audit["minutes"], "s", "time of one pass")
     found["n_blocks"] = quantity(audit["n_blocks"], "1", "blocks of the program")
+    found |= _allowed(produced.allowed)
+    audit |= _files(produced.beside)
     tables: dict[str, Any] = {}
     frame = budget.to_frame(measured=produced.measured)
     tables["budget"] = {str(k): frame[k].tolist() for k in frame.columns}
@@ -217,6 +221,28 @@ def prediction_of(produced: Any, inputs: Any = None) -> Description:
                 left, "m", f"P-V that one standard uncertainty of the setting leaves ({name})"
             )
     return Description(found, tuple(charts), tables, audit=audit)
+
+
+def _files(steps: Any) -> dict[str, str]:
+    """Return the files that a step named itself, with their SHA-256."""
+    read = [s.parameters for s in steps if s.name == "read"]
+    return {
+        f"file {p['file']}": f"SHA-256 {p['sha256']}"
+        for p in read
+        if "file" in p and "sha256" in p
+    }
+
+
+def _allowed(tolerance: Any) -> dict[str, Quantity]:
+    """Return the largest errors of the setting, each alone, that cost no more than the program."""
+    if tolerance is None:
+        return {}
+    words = f"largest error alone that gives {1e9 * tolerance.wanted:g} nm P-V over the part"
+    return {
+        f"allowed.{name}": quantity(value, "m", f"{name}: {words}")
+        for name, value in tolerance.alone.items()
+        if math.isfinite(value)
+    }
 
 
 def _budget_bars(produced: Any, found: dict[str, Quantity]) -> dict[str, Any]:
@@ -313,7 +339,10 @@ def dual_servo_of(produced: Any, inputs: Any = None) -> Description:
         len(table.violations), "1", "limits that the table does not keep"
     )
     if hasattr(produced.calibration, "quantities"):
-        found |= {f"stage.{k}": q for k, q in produced.calibration.quantities.items()}
+        found |= {
+            f"stage.{k}": replace(q, symbol=f"stage {k}")
+            for k, q in produced.calibration.quantities.items()
+        }
     found |= _gains(produced)
     text = horner(polynomial)
     tables = {
@@ -321,22 +350,34 @@ def dual_servo_of(produced: Any, inputs: Any = None) -> Description:
             "x_m": table.x,
             "displacement_m": table.displacement,
             "voltage_V": table.voltage,
-        }
+        },
+        "polynomial": _coefficients(polynomial),
     }
     charts = _dual_charts(produced)
     audit = {
+        **_files(produced.beside),
         **dict(polynomial.audit),
         **dict(lines.audit),
         **dict(table.audit),
         "polynomial": text,
     }
-    return Description(
-        found, charts, tables, document={"polynomial_text": text}, audit=audit, messages=(text,)
-    )
+    return Description(found, charts, tables, document={"polynomial_text": text}, audit=audit)
+
+
+def _coefficients(polynomial: Any) -> dict[str, Any]:
+    """Return the compensation of the stage as coefficients for x in mm, result in um."""
+    sign = -1.0 if polynomial.quantity == "error" else 1.0
+    power = np.arange(polynomial.degree + 1)
+    scale = 1e6 * 1e-3**power
+    return {
+        "power": power.tolist(),
+        "compensation_um_per_mm_power": sign * scale * polynomial.coefficients,
+        "u": scale * polynomial.u,
+    }
 
 
 def horner(polynomial: Any) -> str:
-    """Return a polynomial as a formula for a controller: x in mm, result in um.
+    """Return what the stage must do as a formula for a controller: x in mm, result in um.
 
     Parameters
     ----------
@@ -346,16 +387,17 @@ def horner(polynomial: Any) -> str:
     Returns
     -------
     str
-        Horner's scheme with 9 digits.
+        Horner's scheme of the compensation, the negative of an error, with 9 digits.
     """
-    scaled = [float(c) * 1e6 * 1e-3**k for k, c in enumerate(polynomial.coefficients)]
+    sign = -1.0 if polynomial.quantity == "error" else 1.0
+    scaled = [sign * float(c) * 1e6 * 1e-3**k for k, c in enumerate(polynomial.coefficients)]
     text = f"{scaled[-1]:.9g}"
     for value in reversed(scaled[:-1]):
         text = f"{value:.9g} + x*({text})"
     low, high = (1e3 * v for v in polynomial.domain)
     return (
-        f"{polynomial.quantity}_um = {text}   with x in mm, {low:.6g} <= x <= {high:.6g}; hold the "
-        "end values outside"
+        f"compensation_um = {text}   with x in mm, {low:.6g} <= x <= {high:.6g}; hold the end values "
+        "outside"
     )
 
 
@@ -366,11 +408,11 @@ def _gains(produced: Any) -> dict[str, Quantity]:
         found["at_rest.ratio_db"] = produced.static.ratio_db
         for name in ("before", "after"):
             for key, item in getattr(produced.static, name).items():
-                found[f"at_rest.{name}.{key}"] = item
+                found[f"at_rest.{name}.{key}"] = replace(item, symbol=f"{key} at rest, {name}")
     if produced.parts is not None:
         for name in ("before", "after"):
             for key, item in getattr(produced.parts, name).items():
-                found[f"{name}.{key}"] = item
+                found[f"{name}.{key}"] = replace(item, symbol=f"{key} {name}")
         for key, ratio in produced.parts.ratio.items():
             found[f"ratio.{key}"] = quantity(ratio, "1", f"{key} before over {key} after")
     return found

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -47,8 +48,26 @@ def positions_of(produced: Any, inputs: Any = None) -> Description:
         (_positions_chart(produced),),
         {"": columns},
         document={"by_target": {k: plain(v, digits=12) for k, v in columns.items()}},
-        audit=produced.audit,
+        audit=_with_unit(produced.audit, ("travel",), *_TRAVEL[produced.audit.get("unit", "m")]),
     )
+
+
+_TRAVEL = {"m": ("_mm", 1e3), "rad": ("_deg", 180.0 / math.pi)}
+_ERRORS = {"m": ("_nm", 1e9), "rad": ("_urad", 1e6)}
+_SPINDLE_SI = (
+    "centre_cos", "centre_sin", "drift_per_revolution", "level", "u_drift_per_revolution"
+)  # fmt: skip
+"""Entries of the audit of a spindle test that are in SI; what people read has a unit suffix."""
+
+
+def _with_unit(
+    audit: Mapping[str, Any], keys: Sequence[str], suffix: str, factor: float
+) -> dict[str, Any]:
+    """Return an audit with the entries that are in SI in another unit, named by a suffix."""
+    return {
+        f"{k}{suffix}" if k in keys else k: v * factor if k in keys and v is not None else v
+        for k, v in audit.items()
+    }
 
 
 def _positions_chart(produced: Any) -> dict[str, Any]:
@@ -117,7 +136,7 @@ def spindle_of(produced: Any, inputs: Any = None) -> Description:
             "center": produced.center,
             "centre": list(produced.centre),
         },
-        audit=produced.audit,
+        audit=_with_unit(produced.audit, _SPINDLE_SI, *_ERRORS[unit]),
     )
 
 
@@ -162,7 +181,7 @@ def straightness_of(produced: Any, inputs: Any = None) -> Description:
         ``straightness`` (the chosen line), ``MZ``, ``LS``, ``EP``, ``slope_MZ`` ...
     """
     found = {"straightness": produced.quantity, **produced.values}
-    found |= {f"slope_{k}": q for k, q in produced.slopes.items()}
+    found |= {f"slope_{k}": replace(q, unit="rad") for k, q in produced.slopes.items()}
     found = named(found)
     x, rest = produced.x, produced.residual
     chart = curve_chart(

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from metrosep.recipe.deviations import with_values
 from metrosep.recipe.method import CURVES, MAPS, Method, input_fields
 from metrosep.recipe.ops_checks import CHECKS
 from metrosep.recipe.ops_circle import CIRCLE
@@ -26,7 +27,7 @@ __all__ = ["CURVES", "MAPS", "METHODS", "Method", "input_fields"]
 METHODS: Mapping[str, Method] = {
     **CIRCLE,
     **LINES,
-    **POSITIONS,
+    **{name: with_values(method) for name, method in POSITIONS.items()},
     **MAPS_OF,
     **PLANES,
     **RESULTS,

@@ -41,7 +41,7 @@ class DualServoResult:
         Following error at rest without and with the stage.
     parts : BeforeAfter or None
         Roughness and profile height of a part before and after.
-    history : tuple of Step
+    beside : tuple of Step
         Of the files beside the runs.
     """
 
@@ -52,7 +52,7 @@ class DualServoResult:
     table: Any
     static: Any = None
     parts: Any = None
-    history: tuple[Step, ...] = ()
+    beside: tuple[Step, ...] = ()
 
     @property
     def messages(self) -> tuple[str, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -80,16 +81,20 @@ def machine_of(options: dict[str, Any], radius: float | None) -> Any:
 
     name = str(options.pop("machine"))
     own, errors = options.pop("machine_radius", None), options.pop("spindle_errors", None)
-    if Path(name).suffix == ".toml" or Path(name).exists():
+    if Path(name).suffix == ".toml" or Path(name).is_file():
+        if not Path(name).is_file():
+            raise DataError(f"machine = {name!r}: there is no such file")
         if own is not None or errors is not None:
             raise DataError(
                 "machine_radius and spindle_errors belong to a preset; write them into the file"
             )
         return Chain.from_toml(name)
     if name not in presets():
+        near = difflib.get_close_matches(name, presets(), n=1)
+        hint = f"; did you mean {near[0]}?" if near else ""
         raise DataError(
             f"machine = {name!r} is neither a file of TOML nor a preset; presets are "
-            f"{', '.join(presets())}"
+            f"{', '.join(presets())}{hint}"
         )
     parameters: dict[str, Any] = {}
     if name == "fts_lathe":
@@ -134,8 +139,8 @@ def _errors(chain: Any, rest: dict[str, Any]) -> dict[str, float | str]:
         found[name] = value
     if not found:
         raise DataError(
-            'the errors are not given: errors = { EXX = "1 um", EAC = "0.2 arcsec" }, or all_lengths '
-            "and all_angles"
+            'no error is given: name each with its size, such as EXX = "1 um" and EAC = "0.2 arcsec", '
+            "or give all_lengths and all_angles"
         )
     return found
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from metrosep.core.errors import DataError
+from metrosep.core.provenance import Step
 from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
 from metrosep.io.role_columns import RoleColumns
@@ -96,6 +97,10 @@ class JobResult:
         Heights that make up for what is known.
     path : SpiralPath
         The program's points.
+    allowed : SettingTolerance or None
+        How well the tool must be set to add no more than the tolerance of the program.
+    beside : tuple of Step
+        Of the log of the dry run.
     """
 
     plan: Any
@@ -103,13 +108,19 @@ class JobResult:
     measured: float | None
     program: Any
     path: Any
+    allowed: Any = None
+    beside: tuple[Step, ...] = ()
 
     @property
     def messages(self) -> tuple[str, ...]:
         """What to know."""
         plan = () if self.plan is None else self.plan.points.messages
         program = () if self.program is None else self.program.messages
-        return tuple(dict.fromkeys((*plan, *self.prediction.messages, *program)))
+        unshaped = ", ".join(self.prediction.budget.without_map)
+        sums = (
+            (f"{unshaped} is known as a P-V only: the maps cannot be added",) if unshaped else ()
+        )
+        return tuple(dict.fromkeys((*plan, *self.prediction.messages, *sums, *program)))
 
 
 def _predict(_: Any, options: Mapping[str, Any]) -> JobResult:
@@ -138,7 +149,20 @@ def _predict(_: Any, options: Mapping[str, Any]) -> JobResult:
     if tool is not None or known is not None:
         gain = float(rest.get("gain", 1.0))
         program = job.compensated(path, tool=tool, follow_up=known, gain=gain)
-    return JobResult(plan, prediction, rest.get("measured"), program, path)
+    history = () if known is None else known.history
+    return JobResult(
+        plan, prediction, rest.get("measured"), program, path, _allowed(job, plan), history
+    )
+
+
+def _allowed(job: Any, plan: Any) -> Any:
+    """Return the tolerances of the setting that match the one of the program, if there is one."""
+    from metrosep.process import setting_tolerance
+
+    if plan is None:
+        return None
+    inner = max(job.core, 0.01 * job.radius)
+    return setting_tolerance(job.form, plan.points.tolerance, region=(inner, job.radius))
 
 
 def _path(job: Any, rest: Mapping[str, Any]) -> tuple[Any, Any]:

@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from metrosep.recipe.step_words import step_words
 from metrosep.report.text import length, readable_unit
 
-__all__ = ["SEPARATED_NOTE", "plan_rows", "separation_audit", "separation_rows"]
+__all__ = ["SEPARATED_NOTE", "not_seen", "plan_rows", "separation_audit", "separation_rows"]
 
 Document = Mapping[str, Any]
 
 _MOST_INDICES = 16
+_PLURALS = {"frequency": "frequencies", "radius": "radii"}
 
 SEPARATED_NOTE = (
     "The standard uncertainty u holds what the readings tell and what was stated for the method; "
@@ -40,11 +42,29 @@ def separation_rows(separation: Document) -> list[tuple[str, str]]:
     noise = separation.get("noise") or {}
     if noise.get("definition"):
         rows.append(("Noise", f"{_value(noise)}: {noise['definition']}"))
-    rows += [
-        (f"Not seen, {item['part']}", _unobservable(item))
-        for item in separation.get("null_space") or []
-    ]
+    op = str(separation.get("op"))
+    rows += [(f"Not seen, {parts}", step_words(what, op)) for parts, what in not_seen(separation)]
     return rows
+
+
+def not_seen(separation: Document) -> list[tuple[str, str]]:
+    """Return what a separation cannot see, once where it is the same for several parts.
+
+    Parameters
+    ----------
+    separation : mapping
+        That part of a result.
+
+    Returns
+    -------
+    list of (str, str)
+        Names of the parts, and what is not seen with its reason.
+    """
+    found: dict[str, list[str]] = {}
+    for item in separation.get("null_space") or []:
+        parts = found.setdefault(_unobservable(item), [])
+        parts.append(str(item["part"]).replace("_", " "))
+    return [(", ".join(parts), what) for what, parts in found.items()]
 
 
 def plan_rows(plan: Document) -> list[tuple[str, str]]:
@@ -101,7 +121,12 @@ def _unobservable(item: Document) -> str:
     if item.get("kind") == "wavelength":
         indices = [length(float(i)) for i in indices]
     shown = ", ".join(f"{i:.6g}" if isinstance(i, float) else str(i) for i in indices)
+    kind = _PLURALS.get(str(item.get("kind")), "{}s").format(item.get("kind"))
+    if len(indices) == 1:
+        kind = str(item.get("kind"))
+    if item.get("kind") == "polynomial":
+        kind += " of degree"
     if len(indices) > _MOST_INDICES:
         first = ", ".join(str(i) for i in indices[:_MOST_INDICES])
         shown = f"{first}, … ({len(indices)} in all)"
-    return f"{item.get('kind')} {shown}: {item.get('reason')}"
+    return f"{kind} {shown}: {item.get('reason')}"

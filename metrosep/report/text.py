@@ -6,11 +6,13 @@ Micro is printed as "µ" here, since a report is typeset; programs and files wri
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from metrosep.core.errors import DataError
-from metrosep.core.units import format_length, parse_unit
+from metrosep.core.units import format_length
+from metrosep.recipe import readable
 
 __all__ = ["Stamp", "decimals_for", "length", "number", "readable_unit", "size", "span", "stamp"]
 
@@ -124,19 +126,10 @@ def readable_unit(values: list[float | None], unit: str) -> tuple[str, float]:
     >>> readable_unit([2.7e-7, 2e-8], "m")
     ('nm', 1e-09)
     """
-    largest = max((abs(v) for v in values if v is not None), default=0.0)
-    if unit == "m" and largest > 0.0:
-        name = format_length(largest).split()[1]
-    elif unit == "rad" and 0.0 < largest < 1e-3:
-        name = "urad" if largest >= 1e-6 else "nrad"
-    elif unit == "rad" and 0.0 < largest < 1.0:
-        name = "mrad"
-    elif unit == "s" and 0.0 < largest < 1.0:
-        name = "ms" if largest >= 1e-3 else "us"
-    else:
-        return unit, 1.0
-    factor = parse_unit(name).factor
-    return (f"µ{name[1:]}" if name in ("um", "urad", "us") else name), factor
+    name, factor = readable.readable_unit(values, unit)
+    if re.match(r"u(m|rad|s)\b", name):
+        name = f"µ{name[1:]}"
+    return name, factor
 
 
 _MOST_ZEROS = 6

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from metrosep.recipe.step_words import keys_of_step, step_words
 from metrosep.report.separation import (
     SEPARATED_NOTE,
     plan_rows,
     separation_audit,
     separation_rows,
 )
+from metrosep.report.settings import in_words, settings, step_parameters, typeset
 from metrosep.report.text import (
     decimals_for,
     length,
@@ -72,7 +73,11 @@ def view(document: Document) -> dict[str, Any]:
         "wavelengths": _wavelengths(estimate.get("spectrum") or {}),
         "table": _table(document.get("table")),
         "polynomial": _polynomial(document.get("polynomial")),
-        "settings": _settings(estimate.get("audit") or separation_audit(separation)),
+        "settings": _settings(
+            estimate.get("audit") or separation_audit(separation),
+            str(separation.get("op") or "separate"),
+            by_direction=bool(estimate.get("audit")),
+        ),
         "inputs": [_input(i) for i in document.get("inputs") or []],
         "steps": [_step(s) for s in document.get("provenance") or []],
         "recipe": document.get("recipe") or None,
@@ -122,13 +127,13 @@ def _runs(feeds: Sequence[Document]) -> str:
 def _characteristic(entry: Document) -> dict[str, Any]:
     value, u, expanded = entry.get("value"), entry.get("u"), entry.get("U")
     lower, upper = entry.get("lower"), entry.get("upper")
-    unit, factor = readable_unit([value, lower, upper], entry.get("unit") or "1")
-    sizes = [abs(v) / factor for v in (value, lower, upper) if v is not None]
+    unit, factor = _row_unit(value, (lower, upper), entry.get("unit") or "1")
+    sizes = [abs(v) / factor for v in ([value] if value else [lower, upper]) if v is not None]
     spread = u if u is not None else expanded
     decimals = decimals_for(None if spread is None else spread / factor, max(sizes, default=0.0))
     judged = entry.get("verdict") is not None
     return {
-        "name": entry.get("name") or entry.get("symbol") or "",
+        "name": _plain_name(entry),
         "symbol": entry.get("symbol") or "",
         "value": "not known" if value is None else number(value, factor, decimals),
         "unit": "" if unit == "1" else unit,
@@ -138,6 +143,20 @@ def _characteristic(entry: Document) -> dict[str, Any]:
         "definition": _sentence(entry.get("definition")),
         "stamp": stamp(entry["verdict"]) if judged else None,
     }
+
+
+def _plain_name(entry: Document) -> str:
+    """Return the name of a value; one that is a metric of the program without its underscores."""
+    name = str(entry.get("name") or entry.get("symbol") or "")
+    is_words = name == entry.get("metric") and len(name.split("_", maxsplit=1)[0]) > 1
+    return name.replace("_", " ") if is_words else name
+
+
+def _row_unit(
+    value: float | None, limits: tuple[float | None, float | None], unit: str
+) -> tuple[str, float]:
+    """Return the unit in which the value reads well, or the limits where there is no value."""
+    return readable_unit([value] if value else [*limits], unit)
 
 
 def _limits(lower: float | None, upper: float | None, factor: float) -> str:
@@ -153,7 +172,8 @@ def _limits(lower: float | None, upper: float | None, factor: float) -> str:
 
 def _messages(document: Document, estimate: Document) -> list[str]:
     both = [*(document.get("messages") or []), *(estimate.get("messages") or [])]
-    return [_sentence(m) for m in dict.fromkeys(both)]
+    op = str((document.get("separation") or {}).get("op") or "separate")
+    return [_sentence(typeset(step_words(str(m), op))) for m in dict.fromkeys(both)]
 
 
 def _wavelengths(spectrum: Document) -> list[dict[str, str]]:
@@ -279,50 +299,17 @@ def _polynomial(fit: Document | None) -> dict[str, Any] | None:
     }
 
 
-def _settings(audit: Document) -> list[tuple[str, list[tuple[str, str]]]]:
-    """Return what the method did: one group, or one for each direction."""
-    groups = {k: v for k, v in audit.items() if isinstance(v, Mapping)}
+def _settings(
+    audit: Document, op: str, *, by_direction: bool
+) -> list[tuple[str, list[tuple[str, str]]]]:
+    """Return what the method did: one group, or one for each direction of runs."""
+    keys = keys_of_step(op)
+    fields = {} if keys is None else keys.step
+    groups = {k: v for k, v in audit.items() if by_direction and isinstance(v, Mapping)}
     own = {k: v for k, v in audit.items() if k not in groups}
     named = [("", own), *sorted(groups.items())] if own else sorted(groups.items())
-    return [(name, [(_words(k), _plain(v)) for k, v in sorted(g.items())]) for name, g in named]
-
-
-def _words(key: str) -> str:
-    """Return a key with its unit suffix in brackets: ``period_mm`` is "period (mm)"."""
-    if key.startswith("n_"):
-        return "number of " + key[2:].replace("_", " ")
-    for suffix, unit in _SUFFIXES.items():
-        if key.endswith(suffix):
-            return f"{key.removesuffix(suffix)} ({unit})".replace("_", " ")
-    return key.replace("_", " ")
-
-
-_SUFFIXES = {
-    "_mm_per_min": "mm/min",
-    "_mm": "mm",
-    "_um": "µm",
-    "_nm": "nm",
-    "_ms": "ms",
-    "_hz": "Hz",
-    "_rad": "rad",
-    "_m": "m",
-    "_s": "s",
-    "_si": "SI",
-}
-
-
-def _plain(value: Any) -> str:
-    if value is None:
-        return "–"
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, float):
-        return f"{value:.6g}"
-    if isinstance(value, Mapping):
-        return ", ".join(f"{_words(str(k))} {_plain(v)}" for k, v in sorted(value.items()))
-    if isinstance(value, list | tuple):
-        return ", ".join(_plain(v) for v in value)
-    return str(value)
+    words = {"forward": "forward runs", "reverse": "reverse runs", "both": "all runs"}
+    return [(words.get(name, in_words(name)), settings(group, fields)) for name, group in named]
 
 
 def _input(entry: Document) -> dict[str, str]:
@@ -335,10 +322,13 @@ def _input(entry: Document) -> dict[str, str]:
 
 
 def _step(step: Document) -> dict[str, str]:
-    parameters = step.get("parameters") or {}
-    texts = [f"{k} = {json.dumps(v, sort_keys=True)}" for k, v in sorted(parameters.items())]
+    name = str(step.get("step") or "")
+    keys = keys_of_step(name)
+    fields = {} if keys is None else keys.step
+    told = ("op", "sha256", "size") if name == "read" else ("op",)  # in the table of inputs
+    given = {k: v for k, v in (step.get("parameters") or {}).items() if k not in told}
     return {
-        "name": str(step.get("step") or ""),
-        "parameters": "; ".join(texts) or "–",
+        "name": name,
+        "parameters": step_parameters(given, fields),
         "version": str(step.get("version") or ""),
     }

@@ -56,7 +56,7 @@ def test_folder_gets_parts_report_and_result(metrosep, readings, tmp_path):
 
     assert code == 0, err
     assert sorted(f.name for f in out.iterdir()) == ["parts.csv", "report.html", "result.json"]
-    assert "not seen: spindle: terms offset, eccentricity" in err
+    assert "not seen: artefact, spindle: terms offset, eccentricity" in err
     assert "u_reading" in err  # nothing tells the noise: it is said
 
 

@@ -114,7 +114,7 @@ def test_values_are_printed_one_a_line(metrosep, repository):
     code, out, err = metrosep("separate", *words.replace("speeds.csv", str(file)).split())
     assert code == 0, err
     assert out == ""
-    assert "c0: 17.6 nm (u = 240 pm)" in err
+    assert "c0: 17.60 nm (u = 240 pm)" in err
 
 
 def test_a_folder_gets_table_report_and_result(metrosep, repository, tmp_path):
@@ -234,3 +234,15 @@ def test_plan_refuses(metrosep, separated, words, code, match):
     assert found == code
     assert out == ""
     assert match in err
+
+
+def test_plan_speaks_of_its_options_and_in_mm_per_min(metrosep, separated):
+    slow = ("--v-min", "9000 mm/min", "--v-max", "4800 mm/min", "--wavelengths", "5 mm")
+    code, _, err = metrosep("plan", separated, *slow, "--runs", "6")
+    assert code == 2
+    assert "--v-max 4800 mm/min is below --v-min 9000 mm/min" in err
+    assert "m/s" not in err
+
+    code, _, err = metrosep("plan", separated, *PLAN[:4], "--runs", "0", "--wavelengths", "5 mm")
+    assert "--runs is 0" in err
+    assert "n_runs" not in err

@@ -153,7 +153,7 @@ def test_values_have_unit_uncertainty_and_limit(document):
 
     text = _text(_without_figures(document))
 
-    assert "0.9707 µm 0.0046 0.0092 ≤ 2" in text
+    assert "970.7 nm 4.6 9.2 ≤ 2000" in text
     assert entry["definition"][1:] in text
 
 

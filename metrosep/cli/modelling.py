@@ -1,0 +1,191 @@
+"""Commands with models of machine and process: rank, predict."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from metrosep.cli.options import json_option, name_values, say
+from metrosep.cli.shortcut import quoted
+
+if TYPE_CHECKING:
+    from metrosep.recipe.recipe import Recipe
+
+__all__ = ["identified", "predict", "rank"]
+
+_REPORT = ["", "[[output]]", 'kind = "parts"', "", "[[output]]", 'kind = "report"']
+
+
+@click.command()
+@click.argument("machine")
+@click.option("--form", required=True, metavar="FORM", help='"toric: Rb=265 mm, Rd=132.5 mm" ...')
+@click.option("--radius", required=True, metavar="LENGTH", help='Of the part: "20 mm".')
+@click.option("--inner-radius", metavar="LENGTH", help="Of a hole in the part.")
+@click.option(
+    "--error", "errors", multiple=True, metavar="TERM=VALUE", help='"EXX=1 um", "EAC=0.2 arcsec".'
+)
+@click.option("--all-lengths", metavar="LENGTH", help="Every other term that is a length.")
+@click.option("--all-angles", metavar="ANGLE", help="Every other term that is an angle.")
+@click.option(
+    "--removed",
+    metavar="FREEDOMS",
+    help="none, piston, plane (default), plane+defocus, rigid, or names with commas.",
+)
+@click.option("--response", type=click.Choice(["form", "wavefront"]), help="What is ranked.")
+@click.option("--mode", type=click.Choice(["reflect", "refract"]), help="Of the wavefront.")
+@click.option("--n", type=float, metavar="INDEX", help="Refractive index of the material.")
+@click.option(
+    "--distribution",
+    type=click.Choice(["normal", "uniform"]),
+    help="Values are standard uncertainties (default) or half-widths.",
+)
+@click.option("--spindle-errors", type=click.Choice(["co-rotating", "fixed"]))
+@click.option("-o", "--out", metavar="DIR", help="Folder for report, table and result.json.")
+@click.option("--print-recipe", is_flag=True, help="Print the recipe of this call and stop.")
+@json_option
+@click.pass_context
+def rank(
+    context: click.Context,
+    /,
+    machine: str,
+    errors: tuple[str, ...],
+    out: str | None,
+    print_recipe: bool,
+    as_json: bool,
+    **options: Any,
+) -> int:
+    """Rank the error terms of MACHINE (a preset, or a file of TOML) by what they do to a part.
+
+    Presets: five_axis, fts_lathe, mill_xyz, sts_lathe.
+    """
+    lines = ["metrosep = 1", "", "[[step]]", 'op = "rank"', f"machine = {quoted(machine)}"]
+    for key, value in options.items():
+        if value is not None:
+            lines.append(f"{key} = {value if isinstance(value, float) else quoted(value)}")
+    if errors:
+        pairs = ", ".join(f"{quoted(k)} = {quoted(v)}" for k, v in name_values(errors, "--error"))
+        lines.append(f"errors = {{ {pairs} }}")
+    return _carried_out(context, lines, (), out, print_recipe=print_recipe, as_json=as_json)
+
+
+@click.command()
+@click.argument("process")
+@click.option("-o", "--out", metavar="DIR", help="Folder for report, program and result.json.")
+@json_option
+@click.pass_context
+def predict(context: click.Context, process: str, out: str | None, as_json: bool) -> int:
+    """Predict the form error of a part from PROCESS, a recipe whose step is predict.
+
+    'metrosep ops predict' lists its keys: surface, spiral, tool setting, log of the dry run.
+    """
+    from metrosep.cli.errors import verdict_code
+    from metrosep.cli.jobs import progress
+    from metrosep.cli.printed import print_named
+    from metrosep.recipe.recipe import Recipe
+
+    recipe = Recipe.load(process)
+    if recipe.steps[0]["op"] != "predict":
+        raise click.UsageError(
+            f"{process}: its step is {recipe.steps[0]['op']!r}; predict needs one with "
+            'op = "predict" (or use metrosep run)'
+        )
+    _own_words(context, recipe)
+    result = recipe.run(out=out, progress=progress(context))
+    print_named(recipe, result, as_json=as_json)
+    return verdict_code(result.verdict)
+
+
+def identified(
+    context: click.Context,
+    file: str,
+    machine: str,
+    form: str,
+    *,
+    options: dict[str, Any],
+    out: str | None,
+    as_json: bool,
+) -> int:
+    """Carry out ``form FILE --identify``: error terms, or a tool setting, that explain a map.
+
+    Parameters
+    ----------
+    context : click.Context
+        Of the command.
+    file : str
+        The map.
+    machine : str
+        ``tool`` for the tool setting, else a preset or a file of TOML.
+    form : str
+        The ideal surface.
+    options : dict
+        Further keys of the step; None is left out.
+    out : str or None
+        Folder for the report.
+    as_json : bool
+        Whether to print JSON.
+
+    Returns
+    -------
+    int
+        Exit code.
+    """
+    op = "tool_setting" if machine == "tool" else "identify"
+    lines = ["metrosep = 1", "", "[input]"]
+    lines += [f"{k} = {quoted(v)}" for k, v in options.pop("reading").items() if v is not None]
+    lines += ["", "[[step]]", f"op = {quoted(op)}", f"form = {quoted(form)}"]
+    if op == "identify":
+        lines.append(f"machine = {quoted(machine)}")
+    for key, value in options.items():
+        if value is None:
+            continue
+        listed = isinstance(value, list)
+        text = "[" + ", ".join(quoted(v) for v in value) + "]" if listed else quoted(value)
+        lines.append(f"{key} = {text}")
+    return _carried_out(context, lines, (file,), out, print_recipe=False, as_json=as_json)
+
+
+def _carried_out(
+    context: click.Context,
+    lines: list[str],
+    files: tuple[str, ...],
+    out: str | None,
+    *,
+    print_recipe: bool,
+    as_json: bool,
+) -> int:
+    """Carry out the recipe of a call."""
+    from metrosep.cli.jobs import progress
+    from metrosep.cli.printed import print_named
+    from metrosep.cli.shortcut import option_error
+    from metrosep.core.errors import RecipeError
+    from metrosep.recipe.recipe import Recipe
+
+    report = [*_REPORT, 'formats = ["html"]'] if out is not None else []
+    text = "\n".join([*lines, *report]) + "\n"
+    if print_recipe:
+        click.echo(text, nl=False)
+        return 0
+    try:
+        recipe = Recipe.parse(text, name="command line", folder=Path.cwd())
+    except RecipeError as error:
+        raise click.UsageError(option_error(error), ctx=context) from None
+    result = recipe.run(list(files) or None, out=out, progress=progress(context))
+    if recipe.steps[0]["op"] == "rank" and not as_json:
+        click.echo(result.produced.report())
+        for file in result.files:
+            say(f"wrote {file}")
+        return 0
+    print_named(recipe, result, as_json=as_json, command=True)
+    return 0
+
+
+def _own_words(context: click.Context, recipe: Recipe) -> None:
+    """Let errors speak of the keys of the recipe."""
+    import functools
+
+    from metrosep.cli.printed import recipe_words
+
+    if context.obj is not None:
+        context.obj["words"] = functools.partial(recipe_words, recipe)

@@ -1,0 +1,262 @@
+"""``metrosep ops``: the steps of recipes, with what each reads, its keys and a command to copy."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import textwrap
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from metrosep.cli.example_calls import example_call, shell_text
+from metrosep.cli.named import COLUMN_OPTIONS
+from metrosep.cli.options import json_option
+
+if TYPE_CHECKING:
+    from metrosep.recipe.method import Method
+    from metrosep.recipe.schema import Field
+
+__all__ = ["data_words", "ops"]
+
+_WIDTH = 100
+
+
+@click.command()
+@click.argument("name", required=False)
+@json_option
+def ops(name: str | None, as_json: bool) -> int:
+    """List the steps of recipes, with the readings and the keys of each; or explain NAME."""
+    from metrosep.recipe.methods import METHODS
+    from metrosep.recipe.steps import STEPS, WHAT
+
+    rows: list[dict[str, Any]] = [
+        {
+            "op": name,
+            "what": WHAT[name],
+            "reads": "runs",
+            "readings": [],
+            "columns": {},
+            "keys": {k: f.kind for k, f in fields.items() if k != "op"},
+        }
+        for name, fields in STEPS.items()
+    ] + [
+        {
+            "op": name,
+            "what": method.what,
+            "reads": method.reads,
+            "readings": list(method.names),
+            "columns": dict(method.roles),
+            "keys": {k: f.kind for k, f in method.fields.items() if k != "op"},
+        }
+        for name, method in METHODS.items()
+    ]
+    if name is not None:
+        rows = [row for row in rows if row["op"] == name]
+        if not rows:
+            near = difflib.get_close_matches(name, [*STEPS, *METHODS], n=1)
+            hint = f" Did you mean {near[0]}?" if near else ""
+            raise click.UsageError(f"there is no step {name!r}; 'metrosep ops' lists them.{hint}")
+    if as_json:
+        click.echo(json.dumps(rows, sort_keys=True))
+        return 0
+    if name is not None:
+        _explain(rows[0], METHODS[name].fields if name in METHODS else STEPS[name])
+        return 0
+    for row in rows:
+        click.echo(textwrap.fill(f"{row['op']}: {row['what']}", _WIDTH, subsequent_indent="    "))
+        click.echo(_indented(f"reads {_read_by(row)}"))
+        keys = ", ".join(row["keys"])
+        if keys:
+            click.echo(_indented(f"keys {keys}"))
+    return 0
+
+
+def _indented(text: str) -> str:
+    return textwrap.fill(text, _WIDTH, initial_indent="    ", subsequent_indent="         ")
+
+
+def _explain(row: Mapping[str, Any], fields: Mapping[str, Field]) -> None:
+    """Print one step: how its data are given, a line for each key, a command to copy."""
+    from metrosep.recipe.methods import METHODS
+
+    click.echo(textwrap.fill(f"{row['op']}: {row['what']}", _WIDTH, subsequent_indent="    "))
+    click.echo(_indented(f"reads {_read_by(row)}"))
+    method = METHODS.get(str(row["op"]))
+    if method is not None:
+        click.echo("\ndata")
+        for line in data_words(method):
+            click.echo(_indented(line))
+    if len(fields) > 1:
+        click.echo(
+            "\nkeys" if method is None else "\nkeys (--set NAME=VALUE, or in the step of a recipe)"
+        )
+    for key, field in fields.items():
+        if key == "op":
+            continue
+        text = f"    {key}: {_KIND_WORDS.get(field.kind, field.kind)}"
+        if field.choices:
+            text = f"    {key}: one of {', '.join(str(c) for c in field.choices)}"
+        click.echo(text + (", needed" if field.required else ""))
+    if method is not None:
+        click.echo("\nexample")
+        click.echo(_wrapped(example_call(str(row["op"]), method)))
+
+
+def _wrapped(words: Iterable[str]) -> str:
+    """Return a command on lines that a shell joins again."""
+    lines = [""]
+    for word in (shell_text([w]) for w in words):
+        if lines[-1] and len(lines[-1]) + len(word) > _WIDTH - 8:
+            lines.append("")
+        lines[-1] += f" {word}" if lines[-1] else word
+    return " \\\n".join(f"    {'' if i == 0 else '  '}{line}" for i, line in enumerate(lines))
+
+
+def data_words(method: Method) -> list[str]:
+    """Return how files, columns and repeats of a method are given.
+
+    Parameters
+    ----------
+    method : Method
+        What it reads.
+
+    Returns
+    -------
+    list of str
+        Sentences.
+    """
+    if method.reads == "nothing":
+        return ["no file: the keys of the step say all"]
+    if method.reads == "maps":
+        names = ", ".join(method.names)
+        order = (
+            f"in this order: {names}"
+            if names
+            else "as many as there are, in the order of the keys"
+        )
+        more = "; further files follow them" if method.names and "angles" in method.fields else ""
+        return [
+            f"one file for each map, {order}{more}",
+            "what was not measured is empty (NaN) in a map and stays so",
+        ]
+    if method.reads == "results":
+        names = ", ".join(method.names) or "as many as there are"
+        return [f"result.json of 'metrosep separate -o DIR', one for each: {names}"]
+    lines = _curves(method) if method.reads == "curves" else _rows(method)
+    lines += [
+        f"--column {k}=COLUMN: {_role_words(k, kind)}"
+        for k, kind in method.roles.items()
+        if k not in COLUMN_OPTIONS
+    ]
+    lines += [
+        f"--{k} {'COLUMN,COLUMN,...' if '*' in kind else 'COLUMN'}: {_role_words(k, kind)}"
+        for k, kind in method.roles.items()
+        if k in COLUMN_OPTIONS
+    ]
+    if any(k not in ("direction", "label", "run", "repeat") for k in method.roles) or (
+        method.reads == "curves"
+    ):
+        lines.append(
+            'units stand in the names of the columns (m1_nm, "gap [um]") or behind: "m1:nm"'
+        )
+    return lines
+
+
+def _curves(method: Method) -> list[str]:
+    quantity = "an angle" if method.dimension == "angle" else "a length"
+    if method.names:
+        names = ", ".join(method.names)
+        first = f"--readings COLUMN,...: one column for each reading, {quantity}, in this order: {names}"
+        if method.spare:
+            first += f"; {method.spare} more may follow"
+    else:
+        order = next((k for k in _ORDERS if k in method.fields), None)
+        which = f" in the order of {order}" if order else " in the order of measuring"
+        first = f"--readings COLUMN,...: one column for each probe or set-up, {quantity},{which}"
+    lines = [first]
+    if method.over != "x":
+        turn = "--angle COLUMN: the angle of each row"
+        lines.append(turn + ("" if method.over == "angle" else ", for readings over a revolution"))
+    if method.over != "angle":
+        line = "--x COLUMN: the position of each row"
+        lines.append(line + ("" if method.over == "x" else ", for readings along a line"))
+    lines.append(
+        "--repeat COLUMN: where there are several passes or revolutions they stand below each "
+        "other, and this column numbers them (1, 1, ..., 2, 2, ...); all columns of a row belong to "
+        "the same pass. No array of repeats is needed: leave it out where there is one pass"
+    )
+    if not method.roles:
+        lines.append("or one file for each reading, with the same name of the column in each")
+    return lines
+
+
+_ORDERS = ("angles", "steps", "positions", "offsets", "distance", "labels", "order")
+"""Keys that say where the readings of a free number were taken."""
+
+
+def _rows(method: Method) -> list[str]:
+    if method.reads == "tables":
+        return ["one table for each test, or one table with a column that tells them apart"]
+    lines = ["one table; what each of its columns is, is named:"]
+    if "direction" in method.roles and "target" in method.roles:
+        lines = ["a list of a positioning test (format iso230-2) as it is, or a table with:"]
+    return lines
+
+
+def _role_words(name: str, kind: str) -> str:
+    plain = kind.strip("*?")
+    text = {"label": "a text or a number that tells rows apart", "any": "numbers"}.get(plain)
+    text = text or {"position": "lengths or angles"}.get(plain, f"{plain}s")
+    if "*" in kind:
+        text += ", one column or several"
+    return text + ("" if "?" in kind else ", needed")
+
+
+_KIND_WORDS = {
+    "size": 'a length above zero with its unit, "25 mm"',
+    "length": 'a length with its unit, "-5 mm"',
+    "uncertainty": 'a length from zero with its unit, "2 nm"',
+    "angle": 'an angle with its unit, "0.1 deg"',
+    "angles": 'angles with their units, "0 deg, 45 deg"',
+    "lengths": 'lengths with their units, "0 mm, 10 mm"',
+    "time": 'a time with its unit, "2 ms"',
+    "speed": 'a feedrate with its unit, "4800 mm/min"',
+    "frequency": 'a frequency with its unit, "1 kHz"',
+    "integer": "a whole number",
+    "number": "a number",
+    "flag": "true or false",
+    "limit": "a length or an angle with its unit, or a plain number",
+    "text": "a text",
+    "file": "a file",
+    "table": "a table of TOML",
+    "texts": "texts, piston,tilt",
+    "numbers": "numbers, 1,2.5",
+    "integers": "whole numbers, 8,7",
+    "times": 'times with their units, "0 s, 30 s"',
+    "speeds": 'feedrates with their units, "4800 mm/min, 7200 mm/min"',
+    "frequencies": 'auto, or frequencies with their units, "50 Hz, 100 Hz"',
+    "windows": 'windows of time, "0 min..60 min, 180 min..240 min"',
+    "places": 'positions along a line, "0 mm, 10 mm", or in a plane, "0 mm..0 mm, 10 mm..0 mm"',
+    "pairs": "pairs of whole numbers, 0..0,1..0",
+    "range": 'lengths with their units, "10 mm, 5 mm"',
+    "waves": 'a number of waves, or their lengths with units, "10 mm"',
+    "lag": 'a time with its unit, "1 ms", or fit',
+    "degree": "a whole number, or auto",
+    "spacing": 'a length with its unit, "1 mm", or a number of points',
+}
+
+
+def _read_by(row: Mapping[str, Any]) -> str:
+    """Return what a step reads: kind, names of the readings, columns by role."""
+    text = str(row["reads"])
+    if row["readings"]:
+        text += f" ({', '.join(row['readings'])})"
+    needed = [k for k, kind in row["columns"].items() if "?" not in kind]
+    free = [k for k, kind in row["columns"].items() if "?" in kind]
+    if needed:
+        text += f"; columns {', '.join(needed)}"
+    if free:
+        text += f"; where there are {', '.join(free)}"
+    return text

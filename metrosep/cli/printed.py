@@ -1,0 +1,101 @@
+"""What the command line prints about a named separation, and in which words."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from metrosep.cli.options import say
+
+if TYPE_CHECKING:
+    from metrosep.recipe.recipe import Recipe
+    from metrosep.recipe.result import Result
+
+__all__ = ["print_named", "recipe_words"]
+
+_SUMMARY = ("op", "what", "method", "null_space", "noise", "audit", "units", "runs", "result")
+
+
+def recipe_words(recipe: Recipe, message: str) -> str:
+    """Return a message of the library with its arguments as keys of a recipe.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        Whose steps have the keys.
+    message : str
+        Of an error or a note.
+
+    Returns
+    -------
+    str
+        In terms of the recipe.
+    """
+    from metrosep.recipe.step_words import step_words
+
+    for step in recipe.steps:
+        message = step_words(message, step["op"])
+    return message
+
+
+def print_named(recipe: Recipe, result: Result, *, as_json: bool, command: bool = False) -> None:
+    """Print what a named separation found.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        That was carried out.
+    result : Result
+        Of it.
+    as_json : bool
+        Whether as JSON on standard output.
+    command : bool, optional
+        Whether the user typed options: advice names them in place of keys of a recipe.
+    """
+    from metrosep.recipe.step_words import step_words
+    from metrosep.report.separation import not_seen
+
+    op, document = recipe.steps[0]["op"], result.document
+    messages = [step_words(m, op, command=command) for m in document["messages"]]
+    if as_json:
+        kept = ("characteristics", "messages", "inputs", "verdict")
+        separation = {k: v for k, v in document["separation"].items() if k in _SUMMARY}
+        summary = {k: document[k] for k in kept} | {"separation": separation}
+        summary["messages"] = messages
+        summary["files"] = [str(f) for f in result.files]
+        click.echo(json.dumps(summary, sort_keys=True, allow_nan=False))
+        return
+    for line in _values(document["characteristics"]):
+        say(line)
+    for feed, runs in document["separation"].get("runs") or []:
+        say(f"next: {runs} run(s) at {feed:.6g} mm/min")
+    for parts, what in not_seen(document["separation"]):
+        say(f"not seen: {parts}: {step_words(what, op, command=command)}".replace("µ", "u"))
+    for message in messages:
+        say(f"note: {message}")
+    if result.verdict is not None:
+        say(f"verdict: {result.verdict}")
+    labels = {".json": "result", ".html": "report"}
+    for file in result.files:
+        say(f"{labels.get(file.suffix, 'parts'):8} {file}")
+
+
+def _values(entries: Iterable[Mapping[str, Any]]) -> list[str]:
+    """Return a line for each value; P-V and RMS of one part share theirs."""
+    from metrosep.recipe.readable import value_text
+
+    lines: dict[str, list[str]] = {}
+    for entry in entries:
+        part, _, kind = str(entry["metric"]).rpartition(".")
+        text = value_text(entry["value"], entry["unit"], entry["u"])
+        if part and kind in _EXTREMES:
+            lines.setdefault(part, []).append(f"{_EXTREMES[kind]} {text}")
+        else:
+            lines.setdefault(str(entry["metric"]), []).append(text)
+    return [f"{name}: {', '.join(texts)}" for name, texts in lines.items()]
+
+
+_EXTREMES = {"pv": "P-V", "rms": "RMS"}

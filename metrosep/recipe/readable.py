@@ -1,0 +1,158 @@
+"""SI numbers as a reader wants them: one readable unit for a row, four digits.
+
+Used where results are printed: the command line and the reports. Nothing here is read back.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+
+from metrosep.core.units import format_length, parse_unit
+
+__all__ = ["digits_of", "readable_text", "readable_unit", "value_text"]
+
+_PREFIXED = {"m": "length", "rad": "angle", "s": "time"}
+_SMALL = 0.1
+"""A number of metres below it reads better in a smaller unit."""
+
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_IN_SI = re.compile(rf"(?<![\w.^/])({_NUMBER}) (m/s|m|rad)(?![\w/^*])")
+_LONG = re.compile(r"(?<![\w.])-?\d+\.\d{9,}(?:[eE][-+]?\d+)?(?!\w)")
+_ABOUT_SI = re.compile(
+    r"[;,] \w+ (?:are|is) in (?:m/s|m|rad)(?: \([^()]*\))?(?=[;,.]|$)"
+    r"| \((?:\w+ (?:is|are) (?:in )?(?:m/s|m|rad|s)(?:, )?(?:\w+ (?:m/s|m|rad|s)(?:, )?)*)+(?: here)?\)"
+)
+
+
+def readable_unit(values: Sequence[float | None], unit: str) -> tuple[str, float]:
+    """Return the unit in which the largest of some values reads well.
+
+    Parameters
+    ----------
+    values : sequence of (float or None)
+        In SI.
+    unit : str
+        SI unit, also of a rate: ``m/s``, ``m/step``.
+
+    Returns
+    -------
+    tuple of (str, float)
+        Name, and its factor to SI.
+
+    Examples
+    --------
+    >>> readable_unit([2.7e-7, 2e-8], "m"), readable_unit([1.7e-10], "m/s")
+    (('nm', 1e-09), ('pm/s', 1e-12))
+    """
+    known = [abs(v) for v in values if v is not None and math.isfinite(v)]
+    largest = max(known, default=0.0)
+    base, slash, per = unit.partition("/")
+    if base not in _PREFIXED or (slash and not per) or largest == 0.0:
+        return unit, 1.0
+    if base == "m":
+        name = format_length(largest).split()[1]
+    elif base == "rad":
+        name = _of(largest, ((1.0, "rad"), (1e-3, "mrad"), (1e-6, "urad"), (0.0, "nrad")))
+    else:
+        name = _of(largest, ((1.0, "s"), (1e-3, "ms"), (0.0, "us")))
+    return f"{name}{slash}{per}", parse_unit(name).factor
+
+
+def _of(largest: float, steps: Sequence[tuple[float, str]]) -> str:
+    return next(name for low, name in steps if largest >= low)
+
+
+def digits_of(value: float, digits: int = 4) -> str:
+    """Return a number with so many significant digits, and no exponent where it is of common size.
+
+    Parameters
+    ----------
+    value : float
+        In the unit that is printed.
+    digits : int, optional
+        Significant digits.
+
+    Returns
+    -------
+    str
+        The number.
+
+    Examples
+    --------
+    >>> digits_of(4800.000000000001), digits_of(0.000123456), digits_of(12345.6)
+    ('4800', '0.0001235', '12346')
+    """
+    if 10.0**digits <= abs(value) < 1e7:
+        return f"{value:.0f}"
+    return f"{value:.{digits}g}"
+
+
+def value_text(value: float | None, unit: str, u: float | None = None) -> str:
+    """Return a value with its unit and standard uncertainty.
+
+    Parameters
+    ----------
+    value : float or None
+        In SI; None or NaN is not known.
+    unit : str
+        SI unit, ``"1"`` for a pure number.
+    u : float or None, optional
+        Standard uncertainty in SI.
+
+    Returns
+    -------
+    str
+        One unit for both.
+
+    Examples
+    --------
+    >>> value_text(1.748e-10, "m/s"), value_text(7.9561e-8, "m", 3.912e-9)
+    ('174.8 pm/s', '79.6 nm (u = 3.9 nm)')
+    """
+    if value is None or not math.isfinite(value):
+        return "not known"
+    name, factor = readable_unit([value], unit)
+    tail = "" if name == "1" else f" {name}"
+    if u is None or not math.isfinite(u):
+        return f"{digits_of(value / factor)}{tail}"
+    own, own_factor = readable_unit([u], unit) if u > 0.0 else (name, factor)
+    spread = "" if own == "1" else f" {own}"
+    text = digits_of(value / factor)
+    if 0.0 < u < abs(value):
+        text = f"{value / factor:.{min(max(1 - math.floor(math.log10(u / factor)), 0), 9)}f}"
+    return f"{text}{tail} (u = {digits_of(float(f'{u / own_factor:.2g}'))}{spread})"
+
+
+def readable_text(message: str) -> str:
+    """Return a message of the library with numbers in m, rad and m/s in readable units.
+
+    Parameters
+    ----------
+    message : str
+        Plain words.
+
+    Returns
+    -------
+    str
+        Numbers of metres below 0.1, of radians and of metres per second have another unit; numbers
+        of many digits have four.
+
+    Examples
+    --------
+    >>> readable_text("v_max = 0.08 m/s is below v_min = 0.15 m/s; an offset of 0.000558 m")
+    'v_max = 4800 mm/min is below v_min = 9000 mm/min; an offset of 558 um'
+    """
+
+    def replaced(found: re.Match[str]) -> str:
+        value, unit = float(found.group(1)), found.group(2)
+        if unit == "m/s":
+            return f"{digits_of(value * 6e4, 6)} mm/min"
+        if unit == "m" and (value == 0.0 or abs(value) >= _SMALL):
+            return found.group()
+        name, factor = readable_unit([value], unit)
+        return f"{digits_of(value / factor)} {name}"
+
+    words = _IN_SI.sub(replaced, _ABOUT_SI.sub("", message))
+    return _LONG.sub(lambda found: digits_of(float(found.group())), words)
