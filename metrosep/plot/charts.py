@@ -180,7 +180,10 @@ def _harmonics(chart: Chart) -> Axes:
 
 def _maps(chart: Chart) -> Figure:
     parts = {name: _numbers(rows) for name, rows in chart["parts"].items()}
-    return separation_maps(parts, dx=chart["dx_m"], dy=chart["dy_m"], unit=chart["unit"])
+    x, y = chart.get("origin_m") or (0.0, 0.0)
+    return separation_maps(
+        parts, dx=chart["dx_m"], dy=chart["dy_m"], unit=chart["unit"], origin=(x, y)
+    )
 
 
 @dataclass(frozen=True, slots=True)

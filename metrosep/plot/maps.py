@@ -34,6 +34,7 @@ def separation_maps(
     unit: str = "m",
     titles: Mapping[str, str] | Sequence[str] | None = None,
     null_space: Sequence[Any] = (),
+    origin: tuple[float, float] = (0.0, 0.0),
 ) -> Figure:
     r"""Return a figure with one map for each part, all on one colour scale.
 
@@ -49,6 +50,8 @@ def separation_maps(
         Title of each part; its name if omitted.
     null_space : sequence, optional
         What was not seen, of a result: each is written below the maps.
+    origin : tuple of (float, float), m, optional
+        Position of the first pixel.
 
     Returns
     -------
@@ -91,7 +94,9 @@ def separation_maps(
         grid = figure.subplots(n_rows, n_columns, squeeze=False)
         image = None
         for axes, (title, values) in zip(grid.flat, maps, strict=False):
-            image = _draw(axes, title, values / factor, dx, dy, largest / factor, prefix + unit)
+            image = _draw(
+                axes, title, values / factor, dx, dy, origin, largest / factor, prefix + unit
+            )
         for axes in list(grid.flat)[len(maps) :]:
             axes.set_axis_off()
         if image is not None:
@@ -137,6 +142,7 @@ def _draw(
     values: FloatArray,
     dx: float | None,
     dy: float | None,
+    origin: tuple[float, float],
     limit: float,
     unit: str,
 ) -> Any:
@@ -145,7 +151,13 @@ def _draw(
     colours = mpl.colormaps[_COLOUR_MAP].with_extremes(bad=_INVALID)
     step_x, step_y = (dx * 1e3, dy * 1e3) if dx and dy else (1.0, 1.0)
     n_y, n_x = values.shape
-    extent = (-0.5 * step_x, (n_x - 0.5) * step_x, -0.5 * step_y, (n_y - 0.5) * step_y)
+    first = (origin[0] * 1e3, origin[1] * 1e3) if dx and dy else (0.0, 0.0)
+    extent = (
+        first[0] - 0.5 * step_x,
+        first[0] + (n_x - 0.5) * step_x,
+        first[1] - 0.5 * step_y,
+        first[1] + (n_y - 0.5) * step_y,
+    )
     limit = limit or 1.0
     image = axes.imshow(
         np.ma.masked_invalid(values),

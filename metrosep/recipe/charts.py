@@ -224,6 +224,7 @@ def map_chart(
     dy: float | None,
     unit: str,
     caption: str = "",
+    origin: tuple[float, float] = (0.0, 0.0),
 ) -> dict[str, Any]:
     """Return a chart of maps on one colour scale.
 
@@ -239,6 +240,8 @@ def map_chart(
         SI unit of the values.
     caption : str, optional
         What it shows.
+    origin : tuple of (float, float), m, optional
+        Position of the first pixel.
 
     Returns
     -------
@@ -257,6 +260,7 @@ def map_chart(
         "parts": {name: plain(m[::step, ::step], digits=4) for name, m in maps.items()},
         "dx_m": None if dx is None else dx * step,
         "dy_m": None if dy is None else dy * step,
+        "origin_m": [float(v) for v in origin],
         "step": step,
         "unit": unit,
     }

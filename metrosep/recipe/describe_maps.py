@@ -39,7 +39,9 @@ def plane_map_of(produced: Any, inputs: Any = None) -> Description:
 
 def _chart(title: str, maps: dict[str, Any], like: Any) -> dict[str, Any]:
     words = "Error = actual − nominal; the correction is its negative. Rows grow with y."
-    return map_chart(title, maps, dx=like.dx, dy=like.dy, unit="m", caption=words)
+    return map_chart(
+        title, maps, dx=like.dx, dy=like.dy, unit="m", caption=words, origin=like.origin
+    )
 
 
 def surfaces_of(produced: Any, inputs: Any = None) -> Description:

@@ -170,8 +170,12 @@ def _maps(produced: Separation) -> dict[str, Surface]:
 
 def _map_charts(produced: Separation) -> list[dict[str, Any]]:
     by_unit: dict[str, dict[str, FloatArray]] = {}
+    corner = (0.0, 0.0)
     for part, values in produced.parts.items():
         if _is_map(produced, values):
+            x, y = produced.coordinates["x"], produced.coordinates["y"]
+            if values.shape[:2] == (y.size, x.size):
+                corner = (float(x[0]), float(y[0]))
             layers = _layers(part.replace("_", " "), values)
             by_unit.setdefault(produced.units[part], {}).update(layers)
     return [
@@ -181,6 +185,7 @@ def _map_charts(produced: Separation) -> list[dict[str, Any]]:
             dx=_steps(produced)[0],
             dy=_steps(produced)[1],
             unit=unit,
+            origin=corner,
             caption="All maps on one scale about zero; grey was not measured or not determined. "
             "Rows grow with y.",
         )

@@ -73,3 +73,10 @@ def test_all_invalid_part_says_so():
 def test_refuses(parts, titles, match):
     with pytest.raises(DataError, match=match):
         separation_maps(parts, dx=1e-3, dy=1e-3, titles=titles)
+
+
+def test_axes_begin_where_the_map_does():
+    figure = separation_maps(
+        {"A": np.array([[0.0, 1e-9, 2e-9]])}, dx=1e-3, dy=2e-3, origin=(-4e-3, 3e-3)
+    )
+    assert figure.axes[0].images[0].get_extent() == pytest.approx([-4.5, -1.5, 2.0, 4.0], abs=1e-9)
