@@ -78,7 +78,8 @@ def rank(
 def predict(context: click.Context, process: str, out: str | None, as_json: bool) -> int:
     """Predict the form error of a part from PROCESS, a recipe whose step is predict.
 
-    'metrosep ops predict' lists its keys: surface, spiral, tool setting, log of the dry run.
+    'metrosep ops predict' lists its keys: surface, spiral, tool setting, log of the dry run. With
+    -o and no [[output]] in PROCESS, program, budget and report are written.
     """
     from metrosep.cli.errors import verdict_code
     from metrosep.cli.jobs import progress
@@ -91,6 +92,9 @@ def predict(context: click.Context, process: str, out: str | None, as_json: bool
             f"{process}: its step is {recipe.steps[0]['op']!r}; predict needs one with "
             'op = "predict" (or use metrosep run)'
         )
+    if out is not None and not recipe.outputs:
+        text = "\n".join([recipe.text.rstrip(), *_REPORT, 'formats = ["html"]', ""])
+        recipe = Recipe.parse(text, name=recipe.name, folder=recipe.folder)
     _own_words(context, recipe)
     result = recipe.run(out=out, progress=progress(context))
     print_named(recipe, result, as_json=as_json)

@@ -109,6 +109,7 @@ def _term_maps(produced: Any, what: str) -> tuple[dict[str, Any], ...]:
             dx=step,
             dy=step,
             unit="m",
+            origin=(-0.5 * step * (_PIXELS - 1),) * 2,
             caption="Each term at its magnitude, after the alignment; nearest points of the mesh.",
         ),
     )
@@ -141,7 +142,7 @@ def identification_of(produced: Any, inputs: Any = None) -> Description:
     Returns
     -------
     Description
-        ``TERM`` of each identifiable one, ``sq_before``, ``sq_after``, ``predicted_sq``.
+        ``TERM`` of each identifiable one, groups, ``sq_before``, ``sq_after``, ``predicted_sq``.
     """
     found: dict[str, Quantity] = {}
     tables: dict[str, list[Any]] = {"term": [], "value_si": [], "u_si": [], "unit": []}
@@ -152,10 +153,7 @@ def identification_of(produced: Any, inputs: Any = None) -> Description:
             tables[key].append(item)
         if math.isfinite(value):
             found[name] = quantity(value, unit, f"error term {name} that explains the part", u=u)
-    for group in produced.groups:
-        label = "+".join(group.names)
-        words = f"common effect of {', '.join(group.names)}: one part cannot tell them apart"
-        found[label] = quantity(group.sq, "m", words, u=group.u)
+    found |= _groups(produced)
     found["sq_before"] = quantity(
         produced.sq_before, "m", "Sq of the measured form error, aligned"
     )
@@ -174,10 +172,29 @@ def identification_of(produced: Any, inputs: Any = None) -> Description:
                 dx=produced.residual.dx,
                 dy=produced.residual.dy,
                 unit="m",
+                origin=produced.residual.origin,
                 caption="Measured minus the part that the machine with these errors cuts.",
             ),
         )
     return Description(found, charts, {"": tables}, maps, audit=dict(produced.audit))
+
+
+def _groups(produced: Any) -> dict[str, Quantity]:
+    """Return what is known of terms that hang together: their size, and each if it were alone."""
+    units = dict(zip(produced.names, produced.units, strict=True))
+    found = {}
+    for group in produced.groups:
+        label = "+".join(group.names)
+        words = f"Sq that {', '.join(group.names)} have in common: one part cannot tell them apart"
+        found[label] = quantity(abs(group.sq), "m", words, u=group.u)
+        for name, (value, u) in group.equivalents.items():
+            found[f"{label}.{name}"] = quantity(
+                value,
+                units[name],
+                f"{name} if it alone of {', '.join(group.names)} is at work",
+                u=u,
+            )
+    return found
 
 
 def wavefront_of(produced: Any, inputs: Any = None) -> Description:
@@ -239,6 +256,7 @@ def wavefront_of(produced: Any, inputs: Any = None) -> Description:
                 dx=rest.steps[0],
                 dy=rest.steps[1],
                 unit="m",
+                origin=(float(rest.x[0, 0]), float(rest.y[0, 0])),
                 caption=f"Positive where the material is high. Removed: {removed}.",
             ),
         )

@@ -16,7 +16,7 @@ from metrosep.recipe.description import Description, quantity
 
 __all__ = ["calibration_of", "dual_servo_of", "follow_up_of", "prediction_of", "setting_of"]
 
-_PIXELS = 161
+_PIXELS = 121
 
 
 def setting_of(produced: Any, inputs: Any = None) -> Description:
@@ -50,6 +50,7 @@ def setting_of(produced: Any, inputs: Any = None) -> Description:
                 dx=left.dx,
                 dy=left.dy,
                 unit="m",
+                origin=left.origin,
                 caption="Measured minus the part that a tool with this setting cuts.",
             ),
         )
@@ -291,6 +292,7 @@ def _cause_maps(produced: Any) -> list[dict[str, Any]]:
             dx=step,
             dy=step,
             unit="m",
+            origin=(float(axis[0]), float(axis[0])),
             caption="Error = actual − nominal, out of the material; the sample nearest to each pixel.",
         )
     ]

@@ -62,6 +62,7 @@ def run_method(
     tell(f"{'computing' if method.reads == 'nothing' else 'separating'}: {method.what}")
     produced = method.call(inputs, _options(method, step, recipe.folder))
     history, warnings = sources(inputs)
+    history = (*history, *getattr(produced, "beside", ()))
     described = describe(produced, inputs)
     document = _document(recipe, produced, described, history, warnings)
     if out is None:

@@ -72,6 +72,7 @@ def _dual_servo(data: Readings, options: Mapping[str, Any]) -> DualServoResult:
             "straightness runs need their positions along the slide: name the column x"
         )
     rest = dict(options)
+    _check_together(rest)
     runs = tuple(
         Profile(data.position, z, history=data.history) for reading in data.values for z in reading
     )
@@ -113,6 +114,26 @@ def _dual_servo(data: Readings, options: Mapping[str, Any]) -> DualServoResult:
     return DualServoResult(
         runs, polynomial, lines, calibration, table, static, parts, (*history, *more, *last)
     )
+
+
+_TOGETHER = (
+    (("voltage", "displacement"), "calibration"),
+    (("resolution",), "at_rest"),
+    (("lambda_s", "form"), "before"),
+)
+"""Keys that say nothing without another one."""
+
+
+def _check_together(rest: Mapping[str, Any]) -> None:
+    """Refuse keys that would be read by nobody."""
+    for keys, other in _TOGETHER:
+        lost = [k for k in keys if k in rest]
+        if lost and other not in rest:
+            raise DataError(f"{lost[0]} belongs to {other}, which is not given")
+    if "max_degree" in rest and isinstance(rest.get("degree"), int):
+        raise DataError(
+            f"max_degree bounds a search, but degree = {rest['degree']} is stated; give one of them"
+        )
 
 
 def _limits(values: Any) -> tuple[float, float]:

@@ -12,6 +12,7 @@ from metrosep.core.errors import DataError
 from metrosep.core.provenance import Step
 from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
+from metrosep.core.units import format_length
 from metrosep.io.role_columns import RoleColumns
 from metrosep.recipe.method import OP, Method
 from metrosep.recipe.ops_machine import form_of
@@ -61,7 +62,14 @@ def _follow_up(data: RoleColumns, options: Mapping[str, Any]) -> Any:
     if delay is not None:
         rest["delay"] = delay
     if rest.pop("estimate_delay", False):
+        if delay is not None:
+            raise DataError("delay is stated and estimate_delay is true; give one of them")
         rest["delay"] = "estimate"
+    if "error_sign" in rest and "error" not in given:
+        raise DataError(
+            'error_sign says what a logged error is; name its column: error = "fe_nm" (from command '
+            "and actual the sign is known)"
+        )
     log = _recording(data, **{name: name for name in given})
     if "error" in given:
         rest["error"] = "error"
@@ -127,6 +135,7 @@ def _predict(_: Any, options: Mapping[str, Any]) -> JobResult:
     from metrosep.process import ToolSetting, TurningJob
 
     rest = dict(options)
+    _check_predict(rest)
     job = TurningJob(
         form_of(rest["form"]),
         rest["radius"],
@@ -153,6 +162,26 @@ def _predict(_: Any, options: Mapping[str, Any]) -> JobResult:
     return JobResult(
         plan, prediction, rest.get("measured"), program, path, _allowed(job, plan), history
     )
+
+
+def _check_predict(rest: Mapping[str, Any]) -> None:
+    """Refuse keys that say nothing together, and a setting that cuts nothing."""
+    if not float(rest["rpm"]) > 0.0:
+        raise DataError(f"rpm must be above zero, got {rest['rpm']}")
+    if abs(rest.get("dy", 0.0)) >= rest["radius"]:
+        raise DataError(
+            f"dy = {format_length(rest['dy'])}: nothing nearer than that to the spindle axis is cut, "
+            f"and the part ends at {format_length(rest['radius'])}"
+        )
+    log = [k for k in ("log_time", "log_command", "log_actual") if k in rest]
+    if log and "follow_up" not in rest:
+        raise DataError(f"{log[0]} names a column of a log; give its file: follow_up")
+    known = ("dx", "dy", "dR", "u_dx", "u_dy", "u_dR", "follow_up")
+    if "gain" in rest and not any(k in rest for k in known):
+        raise DataError(
+            "gain is the share of a known error that the program makes up for; give the tool setting "
+            "(dx, dy, dR) or the log of the dry run (follow_up)"
+        )
 
 
 def _allowed(job: Any, plan: Any) -> Any:

@@ -187,10 +187,17 @@ def input_files(recipe: Recipe, inputs: PathLike | Iterable[PathLike] | None) ->
 
 
 def _sorted(place: Path, patterns: Iterable[str]) -> list[Path]:
-    inside = sorted({f for p in patterns for f in place.glob(p) if f.is_file()})
+    inside = sorted({f for p in patterns for f in _matching(place, p)})
     if not inside:
         raise ReadError(f"{place}: no file matches {', '.join(patterns)}")
     return inside
+
+
+def _matching(place: Path, pattern: str) -> list[Path]:
+    """Return the files of a pattern in a folder; a whole path names its file."""
+    if Path(pattern).is_absolute():
+        return [f for f in (Path(pattern),) if f.is_file()]
+    return [f for f in place.glob(pattern) if f.is_file()]
 
 
 def _in_order(place: Path, patterns: Iterable[str]) -> list[Path]:
@@ -201,7 +208,7 @@ def _in_order(place: Path, patterns: Iterable[str]) -> list[Path]:
     """
     found: list[Path] = []
     for pattern in patterns:
-        inside = [f for f in place.glob(pattern) if f.is_file()]
+        inside = _matching(place, pattern)
         if not inside:
             raise ReadError(f"{place}: no file matches {pattern}")
         found += sorted((f for f in inside if f not in found), key=_by_number)

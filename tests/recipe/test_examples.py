@@ -42,8 +42,21 @@ NAMES = [
     "straightedge/recipe.toml",
     "fiducials/recipe.toml",
     "machine_straightness/repeatable.toml",
+    "slow_tool_servo/recipe.toml",
+    "slow_tool_servo/identify.toml",
+    "slow_tool_servo/follow_up.toml",
+    "slow_tool_servo/pilot.toml",
+    "dual_servo/recipe.toml",
+    "fts_lathe/recipe.toml",
+    "fts_lathe/wavefront.toml",
+    "fts_lathe/identify.toml",
+    "motion_error_fourier/recipe.toml",
+    "motion_error_fourier/joint.toml",
 ]
 
+
+NO_RECIPE = {"fts_lathe/machine.toml"}
+"""A chain of axes."""
 
 NO_CHART = {"fiducials/recipe.toml"}
 
@@ -77,7 +90,7 @@ def test_every_recipe_of_the_examples_is_tested(repository):
         for f in (repository / "examples").glob("*/*.toml")
         if f.parent.name != "straightness"
     }
-    assert found == set(NAMES)
+    assert found - NO_RECIPE == set(NAMES)
 
 
 TRUTHS = {
