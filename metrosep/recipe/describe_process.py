@@ -16,7 +16,7 @@ from metrosep.recipe.description import Description, quantity
 
 __all__ = ["calibration_of", "dual_servo_of", "follow_up_of", "prediction_of", "setting_of"]
 
-_PIXELS = 121
+_PIXELS = 91
 
 
 def setting_of(produced: Any, inputs: Any = None) -> Description:
