@@ -57,7 +57,15 @@ def heights_of(form: Height, rho: FloatArray, azimuth: FloatArray) -> FloatArray
         If the form has no finite height at a point, or returns another shape.
     """
     x, y = rho * np.cos(azimuth), rho * np.sin(azimuth)
-    z = np.asarray(form(x, y), dtype=np.float64)
+    found = form(x, y)
+    if np.iscomplexobj(found):
+        raise InvalidSamplesError("the form returned complex heights; it must return real ones, m")
+    try:
+        z = np.asarray(found, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InvalidSamplesError(
+            f"the form returned {type(found).__name__}; it must return one height for each point, m"
+        ) from None
     if z.shape != x.shape:
         if z.ndim:
             raise InvalidSamplesError(
@@ -80,6 +88,11 @@ def heights_of(form: Height, rho: FloatArray, azimuth: FloatArray) -> FloatArray
 
 def course_of(path: SpiralPath, form: Height) -> Course:
     """Return what the controller makes of the program: knots, heights and slopes."""
+    if not callable(form):
+        raise DataError(
+            "the form must be a function z(x, y) in m, such as SineGrid(...) or a GridForm of a "
+            f"map, got {type(form).__name__}"
+        )
     u, length = path.stations()
     z = heights_of(form, u * (path.feed / _TURN), path.azimuth_of(_TURN * path.turns - u))
     s = path.length - length
@@ -156,5 +169,5 @@ def dense_samples(path: SpiralPath, parts: int, *, first: int) -> Iterator[Sampl
 
 def last_point(path: SpiralPath) -> tuple[FloatArray, FloatArray]:
     """Return radius and azimuth of the last point, as arrays of one."""
-    u = path.stations()[0][-1:]
+    u = np.array([path.last_angle])
     return u * (path.feed / _TURN), path.azimuth_of(_TURN * path.turns - u)

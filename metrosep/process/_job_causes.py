@@ -8,46 +8,136 @@ from collections.abc import Sequence
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError, TooFewSamplesError
+from metrosep.core.errors import DataError, MetrosepError
 from metrosep.forms.base import Form
-from metrosep.process._follow_result import FollowUp, FollowUpMap
+from metrosep.process._setting_model import FACTORS, height_errors
 from metrosep.process.budget import Contribution
-from metrosep.process.spirals import SpiralPath
 from metrosep.process.tool_settings import ToolSetting
 
-__all__ = ["cause_of", "checked_removed", "frozen", "on_spiral", "u_of_setting"]
+__all__ = ["cause_of", "checked_removed", "frozen", "setting_cause"]
 
-_TURN = 2.0 * np.pi
-_ASTRAY = 0.5
-"""rad: a log whose azimuth leaves the programmed spiral by more belongs to another program."""
-_MOST_POINTS = 20_000
-"""Of the path at which the u of a P-V is worked out."""
+_NAME = "tool setting"
+_STEP = {"dx": 1e-8, "dy": 1e-8, "dR": 1e-6}
+"""m: at which the effect of a factor that is not determined is looked for."""
+_NO_EFFECT = 1e-9
+"""Of height for a factor, m/m: rounding of a form that does not show it."""
+_BENT, _TINY = 0.5, 1e-11
+"""What is not linear within one u, as a share of what is and in m, above which a message says so."""
 
 
-def u_of_setting(form: Form, tool: ToolSetting, x: FloatArray, y: FloatArray) -> float | None:
-    """Return the u of the P-V of the setting's error, first order in each factor; None if unknown."""
+def setting_cause(
+    form: Form,
+    tool: ToolSetting,
+    rho: FloatArray,
+    azimuth: FloatArray,
+    weights: FloatArray,
+    removed: tuple[str, ...],
+    messages: list[str],
+) -> Contribution:
+    """Return the error of the setting with what its uncertainty can do; NaN in the uncut core."""
+    messages += [f"{_NAME}: {m}" for m in tool.messages]
+    cut = rho > abs(tool.dy) * (1.0 + 1e-9) + 1e-12
+    x, y = rho[cut] * np.cos(azimuth[cut]), rho[cut] * np.sin(azimuth[cut])
+    z = np.full(rho.shape, np.nan)
+    z[cut] = tool.error(form, x, y)
+    if tool.dy and not cut.all():
+        messages.append(
+            f"{int((~cut).sum())} samples within |dy| of the spindle axis are not cut and have "
+            "no error"
+        )
+    elif not cut.all():
+        messages.append(
+            f"the {_NAME} has no error on the spindle axis: no azimuth is defined there"
+        )
+    maps, cov = _modes(form, tool, (x, y), z[cut], messages)
+    modes = np.full((len(maps), rho.size), np.nan)
+    for mode, values in zip(modes, maps, strict=True):
+        mode[cut] = values
+    if removed:
+        basis = _basis(rho, azimuth, removed)
+        z = _without(z, basis, weights)
+        for mode in modes:
+            mode[:] = _without(mode, basis, weights)
+    if cov is None or not cov.size:
+        return Contribution(_NAME, map=z, u=None if cov is None else 0.0)
+    return Contribution(_NAME, map=z, modes=modes, cov=cov)
+
+
+def _modes(
+    form: Form,
+    tool: ToolSetting,
+    at: tuple[FloatArray, FloatArray],
+    z: FloatArray,
+    messages: list[str],
+) -> tuple[list[FloatArray], FloatArray | None]:
+    """Return the change of the error with each uncertain factor, and their covariance."""
     cov = tool.covariance
-    if cov is None or not np.isfinite(cov).all():
-        return None
-    core = abs(tool.dy) + math.sqrt(float(cov[1, 1]))  # the core of the setting one u off
-    cut = np.hypot(x, y) > core * (1.0 + 1e-9) + 1e-12
-    thin = slice(None, None, max(1, x.size // _MOST_POINTS))
-    x, y = x[cut][thin], y[cut][thin]
+    if cov is None:
+        unknown = [n for n in FACTORS if getattr(tool, n) and getattr(tool, f"u_{n}") is None]
+        messages.append(
+            f"the uncertainty of {', '.join(unknown) or 'the setting'} is not known: the P-V of "
+            f"the {_NAME} has no u"
+        )
+        return [], None
+    maps: list[FloatArray] = []
+    used: list[int] = []
+    bent = linear = 0.0
+    for i, name in enumerate(FACTORS):
+        u = math.sqrt(float(cov[i, i]))
+        if u == 0.0:
+            continue
+        step = u if math.isfinite(u) else _STEP[name]
+        try:
+            ahead, behind = _either_side(form, tool, at, i, step)
+        except MetrosepError as error:
+            messages.append(f"the P-V of the {_NAME} has no u: with {name} one u off, {error}")
+            return [], None
+        half = 0.5 * (ahead - behind)
+        if np.isnan(half).all():
+            messages.append(
+                f"the P-V of the {_NAME} has no u: with {name} one u off nothing is cut"
+            )
+            return [], None
+        if math.isinf(u):
+            if float(np.nanmax(np.abs(half))) > _NO_EFFECT * step:
+                messages.append(
+                    f"{name} is not determined (its u is infinite): the P-V of the {_NAME} has no u"
+                )
+                return [], None
+            messages.append(
+                f"{name} is not determined, and of no effect on this form to first order: it is "
+                "not counted"
+            )
+            continue
+        bent += _extent(0.5 * (ahead + behind) - z)
+        linear += _extent(half)
+        maps.append(half / step)
+        used.append(i)
+    if bent > max(_BENT * linear, _TINY):
+        messages.append(
+            f"the error of the {_NAME} is not linear within its uncertainty: u and expected P-V, "
+            "of first order, are too small"
+        )
+    if not used:
+        return [], None if np.isinf(np.diag(cov)).any() else np.empty((0, 0))
+    square = cov[np.ix_(used, used)]
+    return maps, np.where(np.isfinite(square), square, 0.0)
 
-    def pv(values: FloatArray) -> float:
+
+def _either_side(
+    form: Form, tool: ToolSetting, at: tuple[FloatArray, FloatArray], factor: int, step: float
+) -> tuple[FloatArray, FloatArray]:
+    found = []
+    for way in (1.0, -1.0):
+        values = tool.values
+        values[factor] += way * step
         dx, dy, dR = (float(v) for v in values)
-        setting = ToolSetting(dx, dy, dR)
-        return float(np.ptp(setting.error(form, x, y)))
+        found.append(height_errors(form, *at, (dx, dy, dR), exact=True))
+    return found[0], found[1]
 
-    slopes = np.zeros(3)
-    variances: list[float] = np.diag(cov).tolist()
-    for i, variance in enumerate(variances):
-        if variance > 0.0:
-            step = np.zeros(3)
-            step[i] = math.sqrt(variance)
-            ahead, behind = pv(tool.values + step), pv(tool.values - step)
-            slopes[i] = 0.5 * (ahead - behind) / step[i]
-    return math.sqrt(max(float(slopes @ cov @ slopes), 0.0))
+
+def _extent(values: FloatArray) -> float:
+    return float(np.nanmax(values) - np.nanmin(values))
 
 
 def cause_of(
@@ -59,60 +149,32 @@ def cause_of(
     removed: tuple[str, ...],
 ) -> Contribution:
     """Return a contribution without the removed freedoms."""
-    if not removed:
-        return Contribution(name, map=z)
+    if removed:
+        z = _without(z, _basis(rho, azimuth, removed), weights)
+    return Contribution(name, map=z)
+
+
+def _basis(rho: FloatArray, azimuth: FloatArray, removed: tuple[str, ...]) -> FloatArray:
     columns = [np.ones_like(rho)] if "piston" in removed else []
     if "tilt" in removed:
         scale = float(rho.max())
         columns += [rho * np.cos(azimuth) / scale, rho * np.sin(azimuth) / scale]
-    basis = np.stack(columns)
+    return np.stack(columns)
+
+
+def _without(z: FloatArray, basis: FloatArray, weights: FloatArray) -> FloatArray:
+    """Return a map without what a basis explains of it, by least squares over the area."""
     good = ~np.isnan(z)
-    w = weights[good]
-    normal = (basis[:, good] * w) @ basis[:, good].T
-    found = np.linalg.solve(normal, (basis[:, good] * w) @ z[good])
-    return Contribution(name, map=z - found @ basis)
-
-
-def on_spiral(
-    log: FollowUp | FollowUpMap, spiral: SpiralPath, rho: FloatArray, messages: list[str]
-) -> FloatArray:
-    """Return a logged error at radii of the spiral; NaN where the log does not reach."""
-    places = log.map if isinstance(log, FollowUp) else log
-    if places is None:
-        raise DataError(
-            "the log has no places on the part: it needs channels of radius and azimuth, or "
-            "follow_up(..., spiral=(start radius, feed, spindle speed))"
-        )
-    good = ~(np.isnan(places.z) | np.isnan(places.rho) | np.isnan(places.theta))
-    good &= (places.rho <= spiral.radius * (1.0 + 1e-9)) & (places.rho >= 0.0)
-    if int(good.sum()) < 2:
-        raise TooFewSamplesError("the log has no samples with a place on the part")
-    u = _TURN * places.rho[good] / spiral.feed
-    expected = np.asarray(spiral.azimuth_of(_TURN * spiral.turns - u), dtype=np.float64)
-    off = np.angle(np.exp(1j * (places.theta[good] - expected)))
-    worst = float(np.abs(off).max())
-    if worst > _ASTRAY:
-        raise DataError(
-            f"the log leaves the programmed spiral by up to {np.degrees(worst):.1f} deg of azimuth; "
-            "check its start radius, feed, speed and the sense of rotation"
-        )
-    order = np.argsort(u)
-    at = _TURN * rho / spiral.feed
-    z = np.interp(at, u[order], places.z[good][order], left=np.nan, right=np.nan)
-    step = float(np.median(np.diff(u[order])))
-    if step > 0.1:
-        messages.append(
-            f"the log has a sample every {np.degrees(step):.1f} deg only; between them its error is "
-            "taken on straight lines"
-        )
-    covered = float(np.mean(~np.isnan(z)))
-    if covered < 0.999:
-        messages.append(f"the log covers {100.0 * covered:.1f} % of the path")
-    out: FloatArray = z
-    return out
+    weighted = basis[:, good] * weights[good]
+    normal = weighted @ basis[:, good].T
+    found, *_ = np.linalg.lstsq(normal, weighted @ z[good], rcond=None)
+    return np.asarray(z - found @ basis, dtype=np.float64)
 
 
 def checked_removed(removed: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of what is removed, or raise DataError."""
+    if not isinstance(removed, str | list | tuple | set | frozenset):
+        raise DataError(f'removed must be of "piston" and "tilt", got {removed!r}')
     names = (removed,) if isinstance(removed, str) else tuple(removed)
     unknown = [n for n in names if n not in ("piston", "tilt")]
     if unknown:
@@ -121,5 +183,6 @@ def checked_removed(removed: Sequence[str]) -> tuple[str, ...]:
 
 
 def frozen(values: FloatArray) -> FloatArray:
+    """Return the array, read-only from now on."""
     values.setflags(write=False)
     return values

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from typing import Any, cast
 
@@ -154,11 +155,13 @@ def checked_positive(value: object, name: str, *, unit: str = " m") -> float:
 
 
 def checked_finite(value: object, name: str) -> float:
-    """Return a finite number, or raise DataError."""
-    try:
-        number = float(cast(Any, value))
-    except (TypeError, ValueError):
-        raise DataError(f"{name} must be a number in SI, got {value!r}") from None
+    """Return a finite number, or raise DataError; text and truth values are none."""
+    number = None
+    if not isinstance(value, str | bytes | bool | np.bool_):
+        with contextlib.suppress(TypeError, ValueError):
+            number = float(cast(Any, value))
+    if number is None:
+        raise DataError(f"{name} must be a number in SI, got {value!r}")
     if not math.isfinite(number):
         raise DataError(f"{name} must be finite, got {number}")
     return number
@@ -167,6 +170,6 @@ def checked_finite(value: object, name: str) -> float:
 def checked_count(value: object, name: str, *, least: int) -> int:
     """Return a whole number of `least` or more, or raise DataError."""
     number = checked_finite(value, name)
-    if isinstance(value, bool) or number != math.floor(number) or number < least:
+    if number != math.floor(number) or number < least:
         raise DataError(f"{name} must be a whole number of {least} or more, got {value}")
     return int(number)

@@ -14,11 +14,20 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray, as_float
-from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
+from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.units import format_length
+from metrosep.process._contributions import (
+    DRAWS,
+    SEED,
+    Contribution,
+    checked_length,
+    spread_of,
+)
+from metrosep.process._drawn_pv import drawn_pv
+from metrosep.process.arc_lengths import checked_count
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -36,69 +45,9 @@ _DEFINITIONS = {
     "monte-carlo": "P-V of the sum with each cause drawn within its uncertainty, median of the draws",
 }
 
-_LIKELY = (0.025, 0.975)
-"""Quantiles of the interval of a Monte Carlo."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Contribution:
-    """One cause of form error.
-
-    Parameters
-    ----------
-    name : str
-        Such as "tool setting".
-    pv : float, optional, m
-        Peak to valley; that of the map if omitted.
-    map : array_like, optional, m
-        Error along z at the points that all maps of a budget share; NaN = not known there.
-    u : float, optional, m
-        Standard uncertainty of the P-V; scales the map as a whole in a Monte Carlo.
-
-    Raises
-    ------
-    DataError
-        If there is neither a map nor a P-V, both disagree, or a number cannot be used.
-    InvalidSamplesError
-        If the map is infinite somewhere.
-    TooFewSamplesError
-        If the map is NaN everywhere.
-
-    Examples
-    --------
-    >>> Contribution("tool setting", map=[-1e-9, 2e-9]).pv
-    3e-09
-    """
-
-    name: str
-    pv: float | None = None
-    map: FloatArray | None = None
-    u: float | None = None
-
-    def __init__(
-        self,
-        name: str,
-        pv: float | None = None,
-        *,
-        map: ArrayLike | None = None,  # noqa: A002  # the word of the field
-        u: float | None = None,
-    ) -> None:
-        array = None if map is None else _map(name, map)
-        given = None if pv is None else _size(name, "P-V", pv)
-        if array is None and given is None:
-            raise DataError(f"the contribution {name!r} needs a map or a P-V, in m")
-        if array is not None:
-            own = float(np.nanmax(array) - np.nanmin(array))
-            if given is not None and abs(given - own) > 1e-6 * max(given, own):
-                raise DataError(
-                    f"the contribution {name!r} has the P-V {format_length(own)} in its map, not "
-                    f"{format_length(given)}; give one of the two"
-                )
-            given = own
-        object.__setattr__(self, "name", str(name))
-        object.__setattr__(self, "pv", given)
-        object.__setattr__(self, "map", array)
-        object.__setattr__(self, "u", None if u is None else _size(name, "uncertainty", u))
+_MOST_DRAWS = 1_000_000
+_FOLDED = 0.2
+"""Of u: an expected P-V that is off the stated one by more is worth a message."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +65,12 @@ class BudgetTotal:
     definition : str
         What the number is.
     interval : tuple of (float, float) or None, m
-        Between 2.5 and 97.5 % of the draws of a Monte Carlo.
+        Between 2.5 and 97.5 % of the draws within the uncertainties.
+    expected : float or None, m
+        Mean of the draws; for a sum that of the expected P-Vs, for a root sum of squares the root
+        of their mean square. None where nothing is drawn.
+    messages : tuple of str
+        What to know, in plain words.
     """
 
     way: str
@@ -124,26 +78,33 @@ class BudgetTotal:
     u: float
     definition: str
     interval: tuple[float, float] | None = None
+    expected: float | None = None
+    messages: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, slots=True, eq=False, init=False)
+@dataclass(frozen=True, slots=True, eq=False, init=False, repr=False)
 class ErrorBudget:
     """Contributions to the form error of a part.
 
     Parameters
     ----------
-    contributions : sequence of Contribution or of tuple (name, P-V in m)
+    contributions : sequence of Contribution or of tuple (name, P-V in m[, u in m])
         Causes, each once.
+    weights : array_like, optional
+        Area that each point of the maps stands for, in any unit; equal areas if omitted. For
+        `variance_shares` only: a P-V has no weights.
 
     Raises
     ------
     DataError
-        If there is none, a name occurs twice, or maps have different shapes.
+        If there is none, one is no contribution, a name occurs twice, maps have different shapes,
+        or the weights do not fit them.
 
     Notes
     -----
     Only maps that lie on the same points add pointwise. A P-V without a map has an unknown shape:
-    "pointwise" and "monte-carlo" refuse it by name, rather than to assume one.
+    "pointwise" and "monte-carlo" refuse it by name, rather than to assume one. Points that are NaN
+    in one map count in no total of maps; `messages` counts them.
 
     Examples
     --------
@@ -153,12 +114,21 @@ class ErrorBudget:
     """
 
     contributions: tuple[Contribution, ...]
+    weights: FloatArray | None
+    _found: dict[Any, Any]
 
-    def __init__(self, contributions: Sequence[Contribution | tuple[str, float]]) -> None:
-        items = tuple(
-            c if isinstance(c, Contribution) else Contribution(str(c[0]), float(c[1]))
-            for c in contributions
-        )
+    def __init__(
+        self,
+        contributions: Sequence[Contribution | tuple[str, float] | tuple[str, float, float]],
+        *,
+        weights: ArrayLike | None = None,
+    ) -> None:
+        if isinstance(contributions, str | bytes | dict) or not hasattr(contributions, "__iter__"):
+            raise DataError(
+                "a budget takes a sequence of contributions or of (name, P-V in m, u in m), got "
+                f"{type(contributions).__name__}"
+            )
+        items = tuple(_contribution(i, c) for i, c in enumerate(contributions))
         if not items:
             raise DataError("a budget needs at least one contribution")
         names = [c.name for c in items]
@@ -172,6 +142,46 @@ class ErrorBudget:
                 f"the maps of a budget share their points; their shapes differ: {text}"
             )
         object.__setattr__(self, "contributions", items)
+        shape = next(iter(shapes.values()), None)
+        object.__setattr__(self, "weights", _checked_weights(weights, shape))
+        object.__setattr__(self, "_found", {})
+
+    def __repr__(self) -> str:
+        parts = (f"{c.name} {format_length(float(c.pv or 0.0))}" for c in self.contributions)
+        return f"ErrorBudget({', '.join(parts)})"
+
+    @property
+    def messages(self) -> tuple[str, ...]:
+        """What to know about the totals, in plain words."""
+        if "messages" not in self._found:
+            self._found["messages"] = (*self._missing(), *_doubts(self.contributions))
+        found: tuple[str, ...] = self._found["messages"]
+        return found
+
+    def _missing(self) -> list[str]:
+        """Return what is said about points that a map or a mode lacks."""
+        mapped = [c for c in self.contributions if c.map is not None]
+        if len(mapped) < len(self.contributions):
+            mapped = []
+        said = []
+        lost = {c.name: np.isnan(np.ravel(c.map)) for c in mapped}  # type: ignore[arg-type]
+        gone = np.any(list(lost.values()), axis=0) if lost else np.zeros(1, dtype=bool)
+        if gone.any():
+            each = ", ".join(f"{n!r} {int(b.sum())}" for n, b in lost.items() if b.any())
+            said.append(
+                f"{int(gone.sum())} of {gone.size} points have no value in every map ({each}) and "
+                "count in no total of maps"
+            )
+        for c in mapped:
+            if c.modes is None:
+                continue
+            vague = np.isnan(c.deviations()).any(axis=0) & ~gone
+            if vague.any():
+                said.append(
+                    f"{int(vague.sum())} of {vague.size} points of {c.name!r} have an error without "
+                    "an uncertainty; they are left out of the draws"
+                )
+        return said
 
     @property
     def shares(self) -> dict[str, float]:
@@ -185,23 +195,26 @@ class ErrorBudget:
 
     @property
     def variance_shares(self) -> dict[str, float]:
-        """Share of each map in the mean square of their sum; negative where it takes from the rest.
+        """Share of each map in the mean square over the area; negative where it takes from the rest.
 
         Raises
         ------
         DataError
             If a contribution has no map.
         """
-        maps = self._maps("a share of the mean square")
-        centred = maps - maps.mean(axis=1, keepdims=True)
+        maps, good = self._maps("a share of the mean square")
+        area = np.ones(maps.shape[1]) if self.weights is None else np.ravel(self.weights)[good]
+        if not area.any():
+            raise DataError("no point with a value in every map has a weight above 0")
+        centred = maps - (maps @ area / area.sum())[:, None]
         total = centred.sum(axis=0)
-        square = float(total @ total)
+        square = float((total * area) @ total)
         return {
-            c.name: float(m @ total) / square if square else float("nan")
+            c.name: float((m * area) @ total) / square if square else float("nan")
             for c, m in zip(self.contributions, centred, strict=True)
         }
 
-    def combine(self, way: Combination, *, draws: int = 4000, seed: int = 20080415) -> BudgetTotal:
+    def combine(self, way: Combination, *, draws: int = DRAWS, seed: int = SEED) -> BudgetTotal:
         """Return the combined P-V.
 
         Parameters
@@ -209,9 +222,9 @@ class ErrorBudget:
         way : {"pointwise", "sum", "rss", "monte-carlo"}
             Sum of maps, sum of P-Vs, root sum of squares, or draws within the uncertainties.
         draws : int, optional
-            Of a Monte Carlo.
+            Of a Monte Carlo, 100 to 1,000,000; "pointwise" takes its u from it.
         seed : int, optional
-            Of a Monte Carlo.
+            Of a Monte Carlo, >= 0.
 
         Returns
         -------
@@ -221,48 +234,107 @@ class ErrorBudget:
         Raises
         ------
         DataError
-            If the way is not one of those above, or needs maps that are not there.
+            If the way is not one of those above, needs maps that are not there, or a number cannot
+            be used.
         TooFewSamplesError
             If no point has all maps, or fewer than 100 draws are wanted.
 
         Notes
         -----
-        u of the sum and of the root sum of squares by first order from the contributions'. The
-        Monte Carlo multiplies each map by ``1 + xi u / P-V``, xi normal: a cause keeps its shape
-        and varies in size.
+        u of the sum and of the root sum of squares by first order from the contributions', which
+        keeps a P-V below its u at its u. The Monte Carlo multiplies a map with u by ``1 + xi u /
+        P-V``, xi normal: it keeps its shape and varies in size; to one with modes it adds them,
+        drawn with their covariance. u is the standard deviation of the P-V. Where a map of P-V 0
+        has a u, its shape is not known and the u is added in full. Draws are made once and kept.
         """
         if way not in WAYS:
             raise DataError(f"way must be one of {', '.join(WAYS)}, got {way!r}")
+        count = checked_count(draws, "draws", least=1)
+        if count > _MOST_DRAWS:
+            raise DataError(f"draws must be at most {_MOST_DRAWS}, got {count}")
+        seed = checked_count(seed, "seed", least=0)
+        if way in ("sum", "rss"):
+            return self._of_sizes(way)
+        if count < 100:
+            raise TooFewSamplesError(f"a Monte Carlo needs 100 draws or more, got {draws}")
+        value = self._pointwise(f'"{way}"')
+        if not self._is_known:
+            interval = (value, value) if way == "monte-carlo" else None
+            return BudgetTotal(
+                way, value, float("nan"), _DEFINITIONS[way], interval, None, self.messages
+            )
+        median, expected, u, interval = self._drawn(count, seed)
+        if way == "monte-carlo":
+            value = median
+        return BudgetTotal(way, value, u, _DEFINITIONS[way], interval, expected, self.messages)
+
+    @property
+    def _is_known(self) -> bool:
+        return any(c.u is not None for c in self.contributions)
+
+    def _of_sizes(self, way: str) -> BudgetTotal:
         sizes = self._sizes()
         u = np.array([0.0 if c.u is None else c.u for c in self.contributions])
-        known = any(c.u is not None for c in self.contributions)
+        means = np.array(
+            [
+                s if c.expected is None else c.expected
+                for c, s in zip(self.contributions, sizes, strict=True)
+            ]
+        )
+        drawn = [c.expected is not None for c in self.contributions]
+        worst = float(np.sqrt((u**2).sum()))
         if way == "sum":
-            value, spread = float(sizes.sum()), float(np.sqrt((u**2).sum()))
-            return BudgetTotal(way, value, spread if known else float("nan"), _DEFINITIONS[way])
-        if way == "rss":
+            value, spread, mean = float(sizes.sum()), worst, float(means.sum())
+        else:
             value = float(np.sqrt((sizes**2).sum()))
-            spread = float(np.sqrt(((sizes * u) ** 2).sum())) / value if value else 0.0
-            return BudgetTotal(way, value, spread if known else float("nan"), _DEFINITIONS[way])
-        maps = self._maps(f'"{way}"')
-        if way == "pointwise":
-            value = float(np.ptp(maps.sum(axis=0)))
+            size = max(value, worst)
             spread = (
-                float(_drawn(maps, sizes, u, 2000, seed).std(ddof=1)) if known else float("nan")
+                float(np.sqrt(((np.maximum(sizes, u) * u) ** 2).sum())) / size if size else 0.0
             )
-            return BudgetTotal(way, value, spread, _DEFINITIONS[way])
-        if draws < 100:
-            raise TooFewSamplesError(f"a Monte Carlo needs 100 draws or more, got {draws}")
-        found = _drawn(maps, sizes, u, draws, seed)
-        low, high = (float(v) for v in np.quantile(found, _LIKELY))
+            mean = float(np.sqrt((means**2 + np.where(drawn, u, 0.0) ** 2).sum()))
         return BudgetTotal(
             way,
-            float(np.median(found)),
-            float(found.std(ddof=1)) if known else float("nan"),
+            value,
+            spread if self._is_known else float("nan"),
             _DEFINITIONS[way],
-            (low, high),
+            None,
+            mean if any(drawn) else None,
+            self.messages,
         )
 
-    def totals(self, *, draws: int = 4000, seed: int = 20080415) -> dict[str, BudgetTotal]:
+    def _pointwise(self, what: str) -> float:
+        if "pointwise" not in self._found:
+            self._found["pointwise"] = float(np.ptp(self._maps(what)[0].sum(axis=0)))
+        return float(self._found["pointwise"])
+
+    def _drawn(self, draws: int, seed: int) -> tuple[float, float, float, tuple[float, float]]:
+        """Return median, mean, u and interval of the draws; made once."""
+        if (draws, seed) in self._found:
+            found: tuple[float, float, float, tuple[float, float]] = self._found[draws, seed]
+            return found
+        maps, good = self._maps('"monte-carlo"')
+        rows = np.concatenate([c.deviations()[:, good] for c in self.contributions])
+        known = ~np.isnan(rows).any(axis=0)
+        if not known.any():
+            raise TooFewSamplesError("no point has every map and every mode of the budget")
+        base = maps.sum(axis=0)
+        if not known.all():
+            base, rows = base[known], rows[:, known]
+        xi = np.random.default_rng(seed).standard_normal((draws, rows.shape[0]))
+        values = drawn_pv(base, rows, xi)
+        expected, u, (low, high) = spread_of(values)
+        loose = float(
+            np.sqrt(sum(float(c.u or 0.0) ** 2 for c in self.contributions if c.is_shapeless))
+        )
+        self._found[draws, seed] = (
+            float(np.median(values)),
+            expected,
+            float(np.hypot(u, loose)),
+            (max(low - 2.0 * loose, 0.0), high + 2.0 * loose),
+        )
+        return self._drawn(draws, seed)
+
+    def totals(self, *, draws: int = DRAWS, seed: int = SEED) -> dict[str, BudgetTotal]:
         """Return the combined errors of all ways that these contributions allow.
 
         Parameters
@@ -281,6 +353,8 @@ class ErrorBudget:
         ------
         TooFewSamplesError
             If no point has all maps, or fewer than 100 draws are wanted.
+        DataError
+            If a number cannot be used.
         """
         whole = all(c.map is not None for c in self.contributions)
         ways = WAYS if whole else WAYS[1:3]
@@ -302,7 +376,8 @@ class ErrorBudget:
         Returns
         -------
         DataFrame
-            Columns item, pv_nm, u_nm, share, definition; share of the sum of the P-Vs.
+            Columns item, pv_nm, u_nm, share, definition, expected_nm, low_nm, high_nm; share of
+            the sum of the P-Vs, mean and 95 % of the draws.
 
         Raises
         ------
@@ -322,16 +397,26 @@ class ErrorBudget:
                 nan if c.u is None else 1e9 * c.u,
                 shares[c.name],
                 "P-V of its map" if c.map is not None else "P-V as stated",
+                *_nanometres(c.expected, c.interval),
             )
             for c in self.contributions
         ]
         rows += [
-            (f"total, {way}", 1e9 * t.pv, 1e9 * t.u, nan, t.definition)
+            (
+                f"total, {way}",
+                1e9 * t.pv,
+                1e9 * t.u,
+                nan,
+                t.definition,
+                *_nanometres(t.expected, t.interval),
+            )
             for way, t in self.totals().items()
         ]
         if measured is not None:
-            rows.append(("measured", 1e9 * _size("measured", "P-V", measured), nan, nan, "as cut"))
-        return pd.DataFrame(rows, columns=["item", "pv_nm", "u_nm", "share", "definition"])
+            size = 1e9 * checked_length("measured", "P-V", measured)
+            rows.append(("measured", size, nan, nan, "as cut", nan, nan, nan))
+        columns = ["item", "pv_nm", "u_nm", "share", "definition"]
+        return pd.DataFrame(rows, columns=[*columns, "expected_nm", "low_nm", "high_nm"])
 
     def to_dict(self) -> dict[str, Any]:
         """Return contributions and totals as plain values.
@@ -355,20 +440,27 @@ class ErrorBudget:
                     "u_nm": None if c.u is None else 1e9 * c.u,
                     "share": _plain(shares[c.name]),
                     "has_map": c.map is not None,
+                    **_spread(c),
                 }
                 for c in self.contributions
             ],
             "totals": {
-                way: {"pv_nm": 1e9 * t.pv, "u_nm": _plain(1e9 * t.u), "definition": t.definition}
+                way: {
+                    "pv_nm": 1e9 * t.pv,
+                    "u_nm": _plain(1e9 * t.u),
+                    "definition": t.definition,
+                    **_spread(t),
+                }
                 for way, t in self.totals().items()
             },
+            "messages": list(self.messages),
         }
 
     def _sizes(self) -> FloatArray:
         return np.array([float(c.pv or 0.0) for c in self.contributions])
 
-    def _maps(self, what: str) -> FloatArray:
-        """Return the maps at the points where all are known, one row for each."""
+    def _maps(self, what: str) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """Return the maps at the points where all are known, one row for each, and these points."""
         if self.without_map:
             raise DataError(
                 f"{what} needs the map of each contribution; {', '.join(self.without_map)} is a "
@@ -378,48 +470,74 @@ class ErrorBudget:
         good = ~np.isnan(maps).any(axis=0)
         if not good.any():
             raise TooFewSamplesError("no point has a value in every map of the budget")
-        out: FloatArray = maps[:, good]
-        return out
+        return (maps if good.all() else maps[:, good]), good
 
 
-def _drawn(
-    maps: FloatArray, sizes: FloatArray, u: FloatArray, draws: int, seed: int
-) -> FloatArray:
-    """Return the P-V of each draw; only points that can be extreme are looked at."""
-    rng = np.random.default_rng(seed)
-    relative = np.divide(u, sizes, out=np.zeros_like(u), where=sizes > 0.0)
-    factors = 1.0 + relative * rng.standard_normal((draws, len(u)))
-    out = np.empty(draws)
-    block = max(1, (1 << 22) // maps.shape[1])
-    for start in range(0, draws, block):
-        total = factors[start : start + block] @ maps
-        out[start : start + block] = total.max(axis=1) - total.min(axis=1)
-    return out
-
-
-def _map(name: str, values: ArrayLike) -> FloatArray:
-    try:
-        array = as_float(values)
-    except (TypeError, ValueError) as error:
-        raise DataError(f"the map of {name!r} must hold real numbers in m: {error}") from None
-    if np.isinf(array).any():
-        raise InvalidSamplesError(
-            f"the map of {name!r} is infinite somewhere; write NaN where it is not known"
+def _contribution(number: int, item: object) -> Contribution:
+    if isinstance(item, Contribution):
+        return item
+    if not isinstance(item, tuple | list) or len(item) not in (2, 3):
+        raise DataError(
+            f"contribution {number} must be a Contribution or (name, P-V in m) or (name, P-V in m, "
+            f"u in m), got {item!r}"
         )
-    if not array.size or np.isnan(array).all():
-        raise TooFewSamplesError(f"the map of {name!r} holds no value")
+    return Contribution(str(item[0]), *item[1:2], u=item[2] if len(item) == 3 else None)
+
+
+def _checked_weights(
+    weights: ArrayLike | None, shape: tuple[int, ...] | None
+) -> FloatArray | None:
+    if weights is None:
+        return None
+    try:
+        array = as_float(weights)
+    except (TypeError, ValueError) as error:
+        raise DataError(f"the weights must be real numbers, one for each point: {error}") from None
+    if array.shape != shape:
+        raise DataError(
+            f"the weights have the shape {array.shape}, the maps {shape}: give the area of each "
+            "point of the maps"
+        )
+    if not (np.isfinite(array) & (array >= 0.0)).all() or not array.any():
+        raise DataError("the weights are areas: finite, from 0 on, and not all 0")
     array.setflags(write=False)
     return array
 
 
-def _size(name: str, what: str, value: float) -> float:
-    try:
-        size = float(value)
-    except (TypeError, ValueError):
-        size = float("nan")
-    if not (np.isfinite(size) and size >= 0.0):
-        raise DataError(f"the {what} of {name!r} must be a length from 0 on, in m, got {value!r}")
-    return size
+def _doubts(contributions: Sequence[Contribution]) -> list[str]:
+    """Return what is said about uncertainties that have no shape, or fold a P-V at zero."""
+    said = []
+    for c in contributions:
+        if c.is_shapeless:
+            said.append(
+                f"{c.name!r} has the P-V 0 and the u {format_length(float(c.u or 0.0))}, whose shape "
+                "is not known: its u is added in full; give modes and cov"
+            )
+        if c.expected is None or c.interval is None or c.u is None or c.pv is None:
+            continue
+        if abs(c.expected - c.pv) > _FOLDED * c.u:
+            low, high = (format_length(v) for v in c.interval)
+            said.append(
+                f"{c.name!r}: a P-V of {format_length(round(c.pv, 15))} as stated, but {format_length(c.expected)} "
+                f"is expected within its uncertainty (95 %: {low} to {high}); its sign is not known"
+            )
+    return said
+
+
+def _nanometres(
+    expected: float | None, interval: tuple[float, float] | None
+) -> tuple[float, float, float]:
+    nan = float("nan")
+    low, high = (nan, nan) if interval is None else interval
+    return 1e9 * (nan if expected is None else expected), 1e9 * low, 1e9 * high
+
+
+def _spread(item: Contribution | BudgetTotal) -> dict[str, Any]:
+    interval = item.interval
+    return {
+        "expected_nm": None if item.expected is None else 1e9 * item.expected,
+        "interval_nm": None if interval is None else [1e9 * v for v in interval],
+    }
 
 
 def _plain(value: float) -> float | None:

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import frozen_float, same_length
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
+from metrosep.process.arc_lengths import checked_finite
 
 __all__ = ["EndCondition", "Interpolation", "evaluate", "fitted_heights", "knot_slopes"]
 
@@ -59,7 +60,7 @@ def knot_slopes(
     InvalidSamplesError
         If a value is not finite, lengths differ or positions do not grow.
     DataError
-        If `end` is not known.
+        If `end` is not known, or a slope at an end is no finite number.
 
     Notes
     -----
@@ -81,6 +82,12 @@ def knot_slopes(
     positions, heights = _checked(s, z)
     if end not in ENDS:
         raise DataError(f"the end condition must be one of {', '.join(ENDS)}, got {end!r}")
+    try:
+        slopes = [checked_finite(v, "a slope of end_slopes") for v in end_slopes]
+    except TypeError:
+        slopes = []
+    if len(slopes) != 2:
+        raise DataError(f"end_slopes must be two slopes, m/m, got {end_slopes!r}")
     h = np.diff(positions)
     d = np.diff(heights) / h
     bands = np.zeros((3, positions.size))
@@ -89,8 +96,8 @@ def knot_slopes(
     bands[1, 1:-1] = 2.0 * (h[:-1] + h[1:])
     bands[2, :-2] = h[1:]
     right[1:-1] = 3.0 * (h[1:] * d[:-1] + h[:-1] * d[1:])
-    first = _end_row(end, h[0], h[1], d[0], d[1], end_slopes[0])
-    last = _end_row(end, h[-1], h[-2], d[-1], d[-2], end_slopes[1])
+    first = _end_row(end, h[0], h[1], d[0], d[1], slopes[0])
+    last = _end_row(end, h[-1], h[-2], d[-1], d[-2], slopes[1])
     bands[1, 0], bands[0, 1], right[0] = first
     bands[1, -1], bands[2, -2], right[-1] = last
     solved: FloatArray = solve_banded(
@@ -215,6 +222,8 @@ def fitted_heights(
         If there are too few knots, or fewer positions than knots.
     InvalidSamplesError
         If a value is not finite, positions do not grow, lie outside, or leave an interval empty.
+    DataError
+        If the word for the interpolation is not known.
 
     Notes
     -----
@@ -232,6 +241,8 @@ def fitted_heights(
     from scipy.interpolate import BSpline
     from scipy.linalg import solveh_banded
 
+    if interpolation not in ("linear", "spline"):
+        raise DataError(f"interpolation must be linear or spline, got {interpolation!r}")
     knots = _positions(s, name="s")
     x, y = _checked(at, wanted, fewest=knots.size)
     cubic = interpolation == "spline"

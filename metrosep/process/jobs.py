@@ -6,39 +6,41 @@ are actual minus nominal along z, out of the material. After slow-tool-servo, se
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any, get_args
 
 import numpy as np
 
-from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.provenance import freeze_mapping
 from metrosep.forms.base import Form
 from metrosep.process._follow_result import FollowUp, FollowUpMap
-from metrosep.process._job_causes import (
-    cause_of,
-    checked_removed,
-    frozen,
-    on_spiral,
-    u_of_setting,
-)
-from metrosep.process.arc_lengths import checked_positive
+from metrosep.process._job_causes import cause_of, checked_removed, frozen, setting_cause
+from metrosep.process._log_places import held_on_points, on_spiral
+from metrosep.process.arc_lengths import checked_finite, checked_positive
 from metrosep.process.budget import Contribution, ErrorBudget
 from metrosep.process.interpolation import Interpolation
 from metrosep.process.machining_times import MachiningTime, machining_time
 from metrosep.process.path_points import PointPlan, points_for_tolerance
 from metrosep.process.predictions import CorrectedProgram, Prediction
-from metrosep.process.spirals import Distribution, Sense, SpiralPath
+from metrosep.process.spirals import (
+    Distribution,
+    Sense,
+    SpiralPath,
+    checked_core,
+    checked_options,
+    checked_radius,
+)
 from metrosep.process.tool_settings import ToolSetting
-
-if TYPE_CHECKING:
-    from metrosep.process.path_errors import PathErrorMap
 
 __all__ = ["JobPlan", "TurningJob"]
 
 _LEAD_IN = 3
+_OF_THE_JOB = {
+    name: f"{name} is that of the job: leave it out, or make another TurningJob"
+    for name in ("radius", "feed", "core", "sense")
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,7 +98,10 @@ class TurningJob:
     Raises
     ------
     DataError
-        If the form is none, or a number is not positive and finite.
+        If the form is none, a number is not positive and finite, the core not below the radius, or
+        the sense not known.
+    UnitError
+        If the radius is above 5 m.
 
     Examples
     --------
@@ -122,10 +127,20 @@ class TurningJob:
                 f"the form must be a metrosep form such as SineGrid(...), got "
                 f"{type(self.form).__name__}"
             )
-        for name in ("radius", "feed", "rpm"):
-            checked_positive(getattr(self, name), name)
-        if not (np.isfinite(self.block_time) and self.block_time >= 0.0):
-            raise DataError(f"block_time must be a time from 0 on, in s, got {self.block_time}")
+        object.__setattr__(self, "radius", checked_radius(self.radius))
+        for name in ("feed", "rpm"):
+            unit = " m" if name == "feed" else " 1/min"
+            size = checked_positive(getattr(self, name), name, unit=unit)
+            object.__setattr__(self, name, size)
+        block = checked_finite(self.block_time, "block_time")
+        if block < 0.0:
+            raise DataError(f"block_time must be a time from 0 on, in s, got {block}")
+        object.__setattr__(self, "block_time", block)
+        object.__setattr__(self, "core", checked_core(self.core, self.radius))
+        if self.sense not in get_args(Sense):
+            raise DataError(
+                f"sense must be one of {', '.join(get_args(Sense))}, got {self.sense!r}"
+            )
 
     def path(
         self,
@@ -160,7 +175,12 @@ class TurningJob:
         ------
         DataError
             If an argument is not one that can be used.
+        UnitError
+            If the step is too wide to be in rad or m.
+        TooFewSamplesError
+            If no interval fits.
         """
+        checked_options(options, taken=_OF_THE_JOB)
         return SpiralPath(
             self.radius,
             self.feed,
@@ -211,7 +231,14 @@ class TurningJob:
             If no number of blocks holds it.
         DataError
             If an argument is not one that can be used.
+        UnitError
+            If the tolerance is above 1 mm.
+        InvalidSamplesError
+            If the form has no height at a point.
         """
+        named = _named(options, _OF_THE_JOB)
+        if named:
+            raise DataError(named)
         found = points_for_tolerance(
             self.form,
             self.radius,
@@ -227,19 +254,25 @@ class TurningJob:
         )
         return JobPlan(found, self.time(found.path))
 
-    def time(self, path: SpiralPath) -> MachiningTime:
+    def time(self, path: SpiralPath | JobPlan) -> MachiningTime:
         """Return the time of one pass.
 
         Parameters
         ----------
-        path : SpiralPath
+        path : SpiralPath or JobPlan
             Its blocks and turns.
 
         Returns
         -------
         MachiningTime
             Spindle or controller, whichever is slower.
+
+        Raises
+        ------
+        DataError
+            If the path is of another job, or none.
         """
+        path = self._own(path)
         return machining_time(
             path.n_points, path.turns, spindle_speed=self.rpm / 60.0, block_time=self.block_time
         )
@@ -261,7 +294,8 @@ class TurningJob:
         path : SpiralPath or JobPlan
             The program.
         tool : ToolSetting, optional
-            Errors of the setting; its uncertainties go into the budget.
+            Errors of the setting; its uncertainties go into the budget as modes: the change of the
+            error with dx, dy and dR, drawn with their covariance.
         follow_up : FollowUp, FollowUpMap or float, optional
             A log of the dry run with places on the part, or a P-V in m.
         others : sequence of Contribution, optional
@@ -279,28 +313,42 @@ class TurningJob:
         Raises
         ------
         DataError
-            If the path is of another job, or an argument is not one that can be used.
+            If the path is of another job, the log is of another spiral or does not tell its turns,
+            or an argument is not one that can be used.
         TooFewSamplesError
             If the log has no sample on the part.
         InvalidSamplesError
             If the form has no height at a point.
+        NotConvergedError
+            If dR exceeds what the curvature of the surface allows.
+        LimitError
+            If there are too many points or samples to work on.
+
+        Notes
+        -----
+        A log is placed by the turn that its radius tells and by its azimuth. Between its samples
+        lie straight lines; a stretch of more than 2.5 steps without a sample is a hole, NaN there.
         """
         spiral = self._own(path)
+        _check_causes(tool, follow_up, float_too=True)
+        if not isinstance(others, list | tuple):
+            raise DataError(f"others must be a list of contributions, got {type(others).__name__}")
         removed = checked_removed(removed)
         error = spiral.error_map(self.form, sub_points=sub_points)
-        rho, azimuth = error.rho, error.theta
-        weights = rho if spiral.distribution == "CA" else np.ones_like(rho)
+        rho, azimuth, weights = error.rho, error.theta, error.area
         messages = list(error.messages)
         causes: list[Contribution] = []
         if tool is not None:
-            causes.append(self._of_tool(tool, error, weights, removed, messages))
+            causes.append(setting_cause(self.form, tool, rho, azimuth, weights, removed, messages))
         causes.append(cause_of("program", error.z, rho, azimuth, weights, removed))
         if isinstance(follow_up, FollowUp | FollowUpMap):
             z = on_spiral(follow_up, spiral, rho, messages)
             causes.append(cause_of("follow-up", z, rho, azimuth, weights, removed))
         elif follow_up is not None:
-            causes.append(Contribution("follow-up", float(follow_up)))
+            causes.append(Contribution("follow-up", follow_up))
         causes += list(others)
+        budget = ErrorBudget(causes, weights=weights)
+        messages += budget.messages
         audit = {
             "radius_um": 1e6 * self.radius,
             "feed_um": 1e6 * self.feed,
@@ -311,9 +359,7 @@ class TurningJob:
             "removed": list(removed),
             "n_samples": int(rho.size),
         }
-        return Prediction(
-            ErrorBudget(causes), rho, azimuth, removed, tuple(messages), freeze_mapping(audit)
-        )
+        return Prediction(budget, rho, azimuth, removed, tuple(messages), freeze_mapping(audit))
 
     def compensated(
         self,
@@ -344,12 +390,23 @@ class TurningJob:
         Raises
         ------
         DataError
-            If there is nothing to make up for, the gain is not in its range, or the path is of
-            another job.
+            If there is nothing to make up for, an argument cannot be used, the path is of another
+            job, or the log is of another spiral, starts late or has a long hole.
         TooFewSamplesError
             If the log has no sample on the part.
         NotConvergedError
             If the setting cannot be inverted.
+        InvalidSamplesError
+            If the form has no height at a point.
+        LimitError
+            If there are too many points to work on.
+
+        Notes
+        -----
+        The correction must not begin or end with a step, which the spline would carry on as a wave.
+        The lead-in, and up to an eighth of a turn before the log begins (a turn at the centre),
+        take the value of its end; holes up to an eighth of a turn are bridged. Longer ones are
+        refused.
         """
         from metrosep.process.feedforward import corrected_path
 
@@ -357,6 +414,8 @@ class TurningJob:
             raise DataError(
                 "give the tool setting or the follow-up error that is to be made up for"
             )
+        _check_causes(tool, follow_up, float_too=False)
+        gain = checked_finite(gain, "gain")
         if not 0.0 < gain <= 1.0:
             raise DataError(f"gain must lie above 0 and at most at 1, got {gain}")
         spiral = self._own(path)
@@ -368,17 +427,11 @@ class TurningJob:
             found = corrected_path(self.form, tool, points.rho, points.azimuth)
             z += found.change
             residual = dict(found.residual_pv)
+            messages += [f"tool setting: {m}" for m in tool.messages]
             messages += found.messages
             audit |= {k: v for k, v in found.audit.items() if k.startswith("d")}
         if follow_up is not None:
-            logged = on_spiral(follow_up, spiral, points.rho, messages)
-            missing = int(np.isnan(logged).sum())
-            if missing:
-                messages.append(
-                    f"{missing} of {logged.size} points lie where the log has no follow-up error; "
-                    "their height is not changed for it"
-                )
-            z -= gain * np.where(np.isnan(logged), 0.0, logged)
+            z -= gain * held_on_points(follow_up, spiral, points.rho, messages)
         return CorrectedProgram(
             points.rho,
             points.azimuth,
@@ -390,36 +443,39 @@ class TurningJob:
             freeze_mapping(audit),
         )
 
-    def _of_tool(
-        self,
-        tool: ToolSetting,
-        error: PathErrorMap,
-        weights: FloatArray,
-        removed: tuple[str, ...],
-        messages: list[str],
-    ) -> Contribution:
-        """Return the error of the setting at the samples of the path; NaN in the uncut core."""
-        rho, azimuth = error.rho, error.theta
-        cut = rho > abs(tool.dy) * (1.0 + 1e-9) + 1e-12
-        z = np.full(rho.shape, np.nan)
-        x, y = rho[cut] * np.cos(azimuth[cut]), rho[cut] * np.sin(azimuth[cut])
-        z[cut] = tool.error(self.form, x, y)
-        if not cut.all():
-            messages.append(
-                f"{int((~cut).sum())} samples within |dy| of the spindle axis are not cut and have "
-                "no error"
-            )
-        plain = cause_of("tool setting", z, rho, azimuth, weights, removed)
-        u = u_of_setting(self.form, tool, x, y)
-        return plain if u is None else Contribution("tool setting", map=plain.map, u=u)
-
     def _own(self, path: SpiralPath | JobPlan) -> SpiralPath:
         spiral = path.path if isinstance(path, JobPlan) else path
         if not isinstance(spiral, SpiralPath):
             raise DataError(f"the path must be a SpiralPath or a plan, got {type(path).__name__}")
-        if (spiral.radius, spiral.feed, spiral.sense) != (self.radius, self.feed, self.sense):
-            raise DataError(
-                f"the path is one of radius {spiral.radius:.6g} m, feed {spiral.feed:.6g} m, "
-                f"{spiral.sense}; the job has {self.radius:.6g} m, {self.feed:.6g} m, {self.sense}"
-            )
+        for name in ("radius", "feed", "core", "sense"):
+            theirs, ours = getattr(spiral, name), getattr(self, name)
+            if theirs != ours:
+                if name != "sense":
+                    theirs, ours = f"{theirs:.6g} m", f"{ours:.6g} m"
+                raise DataError(f"the path has the {name} {theirs}, the job has {ours}")
         return spiral
+
+
+def _check_causes(tool: object, follow_up: object, *, float_too: bool) -> None:
+    """Raise DataError for a cause of another kind."""
+    if tool is not None and not isinstance(tool, ToolSetting):
+        raise DataError(
+            f"tool must be a ToolSetting such as ToolSetting(dx=1e-6), got {type(tool).__name__}"
+        )
+    if follow_up is None or isinstance(follow_up, FollowUp | FollowUpMap):
+        return
+    if not float_too:
+        raise DataError(
+            "follow_up must be a log placed on the part, from follow_up(...): a "
+            f"{type(follow_up).__name__} has no shape that could be made up for"
+        )
+    if not isinstance(follow_up, int | float | np.number) or isinstance(follow_up, bool):
+        raise DataError(
+            "follow_up must be a log placed on the part, from follow_up(...), or a P-V in m, got "
+            f"{type(follow_up).__name__}"
+        )
+
+
+def _named(options: Mapping[str, Any], taken: Mapping[str, str]) -> str | None:
+    """Return what to say of the first option that is given elsewhere."""
+    return next((taken[n] for n in options if n in taken), None)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from metrosep.core._arrays import frozen_float
 from metrosep.core.blas import one_blas_thread
-from metrosep.core.errors import DataError
+from metrosep.core.errors import DataError, LimitError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
@@ -29,7 +29,7 @@ from metrosep.process._courses import (
     heights_of,
     last_point,
 )
-from metrosep.process.arc_lengths import arc_length, checked_count
+from metrosep.process.arc_lengths import arc_length, checked_count, checked_finite
 from metrosep.process.interpolation import dense_rows
 from metrosep.process.path_points import PathPoints
 from metrosep.process.spirals import Height, SpiralPath
@@ -42,6 +42,10 @@ __all__ = ["PathErrorMap", "path_error_map", "program_points"]
 FloatArray = NDArray[np.float64]
 
 _TURN = 2.0 * math.pi
+_MOST_SAMPLES = 50_000_000
+"""Of a map: 0.4 GB, and 0.8 GB more for where they lie."""
+_MOST_PIXELS = 5000
+"""Along a side of a surface: about 2 GB while it is made."""
 
 
 def program_points(path: SpiralPath, form: Height) -> PathPoints:
@@ -64,7 +68,9 @@ def program_points(path: SpiralPath, form: Height) -> PathPoints:
     InvalidSamplesError
         If the form has no height at a point.
     DataError
-        If the ends are clamped and the form has no gradient.
+        If the form cannot be called, or the ends are clamped and it has no gradient.
+    LimitError
+        If there are more than 10 million points.
     """
     course = course_of(path, form)
     u, _ = path.stations()
@@ -102,9 +108,18 @@ def path_error_map(path: SpiralPath, form: Height, *, sub_points: int = 10) -> P
     InvalidSamplesError
         If the form has no height at a point of the path.
     DataError
-        If `sub_points` is no whole number of 2 or more, or clamped ends lack a gradient.
+        If `sub_points` is no whole number of 2 or more, the form cannot be called, or clamped ends
+        lack a gradient.
+    LimitError
+        If there are more than 10 million points or 50 million samples.
     """
     parts = checked_count(sub_points, "sub_points", least=2)
+    if path.n_points * parts >= _MOST_SAMPLES:
+        raise LimitError(
+            f"{path.n_points:,} blocks with {parts} samples each are {path.n_points * parts + 1:,} "
+            f"samples; a map holds at most {_MOST_SAMPLES:,}: make the step larger (check its "
+            "unit), or sub_points smaller"
+        )
     fractions = np.arange(parts) / parts
     course = course_of(path, form)
     z = np.empty(path.n_points * parts + 1)
@@ -149,7 +164,7 @@ class PathErrorMap:
     -----
     Half of the distance between samples is what the P-V may miss: with 10 samples in an interval
     1 % of the error of a line at most, and nothing in its middle. Samples are dense where points
-    are: an RMS over samples is one over arc length, which is one over the area of the part.
+    are, with CA towards the centre: `area` weighs them, and the RMS is one over the part.
     """
 
     z: FloatArray
@@ -178,6 +193,12 @@ class PathErrorMap:
     def theta(self) -> FloatArray:
         """Azimuth on the part, rad, shape (n,), not wrapped: ``x = rho cos(theta)``."""
         return self._position("theta")
+
+    @property
+    def area(self) -> FloatArray:
+        """Area that each sample stands for, relative, shape (n,): rho for CA, 1 for CAL."""
+        ones = np.ones(self.z.size)
+        return self.rho if self.path.distribution == "CA" else _frozen(ones, "area")
 
     @property
     def core_radius(self) -> float:
@@ -212,7 +233,7 @@ class PathErrorMap:
         Raises
         ------
         DataError
-            If the annulus is empty, lies outside of the path or within its uncut core, or holds
+            If the annulus is no pair, empty, lies outside of the path or within its uncut core, or holds
             fewer than two samples.
 
         Notes
@@ -253,14 +274,13 @@ class PathErrorMap:
         DataError
             If the azimuth is not finite, or the line crosses no turn.
         """
-        if not math.isfinite(azimuth):
-            raise DataError(f"the azimuth must be finite, in rad, got {azimuth}")
+        azimuth = checked_finite(azimuth, "azimuth")
         path = self.path
         whole = _TURN * path.turns
         turned = (azimuth - path.start) * (1.0 if path.sense == "counterclockwise" else -1.0)
         first = turned % _TURN
         first = 0.0 if _TURN - first < 1e-12 * whole else first
-        last = float(path.u[-1])
+        last = path.last_angle
         theta = first + _TURN * np.arange(math.floor((whole - last - first) / _TURN) + 1)
         if not theta.size:
             raise DataError(f"the path crosses no line at the azimuth {azimuth:.6g} rad")
@@ -286,6 +306,8 @@ class PathErrorMap:
         ------
         DataError
             If there are fewer than 3 pixels.
+        LimitError
+            If there are more than 5000 along a side.
 
         Notes
         -----
@@ -293,12 +315,17 @@ class PathErrorMap:
         with its nose covers the space between two turns; that is another error.
         """
         n_pixels = checked_count(n_pixels, "n_pixels", least=3)
+        if n_pixels > _MOST_PIXELS:
+            raise LimitError(
+                f"a surface of {n_pixels} x {n_pixels} pixels is too large; give at most "
+                f"{_MOST_PIXELS} along a side"
+            )
         path = self.path
         axis = np.linspace(-path.radius, path.radius, n_pixels)
         x, y = np.meshgrid(axis, axis)
         u = np.hypot(x, y) * (_TURN / path.feed)
         outer, weight = self._outer_turn(np.arctan2(y, x), u)
-        covered = (outer <= _TURN * path.turns) & (outer - _TURN >= path.stations()[0][-1])
+        covered = (outer <= _TURN * path.turns) & (outer - _TURN >= path.last_angle)
         z = np.full(x.shape, np.nan)
         ends = [self._error_at(v)[1] for v in (outer[covered], outer[covered] - _TURN)]
         z[covered] = ends[0] + weight[covered] * (ends[1] - ends[0])
@@ -329,10 +356,13 @@ class PathErrorMap:
             f"points, {self.sub_points} samples an interval, rho from {p.core_radius:.6g} to "
             f"{p.radius:.6g} m, nothing removed"
         )
-        rms = math.sqrt(float(np.mean(np.square(self.z))))
+        if p.distribution == "CA":  # samples of equal angle stand for areas that grow with rho
+            rms = math.sqrt(float(np.square(self.z) @ self.rho) / float(self.rho.sum()))
+        else:
+            rms = math.sqrt(float(np.mean(np.square(self.z))))
         return (
             Quantity(self.peak_to_valley(), "m", f"peak to valley {what}", symbol="PV"),
-            Quantity(rms, "m", f"root mean square {what}", symbol="RMS"),
+            Quantity(rms, "m", f"root mean square over the area {what}", symbol="RMS"),
         )
 
     @property
@@ -385,9 +415,14 @@ class PathErrorMap:
 
     def _limits(self, annulus: tuple[float | None, float | None] | None) -> tuple[float, float]:
         inner, outer = self.path.core_radius, self.path.radius
-        low, high = annulus if annulus is not None else (None, None)
-        low = inner if low is None else float(low)
-        high = outer if high is None else float(high)
+        try:
+            low, high = annulus if annulus is not None else (None, None)
+        except (TypeError, ValueError):
+            raise DataError(
+                f"annulus must be (inner, outer) radius in m, None for an end, got {annulus!r}"
+            ) from None
+        low = inner if low is None else checked_finite(low, "an end of the annulus")
+        high = outer if high is None else checked_finite(high, "an end of the annulus")
         slack = 1e-9 * outer
         if not (0.0 <= low < high):
             raise DataError(

@@ -12,10 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core._arrays import frozen_float
-from metrosep.core.errors import DataError, LimitError
-from metrosep.process.arc_lengths import checked_positive
+from metrosep.core.errors import DataError, LimitError, UnitError
+from metrosep.process.arc_lengths import checked_count, checked_finite, checked_positive
 from metrosep.process.interpolation import Interpolation
-from metrosep.process.spirals import Distribution, Height, SpiralPath
+from metrosep.process.spirals import (
+    Distribution,
+    Height,
+    SpiralPath,
+    checked_core,
+    checked_options,
+)
 
 __all__ = ["CountCurve", "PathPoints", "PointPlan", "errors_by_count", "points_for_tolerance"]
 
@@ -27,6 +33,8 @@ _IN_A_ROW = 3
 _BELOW = (-0.002, -0.005, -0.01, -0.02, -0.04)
 _ABOVE = (0.003, 0.01, 0.03)
 """Where the answer is checked for luck, as fractions of it."""
+_LOOSEST = 1e-3
+"""m: a tolerance above is one in um or nm."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -171,9 +179,12 @@ def points_for_tolerance(
     Raises
     ------
     LimitError
-        If no count up to `max_points` holds the tolerance.
+        If no count up to `max_points` holds the tolerance, or eight points a turn are more, or a
+        path is too large to work on.
     DataError
-        If the tolerance is not positive, or as of `SpiralPath` and the region.
+        If a number or an option cannot be used, or as of `SpiralPath` and the region.
+    UnitError
+        If the tolerance is above 1 mm, or as of `SpiralPath`.
     InvalidSamplesError
         If the form has no height at a point.
 
@@ -193,8 +204,19 @@ def points_for_tolerance(
     True
     """
     tolerance = checked_positive(tolerance, "tolerance")
+    if tolerance > _LOOSEST:
+        raise UnitError(f"a tolerance of {tolerance:.6g} m is none; the tolerance is in m")
+    resolution = checked_finite(resolution, "resolution")
     if not 0.0 <= resolution < 0.1:
         raise DataError(f"resolution must lie from 0 to below 0.1, got {resolution}")
+    most = checked_count(max_points, "max_points", least=1)
+    checked_options(options, taken={"step": "step follows from the count; leave it out"})
+    fewest = _fewest(radius, feed, distribution, options.get("core", 0.0))
+    if most < fewest:
+        raise LimitError(
+            f"max_points of {most} is below the {fewest} blocks that eight points a turn need: "
+            "allow more, or check radius and feed"
+        )
     common = {"distribution": distribution, "interpolation": interpolation, **options}
 
     def path_of(n: int) -> SpiralPath:
@@ -208,10 +230,10 @@ def points_for_tolerance(
         return made
 
     tried: dict[int, float] = {}
-    low, high = _bracket(error, tolerance, _fewest(radius, feed, distribution), max_points)
+    low, high = _bracket(error, tolerance, fewest, most)
     while True:
         best = _bisected(error, tolerance, low, high, resolution)
-        below = _beside(best, _BELOW, low=_fewest(radius, feed, distribution))
+        below = _beside(best, _BELOW, low=fewest)
         lucky = [n for n in below if error(n) <= tolerance]
         if not lucky:
             break
@@ -280,7 +302,7 @@ def errors_by_count(
     Raises
     ------
     DataError
-        If no count is given, or as of `SpiralPath` and the region.
+        If no count is given or one is no whole number, or as of `SpiralPath` and the region.
     InvalidSamplesError
         If the form has no height at a point.
 
@@ -294,9 +316,13 @@ def errors_by_count(
     >>> [(c.distribution, c.interpolation) for c in curves][:2]
     [('CA', 'linear'), ('CA', 'spline')]
     """
-    if not len(counts):
+    try:
+        whole = sorted(checked_count(n, "a count of points", least=1) for n in counts)
+    except TypeError:
+        raise DataError(f"counts must be a sequence of whole numbers, got {counts!r}") from None
+    if not whole:
         raise DataError("no count of points is given; name at least one")
-    numbers = np.array(sorted(counts), dtype=np.int64)
+    numbers = np.array(whole, dtype=np.int64)
     numbers.setflags(write=False)
     curves = []
     for distribution in get_args(Distribution):
@@ -319,10 +345,15 @@ def errors_by_count(
     return tuple(curves)
 
 
-def _fewest(radius: float, feed: float, distribution: str) -> int:
+def _fewest(radius: float, feed: float, distribution: str, core: object) -> int:
     """Return the smallest count that a path may have: eight points on the outer turn."""
-    turns = checked_positive(radius, "radius") / checked_positive(feed, "feed")
-    return math.ceil(8.0 * turns if distribution == "CA" else 4.0 * turns) + 8
+    radius, feed = checked_positive(radius, "radius"), checked_positive(feed, "feed")
+    if distribution not in get_args(Distribution):
+        raise DataError(f"distribution must be CA or CAL, got {distribution!r}")
+    turns, share = radius / feed, checked_core(core, radius) / radius
+    if distribution == "CA":
+        return math.ceil(8.0 * turns * (1.0 - share)) + 8
+    return math.ceil(4.0 * turns * (1.0 - share * share)) + 8
 
 
 def _bracket(

@@ -80,7 +80,7 @@ class CorrectedProgram:
     lead_in : int
         Points before the rim.
     residual_pv : mapping of str to float, m
-        Predicted P-V of what the uncertainty of the tool setting leaves.
+        P-V of what an uncertainty of the tool setting of one u leaves, by factor.
     messages : tuple of str
         What to know.
     audit : mapping

@@ -11,7 +11,8 @@ material): ``azimuth = start + theta`` with the sense "counterclockwise", ``star
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, Literal, Protocol, get_args
 
 import numpy as np
@@ -20,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.core._arrays import frozen_float
 from metrosep.core.errors import (
     DataError,
+    LimitError,
     TooFewSamplesError,
     UnitError,
 )
@@ -56,6 +58,10 @@ _WHOLE = 1e-9
 """A count this close to a whole number, relative, is that number: 2 degrees divide a turn."""
 _WIDEST_STEP = _TURN / 8.0
 """Fewer than eight points a turn follow nothing; an angle above is one in degrees."""
+_LARGEST = 5.0
+"""m: no part is turned that large; a radius above is one in mm or um."""
+_MOST_POINTS = 10_000_000
+"""Of a program that is worked on at once: about 1 GB."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,12 +108,15 @@ class SpiralPath:
         If a length is not positive and finite, the feed is above the radius, a word is not known,
         or the end condition and the knots contradict each other.
     UnitError
-        If the step is too wide to be in rad or m.
+        If the step is too wide to be in rad or m, the radius above 5 m or the start beyond a turn.
     TooFewSamplesError
         If no interval fits (or fewer points than the spline needs).
 
     Notes
     -----
+    Points are worked out when they are asked for, up to 10 million (LimitError above); what needs
+    none, such as `core_radius` and `messages`, is in closed form.
+
     CA: ``u_i = U - i step``; CAL: ``S_i = L - i step``, Eqs. (3)-(6) of [1]_. Where the step does
     not divide the path, a core around the centre stays uncut: `core_radius`, and `messages` says
     so. `with_points` chooses the step that divides. The published reference numbers hold for
@@ -140,8 +149,8 @@ class SpiralPath:
 
     def __post_init__(self) -> None:
         self._check_words()
-        for name in ("radius", "feed"):
-            object.__setattr__(self, name, checked_positive(getattr(self, name), name))
+        object.__setattr__(self, "radius", checked_radius(self.radius))
+        object.__setattr__(self, "feed", checked_positive(self.feed, "feed"))
         if self.feed > self.radius:
             raise DataError(
                 f"the feed of {self.feed:.6g} m per revolution is above the radius of "
@@ -149,9 +158,11 @@ class SpiralPath:
             )
         for name in ("core", "start"):
             object.__setattr__(self, name, checked_finite(getattr(self, name), name))
-        if not 0.0 <= self.core < self.radius:
-            raise DataError(
-                f"core must lie from 0 to below the radius {self.radius:.6g} m, got {self.core} m"
+        checked_core(self.core, self.radius)
+        if abs(self.start) > _TURN:
+            raise UnitError(
+                f"a start of {self.start:.6g} is beyond a turn; the start is in rad, "
+                f"{self.start:.6g} degrees are {math.radians(self.start):.6g} rad"
             )
         object.__setattr__(self, "lead_in", checked_count(self.lead_in, "lead_in", least=0))
         object.__setattr__(self, "step", _checked_step(self))
@@ -213,11 +224,18 @@ class SpiralPath:
         Raises
         ------
         DataError
-            If `n_points` is no whole number of 1 or more, or as of the class.
+            If `n_points` is no whole number of 1 or more, an option is not known, or as of the
+            class.
+        UnitError
+            As of the class.
+        TooFewSamplesError
+            As of the class.
         """
+        checked_options(options, taken={"step": "step follows from n_points; leave it out"})
         count = checked_count(n_points, "n_points", least=1)
         feed, radius = checked_positive(feed, "feed"), checked_positive(radius, "radius")
-        ends = [_TURN * r / feed for r in (radius, float(options.get("core", 0.0)))]
+        core = checked_core(options.get("core", 0.0), radius)
+        ends = [_TURN * r / feed for r in (radius, core)]
         if distribution == "CAL":
             ends = [float(arc_length(u, feed)) for u in ends]
         step = (ends[0] - ends[1]) / count
@@ -256,7 +274,15 @@ class SpiralPath:
     @property
     def core_radius(self) -> float:
         """Radius of the last point, m: within it nothing is cut."""
-        return float(self.stations()[0][-1]) * self.feed / _TURN
+        return self.last_angle * self.feed / _TURN
+
+    @property
+    def last_angle(self) -> float:
+        """Angle left to the centre at the last point, rad; 0 where the path ends there."""
+        left = self._total - self.n_points * self.step
+        if left < 2.0 * _WHOLE * self._total:
+            return 0.0
+        return left if self.distribution == "CA" else float(angle_at_length(left, self.feed))
 
     @property
     def messages(self) -> tuple[str, ...]:
@@ -308,8 +334,13 @@ class SpiralPath:
         Raises
         ------
         DataError
+            If an option is not known, or as of the class.
+        UnitError
+            As of the class.
+        TooFewSamplesError
             As of the class.
         """
+        checked_options(options, taken={"n_points": "n_points follows from the step"})
         return replace(self, **options)
 
     def points(self, form: Height) -> PathPoints:
@@ -330,7 +361,9 @@ class SpiralPath:
         InvalidSamplesError
             If the form has no height at a point.
         DataError
-            If the ends are clamped and the form has no gradient.
+            If the form cannot be called, or the ends are clamped and it has no gradient.
+        LimitError
+            If there are more than 10 million points.
         """
         from metrosep.process.path_errors import program_points
 
@@ -357,7 +390,10 @@ class SpiralPath:
         InvalidSamplesError
             If the form has no height at a point of the path.
         DataError
-            If the ends are clamped and the form has no gradient, or `sub_points` is below 2.
+            If the form cannot be called, the ends are clamped and it has no gradient, or
+            `sub_points` is below 2.
+        LimitError
+            If there are more than 10 million points or 50 million samples.
         """
         from metrosep.process.path_errors import path_error_map
 
@@ -384,7 +420,19 @@ class SpiralPath:
         -------
         tuple of ndarray, shape (lead_in + n_points + 1,), rad and m
             u and S.
+
+        Raises
+        ------
+        LimitError
+            If there are more than 10 million points.
         """
+        count = self.n_points + self.lead_in + 1
+        if count > _MOST_POINTS:
+            raise LimitError(
+                f"the path has {count - 1:,} blocks of {self.step:.6g} {self._step_unit}; at most "
+                f"{_MOST_POINTS:,} are worked on at once: make the step larger (check its unit), "
+                "or take a smaller radius or a core"
+            )
         number = np.arange(-self.lead_in, self.n_points + 1, dtype=np.float64)
         left = self._total - number * self.step
         if left[-1] < 2.0 * _WHOLE * self._total:
@@ -392,6 +440,36 @@ class SpiralPath:
         if self.distribution == "CA":
             return left, arc_length(left, self.feed)
         return angle_at_length(left, self.feed), left
+
+
+def checked_radius(radius: object) -> float:
+    """Return the radius of a workpiece, or raise DataError or UnitError."""
+    number = checked_positive(radius, "radius")
+    if number > _LARGEST:
+        raise UnitError(
+            f"a radius of {number:.6g} m is larger than any turned part; the radius is in m"
+        )
+    return number
+
+
+def checked_core(core: object, radius: float) -> float:
+    """Return the radius at which a path ends, or raise DataError."""
+    number = checked_finite(core, "core")
+    if not 0.0 <= number < radius:
+        raise DataError(
+            f"core must lie from 0 to below the radius {radius:.6g} m, got {number:.6g} m"
+        )
+    return number
+
+
+def checked_options(options: Mapping[str, Any], *, taken: Mapping[str, str]) -> None:
+    """Raise DataError for an option that no path has, or that is given elsewhere."""
+    known = [f.name for f in fields(SpiralPath) if f.init]
+    for name in options:
+        if name in taken:
+            raise DataError(taken[name])
+        if name not in known:
+            raise DataError(f"a path has no option {name!r}; it has {', '.join(known)}")
 
 
 def _whole_count(count: float) -> int:

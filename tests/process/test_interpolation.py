@@ -116,6 +116,13 @@ def test_refuses_points(s, z, error, match):
 
 
 def test_refuses_words_and_empty_intervals():
+    x = np.linspace(0.0, 1.0, 30)
+    with pytest.raises(DataError, match="linear or spline, got 'nurbs'"):
+        fitted_heights(x[::5], x, x, interpolation="nurbs")
+    with pytest.raises(DataError, match="end_slopes"):
+        knot_slopes(x, x, end="clamped", end_slopes=None)
+    with pytest.raises(DataError, match="end_slopes"):
+        knot_slopes(x, x, end="clamped", end_slopes=(0.0, math.nan))
     with pytest.raises(DataError, match="end condition"):
         knot_slopes(S, wave(S), end="periodic")
     at = np.linspace(0.0, 1.0, 20)

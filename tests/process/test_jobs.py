@@ -5,12 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from metrosep.errors import DataError, TooFewSamplesError
-from metrosep.forms import Expression, SineGrid
+from metrosep.core.profile import Profile
+from metrosep.errors import DataError, TooFewSamplesError, UnitError
+from metrosep.forms import Conic, Expression, SineGrid
 from metrosep.process._follow_result import FollowUpMap
 from metrosep.process.budget import Contribution
 from metrosep.process.jobs import TurningJob
 from metrosep.process.predictions import pv_quantities
+from metrosep.process.setting_fit import identify_setting
+from metrosep.process.spirals import SpiralPath
 from metrosep.process.tool_settings import ToolSetting
 
 NM = 1e-9
@@ -150,7 +153,215 @@ def test_compensation_of_the_log_takes_a_share():
     expected = -3 * NM * np.cos(2 * np.pi * half.rho * np.cos(half.azimuth) / 100e-6)
     np.testing.assert_allclose(half.change[inside], expected[inside], atol=STRAIGHT)
     assert list(half.to_frame()) == ["rho_um", "azimuth_deg", "z_nominal_nm", "z_command_nm"]
-    assert any("3 of" in m and "not changed" in m for m in half.messages)  # the lead-in
+    assert any("3 of" in m and "first or last value" in m for m in half.messages)  # the lead-in
+    np.testing.assert_array_equal(half.change[:3], half.change[3])
+
+
+def pv_of_drawn_dx(job, path, dx, u, draws=400):
+    """Return mean and standard deviation of the P-V of a tool at dx +- u, by cutting each draw."""
+    rho, phi = path.error_map(GRID).rho[:-1:5], path.error_map(GRID).theta[:-1:5]
+    rng = np.random.default_rng(11)
+    k = 2 * np.pi / 100e-6
+
+    def grid(r):
+        return 50e-9 * (np.sin(k * r * np.cos(phi)) + np.cos(k * r * np.sin(phi)))
+
+    found = [np.ptp(grid(rho - d) - grid(rho)) for d in dx + u * rng.standard_normal(draws)]
+    return np.mean(found), np.std(found)
+
+
+@pytest.mark.parametrize("dx", [0.0, 20e-9, 1e-6])
+def test_the_pv_of_an_uncertain_setting_is_that_of_cut_draws(dx):
+    path = SMALL.path(step=np.deg2rad(5))
+    mean, sd = pv_of_drawn_dx(SMALL, path, dx, 50e-9)
+    found = SMALL.predict(path, tool=ToolSetting(dx=dx, u_dx=50e-9))
+    tool = found.budget.contributions[0]
+    scatter = 3 * sd / 20  # three standard errors of 400 draws
+    assert tool.expected == pytest.approx(mean, abs=scatter)
+    assert tool.u == pytest.approx(sd, abs=scatter)
+    assert tool.interval[0] < mean < tool.interval[1]
+    totals = found.budget.totals()
+    for way in ("pointwise", "monte-carlo", "sum", "rss"):
+        assert totals[way].u > 0.5 * sd, way
+    said = any("is expected within its uncertainty" in m for m in found.messages)
+    assert said == (dx < 50e-9)
+
+
+def test_the_covariance_of_a_setting_counts():
+    # dx and dy of equal sign share the P-V of a map that both widen: their covariance counts
+    path = SMALL.path(step=np.deg2rad(5))
+    u = 50e-9
+    alone = SMALL.predict(path, tool=ToolSetting(dx=1e-6, u_dx=u)).budget.contributions[0]
+    both = np.array([[1.0, 0.9, 0], [0.9, 1.0, 0], [0, 0, 0]]) * u**2
+    tool = SMALL.predict(path, tool=ToolSetting(dx=1e-6, dy=1e-6, cov=both))
+    apart = SMALL.predict(path, tool=ToolSetting(dx=1e-6, dy=1e-6, u_dx=u, u_dy=u, u_dR=0.0))
+    assert alone.modes.shape == (1, len(alone.map))
+    assert tool.budget.contributions[0].u > 1.2 * apart.budget.contributions[0].u
+
+
+def test_removed_freedoms_are_gone_from_the_uncertainty():
+    dome = Expression("-c*(x**2+y**2) + d*x", c=100.0, d=1e-2)
+    job = TurningJob(dome, 150e-6, 3e-6, rpm=20)
+    path = job.path(step=np.deg2rad(5))
+    tool = ToolSetting(dx=1e-6, u_dx=0.1e-6)
+    for removed in ((), ("piston", "tilt")):
+        c = job.predict(path, tool=tool, removed=removed).budget.contributions[0]
+        good = ~np.isnan(c.modes[0])
+        # the dome -c r^2 + d r cos at r = rho - dx: its derivative by dx is 2 c r - d cos
+        rho, phi = path.error_map(dome).rho[good], path.error_map(dome).theta[good]
+        mode = 2 * 100.0 * (rho - 1e-6) - 1e-2 * np.cos(phi)
+        if removed:
+            basis = np.stack([np.ones_like(rho), rho * np.cos(phi), rho * np.sin(phi)])
+            fit = np.linalg.solve((basis * rho) @ basis.T, (basis * rho) @ mode)
+            mode = mode - fit @ basis
+        np.testing.assert_allclose(c.modes[0][good], mode, atol=1e-7)
+        assert c.u == pytest.approx(0.1e-6 * np.ptp(mode), abs=0.05 * 0.1e-6 * np.ptp(mode))
+
+
+def test_what_the_setting_does_not_know_is_said():
+    path = SMALL.path(step=np.deg2rad(5))
+    unset = ToolSetting(dx=1e-6, u_dx=5e-9, u_dy=np.inf, u_dR=0.0)
+    found = SMALL.predict(path, tool=unset)
+    assert found.budget.contributions[0].u is None
+    assert any("dy is not determined" in m and "no u" in m for m in found.messages)
+    half = SMALL.predict(path, tool=ToolSetting(dx=1e-6, dR=1e-6, u_dx=5e-9))
+    assert any("uncertainty of dR is not known" in m for m in half.messages)
+    # on a part of revolution dy leaves no trace: the others are counted
+    ball = TurningJob(Conic(R=5e-3, k=0.0), 90e-6, 4e-6, rpm=20)
+    path = ball.path(step=0.07)
+    turned = ball.predict(path, tool=unset)
+    alone = ball.predict(path, tool=ToolSetting(dx=1e-6, u_dx=5e-9))
+    assert turned.budget.contributions[0].u == pytest.approx(
+        alone.budget.contributions[0].u, abs=1e-6 * NM
+    )
+    assert any("no effect on this form" in m for m in turned.messages)
+
+
+def test_messages_of_an_identified_setting_are_handed_on():
+    x = np.arange(20e-6, 140e-6, 1e-6)
+    fitted = identify_setting(Profile(x, GRID(x)), GRID).setting
+    assert fitted.messages  # a one-sided profile says nothing of dy
+    path = SMALL.path(step=np.deg2rad(5))
+    for made in (SMALL.predict(path, tool=fitted), SMALL.compensated(path, tool=fitted)):
+        assert {f"tool setting: {m}" for m in fitted.messages} <= set(made.messages)
+
+
+def log_of(job, error, *, keep=None, quantum=0.0, turn=0.0, noise=0.0, sense=1, every=0.02):
+    """Return a log along the spiral in the order of time, its azimuth wrapped as an encoder does."""
+    travelled = np.arange(0.0, 2 * np.pi * job.radius / job.feed, every)
+    rho = job.radius - job.feed * travelled / (2 * np.pi)
+    phi = sense * travelled
+    z = error(rho * np.cos(phi), rho * np.sin(phi))
+    if keep is not None:
+        z = np.where(keep(travelled / (2 * np.pi)), z, np.nan)
+    rho = np.abs(rho + noise * np.random.default_rng(3).standard_normal(rho.size))
+    if quantum:
+        rho = np.round(rho / quantum) * quantum
+    return FollowUpMap(rho, np.mod(phi + turn, 2 * np.pi), z)
+
+
+def wavy(x, y):
+    """Return a follow-up error without any symmetry."""
+    return 4 * NM * np.sin(2 * np.pi * (x + 0.4 * y) / 60e-6) + 3 * NM * y / 150e-6 + 2 * NM
+
+
+LINES = 0.06e-9
+"""m: straight lines between samples 3 um apart at the rim, A (k h)^2 / 8 with A = 4 nm."""
+
+
+def test_a_hole_of_the_log_is_not_filled():
+    log = log_of(SMALL, wavy, keep=lambda turn: (turn < 15) | (turn > 25))
+    found = SMALL.predict(SMALL.path(step=np.deg2rad(4)), follow_up=log)
+    z, turn = found.maps["follow-up"], (150e-6 - found.rho) / 3e-6
+    assert np.isnan(z[(turn > 15.01) & (turn < 24.99)]).all()
+    known = (turn < 14.99) | (turn > 25.01)
+    known &= turn < 49.99
+    np.testing.assert_allclose(z[known], wavy(found.x, found.y)[known], atol=LINES)
+    said = " ".join(found.messages)
+    assert "hole" in said
+    assert "10 turns at rho = 105 um to 75 um" in said
+    assert "covers 80.0 %" in said
+    assert "'follow-up'" in said  # the budget counts the points
+
+
+def test_single_lost_samples_are_bridged():
+    lost = np.random.default_rng(5).random(100_000) < 0.05
+    log = log_of(SMALL, wavy, keep=lambda turn: ~lost[: turn.size])
+    found = SMALL.predict(SMALL.path(step=np.deg2rad(4)), follow_up=log)
+    z = found.maps["follow-up"]
+    good = ~np.isnan(z)
+    assert good.mean() > 0.98  # three in a row, one of 400, are left out
+    np.testing.assert_allclose(z[good], wavy(found.x, found.y)[good], atol=4 * LINES)
+
+
+@pytest.mark.parametrize("sense", ["counterclockwise", "clockwise"])
+@pytest.mark.parametrize(("quantum", "noise"), [(0.1e-6, 0.0), (1e-6, 0.0), (0.0, 0.5e-6)])
+def test_a_coarse_radius_tells_the_turn_and_no_more(sense, quantum, noise):
+    # 1 um is a third of the feed, 0.5 um RMS a sixth: single samples are on a wrong turn by radius
+    job = TurningJob(GRID, 150e-6, 3e-6, rpm=20, sense=sense)
+    sign = 1 if sense == "counterclockwise" else -1
+    log = log_of(job, wavy, quantum=quantum, noise=noise, sense=sign)
+    program = job.compensated(job.path(step=np.deg2rad(4)), follow_up=log)
+    on_part = slice(program.lead_in, -1)
+    x, y = program.rho * np.cos(program.azimuth), program.rho * np.sin(program.azimuth)
+    left = (wavy(x, y) + program.change)[on_part]
+    assert np.ptp(left) < 2 * LINES
+    assert np.ptp(wavy(x, y)) > 12 * NM
+
+
+def test_radii_that_do_not_tell_the_turn_are_refused():
+    path = SMALL.path(step=np.deg2rad(4))
+    with pytest.raises(DataError, match="do not tell on which turn"):
+        SMALL.predict(path, follow_up=log_of(SMALL, wavy, noise=1.5e-6))
+
+
+def test_a_systematic_azimuth_is_reported():
+    path = SMALL.path(step=np.deg2rad(4))
+    found = SMALL.predict(path, follow_up=log_of(SMALL, wavy, turn=0.4))
+    assert any("disagree by 22.9 deg" in m for m in found.messages)
+    c, s = np.cos(0.4), np.sin(0.4)  # the log says it lies 0.4 rad on: the map is turned by it
+    turned = wavy(c * found.x + s * found.y, c * found.y - s * found.x)
+    good = ~np.isnan(found.maps["follow-up"])
+    good &= found.rho > 10e-6
+    np.testing.assert_allclose(found.maps["follow-up"][good], turned[good], atol=0.2 * NM)
+    quiet = SMALL.predict(path, follow_up=log_of(SMALL, wavy))
+    assert not any("disagree" in m for m in quiet.messages)
+
+
+def test_a_constant_error_leaves_no_step_for_the_spline():
+    path = SMALL.path(step=np.deg2rad(4))
+    program = SMALL.compensated(path, follow_up=log_of(SMALL, lambda x, y: 20 * NM + 0 * x))
+    np.testing.assert_allclose(program.change, -20 * NM, atol=1e-18)
+    assert program.lead_in == 3
+
+
+@pytest.mark.parametrize(
+    ("keep", "match"),
+    [
+        (lambda turn: turn > 12, "starts 12 turns after the rim"),
+        (lambda turn: turn < 40, r"ends 10 turns before the last point"),
+        (lambda turn: (turn < 15) | (turn > 25), "a hole of 10 turns"),
+    ],
+)
+def test_a_log_that_leaves_much_out_corrects_nothing(keep, match):
+    path = SMALL.path(step=np.deg2rad(4))
+    with pytest.raises(DataError, match=match):
+        SMALL.compensated(path, follow_up=log_of(SMALL, wavy, keep=keep))
+
+
+def test_a_short_hole_is_bridged_aloud():
+    path = SMALL.path(step=np.deg2rad(4))
+    log = log_of(SMALL, wavy, keep=lambda turn: (turn < 40) | (turn > 40.1))
+    program = SMALL.compensated(path, follow_up=log)
+    assert any("1 hole(s) of the log, up to 36" in m for m in program.messages)
+    assert np.isfinite(program.z).all()
+
+
+def test_budget_of_a_job_weighs_by_area():
+    found = SMALL.predict(SMALL.path(step=np.deg2rad(5)), tool=ToolSetting(dx=1e-6))
+    np.testing.assert_array_equal(found.budget.weights, found.rho)
+    even = SMALL.path(step=2e-6, distribution="CAL")
+    assert (SMALL.predict(even).budget.weights == 1.0).all()
 
 
 @pytest.mark.parametrize(
@@ -160,6 +371,61 @@ def test_compensation_of_the_log_takes_a_share():
         (lambda: TurningJob(GRID, -1e-3, 1e-6, rpm=20), DataError, "radius"),
         (lambda: TurningJob(GRID, 1e-3, 1e-6, rpm=0), DataError, "rpm"),
         (lambda: TurningJob(GRID, 1e-3, 1e-6, rpm=20, block_time=-1), DataError, "block_time"),
+        (lambda: TurningJob(GRID, "5e-4", 1e-6, rpm=20), DataError, "radius must be a number"),
+        (lambda: TurningJob(GRID, 500.0, 1e-6, rpm=20), UnitError, "radius of 500 m"),
+        (
+            lambda: TurningJob(GRID, 1e-3, 1e-6, rpm=20, block_time=None),
+            DataError,
+            "block_time must be a number",
+        ),
+        (
+            lambda: TurningJob(GRID, 1e-3, 1e-6, rpm=20, sense="left"),
+            DataError,
+            "sense must be one of",
+        ),
+        (lambda: TurningJob(GRID, 1e-3, 1e-6, rpm=20, core=2e-3), DataError, "core must lie"),
+        (lambda: SMALL.path(step=0.1, foo=1), DataError, "no option 'foo'"),
+        (lambda: SMALL.path(step=0.1, core=1e-6), DataError, "core is that of the job"),
+        (lambda: SMALL.plan(1e-9, feed=1e-6), DataError, "feed is that of the job"),
+        (lambda: SMALL.plan(1.0), UnitError, "tolerance"),
+        (lambda: SMALL.time("path"), DataError, "path must be a SpiralPath .* got str"),
+        (
+            lambda: SMALL.predict(SpiralPath(150e-6, 3e-6, step=0.1, core=50e-6)),
+            DataError,
+            "core 5e-05 m, the job has 0 m",
+        ),
+        (
+            lambda: SMALL.predict(SMALL.path(step=0.1), tool=(1e-6, 0, 0)),
+            DataError,
+            "tool must be a ToolSetting",
+        ),
+        (
+            lambda: SMALL.predict(SMALL.path(step=0.1), follow_up="log"),
+            DataError,
+            "or a P-V in m, got str",
+        ),
+        (
+            lambda: SMALL.predict(SMALL.path(step=0.1), follow_up=-1e-9),
+            DataError,
+            "from 0 on",
+        ),
+        (lambda: SMALL.predict(SMALL.path(step=0.1), others=5), DataError, "others must be"),
+        (
+            lambda: SMALL.predict(SMALL.path(step=0.1), others=[5]),
+            DataError,
+            "must be a Contribution",
+        ),
+        (lambda: SMALL.predict(SMALL.path(step=0.1), removed=5), DataError, "got 5"),
+        (
+            lambda: SMALL.compensated(SMALL.path(step=0.1), follow_up=1e-9),
+            DataError,
+            "has no shape",
+        ),
+        (
+            lambda: SMALL.compensated(SMALL.path(step=0.1), tool=ToolSetting(dx=1e-6), gain=None),
+            DataError,
+            "gain must be a number",
+        ),
         (lambda: SMALL.predict("path"), DataError, "must be a SpiralPath"),
         (
             lambda: SMALL.predict(TurningJob(GRID, 1e-4, 3e-6, rpm=20).path(step=0.1)),

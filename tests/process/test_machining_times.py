@@ -56,6 +56,9 @@ def test_blocks_without_time_never_limit():
         ({"spindle_speed": "fast"}, "spindle_speed"),
         ({"block_time": -1e-3}, "block_time"),
         ({"block_time": math.inf}, "block_time"),
+        ({"block_time": None}, "block_time must be a number"),
+        ({"turns": "5"}, "turns must be a number"),
+        ({"n_points": True}, "n_points must be a number"),
     ],
 )
 def test_refuses(change, match):

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ import pytest
 from metrosep.core.errors import DataError, InvalidSamplesError, LimitError
 from metrosep.forms import SineGrid
 from metrosep.process.path_estimates import estimated_points
-from metrosep.process.path_points import points_for_tolerance
+from metrosep.process.path_points import errors_by_count, points_for_tolerance
 from metrosep.process.spirals import SpiralPath
 
 RADIUS, FEED = 500e-6, 2e-6
@@ -151,9 +152,12 @@ def test_line_lies_where_the_map_says(sense):
 @pytest.mark.parametrize(
     ("region", "match"),
     [
+        ({"annulus": (1, 2, 3)}, "annulus must be .inner, outer. .* got .1, 2, 3"),
+        ({"annulus": 5e-5}, "annulus must be .* got 5e-05"),
+        ({"annulus": ("a", None)}, "annulus must be a number"),
         ({"annulus": (0.0, 300e-6)}, "uncut core of 3.70893e-07"),
         ({"annulus": (300e-6, 200e-6)}, "empty"),
-        ({"annulus": (math.nan, 200e-6)}, "empty"),
+        ({"annulus": (math.nan, 200e-6)}, "must be finite"),
         ({"annulus": (0.2, 0.3)}, "outside"),
         ({"azimuth": math.nan}, "azimuth"),
         ({"annulus": (200e-6, 200.1e-6), "azimuth": 0.0}, "wider"),
@@ -192,6 +196,66 @@ def test_surface_holds_the_errors_where_they_are(sense):
     good = inside & (counts > 0)
     assert np.corrcoef(binned[good], surface.z[good])[0, 1] > 0.9
     assert np.corrcoef(binned[::-1][good], surface.z[good])[0, 1] < 0.5
+
+
+@pytest.mark.parametrize("distribution", ["CA", "CAL"])
+def test_rms_is_one_over_the_area(distribution):
+    # an error that grows with rho: the RMS of rho over a disc is R / sqrt 2, over its radii R / sqrt 3
+    path = SpiralPath.with_points(150e-6, 5e-6, 3000, distribution=distribution)
+    made = path.error_map(lambda x, y: 0.0 * x)
+    grown = replace(made, z=1e-4 * made.rho)
+    rms = grown.summary()[1]
+    assert rms.value == pytest.approx(1e-4 * 150e-6 / 2**0.5, abs=1e-3 * 1e-4 * 150e-6)
+    assert "over the area" in rms.definition
+
+
+def test_rms_of_the_paper_part_over_the_area():
+    # reviewer's own average with weights rho: 1.911 nm; over the samples it would be 1.481 nm
+    made = SpiralPath(RADIUS, FEED, step=math.radians(2), interpolation="linear").error_map(GRID)
+    assert made.summary()[1].value == pytest.approx(1.911 * NM, abs=0.001 * NM)
+
+
+def test_a_core_needs_fewer_points():
+    # 25 turns are left: 8 points each; the whole disc would start at 2008
+    plan = points_for_tolerance(GRID, RADIUS, FEED, 180e-9, core=450e-6, lead_in=3)
+    held = SpiralPath.with_points(RADIUS, FEED, 1200, core=450e-6, lead_in=3)
+    assert held.error_map(GRID).peak_to_valley() < 180e-9
+    assert plan.n_points < 1.05 * 1200  # 1200 is luck: not the next counts
+    assert plan.peak_to_valley <= 180e-9
+
+
+def test_too_few_points_allowed_is_a_limit():
+    with pytest.raises(LimitError, match=r"max_points of 100 .* 2009 blocks"):
+        points_for_tolerance(GRID, RADIUS, FEED, 1e-9, max_points=100)
+
+
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        ({"max_points": None}, "max_points must be a number"),
+        ({"max_points": math.nan}, "max_points must be finite"),
+        ({"resolution": "a"}, "resolution must be a number"),
+        ({"tolerance": 1.0}, "tolerance of 1 m"),
+        ({"tolerance": None}, "tolerance must be a number"),
+        ({"foo": 1}, "no option 'foo'"),
+        ({"step": 0.1}, "step follows"),
+        ({"core": None}, "core must be a number"),
+        ({"core": 1.0}, "core must lie"),
+        ({"distribution": "XX"}, "distribution must be"),
+        ({"annulus": 5e-5}, "annulus must be"),
+        ({"sub_points": None}, "sub_points must be a number"),
+    ],
+)
+def test_bad_arguments_in_one_sentence(change, match):
+    given = {**SMALL, "tolerance": 5e-9} | change
+    with pytest.raises(DataError, match=match):
+        points_for_tolerance(**given)
+
+
+@pytest.mark.parametrize("counts", [None, [], ["a"], 5, [1000, None]], ids=repr)
+def test_counts_in_one_sentence(counts):
+    with pytest.raises(DataError, match="count"):
+        errors_by_count(GRID, 150e-6, 5e-6, counts)
 
 
 def test_summary_and_audit():

@@ -7,7 +7,14 @@ import pytest
 from scipy.integrate import quad
 from scipy.interpolate import CubicSpline
 
-from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError, UnitError
+from metrosep.core.errors import (
+    DataError,
+    InvalidSamplesError,
+    LimitError,
+    TooFewSamplesError,
+    UnitError,
+)
+from metrosep.core.surface import Surface
 from metrosep.forms import SineGrid, Sphere
 from metrosep.process.arc_lengths import angle_at_length, arc_length
 from metrosep.process.spirals import SpiralPath
@@ -318,6 +325,10 @@ def test_undefined_points_are_named():
         ({"core": 500e-6}, DataError, "core"),
         ({"core": -1e-9}, DataError, "core"),
         ({"start": math.inf}, DataError, "start"),
+        ({"start": 90.0}, UnitError, "start .* in rad"),
+        ({"radius": 500.0}, UnitError, "radius .* in m"),
+        ({"radius": "5e-4"}, DataError, "radius must be a number"),
+        ({"radius": True}, DataError, "radius must be a number in SI, got True"),
         ({"knots": "least-squares", "end": "natural"}, DataError, "least-squares"),
         ({"radius": 2e-6, "core": 1.9e-6}, TooFewSamplesError, "interval"),
     ],
@@ -342,6 +353,58 @@ def test_refuses_calls():
         angle_at_length(-1.0, FEED)
     with pytest.raises(DataError, match="feed"):
         arc_length(1.0, math.nan)
+
+
+@pytest.mark.parametrize(
+    ("call", "match"),
+    [
+        (lambda: SpiralPath.with_points(RADIUS, FEED, 900, step=1.0), "step follows"),
+        (lambda: SpiralPath.with_points(RADIUS, FEED, 9000, core=None), "core must be a number"),
+        (lambda: SpiralPath.with_points(RADIUS, FEED, 9000, core=1e-3), "core must lie"),
+        (lambda: SpiralPath.with_points(RADIUS, FEED, 9000, foo=1), "no option 'foo'"),
+        (lambda: path_of("CA", 5).with_options(bar=1), "no option 'bar'"),
+        (lambda: path_of("CA", 5).error_map(None), "got NoneType"),
+        (lambda: path_of("CA", 5).points(Surface(np.zeros((3, 3)), 1e-6, 1e-6)), "got Surface"),
+        (lambda: path_of("CA", 5).points(lambda x, y: 1j * x), "complex"),
+        (lambda: path_of("CA", 5).points(lambda x, y: "high"), "must return"),
+        (lambda: path_of("CA", 5).error_map(GRID).to_surface(10**8), "100000000 x 100000000"),
+    ],
+)
+def test_refuses_options_and_forms_in_one_sentence(call, match):
+    with pytest.raises((DataError, LimitError), match=match):
+        call()
+
+
+@pytest.mark.parametrize(
+    ("path", "number"),
+    [
+        (SpiralPath(20e-3, 2e-6, step=math.radians(0.1)), "36,000,000"),
+        (SpiralPath(20e-3, 2e-6, step=1e-9), "62,831,853,071,796"),
+        (SpiralPath(20e-3, 2e-6, distribution="CAL", step=1e-12), "628,318,53"),
+    ],
+    ids=["6 GB of samples", "a step in the wrong unit", "arc length"],
+)
+def test_a_program_too_large_to_work_on_is_refused_with_its_size(path, number):
+    for call in (lambda: path.error_map(GRID), lambda: path.points(GRID), lambda: path.rho):
+        with pytest.raises(LimitError, match=number):
+            call()
+    # what needs no points is still told, at once
+    assert path.core_radius < 1e-9
+    assert "Spline" in path.messages[-2]
+
+
+def test_samples_are_limited_as_well():
+    path = SpiralPath(RADIUS, FEED, step=math.radians(1))
+    with pytest.raises(LimitError, match="90,000,001 samples"):
+        path.error_map(GRID, sub_points=1000)
+
+
+@pytest.mark.parametrize("distribution", ["CA", "CAL"])
+@pytest.mark.parametrize("core", [0.0, 37e-6])
+def test_core_radius_in_closed_form_is_that_of_the_last_point(distribution, core):
+    path = path_of(distribution, 7.3 if distribution == "CA" else 13.7, core=core)
+    assert path.core_radius == pytest.approx(path.rho[-1], abs=ROUNDING)
+    assert path.core_radius >= core
 
 
 def test_constant_forms_and_no_mutation():
