@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,15 +13,17 @@ from metrosep.core._arrays import FloatArray, as_float, frozen_float
 from metrosep.core.errors import DataError, InvalidSamplesError, UnitError
 from metrosep.core.units import format_length
 from metrosep.process._setting_model import FACTORS
-from metrosep.process.setting_maps import DEFAULT_RADIUS, checked_region
+from metrosep.process.setting_maps import DEFAULT_RADIUS, checked_region, plausible_length
 
+LARGEST_NOSE = 0.1
+"""m: no round nose of a turning tool is larger; from here on a number is in mm."""
 LARGEST_SETTING = {"dx": 1e-3, "dy": 1e-3, "dR": 10e-3}
 """m: more than this is a number in um or mm that lost its unit."""
 
 
 def checked_setting(value: object, name: str) -> float:
     try:
-        number = float(value)  # type: ignore[arg-type]
+        number = real_number(value)
     except (TypeError, ValueError):
         raise DataError(f"{name} must be a number in m, got {value!r}") from None
     if not math.isfinite(number):
@@ -37,7 +40,7 @@ def checked_uncertainty(value: object, name: str) -> float | None:
     if value is None:
         return None
     try:
-        number = float(value)  # type: ignore[arg-type]
+        number = real_number(value)
     except (TypeError, ValueError):
         raise DataError(f"{name} must be a number in m, got {value!r}") from None
     if math.isnan(number) or number < 0.0:
@@ -51,7 +54,7 @@ def checked_uncertainty(value: object, name: str) -> float | None:
 
 
 def checked_covariance(cov: ArrayLike) -> FloatArray:
-    array = as_float(cov)
+    array = real_array(cov, "cov")
     if array.shape != (3, 3):
         raise InvalidSamplesError(f"cov must be 3 x 3 for (dx, dy, dR), got shape {array.shape}")
     diagonal = np.diag(array)
@@ -73,8 +76,59 @@ def checked_factors(factors: Sequence[str]) -> None:
             raise DataError(f"a factor of the setting is dx, dy or dR, got {name!r}")
 
 
+def real_array(values: object, name: str) -> FloatArray:
+    """Return a float64 copy; refuse what holds no real numbers."""
+    try:
+        return as_float(values)
+    except (TypeError, ValueError) as exc:
+        raise InvalidSamplesError(
+            f"{name} must hold real numbers, got {type(values).__name__}: {exc}"
+        ) from None
+
+
+def positive_length(value: object, name: str, largest: float) -> float | None:
+    """Return a length in m, > 0 and below `largest`; None stays."""
+    if value is None:
+        return None
+    try:
+        number = real_number(value)
+    except (TypeError, ValueError):
+        raise DataError(f"{name} must be a number in m, got {value!r}") from None
+    if not (math.isfinite(number) and number > 0.0):
+        raise DataError(f"{name} must be positive and finite, in m, got {value}")
+    if number >= largest:
+        raise UnitError(
+            f"{name} = {number:g} m is not plausible: lengths are in metres, so {number:g} um is "
+            f"{number * 1e-6:g}"
+        )
+    return number
+
+
+def real_number(value: Any) -> float:
+    """Return a float; flags and complex numbers are a TypeError."""
+    if isinstance(value, bool | np.bool_):
+        raise TypeError("a flag is no number")
+    return float(value)
+
+
+def positions(x: ArrayLike, y: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Return x and y on the workpiece, finite and of one shape."""
+    found = {"x": finite_positions(x, "x"), "y": finite_positions(y, "y")}
+    for name, array in found.items():
+        plausible_length(float(np.abs(array).max(initial=0.0)), name)
+    try:
+        xs, ys = np.broadcast_arrays(found["x"], found["y"])
+    except ValueError:
+        raise InvalidSamplesError(
+            f"x of shape {found['x'].shape} and y of shape {found['y'].shape} do not broadcast: give "
+            "one y for each x, or one for all"
+        ) from None
+    return xs, ys
+
+
 def finite_positions(values: ArrayLike, name: str) -> FloatArray:
-    array = as_float(values)
+    """Return a float64 copy without NaN and infinities."""
+    array = real_array(values, name)
     bad = np.flatnonzero(~np.isfinite(array))
     if bad.size:
         raise InvalidSamplesError(

@@ -34,7 +34,10 @@ FREEDOMS: Mapping[str, str] = {
 }
 """Unit of each; when two hold the same, the one that stands later is given up."""
 
+LINEAR = ("piston", "tilt_x", "tilt_y")
 _LARGEST = {"dx": 1e-3, "dy": 1e-3, "dR": 10e-3, "rotation": 1.0}
+_LARGEST_SHARE = 0.05
+"""Of the size of the part: a lateral freedom that is not known better is not determined."""
 _SAME = 1e-9
 """Share of its square norm that a column must keep beside the others."""
 _NO_TRACE = 1e-9
@@ -93,8 +96,33 @@ def modelled(
     return z, columns
 
 
+@dataclass(frozen=True, slots=True)
+class Region:
+    """Which points are used: a ring about where the spindle axis was taken to be.
+
+    It stays where it is while the shift is fitted, so that the points stay the same.
+
+    Parameters
+    ----------
+    inner, outer : float, m
+        Radii.
+    x, y : float, m
+        Centre, in the coordinates of the points.
+    """
+
+    inner: float
+    outer: float
+    x: float = 0.0
+    y: float = 0.0
+
+    def holds(self, x: FloatArray, y: FloatArray) -> NDArray[np.bool_]:
+        """Return which points lie within."""
+        rho = np.hypot(x - self.x, y - self.y)
+        return (rho >= self.inner) & (rho <= self.outer)
+
+
 def equations(
-    points: Points, form: Form, values: Mapping[str, float], region: tuple[float, float]
+    points: Points, form: Form, values: Mapping[str, float], region: Region
 ) -> Equations:
     """Return the sums over the measured points within a region about the spindle axis."""
     size = len(FREEDOMS)
@@ -102,8 +130,7 @@ def equations(
     square, n, undefined = 0.0, 0, 0
     with one_blas_thread():
         for all_x, all_y, all_z in points.valid_blocks():
-            rho = np.hypot(all_x - values["shift_x"], all_y - values["shift_y"])
-            inside = (rho >= region[0]) & (rho <= region[1])
+            inside = region.holds(all_x, all_y)
             x, y, z = all_x[inside], all_y[inside], all_z[inside]
             model, columns = modelled(form, x, y, values)
             off = z - model
@@ -144,7 +171,8 @@ def choose(sums: Equations, free: Sequence[str], *, noise: float, extent: float)
     """Return the freedoms that the points determine, in order of preference.
 
     A freedom is given up where it leaves no trace, where others hold its effect to rounding, or
-    where its uncertainty exceeds the size of the part (or 1 mm of dx and dy, 10 mm of dR, 1 rad).
+    where its uncertainty exceeds a twentieth of the size of the part (dx, dy and shifts; 1 mm of dx
+    and dy at most), 10 mm (dR) or 1 rad.
     """
     names = list(FREEDOMS)
     slopes = [names.index(n) for n in ("dx", "dy", "shift_x", "shift_y")]
@@ -161,7 +189,9 @@ def choose(sums: Equations, free: Sequence[str], *, noise: float, extent: float)
             given_up[name] = ()
             continue
         left, partners = _beside(sums.gram, i, used)
-        limit = _LARGEST.get(name, extent if FREEDOMS[name] == "m" else math.inf)
+        limit = _LARGEST.get(name, math.inf)
+        if i in slopes:
+            limit = min(limit, _LARGEST_SHARE * extent)
         if left <= _SAME or noise > limit * norm * math.sqrt(left):
             given_up[name] = tuple(names[k] for k in partners)
             continue
@@ -183,14 +213,37 @@ def _beside(gram: FloatArray, i: int, used: Sequence[int]) -> tuple[float, list[
     return left, [k for k, w in zip(used, shares, strict=True) if w > 0.3 * shares.max()]
 
 
-def solve(sums: Equations, choice: Choice) -> tuple[FloatArray, FloatArray]:
-    """Return the step of the used freedoms, and the inverse of their products."""
+def solve(
+    sums: Equations, choice: Choice, *, damping: float = 0.0
+) -> tuple[FloatArray, FloatArray]:
+    """Return the step of the used freedoms, and the inverse of their products.
+
+    Damping shortens the step along what the points show least; columns are of length one.
+    """
     rows = choice.rows
     norms = np.sqrt(np.diag(sums.gram)[rows])
     unit = sums.gram[np.ix_(rows, rows)] / np.outer(norms, norms)
-    inverse = np.linalg.inv(unit)
+    inverse = np.linalg.inv(unit + damping * np.eye(len(rows)))
     inverse = 0.5 * (inverse + inverse.T)
     return inverse @ (sums.right[rows] / norms) / norms, inverse / np.outer(norms, norms)
+
+
+def levelled(sums: Equations, choice: Choice) -> tuple[Equations, dict[str, float]]:
+    """Return the sums after piston and tilts took what they can, and by how much they change.
+
+    Exact without another look at the points, because the heights are linear in these three.
+    """
+    rows = [i for i, name in zip(choice.rows, choice.used, strict=True) if name in LINEAR]
+    if not rows:
+        return sums, {}
+    norms = np.sqrt(np.diag(sums.gram)[rows])
+    unit = sums.gram[np.ix_(rows, rows)] / np.outer(norms, norms)
+    change = np.linalg.solve(unit, sums.right[rows] / norms) / norms
+    square = max(sums.square - float(change @ sums.right[rows]), 0.0)
+    right = sums.right - sums.gram[:, rows] @ change
+    names = [list(FREEDOMS)[i] for i in rows]
+    left = Equations(sums.gram, right, square, sums.n, sums.n_undefined)
+    return left, dict(zip(names, change.tolist(), strict=True))
 
 
 def alike(sums: Equations, choice: Choice, held: Sequence[str]) -> dict[str, tuple[str, float]]:
@@ -199,7 +252,7 @@ def alike(sums: Equations, choice: Choice, held: Sequence[str]) -> dict[str, tup
     Correlations are those of what piston and tilts leave of both.
     """
     names = list(FREEDOMS)
-    plane = [names.index(n) for n in ("piston", "tilt_x", "tilt_y") if n in choice.used]
+    plane = [names.index(n) for n in LINEAR if n in choice.used]
     found: dict[str, tuple[str, float]] = {}
     for name in held:
         i = names.index(name)

@@ -65,6 +65,10 @@ def known_form(form: object) -> Form:
         raise DataError(
             f"the nominal surface must be a form of metrosep.forms, got {type(form).__name__}"
         )
+    if np.iscomplexobj(form.height(np.zeros(1), np.zeros(1))):
+        raise DataError(
+            f"the heights of {form.name} are complex numbers: give a form with real ones"
+        )
     unknown = [k for k, v in form.parameters.items() if v is None]
     if unknown:
         raise DataError(

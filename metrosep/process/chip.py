@@ -19,7 +19,7 @@ __all__ = ["approximate_chip_thickness", "cusp_height", "cusp_ra", "max_chip_thi
 
 FloatArray = NDArray[np.float64]
 
-_LARGEST = {"R": 1.0, "f": 1e-2, "a": 1e-2}
+_LARGEST = {"R": 0.1, "f": 1e-2, "a": 1e-2}
 """m: a nose radius, feed per revolution or depth from here on is a number in um or mm."""
 
 

@@ -16,12 +16,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import as_float, frozen_float, same_length
-from metrosep.core.errors import DataError, InvalidSamplesError, NotConvergedError
+from metrosep.core.errors import (
+    DataError,
+    InvalidSamplesError,
+    NotConvergedError,
+    TooFewSamplesError,
+)
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.units import format_length
 from metrosep.forms.base import Form
-from metrosep.process._setting_checks import finite_positions
+from metrosep.process._setting_checks import finite_positions, positive_length, real_array
 from metrosep.process._setting_model import known_form
+from metrosep.process.setting_maps import plausible_length
 from metrosep.process.tool_settings import ToolSetting
 
 __all__ = ["CorrectedPath", "CorrectedPoints", "corrected_path", "corrected_points"]
@@ -176,7 +182,8 @@ def corrected_path(
     Returns
     -------
     CorrectedPath
-        With the uncertainty and the predicted residual where those of the setting are known.
+        With the uncertainty and the predicted residual where those of the setting are known, and
+        with what its identification could not tell.
 
     Raises
     ------
@@ -184,7 +191,11 @@ def corrected_path(
         If the form is none or has unknown parameters, or the surface is not defined where a point
         is cut.
     InvalidSamplesError
-        If a position is not finite, or the lengths differ.
+        If a position is no finite number, or the lengths differ.
+    TooFewSamplesError
+        If there is no point.
+    UnitError
+        If a radius cannot be in metres.
     NotConvergedError
         If dR exceeds what the curvature of the surface allows.
 
@@ -215,11 +226,14 @@ def corrected_path(
     if not isinstance(setting, ToolSetting):
         raise DataError(f"the setting must be a ToolSetting, got {type(setting).__name__}")
     r = np.atleast_1d(finite_positions(rho, "rho"))
+    plausible_length(float(np.abs(r).max(initial=0.0)), "rho")
     azimuth = np.atleast_1d(finite_positions(theta, "theta"))
     if r.ndim != 1 or r.shape != azimuth.shape:
         raise InvalidSamplesError(
             f"rho and theta must be equally long, got shapes {r.shape} and {azimuth.shape}"
         )
+    if not r.size:
+        raise TooFewSamplesError("the path has no point: give at least one rho and theta")
     x = _landed(form, r, azimuth, setting)
     height, slope, tangential, cut_rho, cut_theta = _section(form, x, azimuth, setting.dy)
     bad = np.flatnonzero(np.isnan(height))
@@ -242,6 +256,7 @@ def corrected_path(
                 "is commanded: set the tool height"
             ),
         )
+    said += tuple(m for m in setting.messages if m not in said)
     audit = {
         "form": repr(form),
         "dx_um": setting.dx * 1e6,
@@ -285,7 +300,9 @@ def corrected_points(
     DataError
         If the points have another shape, or tolerance or steps are out of range.
     InvalidSamplesError
-        If a point or an error is not finite, or the errors have another shape.
+        If a point or an error is no finite number, or the errors have another shape.
+    UnitError
+        If the tolerance cannot be in metres.
     NotConvergedError
         If the residual does not shrink, or not enough within the steps.
 
@@ -302,16 +319,15 @@ def corrected_points(
     >>> round(found.command[0, 2].item() * 1e6, 9), found.steps
     (1999.0, 1)
     """
-    target = as_float(points)
+    target = real_array(points, "points")
+    if not callable(error):
+        raise DataError(f"the error must be a function of x, y and z, got {type(error).__name__}")
     if target.ndim != 2 or target.shape[1] != 3 or not target.size:
         raise DataError(f"points must have the shape (n, 3) in m, got {target.shape}")
     if not np.isfinite(target).all():
         n = int(np.flatnonzero(~np.isfinite(target).all(axis=1))[0])
         raise InvalidSamplesError(f"point {n} is {target[n].tolist()}: leave it out")
-    if not (math.isfinite(tolerance) and tolerance > 0.0) or most_steps < 1:
-        raise DataError(
-            f"tolerance must be positive in m and most_steps >= 1, got {tolerance}, {most_steps}"
-        )
+    tolerance, most_steps = _checked_stop(tolerance, most_steps)
     command = target - _errors_at(error, target)
     before, contraction = math.inf, 0.0
     for step in range(1, int(most_steps) + 1):
@@ -404,6 +420,17 @@ def _left_over(
     found = dict(zip(("dx", "dy", "dR"), each.tolist(), strict=True))
     found |= {"sum": float(each.sum()), "rss": math.sqrt(float((each**2).sum()))}
     return u, found, ()
+
+
+def _checked_stop(tolerance: object, most_steps: object) -> tuple[float, int]:
+    limit = positive_length(tolerance, "tolerance", 1e-2)
+    whole = isinstance(most_steps, int | np.integer) and not isinstance(most_steps, bool)
+    if limit is None or not whole or int(most_steps) < 1:  # type: ignore[call-overload]
+        raise DataError(
+            f"tolerance must be positive in m and most_steps a whole number >= 1, got {tolerance!r}, "
+            f"{most_steps!r}"
+        )
+    return limit, int(most_steps)  # type: ignore[call-overload]
 
 
 def _errors_at(error: Volumetric, points: FloatArray) -> FloatArray:

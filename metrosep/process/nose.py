@@ -13,18 +13,21 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from metrosep.core._arrays import as_float
 from metrosep.core.errors import DataError, InvalidSamplesError, UnitError
 from metrosep.core.units import format_length
 from metrosep.forms.base import Form
-from metrosep.process._setting_checks import finite_positions
+from metrosep.process._setting_checks import (
+    LARGEST_NOSE,
+    finite_positions,
+    positions,
+    real_number,
+)
 from metrosep.process._setting_model import commanded_radius, known_form, polar_slopes
 
 __all__ = ["RoundNose", "rake_error"]
 
 FloatArray = NDArray[np.float64]
 
-_LARGEST_RADIUS = 1.0
 _STEEPEST_RAKE = math.radians(85.0)
 
 
@@ -72,7 +75,7 @@ class RoundNose:
         radius = _number(self.radius, "radius")
         if radius <= 0.0:
             raise DataError(f"the nose radius must be > 0, got {radius} m")
-        if radius >= _LARGEST_RADIUS:
+        if radius >= LARGEST_NOSE:
             raise UnitError(
                 f"the nose radius is {radius:g} m: it is in metres, so {radius:g} mm is "
                 f"{radius * 1e-3:g}"
@@ -180,9 +183,12 @@ def rake_error(form: Form, x: ArrayLike, y: ArrayLike = 0.0, *, nose: RoundNose)
     Raises
     ------
     DataError
-        If the form is none, has unknown parameters, or is not defined at a point.
+        If the form or the nose is none, the form has unknown parameters, or it is not defined at a
+        point.
     InvalidSamplesError
-        If a position is not finite.
+        If a position is no finite number, or the positions do not broadcast.
+    UnitError
+        If a position cannot be in metres.
     NotConvergedError
         If the contact moves by more than the curvature allows.
 
@@ -199,7 +205,9 @@ def rake_error(form: Form, x: ArrayLike, y: ArrayLike = 0.0, *, nose: RoundNose)
     -0.76
     """
     form = known_form(form)
-    xs, ys = np.broadcast_arrays(finite_positions(x, "x"), finite_positions(y, "y"))
+    if not isinstance(nose, RoundNose):
+        raise DataError(f"the nose must be a RoundNose, got {type(nose).__name__}")
+    xs, ys = positions(x, y)
     rho, theta = np.hypot(xs, ys).ravel(), np.arctan2(ys, xs).ravel()
 
     def offset(t: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -226,7 +234,7 @@ def rake_error(form: Form, x: ArrayLike, y: ArrayLike = 0.0, *, nose: RoundNose)
 
 def _number(value: object, name: str) -> float:
     try:
-        number = float(as_float(value))
+        number = real_number(value)
     except (TypeError, ValueError):
         raise DataError(f"{name} must be a number, got {value!r}") from None
     if not math.isfinite(number):

@@ -115,6 +115,8 @@ def gouge_check(
         If the form or the region is not usable, or nothing is defined.
     TooFewSamplesError
         If the mesh has too few points.
+    UnitError
+        If the radius cannot be in metres.
 
     Notes
     -----
@@ -194,6 +196,8 @@ def clearance_check(
         usable, or nothing is defined.
     TooFewSamplesError
         If the mesh has too few points.
+    UnitError
+        If the radius cannot be in metres.
 
     Notes
     -----
@@ -208,6 +212,7 @@ def clearance_check(
     >>> clearance_check(SineGrid(amplitude=50e-9, wavelength=100e-6), nose, radius=500e-6).ok
     True
     """
+    _check_nose(nose)
     if nose.clearance is None:
         raise DataError("the nose has no clearance angle: give RoundNose(..., clearance=...)")
     if travel not in ("growing", "falling", "both"):
@@ -260,6 +265,8 @@ def window_check(
         If the nose has no window, the form or the region is not usable, or nothing is defined.
     TooFewSamplesError
         If the mesh has too few points.
+    UnitError
+        If the radius cannot be in metres.
 
     Examples
     --------
@@ -269,6 +276,7 @@ def window_check(
     >>> window_check(Sphere(R=5e-3), nose, radius=3e-3).ok
     False
     """
+    _check_nose(nose)
     if nose.window is None:
         raise DataError("the nose has no window: give RoundNose(..., window=...)")
     form, rho, theta, said, audit = _mesh(form, nose, radius, region, n_rho, n_theta)
@@ -308,6 +316,11 @@ def _steepest(
     )
 
 
+def _check_nose(nose: object) -> None:
+    if not isinstance(nose, RoundNose):
+        raise DataError(f"the nose must be a RoundNose, got {type(nose).__name__}")
+
+
 def _mesh(
     form: Form,
     nose: RoundNose,
@@ -317,6 +330,7 @@ def _mesh(
     n_theta: int,
 ) -> tuple[Form, FloatArray, FloatArray, tuple[str, ...], Mapping[str, Any]]:
     form = known_form(form)
+    _check_nose(nose)
     inner, outer, said = map_extent(radius, region)
     rho, theta = polar_axes((inner, outer), n_rho, n_theta)
     audit = {

@@ -15,12 +15,7 @@ from typing import Any
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import (
-    DataError,
-    DegenerateFitError,
-    NotConvergedError,
-    TooFewSamplesError,
-)
+from metrosep.core.errors import DataError, DegenerateFitError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.quantity import Quantity
@@ -28,30 +23,18 @@ from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
 from metrosep.forms.base import Form
 from metrosep.forms.points import Points, PointSet, points_of
+from metrosep.process._setting_checks import LARGEST_NOSE, positive_length
 from metrosep.process._setting_doubts import correlated_pairs, doubts
-from metrosep.process._setting_equations import (
-    FREEDOMS,
-    Choice,
-    Equations,
-    choose,
-    equations,
-    modelled,
-    solve,
-)
+from metrosep.process._setting_equations import FREEDOMS, modelled, solve
+from metrosep.process._setting_held import effect_of_dy, said_of_dy, with_held_dy
 from metrosep.process._setting_model import FACTORS, known_form
+from metrosep.process._setting_noise import correlation, covariance
+from metrosep.process._setting_periods import settle_in_period
+from metrosep.process._setting_steps import Settled, Task
 from metrosep.process.setting_maps import checked_region
 from metrosep.process.tool_settings import ToolSetting
 
 __all__ = ["SettingFit", "identify_setting"]
-
-_MOST_STEPS = 60
-_MOST_HALVINGS = 12
-_SETTLED = 1e-4
-"""Of the residual's RMS: a step that moves the model less than this is the last one."""
-_ROUNDING = 1e-16
-"""m: steps below this are rounding of the heights."""
-_AROUND_CENTRE = 3.0
-"""Radii below this many times hypot(dx, dy) are left out: the centre is cut twice or not at all."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -177,7 +160,8 @@ def identify_setting(
     region : tuple of (float, float), m, optional
         Inner and outer radius of what is used.
     start : ToolSetting, optional
-        Where to start; zero, and so the linear solution, if omitted.
+        Where to start; zero, and so the linear solution, if omitted. What is not fitted stays
+        there; its u_dy then goes into the uncertainty of dx.
     noise : float, m, optional
         Standard deviation of one height, > 0; from the residual if omitted.
 
@@ -196,13 +180,15 @@ def identify_setting(
         If neither dx, dy nor dR leaves a trace, or dR would leave no nose.
     NotConvergedError
         If the iteration does not settle.
+    UnitError
+        If the nose radius, the noise or the region cannot be in metres.
 
     Notes
     -----
-    Least squares over the valid points, Gauss-Newton with analytic derivatives and halved steps;
-    the first step from zero is the linear solution. Points within 3 hypot(dx, dy) of the axis are
-    left out. The uncertainty takes the noise of different points as independent; a message says so
-    where the residual is not. A freedom that the points do not determine is given up, shifts and
+    Least squares over the valid points, Gauss-Newton with analytic derivatives, damped where the
+    valley is curved, until no freedom moves by more than 1e-3 of its uncertainty; the first step
+    from zero is the linear solution. Points within 3 hypot(dx, dy) of the axis are left out. The correlation of the residual along x and y raises the uncertainty; on scattered
+    points it is only said. A freedom that the points do not determine is given up, shifts and
     rotation first: on a one-sided profile a shift looks exactly like dx. NaN is left out.
 
     References
@@ -226,163 +212,48 @@ def identify_setting(
     points = points_of(surface, centre=centre, middle=True)
     names = _checked_free(free, is_line=isinstance(surface, Profile))
     wanted = (0.0, math.inf) if region is None else checked_region(region)
-    noise = _positive(noise, "noise")
-    nose_radius = _positive(nose_radius, "nose_radius")
-    extent = _extent(points)
+    noise = positive_length(noise, "noise", 1e-3)
+    nose_radius = positive_length(nose_radius, "nose_radius", LARGEST_NOSE)
+    if start is not None and not isinstance(start, ToolSetting):
+        raise DataError(f"start must be a ToolSetting, got {type(start).__name__}")
+    task = Task(points, form, names, wanted, noise, _extent(points))
     values = dict.fromkeys(FREEDOMS, 0.0)
     if start is not None:
         values |= {"dx": start.dx, "dy": start.dy, "dR": start.dR}
-    used = _outside(wanted, values)
-    sums, choice = _chosen(points, form, values, used, names, noise, extent)
-    values, steps = _settle(points, form, values, used, choice, sums, n_settle=1)
-    for _ in range(4):
-        used = _outside(wanted, values)
-        sums, choice = _chosen(points, form, values, used, names, noise, extent)
-        values, more = _settle(points, form, values, used, choice, sums, n_settle=_MOST_STEPS)
-        steps += more
-        if _outside(wanted, values)[0] <= used[0] * (1.0 + 1e-3):
-            break
-    sums = equations(points, form, values, used)
-    return _result(
-        surface, points, form, values, used, sums, choice, names, noise, steps, nose_radius
-    )
-
-
-def _chosen(
-    points: Points,
-    form: Form,
-    values: Mapping[str, float],
-    region: tuple[float, float],
-    names: Sequence[str],
-    noise: float | None,
-    extent: float,
-) -> tuple[Equations, Choice]:
-    """Return the sums and the freedoms they determine; refuse what determines no setting."""
-    sums = equations(points, form, values, region)
-    if sums.n <= len(names):
-        raise TooFewSamplesError(
-            f"{sums.n} measured points lie within rho = {format_length(region[0])} ... "
-            f"{format_length(region[1]) if math.isfinite(region[1]) else 'the rim'} and on the "
-            f"{form.name}, and {len(names)} freedoms need more; check centre and region"
-        )
-    level = noise or _linear_rest(sums, choose(sums, names, noise=0.0, extent=extent))
-    choice = choose(sums, names, noise=level, extent=extent)
-    wanted = [n for n in FACTORS if n in names]
-    if wanted and not any(n in choice.used for n in wanted):
-        raise DegenerateFitError(
-            f"{', '.join(wanted)} leave no trace of their own on this {form.name} over the "
-            "measured points: no tool setting can be found; measure a larger or steeper "
-            "part, and check the unit of the heights"
-        )
-    return sums, choice
-
-
-def _linear_rest(sums: Equations, choice: Choice) -> float:
-    """Return the RMS that a linear solution would leave, m."""
-    step, _ = solve(sums, choice)
-    left = sums.square - float(step @ sums.right[choice.rows])
-    return math.sqrt(max(left, 0.0) / sums.n)
-
-
-def _settle(
-    points: Points,
-    form: Form,
-    values: dict[str, float],
-    region: tuple[float, float],
-    choice: Choice,
-    sums: Equations,
-    *,
-    n_settle: int,
-) -> tuple[dict[str, float], int]:
-    """Return the values after at most `n_settle` damped steps, and their number."""
-    rows = choice.rows
-    for count in range(1, n_settle + 1):
-        step, _ = solve(sums, choice)
-        moved = math.sqrt(max(float(step @ sums.gram[np.ix_(rows, rows)] @ step), 0.0) / sums.n)
-        enough = moved <= _SETTLED * math.sqrt(sums.mean_square) * 1e-3 + _ROUNDING
-        share = 1.0
-        for _ in range(_MOST_HALVINGS):
-            tried = dict(values)
-            for name, change in zip(choice.used, share * step, strict=True):
-                tried[name] += float(change)
-            try:
-                new = equations(points, form, tried, region)
-            except NotConvergedError:
-                share *= 0.5
-                continue
-            if new.n > len(rows) and new.mean_square <= sums.mean_square * (1.0 + 1e-12):
-                break
-            if enough:
-                return values, count
-            share *= 0.5
-        else:
-            if moved <= _SETTLED * math.sqrt(sums.mean_square):
-                return values, count
-            raise NotConvergedError(
-                f"no step of the setting makes the residual of {format_length(math.sqrt(sums.mean_square))} "
-                f"RMS smaller, at dx = {format_length(values['dx'])}, dy = "
-                f"{format_length(values['dy'])}, dR = {format_length(values['dR'])}: the map may be "
-                "of another surface or mirrored; check form and centre, or give start="
-            )
-        values, sums = tried, new
-        if enough:
-            return values, count
-    if n_settle == 1:
-        return values, 1
-    raise NotConvergedError(
-        f"the setting still moves after {n_settle} steps (now dx = {format_length(values['dx'])}, "
-        f"dy = {format_length(values['dy'])}, dR = {format_length(values['dR'])}): check form and "
-        "centre, free less, or give start="
-    )
-
-
-def _outside(wanted: tuple[float, float], values: Mapping[str, float]) -> tuple[float, float]:
-    return max(wanted[0], _AROUND_CENTRE * math.hypot(values["dx"], values["dy"])), wanted[1]
+    found, said = settle_in_period(task, values)
+    u_dy = None if start is None else start.u_dy
+    return _result(surface, task, found, said, nose_radius, u_dy)
 
 
 def _result(
     surface: Surface | Profile | PointSet,
-    points: Points,
-    form: Form,
-    values: Mapping[str, float],
-    region: tuple[float, float],
-    sums: Equations,
-    choice: Choice,
-    names: Sequence[str],
-    noise: float | None,
-    steps: int,
+    task: Task,
+    settled: Settled,
+    said: tuple[str, ...],
     nose_radius: float | None,
+    u_dy: float | None,
 ) -> SettingFit:
-    spare = sums.n - len(choice.used)
-    level = noise or math.sqrt(sums.square / spare)
-    _, inverse = solve(sums, choice)
-    cov = level**2 * inverse
+    sums, choice, values = settled.sums, settled.choice, settled.values
+    residual = _residual(surface, task, settled)
+    linked = correlation(task, residual.z)
+    cov, variance = covariance(task, settled, (task.noise or 0.0) ** 2, linked)
+    level = math.sqrt(variance)
+    raised = _raised(settled, cov, level)
+    cov = with_held_dy(task, settled, cov, u_dy)
     fitted = {n: values[n] for n in choice.used}
     u = dict(zip(choice.used, np.sqrt(np.diag(cov)).tolist(), strict=True))
-    if nose_radius is not None and fitted.get("dR", 0.0) <= -nose_radius:
-        raise DegenerateFitError(
-            f"dR = {format_length(fitted['dR'])} (u {format_length(u['dR'])}) would leave no nose of "
-            f"the programmed {format_length(nose_radius)}: the map does not show the nose radius; "
-            "hold dR with free=, or check the form"
-        )
-    residual = _residual(surface, points, form, values, region)
+    _check_nose(fitted, u, nose_radius)
     groups = correlated_pairs(choice.used, cov)
-    audit = {
-        "n_used": sums.n,
-        "n_measured": points.n_valid,
-        "inner_um": region[0] * 1e6,
-        "residual_rms_nm": math.sqrt(sums.mean_square) * 1e9,
+    effect = effect_of_dy(task, settled)
+    audit = _audit(task, settled) | {
         "noise_nm": level * 1e9,
-        "noise_from": "residual" if noise is None else "stated",
-        "steps": steps,
-        "centre_um": tuple(c * 1e6 for c in points.centre),
-        "free": tuple(names),
-        "form": repr(form),
+        "u_raised": max(raised.values(), default=1.0),
+        "points_alike": linked.alike,
     }
-    shift = (values["shift_x"], values["shift_y"])
-    said = doubts(
-        points, sums, choice, names, groups, residual, level, noise, region, form.period, shift
-    )
+    if effect is not None:
+        audit["dx_by_1um_of_dy_nm"] = effect[0] * 1e9
+    said += said_of_dy(settled, effect, u, u_dy)
+    said += doubts(task, settled, groups, residual, level, linked, raised)
     found: dict[str, Any] = {
         "setting": None,
         "values": freeze_mapping(fitted),
@@ -396,35 +267,74 @@ def _result(
         "messages": said,
         "audit": freeze_mapping(audit),
     }
-    where = {n: i for i, n in enumerate(choice.used)}
-    joint = np.zeros((3, 3))
-    for i, first in enumerate(FACTORS):
-        for j, second in enumerate(FACTORS):
-            if first in where and second in where:
-                joint[i, j] = cov[where[first], where[second]]
-        if first in names and first not in where:
-            joint[i, i] = math.inf
-    dx, dy, dR = (fitted.get(n, values[n]) for n in FACTORS)
+    dx, dy, dR = (values[n] for n in FACTORS)
+    joint = _of_setting(task, settled, cov, u_dy)
     alone = SettingFit(**{**found, "setting": ToolSetting(dx, dy, dR, cov=joint)})
     return SettingFit(**{**found, "setting": ToolSetting(dx, dy, dR, cov=joint, fit=alone)})
 
 
+def _audit(task: Task, settled: Settled) -> dict[str, Any]:
+    return {
+        "n_used": settled.sums.n,
+        "n_measured": task.points.n_valid,
+        "inner_um": settled.region.inner * 1e6,
+        "residual_rms_nm": math.sqrt(settled.sums.mean_square) * 1e9,
+        "noise_from": "residual" if task.noise is None else "stated",
+        "steps": settled.steps,
+        "centre_um": tuple(c * 1e6 for c in task.points.centre),
+        "free": tuple(task.names),
+        "form": repr(task.form),
+    }
+
+
+def _of_setting(task: Task, settled: Settled, cov: FloatArray, u_dy: float | None) -> FloatArray:
+    """Return the covariance of (dx, dy, dR); infinite where not determined, 0 where not asked."""
+    where = {n: i for i, n in enumerate(settled.choice.used)}
+    joint = np.zeros((3, 3))
+    for i, first in enumerate(FACTORS):
+        if first in where:
+            for j, second in enumerate(FACTORS):
+                if second in where:
+                    joint[i, j] = cov[where[first], where[second]]
+        elif first == "dy" and u_dy is not None:
+            joint[i, i] = u_dy**2
+        elif first in task.names:
+            joint[i, i] = math.inf
+    return joint
+
+
+def _raised(settled: Settled, cov: FloatArray, level: float) -> dict[str, float]:
+    """Return by how much correlated noise raises the uncertainty of each factor."""
+    _, inverse = solve(settled.sums, settled.choice)
+    if level == 0.0:
+        return {}
+    ratios = np.sqrt(np.diag(cov) / np.diag(inverse)) / level
+    found = dict(zip(settled.choice.used, ratios.tolist(), strict=True))
+    return {n: max(found[n], 1.0) for n in FACTORS if n in found}
+
+
+def _check_nose(
+    fitted: Mapping[str, float], u: Mapping[str, float], nose_radius: float | None
+) -> None:
+    if nose_radius is not None and fitted.get("dR", 0.0) <= -nose_radius:
+        raise DegenerateFitError(
+            f"dR = {format_length(fitted['dR'])} (u {format_length(u['dR'])}) would leave no nose of "
+            f"the programmed {format_length(nose_radius)}: the map does not show the nose radius; "
+            "hold dR with free=, or check the form"
+        )
+
+
 def _residual(
-    surface: Surface | Profile | PointSet,
-    points: Points,
-    form: Form,
-    values: Mapping[str, float],
-    region: tuple[float, float],
+    surface: Surface | Profile | PointSet, task: Task, settled: Settled
 ) -> Surface | Profile | PointSet:
     """Return measured - modelled as an object of the same kind; NaN where not used."""
+    values, region = settled.values, settled.region
 
     def off(x: FloatArray, y: FloatArray, z: FloatArray) -> FloatArray:
-        model, _ = modelled(form, x.ravel(), y.ravel(), values)
-        rho = np.hypot(x - values["shift_x"], y - values["shift_y"])
-        inside = (rho >= region[0]) & (rho <= region[1])
-        return np.where(inside, z - model.reshape(z.shape), np.nan)
+        model, _ = modelled(task.form, x.ravel(), y.ravel(), values)
+        return np.where(region.holds(x, y), z - model.reshape(z.shape), np.nan)
 
-    z = points.over_blocks(off)
+    z = task.points.over_blocks(off)
     if isinstance(surface, Surface):
         return Surface(z, surface.dx, surface.dy, origin=surface.origin)
     if isinstance(surface, Profile):
@@ -445,19 +355,13 @@ def _checked_free(free: Sequence[str] | None, *, is_line: bool) -> list[str]:
     if free is None:
         gone = {"rotation"} | ({"tilt_y", "shift_x", "shift_y"} if is_line else set())
         return [n for n in FREEDOMS if n not in gone]
-    asked = [free] if isinstance(free, str) else list(free)
+    try:
+        asked = [free] if isinstance(free, str) else list(free)
+    except TypeError:
+        raise DataError(f"free must name freedoms, got {free!r}") from None
     for name in asked:
         if name not in FREEDOMS:
             raise DataError(f"unknown freedom {name!r}; one of {', '.join(FREEDOMS)}")
     if not any(n in FACTORS for n in asked):
         raise DataError("free names neither dx, dy nor dR: there is no setting to find")
     return [n for n in FREEDOMS if n in asked]
-
-
-def _positive(value: float | None, name: str) -> float | None:
-    if value is None:
-        return None
-    number = float(value)
-    if not (math.isfinite(number) and number > 0.0):
-        raise DataError(f"{name} must be positive and finite, in m, got {value}")
-    return number

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core._arrays import frozen_float
-from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
+from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError, UnitError
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
@@ -30,6 +30,8 @@ DEFAULT_RADIUS = 500e-6
 """m: the workpiece of the slow-tool-servo paper, taken where the caller names none."""
 
 _MOST_POINTS = 20_000_000
+_LARGEST_PART = 2.0
+"""m: no turned part has a larger radius; from here on a number is in mm or um."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -205,7 +207,7 @@ class SettingError:
 def checked_region(region: object) -> tuple[float, float]:
     """Return inner and outer radius in m, 0 <= inner < outer; refuse anything else."""
     try:
-        inner, outer = (float(v) for v in region)  # type: ignore[attr-defined]
+        inner, outer = (_no_flag(v) for v in region)  # type: ignore[attr-defined]
     except (TypeError, ValueError):
         raise DataError(
             f"a region is a pair (inner radius, outer radius) in m, got {region!r}"
@@ -215,7 +217,29 @@ def checked_region(region: object) -> tuple[float, float]:
             f"a region needs 0 <= inner < outer radius in m, got ({inner}, {outer}); "
             "a radius may be 500e-6 for 500 um"
         )
+    plausible_length(outer, "the radius")
     return inner, outer
+
+
+def _no_flag(value: Any) -> float:
+    if isinstance(value, bool | np.bool_):
+        raise TypeError("a flag is no length")
+    return float(value)
+
+
+def plausible_length(length: float, name: str) -> None:
+    """Refuse a place on a workpiece that can only be in um or mm."""
+    if abs(length) > _LARGEST_PART:
+        raise UnitError(
+            f"{name} is {length:g} m, and no part is that large: lengths are in metres, so {length:g} "
+            f"mm is {length * 1e-3:g} and {length:g} um is {length * 1e-6:g}"
+        )
+
+
+def _is_whole(n: object) -> bool:
+    return (isinstance(n, int | np.integer) and not isinstance(n, bool)) or (
+        isinstance(n, float) and n.is_integer()
+    )
 
 
 def polar_axes(
@@ -223,8 +247,8 @@ def polar_axes(
 ) -> tuple[FloatArray, FloatArray]:
     """Return rho and theta of a polar mesh, rows radii from inner to outer, both included."""
     for name, n, least in (("n_rho", n_rho, 2), ("n_theta", n_theta, 1)):
-        if isinstance(n, bool) or int(n) != n or n < least:
-            raise TooFewSamplesError(f"{name} must be a whole number >= {least}, got {n}")
+        if not _is_whole(n) or n < least:
+            raise TooFewSamplesError(f"{name} must be a whole number >= {least}, got {n!r}")
     _affordable(n_rho * n_theta)
     rho = np.linspace(*region, int(n_rho))
     theta = 2.0 * math.pi * np.arange(int(n_theta)) / int(n_theta)
@@ -234,7 +258,10 @@ def polar_axes(
 
 def square_axes(outer: float, step: float | None) -> tuple[FloatArray, FloatArray, float]:
     """Return x and y of square pixels that hold (0, 0) and reach the rim, and their step."""
-    step = outer / 200.0 if step is None else float(step)
+    try:
+        step = outer / 200.0 if step is None else _no_flag(step)
+    except (TypeError, ValueError):
+        raise DataError(f"the step must be a length in m, got {step!r}") from None
     if not (math.isfinite(step) and 0.0 < step <= outer):
         raise DataError(
             f"the step must be positive and at most the radius {format_length(outer)}, "

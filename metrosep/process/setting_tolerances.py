@@ -20,7 +20,12 @@ from metrosep.core.errors import DataError, NotConvergedError, UnitError
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.units import format_length
 from metrosep.forms.base import Form
-from metrosep.process._setting_checks import LARGEST_SETTING, finite_positions, map_extent
+from metrosep.process._setting_checks import (
+    LARGEST_SETTING,
+    finite_positions,
+    map_extent,
+    real_number,
+)
 from metrosep.process._setting_model import FACTORS, exact_cut, height_errors, known_form
 from metrosep.process.setting_maps import polar_axes
 
@@ -118,7 +123,7 @@ def setting_tolerance(
     InvalidSamplesError
         If an azimuth is not finite.
     UnitError
-        If the wanted error cannot be in metres.
+        If the wanted error or the radius cannot be in metres.
     TooFewSamplesError
         If the mesh has too few points.
 
@@ -268,7 +273,7 @@ def _points(
 
 def _checked_wanted(wanted: float) -> float:
     try:
-        number = float(wanted)
+        number = real_number(wanted)
     except (TypeError, ValueError):
         raise DataError(f"the wanted error must be a number in m, got {wanted!r}") from None
     if not (math.isfinite(number) and number > 0.0):

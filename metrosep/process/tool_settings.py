@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,8 +27,8 @@ from metrosep.process._setting_checks import (
     checked_factors,
     checked_setting,
     checked_uncertainty,
-    finite_positions,
     map_extent,
+    positions,
 )
 from metrosep.process._setting_model import (
     FACTORS,
@@ -197,7 +198,10 @@ class ToolSetting:
             If the form is none or has unknown parameters, the factor is unknown, or the surface is
             not defined at a point.
         InvalidSamplesError
-            If a position is not finite, or lies in the uncut core ``rho < |dy|``.
+            If a position is no finite number, the positions do not broadcast, or one lies in the
+            uncut core ``rho < |dy|``.
+        UnitError
+            If a position is so large that it cannot be in metres.
         NotConvergedError
             If dR exceeds what the curvature of the surface allows.
 
@@ -220,7 +224,7 @@ class ToolSetting:
         -3.1416
         """
         form = known_form(form)
-        xs, ys = np.broadcast_arrays(finite_positions(x, "x"), finite_positions(y, "y"))
+        xs, ys = positions(x, y)
         if factor is not None:
             return self.only(factor).error(form, x, y, exact=exact)
         e = self._errors(form, xs.ravel(), ys.ravel(), exact=exact)
@@ -275,6 +279,8 @@ class ToolSetting:
             If the form, the region, the mesh or the factor is not usable, or nothing is defined.
         TooFewSamplesError
             If the mesh has too few points.
+        UnitError
+            If the radius cannot be in metres.
         NotConvergedError
             If dR exceeds what the curvature of the surface allows.
 
@@ -321,9 +327,7 @@ class ToolSetting:
             u,
             messages,
             self._audit(form, inner, outer, mesh, exact),
-            lambda px, py: self._errors(form, px.ravel(), py.ravel(), exact=exact).reshape(
-                px.shape
-            ),
+            partial(_errors_at, form, (self.dx, self.dy, self.dR), exact),
         )
 
     @classmethod
@@ -358,7 +362,8 @@ class ToolSetting:
         region : tuple of (float, float), m, optional
             Inner and outer radius of what is used.
         start : ToolSetting, optional
-            Where to start; the linear solution if omitted.
+            Where to start; the linear solution if omitted. What is not fitted stays there, and its
+            u_dy goes into the uncertainty of dx.
         noise : float, m, optional
             Standard deviation of one height; from the residual if omitted.
 
@@ -375,6 +380,8 @@ class ToolSetting:
             If fewer points than freedoms remain.
         DegenerateFitError
             If neither dx, dy nor dR leaves a trace on this surface.
+        UnitError
+            If the nose radius or the noise cannot be in metres.
         NotConvergedError
             If the iteration does not settle.
 
@@ -410,8 +417,7 @@ class ToolSetting:
 
     def _errors(self, form: Form, x: FloatArray, y: FloatArray, *, exact: bool) -> FloatArray:
         """Return the error at points of any shape; NaN in the core and off the form."""
-        found = height_errors(form, x.ravel(), y.ravel(), (self.dx, self.dy, self.dR), exact=exact)
-        return found.reshape(x.shape)
+        return _errors_at(form, (self.dx, self.dy, self.dR), exact, x, y)
 
     def _uncertainties(
         self, form: Form, x: FloatArray, y: FloatArray, z: FloatArray
@@ -503,3 +509,10 @@ class ToolSetting:
                 shown += f" (u {format_length(u, digits=2) if math.isfinite(u) else 'infinite'})"
             parts.append(f"{name}={shown}")
         return f"ToolSetting({', '.join(parts)})"
+
+
+def _errors_at(
+    form: Form, setting: tuple[float, float, float], exact: bool, x: FloatArray, y: FloatArray
+) -> FloatArray:
+    """Return the error of a setting at points of any shape; NaN in the core and off the form."""
+    return height_errors(form, x.ravel(), y.ravel(), setting, exact=exact).reshape(x.shape)

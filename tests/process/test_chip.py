@@ -63,7 +63,7 @@ def test_limits_and_arrays():
     assert found.shape == (2, 3)
     assert found[1, 2] / NM == pytest.approx(92.785, abs=0.001)
     # no cancellation: ten times less feed at a big nose still has its digits
-    assert max_chip_thickness(0.5, 1e-9, 1e-6) == pytest.approx(1e-9 * 2e-3, rel=1e-3, abs=0)
+    assert max_chip_thickness(0.05, 1e-9, 1e-7) == pytest.approx(1e-9 * 2e-3, rel=1e-3, abs=0)
 
 
 def test_cusps_are_those_of_repeated_arcs():

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from metrosep import Surface
 from metrosep.core.errors import DataError, InvalidSamplesError, NotConvergedError
 from metrosep.forms import SineGrid, Sphere, Toric
 from metrosep.process.feedforward import CorrectedPath, corrected_path, corrected_points
@@ -250,3 +251,14 @@ def test_bad_points_and_errors_are_named():
     before = points.copy()
     corrected_points(volumetric, points)
     np.testing.assert_array_equal(points, before)
+
+
+def test_what_the_identification_could_not_tell_stays_with_the_path():
+    """Above all that the sign of dy rests on how the map was read."""
+    axis = 5e-6 * np.arange(-40, 41) + 1e-6
+    x, y = np.meshgrid(axis, axis)
+    z = GRID(x, y) + ToolSetting(dx=-2e-6, dy=1e-6).error(GRID, x, y)
+    tool = ToolSetting.identify(Surface(z, 5e-6, 5e-6, origin=(axis[0], axis[0])), GRID)
+    path = corrected_path(GRID, tool, [100e-6], [0.5])
+    assert any("the sign of dy rests on the orientation" in m for m in path.messages)
+    assert set(tool.messages) <= set(path.messages)

@@ -310,6 +310,6 @@ def test_map_object_refuses_wrong_shapes_and_regions():
         found.to_surface()
     with pytest.raises(DataError, match="pair"):
         found.peak_to_valley(3.0)
-    assert np.isnan(found.peak_to_valley((2.0, 3.0)))
-    assert np.isnan(found.rms((2.0, 3.0)))
+    assert np.isnan(found.peak_to_valley((0.2, 0.3)))
+    assert np.isnan(found.rms((0.2, 0.3)))
     assert "SettingError(polar 2 x 3" in repr(found)
