@@ -14,6 +14,7 @@ import traceback
 from collections.abc import Callable, Collection
 
 from metrosep.core import errors
+from metrosep.core.units import format_length
 
 __all__ = [
     "EXIT_CODES",
@@ -55,6 +56,19 @@ _READER_OPTIONS = frozenset(
 """Options of readers that the commands about files take with ``--set``."""
 
 
+_PLACES = ("x", "y", "z")
+"""Options whose names a message also uses for a place in m."""
+
+
+def _place(name: str, number: str) -> str:
+    """Return a place in m as a reader wants it; the text itself where it is no number."""
+    digits = number.rstrip(".")
+    try:
+        return f"{name} = {format_length(float(digits))}{number[len(digits) :]}"
+    except ValueError:
+        return f"{name}={number}"
+
+
 def as_options(message: str, names: Collection[str]) -> str:
     """Return a message of the library with its arguments written as options of a command.
 
@@ -70,6 +84,11 @@ def as_options(message: str, names: Collection[str]) -> str:
     str
         Such as ``accept averaging with --method mean or --min-feeds 1``.
 
+    Notes
+    -----
+    A place, ``at x=0.02145``, is no option: it is written as ``at x = 21.45 mm``. Arguments of a
+    call of Python stay.
+
     Examples
     --------
     >>> as_options("give scale='2.5 um/V', or decimal=", ("scale", "decimal"))
@@ -77,6 +96,11 @@ def as_options(message: str, names: Collection[str]) -> str:
     """
 
     def option(found: re.Match[str]) -> str:
+        before = found.string[: found.start()]
+        if re.search(r"\w\([^()]*$", before):  # a call of Python
+            return found.group()
+        if found.group(1) in _PLACES and before.endswith("at ") and found.group(4):
+            return _place(found.group(1), found.group(4))
         quoted, plain = found.group(3), found.group(4)
         value = quoted if plain is None else plain
         if "settings" in names and found.group(1) == "format" and value:

@@ -14,7 +14,7 @@ from metrosep.core.errors import ReadError
 from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
-from metrosep.io.dialect import body_start, decode, detect, is_comment
+from metrosep.io.dialect import body_start, decode, detect, is_comment, unmeasured_rows
 from metrosep.io.measurement import measurement
 from metrosep.io.registry import Match
 from metrosep.io.select import ColumnSpec
@@ -52,7 +52,10 @@ def sniff(head: bytes, name: str) -> Match:
     lines = [line for line in text.split("\n") if line.strip() and not is_comment(line)]
     if len(head) == HEAD_BYTES:
         lines = lines[:-1]
-    sample = lines[:300]
+    above = unmeasured_rows(lines)
+    if above > 1 and above == len(lines):
+        return Match.MAYBE  # a map whose first rows were not measured
+    sample = lines[: above + 300]
     try:
         start = body_start(sample, detect(sample, name))
     except ReadError:
@@ -116,13 +119,15 @@ def read(
         Label of the rows to read where a column of labels stacks several data sets; for a
         recording, the one column to read.
     lateral_step : float (m) or str, optional
-        Step of the positions of a file with heights only.
+        Step of the positions of a file with heights only: one column, or a matrix.
     unit : str, tuple of str, or dict of str to str, optional
-        Unit of the columns that declare none: one for all, one per column of numbers, or by name.
+        Unit of the columns that declare none: one for all, one per column of numbers, or by name;
+        also in one text, ``"um,um,nm"`` or ``"x=um,y=um,z=nm"``.
     separator, decimal, encoding, comment, skip_rows : optional
         See `metrosep.io.table.read_table`.
     x, z : str or tuple of (str, str), optional
-        Columns of a profile, by name, ``"name:unit"`` or ``("name", "unit")``.
+        Columns of a profile, by name, ``"name:unit"`` or ``("name", "unit")``; by number from 1,
+        ``"3:nm"``, where no header names them.
     y : str or tuple of (str, str), optional
         With `x` and `z`: the columns of points on a regular grid, which make a surface.
     time : str or tuple of (str, str), optional
@@ -139,7 +144,9 @@ def read(
         which neither is a time (position first, then height), or one column and `lateral_step`.
         A recording when `time` or `sampling_rate` is given or a column is a time. Columns of a
         recording whose unit is unknown keep their numbers and have no entry in ``units``. A surface
-        when `y` is given, or the columns are called x, y and z and all three declare a length.
+        when `y` is given, or the columns are called x, y and z and all three declare a length, or
+        three columns without names get a unit of length each; or of three and more columns
+        without names, `unit` and `lateral_step`: a matrix of heights, first row at the smallest y.
 
     Raises
     ------

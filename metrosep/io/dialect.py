@@ -22,12 +22,26 @@ from metrosep.core.errors import (
     ReadError,
 )
 
-__all__ = ["MISSING", "Dialect", "body_start", "decode", "detect", "is_comment", "is_number"]
+__all__ = [
+    "MISSING",
+    "Dialect",
+    "body_start",
+    "decode",
+    "detect",
+    "is_comment",
+    "is_number",
+    "unmeasured_rows",
+]
 
 MISSING: Final = frozenset(
     {"", "nan", "-nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "---", "no data", "bad"}
 )
 """Words, in lower case, for "not measured"."""
+
+_UNMEASURED = re.compile(
+    r"[\s,;\"]*(?:[-+]?nan|na|n/a|#n/a|null|none|no data|bad)(?:[\s,;\"]|$)", re.IGNORECASE
+)
+"""How a row begins in which nothing was measured; a row of dashes may be a rule under a title."""
 
 _NUMBER = {
     ".": re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][+-]?\d+)?"),
@@ -236,7 +250,8 @@ def detect(
     ReadError
         If `separator` or `decimal` is not one of those known.
     """
-    sample = list(lines[:_SAMPLE])
+    above = unmeasured_rows(lines)
+    sample = list(lines[above : above + _SAMPLE])
     wanted = _NAMES.get(separator or "", separator)
     if wanted is not None and wanted not in _WORDS:
         raise ReadError(
@@ -278,7 +293,38 @@ def body_start(lines: Sequence[str], dialect: Dialect) -> int:
     int
         Lines before it are titles, names and units.
     """
-    return _body(lines[:_SAMPLE], dialect)[0]
+    above = unmeasured_rows(lines)
+    start = _body(lines[above : above + _SAMPLE], dialect)[0]
+    return 0 if start == 0 else above + start
+
+
+def unmeasured_rows(lines: Sequence[str]) -> int:
+    """Return how many rows at the start hold only words for "not measured": data, no header.
+
+    Parameters
+    ----------
+    lines : sequence of str
+        Lines without comments and blank lines.
+
+    Returns
+    -------
+    int
+        Rows such as ``nan,nan,nan`` above all others; a row of empty fields counts where it has
+        four and more.
+    """
+    for i, line in enumerate(lines):
+        if not _is_unmeasured(line):
+            return i
+    return len(lines)
+
+
+def _is_unmeasured(line: str) -> bool:
+    """Whether a row holds words for "not measured" and separators, and nothing else."""
+    if _UNMEASURED.match(line):
+        return all(
+            f.strip(' "').lower() in MISSING | {"+nan"} for f in re.split(r"[,;\t]| +", line)
+        )
+    return not line.strip(",;\t ") and sum(line.count(mark) for mark in ",;\t") >= 3
 
 
 def _body(sample: Sequence[str], dialect: Dialect) -> tuple[int, list[list[str]]]:
@@ -301,14 +347,25 @@ def _alike(sample: Sequence[str], dialect: Dialect) -> list[list[str]]:
         found = [_kind(f, dialect) for f in fields]
         if rows and len(found) != len(kinds):
             break
-        if "number" not in found or "odd" in found:
+        unmeasured = all(kind == "missing" for kind in found)
+        if ("number" not in found and not unmeasured) or "odd" in found:
             break
         pairs = list(zip(found, kinds, strict=True)) if rows else []
         if any({a, b} == {"number", "label"} for a, b in pairs):
             break
         kinds = [a if b == "missing" else b for a, b in pairs] if rows else found
         rows.append(fields)
+    if "number" not in kinds:
+        return []
+    while not any(_is_word_or_number(f, dialect) for f in rows[-1]):
+        rows.pop()  # empty fields or dashes under a title
     return rows[::-1]
+
+
+def _is_word_or_number(field: str, dialect: Dialect) -> bool:
+    """Whether a field is a number or says in letters that nothing was measured."""
+    text = field.strip().lower()
+    return any(c.isalpha() for c in text) or _kind(text, dialect) == "number"
 
 
 def _kind(field: str, dialect: Dialect) -> str:

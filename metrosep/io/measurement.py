@@ -15,6 +15,13 @@ from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
 from metrosep.core.units import Unit, parse_quantity, parse_unit
+from metrosep.io.delimited_maps import (
+    declared_units,
+    is_matrix,
+    looks_like_points,
+    matrix,
+    shown_columns,
+)
 from metrosep.io.grid import to_grid
 from metrosep.io.headers import header_unit
 from metrosep.io.select import ColumnSpec, pick, sensitivity, to_si
@@ -34,6 +41,9 @@ SI_NAMES = {
     "number": "1",
 }
 """SI unit of each dimension that a channel can have."""
+
+_FEW = 8
+"""Columns without names that may still be channels as well as a map."""
 
 _TIME_NAMES = frozenset({"t", "time", "zeit", "timestamp", "elapsed"})
 
@@ -79,18 +89,45 @@ def measurement(
         If a length or time has no unit.
     """
     table, channel, labels = _rows_of(file, table, channel)
+    unit = declared_units(unit)
+    bare = is_matrix(table)
+    undeclared = all(c.unit is None for c in table.numbers)
     table = _with_units(file, table, unit)
     facts = {"labels": labels} if labels else {}
     timed = _time_column(file, table, time)
     try:
-        points = _point_columns(file, table, x, y, z)
+        points = _point_columns(
+            file,
+            table,
+            x,
+            y,
+            z,
+            bare=bare and _each(unit),
+            one_unit=undeclared and not _each(unit),
+        )
         if points is not None and timed is None and sampling_rate is None:
-            refuse_options(file, "a list of points", lateral_step=lateral_step)
+            refuse_options(
+                file, "a list of points with their positions", lateral_step=lateral_step
+            )
             return _surface(file, table, format_id, points, sensitivity(scale), facts)
         if (timed is not None or sampling_rate is not None) and x is None and z is None:
             if lateral_step is not None or scale is not None:
                 raise ReadError(f"{file.path}: a recording takes no lateral_step or scale")
             return _recording(file, table, format_id, timed, sampling_rate, channel, facts)
+        steps = lateral_steps(lateral_step)
+        if (
+            bare
+            and x is None
+            and z is None
+            and channel is None
+            and (
+                len(table.columns) > _FEW
+                or unit is not None
+                or steps is not None
+                or looks_like_points(file, table)
+            )
+        ):
+            return matrix(file, table, format_id, steps=steps, scale=sensitivity(scale))
         return _profile(file, table, format_id, x, z, lateral_step, sensitivity(scale), facts)
     except UnitError:
         raise
@@ -186,12 +223,20 @@ def _time_column(file: RawFile, table: Table, time: ColumnSpec | None) -> Column
     return None
 
 
+def _each(unit: Any) -> bool:
+    """Whether the caller gave a unit for each column, not one for all."""
+    return unit is not None and not isinstance(unit, str)
+
+
 def _point_columns(
     file: RawFile,
     table: Table,
     x: ColumnSpec | None,
     y: ColumnSpec | None,
     z: ColumnSpec | None,
+    *,
+    bare: bool,
+    one_unit: bool,
 ) -> tuple[ColumnSpec, ColumnSpec, ColumnSpec] | None:
     """Return the columns of a list of points, or None when the table is none."""
     if y is not None:
@@ -202,8 +247,16 @@ def _point_columns(
         return x, y, z
     if x is not None or z is not None or len(table.numbers) != 3:
         return None
+    if bare:
+        first, second, third = table.names
+        return first, second, third
     lengths = [c for c in table.numbers if c.unit is not None and c.unit.dimension == "length"]
     named = {header_unit(c.name)[0].casefold(): c.name for c in lengths}
+    if set(named) == {"x", "y", "z"} and one_unit:
+        raise UnitError(
+            f"{file.path}: columns x, y and z declare no unit, and one was given for the three; give "
+            "one for each, such as unit='um,um,nm'"
+        )
     if set(named) != {"x", "y", "z"}:
         return None
     return named["x"], named["y"], named["z"]
@@ -310,7 +363,7 @@ def _profile(
     if z is None or (x is None and steps is None):
         raise FormatMismatchError(
             f"{file.path}: a profile needs x= and z=, or z= and lateral_step=; the columns are "
-            f"{', '.join(table.names)}"
+            f"{shown_columns(table.names)}"
         )
     if x is not None and steps is not None:
         raise FormatMismatchError(
@@ -341,6 +394,11 @@ def _profile(
 
 def _cannot_tell(file: RawFile, table: Table) -> FormatMismatchError:
     n = len(table.numbers)
+    if n == 3 and {c.name.casefold() for c in table.numbers} == {"x", "y", "z"}:
+        return FormatMismatchError(
+            f"{file.path}: columns x, y and z declare no unit; for a map give one for each, such as "
+            "unit='um,um,nm'"
+        )
     if n == 1:
         advice = "give the step of the positions with lateral_step='... um', or sampling_rate="
     else:
@@ -348,7 +406,9 @@ def _cannot_tell(file: RawFile, table: Table) -> FormatMismatchError:
             "name two with x= and z=, give sampling_rate= for a recording without a column of time, or "
             "read repeated runs with read_runs(x=, z=, run=, feed=)"
         )
+        if is_matrix(table):
+            advice += "; for a map of heights give unit='nm' and lateral_step='3 um'"
     return FormatMismatchError(
-        f"{file.path}: has {n} column(s) of numbers ({', '.join(table.names)}) and none is a time; "
+        f"{file.path}: has {n} column(s) of numbers ({shown_columns(table.names)}) and none is a time; "
         f"{advice}"
     )

@@ -140,8 +140,8 @@ def read_readings(
             whole = role_values(file, table, role, name=name)
             more[name] = np.stack([whole[r] for r in rows])
         for spec in columns:
-            column, unit = pick(file, table, spec, role="reading")
-            whole = to_si(file, column, unit, dimension=dimension, role="reading", scale=factor)
+            column, unit = pick(file, table, spec, role="readings")
+            whole = to_si(file, column, unit, dimension=dimension, role="readings", scale=factor)
             values.append([whole[r] for r in rows])
             names.append(column.name if len(files) == 1 else f"{file.name}: {column.name}")
         warnings += [f"{file.name}: {w}" for w in table.warnings]
@@ -198,11 +198,11 @@ def _position(
     x: ColumnSpec | None,
     angle: ColumnSpec | None,
 ) -> FloatArray | None:
-    spec, dimension = (x, "length") if x is not None else (angle, "angle")
+    spec, dimension, role = (x, "length", "x") if x is not None else (angle, "angle", "angle")
     if spec is None:
         return None
-    column, unit = pick(file, table, spec, role="position")
-    whole = to_si(file, column, unit, dimension=dimension, role="position")
+    column, unit = pick(file, table, spec, role=role)
+    whole = to_si(file, column, unit, dimension=dimension, role=role)
     if np.isnan(whole).any():
         line = int(table.lines[int(np.flatnonzero(np.isnan(whole))[0])])
         raise InvalidSamplesError(f"{file.path}: line {line} has no position; drop that row")

@@ -31,7 +31,8 @@ def pick(
     table : Table
         The columns that there are.
     spec : str or tuple of (str, str)
-        Name, ``"name:unit"`` or ``("name", "unit")``; a name may leave out its unit.
+        Name, ``"name:unit"`` or ``("name", "unit")``; a name may leave out its unit. Where no
+        header names the columns their number, from 1, is a name: ``"3:nm"``.
     role : str
         What the column is for, for the message.
 
@@ -58,6 +59,9 @@ def pick(
                 f"{role} column {spec!r} must be a name or a pair of name and unit"
             )
         name, declared = spec
+    if name.strip().isdecimal() and not table.header.get("named", True):
+        number = int(name)
+        name = table.names[number - 1] if 1 <= number <= len(table.names) else name
     column = table[find_column(name, table.names, file.path, role=role)]
     if not declared:
         return column, column.unit
@@ -134,8 +138,8 @@ def to_si(
         )
     if unit.dimension != dimension:
         raise UnitError(
-            f"{file.path}: column {column.name!r} ({role}) is in {unit.name} ({unit.dimension}); a "
-            f"{dimension} is needed; name another column"
+            f"{file.path}: column {column.name!r} ({role}) is in {unit.name} ({unit.dimension}); "
+            f"{'an' if dimension[:1] in 'aeiou' else 'a'} {dimension} is needed; name another column"
         )
     return np.asarray(column.values * unit.factor)
 
@@ -164,4 +168,11 @@ def sensitivity(scale: float | str | None) -> float | None:
 
 
 def _usual(dimension: str) -> str:
-    return {"length": "um", "time": "s", "speed": "mm/min"}.get(dimension, "um")
+    return {
+        "length": "um",
+        "time": "s",
+        "speed": "mm/min",
+        "angle": "deg",
+        "voltage": "V",
+        "frequency": "Hz",
+    }.get(dimension, "um")

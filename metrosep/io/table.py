@@ -236,6 +236,7 @@ def _table(
         "quoted": dialect.quoted,
         "n_fields": cells.n_fields,
         "columns": names,
+        "named": preamble.named,
         "comments": tuple(comments),
         "preamble": tuple(lines[:start]),
     }
@@ -282,6 +283,11 @@ class _Preamble:
                 raise _bad_field(self._file, number, bad[0], "one of the columns")
             return  # a good row above a damaged one, which is named when its turn comes
         self._refused.append((number, line.strip()))
+
+    @property
+    def named(self) -> bool:
+        """Whether a row or a comment names the columns."""
+        return self._names is not None
 
     def refuse_rest(self) -> None:
         """Refuse the lines that are neither names nor units."""

@@ -24,6 +24,9 @@ FloatArray = NDArray[np.float64]
 
 _STEPS = 30
 
+_ROUNDING = 1e-15
+"""Of the largest radius: positions are not known better."""
+
 _EXACT = ("shift_x", "shift_y", "rotation_z")
 
 
@@ -49,8 +52,9 @@ class CutModel:
     def part(self, x: FloatArray, y: FloatArray, errors: dict[str, float]) -> FloatArray:
         """Return the height of the cut part at (x, y); NaN where the form has none."""
         ux, uy = x, y
+        reach = float(np.max(np.hypot(x, y), initial=0.0))
         found = self.error(ux, uy, errors)
-        limit = 1e-9 * float(np.nanmax(np.abs(found), initial=0.0)) + 1e-16
+        limit = 1e-9 * float(np.nanmax(np.abs(found), initial=0.0)) + _ROUNDING * reach
         for _ in range(_STEPS):
             vx, vy = x - found[:, 0], y - found[:, 1]
             moved = float(np.nanmax(np.hypot(vx - ux, vy - uy), initial=0.0))

@@ -1,4 +1,4 @@
-"""Points of a measured map around the axis of the part, and how alike neighbours of a residual are."""
+"""Points of a measured map around the axis of the part."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesEr
 from metrosep.core.surface import Surface
 from metrosep.machine._mesh import SurfaceMesh, centred_form, checked_centre
 
-__all__ = ["Measured", "measured_points", "residual_inflation"]
+__all__ = ["Measured", "measured_points"]
 
 FloatArray = NDArray[np.float64]
 
@@ -35,6 +35,17 @@ class Measured:
         out = np.full(int(np.prod(self.shape)), np.nan)
         out[self.place] = values
         return out.reshape(self.shape)
+
+    def on_thinned(self) -> tuple[NDArray[np.intp], tuple[int, int]] | None:
+        """Return where the points stand in the flattened map that was kept, and its shape.
+
+        None for scattered points: they have no neighbours.
+        """
+        if len(self.shape) != 2:
+            return None
+        rows, columns = (-(-s // self.stride) for s in self.shape)
+        row, column = np.divmod(self.place, self.shape[1])
+        return (row // self.stride) * columns + column // self.stride, (rows, columns)
 
 
 def measured_points(
@@ -119,27 +130,3 @@ def _coordinates(
     if not (np.isfinite(x).all() and np.isfinite(y).all()) or np.isinf(z).any():
         raise InvalidSamplesError("coordinates must be finite, heights finite or NaN")
     return x, y, z, checked_centre(centre)
-
-
-def residual_inflation(residual: FloatArray) -> float:
-    """Return by how much correlated neighbours widen uncertainties: 1 for white residuals.
-
-    ``sqrt((1 + r) / (1 - r))`` for each direction of a map with the lag-one correlation r, if r is
-    beyond four standard deviations of white noise. Scattered points have no neighbours: 1.
-    """
-    if residual.ndim != 2:
-        return 1.0
-    factor = 1.0
-    for one, two in (
-        (residual[1:], residual[:-1]),
-        (residual[:, 1:], residual[:, :-1]),
-    ):
-        both = np.isfinite(one) & np.isfinite(two)
-        n = int(both.sum())
-        power = float(np.sum(one[both] ** 2 + two[both] ** 2)) / 2.0
-        if n < 30 or power <= 0.0:
-            continue
-        r = min(float(np.sum(one[both] * two[both])) / power, 0.999)
-        if r > 4.0 / np.sqrt(n):
-            factor *= float(np.sqrt((1.0 + r) / (1.0 - r)))
-    return factor

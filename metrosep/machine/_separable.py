@@ -130,18 +130,25 @@ class Solver:
         moved = self.effect(step)
         return float(np.sqrt(np.mean(moved**2)))
 
-    def freedom_uncertainty(self, solution: Solution, square: float, n: int) -> FloatArray:
-        """Return the standard uncertainty of the used freedoms' amounts."""
-        columns = self._used_freedoms()
-        if not columns.shape[1]:
-            return np.zeros(0)
+    def estimator(self, used: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
+        """Return what makes terms and freedoms of heights at the used points, and the basis.
+
+        The first (n, p + k) gives scaled amounts and freedoms as ``rows.T @ heights``; the second
+        (n, rank + k) is an orthonormal basis of all that the fit can follow.
+        """
+        columns = self._used_freedoms()[used]
         sizes = _column_sizes(columns)
-        scaled = columns / sizes
-        inverse = np.linalg.pinv(scaled)
-        cross = inverse @ (self.maps[:, self.visible] / self.sizes)
-        cov = inverse @ inverse.T + cross @ solution.scaled_covariance @ cross.T
-        factor = square * columns.shape[0] / n
-        return np.asarray(np.sqrt(np.diag(cov) * factor) / sizes)
+        basis = np.linalg.qr(columns)[0]
+        design = self.design[used]
+        if not used.all():
+            design = design - basis @ (basis.T @ design)
+        U, singular, directions = np.linalg.svd(design, full_matrices=False)
+        good = singular > _DETERMINED * singular[0]
+        terms = U[:, good] @ (directions[good] / singular[good][:, None])
+        inverse = np.linalg.pinv(columns / sizes).T / sizes
+        maps = self.maps[used][:, self.visible] / self.sizes
+        freedoms = inverse - terms @ (maps.T @ inverse)
+        return np.hstack([terms, freedoms]), np.hstack([U[:, good], basis])
 
     def _used_freedoms(self) -> FloatArray:
         return self.columns[:, [self.space.names.index(n) for n in self.space.used]]

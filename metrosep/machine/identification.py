@@ -24,7 +24,8 @@ from metrosep.core.surface import Surface
 from metrosep.forms.plane import Plane
 from metrosep.machine._cut_model import CutModel
 from metrosep.machine._identified import Identification, IdentifiedGroup
-from metrosep.machine._measured import Measured, measured_points, residual_inflation
+from metrosep.machine._map_noise import map_noise
+from metrosep.machine._measured import Measured, measured_points
 from metrosep.machine._positions import Positions
 from metrosep.machine._responses import MapMaker
 from metrosep.machine._separable import Solution, Solver, common_map
@@ -40,6 +41,9 @@ _STEPS = 20
 
 _HARDLY = 0.05
 """Of a common map: a term with less in it is not what made the map."""
+
+_WHITE = 1.3
+"""Times the uncertainty of white noise: from here on a message says that the residual is not."""
 
 _SMALL = 1e-6
 """Of the uncertainty: a step this small ends the iteration."""
@@ -112,10 +116,13 @@ def identify(
     -----
     Least squares over the points, each with equal weight, on maps scaled to unit size; directions
     below 1e-7 of the largest singular value are not determined, and terms with a part in them are
-    reported together. Uncertainties come from the residual. Where neighbours of the residual are
-    alike (waviness, an error that is not among the terms), they are widened by
-    ``sqrt((1 + r) / (1 - r))`` for each direction, and a message says so; a systematic error that
-    looks like a term is in that term all the same. Turns about x and y are fitted to first order.
+    reported together. Uncertainties come from the residual. Of a map, the likeness of points over
+    their distance is modelled by white noise and Gaussian bells of growing width, fitted to the
+    sums of products of the residual, with what the fit took away accounted for; the covariance of
+    the terms is that of the estimator in this noise, and never below that of white noise. A message
+    says where it lies well above. Scattered points (1-D arrays) are taken as independent. A
+    systematic error that looks like a term is in that term all the same. Turns about x and y are
+    fitted to first order.
 
     Examples
     --------
@@ -191,6 +198,8 @@ def _fit(
         return solution, left, everything
     used = _outside_the_core(model, points, solution)
     total = solution
+    # heights of a deep part round: steps of that size never end
+    rounding = 4.0 * float(np.finfo(float).eps * np.abs(points.z).max()) + 1e-18
     for _ in range(_STEPS):
         seen = model.seen(points.mesh.x, points.mesh.y, total.errors(), total.freedoms(solver))
         left = points.z - seen
@@ -203,7 +212,7 @@ def _fit(
         step = solver.solve(np.where(used, left, 0.0), used)
         total = total.plus(step)
         noise = float(np.sqrt(np.mean(left[used] ** 2)))
-        if solver.size_of(step) <= _SMALL * noise / np.sqrt(used.sum()) + 1e-18:
+        if solver.size_of(step) <= _SMALL * noise / np.sqrt(used.sum()) + rounding:
             return total, left, used
     raise NotConvergedError(
         f"the exact fit did not settle in {_STEPS} steps; give fewer terms, or exact=False"
@@ -227,12 +236,12 @@ def _result(
     source: Any,
     no_form: bool,
 ) -> Identification:
-    n, p = int(used.sum()), solution.rank + len(solver.space.used)
+    n = int(used.sum())
     residual = points.on_map(np.where(used, left, np.nan))
-    inflation = residual_inflation(residual)
-    square = float(np.sum(left[used] ** 2)) / (n - p) * inflation**2
-    cov = solution.scaled_covariance * square
     names = solver.names
+    spread, inflation, noise = _uncertainty(solver, left[used], used, points)
+    m = len(solver.visible)
+    cov, freedom_u = spread[:m, :m], np.sqrt(np.diag(spread)[m:])
     values, u = np.full(len(names), np.nan), np.full(len(names), np.nan)
     grouped = {i for g in solver.groups for i in g}
     for k, i in enumerate(solver.visible):
@@ -244,7 +253,6 @@ def _result(
     before = solver.space.remove(points.z - points.mesh.z)
     after = float(np.sqrt(np.mean(left[used] ** 2)))
     added = float(np.sum(solver.correlation * cov))
-    freedom_u = solver.freedom_uncertainty(solution, square, n)
     seen_names = tuple(names[i] for i in solver.visible)
     for array in (values, u, covariance):
         array.setflags(write=False)
@@ -256,6 +264,7 @@ def _result(
         "removed": solver.space.names,
         "dropped": solver.space.dropped,
         "inflation": inflation,
+        **noise,
         "stride": points.stride,
         "centre_mm": tuple(1e3 * c for c in points.centre),
     }
@@ -280,6 +289,36 @@ def _result(
         residual=_as_given(residual, source),
         audit=freeze_mapping(audit),
         messages=_messages(solver, points, used, inflation, no_form),
+    )
+
+
+def _uncertainty(
+    solver: Solver, left: FloatArray, used: NDArray[np.bool_], points: Measured
+) -> tuple[FloatArray, float, dict[str, Any]]:
+    """Return the covariance of scaled amounts and freedoms, how far beyond white, and the noise."""
+    rows, basis = solver.estimator(used)
+    square = float(left @ left) / (left.size - basis.shape[1])
+    white = rows.T @ rows * square
+    grid = points.on_thinned()
+    if grid is None:
+        return white, 1.0, {"noise_widths_px": (0.0,), "noise_nm": (1e9 * float(np.sqrt(square)),)}
+    place, shape = grid
+    found = map_noise(left, basis, place[used], shape)
+    cov = found.covariance(rows)
+    floor = np.diag(white)
+    # a residual that looks less than independent is not believed
+    wider = np.sqrt(np.maximum(floor / np.maximum(np.diag(cov), 1e-300), 1.0))
+    cov = cov * np.outer(wider, wider)
+    known = floor > 0.0
+    inflation = float(np.sqrt(np.max(np.diag(cov)[known] / floor[known], initial=1.0)))
+    parts = [(w, v) for w, v in zip(found.widths, found.variances, strict=True) if v > 0.0]
+    return (
+        cov,
+        inflation,
+        {
+            "noise_widths_px": tuple(w for w, _ in parts),
+            "noise_nm": tuple(1e9 * float(np.sqrt(v)) for _, v in parts),
+        },
     )
 
 
@@ -344,9 +383,14 @@ def _messages(
         found.append(f"{core} points at the centre or at the rim of the form were left out")
     if points.stride > 1:
         found.append(f"every {points.stride}th row and column was used")
-    if inflation > 1.0:
+    if points.on_thinned() is None:
         found.append(
-            f"the residual is not white: uncertainties are {inflation:.1f} times those of white "
-            "noise; an error that is not among the terms may be at work"
+            "the points are scattered: how alike neighbours are is not known, and uncertainties "
+            "hold for a white residual only; give a map where there is one"
+        )
+    if inflation > _WHITE:
+        found.append(
+            f"the residual is not white: uncertainties are up to {inflation:.1f} times those of "
+            "white noise; an error that is not among the terms may be at work"
         )
     return tuple(found)

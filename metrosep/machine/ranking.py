@@ -29,6 +29,9 @@ __all__ = ["rank"]
 
 FloatArray = NDArray[np.float64]
 
+_LARGE_ANGLE = 0.1
+"""rad: a plain number beyond it was hardly meant in rad, and first order holds no more."""
+
 _REACHED = 1e-6
 """Of the radius: a tool point this near to its place is there."""
 
@@ -219,7 +222,11 @@ def rank(
         direction=direction,
         maker=maker,
         audit=freeze_mapping(audit),
-        messages=(*_reach(maker), *_messages(amounts, gram, space, mesh)),
+        messages=(
+            *_large_angles(amounts, errors, mean),
+            *_reach(maker),
+            *_messages(amounts, gram, space, mesh),
+        ),
     )
 
 
@@ -249,6 +256,24 @@ def _reach(maker: MapMaker) -> tuple[str, ...]:
         "should cut; check the signs, unless this is meant"
     )
     return (text,)
+
+
+def _large_angles(
+    amounts: TermAmounts, errors: Any, mean: Mapping[str, float | str] | None
+) -> list[str]:
+    """Return a message for each angle of a plain number that looks like degrees."""
+    found = []
+    for kind, given in (("magnitude", errors), ("mean", mean)):
+        if not isinstance(given, Mapping):
+            continue
+        for name, unit in zip(amounts.names, amounts.units, strict=True):
+            value = given.get(name, 0.0)
+            if unit == "rad" and not isinstance(value, str) and abs(float(value)) > _LARGE_ANGLE:
+                found.append(
+                    f"{name}: a {kind} of {float(value):.4g} was taken as rad, no small error; if "
+                    f'it is in degrees, write "{float(value):g} deg"'
+                )
+    return found
 
 
 def _messages(

@@ -159,13 +159,14 @@ class SensitivityTable:
     @property
     def expected_sq(self) -> float:
         """Root of the expected mean square after alignment, ``tr(G S) + mu' G mu``, m."""
-        return float(np.sqrt(expected_mean_square(self.gram, self.covariance, self.mean)))
+        square = expected_mean_square(self.gram, self.covariance, self.mean)
+        return float(np.sqrt(max(square, 0.0)))  # effects that cancel leave rounding
 
     @property
     def expected_sq_raw(self) -> float:
         """The same before alignment, m."""
         square = expected_mean_square(self.unit_gram.raw, self.covariance, self.mean)
-        return float(np.sqrt(square))
+        return float(np.sqrt(max(square, 0.0)))
 
     @property
     def sq_together(self) -> float:

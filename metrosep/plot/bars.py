@@ -78,7 +78,9 @@ def draw_bars(chart: Mapping[str, Any], *, ax: Axes | None = None) -> Axes:
         axes.grid(visible=False, axis="x")
         axes.set_ylabel(chart["quantity"] + (f" / {symbol}" if symbol else ""))
         if any(series) and len(series) > 1:
-            axes.legend()
+            axes.legend(  # above, never on the bars
+                loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2
+            )
     return axes
 
 

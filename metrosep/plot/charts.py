@@ -38,7 +38,11 @@ _SCALES: Mapping[str, Sequence[tuple[float, str]]] = {
     "s": ((1.0 / 3600.0, "h"), (1.0 / 60.0, "min"), (1.0, "s"), (1e3, "ms")),
 }
 _LINES = ("estimate", "after", "reverse", "before")
-_MOST_LEGEND = 6
+_MORE_LINES = ("#009E73", "#CC79A7", "#56B4E9", "#B8860B")
+"""Beside the first four: told apart with any colour vision, after Okabe and Ito."""
+_LEGEND_ABOVE = 78
+"""Letters of title and legend that fit on the line above a panel."""
+_MOST_LEGEND = 8
 
 
 def draw_chart(chart: Chart) -> Figure | Axes:
@@ -81,12 +85,13 @@ def _curves(chart: Chart) -> Figure:
     name, unit = chart["x"]["name"], chart["x"]["unit"]
     factor, label = _abscissa(name, unit, [c["x"] for p in panels for c in p["curves"]])
     scales = _scales(panels)
+    colours = _line_colours(panels)
     with house_style():
         figure = Figure(figsize=(7.2, 0.8 + 2.0 * len(panels)), layout="constrained")
         FigureCanvasAgg(figure)
         grid = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
         for i, (axes, each) in enumerate(zip(grid, panels, strict=True)):
-            _panel(axes, each, factor, scales[each["unit"]], first=i)
+            _panel(axes, each, factor, scales[each["unit"]], colours[i])
         grid[-1].set_xlabel(label)
         if unit == "rad":
             from matplotlib.ticker import MultipleLocator
@@ -97,25 +102,66 @@ def _curves(chart: Chart) -> Figure:
     return figure
 
 
+# a curve whose label begins with "limit" is drawn dashed and grey, as every limit is
+def _line_colours(panels: Sequence[Chart]) -> list[list[str]]:
+    """Return a colour for each curve: the same for the same label in every panel of a chart."""
+    palette = [*(COLOURS[name] for name in _LINES), *_MORE_LINES]
+    known: dict[str, str] = {}
+    found = []
+    for i, each in enumerate(panels):
+        row = []
+        for j, item in enumerate(each["curves"]):
+            label = item["label"]
+            if str(label).startswith("limit"):
+                row.append(COLOURS["line"])
+                continue
+            free = [c for c in palette if c not in row and c not in known.values()]
+            usual = palette[(i + j) % len(palette)]
+            colour = known.get(label) or (usual if usual in free or not free else free[0])
+            if label:
+                known[label] = colour
+            row.append(colour)
+        found.append(row)
+    return found
+
+
 def _panel(
-    axes: Axes, each: Chart, factor: float, printed: tuple[float, str], *, first: int
+    axes: Axes,
+    each: Chart,
+    factor: float,
+    printed: tuple[float, str],
+    colours: Sequence[str],
 ) -> None:
     curves = [(c, _numbers(c["x"]) * factor, _numbers(c["y"])) for c in each["curves"]]
     scale, unit = printed
-    for j, (item, x, y) in enumerate(curves):
-        colour = COLOURS[_LINES[(first + j) % len(_LINES)]]
+    for (item, x, y), colour in zip(curves, colours, strict=True):
         if item.get("u") is not None:
             half = BAND_FACTOR * _numbers(item["u"])
             axes.fill_between(
                 x, (y - half) * scale, (y + half) * scale, color=colour, alpha=0.25, linewidth=0.0
             )
-        style = {"marker": ".", "linestyle": "none"} if item.get("points") else {"linewidth": 1.3}
+        style: dict[str, Any] = {"linewidth": 1.3}
+        if item.get("points"):
+            style = {"marker": ".", "linestyle": "none"}
+        elif str(item["label"]).startswith("limit"):
+            style |= {"linestyle": DASHED}
         axes.plot(x, y * scale, color=colour, label=item["label"] or None, **style)
     axes.axhline(0.0, color=COLOURS["line"], linewidth=0.7, linestyle=DASHED, zorder=1.5)
     axes.set_title(each["title"], loc="left", fontsize=9.5)
     axes.set_ylabel(unit)
-    if axes.get_legend_handles_labels()[0] and len(curves) <= _MOST_LEGEND:
-        axes.legend(loc="best")
+    labels = axes.get_legend_handles_labels()[1]
+    if labels and len(curves) <= _MOST_LEGEND:
+        _legend(axes, each["title"], labels)
+
+
+def _legend(axes: Axes, title: str, labels: Sequence[str]) -> None:
+    """Put the legend beside the curves, never on them: above at the right, or at the right."""
+    if len(title) + sum(len(v) + 7 for v in labels) <= _LEGEND_ABOVE:
+        axes.legend(
+            loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(labels), borderaxespad=0.1
+        )
+    else:
+        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
 
 
 def _abscissa(name: str, unit: str, positions: Sequence[Any]) -> tuple[float, str]:
@@ -182,7 +228,12 @@ def _maps(chart: Chart) -> Figure:
     parts = {name: _numbers(rows) for name, rows in chart["parts"].items()}
     x, y = chart.get("origin_m") or (0.0, 0.0)
     return separation_maps(
-        parts, dx=chart["dx_m"], dy=chart["dy_m"], unit=chart["unit"], origin=(x, y)
+        parts,
+        dx=chart["dx_m"],
+        dy=chart["dy_m"],
+        unit=chart["unit"],
+        origin=(x, y),
+        pv=chart.get("pv"),
     )
 
 

@@ -35,6 +35,7 @@ def separation_maps(
     titles: Mapping[str, str] | Sequence[str] | None = None,
     null_space: Sequence[Any] = (),
     origin: tuple[float, float] = (0.0, 0.0),
+    pv: Mapping[str, float | None] | None = None,
 ) -> Figure:
     r"""Return a figure with one map for each part, all on one colour scale.
 
@@ -52,6 +53,8 @@ def separation_maps(
         What was not seen, of a result: each is written below the maps.
     origin : tuple of (float, float), m, optional
         Position of the first pixel.
+    pv : mapping of str to float, optional
+        P-V by part, where the maps drawn are thinned out and the whole ones have another.
 
     Returns
     -------
@@ -97,6 +100,9 @@ def separation_maps(
             image = _draw(
                 axes, title, values / factor, dx, dy, origin, largest / factor, prefix + unit
             )
+            whole = (pv or {}).get(title)
+            if whole is not None:
+                axes.set_title(f"{title}\nP-V {whole / factor:.3g} {prefix}{unit}", fontsize=9.0)
         for axes in list(grid.flat)[len(maps) :]:
             axes.set_axis_off()
         if image is not None:

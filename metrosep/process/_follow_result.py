@@ -15,6 +15,7 @@ from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
+from metrosep.process._plain import plain
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -37,9 +38,10 @@ class TermShare:
     pv, rms : Quantity, m
         Of coefficient times motion, the mean removed.
     share : float
-        Covariance with the error over the variance of the error; all shares sum to R squared.
+        Covariance with the error over the variance of the error; all shares sum to R squared. 0
+        where the error does not vary.
     significance : float
-        Coefficient over its standard uncertainty.
+        Coefficient over its standard uncertainty; 0 where the error does not vary.
     """
 
     term: str
@@ -149,7 +151,8 @@ class FollowUp:
     shares : mapping of str to TermShare
         What each term explains.
     r2 : float
-        Share of the variance of the error that the regression explains, 0 to 1.
+        Share of the variance of the error that the regression explains, 0 to 1; 0 where the error
+        does not vary.
     residual : ndarray, shape (n,), m
         Error minus regression.
     delay : Quantity, s
@@ -248,6 +251,34 @@ class FollowUp:
                 raise NotUniformError("the time of the log is not uniform; resample it first")
             profile = Profile(even, profile.z, history=self.history)
         return amplitude_spectrum(profile)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what was found as plain values, without the samples; None where not known.
+
+        Returns
+        -------
+        dict
+            Keys ``coefficients``, ``shares``, ``r2``, ``delay``, ``quantities``, ``has_map``,
+            ``audit``, ``messages``.
+        """
+        return {
+            "coefficients": plain(self.coefficients),
+            "shares": {
+                name: {
+                    "pv": plain(s.pv),
+                    "rms": plain(s.rms),
+                    "share": plain(s.share),
+                    "significance": plain(s.significance),
+                }
+                for name, s in self.shares.items()
+            },
+            "r2": plain(self.r2),
+            "delay": plain(self.delay),
+            "quantities": plain(self.quantities),
+            "has_map": self.map is not None,
+            "audit": plain(self.audit),
+            "messages": list(self.messages),
+        }
 
     def to_frame(self) -> pd.DataFrame:
         """Return one row for each term: coefficient, its uncertainty, P-V, RMS and share.

@@ -68,7 +68,7 @@ def fit_terms(
     segments = np.cumsum(np.concatenate([[0], np.diff(at) > 1]))
     columns = [motion[n][valid] - motion[n][valid].mean() for n in kept]
     basis = np.column_stack([np.ones(at.size), *columns])
-    fit = regress(basis, error[valid], segments)
+    fit = regress(basis, error[valid], segments, at=at)
     # back to c0 at zero motion
     shift = np.eye(len(kept) + 1)
     shift[0, 1:] = [-float(motion[n][valid].mean()) for n in kept]
@@ -118,11 +118,20 @@ def _told_apart(
 
 
 def shares(
-    error: FloatArray, motion: Mapping[str, FloatArray], kept: tuple[str, ...], fit: Regression
+    error: FloatArray,
+    motion: Mapping[str, FloatArray],
+    kept: tuple[str, ...],
+    fit: Regression,
+    *,
+    least: float = 0.0,
 ) -> dict[str, TermShare]:
-    """Return P-V, RMS and share of each term; arrays hold the samples of the regression only."""
+    """Return P-V, RMS and share of each term; arrays hold the samples of the regression only.
+
+    An error whose RMS is not above `least` does not vary: no term has a share in it.
+    """
     y = error - error.mean()
     power = float(y @ y)
+    varies = power > error.size * least**2
     found = {}
     for i, name in enumerate(kept, start=1):
         c, u = float(fit.coefficients[i]), math.sqrt(max(float(fit.cov[i, i]), 0.0))
@@ -132,10 +141,16 @@ def shares(
             name,
             Quantity(abs(c) * pv, "m", f"P-V of the {name} share of the error", u * pv, "PV"),
             Quantity(abs(c) * rms, "m", f"RMS of the {name} share of the error", u * rms, "RMS"),
-            c * float(part @ y) / power if power > 0.0 else math.nan,
-            abs(c) / u if u > 0.0 else math.inf,
+            c * float(part @ y) / power if varies else 0.0,
+            _significance(abs(c), u) if varies else 0.0,
         )
     return found
+
+
+def _significance(c: float, u: float) -> float:
+    if u > 0.0:
+        return c / u
+    return math.inf if c > 0.0 else 0.0
 
 
 def hints(found: Mapping[str, TermShare], fit: Regression, kept: tuple[str, ...]) -> list[str]:
@@ -160,10 +175,15 @@ def hints(found: Mapping[str, TermShare], fit: Regression, kept: tuple[str, ...]
 
 
 def _velocity(c: float) -> str:
-    what = "lags" if c < 0.0 else "leads"
+    if c < 0.0:
+        return (
+            f"the error follows velocity: actual lags by {abs(c) * 1e3:.3g} ms; velocity "
+            "feedforward, or a delay between the two channels of the log (the log cannot tell which)"
+        )
     return (
-        f"the error follows velocity: actual {what} by {abs(c) * 1e3:.3g} ms; velocity "
-        "feedforward, or a delay between the two channels of the log (the log cannot tell which)"
+        f"the error follows velocity: actual leads by {abs(c) * 1e3:.3g} ms; velocity feedforward is "
+        "too large, or there is a delay between the two channels of the log, or the channels are "
+        "swapped (the log cannot tell which)"
     )
 
 
@@ -172,7 +192,8 @@ def _acceleration(c: float) -> str:
         return "the error follows acceleration: missing acceleration feedforward"
     return (
         "the error follows acceleration with actual ahead: acceleration feedforward is too large, "
-        "or the channel holds commanded minus actual and it is missing acceleration feedforward"
+        "or the channel holds commanded minus actual (or the channels are swapped) and it is "
+        "missing acceleration feedforward"
     )
 
 

@@ -10,6 +10,7 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 from metrosep.core.errors import DataError, DegenerateFitError, NotUniformError, TooFewSamplesError
+from metrosep.process._regression import regress
 
 FloatArray = NDArray[np.float64]
 
@@ -226,6 +227,19 @@ def best_delay(
         if abs(change[0]) < 1e-9 * step:
             break
     return delay, rms
+
+
+def delay_uncertainty(
+    command: FloatArray, actual: FloatArray, velocity: FloatArray, step: float, delay: float
+) -> float:
+    """Return the standard uncertainty of a delay in s, from a residual that may be correlated."""
+    c = shifted(command, step, delay)
+    v = shifted(np.where(np.isnan(velocity), 0.0, velocity), step, delay)
+    at = np.flatnonzero(~(np.isnan(c) | np.isnan(actual) | np.isnan(v)))
+    basis = np.column_stack([-v[at], np.ones(at.size)])
+    segments = np.cumsum(np.concatenate([[0], np.diff(at) > 1]))
+    fit = regress(basis, actual[at] - c[at], segments, at=at)
+    return float(np.sqrt(max(float(fit.cov[0, 0]), 0.0)))
 
 
 def _coarse(command: FloatArray, actual: FloatArray, valid: NDArray[np.bool_]) -> int:

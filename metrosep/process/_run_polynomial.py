@@ -25,11 +25,18 @@ _ROUNDING = 1e-13
 
 def fit_run(x: FloatArray, z: FloatArray, degree: int) -> FloatArray:
     """Return least-squares coefficients of powers of x, lowest first."""
+    centre, scale = 0.5 * float(x[0] + x[-1]), 0.5 * float(x[-1] - x[0])
+    return to_powers(fit_scaled(x, z, degree, centre, scale), centre, scale)
+
+
+def fit_scaled(
+    x: FloatArray, z: FloatArray, degree: int, centre: float, scale: float
+) -> FloatArray:
+    """Return least-squares coefficients of powers of (x - centre)/scale, lowest first."""
     if x.size < degree + 2:
         raise TooFewSamplesError(
             f"degree {degree} needs {degree + 2} samples in a run, got {x.size}"
         )
-    centre, scale = 0.5 * float(x[0] + x[-1]), 0.5 * float(x[-1] - x[0])
     basis = power.polyvander((x - centre) / scale, degree)
     size = float(np.abs(z).max()) or 1.0
     own, _, rank, _ = np.linalg.lstsq(basis, z / size, rcond=None)
@@ -37,7 +44,12 @@ def fit_run(x: FloatArray, z: FloatArray, degree: int) -> FloatArray:
         raise DegenerateFitError(
             f"degree {degree} is not determined by {x.size} positions; lower the degree"
         )
-    return to_powers(np.asarray(own * size, dtype=np.float64), centre, scale)
+    return np.asarray(own * size, dtype=np.float64)
+
+
+def power_matrix(degree: int, centre: float, scale: float) -> FloatArray:
+    """Return the matrix (degree + 1, degree + 1) from scaled coefficients to powers of x."""
+    return np.column_stack([to_powers(e, centre, scale) for e in np.eye(degree + 1)])
 
 
 def to_powers(own: FloatArray, centre: float, scale: float) -> FloatArray:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, SupportsIndex
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, InvalidSamplesError, LimitError
 from metrosep.core.provenance import freeze_mapping
+from metrosep.process._plain import known, plain
 from metrosep.process.flexure import FlexureCalibration
 
 __all__ = ["DriveTable", "drive_table", "stage_displacement"]
@@ -56,6 +57,25 @@ class DriveTable:
     def is_ok(self) -> bool:
         """Whether all limits are kept."""
         return not self.violations
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the table as plain values; None where nothing is known.
+
+        Returns
+        -------
+        dict
+            Keys ``x``, ``displacement_m``, ``voltage_V``, ``residual_m``, ``is_ok``,
+            ``violations``, ``audit``.
+        """
+        return {
+            "x": plain(self.x),
+            "displacement_m": plain(self.displacement),
+            "voltage_V": plain(self.voltage),
+            "residual_m": plain(self.residual),
+            "is_ok": self.is_ok,
+            "violations": list(self.violations),
+            "audit": plain(self.audit),
+        }
 
 
 def stage_displacement(
@@ -106,7 +126,7 @@ def stage_displacement(
         raise DataError(f"travel={travel} m; it must be positive")
     first = _outside(d, 0.0, travel)
     if first is not None:
-        raise LimitError(_stroke_words(d, first, values, quantity, offset, travel))
+        raise LimitError(_stroke_words(d, first, values, quantity, offset, (0.0, travel)))
     return d
 
 
@@ -141,11 +161,12 @@ def drive_table(
     limits : tuple of (float, float), V, optional
         Of the amplifier.
     travel : float, m, optional
-        Of the stage, from 0.
+        Of the stage, from 0 to the side on which the calibration lies: a negative sensitivity
+        moves it to negative displacements.
     speed : float, m/s, optional
         Feed; makes times of positions.
     slew : float, V/s, optional
-        Fastest change that the amplifier makes.
+        Fastest change that the amplifier makes; the steps of the DAC must keep it too.
     bits : int, optional
         Of the DAC over the limits; voltages become its steps.
     strict : bool, optional
@@ -181,7 +202,8 @@ def drive_table(
     ([0.0, 5.0], True)
     """
     positions, times = _positions(x, speed)
-    low, high = _checked_limits(limits, travel, slew, bits)
+    low, high = _checked_limits(limits, travel, slew)
+    size = _checked_bits(bits)
     d = _displacement(values, quantity, offset)
     if d.size != positions.size:
         raise InvalidSamplesError(f"values has {d.size} samples, x has {positions.size}")
@@ -191,16 +213,23 @@ def drive_table(
             f"values is NaN at x = {positions[i]:.6g}; a drive table cannot have gaps"
         )
     violations = []
-    first = _outside(d, 0.0, travel) if math.isfinite(travel) else None
+    stroke = (-travel, 0.0) if _moves_down(calibration) else (0.0, travel)
+    first = _outside(d, *stroke) if math.isfinite(travel) else None
     if first is not None:
-        violations.append(_stroke_words(d, first, values, quantity, offset, travel))
+        violations.append(_stroke_words(d, first, values, quantity, offset, stroke))
     wanted, beyond = _voltages(d, calibration)
     violations += beyond
     violations += _range_words(wanted, positions, low, high)
-    violations += _slew_words(wanted, positions, times, slew)
+    too_fast = _slew_words(wanted, positions, times, slew)
+    violations += too_fast
+    voltage, residual = _quantised(wanted, d, calibration, low, high, size)
+    if size is not None and not too_fast:
+        violations += [
+            f"in steps of the DAC {words}, use more bits or fewer positions"
+            for words in _slew_words(voltage, positions, times, slew)
+        ]
     if strict and violations:
         raise LimitError("; ".join(violations))
-    voltage, residual = _quantised(wanted, d, calibration, low, high, bits)
     return DriveTable(
         x=positions,
         displacement=d,
@@ -211,16 +240,19 @@ def drive_table(
             {
                 "quantity": quantity,
                 "offset_um": offset * 1e6,
-                "voltage_min_V": float(np.nanmin(wanted)) if _some(wanted) else math.nan,
-                "voltage_max_V": float(np.nanmax(wanted)) if _some(wanted) else math.nan,
+                "voltage_min_V": float(np.nanmin(wanted)) if _some(wanted) else None,
+                "voltage_max_V": float(np.nanmax(wanted)) if _some(wanted) else None,
                 "stroke_um": float(np.ptp(d)) * 1e6,
                 "limits_V": (low, high),
-                "largest_slew_V_per_s": _largest_slew(wanted, times),
-                "bits": bits,
-                "dac_step_mV": math.nan if bits is None else 1e3 * (high - low) / (2**bits - 1),
+                "largest_slew_V_per_s": known(_largest_slew(wanted, times)),
+                "largest_slew_of_dac_V_per_s": None
+                if size is None
+                else known(_largest_slew(voltage, times)),
+                "bits": size,
+                "dac_step_mV": None if size is None else 1e3 * (high - low) / (2**size - 1),
                 "residual_rms_nm": float(np.sqrt(np.nanmean(residual**2))) * 1e9
                 if _some(residual)
-                else math.nan,
+                else None,
             }
         ),
     )
@@ -246,17 +278,41 @@ def _outside(d: FloatArray, low: float, high: float) -> int | None:
     return int(np.nanargmax(beyond))
 
 
+def _moves_down(calibration: FlexureCalibration | float) -> bool:
+    """Return whether a stage moves from 0 to negative displacements."""
+    if isinstance(calibration, FlexureCalibration):
+        return float(calibration.mean.min() + calibration.mean.max()) < 0.0
+    return float(calibration) < 0.0
+
+
 def _stroke_words(
-    d: FloatArray, i: int, values: ArrayLike, quantity: str, offset: float, travel: float
+    d: FloatArray,
+    i: int,
+    values: ArrayLike,
+    quantity: str,
+    offset: float,
+    stroke: tuple[float, float],
 ) -> str:
     value = float(np.atleast_1d(np.asarray(values, dtype=np.float64))[i])
-    sign = "negative " if d[i] < 0.0 else ""
-    low, high = (offset - travel, offset) if quantity == "error" else (-offset, travel - offset)
-    return (
-        f"{quantity} {value * 1e6:.6g} um needs a {sign}displacement of {d[i] * 1e6:.6g} um, beyond "
-        f"the stroke 0 ... {travel * 1e6:.6g} um; with an offset of {offset * 1e6:.6g} um an "
-        f"{quantity} of {low * 1e6:.6g} ... {high * 1e6:.6g} um is admissible"
+    below, above = stroke
+    sign = "negative " if d[i] < 0.0 <= below else ""
+    low, high = (
+        (offset - above, offset - below)
+        if quantity == "error"
+        else (below - offset, above - offset)
     )
+    beyond = max(below - d[i], d[i] - above)
+    article = "an" if quantity == "error" else "a"
+    return (
+        f"{quantity} {value * 1e6:.6g} um needs a {sign}displacement of {d[i] * 1e6:.6g} um, "
+        f"{beyond * 1e6:.3g} um beyond the stroke {_span(below, above, 1e6)} um; with an offset of "
+        f"{offset * 1e6:.6g} um {article} {quantity} of {_span(low, high, 1e6)} um is admissible"
+    )
+
+
+def _span(low: float, high: float, factor: float = 1.0) -> str:
+    # minus zero is zero
+    return f"{low * factor + 0.0:.6g} ... {high * factor + 0.0:.6g}"
 
 
 def _voltages(
@@ -273,9 +329,10 @@ def _voltages(
     if i is None:
         return calibration.voltage_for(np.clip(d, low, high)), []
     inside = np.where((d >= low) & (d <= high), d, np.nan)
+    beyond = max(low - d[i], d[i] - high)
     words = (
-        f"displacement {d[i] * 1e6:.6g} um lies outside the calibrated {low * 1e6:.6g} ... "
-        f"{high * 1e6:.6g} um"
+        f"displacement {d[i] * 1e6:.6g} um lies outside the calibrated {_span(low, high, 1e6)} um, "
+        f"by {beyond * 1e6:.3g} um"
     )
     return calibration.voltage_for(inside), [words]
 
@@ -289,8 +346,9 @@ def _range_words(v: FloatArray, x: FloatArray, low: float, high: float) -> list[
     negative = "negative " if v[i] < 0.0 <= low else ""
     return [
         (
-            f"{negative}voltage {v[i]:.6g} V at x = {x[i]:.6g} lies outside {low:.6g} ... {high:.6g} V "
-            f"(the table needs {np.nanmin(v):.6g} ... {np.nanmax(v):.6g} V); change the offset"
+            f"{negative}voltage {v[i]:.6g} V at x = {x[i]:.6g} lies outside {_span(low, high)} V by "
+            f"{max(low - v[i], v[i] - high):.3g} V (the table needs {np.nanmin(v):.6g} ... "
+            f"{np.nanmax(v):.6g} V); change the offset"
         )
     ]
 
@@ -307,7 +365,7 @@ def _slew_words(v: FloatArray, x: FloatArray, times: FloatArray | None, slew: fl
     return [
         (
             f"the voltage changes by {rate[i]:.6g} V/s at x = {x[i]:.6g}, the amplifier makes "
-            f"{slew:.6g} V/s; lower the feed"
+            f"{slew:.6g} V/s, {100.0 * (rate[i] / slew - 1.0):.2g} % less; lower the feed"
         )
     ]
 
@@ -350,16 +408,23 @@ def _positions(x: ArrayLike, speed: float | None) -> tuple[FloatArray, FloatArra
     return positions, _locked(positions / speed)
 
 
+def _checked_bits(bits: Any) -> int | None:
+    if bits is None:
+        return None
+    whole = isinstance(bits, SupportsIndex) and not isinstance(bits, bool)
+    if not (whole and 1 <= int(bits) <= 32):
+        raise DataError(f"bits={bits!r}; a DAC has 1 to 32, a whole number")
+    return int(bits)
+
+
 def _checked_limits(
-    limits: tuple[float, float], travel: float, slew: float, bits: int | None
+    limits: tuple[float, float], travel: float, slew: float
 ) -> tuple[float, float]:
     low, high = (float(v) for v in limits)
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
         raise DataError(f"limits={limits} V; give the lower and the upper voltage")
     if not (travel > 0.0 and slew > 0.0):
         raise DataError(f"travel={travel} m and slew={slew} V/s must be positive")
-    if bits is not None and not 1 <= bits <= 32:
-        raise DataError(f"bits={bits}; a DAC has 1 to 32")
     return low, high
 
 

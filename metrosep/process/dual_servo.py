@@ -19,6 +19,7 @@ from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesEr
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.quantity import Quantity
+from metrosep.process._plain import known
 from metrosep.process.straightness_runs import RunPolynomial
 
 __all__ = ["BeforeAfter", "CumulativeError", "before_after", "cumulative_error"]
@@ -131,9 +132,9 @@ def cumulative_error(
         u=_locked(u),
         audit=freeze_mapping(
             {
-                "following_pv_nm": _range(fe) * 1e9,
-                "straightness_pv_nm": _range(s) * 1e9,
-                "cumulative_pv_nm": _range(total) * 1e9,
+                "following_pv_nm": known(_range(fe) * 1e9),
+                "straightness_pv_nm": known(_range(s) * 1e9),
+                "cumulative_pv_nm": known(_range(total) * 1e9),
                 "samples_not_measured": missing,
             }
         ),

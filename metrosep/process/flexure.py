@@ -23,11 +23,23 @@ from metrosep.core.errors import (
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.quantity import Quantity
 from metrosep.core.recording import Recording
-from metrosep.process._sweeps import branches, dwells, on_common_voltages, samples, sweeps
+from metrosep.process._plain import known
+from metrosep.process._sweeps import (
+    branches,
+    dwells,
+    levels,
+    on_common_voltages,
+    require_span,
+    samples,
+    sweeps,
+)
 
 __all__ = ["FlexureCalibration", "flexure_calibration"]
 
 Direction = Literal["mean", "up", "down"]
+
+_NEARLY = 0.99
+"""Of the range of the log: curves that cover less are reported."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,7 +61,7 @@ class FlexureCalibration:
     line : {"end-point", "least-squares"}
         What sensitivity and nonlinearity refer to.
     audit : mapping
-        Counts and settings, shares in percent of full scale.
+        Counts and settings, shares in percent of full scale; None where not known.
     messages : tuple of str
         In plain words.
     history : tuple of Step
@@ -223,7 +235,10 @@ def flexure_calibration(
     Notes
     -----
     Samples where either channel is NaN are left out and counted. Dwells on one voltage are
-    averaged. Sweeps are cut at the turning points and compared on common voltages: the levels of
+    averaged, also of a noisy voltage that jumps between levels; samples on the way are counted. Sweeps are cut at the turning points. Whole sweeps count (95 % of the range); parts of
+    one are left out and named. Where a direction has no whole sweep, the first and the last part
+    of a log that started inside the stroke are joined; failing that, parts of more than half stand
+    in and the range is cut to what all sweeps share. They are compared on common voltages: the levels of
     the log where all sweeps share them, else 101 voltages by linear interpolation.
     Nonlinearity: largest distance of the mean curve from the line; hysteresis: largest
     distance of up and down; repeatability: largest standard deviation between sweeps of one
@@ -247,8 +262,11 @@ def flexure_calibration(
     if not (math.isfinite(resolution) and resolution >= 0.0):
         raise DataError(f"resolution={resolution} m; it cannot be negative")
     v, d, lost = samples(recording, voltage, displacement)
+    require_span(v)
+    v, d, between = levels(v, d)
     v, d = dwells(v, d)
-    runs = sweeps(v, d)
+    cut = sweeps(v, d)
+    runs = cut.runs
     grid, curves = on_common_voltages(runs)
     rising = np.array([s[0][-1] > s[0][0] for s in runs])
     up, down, mean, scatter = branches(curves, rising)
@@ -275,7 +293,7 @@ def flexure_calibration(
         ),
     }  # fmt: skip
     percent = {
-        f"{n}_percent_fs": 100.0 * quantities[n].value
+        f"{n}_percent_fs": known(100.0 * quantities[n].value)
         for n in ("nonlinearity", "hysteresis", "repeatability")
     }
     return FlexureCalibration(
@@ -290,14 +308,21 @@ def flexure_calibration(
             {
                 "sweeps_up": int(rising.sum()),
                 "sweeps_down": int((~rising).sum()),
+                "sweeps_left_out": cut.left_out,
+                "join_jump_nm": tuple(1e9 * j for j in cut.jumps),
                 "samples_not_measured": lost,
+                "samples_between_levels": between,
                 "voltages": int(grid.size),
                 "range_V": (float(grid[0]), float(grid[-1])),
                 "resolution_nm": resolution * 1e9,
                 **percent,
             }
         ),
-        messages=_messages(rising, scale, quantities, resolution),
+        messages=(
+            *cut.messages,
+            *_range_message(v, grid),
+            *_messages(rising, scale, quantities, resolution),
+        ),
         history=(*recording.history, Step("flexure_calibration", {"line": line})),
     )
 
@@ -348,8 +373,8 @@ def _through(x: FloatArray, y: FloatArray, at: FloatArray, name: str, unit: str)
     if outside.any():
         worst = float(at[int(np.argmax(np.where(outside, np.abs(at - 0.5 * (low + high)), 0.0)))])
         raise LimitError(
-            f"{name} {worst:.6g} {unit} lies outside the calibrated {low:.6g} ... {high:.6g} {unit}; "
-            "reduce it or calibrate further"
+            f"{name} {worst:.6g} {unit} lies outside the calibrated {low:.6g} ... {high:.6g} {unit} "
+            f"by {max(low - worst, worst - high):.3g} {unit}; reduce it or calibrate further"
         )
     result = np.full(at.size, np.nan)
     valid = ~np.isnan(at)
@@ -388,12 +413,27 @@ def _inverse(v: FloatArray, d: FloatArray, at: FloatArray) -> FloatArray:
     return _locked(guess)
 
 
+def _range_message(v: FloatArray, grid: FloatArray) -> list[str]:
+    if float(np.ptp(grid)) >= _NEARLY * float(np.ptp(v)):
+        return []
+    return [
+        (
+            f"the curves cover {grid[0]:.4g} ... {grid[-1]:.4g} V of the {v.min():.4g} ... "
+            f"{v.max():.4g} V of the log, what all sweeps share: full scale is of that part; sweep "
+            "from one end to the other and back"
+        )
+    ]
+
+
 def _messages(
     rising: NDArray[np.bool_], scale: float, quantities: Mapping[str, Quantity], resolution: float
 ) -> tuple[str, ...]:
     messages = []
     if rising.all() or not rising.any():
-        messages.append("one direction only: hysteresis is not known; sweep up and down")
+        which = "up" if rising.all() else "down"
+        messages.append(
+            f"one direction only (sweeps {which}): hysteresis is not known; sweep up and down"
+        )
     if math.isnan(quantities["repeatability"].value):
         messages.append(
             "one sweep of each direction: repeatability is not known; repeat the sweeps"

@@ -13,13 +13,21 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import frozen_float
-from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError, UnitError
+from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.quantity import Quantity
 from metrosep.core.recording import Recording
+from metrosep.process._follow_log import quick_turns, read_log, read_places, read_positions
 from metrosep.process._follow_result import FollowUp, FollowUpMap, TermShare
 from metrosep.process._follow_terms import TERMS, checked_terms, fit_terms, hints, shares
-from metrosep.process._motion import Derivatives, best_delay, derivatives, shifted, uniform
+from metrosep.process._motion import (
+    Derivatives,
+    best_delay,
+    delay_uncertainty,
+    derivatives,
+    shifted,
+    uniform,
+)
 from metrosep.process._regression import Regression
 
 __all__ = ["FollowUp", "FollowUpMap", "TermShare", "follow_up"]
@@ -27,6 +35,11 @@ __all__ = ["FollowUp", "FollowUpMap", "TermShare", "follow_up"]
 FloatArray = NDArray[np.float64]
 
 _MIN_SAMPLES = 16
+
+_ROUNDING = 4.0 * float(np.finfo(np.float64).eps)
+"""Of the largest position: an error that varies by less does not vary."""
+
+_SENSES = {"counterclockwise": 1.0, "clockwise": -1.0}
 
 
 def follow_up(
@@ -43,6 +56,8 @@ def follow_up(
     rho: str = "rho",
     theta: str = "theta",
     spiral: tuple[float, float, float] | None = None,
+    spiral_sense: str = "counterclockwise",
+    spiral_start: float = 0.0,
 ) -> FollowUp:
     """Return the follow-up error of a logged axis and what it depends on.
 
@@ -66,10 +81,16 @@ def follow_up(
     window : int, odd, >= 7, optional
         Samples of the local polynomials; chosen from the noise of the command if omitted.
     rho, theta : str, optional
-        Channels of radius in m and azimuth in rad; used where both exist.
+        Channels of radius in m and azimuth in rad; used where both exist. An azimuth that stays
+        within one turn is taken as given modulo a turn.
     spiral : tuple of (float, float, float), m, m/rev, rad/s, optional
         Start radius, feed per revolution towards the centre and spindle speed; time 0 is the
-        first sample, at azimuth 0. A negative feed runs outwards.
+        first sample. A negative feed runs outwards.
+    spiral_sense : {"counterclockwise", "clockwise"}, optional
+        Way in which the tool goes round the part, seen from outside (from +z). On a lathe the part
+        turns, and the tool goes round it the other way.
+    spiral_start : float, rad, optional
+        Azimuth of the first sample.
 
     Returns
     -------
@@ -85,7 +106,7 @@ def follow_up(
     NotUniformError
         If resampling would need more than twenty times the samples of the log.
     UnitError
-        If a channel states a unit other than m.
+        If a channel states a unit other than m, or an azimuth one other than rad.
     DataError
         If an option is not one of its choices, or the axis does not move.
     DegenerateFitError
@@ -96,14 +117,16 @@ def follow_up(
     ``fe = c0 + cv v + ca a + cj j``, motion of the command by local polynomials of degree 5.
     Time that jitters by more than 0.1 % of a step is resampled by a cubic spline; gaps stay NaN.
     A delay d of the actual channel and cv = -d are the same thing to first order. The delay is
-    therefore reported, but taken out only where it is known. The covariance is that of Newey and
-    West, as residuals of a servo are not independent. Samples that are NaN, and half a window
-    beside them and at the ends, take no part; their number is in the audit.
+    therefore reported, but taken out only where it is known. Residuals of a servo are not
+    independent: the covariance comes from autoregressive models of the residual and of its means
+    over 4, 16 and 64 samples, the largest variance counts, never below that of independent
+    samples; ``bandwidth_samples`` in the audit is the sum of the autocorrelation. Samples that are
+    NaN, and half a window beside them and at the ends, take no part; their number is in the audit.
 
     References
     ----------
     .. [1] Slow-tool-servo paper, Fig. 13 (error beside acceleration), eq. 21 (PID).
-    .. [2] Newey, West, Econometrica 55 (1987) 703.
+    .. [2] Burg, Proc. 37th Meeting SEG (1967); Akaike, IEEE Trans. AC 19 (1974) 716.
 
     Examples
     --------
@@ -116,16 +139,19 @@ def follow_up(
     (-2.0, 2.0)
     """
     wanted = checked_terms(terms)
-    log = _recording(recording, time)
+    log = read_log(recording, time)
     if len(log) < _MIN_SAMPLES:
         raise TooFewSamplesError(
             f"a follow-up error needs at least {_MIN_SAMPLES} samples, the log has {len(log)}"
         )
-    columns, source = _channels(log, command, actual, error, error_sign)
-    t, even, step, jitter = uniform(log.t, {**columns, **_places(log, rho, theta)})
+    columns, source = read_positions(log, command, actual, error, error_sign)
+    places = read_places(log, rho, theta)
+    t, even, step, jitter = uniform(log.t, {**columns, **places})
     messages = []
     if t is not log.t:
         messages.append(f"time jitters by {100.0 * jitter:.2g} % of a step: resampled by a spline")
+        if "theta" in places and (doubt := quick_turns(places["theta"])):
+            messages.append(doubt)
     ordered, got = even["command"], even["actual"]
     motion = derivatives(ordered, step, window)
     lag = _delay(ordered, got, motion, step, messages)
@@ -135,12 +161,18 @@ def follow_up(
     fe = got - ordered
     state = _state(ordered, motion)
     fit, kept, valid, lost = fit_terms(fe, state, wanted, _noise(motion))
-    found = shares(fe[valid], {n: state[n][valid] for n in kept}, kept, fit)
-    messages += lost + hints(found, fit, kept) + _noise_message(motion, kept)
-    residual = np.full(fe.size, np.nan)
-    residual[valid] = fit.residual
+    least = _ROUNDING * float(max(np.nanmax(np.abs(c)) for c in (ordered, got)))
+    found = shares(fe[valid], {n: state[n][valid] for n in kept}, kept, fit, least=least)
     y = fe[valid] - fe[valid].mean()
     power = float(y @ y)
+    if power > y.size * least**2:
+        messages += lost + hints(found, fit, kept) + _noise_message(motion, kept)
+        r2 = 1.0 - float(fit.residual @ fit.residual) / power
+    else:
+        messages += [*lost, _nothing(float(fe[valid].mean()), least, taken)]
+        r2 = 0.0
+    residual = np.full(fe.size, np.nan)
+    residual[valid] = fit.residual
     history = (*log.history, Step("follow_up", {"terms": list(kept), "delay_s": taken}))
     return FollowUp(
         t=_locked(t),
@@ -152,11 +184,11 @@ def follow_up(
         coefficients=freeze_mapping(_coefficients(fit, kept)),
         cov=_locked(fit.cov, 2),
         shares=freeze_mapping(found),
-        r2=1.0 - float(fit.residual @ fit.residual) / power if power > 0.0 else math.nan,
+        r2=r2,
         residual=_locked(residual),
         delay=lag,
         quantities=freeze_mapping(_quantities(fe, fit, motion)),
-        map=_map(fe, t - t[0], even, spiral, history),
+        map=_map(fe, t - t[0], even, spiral, (spiral_sense, spiral_start), history),
         audit=freeze_mapping(
             {
                 "error_from": source,
@@ -178,52 +210,14 @@ def follow_up(
     )
 
 
-def _recording(recording: Recording | Mapping[str, ArrayLike], time: str | None) -> Recording:
-    if isinstance(recording, Recording):
-        return recording
-    if not isinstance(recording, Mapping):
-        raise DataError(
-            f"pass a Recording or a mapping of channels, got {type(recording).__name__}"
-        )
-    if time is None or time not in recording:
-        raise InvalidSamplesError(
-            f"the log has no time (channels {', '.join(recording) or 'none'}); name its channel "
-            "with time=, in s: velocity and acceleration need it"
-        )
-    return Recording(recording[time], {k: v for k, v in recording.items() if k != time})
-
-
-def _channels(
-    log: Recording, command: str, actual: str, error: str | None, sign: str
-) -> tuple[dict[str, FloatArray], str]:
-    """Return commanded and actual position, and where the error comes from."""
-    if sign not in ("actual-command", "command-actual"):
-        raise DataError(f"error_sign={sign!r}; state 'actual-command' or 'command-actual'")
-    has = {n: n in log.channels for n in (command, actual)}
-    if error is None and not all(has.values()) and "error" in log.channels:
-        error = "error"
-    for name in (command, actual, error):
-        if name is not None and name in log.units and log.units[name] != "m":
-            raise UnitError(
-                f"channel {name!r} is in {log.units[name]!r}, a follow-up error needs m; convert it"
-            )
-    if error is None:
-        return {"command": log[command], "actual": log[actual]}, f"{actual} - {command}"
-    fe = log[error] if sign == "actual-command" else -log[error]
-    if has[command]:
-        return {"command": log[command], "actual": log[command] + fe}, f"{error} ({sign})"
-    if has[actual]:
-        return {"command": log[actual] - fe, "actual": log[actual]}, f"{error} ({sign})"
-    raise InvalidSamplesError(
-        f"the log has the error but neither {command!r} nor {actual!r}; velocity and acceleration "
-        f"need a position (channels {', '.join(log.channels)})"
+def _nothing(level: float, least: float, taken: float) -> str:
+    size = "zero throughout" if abs(level) <= least else f"{level * 1e9:.4g} nm throughout"
+    if taken != 0.0:
+        return f"with the delay of {taken * 1e3:.4g} ms taken out the error is {size}"
+    return (
+        f"the error is {size}: nothing to explain, all shares are 0; is the actual channel that of "
+        "the encoder, not a copy of the command?"
     )
-
-
-def _places(log: Recording, rho: str, theta: str) -> dict[str, FloatArray]:
-    if rho in log.channels and theta in log.channels:
-        return {"rho": log[rho], "theta": log[theta]}
-    return {}
 
 
 def _state(command: FloatArray, motion: Derivatives) -> dict[str, FloatArray]:
@@ -250,13 +244,12 @@ def _delay(
 
     what = "by how much actual lags the command, from the log itself"
     try:
-        lag, rms = best_delay(command, actual, motion.velocity, step)
+        lag, _ = best_delay(command, actual, motion.velocity, step)
+        u = delay_uncertainty(command, actual, motion.velocity, step, lag)
     except MetrosepError as exc:
         messages.append(f"no delay was estimated: {exc}")
         return Quantity(math.nan, "s", what)
-    speed = float(np.sqrt(np.nanmean(motion.velocity**2)))
-    n = max(int((~np.isnan(actual)).sum()), 1)
-    return Quantity(lag, "s", what, rms / speed / math.sqrt(n) if speed > 0.0 else None, "delay")
+    return Quantity(lag, "s", what, u, "delay")
 
 
 def _taken_delay(delay: float | str, lag: Quantity, duration: float) -> float:
@@ -320,6 +313,7 @@ def _map(
     t: FloatArray,
     even: Mapping[str, FloatArray],
     spiral: tuple[float, float, float] | None,
+    turn: tuple[str, float],
     history: tuple[Step, ...],
 ) -> FollowUpMap | None:
     if spiral is None:
@@ -334,12 +328,18 @@ def _map(
             f"spiral={spiral}; give start radius in m, feed per revolution in m and spindle speed "
             "in rad/s"
         )
+    sense, start = turn
+    if sense not in _SENSES or not math.isfinite(start):
+        raise DataError(
+            f"spiral_sense={sense!r}, spiral_start={start}; the sense is 'counterclockwise' or "
+            "'clockwise', the start an azimuth in rad"
+        )
     angle = speed * t
     reached = radius - feed * angle / (2.0 * math.pi)
     if (reached < 0.0).any():
         at = float(t[np.argmax(reached < 0.0)])
         raise DataError(f"the spiral reaches the centre after {at:.4g} s, before the log ends")
-    return FollowUpMap(reached, angle, fe, history)
+    return FollowUpMap(reached, start + _SENSES[sense] * angle, fe, history)
 
 
 def _locked(values: FloatArray, ndim: int = 1) -> FloatArray:

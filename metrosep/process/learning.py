@@ -193,9 +193,9 @@ def learn_step(
                 "gain": gain,
                 "cutoff_Hz": cutoff,
                 "runs": len(runs),
-                "worst_frequency_Hz": at,
-                "highest_known_Hz": float(frequency[known].max()) if known.any() else math.nan,
-                "scatter_nm": math.nan if scatter is None else scatter * 1e9,
+                "worst_frequency_Hz": None if math.isnan(at) else at,
+                "highest_known_Hz": float(frequency[known].max()) if known.any() else None,
+                "scatter_nm": None if scatter is None else scatter * 1e9,
                 "rms_history_nm": [v * 1e9 for v in history],
             }
         ),

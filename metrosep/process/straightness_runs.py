@@ -20,13 +20,16 @@ from metrosep.core.errors import DataError, LimitError, TooFewSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.quantity import Quantity
-from metrosep.process._run_polynomial import Runs, choose, fit_run, residuals
+from metrosep.process._run_polynomial import Runs, choose, fit_scaled, power_matrix, residuals
 
 __all__ = ["RunPolynomial", "StraightnessLines", "run_polynomial", "straightness_lines"]
 
 FloatArray = NDArray[np.float64]
 
 _LINES = {"end-point": "EP", "least-squares": "LS", "minimum-zone": "MZ"}
+_FEW = 10
+"""Runs up to which a message says what their number does to a coverage factor."""
+
 _ARCSEC = 180.0 * 3600.0 / math.pi
 
 
@@ -169,6 +172,9 @@ class RunPolynomial:
         In plain words.
     history : tuple of Step
         From the first run on.
+    scaled : tuple of (ndarray, ndarray or None), optional
+        Coefficients and covariance in powers of (x - middle)/half of the domain: powers of x lose
+        all digits of the covariance where the domain lies far from 0. `evaluate` and `sd` use it.
     """
 
     coefficients: FloatArray
@@ -183,6 +189,7 @@ class RunPolynomial:
     audit: Mapping[str, Any]
     messages: tuple[str, ...]
     history: tuple[Step, ...]
+    scaled: tuple[FloatArray, FloatArray | None] | None = None
 
     @property
     def degree(self) -> int:
@@ -218,11 +225,16 @@ class RunPolynomial:
         slack = 1e-9 * (self.domain[1] - self.domain[0])
         outside = (at < self.domain[0] - slack) | (at > self.domain[1] + slack)
         if outside.any():
+            first = float(at[outside][0])
+            beyond = max(self.domain[0] - first, first - self.domain[1])
             raise LimitError(
                 f"x = {at[outside][0] * 1e3:.6g} mm lies outside {self.domain[0] * 1e3:.6g} ... "
-                f"{self.domain[1] * 1e3:.6g} mm: a polynomial is not extrapolated"
+                f"{self.domain[1] * 1e3:.6g} mm by {beyond * 1e3:.3g} mm: a polynomial is not "
+                "extrapolated"
             )
-        return np.asarray(power.polyval(at, self.coefficients))
+        if self.scaled is None:
+            return np.asarray(power.polyval(at, self.coefficients))
+        return np.asarray(power.polyval(self._own(at), self.scaled[0]))
 
     def sd(self, x: ArrayLike) -> FloatArray:
         """Return the standard uncertainty of the polynomial at positions.
@@ -240,8 +252,11 @@ class RunPolynomial:
         at = frozen_float(np.atleast_1d(np.asarray(x)), name="x", ndim=1)
         if self.cov is None:
             return np.full(at.size, np.nan)
-        basis = power.polyvander(at, self.degree)
-        variance = np.einsum("ij,jk,ik->i", basis, self.cov, basis)
+        cov, own = self.cov, at
+        if self.scaled is not None and self.scaled[1] is not None:
+            cov, own = self.scaled[1], self._own(at)
+        basis = power.polyvander(own, self.degree)
+        variance = np.einsum("ij,jk,ik->i", basis, cov, basis)
         return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
     def error(self, x: ArrayLike) -> FloatArray:
@@ -263,6 +278,10 @@ class RunPolynomial:
             If a position was not measured.
         """
         return self.evaluate(x) if self.quantity == "error" else -self.evaluate(x)
+
+    def _own(self, x: FloatArray) -> FloatArray:
+        low, high = self.domain
+        return np.asarray((x - 0.5 * (low + high)) / (0.5 * (high - low)))
 
 
 def run_polynomial(
@@ -331,15 +350,16 @@ def run_polynomial(
             raise DataError(f"degree={chosen}; use 0 to 20")
     else:
         chosen, scores = choose(pairs, str(degree), max_degree)
-    fits = np.array([fit_run(x, z, chosen) for x, z in pairs])
-    mean = fits.mean(axis=0)
+    middle, half = 0.5 * (domain[0] + domain[1]), 0.5 * (domain[1] - domain[0])
+    fits = np.array([fit_scaled(x, z, chosen, middle, half) for x, z in pairs])
     n = len(pairs)
-    cov = np.atleast_2d(np.cov(fits, rowvar=False)) / n if n > 1 else None
+    own, own_cov = fits.mean(axis=0), _covariance(fits)
+    to_x = power_matrix(chosen, middle, half)
+    mean = to_x @ own
+    cov = None if own_cov is None else _covariance(fits @ to_x.T)
     rest = residuals(pairs, chosen)
     scatter = _repeatability(pairs, domain)
-    drift = _drift(pairs, mean, domain)
-    if cov is not None:
-        cov.setflags(write=False)
+    drift = _drift(pairs, own, domain)
     u = np.full(chosen + 1, np.nan) if cov is None else np.sqrt(np.diag(cov))
     return RunPolynomial(
         coefficients=frozen_float(mean, name="coefficients", ndim=1),
@@ -359,12 +379,16 @@ def run_polynomial(
                 "runs": n,
                 "domain_mm": (domain[0] * 1e3, domain[1] * 1e3),
                 "coefficients_um_mm": [float(c) * 1e6 * 1e-3**k for k, c in enumerate(mean)],
-                "u_um_mm": [float(c) * 1e6 * 1e-3**k for k, c in enumerate(u)],
+                "u_um_mm": None
+                if cov is None
+                else [float(c) * 1e6 * 1e-3**k for k, c in enumerate(u)],
                 "cov_source": f"scatter of {n} runs" if n > 1 else "unknown: one run",
+                "cov_degrees_of_freedom": n - 1,
             }
         ),
         messages=_polynomial_messages(n, chosen, drift, scatter),
         history=(*listed[0].history, Step("run_polynomial", {"degree": chosen, "runs": n})),
+        scaled=(frozen_float(own, name="coefficients", ndim=1), own_cov),
     )
 
 
@@ -413,12 +437,23 @@ def _repeatability(pairs: Runs, domain: tuple[float, float]) -> float:
     return float(np.sqrt((away**2).sum() / ((n - 1) * max(grid.size - 2, 1))))
 
 
-def _drift(pairs: Runs, mean: FloatArray, domain: tuple[float, float]) -> FloatArray:
-    middle = 0.5 * (domain[0] + domain[1])
+def _covariance(fits: FloatArray) -> FloatArray | None:
+    """Return the covariance of the mean of the runs; None with one run."""
+    if len(fits) < 2:
+        return None
+    cov = np.atleast_2d(np.cov(fits, rowvar=False)) / len(fits)
+    cov.setflags(write=False)
+    return cov
+
+
+def _drift(pairs: Runs, own: FloatArray, domain: tuple[float, float]) -> FloatArray:
+    """Return offset and slope of each run about the mean, of scaled coefficients `own`."""
+    middle, half = 0.5 * (domain[0] + domain[1]), 0.5 * (domain[1] - domain[0])
     lines = []
     for x, z in pairs:
-        slope, offset = np.polyfit(x - middle, z - power.polyval(x, mean), 1)
-        lines.append((offset, slope))
+        u = (x - middle) / half
+        slope, offset = power.polyfit(u, z - power.polyval(u, own), 1)[::-1]
+        lines.append((offset, slope / half))
     return np.array(lines)
 
 
@@ -432,6 +467,13 @@ def _polynomial_messages(
         messages.append(
             f"{n} runs for {degree + 1} coefficients: the covariance is singular; single "
             "uncertainties hold, combinations may be too certain"
+        )
+    if 1 < n <= _FEW:
+        from scipy.special import stdtrit
+
+        messages.append(
+            f"uncertainties rest on {n} runs, {n - 1} degree{'s' * (n > 2)} of freedom: 95 % of "
+            f"values lie within {stdtrit(n - 1, 0.975):.3g} u, not 2 u"
         )
     if n > 1 and float(drift[:, 0].std(ddof=1)) > 2.0 * scatter / math.sqrt(max(n, 1)):
         messages.append(

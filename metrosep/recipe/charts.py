@@ -225,6 +225,7 @@ def map_chart(
     unit: str,
     caption: str = "",
     origin: tuple[float, float] = (0.0, 0.0),
+    pv: Mapping[str, float] | None = None,
 ) -> dict[str, Any]:
     """Return a chart of maps on one colour scale.
 
@@ -242,6 +243,8 @@ def map_chart(
         What it shows.
     origin : tuple of (float, float), m, optional
         Position of the first pixel.
+    pv : mapping of str to float, optional
+        P-V of each whole map, where `maps` hold only some of its points; else that of `maps`.
 
     Returns
     -------
@@ -252,7 +255,7 @@ def map_chart(
     step = max((-(-max(m.shape) // side) for m in maps.values()), default=1)
     words = caption
     if step > 1:
-        words += f" Every pixel in {step} along x and y is drawn; P-V is that of the drawn pixels."
+        words += f" Every pixel in {step} along x and y is drawn; P-V is that of all."
     return {
         "kind": "maps",
         "title": title,
@@ -263,4 +266,16 @@ def map_chart(
         "origin_m": [float(v) for v in origin],
         "step": step,
         "unit": unit,
+        "pv": {**_whole_pv(maps), **{k: plain(v) for k, v in (pv or {}).items()}},
     }
+
+
+def _whole_pv(maps: Mapping[str, FloatArray]) -> dict[str, float | None]:
+    """Return the P-V of each map before it is thinned out; None where nothing is known."""
+    found: dict[str, float | None] = {}
+    for name, values in maps.items():
+        array = np.asarray(values, dtype=np.float64)
+        known = array[np.isfinite(array)]
+        if array.ndim == 2:
+            found[name] = plain(np.ptp(known)) if known.size else None
+    return found

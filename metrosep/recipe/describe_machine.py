@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
+from metrosep.core.units import format_length
 from metrosep.recipe.bar_charts import bar_chart
 from metrosep.recipe.charts import map_chart
 from metrosep.recipe.description import Description, quantity
+from metrosep.recipe.key_values import typed_number
 
 __all__ = ["identification_of", "sensitivity_of", "wavefront_of"]
 
@@ -62,6 +65,7 @@ def sensitivity_of(produced: Any, inputs: Any = None) -> Description:
         for steps in (produced.pareto()[1 : k + 1] for k in (1, 2, 3))
         if steps
     ]
+    messages += _height_shifts(produced)
     document = {"groups": [list(g) for g in produced.groups], "ranking": produced.to_dict()}
     charts = (_ranking(produced, what, removed), *_term_maps(produced, what))
     return Description(
@@ -74,19 +78,67 @@ def sensitivity_of(produced: Any, inputs: Any = None) -> Description:
     )
 
 
+_CONSTANT = 1e-6
+"""P-V of a map over its largest value, below which it is one height."""
+
+
+def _height_shifts(produced: Any) -> list[str]:
+    """Return which leading terms only move the whole part along z, where a wavefront is ranked."""
+    if produced.response != "wavefront" or "defocus" in produced.removed:
+        return []
+    leading = [n for n in produced.order[:_LEADING] if produced[n].value > 0.0]
+    maker = replace(produced.maker, response="form", direction="vertical", wavefront=None)
+    form = maker.make()
+    shifts = []
+    for name in leading:
+        column = form[:, maker.terms.index(name)]
+        if np.ptp(column) <= _CONSTANT * np.abs(column).max(initial=0.0) and column.any():
+            shifts.append(name)
+    if not shifts:
+        return []
+    words = (
+        f"{', '.join(shifts)} only move the whole part along z and leave its form as it is: their "
+        "wavefront error is that of a vertex off the fixed reference plane, which setting the part "
+        "up in height takes away. Compensate them only if that height is not adjusted; remove "
+        'defocus too to rank without most of it: removed="plane+defocus"'
+    )
+    return [words]
+
+
+_LEADING = 5
+
+
+_SPREAD = 20.0
+"""Largest over the median ranked bar, beyond which the scale is logarithmic."""
+
+
 def _ranking(produced: Any, what: str, removed: str) -> dict[str, Any]:
-    shown = produced.order[:_MOST_TERMS]
+    seen = [n for n in produced.order if n not in produced.unobservable]
+    shown = (seen or list(produced.order))[:_MOST_TERMS]
     at = [produced.names.index(n) for n in shown]
+    raw, ranked = produced.sq_raw[at], produced.sq[at]
+    positive = ranked[ranked > 0.0]
+    wide = positive.size > 0 and max(raw.max(), ranked.max()) > _SPREAD * np.median(positive)
+    series = {"nothing removed": raw, f"without {removed}": ranked}
+    if wide:  # a logarithmic scale has no place for zero
+        series = {k: np.where(v > 0.0, v, np.nan) for k, v in series.items()}
+    lost = len(produced.order) - len(seen)
+    caption = (
+        "Each error term at its magnitude, the others zero. Only what is left after the "
+        "alignment is a ranking of the machine."
+    )
+    if lost and seen:
+        caption += f" {lost} terms that no longer show are left out."
+    if wide:
+        caption += " Logarithmic scale."
     return bar_chart(
         f"Sq of the {what} error by each term alone",
         shown,
-        {"nothing removed": produced.sq_raw[at], f"without {removed}": produced.sq[at]},
+        series,
         unit="m",
         quantity="Sq",
-        caption=(
-            "Each error term at its magnitude, the others zero. Only what is left after the "
-            "alignment is a ranking of the machine."
-        ),
+        log=wide,
+        caption=caption,
     )
 
 
@@ -98,9 +150,12 @@ def _term_maps(produced: Any, what: str) -> tuple[dict[str, Any], ...]:
     maker = produced.maker
     rho, azimuth = maker.mesh.rho, maker.mesh.azimuth
     parts, step = {}, 0.0
+    pv: dict[str, float] = {}
     for name in shown:
         i = produced.names.index(name)
-        z, step = _on_squares(rho, azimuth, maps[..., i] * produced.magnitudes[i])
+        whole = maps[..., i] * produced.magnitudes[i]
+        pv[name] = float(np.ptp(whole[np.isfinite(whole)]))
+        z, step = _on_squares(rho, azimuth, whole)
         parts[name] = z
     return (
         map_chart(
@@ -110,7 +165,9 @@ def _term_maps(produced: Any, what: str) -> tuple[dict[str, Any], ...]:
             dy=step,
             unit="m",
             origin=(-0.5 * step * (_PIXELS - 1),) * 2,
-            caption="Each term at its magnitude, after the alignment; nearest points of the mesh.",
+            caption="Each term at its magnitude, after the alignment; nearest points of the mesh. "
+            "P-V is that of the whole mesh.",
+            pv=pv,
         ),
     )
 
@@ -161,6 +218,7 @@ def identification_of(produced: Any, inputs: Any = None) -> Description:
     found["predicted_sq"] = quantity(
         produced.predicted_sq, "m", "Sq to expect when the terms found are compensated"
     )
+    more = {"groups": _if_alone(produced)} if produced.groups else {}
     maps: dict[str, Surface] = {}
     charts: tuple[dict[str, Any], ...] = ()
     if isinstance(produced.residual, Surface):
@@ -176,7 +234,56 @@ def identification_of(produced: Any, inputs: Any = None) -> Description:
                 caption="Measured minus the part that the machine with these errors cuts.",
             ),
         )
-    return Description(found, charts, {"": tables}, maps, audit=dict(produced.audit))
+    return Description(
+        found,
+        charts,
+        {"": tables, **more},
+        maps,
+        audit=dict(produced.audit),
+        messages=_correction(produced),
+    )
+
+
+def _correction(produced: Any) -> tuple[str, ...]:
+    """Return what to type into the machine for the terms that were told apart."""
+    known = [
+        f"{name} {_signed(-float(value), unit)}"
+        for name, value, unit in zip(produced.names, produced.values, produced.units, strict=True)
+        if math.isfinite(value)
+    ]
+    words = []
+    if known:
+        words.append(
+            f"correction: {', '.join(known)} (the negative of each error; it acts where the error "
+            "stands in the chain of the machine)"
+        )
+    if produced.groups:
+        words.append(
+            "of the terms that hang together correct one alone, by the negative of its value if it "
+            "alone is at work: each makes up for the common effect on this part"
+        )
+    return tuple(words)
+
+
+def _signed(value: float, unit: str) -> str:
+    """Return a length or an angle with its sign, in a unit that is read easily."""
+    size = abs(value)
+    text = format_length(size, digits=5) if unit == "m" else typed_number(size, "angle", digits=5)
+    return f"{'-' if value < 0.0 else '+'}{text}"
+
+
+def _if_alone(produced: Any) -> dict[str, list[Any]]:
+    """Return the groups as a table: each member if it alone is at work."""
+    units = dict(zip(produced.names, produced.units, strict=True))
+    rows: dict[str, list[Any]] = {
+        k: [] for k in ("group", "common_sq_m", "term", "if_alone_si", "u_si", "unit")
+    }
+    for group in produced.groups:
+        for name, (value, u) in group.equivalents.items():
+            row = ("+".join(group.names), abs(group.sq), name, value, u, units[name])
+            for column, item in zip(rows.values(), row, strict=True):
+                column.append(item)
+    return rows
 
 
 def _groups(produced: Any) -> dict[str, Quantity]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
+from metrosep.core.units import format_length
 from metrosep.recipe.bar_charts import bar_chart
 from metrosep.recipe.charts import curve, curve_chart, map_chart, panel
 from metrosep.recipe.description import Description, quantity
@@ -34,7 +35,9 @@ def setting_of(produced: Any, inputs: Any = None) -> Description:
     Description
         Each freedom with u, ``rms``; the residual.
     """
-    found = dict(produced.quantities)
+    found = {
+        k: _as_angle(q) if k.startswith("tilt") else q for k, q in produced.quantities.items()
+    }
     found["rms"] = quantity(
         produced.rms, "m", "RMS of the residual: what remains with the setting compensated"
     )
@@ -60,7 +63,50 @@ def setting_of(produced: Any, inputs: Any = None) -> Description:
         "u_si": [np.nan if q.u is None else q.u for q in found.values()],
         "unit": [q.unit for q in found.values()],
     }
-    return Description(found, charts, {"": columns}, maps, audit=dict(produced.audit))
+    return Description(
+        found,
+        charts,
+        {"": columns},
+        maps,
+        audit=dict(produced.audit),
+        messages=_setting_correction(produced),
+    )
+
+
+def _as_angle(item: Quantity) -> Quantity:
+    """Return a slope as the small angle that it is, so that it bears a unit."""
+    return replace(item, unit="rad") if item.unit == "1" else item
+
+
+def _setting_correction(produced: Any) -> tuple[str, ...]:
+    """Return what to type into the machine for what was found."""
+    moves = [
+        f"{name} {_signed(-produced.values[name])}"
+        for name in ("dx", "dy")
+        if math.isfinite(produced.u.get(name, math.inf))
+    ]
+    words = []
+    if moves:
+        text = (
+            f"correction: {', '.join(moves)} (move the tool by this, the negative of the error; "
+        )
+        text += "dx away from the spindle axis"
+        if "dy" in produced.values:
+            text += (
+                ", dy towards growing azimuth of the workpiece: where the spindle counts its angle "
+                "the other way, turn the sign of dy"
+            )
+        words.append(text + ")")
+    if math.isfinite(produced.u.get("dR", math.inf)):
+        words.append(
+            f"correction: enter a nose radius that is {_signed(produced.values['dR'])} larger"
+        )
+    return tuple(words)
+
+
+def _signed(value: float) -> str:
+    """Return a length with its sign, five digits."""
+    return f"{'-' if value < 0.0 else '+'}{format_length(abs(value), digits=5)}"
 
 
 def follow_up_of(produced: Any, inputs: Any = None) -> Description:
@@ -82,8 +128,23 @@ def follow_up_of(produced: Any, inputs: Any = None) -> Description:
         **produced.quantities,
         **produced.coefficients,
         "r2": quantity(produced.r2, "1", "share of the variance that the motion explains"),
-        "delay": produced.delay,
+        "delay": replace(
+            produced.delay,
+            definition="lag of actual behind the command, from the shift that fits best; cv is the "
+            "same lag from the regression, with the other sign",
+        ),
     }
+    if "cv" in found:
+        found["cv"] = replace(
+            found["cv"],
+            definition=f"{found['cv'].definition}: minus the lag, beside the other terms",
+        )
+    if "noise" in found:
+        found["noise_of_command"] = replace(
+            found.pop("noise"),
+            definition="noise of the commanded position, not of the sensor",
+            symbol="noise of the command",
+        )
     for name, share in produced.shares.items():
         found[f"{name}.pv"] = replace(share.pv, symbol=f"PV {name}")
         found[f"{name}.share"] = quantity(
@@ -213,7 +274,7 @@ def prediction_of(produced: Any, inputs: Any = None) -> Description:
     tables: dict[str, Any] = {}
     frame = budget.to_frame(measured=produced.measured)
     tables["budget"] = {str(k): frame[k].tolist() for k in frame.columns}
-    charts = [_budget_bars(produced, found), *_cause_maps(produced)]
+    charts = [_budget_bars(produced, found), *_cause_maps(produced, found)]
     if produced.program is not None:
         frame = produced.program.to_frame()
         tables["program"] = {str(k): frame[k].tolist() for k in frame.columns}
@@ -264,7 +325,7 @@ def _budget_bars(produced: Any, found: dict[str, Quantity]) -> dict[str, Any]:
     )
 
 
-def _cause_maps(produced: Any) -> list[dict[str, Any]]:
+def _cause_maps(produced: Any, found: dict[str, Quantity]) -> list[dict[str, Any]]:
     """Return the maps of the causes as pixels: the sample nearest to each."""
     from scipy.spatial import cKDTree
 
@@ -277,14 +338,17 @@ def _cause_maps(produced: Any) -> list[dict[str, Any]]:
     x, y = np.meshgrid(axis, axis)
     places = np.column_stack([prediction.x, prediction.y])
     thin = slice(None, None, max(1, places.shape[0] // 200_000))
-    found = cKDTree(places[thin]).query(np.column_stack([x.ravel(), y.ravel()]))
-    distance, nearest = np.asarray(found[0]), np.asarray(found[1])
+    near = cKDTree(places[thin]).query(np.column_stack([x.ravel(), y.ravel()]))
+    distance, nearest = np.asarray(near[0]), np.asarray(near[1])
     far = (np.hypot(x, y) > reach) | (distance.reshape(x.shape) > 3.0 * reach / _PIXELS)
     shown = {}
     for name, z in {**maps, "sum": prediction.total}.items():
         pixels = z[thin][nearest].reshape(x.shape)
         shown[name] = np.where(far, np.nan, pixels)
     step = float(axis[1] - axis[0])
+    whole = {name: found[f"{name}.pv"].value for name in maps if f"{name}.pv" in found}
+    if "pointwise" in found:
+        whole["sum"] = found["pointwise"].value
     return [
         map_chart(
             "Form error by cause, and their sum",
@@ -293,7 +357,9 @@ def _cause_maps(produced: Any) -> list[dict[str, Any]]:
             dy=step,
             unit="m",
             origin=(float(axis[0]), float(axis[0])),
-            caption="Error = actual − nominal, out of the material; the sample nearest to each pixel.",
+            caption="Error = actual − nominal, out of the material; the sample nearest to each pixel. "
+            "P-V is that of all samples.",
+            pv=whole,
         )
     ]
 
@@ -317,9 +383,9 @@ def dual_servo_of(produced: Any, inputs: Any = None) -> Description:
     found: dict[str, Quantity] = {"total": lines.total}
     for name in lines.straightness:
         found[f"straightness.{name}"] = lines.straightness[name]
-        found[f"slope.{name}"] = lines.slope[name]
+        found[f"slope.{name}"] = _as_angle(lines.slope[name])
     units = [
-        "m" if k == 0 else "1" if k == 1 else f"m^{1 - k}" for k in range(polynomial.degree + 1)
+        "m" if k == 0 else "m/m" if k == 1 else f"m^{1 - k}" for k in range(polynomial.degree + 1)
     ]
     for k, unit in enumerate(units):
         found[f"c{k}"] = quantity(
@@ -420,6 +486,15 @@ def _gains(produced: Any) -> dict[str, Quantity]:
     return found
 
 
+def _voltage_curves(table: Any) -> list[dict[str, Any]]:
+    """Return the voltages, and the limits where the table comes near or breaks them."""
+    ends = [float(table.x[0]), float(table.x[-1])]
+    curves = [curve("voltage", table.x, table.voltage)]
+    for word, limit in zip(("lower", "upper"), table.audit["limits_V"], strict=True):
+        curves.append(curve(f"limit, {word}: {limit:g} V", ends, [limit, limit]))
+    return curves
+
+
 def _dual_charts(produced: Any) -> tuple[dict[str, Any], ...]:
     polynomial, table = produced.polynomial, produced.table
     low, high = polynomial.domain
@@ -447,7 +522,7 @@ def _dual_charts(produced: Any) -> tuple[dict[str, Any], ...]:
             "Drive table",
             ("position", "m"),
             [
-                panel("voltage", "V", [curve("", table.x, table.voltage)]),
+                panel("voltage", "V", _voltage_curves(table)),
                 panel("displacement of the stage", "m", [curve("", table.x, table.displacement)]),
             ],
         ),

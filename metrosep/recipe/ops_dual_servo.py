@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from metrosep.core.errors import DataError
+from metrosep.core.errors import DataError, FormatMismatchError, LimitError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.io.readings import Readings
@@ -43,6 +44,8 @@ class DualServoResult:
         Roughness and profile height of a part before and after.
     beside : tuple of Step
         Of the files beside the runs.
+    assumed : tuple of str
+        What was not stated.
     """
 
     runs: tuple[Profile, ...]
@@ -53,6 +56,7 @@ class DualServoResult:
     static: Any = None
     parts: Any = None
     beside: tuple[Step, ...] = ()
+    assumed: tuple[str, ...] = ()
 
     @property
     def messages(self) -> tuple[str, ...]:
@@ -61,7 +65,7 @@ class DualServoResult:
         found += [f"the drive table does not keep a limit: {v}" for v in self.table.violations]
         for item in (self.calibration, self.static, self.parts):
             found += getattr(item, "messages", ())
-        return tuple(dict.fromkeys(found))
+        return tuple(dict.fromkeys((*found, *self.assumed)))
 
 
 def _dual_servo(data: Readings, options: Mapping[str, Any]) -> DualServoResult:
@@ -84,7 +88,7 @@ def _dual_servo(data: Readings, options: Mapping[str, Any]) -> DualServoResult:
     with np.errstate(invalid="ignore"):
         mean = np.mean([r.z for r in runs], axis=0)
     lines = straightness_lines(
-        Profile(data.position, mean), against=rest.get("against", "spindle face")
+        Profile(data.position, mean), against=rest.get("against", "spindle face (assumed)")
     )
     calibration, history = _calibration(rest)
     low, high = polynomial.domain
@@ -102,18 +106,51 @@ def _dual_servo(data: Readings, options: Mapping[str, Any]) -> DualServoResult:
         quantity=quantity,
         calibration=calibration,
         offset=rest.get("offset", 0.0),
-        limits=_limits(rest.get("limits", [0.0, 10.0])),
+        limits=_limits(rest.get("limits", _LIMITS)),
         travel=rest.get("travel", math.inf),
         speed=rest.get("speed"),
         slew=rest.get("slew", math.inf),
         bits=rest.get("bits"),
         strict=False,
     )
+    if table.violations and rest.get("strict", True):
+        raise LimitError(_refusal(table.violations, calibration, rest))
+    assumed: tuple[str, ...] = ()
+    if "limits" not in rest:
+        assumed = ("limits of 0 and 10 V are assumed; state those of the amplifier (limits)",)
     static, more = _static(rest)
     parts, last = _parts(rest)
     return DualServoResult(
-        runs, polynomial, lines, calibration, table, static, parts, (*history, *more, *last)
+        runs,
+        polynomial,
+        lines,
+        calibration,
+        table,
+        static,
+        parts,
+        (*history, *more, *last),
+        assumed,
     )
+
+
+_LIMITS = (0.0, 10.0)
+"""Of the amplifier in V, where none are stated."""
+
+
+def _refusal(violations: tuple[str, ...], calibration: Any, rest: Mapping[str, Any]) -> str:
+    """Return why a table is not written, and what helps."""
+    words = (
+        f"no voltages are given, the drive table does not keep a limit: {'; '.join(violations)}"
+    )
+    if "offset" not in rest:
+        words += (
+            ". No offset is stated, so the stage rests at 0; where the error changes its sign, or "
+            "lies on the other side, state where it rests, within its travel: "
+            'offset="2 um"'
+        )
+    if "limits" not in rest:
+        words += ". The limits of 0 and 10 V are assumed; state those of the amplifier (limits)"
+    return f"{words}. To look at such a table all the same: strict=false"
 
 
 _TOGETHER = (
@@ -137,9 +174,35 @@ def _check_together(rest: Mapping[str, Any]) -> None:
 
 
 def _limits(values: Any) -> tuple[float, float]:
-    if len(values) != 2:
-        raise DataError(f"limits is two voltages, got {len(values)}")
-    return float(values[0]), float(values[1])
+    """Return two voltages: numbers in V, or texts such as ``0 V``; a text may hold both."""
+    given = values.split(",") if isinstance(values, str) else values
+    if not isinstance(given, list | tuple) or len(given) != 2:
+        count = len(given) if isinstance(given, list | tuple) else 1
+        raise DataError(f"limits is two voltages, got {count}: limits=0,10")
+    low, high = (_volts(v) for v in given)
+    return low, high
+
+
+def _volts(value: Any) -> float:
+    text = re.sub(r"\s*V$", "", str(value).strip())
+    try:
+        volts = math.nan if isinstance(value, bool) else float(text)
+    except ValueError:
+        volts = math.nan
+    if not math.isfinite(volts):
+        raise DataError(f"limits: {value!r} is no voltage; give 0 V,10 V")
+    return volts
+
+
+def _sensitivity(text: str) -> float:
+    """Return a sensitivity in m/V of ``1.66 um/V``, or of the displacement for 1 V."""
+    from metrosep.core.units import parse_quantity
+
+    bare = re.sub(r"\s*/\s*V$", "", text.strip())
+    value = parse_quantity(bare, dimension="length", name="sensitivity")
+    if not value > 0.0:
+        raise DataError(f"sensitivity is {text}; it must be more than zero")
+    return value
 
 
 def _calibration(rest: Mapping[str, Any]) -> tuple[Any, tuple[Step, ...]]:
@@ -150,15 +213,22 @@ def _calibration(rest: Mapping[str, Any]) -> tuple[Any, tuple[Step, ...]]:
     if ("calibration" in rest) == ("sensitivity" in rest):
         raise DataError(
             'give either calibration = "sweep.csv" (columns voltage_V and displacement_um) or '
-            'sensitivity = "1.66 um" (displacement for 1 V)'
+            'sensitivity = "1.66 um/V"'
         )
     if "sensitivity" in rest:
-        return float(rest["sensitivity"]), ()
-    data = _columns(
-        rest["calibration"],
-        voltage=(rest.get("voltage", "voltage_V"), "any"),
-        displacement=(rest.get("displacement", "displacement_um"), "length"),
-    )
+        return _sensitivity(rest["sensitivity"]), ()
+    try:
+        data = _columns(
+            rest["calibration"],
+            voltage=(rest.get("voltage", "voltage_V"), "any"),
+            displacement=(rest.get("displacement", "displacement_um"), "length"),
+        )
+    except FormatMismatchError as error:
+        lost = [k for k in ("voltage", "displacement") if k not in rest]
+        if not lost:
+            raise
+        names = " and ".join(f'{k}="..."' for k in lost)
+        raise FormatMismatchError(f"{error}; name the columns of the sweep: {names}") from None
     n = data.values["voltage"].size
     log = Recording(
         np.arange(float(n)),
@@ -243,9 +313,10 @@ DUAL_SERVO: Mapping[str, Method] = {
             "calibration": Field("file"),
             "voltage": Field("text"),
             "displacement": Field("text"),
-            "sensitivity": Field("size"),
+            "sensitivity": Field("text"),
             "offset": Field("length"),
-            "limits": Field("numbers"),
+            "limits": Field("any"),
+            "strict": Field("flag"),
             "travel": Field("size"),
             "table_step": Field("size"),
             "speed": Field("speed"),

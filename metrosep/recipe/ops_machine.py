@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from metrosep.core.errors import DataError
+from metrosep.core.errors import DataError, UnitError
 from metrosep.core.surface import Surface
+from metrosep.core.units import parse_quantity
 from metrosep.recipe.method import OP, Method
 from metrosep.recipe.schema import Field
 
@@ -111,23 +113,48 @@ def _rank(_: Any, options: Mapping[str, Any]) -> Any:
 
     rest = dict(options)
     radius = rest.pop("radius")
+    _check_radius(radius)
     form = form_of(rest.pop("form"))
     chain = machine_of(rest, radius)
-    errors = _errors(chain, rest)
+    errors, read = _errors(chain, rest)
     rest = {**rest, **_tool(rest)}
-    return rank(chain, form, radius=radius, errors=errors, **rest)
+    found = rank(chain, form, radius=radius, errors=errors, **rest)
+    return replace(found, messages=(*found.messages, *read)) if read else found
 
 
-def _errors(chain: Any, rest: dict[str, Any]) -> dict[str, float | str]:
-    """Take the magnitudes out of the options: of each term, of all lengths, of all angles."""
+_LARGEST_RADIUS = 5.0
+_LARGEST = {"length": (1e-2, "10 mm"), "angle": (0.1, "0.1 rad")}
+"""Errors beyond these are typing errors; the model is linear in them besides."""
+
+
+def _check_radius(radius: float | None) -> None:
+    if radius is not None and radius > _LARGEST_RADIUS:
+        raise DataError(
+            f"radius = {radius:g} m is larger than any machine turns; is its unit mm or um?"
+        )
+
+
+def _checked_size(term: str, value: float | str, *, is_angle: bool) -> None:
+    """Refuse a magnitude of the wrong dimension, or one that no machine has; name its term."""
+    dimension = "angle" if is_angle else "length"
+    size = abs(parse_quantity(value, dimension=dimension, name=term))
+    most, words = _LARGEST[dimension]
+    if size > most:
+        raise DataError(
+            f"{term} = {value} is beyond {words}; errors of a machine are smaller, and the model is "
+            "linear in them: check the unit"
+        )
+
+
+def _errors(chain: Any, rest: dict[str, Any]) -> tuple[dict[str, float | str], tuple[str, ...]]:
+    """Take the magnitudes of the terms out of the options, and how names were read."""
     from metrosep.machine import from_paper
 
     given = rest.pop("errors", {})
     lengths, angles = rest.pop("all_lengths", None), rest.pop("all_angles", None)
     found: dict[str, float | str] = {}
     for term in chain.terms:
-        is_angle = term[1] in "ABC" if term[0] == "E" else term[0] in "ABC"
-        value = angles if is_angle else lengths
+        value = angles if _is_angle(term) else lengths
         if value is not None:
             found[term] = value
     names: dict[str, str] = {}
@@ -136,13 +163,24 @@ def _errors(chain: Any, rest: dict[str, Any]) -> dict[str, float | str]:
         if name in names:
             raise DataError(f"errors names {name} twice, as {names[name]} and as {key}")
         names[name] = key
+        if name in chain.terms:
+            try:
+                _checked_size(key, value, is_angle=_is_angle(name))
+            except UnitError as error:
+                raise UnitError(f"error of {key}: {error}") from None
         found[name] = value
     if not found:
         raise DataError(
             'no error is given: name each with its size, such as EXX = "1 um" and EAC = "0.2 arcsec", '
             "or give all_lengths and all_angles"
         )
-    return found
+    read = [f"{key} is a name of the paper: {name} of ISO 230-1" for name, key in names.items()]
+    told = (text for text, (name, key) in zip(read, names.items(), strict=True) if name != key)
+    return found, tuple(told)
+
+
+def _is_angle(term: str) -> bool:
+    return term[1] in "ABC" if term[0] == "E" else term[0] in "ABC"
 
 
 def _paper_name(key: str, from_paper: Any) -> str:
@@ -166,6 +204,7 @@ def _identify(maps: tuple[Surface, ...], options: Mapping[str, Any]) -> Any:
 
     rest = dict(options)
     radius = rest.get("radius")
+    _check_radius(radius)
     form = form_of(rest.pop("form")) if "form" in rest else None
     chain = machine_of(rest, radius)
     rest = {**rest, **_tool(rest)}

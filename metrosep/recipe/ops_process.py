@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -57,7 +58,7 @@ def _follow_up(data: RoleColumns, options: Mapping[str, Any]) -> Any:
     if spiral is not None:
         if len(spiral) != 2:
             raise DataError(f"spiral is two lengths, start radius and feed, got {len(spiral)}")
-        rest["spiral"] = (spiral[0], spiral[1], 2.0 * np.pi * float(rpm) / 60.0)
+        rest["spiral"] = (spiral[0], spiral[1], 2.0 * np.pi * _turns_per_minute(rpm) / 60.0)
     delay = rest.pop("delay", None)
     if delay is not None:
         rest["delay"] = delay
@@ -109,6 +110,8 @@ class JobResult:
         How well the tool must be set to add no more than the tolerance of the program.
     beside : tuple of Step
         Of the log of the dry run.
+    doubts : tuple of str
+        Why the program is not corrected by that log.
     """
 
     plan: Any
@@ -118,6 +121,7 @@ class JobResult:
     path: Any
     allowed: Any = None
     beside: tuple[Step, ...] = ()
+    doubts: tuple[str, ...] = ()
 
     @property
     def messages(self) -> tuple[str, ...]:
@@ -128,19 +132,21 @@ class JobResult:
         sums = (
             (f"{unshaped} is known as a P-V only: the maps cannot be added",) if unshaped else ()
         )
-        return tuple(dict.fromkeys((*plan, *self.prediction.messages, *sums, *program)))
+        return tuple(
+            dict.fromkeys((*self.doubts, *plan, *self.prediction.messages, *sums, *program))
+        )
 
 
 def _predict(_: Any, options: Mapping[str, Any]) -> JobResult:
     from metrosep.process import ToolSetting, TurningJob
 
-    rest = dict(options)
+    rest = {**options, "rpm": _turns_per_minute(options["rpm"])}
     _check_predict(rest)
     job = TurningJob(
         form_of(rest["form"]),
         rest["radius"],
         rest["feed"],
-        rpm=float(rest["rpm"]),
+        rpm=rest["rpm"],
         block_time=rest.get("block_time", 0.0),
         core=rest.get("core", 0.0),
         sense=rest.get("sense", "counterclockwise"),
@@ -154,20 +160,59 @@ def _predict(_: Any, options: Mapping[str, Any]) -> JobResult:
     removed = tuple(v.strip() for v in rest.get("removed", "").split(",") if v.strip())
     prediction = job.predict(path, tool=tool, follow_up=log, removed=removed)
     known = None if isinstance(log, float) else log
+    doubts: tuple[str, ...] = ()
+    if known is not None and (doubt := _other_surface(job, rest)):
+        doubts, known = (doubt,), None
     program = None
     if tool is not None or known is not None:
         gain = float(rest.get("gain", 1.0))
         program = job.compensated(path, tool=tool, follow_up=known, gain=gain)
-    history = () if known is None else known.history
+    history = getattr(log, "history", ())
     return JobResult(
-        plan, prediction, rest.get("measured"), program, path, _allowed(job, plan), history
+        plan, prediction, rest.get("measured"), program, path, _allowed(job, plan), history, doubts
     )
+
+
+_ALIKE = 0.2
+"""RMS of the log's command minus the surface on the spiral, over the RMS of the surface. A nose that
+is made up for, a filter or a start some degrees off stay below; another surface gives 1 or more."""
+
+
+def _other_surface(job: Any, rest: Mapping[str, Any]) -> str:
+    """Return why the command of a log is not the surface of the job; empty where it is."""
+    data = _log_columns(rest)
+    t, command = (np.asarray(data.values[k]) for k in ("time", "command"))
+    turn = 2.0 * np.pi * job.rpm / 60.0 * (t - t[0])
+    rho = job.radius - job.feed * turn / (2.0 * np.pi)
+    azimuth = -turn if job.sense == "clockwise" else turn
+    nominal = job.form.height(rho * np.cos(azimuth), rho * np.sin(azimuth))
+    on_part = (rho >= 0.0) & np.isfinite(nominal) & np.isfinite(command)
+    if not on_part.any():
+        return ""
+    surface = nominal[on_part] - nominal[on_part].mean()
+    order = command[on_part] - command[on_part].mean()
+    size = float(np.sqrt(np.mean(surface**2)))
+    off, turned = (float(np.sqrt(np.mean((order + s * surface) ** 2))) for s in (-1.0, 1.0))
+    if off <= _ALIKE * size:
+        return ""
+    if turned <= _ALIKE * size:
+        why = (
+            "the command of the log runs against the surface: its Z points into the material, and "
+            "its follow-up error has the other sign; log it with Z out of the material"
+        )
+    else:
+        why = (
+            "the command of the log is not this surface along the spiral (RMS of the difference "
+            f"{format_length(off)}, of the surface {format_length(size)}): the log is of another "
+            "part, does not begin at the rim at azimuth 0, or has another speed or sense"
+        )
+    return f"{why}. The program is NOT corrected by the log, and its map in the budget is doubtful"
 
 
 def _check_predict(rest: Mapping[str, Any]) -> None:
     """Refuse keys that say nothing together, and a setting that cuts nothing."""
-    if not float(rest["rpm"]) > 0.0:
-        raise DataError(f"rpm must be above zero, got {rest['rpm']}")
+    if not rest["rpm"] > 0.0:
+        raise DataError(f"rpm must be above zero, got {rest['rpm']:g}")
     if abs(rest.get("dy", 0.0)) >= rest["radius"]:
         raise DataError(
             f"dy = {format_length(rest['dy'])}: nothing nearer than that to the spindle axis is cut, "
@@ -222,18 +267,9 @@ def _logged(rest: Mapping[str, Any], job: Any) -> Any:
         return float(rest["follow_up_pv"])
     if "follow_up" not in rest:
         return None
-    from metrosep.io.role_columns import Role, read_roles
     from metrosep.process import follow_up
 
-    roles = {
-        name: Role(rest.get(f"log_{name}", usual), kind)
-        for name, usual, kind in (
-            ("time", "t_s", "time"),
-            ("command", "command_um", "length"),
-            ("actual", "actual_um", "length"),
-        )
-    }
-    data = read_roles([rest["follow_up"]], roles)
+    data = _log_columns(rest)
     turn = -1.0 if job.sense == "clockwise" else 1.0
     speed = 2.0 * np.pi * job.rpm / 60.0
     log = _recording(data, command="command", actual="actual")
@@ -243,6 +279,33 @@ def _logged(rest: Mapping[str, Any], job: Any) -> Any:
 
         return FollowUpMap(found.map.rho, -found.map.theta, found.map.z, found.map.history)
     return found
+
+
+def _log_columns(rest: Mapping[str, Any]) -> RoleColumns:
+    """Return time, command and actual position of the log of a dry run."""
+    from metrosep.io.role_columns import Role, read_roles
+
+    roles = {
+        name: Role(rest.get(f"log_{name}", usual), kind)
+        for name, usual, kind in (
+            ("time", "t_s", "time"),
+            ("command", "command_um", "length"),
+            ("actual", "actual_um", "length"),
+        )
+    }
+    return read_roles([rest["follow_up"]], roles)
+
+
+def _turns_per_minute(value: Any) -> float:
+    """Return a spindle speed in turns per minute: a number, or a text such as ``30 rpm``."""
+    text = re.sub(r"\s*(rpm|1/min|/min)$", "", str(value).strip())
+    try:
+        turns = np.nan if isinstance(value, bool) else float(text)
+    except ValueError:
+        turns = np.nan
+    if not np.isfinite(turns):
+        raise DataError(f"rpm = {value!r} is no number of turns per minute; give rpm = 20")
+    return turns
 
 
 PROCESSES: Mapping[str, Method] = {
@@ -273,7 +336,7 @@ PROCESSES: Mapping[str, Method] = {
             "window": Field("integer"),
             "error_sign": Field("text", choices=("actual-command", "command-actual")),
             "spiral": Field("lengths"),
-            "rpm": Field("number"),
+            "rpm": Field("any"),
         },
         _follow_up,
         roles={
@@ -306,7 +369,7 @@ PROCESSES: Mapping[str, Method] = {
             "form": Field("text", required=True),
             "radius": Field("size", required=True),
             "feed": Field("size", required=True),
-            "rpm": Field("number", required=True),
+            "rpm": Field("any", required=True),
             "block_time": Field("time"),
             "core": Field("size"),
             "sense": Field("text", choices=("counterclockwise", "clockwise")),

@@ -38,6 +38,17 @@ _TOML = (
 )
 _NAMED = re.compile(f"{_PYTHON}|{_ASKED}|{_TOML}")
 """An argument as Python writes it, one that is asked for by its name alone, one as a recipe has it."""
+_OTHER_ARGUMENT = re.compile(r",? or (?:give |tell it with )?([a-z_]\w*)=(?=[;.,]|$)")
+"""A last way out by an argument, which falls away where the step has no such key."""
+_SENSITIVITY = re.compile(r"give the sensitivity of the sensor, such as scale='[^']*'")
+_MULTIPLY = (
+    "multiply it by the sensitivity of the sensor, and let the header name the unit of length"
+)
+_DEGREES = re.compile(
+    r"degrees(?:, rad are needed|; give radians \(np\.deg2rad of it\)|: give numpy\.deg2rad\(\w+\))"
+)
+_ARRAY = re.compile(r"(?<=\))(,) or give an array \([^()]*\)|or give an array \([^()]*\)")
+_SPLIT = "split the run at its turning points or "
 _SI_AFTER = re.compile(r",? in (?:m|rad|s)\b(?= as well|[;.]|$)")
 
 
@@ -137,10 +148,32 @@ def step_words(message: str, op: str, *, command: bool = False) -> str:
                 text = _worded(name, value, unit or "", keys, command=option)
         return found.group() if text is None else text
 
+    message = _of_columns(message, keys)
     changed = _NAMED.sub(words, message)
     if changed != message:
         changed = re.sub(r"\bset --set ", "give --set ", _SI_AFTER.sub("", changed))
     return readable_text(changed)
+
+
+def _of_columns(message: str, keys: StepKeys) -> str:
+    """Return a message without what only a call of Python has: arrays, radians, other arguments."""
+
+    def known(found: re.Match[str]) -> str:
+        return found.group() if found.group(1) in {**keys.step, **keys.source} else ""
+
+    message = _OTHER_ARGUMENT.sub(known, message)
+    if "scale" not in keys.source and "scale" not in keys.step:
+        message = _SENSITIVITY.sub(_MULTIPLY, message)
+    if "angle" in keys.source:
+        message = _DEGREES.sub("degrees: rename the column so that it ends in _deg", message)
+    if "repeat" in keys.source:
+        message = _ARRAY.sub(lambda found: "" if found.group(1) else "and repeat=", message)
+        message = message.replace("(repeat, a column", "(repeat=, a column")
+        message = message.replace("add the channel 'angle' in rad and", "name angle= and")
+        message = message.replace(
+            _SPLIT, "number the runs in a column and name it with repeat=, or "
+        )
+    return message
 
 
 def _typed(name: str, value: str, keys: StepKeys) -> str | None:
@@ -182,6 +215,8 @@ def _set_or_key(name: str, value: str | None, unit: str, field: Field, *, comman
 def _source(name: str, value: str | None, keys: StepKeys, *, command: bool) -> str:
     """Return a key of ``[input]``, or the option that gives it."""
     if name in keys.columns:
+        pair = re.fullmatch(r"\(\s*'([^']*)',\s*'([^']*)'\s*\)", value or "")
+        value = ":".join(pair.groups()) if pair else value
         column = "COLUMN" if value is None or _is_open(value) else value.strip("'\"")
         column = re.sub(r",\s+", ",", column)
         if not command:

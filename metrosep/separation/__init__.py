@@ -225,7 +225,6 @@ if TYPE_CHECKING:
     from metrosep.separation.spectra import (
         FeedSpectra as FeedSpectra,
         feed_spectra as feed_spectra,
-        kono_weights as kono_weights,
     )
     from metrosep.separation.speed_fit import (
         SpeedFit as SpeedFit,
@@ -279,6 +278,7 @@ if TYPE_CHECKING:
     from metrosep.separation.zero_method import (
         ZeroAdjustment as ZeroAdjustment,
     )
+    from metrosep.spectral.window import kono_weights as kono_weights
 
 _HOMES = {
     "abba_method": ("AbbaDrift",),

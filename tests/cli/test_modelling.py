@@ -277,3 +277,33 @@ def test_stroke_exceeded_is_said(metrosep, tmp_path):
 
     assert code == 1  # rejected: 20 um are beyond 16.6 um
     assert "does not keep a limit" in err
+
+
+def test_voltages_beyond_a_limit_leave_with_code_1_and_write_nothing(
+    metrosep, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    rows = [f"{run},{x},{1e-3 * x * (x - 40)}" for run in (1, 2) for x in range(41)]
+    (tmp_path / "runs.csv").write_text("\n".join(["run,x_mm,z_um", *rows]) + "\n", "ascii")
+    call = ["separate", "runs.csv", "--method", "dual_servo", "--readings", "z_um", "--x", "x_mm"]
+    call += ["--repeat", "run", "--set", "quantity=compensation"]
+    call += ["--set", "sensitivity=1.66 um/V", "-o", "out"]
+
+    code, _, said = metrosep(*call)
+    assert code == 1
+    assert "--set offset=" in said
+    assert not (tmp_path / "out").exists()
+    assert metrosep(*call, "--set", "offset=2 um", "--set", "limits=0 V,10 V")[0] == 0
+
+
+def test_keys_are_explained_with_freedoms_and_terms_that_exist(metrosep):
+    for op, words in (
+        ("tool_setting", "free: what is fitted, piston,dx,dy,dR"),
+        ("identify", "terms: error terms that may be at work, EXX,EYX"),
+        ("rank", "machine: a preset (five_axis, fts_lathe"),
+        ("follow_up", "terms: what the error may depend on, velocity"),
+    ):
+        code, out, _ = metrosep("ops", op)
+        assert code == 0
+        assert words in out
+        assert "piston,tilt\n" not in out

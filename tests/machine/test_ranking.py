@@ -372,6 +372,37 @@ def test_known_means_add_their_square(lathe):
     assert "magnitude zero" in mean.messages[-1]
 
 
+def test_means_that_cancel_leave_nothing_and_no_nan(lathe):
+    """EXX and EXFTS are one motion: +a and -a do nothing; rounding may make the square negative."""
+    for a in np.linspace(1e-7, 2e-6, 40):
+        table = rank(
+            lathe,
+            TORIC,
+            radius=20e-3,
+            errors={"EXX": 0.0, "EXFTS": 0.0},
+            mean={"EXX": a, "EXFTS": -a},
+            n_rho=10,
+            n_azimuth=24,
+        )
+        assert table.expected_sq == pytest.approx(0.0, abs=1e-6 * a)
+        assert table.expected_sq_raw == pytest.approx(0.0, abs=1e-6 * a)
+        assert np.isfinite(table.to_dict()["expected_sq_nm"])
+
+
+def test_a_large_plain_angle_is_doubted(lathe):
+    small_mesh = {"radius": R, "n_rho": 10, "n_azimuth": 24}
+    doubted = rank(lathe, TORIC, errors={"B0Z": 1.0, "EXX": 1.0}, **small_mesh)
+    (text,) = [m for m in doubted.messages if "deg" in m]
+    assert text.startswith("B0Z")
+    assert '"1 deg"' in text
+    for fine in ({"B0Z": "10 deg"}, {"B0Z": 0.09}, {"EXX": 1.0}):
+        assert not any(
+            "degrees" in m for m in rank(lathe, TORIC, errors=fine, **small_mesh).messages
+        )
+    shifted = rank(lathe, TORIC, errors={"B0Z": 1e-6}, mean={"B0Z": -2}, **small_mesh)
+    assert any("mean of -2" in m for m in shifted.messages)
+
+
 def test_uniform_half_width_is_root_three_standard_uncertainties(lathe):
     normal, uniform = small(lathe), small(lathe, distribution="uniform")
     assert normal.expected_sq / uniform.expected_sq == pytest.approx(np.sqrt(3), abs=1e-12)

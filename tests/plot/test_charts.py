@@ -151,3 +151,58 @@ def test_charts_of_separation_and_plan_are_drawable():
 
 def test_plain_values_hold_no_nan():
     assert plain([[1.23456789e-9, np.nan], [np.inf, 0.0]]) == [[1.23457e-9, None], [None, 0.0]]
+
+
+def test_a_run_keeps_its_colour_in_every_panel_and_no_two_share_one():
+    from metrosep.recipe.charts import curve, curve_chart, panel
+
+    x, y = [0.0, 1.0], [0.0, 1e-6]
+    runs = [curve(f"run {k}", x, y) for k in range(5)]
+    upper = panel("runs", "m", [*runs, curve("polynomial", x, y)])
+    figure = draw_chart(curve_chart("t", ("position", "m"), [upper, panel("rest", "m", runs)]))
+
+    first, second = (
+        {line.get_label(): line.get_color() for line in axes.get_lines() if len(line.get_xdata())}
+        for axes in figure.axes
+    )
+    named = [f"run {k}" for k in range(5)]
+    assert [first[n] for n in named] == [second[n] for n in named]
+    assert len({first[n] for n in [*named, "polynomial"]}) == 6
+
+
+def test_legend_stands_beside_the_curves():
+    from metrosep.recipe.charts import curve, curve_chart, panel
+
+    x, y = [0.0, 1.0], [0.0, 1e-6]
+    for count in (2, 6):
+        lines = [curve(f"measured run {k}", x, y) for k in range(count)]
+        figure = draw_chart(curve_chart("t", ("position", "m"), [panel("all of it", "m", lines)]))
+        figure.canvas.draw()
+        (axes,) = figure.axes
+        legend = axes.get_legend().get_window_extent()
+        assert not axes.get_window_extent().shrunk(0.99, 0.99).overlaps(legend)
+
+
+def test_limits_of_a_drive_are_dashed():
+    from metrosep.recipe.charts import curve, curve_chart, panel
+
+    x = [0.0, 1.0]
+    lines = [curve("voltage", x, [1.0, 2.0]), curve("limit, upper: 10 V", x, [10.0, 10.0])]
+    figure = draw_chart(curve_chart("t", ("position", "m"), [panel("v", "V", lines)]))
+    drawn = {line.get_label(): line for line in figure.axes[0].get_lines()}
+    assert drawn["limit, upper: 10 V"].is_dashed()
+    assert not drawn["voltage"].is_dashed()
+
+
+def test_title_of_a_map_has_the_pv_of_all_its_pixels():
+    """One high pixel that is not among those drawn must show in the P-V."""
+    from metrosep.recipe.charts import map_chart
+
+    z = np.zeros((600, 600))
+    z[1, 1] = 7e-9
+    chart = map_chart("t", {"a": z}, dx=1e-3, dy=1e-3, unit="m")
+    stated = map_chart("t", {"a": z[::5, ::5]}, dx=1e-3, dy=1e-3, unit="m", pv={"a": 7e-9})
+
+    assert chart["step"] == 3
+    for each in (chart, stated):
+        assert draw_chart(each).axes[0].get_title().startswith("a\nP-V 7 nm")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 
@@ -110,6 +112,91 @@ class TestSlewAndDac:
         assert np.abs(table.residual).max() <= 0.5 * step * SENSITIVITY * (1 + 1e-6)
         rms = np.sqrt(np.mean(table.residual**2))
         assert rms == pytest.approx(step * SENSITIVITY / np.sqrt(12), abs=0.1 * rms)
+
+    def test_the_steps_of_the_dac_keep_the_slew_rate_too(self):
+        """1 um in 1 ms over 1.66 um/V: 602.4 V/s wanted; 4 bits send one step of 0.667 V: 667."""
+        given = {"quantity": "compensation", "calibration": SENSITIVITY, "bits": 4, "slew": 603.0}
+        with pytest.raises(LimitError, match=r"steps of the DAC.* 666\.667 V/s"):
+            drive_table([0, 1e-3], [0, 1 * UM], **given)
+        table = drive_table([0, 1e-3], [0, 1 * UM], strict=False, **given)
+        assert not table.is_ok
+        assert table.audit["largest_slew_V_per_s"] == pytest.approx(602.41, abs=0.01)
+        assert table.audit["largest_slew_of_dac_V_per_s"] == pytest.approx(666.67, abs=0.01)
+        assert drive_table([0, 1e-3], [0, 1 * UM], **{**given, "slew": 667.0}).is_ok
+
+    @pytest.mark.parametrize("bits", [16.5, 16.0, True, "16", 0, 33])
+    def test_bits_are_whole(self, bits):
+        with pytest.raises(DataError, match="whole number"):
+            drive_table([0, 1], [0, 0], quantity="error", calibration=SENSITIVITY, bits=bits)
+
+    def test_bits_of_numpy_are_taken(self):
+        table = drive_table(
+            [0, 1], [0, UM], quantity="compensation", calibration=SENSITIVITY, bits=np.int64(12)
+        )
+        assert json.loads(json.dumps(table.to_dict(), allow_nan=False))["audit"]["bits"] == 12
+
+
+class TestWords:
+    """A value just beyond a limit prints like the limit: the excess is said."""
+
+    def test_stroke(self):
+        with pytest.raises(LimitError, match=r"1e-06 um beyond the stroke 0 \.\.\. 16\.6 um"):
+            stage_displacement([16.6 * UM + 1e-12], quantity="compensation", travel=16.6 * UM)
+
+    def test_no_minus_zero_and_the_right_article(self):
+        with pytest.raises(LimitError, match=r"um a compensation of 0 \.\.\. 5 um is"):
+            stage_displacement([6 * UM], quantity="compensation", travel=5 * UM)
+        with pytest.raises(LimitError, match=r"um an error of -5 \.\.\. 0 um is"):
+            stage_displacement([6 * UM], quantity="error", travel=5 * UM)
+
+    def test_calibrated_range_and_voltage(self, calibration):
+        given = {"quantity": "compensation", "calibration": calibration}
+        with pytest.raises(LimitError, match=r"calibrated 0 \.\.\. 16\.6 um, by 1e-06 um"):
+            drive_table([0.0], [16.6 * UM + 1e-12], **given)
+        with pytest.raises(LimitError, match=r"outside 0 \.\.\. 5 V by 6\.02e-07 V"):
+            drive_table([0.0], [8.3 * UM + 1e-12], limits=(0, 5), **given)
+        with pytest.raises(LimitError, match=r"by 1e-06 V"):
+            calibration.evaluate(10.000001)
+
+
+class TestNegativeSensitivity:
+    """A positive voltage draws the stage back: it travels from 0 to minus its travel."""
+
+    @pytest.mark.parametrize("kind", ["number", "curve"])
+    def test_travel_lies_below_zero(self, kind):
+        v = np.concatenate([np.linspace(0, 10, 21), np.linspace(10, 0, 21)])
+        log = Recording(np.arange(42), {"voltage": v, "displacement": -SENSITIVITY * v})
+        stage = -SENSITIVITY if kind == "number" else flexure_calibration(log)
+        given = {
+            "quantity": "error", "calibration": stage, "offset": -5 * UM, "travel": 16.6 * UM
+        }  # fmt: skip
+        table = drive_table([0, 1], [-2 * UM, 3 * UM], **given)
+        assert table.displacement == pytest.approx([-3 * UM, -8 * UM], abs=1e-18)
+        assert table.voltage == pytest.approx([3 / 1.66, 8 / 1.66], abs=1e-9)
+        with pytest.raises(
+            LimitError, match=r"beyond the stroke -16\.6 \.\.\. 0 um.*-5 \.\.\. 11\.6 um"
+        ):
+            drive_table([0, 1], [0, -6 * UM], **given)
+
+    def test_a_curve_that_falls_above_zero_keeps_its_side(self):
+        v = np.linspace(0, 10, 21)
+        log = Recording(np.arange(21), {"voltage": v, "displacement": 20 * UM - SENSITIVITY * v})
+        table = drive_table(
+            [0, 1], [0, 3 * UM], quantity="error", offset=10 * UM, travel=25 * UM,
+            calibration=flexure_calibration(log),
+        )  # fmt: skip
+        assert table.voltage == pytest.approx([10 / 1.66, 13 / 1.66], abs=1e-9)
+
+
+def test_a_table_is_plain_and_holds_no_nan(calibration):
+    table = drive_table(
+        [0.0], [17 * UM], quantity="compensation", calibration=calibration, strict=False
+    )
+    given = json.loads(json.dumps(table.to_dict(), allow_nan=False))
+    assert given["voltage_V"] == [None]
+    assert given["is_ok"] is False
+    assert given["audit"]["dac_step_mV"] is None
+    json.dumps(dict(table.audit), allow_nan=False)
 
 
 class TestBadInput:

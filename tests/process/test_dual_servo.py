@@ -141,12 +141,36 @@ class TestPolynomial:
         with pytest.raises(DataError, match="the sign follows"):
             run_polynomial(runs, quantity="auto")
 
+    @pytest.mark.parametrize("start", [0.0, 0.2, 0.5, 3.0])
+    @pytest.mark.parametrize("degree", [3, 6, 9])
+    def test_far_from_zero_it_is_the_same(self, start, degree):
+        """The scatter of runs knows nothing of where x = 0 lies: powers of x lose all digits."""
+        rng = np.random.default_rng(4)
+        shape = 1 * UM * (X / X[-1]) ** 3
+        errors = [shape + 20 * NM * rng.standard_normal(X.size) for _ in range(12)]
+        runs = [Profile(start + X, z) for z in errors]
+        p = run_polynomial(runs, quantity="error", degree=degree)
+        u = X / (20 * MM) - 1.0
+        own = np.array([np.polyval(np.polyfit(u, z, degree), u) for z in errors])
+        at = slice(None, None, 50)
+        assert p.sd(start + X[at]) == pytest.approx(
+            own.std(axis=0, ddof=1)[at] / np.sqrt(12), abs=1e-3 * NM
+        )
+        assert p.evaluate(start + X[at]) == pytest.approx(own.mean(axis=0)[at], abs=1e-3 * NM)
+
+    def test_degrees_of_freedom_are_stated(self):
+        """Three runs: Student's t of 2 degrees of freedom is 4.303 at 97.5 %."""
+        p = run_polynomial(simulated_runs(np.random.default_rng(1), 3), quantity="error", degree=2)
+        assert p.audit["cov_degrees_of_freedom"] == 2
+        assert any("2 degrees of freedom" in m and "4.3 u" in m for m in p.messages)
+
     def test_domain_is_not_left(self):
         p = run_polynomial([Profile(X, y(X))], quantity="error", degree=2)
         with pytest.raises(LimitError, match=r"40\.1 mm"):
             p.evaluate([0.0, 40.1 * MM])
         assert np.isnan(p.sd(X)).all()
         assert any("one run" in m for m in p.messages)
+        assert p.audit["u_um_mm"] is None
 
     def test_bad_runs(self):
         far = Profile(X + 1.0, y(X))

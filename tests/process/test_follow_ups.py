@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -14,6 +16,7 @@ from metrosep.core.errors import (
     UnitError,
 )
 from metrosep.core.recording import Recording
+from metrosep.process._regression import regress
 from metrosep.process.follow_ups import follow_up
 
 NM = 1e-9
@@ -102,6 +105,155 @@ def test_uncertainty_is_the_scatter_with_correlated_noise():
     assert np.mean(stated) / np.std(found) == pytest.approx(1.0, abs=0.35)
 
 
+def three_tones(n=4000):
+    """Position and its derivatives of three frequencies, 1 kHz, by hand."""
+    t = np.arange(n) / 1000.0
+    tones = list(enumerate(((2.0, 80.0), (5.0, 30.0), (7.3, 10.0))))
+    z, v, a, j = np.zeros((4, n))
+    for i, (f, size) in tones:
+        w = 2 * np.pi * f
+        s, c = size * NM * np.sin(w * t + i), size * NM * np.cos(w * t + i)
+        z, v, a, j = z + s, v + w * c, a - w**2 * s, j - w**3 * c
+    return t, z, v, a, j
+
+
+def slow(rng, phi, n=4000):
+    """Noise of one correlation, unit size."""
+    e = lfilter([1.0], [1.0, -phi], rng.standard_normal(n + 2000))[2000:]
+    return np.sqrt(1.0 - phi**2) * e
+
+
+HONEST = (0.8, 1.3)
+"""RMS of z-scores. 400 scores are known to 4 %, those of one coefficient, 100, to 7 %."""
+
+
+class TestUncertaintyIsHonest:
+    """Residuals of a servo: slow, slow below white noise, waves, noise that grows with speed."""
+
+    NOISES = {  # noqa: RUF012
+        "white": lambda rng, v: rng.standard_normal(v.size),
+        "slow": lambda rng, v: slow(rng, 0.98),
+        "half slow, white": lambda rng, v: 0.5 * slow(rng, 0.98) + rng.standard_normal(v.size),
+        "slow, white": lambda rng, v: slow(rng, 0.98) + rng.standard_normal(v.size),
+        "0.3 slow, white": lambda rng, v: 0.3 * slow(rng, 0.98) + rng.standard_normal(v.size),
+        "very slow": lambda rng, v: slow(rng, 0.99),
+        "mean of 20": lambda rng, v: np.convolve(
+            rng.standard_normal(v.size + 19), np.ones(20), "valid"
+        ),
+    }
+
+    @pytest.mark.parametrize("name", NOISES)
+    def test_rms_of_scores(self, name):
+        _, _, v, a, j = three_tones()
+        basis = np.column_stack([np.ones(v.size), *(c - c.mean() for c in (v, a, j))])
+        rng = np.random.default_rng(8)
+        scores = []
+        for _ in range(100):
+            fit = regress(basis, self.NOISES[name](rng, v), np.zeros(v.size, int))
+            scores.append(fit.coefficients / np.sqrt(np.diag(fit.cov)))
+        rms = np.sqrt(np.mean(np.square(scores), axis=0))
+        assert HONEST[0] < np.sqrt(np.mean(rms**2)) < HONEST[1]
+        assert (rms < HONEST[1] + 0.1).all()
+        assert (rms > HONEST[0] - 0.1).all()
+
+    def test_a_wave_beside_the_motion(self):
+        """2 nm at a frequency of its own, every phase: nothing random, u must still cover it."""
+        t, _, v, a, j = three_tones()
+        basis = np.column_stack([np.ones(v.size), *(c - c.mean() for c in (v, a, j))])
+        rng = np.random.default_rng(1)
+        scores = []
+        for _ in range(100):
+            f, phase = rng.uniform(1.0, 9.0), rng.uniform(0.0, 2 * np.pi)
+            noise = 2.0 * np.sin(2 * np.pi * f * t + phase) + 0.1 * rng.standard_normal(t.size)
+            fit = regress(basis, noise, np.zeros(v.size, int))
+            scores.append(fit.coefficients / np.sqrt(np.diag(fit.cov)))
+        rms = np.sqrt(np.mean(np.square(scores), axis=0))
+        assert (rms < HONEST[1]).all()
+        assert (rms[1:] > 0.5).all()
+
+    def test_noise_that_grows_with_speed(self):
+        """Its u of velocity is a tenth too small where noise is taken as even."""
+        _, _, v, a, _ = three_tones()
+        basis = np.column_stack([np.ones(v.size), v - v.mean(), a - a.mean()])
+        rng = np.random.default_rng(4)
+        scores = []
+        for _ in range(200):
+            fit = regress(basis, np.abs(v) * rng.standard_normal(v.size), np.zeros(v.size, int))
+            scores.append(fit.coefficients[1] / np.sqrt(fit.cov[1, 1]))
+        assert np.sqrt(np.mean(np.square(scores))) == pytest.approx(1.0, abs=0.15)
+
+    def test_with_gaps(self):
+        _, _, v, a, _ = three_tones()
+        rng = np.random.default_rng(3)
+        keep = rng.uniform(size=v.size) > 0.003
+        keep[1000:1300] = False
+        at = np.flatnonzero(keep)
+        segments = np.cumsum(np.concatenate([[0], np.diff(at) > 1]))
+        basis = np.column_stack([np.ones(at.size), (v - v.mean())[keep], (a - a.mean())[keep]])
+        scores = []
+        for _ in range(100):
+            noise = (slow(rng, 0.98) + rng.standard_normal(v.size))[keep]
+            fit = regress(basis, noise, segments, at=at)
+            scores.append(fit.coefficients / np.sqrt(np.diag(fit.cov)))
+        rms = np.sqrt(np.mean(np.square(scores)))
+        assert HONEST[0] < rms < HONEST[1]
+
+    def test_of_the_whole_log(self):
+        t, z, v, _, _ = three_tones()
+        rng = np.random.default_rng(6)
+        truth = {"c0": 0.0, "cv": -2e-3, "ca": 0.0, "cj": 0.0}
+        scores = []
+        for _ in range(30):
+            noise = 0.5 * NM * slow(rng, 0.98) + NM * rng.standard_normal(t.size)
+            r = follow_up(Recording(t, {"command": z, "actual": z - 2e-3 * v + noise}))
+            scores.append(
+                [(r.coefficients[c].value - x) / r.coefficients[c].u for c, x in truth.items()]
+            )
+        # 120 scores, known to 7 %
+        assert HONEST[0] - 0.1 < np.sqrt(np.mean(np.square(scores))) < HONEST[1]
+        assert r.audit["bandwidth_samples"] > 5
+
+
+@pytest.mark.parametrize("level", [0.0, 3 * NM])
+@pytest.mark.parametrize("place", [0.0, 0.3])
+def test_an_error_that_does_not_vary(level, place):
+    """Actual is a copy of the command, or lies beside it: no share, and no NaN."""
+    t = np.arange(4000) / 1000.0
+    z = grid_motion(t)[0] + place
+    r = follow_up(Recording(t, {"command": z, "actual": z + level}))
+    assert r.r2 == 0.0
+    for share in r.shares.values():
+        assert (share.share, share.significance) == (0.0, 0.0)
+    text = "3 nm throughout" if level else "zero throughout"
+    assert any(text in m for m in r.messages)
+    assert r.c0 == pytest.approx(level, abs=1e-7 * NM)
+    json.dumps(r.to_dict(), allow_nan=False)
+
+
+def test_swapped_channels_are_a_hint():
+    """What was ordered is in "actual": the axis seems to lead by its delay."""
+    t = np.arange(4000) / 1000.0
+    r = follow_up(Recording(t, {"command": grid_motion(t - 2e-3)[0], "actual": grid_motion(t)[0]}))
+    assert r.cv == pytest.approx(2e-3, abs=1e-4)
+    assert any("leads" in m and "channels are swapped" in m for m in r.messages)
+    honest = follow_up(
+        Recording(t, {"command": grid_motion(t)[0], "actual": grid_motion(t - 2e-3)[0]})
+    )
+    assert any("lags" in m for m in honest.messages)
+    assert not any("swapped" in m for m in honest.messages)
+
+
+def test_result_as_plain_values(log):
+    r = follow_up(log, spiral=(RHO, 2e-6, SPEED))
+    given = json.loads(json.dumps(r.to_dict(), allow_nan=False))
+    assert given["coefficients"]["ca"]["value"] == pytest.approx(CA, abs=0.01 * CA)
+    assert given["shares"]["acceleration"]["share"] == pytest.approx(
+        r.shares["acceleration"].share, abs=1e-12
+    )
+    assert given["has_map"] is True
+    json.dumps(dict(r.audit), allow_nan=False)
+
+
 def test_sign_of_the_error_channel():
     t = np.arange(2000) / 1000.0
     z, v, a = grid_motion(t)
@@ -148,6 +300,25 @@ class TestDelay:
             r = follow_up(log, delay=option)
             assert r.rms < 0.001 * NM
             assert abs(r.cv) < 1e-6
+            assert not any("copy of the command" in m for m in r.messages)
+
+    @pytest.mark.parametrize("noise", ["white", "slow"])
+    def test_its_uncertainty_is_honest(self, noise):
+        """White least squares states a sixth of the scatter in slow noise."""
+        t, z, _, _, _ = three_tones()
+        w = 2 * np.pi * np.array([2.0, 5.0, 7.3])
+        size = NM * np.array([80.0, 30.0, 10.0])
+        late = sum(
+            s * np.sin(f * (t - 2.3e-3) + i) for i, (s, f) in enumerate(zip(size, w, strict=True))
+        )
+        rng = np.random.default_rng(12)
+        scores = []
+        for _ in range(40):
+            e = slow(rng, 0.98) if noise == "slow" else rng.standard_normal(t.size)
+            r = follow_up(Recording(t, {"command": z, "actual": late + NM * e}))
+            scores.append((r.delay.value - 2.3e-3) / r.delay.u)
+        # 40 scores are known to 11 %
+        assert 0.7 < np.sqrt(np.mean(np.square(scores))) < 1.35
 
     def test_wrong_direction_doubles_it(self, late):
         log, delay = late
@@ -254,6 +425,64 @@ class TestMap:
         assert surface.z[10, 20] == pytest.approx(10 * NM, abs=1e-6 * NM)
         assert surface.z[10, 0] == pytest.approx(0.0, abs=1e-6 * NM)
         assert np.isnan(surface.z[10, 10])
+
+    @pytest.mark.parametrize("sign", [1, -1])
+    @pytest.mark.parametrize("middle", [0.0, np.pi])
+    def test_an_azimuth_modulo_a_turn_is_resampled_across_its_wraps(self, sign, middle):
+        """A spline through the saw-tooth puts samples anywhere on the circle."""
+        rng = np.random.default_rng(0)
+        t = np.arange(4000) / 1000.0 + 0.2e-3 * rng.uniform(-1, 1, 4000)
+        z, v, _ = grid_motion(t)
+        theta = np.mod(sign * 21.0 * t - middle + np.pi, 2 * np.pi) + middle - np.pi
+        places = {"rho": 500e-6 - 1e-6 * t, "theta": theta}
+        r = follow_up(Recording(t, {"command": z, "actual": z + CV * v, **places}))
+        off = np.angle(np.exp(1j * (r.map.theta - sign * 21.0 * r.t)))
+        assert np.isfinite(off).sum() > 3990
+        assert np.nanmax(np.abs(off)) < 1e-6
+
+    def test_an_azimuth_that_runs_on_is_left_alone(self):
+        """4.2 rad from sample to sample: unwrapping would turn it round."""
+        t = np.arange(4000) / 1000.0
+        z, v, _ = grid_motion(t)
+        places = {"rho": np.full(4000, RHO), "theta": 4200.0 * t}
+        r = follow_up(Recording(t, {"command": z, "actual": z + CV * v, **places}))
+        assert (r.map.theta == places["theta"]).all()
+
+    def test_azimuth_too_quick_to_resample(self):
+        t = np.arange(4000) / 1000.0 + 0.1e-3 * np.random.default_rng(0).uniform(-1, 1, 4000)
+        z, v, _ = grid_motion(t)
+        places = {"rho": np.full(4000, RHO), "theta": np.mod(2500.0 * t, 2 * np.pi)}
+        r = follow_up(Recording(t, {"command": z, "actual": z + CV * v, **places}))
+        assert any("log faster" in m for m in r.messages)
+
+    def test_sense_and_start_of_the_spiral(self, log):
+        """Clockwise from +x the quarter turn lies at -y; from +y it lies at +x."""
+        feed = 2e-6
+        quarter = 750
+        there = follow_up(log, spiral=(RHO, feed, SPEED), spiral_sense="clockwise").map
+        assert there.y[quarter] < -0.99 * there.rho[quarter]
+        both = follow_up(
+            log, spiral=(RHO, feed, SPEED), spiral_sense="clockwise", spiral_start=np.pi / 2
+        ).map
+        assert both.y[0] == pytest.approx(RHO, abs=1e-15)
+        assert both.x[quarter] > 0.99 * both.rho[quarter]
+        assert (both.rho == there.rho).all()
+        for bad in ({"spiral_sense": "left"}, {"spiral_start": np.nan}):
+            with pytest.raises(DataError, match="clockwise"):
+                follow_up(log, spiral=(RHO, feed, SPEED), **bad)
+
+    @pytest.mark.parametrize(
+        ("channel", "unit"), [("theta", "deg"), ("theta", "rev"), ("rho", "mm"), ("rho", "rad")]
+    )
+    def test_place_in_another_unit_is_refused(self, log, channel, unit):
+        """1.2 rad read as 1.2 deg puts the error at another place of the part."""
+        places = {"rho": np.full(4000, RHO), "theta": SPEED * log.t}
+        bad = Recording(log.t, {**log.channels, **places}, units={channel: unit})
+        with pytest.raises(UnitError, match=f"{channel}.*{unit}"):
+            follow_up(bad)
+        good = {"rho": "m", "theta": "rad"}
+        r = follow_up(Recording(log.t, {**log.channels, **places}, units=good))
+        assert r.map.theta[750] == pytest.approx(SPEED * 0.75, abs=1e-12)
 
     def test_spiral_through_the_centre(self, log):
         with pytest.raises(DataError, match="reaches the centre"):

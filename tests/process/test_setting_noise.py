@@ -64,6 +64,7 @@ def z_scores(sigma_x, sigma_y, n, **options):
 CASES = {"along x": (6.0, 0.0), "along y": (0.0, 6.0), "light": (0.5, 0.5), "4 pixels": (4.0, 4.0)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_u_covers_correlated_noise(name):
     scores, raised, said = z_scores(*CASES[name], 10)

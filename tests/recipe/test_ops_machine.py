@@ -6,6 +6,7 @@ import pytest
 import metrosep as ms
 from metrosep.core.errors import DataError, MetrosepError, RecipeError, UnitError
 from metrosep.machine import presets, rank
+from metrosep.recipe.described import describe
 
 TORIC = 'form = "toric: Rb=265 mm, Rd=132.5 mm"\n'
 PART = 'machine = "fts_lathe"\nradius = "20 mm"\n'
@@ -126,6 +127,15 @@ def test_identify_finds_signs_and_leaves_the_noise(part):
     assert values["sq_after"][0] == pytest.approx(2e-9, abs=1e-10)
 
 
+def test_identify_says_what_to_enter(part):
+    """The correction is the negative of the error: cut 3 um too far along -y, move +3 um."""
+    result = run("identify", TORIC + PART + 'terms = ["EYX"]\n', [part(along=-3e-6, noise=0.0)])
+    words = [m for m in result.document["messages"] if m.startswith("correction: EYX +")]
+    assert len(words) == 1
+    assert float(words[0].split()[2]) == pytest.approx(3.0, abs=0.02)
+    assert words[0].split()[3] == "um"
+
+
 def test_identify_reports_what_hangs_together_as_one(part):
     result = run("identify", TORIC + PART + 'terms = ["EYX", "EAX"]\n', [part(along=2e-6)])
     values = found(result)
@@ -134,6 +144,10 @@ def test_identify_reports_what_hangs_together_as_one(part):
     assert values["EYX+EAX"][0] == pytest.approx(2 * 19.0e-9, abs=0.1 * 2 * 19.0e-9)
     value, u = values["EYX+EAX.EYX"]  # were it alone, with its sign
     assert abs(value - 2e-6) < 3.5 * u + 0.02e-6
+    table = describe(result.produced).tables["groups"]
+    assert table["term"] == ["EYX", "EAX"]
+    assert table["if_alone_si"][0] == value
+    assert any("correct one alone" in m for m in result.document["messages"])
 
 
 def test_identify_says_once_what_it_cannot_see(part):
@@ -171,7 +185,17 @@ def test_wavefront_of_a_measured_sphere(tmp_path):
             "'EXQ' is no error term",
         ),
         ('machine = "fts_lathe"\nerrors = { EXX = "1" }\n', UnitError, "EXX '1' has no unit"),
-        ('machine = "fts_lathe"\nerrors = { EXX = "1 deg" }\n', UnitError, "length is needed"),
+        (
+            'machine = "fts_lathe"\nerrors = { EXX = "1 deg" }\n',
+            UnitError,
+            "EXX.*length is needed",
+        ),
+        (
+            'machine = "fts_lathe"\nerrors = { EBX = "5 rad" }\n',
+            DataError,
+            "EBX = 5 rad is beyond",
+        ),
+        ('machine = "fts_lathe"\nerrors = { EXX = "1 m" }\n', DataError, "EXX = 1 m is beyond"),
         ('machine = "fts_lathe"\nerrors = { dxx = "1 um", EXX = "1 um" }\n', DataError, "twice"),
         ('machine = "fts_lathe"\n', DataError, "no error is given"),
         ('machine = "fts_lathe"\nall_lengths = "1 um"\nremoved = "foo"\n', DataError, "'foo'"),
@@ -187,6 +211,27 @@ def test_wavefront_of_a_measured_sphere(tmp_path):
 def test_rank_refuses(text, kind, words):
     with pytest.raises(kind, match=words):
         run("rank", TORIC + 'radius = "20 mm"\n' + text)
+
+
+def test_name_of_the_paper_is_told():
+    result = run("rank", TORIC + PART + 'errors = { dxy = "1 um", EXX = "1 um" }\n')
+    assert any("dxy is a name of the paper: EYX" in m for m in result.document["messages"])
+    assert not any(m.startswith("EXX is a name") for m in result.document["messages"])
+
+
+def test_radius_in_the_wrong_unit_is_refused():
+    with pytest.raises(DataError, match="radius = 15 m"):
+        run("rank", TORIC + PART.replace("20 mm", "15 m") + 'errors = { EXX = "1 um" }\n')
+
+
+def test_height_of_the_part_is_no_fault_of_the_machine():
+    """A shift along z moves the vertex off the reference plane: that leads a wavefront only."""
+    text = TORIC + PART + 'errors = { EZX = "1 um", EXX = "1 um" }\n'
+    wave = run("rank", text + 'response = "wavefront"\n').document["messages"]
+    form = run("rank", text).document["messages"]
+
+    assert any(m.startswith("EZX only move the whole part") for m in wave)
+    assert not any("move the whole part" in m for m in form)
 
 
 def test_form_without_a_parameter_is_refused():

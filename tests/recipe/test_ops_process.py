@@ -8,6 +8,7 @@ from metrosep.core.errors import (
     DataError,
     FormatMismatchError,
     InvalidSamplesError,
+    LimitError,
     MetrosepError,
     RecipeError,
     TooFewSamplesError,
@@ -23,7 +24,7 @@ CV, CA = -2e-3, -7.5e-4
 
 
 def run(op, text, columns="", files=None):
-    head = f"metrosep = 1\n[input]\n{columns}\n" if columns else "metrosep = 1\n"
+    head = f"metrosep = 1\n[input]\n{columns}\n" if columns or files else "metrosep = 1\n"
     return ms.Recipe.parse(f'{head}[[step]]\nop = "{op}"\n{text}').run(files)
 
 
@@ -39,13 +40,21 @@ def write(path, header, columns):
 
 @pytest.fixture
 def log(tmp_path, monkeypatch):
-    """Write the dry run of a part of 60 um radius: two harmonics of the turn, 1 nm steps apart."""
+    """Write the dry run of a part of 60 um radius with another surface: two harmonics of the turn."""
     monkeypatch.chdir(tmp_path)
-    t = np.arange(0.0, 88.0, 0.02)
     w = 2 * np.pi * 20 / 60
+    return dry_run(tmp_path, lambda t: 50e-9 * (np.sin(3 * w * t) + 0.4 * np.cos(w * t)))
 
-    def command(t):
-        return 50e-9 * (np.sin(3 * w * t) + 0.4 * np.cos(w * t))
+
+def grid_command(t):
+    """Return the height of the sine grid, which is even in y, on the spiral of the part."""
+    turn = 2 * np.pi * 20 / 60 * t
+    rho, k = 60e-6 - 2e-6 * turn / (2 * np.pi), 2 * np.pi / 100e-6
+    return 50e-9 * (np.sin(k * rho * np.cos(turn)) + np.cos(k * rho * np.sin(turn)))
+
+
+def dry_run(tmp_path, command):
+    t = np.arange(0.0, 88.0, 0.02)
 
     h = 1e-4
     v = (command(t + h) - command(t - h)) / (2 * h)
@@ -110,6 +119,36 @@ def test_log_lies_on_the_spiral_of_either_sense(log, sense):
     assert np.abs(late[known] - expected).max() < 1e-11
 
 
+def test_log_of_the_surface_corrects_the_program_and_another_does_not(tmp_path, log):
+    """A log of another part must leave the program alone, and the result must say so."""
+    text = SURFACE + JOB + STEP + LOG + 'core = "4 um"\n'
+    other = run("predict", text)
+    assert other.produced.program is None
+    assert any("NOT corrected by the log" in m for m in other.document["messages"])
+
+    dry_run(tmp_path, grid_command)
+    right = run("predict", text)
+    assert np.nanmax(np.abs(right.produced.program.change)) > 1e-9
+    assert not any("NOT corrected" in m for m in right.document["messages"])
+
+    dry_run(tmp_path, lambda t: -grid_command(t))
+    turned = run("predict", text)
+    assert turned.produced.program is None
+    assert any("Z points into the material" in m for m in turned.document["messages"])
+
+
+def test_another_surface_leaves_the_setting_to_be_made_up_for(log):
+    text = SURFACE + JOB + STEP + 'core = "4 um"\ndx = "-0.5 um"\n'
+    both, alone = (run("predict", text + t).produced.program.change for t in (LOG, ""))
+    assert np.array_equal(both, alone, equal_nan=True)
+
+
+@pytest.mark.parametrize("rpm", ['"20 rpm"', '"20"', '"20 1/min"', "20.0"])
+def test_spindle_speed_takes_its_unit(rpm):
+    values = found(run("predict", SURFACE + JOB.replace("= 20", f"= {rpm}") + STEP))
+    assert values["time"][0] == pytest.approx(90.0, abs=1e-9)  # 30 turns at 20 a minute
+
+
 def test_plan_gives_blocks_and_tolerances_of_the_setting():
     values = found(run("predict", SURFACE + JOB + 'tolerance = "2 nm"\n'))
 
@@ -147,6 +186,7 @@ def test_a_pv_without_a_map_is_not_added_pointwise():
         (JOB + STEP + LOG + 'follow_up_pv = "3 nm"\n', DataError, "not both"),
         (JOB + STEP + LOG + 'log_time = "s"\n', FormatMismatchError, "no time column 's'"),
         (JOB.replace("60", "40") + STEP + LOG, DataError, "before the log ends"),
+        (JOB.replace("= 20", '= "20 Hz"') + STEP, DataError, "no number of turns per minute"),
         (JOB.replace("= 20", "= 0") + STEP, DataError, "rpm must be above zero, got 0"),
     ],
 )
@@ -243,7 +283,10 @@ def test_dual_servo_of_the_paper(runs):
 
 
 def test_dual_servo_of_the_other_sign_is_flagged(runs):
-    result = servo(runs, 'quantity = "compensation"\ndegree = 2\n' + SENSITIVITY)
+    text = 'quantity = "compensation"\ndegree = 2\n' + SENSITIVITY
+    with pytest.raises(LimitError, match=r"negative voltage.*offset=.*are assumed"):
+        servo(runs, text)
+    result = servo(runs, text + "strict = false\n")
     values = found(result)
 
     assert values["voltage_min"][0] == pytest.approx(-5.998, abs=1e-3)
@@ -253,12 +296,32 @@ def test_dual_servo_of_the_other_sign_is_flagged(runs):
 
 def test_stroke_and_slew_are_checked(runs):
     text = 'quantity = "error"\ndegree = 2\ntravel = "8 um"\nspeed = "6000 mm/min"\nslew = 1\n'
-    result = servo(runs, text + SENSITIVITY)
+    with pytest.raises(LimitError, match=r"stroke.*V/s"):
+        servo(runs, text + SENSITIVITY)
+    result = servo(runs, text + SENSITIVITY + "strict = false\n")
     words = " ".join(result.document["messages"])
 
     assert found(result)["violations"][0] == 2
     assert "stroke" in words or "travel" in words
     assert "V/s" in words
+
+
+@pytest.mark.parametrize("limits", ["[0, 5]", '"0 V,5 V"', '["0 V", "5 V"]'])
+def test_limits_and_sensitivity_take_their_units(runs, limits):
+    """The table of the paper needs 0.2042 to 5.998 V: 5 V are not enough, and 6 V are."""
+    text = 'quantity = "error"\ndegree = 2\nsensitivity = "1.66 um/V"\nlimits = '
+    with pytest.raises(LimitError, match=r"lies outside 0 \.\.\. 5 V by 0\.99"):
+        servo(runs, text + limits + "\n")
+    assert found(servo(runs, text + limits.replace("5", "6") + "\n"))["violations"][0] == 0
+
+
+def test_columns_of_a_sweep_are_named(tmp_path, runs):
+    write(tmp_path / "sweep.csv", "u_V,d_um", [np.arange(0.0, 11.0), 1.66 * np.arange(0.0, 11.0)])
+    text = 'quantity = "error"\ncalibration = "sweep.csv"\n'
+    with pytest.raises(FormatMismatchError, match=r"voltage=.* and displacement="):
+        servo(runs, text)
+    with pytest.raises(FormatMismatchError, match=r"sweep: displacement="):
+        servo(runs, text + 'voltage = "u_V"\n')
 
 
 def test_table_is_as_fine_as_the_converter(runs):
@@ -279,6 +342,11 @@ def test_table_is_as_fine_as_the_converter(runs):
     [
         ("", "give either calibration"),
         (SENSITIVITY + "limits = [0]\n", "two voltages, got 1"),
+        (SENSITIVITY + "limits = 10\n", "two voltages, got 1"),
+        (SENSITIVITY + 'limits = ["0 V", "10 mm"]\n', "'10 mm' is no voltage"),
+        (SENSITIVITY + "limits = [true, 10]\n", "True is no voltage"),
+        (SENSITIVITY.replace("1.66 um", "1.66"), "has no unit"),
+        (SENSITIVITY.replace("1.66 um", "-1 um/V"), "more than zero"),
         (SENSITIVITY + "limits = [10, 0]\n", "lower and the upper"),
         (SENSITIVITY + 'table_step = "1 nm"\n', "40000001 voltages"),
         (SENSITIVITY + 'table_step = "90 mm"\n', "gives 1 voltages"),
@@ -300,6 +368,21 @@ def test_dual_servo_refuses(runs, text, words):
 def test_dual_servo_needs_what_the_runs_hold(runs):
     with pytest.raises(RecipeError, match='needs the key "quantity"'):
         servo(runs, SENSITIVITY)
+
+
+def test_tool_setting_says_what_to_enter(tmp_path):
+    """A tool 2 um too far out cuts the form 2 um further out: it must come in by 2 um."""
+    line = 4e-6 * np.arange(-50, 51)
+    x, y = np.meshgrid(line, line)
+    rho = np.hypot(x, y)
+    k, scale = 2 * np.pi / 100e-6, 1.0 - 2e-6 / np.where(rho > 0, rho, np.inf)
+    z = 50e-9 * (np.sin(k * scale * x) + np.cos(k * scale * y))
+    ms.write(ms.Surface(np.where(rho > 20e-6, z, np.nan), 4e-6, 4e-6), tmp_path / "part.h5")
+    result = run("tool_setting", SURFACE + 'free = ["dx"]\n', "", [tmp_path / "part.h5"])
+
+    assert found(result)["dx"][0] == pytest.approx(2e-6, abs=2e-8)
+    (words,) = (m for m in result.document["messages"] if m.startswith("correction: dx -"))
+    assert float(words.split()[2]) == pytest.approx(-2.0, abs=0.02)
 
 
 def test_tool_setting_refuses_a_flat(tmp_path):
