@@ -17,6 +17,7 @@ from metrosep.separation._map_orders import (
     solve_order,
     without_plane,
 )
+from metrosep.separation._map_variance import TurnedNoise
 from metrosep.separation._map_whiteness import smoothness
 
 FloatArray = NDArray[np.float64]
@@ -81,8 +82,8 @@ class FlatPixelSolver:
         direct += share / 2.0 * (np.outer(w1 + w4, c) + np.outer(w2 - w3, s))
         mirrored += share / 2.0 * (np.outer(w1 - w4, c) + np.outer(w2 + w3, s))
 
-    def parts(self, stack: FloatArray, grid: MapGrid) -> tuple[FloatArray, FloatArray | None]:
-        """Return A, B, C without what is not observable, and their variance.
+    def parts(self, stack: FloatArray, grid: MapGrid) -> FloatArray:
+        """Return A, B, C without what is not observable.
 
         Parameters
         ----------
@@ -93,10 +94,8 @@ class FlatPixelSolver:
 
         Returns
         -------
-        parts : ndarray, shape (3, n_y, n_x)
+        ndarray, shape (3, n_y, n_x)
             NaN where counterparts are missing.
-        variance : ndarray, shape (3,)
-            For white noise of variance 1.
         """
         return combined(stack, grid, self.direct, self.mirrored, flip=self.flip)
 
@@ -118,8 +117,8 @@ class FlatPixelSolver:
         -------
         parts : ndarray, shape (3, n_y, n_x)
             A, B, C.
-        variance : ndarray, shape (3,)
-            For white noise of variance 1.
+        variance : ndarray, shape (3, n_y, n_x)
+            For white noise of variance 1, pixel by pixel.
         residual : ndarray, shape (S, n_y, n_x)
             Of the readings.
         freedom : float
@@ -127,7 +126,8 @@ class FlatPixelSolver:
         smooth : float
             Smoothness that the residual of white noise has.
         """
-        parts, variance = combined(stack, grid, self.direct, self.mirrored, flip=self.flip)
+        parts = self.parts(stack, grid)
+        variance = TurnedNoise(grid, self.n, self.flip).variance(self.direct, self.mirrored)
         parts = np.stack([without_plane(z, grid, removed=removed) for z in parts])
         residual = self.residual(stack, grid, removed)
         measured = float(np.isfinite(residual).all(axis=0).sum())
@@ -158,7 +158,7 @@ class FlatPixelSolver:
         ndarray, shape (S, n_y, n_x)
             NaN where counterparts are missing.
         """
-        least, _ = combined(stack, grid, self.all_direct, self.all_mirrored, flip=self.flip)
+        least = combined(stack, grid, self.all_direct, self.all_mirrored, flip=self.flip)
         out = []
         for z, item in zip(stack, self.setups, strict=True):
             first, second = facing(least, item, grid, self.flip)

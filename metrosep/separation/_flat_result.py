@@ -107,18 +107,16 @@ def by_pixels(
     noise = noise_of(residual, freedom, u_reading)
 
     def linear(one: FloatArray) -> FloatArray:
-        out, _ = solver.parts(one, grid)
-        return np.stack([without_plane(z, grid, removed=removed) for z in out])
+        return np.stack([without_plane(z, grid, removed=removed) for z in solver.parts(one, grid)])
 
     share = registration_of_flats(linear, found, solver.setups, grid, solver.flip, u_shift)
-    u = np.sqrt(noise.value**2 * variance[:, None, None] + share**2)
+    u = np.sqrt(noise.value**2 * variance + share**2)
     u = np.where(np.isfinite(found), u, np.nan)
     odd = residual_doubts(residual, stack, expected=smooth)
     if solver.n > 1:
         return FlatResult(dict(zip(FLATS, found, strict=True)),
                           dict(zip(FLATS, u, strict=True)), noise, unexplained=odd)  # fmt: skip
-    own = noise.value**2 * variance
-    return replace(_diameter(found, u, own, noise, solver.flip), unexplained=odd)
+    return replace(_diameter(found, u, noise, solver.flip), unexplained=odd)
 
 
 def by_terms(
@@ -198,7 +196,7 @@ def by_terms(
     }
     left = np.full(stack.shape, np.nan)
     left[:, basis.mask] = residual
-    return FlatResult(parts, u_parts, noise, coordinates, _undescribed(left, stack), audit)
+    return FlatResult(parts, u_parts, noise, coordinates, undescribed(left, stack), audit)
 
 
 def registration_of_flats(
@@ -330,13 +328,8 @@ def hidden_orders(solver: FlatPixelSolver) -> tuple[Unobservable, ...]:
     return tuple(out)
 
 
-def _diameter(
-    found: FloatArray, u: FloatArray, own: FloatArray, noise: Quantity, flip: str
-) -> FlatResult:
-    """Return the mirror-even shares, and maps of the diameter alone.
-
-    A pixel on the diameter is its own mirror image, so its noise is not halved by the mean of both.
-    """
+def _diameter(found: FloatArray, u: FloatArray, noise: Quantity, flip: str) -> FlatResult:
+    """Return the mirror-even shares, and maps of the diameter alone."""
     along = found if flip == "x" else np.swapaxes(found, 1, 2)
     spread = u if flip == "x" else np.swapaxes(u, 1, 2)
     n = along.shape[2]
@@ -345,7 +338,7 @@ def _diameter(
         full, u_full = np.full(along[k].shape, np.nan), np.full(along[k].shape, np.nan)
         if n % 2:
             line = along[k, :, n // 2]
-            u_line = np.sqrt(spread[k, :, n // 2] ** 2 + own[k])
+            u_line = spread[k, :, n // 2]
             full[:, n // 2], u_full[:, n // 2] = line, u_line
         else:  # even in the mirrored coordinate: three columns stand for six
             weights = np.array([150.0, -25.0, 3.0]) / 128.0
@@ -370,8 +363,21 @@ def _diameter(
     return FlatResult(parts, u_parts, noise, messages=tuple(messages))
 
 
-def _undescribed(residual: FloatArray, stack: FloatArray) -> tuple[str, ...]:
-    """Say that the residual is not white: neighbours resemble each other."""
+def undescribed(residual: FloatArray, stack: FloatArray) -> tuple[str, ...]:
+    """Say that the residual is not white: neighbours resemble each other.
+
+    Parameters
+    ----------
+    residual : ndarray, shape (S, n_y, n_x)
+        What the Zernike terms leave; NaN = not known.
+    stack : ndarray, shape (S, n_y, n_x)
+        Readings.
+
+    Returns
+    -------
+    tuple of str
+        At most one message.
+    """
     known, read = residual[np.isfinite(residual)], stack[np.isfinite(stack)]
     if known.size == 0:
         return ()

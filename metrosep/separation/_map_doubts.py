@@ -106,7 +106,7 @@ def lost_pixels(stack: FloatArray, part: FloatArray) -> tuple[str, ...]:
 
 
 def _left(solver: RotationSolver, stack: FloatArray, grid: MapGrid) -> float:
-    if not np.isfinite(solver.parts(stack, grid)[0]).all(axis=0).any():
+    if not np.isfinite(solver.parts(stack, grid)).all(axis=0).any():
         return math.nan
     residual = solver.solve(stack, grid).residual
     known = residual[np.isfinite(residual)]

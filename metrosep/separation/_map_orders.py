@@ -168,7 +168,8 @@ def combined(
     mirrored: FloatArray | None = None,
     *,
     flip: str = "x",
-) -> tuple[FloatArray, FloatArray]:
+    offset: float = 0.0,
+) -> FloatArray:
     """Return sums of turned and mirrored readings.
 
     Parameters
@@ -181,17 +182,16 @@ def combined(
         Weight of reading s, turned by 2 pi k/N, in the sum p, as it is and mirrored after the turn.
     flip : {"x", "y"}, optional
         Which coordinate the mirror reverses.
+    offset : float, rad, optional
+        Further turn of the sums, without another interpolation.
 
     Returns
     -------
-    sums : ndarray, shape (P, n_y, n_x)
+    ndarray, shape (P, n_y, n_x)
         NaN where a map that has a weight is missing.
-    variance : ndarray, shape (P,)
-        Variance of each sum for readings with white noise of variance 1.
     """
     n_out, _, n = direct.shape
     out = np.zeros((n_out, *grid.shape))
-    variance = np.zeros(n_out)
     # R(k) after a mirror is a mirror after R(-k): both are summed first, and turned once
     back = None if mirrored is None else mirrored[:, :, -np.arange(n) % n]
     flipped = None if mirrored is None else np.ascontiguousarray(mirror(stack, flip))
@@ -209,10 +209,8 @@ def combined(
                 if back is not None and flipped is not None:
                     one += _weighted(flipped, back[p, :, k])
                 sums[i] += np.rot90(one, -quarters)
-        sums, share = turned(sums, rest, grid)
-        out[used] += sums
-        variance[used] += share * squares[used]
-    return out, variance
+        out[used] += turned(sums, rest + offset, grid)[0]
+    return out
 
 
 def _by_rest(n: int, quarters: bool) -> list[tuple[float, list[tuple[int, int]]]]:

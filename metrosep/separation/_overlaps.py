@@ -211,14 +211,49 @@ def _mismatch(layout: Layout, near: list[Overlap], k: int, values: FloatArray) -
         mine, other = (o.in_i, o.in_j) if o.i == k else (o.in_j, o.in_i)
         partner = layout.placed[o.j if o.i == k else o.i]
         d = values[mine] - partner.values[other]
-        y, x = np.meshgrid(*(np.arange(n) for n in d.shape), indexing="ij")
         good = np.isfinite(d)
-        if good.sum() < 8:
+        n = int(np.count_nonzero(good))
+        if n < 8:
             continue
-        basis = np.column_stack([np.ones(good.sum()), x[good], y[good]])
-        rest = d[good] - basis @ np.linalg.lstsq(basis, d[good], rcond=None)[0]
-        total, count = total + float(rest @ rest), count + int(good.sum())
+        rest = without_own_plane(d, good)
+        total, count = total + float(np.vdot(rest, rest)), count + n
     return math.sqrt(total / count) if count else math.inf
+
+
+def without_own_plane(z: FloatArray, known: NDArray[np.bool_]) -> FloatArray:
+    """Return a window without its least-squares plane.
+
+    Parameters
+    ----------
+    z : ndarray, shape (rows, columns)
+        Values.
+    known : ndarray of bool, same shape
+        Which count.
+
+    Returns
+    -------
+    ndarray, same shape
+        0 where not known.
+    """
+    n_rows, n_columns = known.shape
+    r = (np.arange(n_rows) - (n_rows - 1) / 2) / max(n_rows, n_columns)
+    c = (np.arange(n_columns) - (n_columns - 1) / 2) / max(n_rows, n_columns)
+    count = max(int(np.count_nonzero(known)), 1)
+    rest = np.where(known, z, 0.0)
+    rest -= rest.sum() / count * known
+    in_rows, in_columns = known.sum(axis=1), known.sum(axis=0)
+    cross = float(r @ (known @ c))
+    normal = np.array(
+        [
+            [float(count), in_columns @ c, in_rows @ r],
+            [in_columns @ c, in_columns @ c**2, cross],
+            [in_rows @ r, cross, in_rows @ r**2],
+        ]
+    )
+    right = np.array([rest.sum(), rest.sum(axis=0) @ c, rest.sum(axis=1) @ r])
+    a, b, e = np.linalg.lstsq(normal, right, rcond=1e-12)[0]
+    rest -= (a + b * c + (e * r)[:, None]) * known
+    return np.asarray(rest)
 
 
 def _common(a: slice, b: slice) -> slice | None:

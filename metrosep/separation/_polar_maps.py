@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -124,17 +125,81 @@ def solve_polar(
             "that are not multiples of one step need: state centre=, or use equal steps"
         )
     n = polar.shape[2]
-    series = np.fft.rfft(polar[:, whole], axis=2)
-    found = np.zeros((3, int(whole.sum()), n // 2 + 1), dtype=np.complex128)
+    weights, hidden = order_weights(tuple(np.asarray(angles).tolist()), n // 2, largest_gain)
+    out = np.full((3, whole.size, n), np.nan)
+    out[:, whole] = _parts_on_circles(polar[None, :, whole], weights)[0]
+    return from_polar(out, grid), hidden
+
+
+def noise_on_circles(
+    trials: FloatArray, angles: FloatArray, grid: MapGrid, largest_gain: float
+) -> FloatArray:
+    """Return the parts of many sets of readings without gaps.
+
+    Parameters
+    ----------
+    trials : ndarray, shape (T, S, n_y, n_x)
+        Readings.
+    angles : ndarray, shape (S,), rad
+        Turns of the part.
+    grid : MapGrid
+        Steps and centre.
+    largest_gain : float
+        Orders whose noise would grow by more are taken as not observable.
+
+    Returns
+    -------
+    ndarray, shape (T, 3, n_y, n_x)
+        NaN at the rim.
+    """
+    t, s = trials.shape[:2]
+    polar = to_polar(trials.reshape(t * s, *grid.shape), grid)
+    n = polar.shape[2]
+    weights, _ = order_weights(tuple(np.asarray(angles).tolist()), n // 2, largest_gain)
+    whole = np.isfinite(polar).all(axis=(0, 2))
+    out = np.full((t, 3, whole.size, n), np.nan)
+    out[:, :, whole] = _parts_on_circles(polar[:, whole].reshape(t, s, -1, n), weights)
+    return from_polar(out.reshape(t * 3, -1, n), grid).reshape(t, 3, *grid.shape)
+
+
+def _parts_on_circles(circles: FloatArray, weights: ComplexArray) -> FloatArray:
+    """Return the three parts of circles, shape (T, S, n_r, n_angles)."""
+    series = np.fft.rfft(circles, axis=3)
+    found = np.einsum("mps,tsrm->tprm", weights, series, optimize=True)
+    return np.asarray(np.fft.irfft(found, n=circles.shape[3], axis=3))
+
+
+@lru_cache(maxsize=16)
+def order_weights(
+    angles: tuple[float, ...], highest: int, largest_gain: float
+) -> tuple[ComplexArray, tuple[int, ...]]:
+    """Return what each reading counts in instrument, part and inseparable sum, order by order.
+
+    Parameters
+    ----------
+    angles : tuple of float, rad
+        Turns of the part.
+    highest : int
+        Last angular order.
+    largest_gain : float
+        Orders whose noise would grow by more are taken as not observable.
+
+    Returns
+    -------
+    weights : ndarray of complex, shape (highest + 1, 3, S)
+        Not writeable.
+    hidden : tuple of int
+        Angular orders that are not observable.
+    """
+    weights = np.zeros((highest + 1, 3, len(angles)), dtype=np.complex128)
     hidden = []
-    for m in range(n // 2 + 1):
-        turn = np.exp(-1j * m * angles)
+    for m in range(highest + 1):
+        turn = np.exp(-1j * m * np.array(angles))
         solved = solve_order(np.stack([np.ones_like(turn), turn], axis=1))
         if solved.seen.all() and solved.gain.max() <= largest_gain:
-            found[:2, :, m] = solved.weights @ series[:, :, m]
+            weights[m, :2] = solved.weights
         else:
-            found[2, :, m] = series[:, :, m].mean(axis=0)
+            weights[m, 2] = 1.0 / len(angles)
             hidden.append(m)
-    out = np.full((3, whole.size, n), np.nan)
-    out[:, whole] = np.fft.irfft(found, n=n, axis=2)
-    return from_polar(out, grid), tuple(hidden)
+    weights.setflags(write=False)
+    return weights, tuple(hidden)

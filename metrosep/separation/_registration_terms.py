@@ -20,7 +20,7 @@ _REACH = 4
 
 
 class _Linear(Protocol):
-    def parts(self, stack: FloatArray, grid: MapGrid) -> tuple[FloatArray, FloatArray | None]: ...
+    def parts(self, stack: FloatArray, grid: MapGrid) -> FloatArray: ...
 
 
 def map_gradient(
@@ -143,7 +143,7 @@ def registration_share(
                 continue
             stack = np.zeros((angles.size, *grid.shape))
             stack[i] = field * u
-            found = solver.parts(stack, grid)[0]
+            found = solver.parts(stack, grid)
             square = np.stack(
                 [without_plane(z, grid, removed=removed, mask=known) ** 2 for z in found]
             )

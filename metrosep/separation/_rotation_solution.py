@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,13 +22,18 @@ from metrosep.separation._map_orders import (
     solve_order,
     without_plane,
 )
+from metrosep.separation._map_variance import TurnedNoise
 from metrosep.separation._map_whiteness import smoothness
-from metrosep.separation._polar_maps import solve_polar
+from metrosep.separation._polar_maps import noise_on_circles, order_weights, solve_polar
 from metrosep.separation.map_turning import turned
 
 FloatArray = NDArray[np.float64]
 
 _SEED = 20260727
+_INNER = 44
+_RINGS = 14
+_TRIALS = 150
+_AT_ONCE = 30
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,8 +48,8 @@ class RotationSolution:
         What the model leaves of each reading.
     freedom : float
         Degrees of freedom of the residual.
-    variance : ndarray, shape (3,)
-        Of each part for white noise of variance 1.
+    variance : ndarray, shape (3, n_y, n_x)
+        Of each part for white noise of variance 1, pixel by pixel.
     smoothness : float
         RMS over steps between neighbours (`smoothness`) that the residual of white noise has.
     """
@@ -82,8 +89,8 @@ class RotationSolver:
         else:
             self.hidden = _hidden_orders(angles, largest_gain)
 
-    def parts(self, stack: FloatArray, grid: MapGrid) -> tuple[FloatArray, FloatArray | None]:
-        """Return instrument, part and inseparable sum, and their variance where it is known.
+    def parts(self, stack: FloatArray, grid: MapGrid) -> FloatArray:
+        """Return instrument, part at angle 0 and inseparable sum.
 
         Parameters
         ----------
@@ -94,30 +101,22 @@ class RotationSolver:
 
         Returns
         -------
-        parts : ndarray, shape (3, n_y, n_x)
+        ndarray, shape (3, n_y, n_x)
             NaN where readings are missing.
-        variance : ndarray, shape (3,), or None
-            For white noise of variance 1; None on circles.
         """
-        parts, variance = self._parts_in_first(stack, grid)
-        return self._turned_back(parts, variance, grid)
+        return self._at_zero(self._parts_in_first(stack, grid), stack, grid)
 
-    def _parts_in_first(
-        self, stack: FloatArray, grid: MapGrid
-    ) -> tuple[FloatArray, FloatArray | None]:
+    def _parts_in_first(self, stack: FloatArray, grid: MapGrid) -> FloatArray:
+        """Return the parts, the turned one as it lies in the first reading."""
         if self.weights is not None:
             return combined(stack, grid, self.weights)
-        return solve_polar(stack, self.angles, grid, self.largest_gain)[0], None
+        return solve_polar(stack, self.angles, grid, self.largest_gain)[0]
 
-    def _turned_back(
-        self, parts: FloatArray, variance: FloatArray | None, grid: MapGrid
-    ) -> tuple[FloatArray, FloatArray | None]:
-        if self.first == 0.0:
-            return parts, variance
-        back, share = turned(parts[1:2], -self.first, grid)
-        if variance is not None:
-            variance = variance * np.array([1.0, share, 1.0])
-        return np.stack([parts[0], back[0], parts[2]]), variance
+    def _at_zero(self, parts: FloatArray, stack: FloatArray, grid: MapGrid) -> FloatArray:
+        if self.weights is None or self.first == 0.0:
+            return parts
+        back = combined(stack, grid, self.weights[1:2], offset=-self.first)
+        return np.stack([parts[0], back[0], parts[2]])
 
     def solve(
         self, stack: FloatArray, grid: MapGrid, *, removed: Sequence[str] = RIGID
@@ -138,29 +137,57 @@ class RotationSolver:
         RotationSolution
             Maps and freedom.
         """
-        parts, residual, variance, exact = self._once(stack, grid, removed)
+        parts, residual, exact = self._once(stack, grid, removed)
         if not np.isfinite(residual).any():
-            return RotationSolution(parts, residual, 0.0, np.full(3, np.nan))
-        if exact and variance is not None:
-            freedom = self.freedom * float(np.isfinite(residual).all(axis=0).sum())
-            return RotationSolution(parts, residual, freedom, variance)
+            return RotationSolution(parts, residual, 0.0, np.full(parts.shape, np.nan))
+        n_pixels = float(np.isfinite(residual).all(axis=0).sum())
+        if exact and self.weights is not None:
+            variance = self._variance(self.weights, grid)
+            return RotationSolution(parts, residual, self.freedom * n_pixels, variance)
         # interpolation smooths noise: the same operations on noise of variance 1 say by how much
         rng = np.random.default_rng(_SEED)
         small, small_grid = coarse(stack, grid, 128)
         unit = np.where(np.isfinite(small), rng.standard_normal(small.shape), np.nan)
-        noise, left, _, _ = self._once(unit, small_grid, removed)
+        left = self._once(unit, small_grid, removed)[1]
         known = np.isfinite(left).all(axis=0)
         if not known.any():
-            return RotationSolution(parts, residual, 0.0, np.full(3, np.nan))
-        variance = (noise[:, known] ** 2).mean(axis=1)
+            return RotationSolution(parts, residual, 0.0, np.full(parts.shape, np.nan))
         freedom = float((left[:, known] ** 2).sum(axis=0).mean())
-        n_pixels = float(np.isfinite(residual).all(axis=0).sum())
+        if self.weights is not None:
+            variance = self._variance(self.weights, grid)
+        else:
+            variance = self._variance_on_circles(grid)
         return RotationSolution(parts, residual, freedom * n_pixels, variance, smoothness(left))
+
+    def _variance(self, weights: FloatArray, grid: MapGrid) -> FloatArray:
+        n = weights.shape[2]
+        variance = TurnedNoise(grid, n).variance(weights)
+        if self.first != 0.0:
+            variance[1] = TurnedNoise(grid, n, offset=-self.first).variance(weights[1:2])[0]
+        return variance
+
+    def _variance_on_circles(self, grid: MapGrid) -> FloatArray:
+        """Return the variance by radius: a small circle shows few orders, a large one many."""
+        step = min(grid.dx, grid.dy)
+        fractions = tuple(
+            round(c / d % 1.0, 6) for c, d in zip(grid.centre, (grid.dx, grid.dy), strict=True)
+        )
+        angles = tuple(self.angles.tolist())
+        radii, near = _variance_near_axis(
+            angles, self.largest_gain, fractions, (grid.dx / step, grid.dy / step)
+        )
+        place = np.hypot(grid.x, grid.y[:, None]) / step
+        outer = np.arange(_RINGS, math.ceil(place.max()) + 2.0)
+        law = _share_of_orders(self.angles, self.largest_gain, np.concatenate([radii, outer]))
+        joined = slice(radii.size // 2, radii.size)
+        profile = law * (near[:, joined].mean(axis=1) / law[:, joined].mean(axis=1))[:, None]
+        profile[:, : radii.size] = near
+        return np.stack([np.interp(place, np.concatenate([radii, outer]), p) for p in profile])
 
     def _once(
         self, stack: FloatArray, grid: MapGrid, removed: Sequence[str]
-    ) -> tuple[FloatArray, FloatArray, FloatArray | None, bool]:
-        parts, variance = self._parts_in_first(stack, grid)
+    ) -> tuple[FloatArray, FloatArray, bool]:
+        parts = self._parts_in_first(stack, grid)
         parts = np.stack([without_plane(z, grid, removed=removed) for z in parts])
         residual, exact = [], True
         for z, angle in zip(stack, self.angles, strict=True):
@@ -168,8 +195,50 @@ class RotationSolver:
             exact = exact and share == 1.0
             rest = z - parts[0] - moved[0] - parts[2]
             residual.append(without_plane(rest, grid, removed=removed))
-        parts, variance = self._turned_back(parts, variance, grid)
-        return parts, np.stack(residual), variance, exact
+        at_zero = self._at_zero(parts, stack, grid)
+        if at_zero is not parts:
+            at_zero[1] = without_plane(at_zero[1], grid, removed=removed)
+        return at_zero, np.stack(residual), exact
+
+
+@lru_cache(maxsize=32)
+def _variance_near_axis(
+    angles: tuple[float, ...],
+    largest_gain: float,
+    fractions: tuple[float, ...],
+    steps: tuple[float, float],
+) -> tuple[FloatArray, FloatArray]:
+    """Return radii, in steps, and the variance of the three parts there, by trials with noise."""
+    rng = np.random.default_rng(_SEED)
+    centre = tuple((_INNER // 2 + f) * d for f, d in zip(fractions, steps, strict=True))
+    field = MapGrid((_INNER + 1, _INNER + 1), *steps, (centre[0], centre[1]), False)
+    radius = np.hypot(field.x, field.y[:, None]).ravel()
+    ring = np.minimum(2.0 * radius, 2 * _RINGS).astype(np.intp)
+    sums = np.zeros((3, 2 * _RINGS + 1))
+    for _ in range(_TRIALS // _AT_ONCE):
+        noise = rng.standard_normal((_AT_ONCE, len(angles), *field.shape))
+        squares = (
+            np.nan_to_num(noise_on_circles(noise, np.array(angles), field, largest_gain)) ** 2
+        )
+        sums += [np.bincount(ring, z.ravel()) for z in squares.sum(axis=0)]
+    count = np.bincount(ring)[:-1]
+    filled = count > 0
+    radii = np.bincount(ring, radius)[:-1][filled] / count[filled]
+    found = sums[:, :-1][:, filled] / (count[filled] * _TRIALS)
+    for values in (radii, found):
+        values.setflags(write=False)
+    return radii, found
+
+
+def _share_of_orders(angles: FloatArray, largest_gain: float, radii: FloatArray) -> FloatArray:
+    """Return the variance at radii, in steps, where white noise has equal orders up to pi r."""
+    highest = math.ceil(math.pi * radii.max())
+    weights, _ = order_weights(tuple(angles.tolist()), highest, largest_gain)
+    squares = (np.abs(weights) ** 2).sum(axis=2).T
+    squares[:, 1:] *= 2.0
+    top = math.pi * radii
+    sums = np.stack([np.interp(top, np.arange(highest + 1), row.cumsum()) for row in squares])
+    return np.asarray(np.maximum(sums / (2.0 * top + 1.0), np.finfo(float).tiny))
 
 
 def _pixel_weights(
@@ -196,10 +265,5 @@ def _pixel_weights(
 
 
 def _hidden_orders(angles: FloatArray, largest_gain: float) -> tuple[int, ...]:
-    hidden = []
-    for m in range(LISTED_ORDERS + 1):
-        turn = np.exp(-1j * m * angles)
-        solved = solve_order(np.stack([np.ones_like(turn), turn], axis=1))
-        if not solved.seen.all() or solved.gain.max() > largest_gain:
-            hidden.append(m)
-    return tuple(hidden)
+    weights = order_weights(tuple(angles.tolist()), LISTED_ORDERS, largest_gain)
+    return weights[1]

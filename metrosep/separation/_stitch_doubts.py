@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core.errors import MetrosepError
-from metrosep.separation._overlaps import overlaps_of, require_connection
+from metrosep.separation._overlaps import overlaps_of, require_connection, without_own_plane
 from metrosep.separation._stitch_grid import layout_of
 from metrosep.separation._stitch_input import Pieces
 from metrosep.separation._stitch_models import n_rigid, plain_problem
@@ -146,12 +146,13 @@ def likeness(problem: Problem, fitted: list[FloatArray]) -> tuple[float, float]:
         d = np.where(both, z - fitted[o.j][o.in_j], 0.0)
         squares, structure = squares + float(np.vdot(d, d)), structure + _rough(z, both)
         own_product, own_size, own_n = 0.0, 0.0, 0
+        d2 = d * d
         for first, second in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
-            pair = both[first] & both[second]
-            p, q = d[first][pair], d[second][pair]
-            own_product += float(p @ q)
-            own_size += 0.5 * float(p @ p + q @ q)
-            own_n += int(pair.sum())
+            own_product += float(np.vdot(d[first], d[second]))  # zero where not both measured
+            own_size += 0.5 * float(
+                (d2[first] * both[second]).sum() + (d2[second] * both[first]).sum()
+            )
+            own_n += int(np.count_nonzero(both[first] & both[second]))
         product, size, n = product + own_product, size + own_size, n + own_n
         if own_n >= _LEAST_OF_ONE and own_size > 0.0:
             worst = max(worst, own_product / own_size)
@@ -165,12 +166,8 @@ def likeness(problem: Problem, fitted: list[FloatArray]) -> tuple[float, float]:
 
 def _rough(z: FloatArray, both: NDArray[np.bool_]) -> float:
     """Return the sum of squares about a plane: the whole may lie in space as it likes."""
-    y, x = np.nonzero(both)
-    basis = np.array([np.ones(x.size), x - x.mean(), y - y.mean()])
-    heights = z[both] - z[both].mean()
-    found = np.linalg.lstsq(basis @ basis.T, basis @ heights, rcond=1e-10)[0]
-    rest = heights - found @ basis
-    return float(rest @ rest)
+    rest = without_own_plane(z, both)
+    return float(np.vdot(rest, rest))
 
 
 def better_setup(pieces: Pieces, freedoms: tuple[str, ...]) -> tuple[str, float] | None:

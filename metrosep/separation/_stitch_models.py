@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from metrosep.separation._overlaps import (
 )
 from metrosep.separation._stitch_grid import Layout
 from metrosep.separation._stitch_input import Pieces
+from metrosep.separation._stitch_iteration import ReferenceSystem
 from metrosep.separation._stitch_null import (
     NullModes,
     exponents,
@@ -26,15 +27,15 @@ from metrosep.separation._stitch_null import (
 )
 from metrosep.separation._stitch_reference import (
     links_of,
+    resolved,
     scatter,
-    solve_reference,
     without_modes,
 )
 from metrosep.separation._stitch_solve import (
     Inverse,
     Problem,
     fitted_pieces,
-    freedom_features,
+    freedom_terms,
     half_size,
     inverse_of,
     mean_of,
@@ -43,11 +44,15 @@ from metrosep.separation._stitch_solve import (
     right_side,
     variance_map,
 )
+from metrosep.separation._stitch_terms import n_of
 from metrosep.separation.null_space import Unobservable
 
 FloatArray = NDArray[np.float64]
 
 _ANALYSED_DEGREE = 4
+
+_LARGEST_GAIN = 5.0
+"""Scatter of a weakly tied pixel, for that of a reading, beyond which it is not given."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,11 +104,11 @@ def plain_problem(
     layout: Layout, overlaps: tuple[Overlap, ...], freedoms: tuple[str, ...], *, line: bool
 ) -> Problem:
     """Return the design with the freedoms only."""
-    features = freedom_features(layout, freedoms, line=line)
-    each = features(0, (slice(0, 1), slice(0, 1))).shape[0]
+    terms = freedom_terms(layout, freedoms, line=line)
+    each = n_of(terms)
     n = len(layout.placed)
     columns = [k * each + np.arange(each) for k in range(n)]
-    return Problem(layout, overlaps, features, columns, n * each, layout.weights())
+    return Problem(layout, overlaps, terms, columns, n * each, layout.weights())
 
 
 def rigid_basis(layout: Layout, freedoms: tuple[str, ...], *, line: bool) -> FloatArray:
@@ -238,7 +243,8 @@ def with_pixels(
     settings: Settings,
 ) -> Solution:
     """Return the stitching with a map of pixels that all sub-apertures share."""
-    shape, layout = _one_shape(pieces), problem.layout
+    shape = _one_shape(pieces)
+    layout = problem.layout
     links = links_of(problem, shape, pieces.kind)
     full = with_polynomials(
         layout,
@@ -251,13 +257,19 @@ def with_pixels(
     modes = null_modes(
         full, inverse_of(normal_matrix(full)), _ANALYSED_DEGREE, shape, line=pieces.line
     )
-    raw = solve_reference(problem, inverse, values, shape, tolerance=1e-9)
+    system = ReferenceSystem(problem, inverse, shape)
+    raw = system.solve(system.left(values))
+    steps = system.steps
+    basis = _removed_basis(problem, modes, pieces, settings)
+    links = resolved(problem, inverse, system, links, (modes.reference, basis))
+    su_r, su_s = scatter(problem, inverse, system, links, (modes.reference, basis), settings.draws)
+    wild = system.weak & (np.nan_to_num(su_r) > _LARGEST_GAIN)
+    links = replace(links, instrument=np.where(wild, -1, links.instrument))
     reference = without_modes(raw, links.instrument, modes.reference)
     used = _continued(raw, reference, modes.reference)
     rest = [z - p.forward(used) for p, z in zip(layout.placed, values, strict=True)]
     theta = inverse.matrix @ right_side(problem, rest, mean_of(problem, rest))
     fitted = fitted_pieces(problem, rest, theta)
-    basis = _removed_basis(problem, modes, pieces, settings)
     labels = links.surface
     mean = mean_of(problem, fitted)
     if settings.ambiguous == "surface":
@@ -270,14 +282,13 @@ def with_pixels(
     rank = inverse.rank + n_pixels - links.n_groups - max(n_modes - 1, 0)
     noise = noise_of(problem, fitted, mean, rank)
     spread = _spread(problem, noise, settings)
-    su_r, su_s = scatter(problem, inverse, shape, links, (modes.reference, basis), settings.draws)
     lost = int((links.instrument < 0).sum())
     messages = list(_ambiguity_messages(modes, settings))
     if lost:
         messages.append(
             f"{lost} of {links.instrument.size} pixels of the reference are compared with no other "
-            "(no overlap reaches them, or one step size only): they are NaN, and so is the surface "
-            "that only they have seen"
+            "(no overlap reaches them, one step size only, or interpolation with small weights): they "
+            "are NaN, and so is the surface that only pixels without any comparison have seen"
         )
     if links.n_groups > 1:
         messages.append(
@@ -297,6 +308,7 @@ def with_pixels(
             "reference_model": "one value a pixel",
             "reference_groups": links.n_groups,
             "reference_not_determined": lost,
+            "reference_steps": steps,
             "uncertainty_draws": settings.draws,
         },
         tuple(messages),

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from metrosep.separation._overlaps import Overlap
 from metrosep.separation._stitch_grid import Layout
 from metrosep.separation._stitch_solve import (
-    Box,
     Inverse,
     Problem,
-    freedom_features,
+    freedom_terms,
     half_size,
 )
+from metrosep.separation._stitch_terms import PolynomialTerms, n_of
 
 FloatArray = NDArray[np.float64]
 
@@ -90,19 +90,18 @@ def with_polynomials(
     Problem
         The shared columns come last.
     """
-    own = freedom_features(layout, freedoms, line=line)
+    own = freedom_terms(layout, freedoms, line=line)
     powers = exponents(degree, line=line)
     scale = half_size(layout.placed[0])
 
-    def features(k: int, box: Box) -> FloatArray:
-        p = layout.placed[k]
-        u, v = p.position(box)
-        return np.concatenate([own(k, box), polynomial(u / scale, v / scale, powers)])
+    def make(k: int, x: FloatArray, y: FloatArray) -> FloatArray:
+        return np.concatenate([own.make(k, x, y), polynomial(x / scale, y / scale, powers)])
 
-    n, each = len(layout.placed), own(0, (slice(0, 1), slice(0, 1))).shape[0]
+    terms = PolynomialTerms(layout, make, max(degree, own.degree))
+    n, each = len(layout.placed), n_of(own)
     shared = n * each + np.arange(len(powers))
     columns = [np.concatenate([k * each + np.arange(each), shared]) for k in range(n)]
-    return Problem(layout, overlaps, features, columns, n * each + len(powers), weight)
+    return Problem(layout, overlaps, terms, columns, n * each + len(powers), weight)
 
 
 def null_modes(
@@ -142,9 +141,8 @@ def null_modes(
 
 def _means_of_modes(problem: Problem, vectors: FloatArray) -> FloatArray:
     out = np.zeros((vectors.shape[1], *problem.weight.shape))
-    whole = (slice(None), slice(None))
     for k, p in enumerate(problem.layout.placed):
-        mode = np.tensordot(vectors[problem.columns[k]].T, problem.features(k, whole), axes=1)
+        mode = problem.terms.combine(k, vectors[problem.columns[k]].T)
         out[:, p.rows, p.columns] += problem.share(k) * mode
     return out
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.core.errors import NotConvergedError, NotSeparableError
+from metrosep.core.errors import NotSeparableError
+from metrosep.separation._stitch_iteration import ReferenceSystem
 from metrosep.separation._stitch_solve import (
     Inverse,
     Problem,
@@ -25,9 +26,11 @@ _LEAST_GROUP = 8
 _NO_MODE = 1e-5
 """Share of a mode left by the means of the groups, below which it was only a sum of them."""
 
-_MOST_STEPS, _FEWEST_STEPS = 6000, 300
-_MOST_WORK = 3e9
-"""Steps times pixels of all sub-apertures, some minutes, after which the iteration gives up."""
+_RESOLVED = 0.02
+"""Error of a random reference, for its size, beyond which a pixel is not determined."""
+
+_OF_DRAWS = 1e-4
+"""The same for simulated noise: u changes by less than 1 % against 1e-6."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,85 +109,6 @@ def links_of(problem: Problem, shape: tuple[int, int], kind: str) -> Links:
     return Links(of_inst.astype(np.int64), of_all.astype(np.int64), n_groups)
 
 
-def solve_reference(
-    problem: Problem,
-    inverse: Inverse,
-    values: list[FloatArray],
-    shape: tuple[int, int],
-    *,
-    tolerance: float,
-) -> FloatArray:
-    """Return the reference of least squares, one value a pixel, in no particular gauge.
-
-    Parameters
-    ----------
-    problem : Problem
-        Freedoms only.
-    inverse : Inverse
-        Of its normal matrix.
-    values : list of ndarray, shape (window), m
-        Readings.
-    shape : tuple of int
-        Of the instrument's map.
-    tolerance : float
-        Residual of the normal equations, relative, at which the conjugate gradients end.
-
-    Returns
-    -------
-    ndarray, shape (n_y, n_x), m
-        Zero where no overlap says anything.
-
-    Raises
-    ------
-    NotConvergedError
-        If the iteration does not end.
-    """
-    placed = problem.layout.placed
-
-    def left(windows: list[FloatArray]) -> FloatArray:
-        """Return W' R w for windows: what neither surface nor freedoms explain, spread back."""
-        mean = mean_of(problem, windows)
-        theta = inverse.matrix @ right_side(problem, windows, mean)
-        rest = fitted_pieces(problem, windows, theta)
-        mean = mean_of(problem, rest)
-        out = np.zeros(shape)
-        for p, r in zip(placed, rest, strict=True):
-            d = p.weight * np.where(p.valid, r - mean[p.rows, p.columns], 0.0)
-            out += p.adjoint(d, shape)
-        return out
-
-    diagonal = np.zeros(shape)
-    for k, p in enumerate(placed):
-        diagonal += p.adjoint(p.weight * (p.valid - problem.share(k)), shape)
-    free = diagonal > 1e-9 * max(float(diagonal.max()), np.finfo(float).tiny)
-    scale = np.where(free, 1.0 / np.where(free, diagonal, 1.0), 0.0)
-
-    found = np.zeros(shape)
-    rest = np.where(free, left(values), 0.0)
-    goal = tolerance * float(np.linalg.norm(rest))
-    if goal == 0.0:
-        return found
-    z = scale * rest
-    way, old = z, float(np.vdot(rest, z))
-    work = sum(p.valid.size for p in placed)
-    n_steps = int(min(_MOST_STEPS, max(_FEWEST_STEPS, _MOST_WORK / work)))
-    for _ in range(n_steps):
-        step = np.where(free, left([p.forward(way) for p in placed]), 0.0)
-        length = old / float(np.vdot(way, step))
-        found = found + length * way
-        rest = rest - length * step
-        if float(np.linalg.norm(rest)) <= goal:
-            return found
-        z = scale * rest
-        new = float(np.vdot(rest, z))
-        way, old = z + (new / old) * way, new
-    raise NotConvergedError(
-        f"stitch: the reference map did not settle in {n_steps} steps: these shifts hardly determine it "
-        "pixel by pixel. Shift more often, by different amounts below half of the aperture, bin the "
-        "maps, or fit a polynomial (reference_degree=6)"
-    )
-
-
 def without_modes(values: FloatArray, labels: LabelArray, modes: FloatArray) -> FloatArray:
     """Return values without the mean of each group and without smooth modes, least squares.
 
@@ -216,10 +140,56 @@ def without_modes(values: FloatArray, labels: LabelArray, modes: FloatArray) -> 
     return out
 
 
+def resolved(
+    problem: Problem,
+    inverse: Inverse,
+    system: ReferenceSystem,
+    links: Links,
+    modes: tuple[FloatArray, FloatArray],
+) -> Links:
+    """Return the groups without pixels at which random references do not come back.
+
+    Parameters
+    ----------
+    problem : Problem
+        Freedoms only.
+    inverse : Inverse
+        Of its normal matrix.
+    system : ReferenceSystem
+        Equations of the reference's pixels.
+    links : Links
+        Groups by nearest pixels.
+    modes : tuple of ndarray
+        Removed from reference and surface.
+
+    Returns
+    -------
+    Links
+        The same where nothing is interpolated.
+    """
+    instrument, surface = links.instrument, links.surface
+    for readings, truth, found in system.probes():
+        instrument = _agreeing(found - truth, instrument, modes[0])
+        error = surface_with(problem, inverse, readings, found)
+        surface = _agreeing(np.nan_to_num(error), surface, modes[1])
+    return Links(instrument, surface, links.n_groups)
+
+
+def _agreeing(error: FloatArray, labels: LabelArray, modes: FloatArray) -> LabelArray:
+    """Return labels without errors; they pull at the removed modes, so the worst go first."""
+    while (labels >= 0).any():
+        rest = np.abs(without_modes(error, labels, modes))
+        wrong = rest > max(_RESOLVED, 4.0 * float(np.nanmedian(rest)))
+        if not wrong.any():
+            break
+        labels = np.where(wrong, -1, labels)
+    return labels
+
+
 def scatter(
     problem: Problem,
     inverse: Inverse,
-    shape: tuple[int, int],
+    system: ReferenceSystem,
     links: Links,
     modes: tuple[FloatArray, FloatArray],
     draws: int,
@@ -232,8 +202,8 @@ def scatter(
         Freedoms only.
     inverse : Inverse
         Of its normal matrix.
-    shape : tuple of int
-        Of the instrument's map.
+    system : ReferenceSystem
+        Equations of the reference's pixels.
     links : Links
         Groups.
     modes : tuple of ndarray
@@ -244,20 +214,25 @@ def scatter(
     Returns
     -------
     reference : ndarray, shape (n_y, n_x)
-        Smoothed over 5 x 5 pixels where maps are large enough, NaN outside the groups.
+        Smoothed over 5 x 5 pixels where maps are large enough, but for weakly tied ones at the rim
+        of interpolated maps; NaN outside the groups.
     surface : ndarray, shape (grid)
         Likewise.
     """
     rng = np.random.default_rng(0)
-    of_r, of_s = np.zeros(shape), np.zeros(problem.weight.shape)
+    of_r, of_s = np.zeros(system.shape), np.zeros(problem.weight.shape)
     for _ in range(draws):
-        noise = [p.forward(rng.standard_normal(shape)) for p in problem.layout.placed]
-        r = solve_reference(problem, inverse, noise, shape, tolerance=1e-6)
+        noise = [p.forward(rng.standard_normal(system.shape)) for p in problem.layout.placed]
+        r = system.solve(system.left(noise), _OF_DRAWS)
         s = surface_with(problem, inverse, noise, r)
         of_r += np.nan_to_num(without_modes(r, links.instrument, modes[0])) ** 2
         of_s += np.nan_to_num(without_modes(s, links.surface, modes[1])) ** 2
+    smooth = _smooth_root(of_r, links.instrument >= 0, draws)
+    if draws > 0:
+        alone = system.weak & ~np.isnan(smooth)
+        smooth[alone] = np.sqrt(of_r[alone] / draws)
     return (
-        _smooth_root(of_r, links.instrument >= 0, draws),
+        smooth,
         _smooth_root(of_s, links.surface >= 0, draws),
     )
 

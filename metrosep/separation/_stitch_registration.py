@@ -14,16 +14,16 @@ from metrosep.separation._overlaps import overlaps_of, require_connection
 from metrosep.separation._stitch_grid import Layout, layout_of
 from metrosep.separation._stitch_input import Pieces
 from metrosep.separation._stitch_solve import (
-    Box,
     Problem,
     fitted_pieces,
-    freedom_features,
+    freedom_terms,
     inverse_of,
     mean_of,
     noise_of,
     normal_matrix,
     right_side,
 )
+from metrosep.separation._stitch_terms import Box, WindowTerms, n_of
 
 FloatArray = NDArray[np.float64]
 
@@ -113,8 +113,8 @@ def _one_pass(
 ) -> tuple[FloatArray, FloatArray]:
     layout = layout_of(pieces)
     overlaps = overlaps_of(layout)
-    own = freedom_features(layout, freedoms, line=pieces.line)
-    n_own = own(0, (slice(0, 1), slice(0, 1))).shape[0]
+    own = freedom_terms(layout, freedoms, line=pieces.line)
+    n_own = n_of(own)
     n, weight = len(pieces), layout.weights()
     columns = [k * n_own + np.arange(n_own) for k in range(n)]
     plain = Problem(layout, overlaps, own, columns, n * n_own, weight)
@@ -130,11 +130,13 @@ def _one_pass(
 
     def features(k: int, box: Box) -> FloatArray:
         p = layout.placed[k]
-        return np.concatenate([own(k, box), slopes[:, p.rows, p.columns][(slice(None), *box)]])
+        return np.concatenate(
+            [own.values(k, box), slopes[:, p.rows, p.columns][(slice(None), *box)]]
+        )
 
     each = n_own + n_axes
     columns = [k * each + np.arange(each) for k in range(n)]
-    full = Problem(layout, overlaps, features, columns, n * each, weight)
+    full = Problem(layout, overlaps, WindowTerms(features), columns, n * each, weight)
     inverse = inverse_of(normal_matrix(full))
     if inverse.null.shape[1] > n_own + n_axes:
         raise DegenerateFitError(

@@ -7,8 +7,7 @@ eliminated there (weighted mean), which leaves small normal equations, summed ov
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,19 +16,12 @@ from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DegenerateFitError
 from metrosep.separation._overlaps import Overlap
 from metrosep.separation._stitch_grid import Layout, Placed
+from metrosep.separation._stitch_terms import WHOLE, Box, PolynomialTerms, Terms
 
 FloatArray = NDArray[np.float64]
-Box = tuple[slice, slice]
-Features = Callable[[int, Box], FloatArray]
-"""Index of a sub-aperture and window in it -> (n_columns, rows, columns)."""
 
 _NULL = 1e-11
 """Eigenvalue of the scaled normal matrix, relative to the largest, below which it is zero."""
-
-_WHOLE: Box = (slice(None), slice(None))
-
-_MOST_KEPT = 10_000_000
-"""Pixels of all sub-apertures up to which their columns are kept (240 MB), not made again."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +34,7 @@ class Problem:
         Sub-apertures on the grid.
     overlaps : tuple of Overlap
         Pairs.
-    features : callable
+    terms : Terms
         The columns of each sub-aperture.
     columns : list of ndarray of int
         Where they stand among all unknowns.
@@ -54,28 +46,34 @@ class Problem:
 
     layout: Layout
     overlaps: tuple[Overlap, ...]
-    features: Features
+    terms: Terms
     columns: list[NDArray[np.int64]]
     n_columns: int
     weight: FloatArray
+    inverse_weight: FloatArray = field(init=False)
 
-    def share(self, k: int, box: Box = _WHOLE) -> FloatArray:
+    def __post_init__(self) -> None:
+        out = np.zeros(self.weight.shape)
+        np.divide(1.0, self.weight, out=out, where=self.weight > 0.0)
+        object.__setattr__(self, "inverse_weight", out)
+
+    def share(self, k: int) -> FloatArray:
         """Return the share ``w_i / sum w`` of a sub-aperture in the mean; 0 where not measured."""
         p = self.layout.placed[k]
-        total = self.weight[p.rows, p.columns][box]
-        out = np.zeros(total.shape)
-        np.divide(p.weight, total, out=out, where=p.valid[box])
-        return out
+        return np.asarray(self.inverse_weight[p.rows, p.columns] * p.weight * p.valid)
+
+    def both(self, i: int, j: int, in_i: Box, in_j: Box, in_all: Box) -> FloatArray:
+        """Return ``1 / sum w`` where two sub-apertures have measured, 0 elsewhere."""
+        a, b = self.layout.placed[i], self.layout.placed[j]
+        return np.asarray(self.inverse_weight[in_all] * (a.valid[in_i] & b.valid[in_j]))
 
     def pairs(self) -> list[tuple[int, int, Box, Box, Box]]:
         """Return each ordered pair once, with i = j, and its windows."""
-        own = [
-            (k, k, _WHOLE, _WHOLE, (p.rows, p.columns)) for k, p in enumerate(self.layout.placed)
-        ]
+        own = [(k, k, WHOLE, WHOLE, (p.rows, p.columns)) for k, p in enumerate(self.layout.placed)]
         return own + [(o.i, o.j, o.in_i, o.in_j, o.in_all) for o in self.overlaps]
 
 
-def freedom_features(layout: Layout, freedoms: tuple[str, ...], *, line: bool) -> Features:
+def freedom_terms(layout: Layout, freedoms: tuple[str, ...], *, line: bool) -> PolynomialTerms:
     """Return the columns of the freedoms: 1, tilts, power, each about the centre and scaled.
 
     Parameters
@@ -89,23 +87,13 @@ def freedom_features(layout: Layout, freedoms: tuple[str, ...], *, line: bool) -
 
     Returns
     -------
-    callable
-        Features of a sub-aperture in a window.
+    PolynomialTerms
+        Of each sub-aperture.
     """
     halves = [half_size(p) for p in layout.placed]
-    kept: dict[int, FloatArray] = {}
-    small = sum(p.valid.size for p in layout.placed) <= _MOST_KEPT
 
-    def features(k: int, box: Box) -> FloatArray:
-        if box != _WHOLE or not small:
-            return make(k, box)
-        if k not in kept:
-            kept[k] = make(k, box)
-        return kept[k]
-
-    def make(k: int, box: Box) -> FloatArray:
-        p, h = layout.placed[k], halves[k]
-        u, v = (c / h for c in np.broadcast_arrays(*p.position(box)))
+    def make(k: int, x: FloatArray, y: FloatArray) -> FloatArray:
+        u, v = x / halves[k], y / halves[k]
         out = []
         if "piston" in freedoms:
             out.append(np.ones_like(u))
@@ -115,7 +103,7 @@ def freedom_features(layout: Layout, freedoms: tuple[str, ...], *, line: bool) -
             out.append(u**2 if line else u**2 + v**2)
         return np.stack(out)
 
-    return features
+    return PolynomialTerms(layout, make, 2 if "power" in freedoms else 1)
 
 
 def half_size(piece: Placed) -> float:
@@ -125,30 +113,30 @@ def half_size(piece: Placed) -> float:
 
 def mean_of(problem: Problem, values: list[FloatArray]) -> FloatArray:
     """Return the weighted mean of windows at each pixel; NaN where nothing was measured."""
-    placed = problem.layout.placed
-    summed = problem.layout.total(
-        [p.weight * np.where(p.valid, v, 0.0) for p, v in zip(placed, values, strict=True)]
-    )
-    out = np.full(summed.shape, np.nan)
-    np.divide(summed, problem.weight, out=out, where=problem.weight > 0.0)
-    return out
+    summed = np.zeros(problem.weight.shape)
+    for p, v in zip(problem.layout.placed, values, strict=True):
+        window = summed[p.rows, p.columns]
+        np.add(window, v if p.weight == 1.0 else p.weight * v, out=window, where=p.valid)
+    summed *= problem.inverse_weight
+    summed[problem.weight <= 0.0] = np.nan
+    return summed
 
 
 def normal_matrix(problem: Problem) -> FloatArray:
     """Return the normal equations of the freedoms, the surface eliminated."""
     matrix = np.zeros((problem.n_columns, problem.n_columns))
+    placed = problem.layout.placed
     with one_blas_thread():
-        for i, j, box_i, box_j, _ in problem.pairs():
-            weight = problem.layout.placed[i].weight
-            share = weight * problem.share(j, box_j) * problem.layout.placed[i].valid[box_i]
-            f_i = _flat(problem.features(i, box_i))
+        for i, j, in_i, in_j, in_all in problem.pairs():
+            both = problem.both(i, j, in_i, in_j, in_all)
             if i == j:
-                own = weight * problem.layout.placed[i].valid - share
-                block = (f_i * own.ravel()) @ f_i.T
+                w = placed[i].weight
+                own = w * (placed[i].valid - w * both)
+                block = problem.terms.gram(i, WHOLE, i, WHOLE, own)
                 matrix[np.ix_(problem.columns[i], problem.columns[i])] += block
                 continue
-            f_j = _flat(problem.features(j, box_j))
-            block = (f_i * share.ravel()) @ f_j.T
+            both *= placed[i].weight * placed[j].weight
+            block = problem.terms.gram(i, in_i, j, in_j, both)
             matrix[np.ix_(problem.columns[i], problem.columns[j])] -= block
             matrix[np.ix_(problem.columns[j], problem.columns[i])] -= block.T
     return matrix
@@ -158,8 +146,9 @@ def right_side(problem: Problem, values: list[FloatArray], mean: FloatArray) -> 
     """Return the other side of the normal equations for given windows and their mean."""
     out = np.zeros(problem.n_columns)
     for k, (p, v) in enumerate(zip(problem.layout.placed, values, strict=True)):
-        d = p.weight * np.where(p.valid, v - mean[p.rows, p.columns], 0.0)
-        out[problem.columns[k]] += _flat(problem.features(k, _WHOLE)) @ d.ravel()
+        d = np.zeros(v.shape)
+        np.subtract(v, mean[p.rows, p.columns], out=d, where=p.valid)
+        out[problem.columns[k]] += p.weight * problem.terms.project(k, d)
     return out
 
 
@@ -230,7 +219,7 @@ def fitted_pieces(
 ) -> list[FloatArray]:
     """Return windows without their freedoms."""
     return [
-        v - np.tensordot(theta[problem.columns[k]], problem.features(k, _WHOLE), axes=1)
+        v - problem.terms.combine(k, theta[problem.columns[k]][None])[0]
         for k, v in enumerate(values)
     ]
 
@@ -244,13 +233,16 @@ def own_residuals(problem: Problem, fitted: list[FloatArray]) -> FloatArray:
     for o in problem.overlaps:
         a, b = problem.layout.placed[o.i], problem.layout.placed[o.j]
         both = a.valid[o.in_i] & b.valid[o.in_j]
-        d = (fitted[o.i][o.in_i] - fitted[o.j][o.in_j])[both]
-        f = problem.features(o.i, o.in_i)[:, both]
-        n_own = min(f.shape[0], max(d.size - 1, 0))
-        f = f[:n_own]
-        rest = d - np.linalg.lstsq(f @ f.T, f @ d, rcond=1e-12)[0] @ f if n_own else d
-        share = (1.0 / a.weight + 1.0 / b.weight) * max(d.size - n_own, 1)
-        out.append(math.sqrt(float(rest @ rest) / share))
+        d = np.zeros(both.shape)
+        np.subtract(fitted[o.i][o.in_i], fitted[o.j][o.in_j], out=d, where=both)
+        own = problem.terms.project(o.i, d, o.in_i)
+        n_own = min(own.size, max(o.n - 1, 0))
+        gram = problem.terms.gram(o.i, o.in_i, o.i, o.in_i, both.astype(np.float64))
+        found = np.zeros(own.size)
+        found[:n_own] = np.linalg.lstsq(gram[:n_own, :n_own], own[:n_own], rcond=1e-12)[0]
+        rest = d - problem.terms.combine(o.i, found[None], o.in_i)[0] * both
+        share = (1.0 / a.weight + 1.0 / b.weight) * max(o.n - n_own, 1)
+        out.append(math.sqrt(float(np.vdot(rest, rest)) / share))
     return np.array(out)
 
 
@@ -260,7 +252,8 @@ def noise_of(
     """Return the standard deviation of a reading from the overlaps, and its degrees of freedom."""
     squares, count = 0.0, 0.0
     for p, f in zip(problem.layout.placed, fitted, strict=True):
-        d = np.where(p.valid, f - mean[p.rows, p.columns], 0.0)
+        d = np.zeros(f.shape)
+        np.subtract(f, mean[p.rows, p.columns], out=d, where=p.valid)
         squares += p.weight * float(np.vdot(d, d))
         count += float(p.valid.sum())
     freedom = count - float((problem.weight > 0).sum()) - rank
@@ -285,8 +278,7 @@ def variance_map(problem: Problem, covariance: FloatArray, basis: FloatArray) ->
         NaN where nothing was measured.
     """
     measured = problem.weight > 0.0
-    own = np.zeros(problem.weight.shape)
-    np.divide(1.0, problem.weight, out=own, where=measured)
+    own = problem.inverse_weight
     with one_blas_thread():
         b = basis[:, measured]
         gram = np.linalg.pinv(b @ b.T)
@@ -297,7 +289,7 @@ def variance_map(problem: Problem, covariance: FloatArray, basis: FloatArray) ->
         out[measured] -= 2.0 * own[measured] * np.einsum("ip,ij,jp->p", b, gram, b, optimize=True)
         cross = leak @ covariance
         for k, p in enumerate(problem.layout.placed):
-            mixed = np.tensordot(cross[:, problem.columns[k]], problem.features(k, _WHOLE), axes=1)
+            mixed = problem.terms.combine(k, cross[:, problem.columns[k]])
             mixed = (mixed * basis[:, p.rows, p.columns]).sum(axis=0)
             out[p.rows, p.columns] -= 2.0 * problem.share(k) * mixed
     return np.where(measured, np.maximum(out, 0.0), np.nan)
@@ -306,22 +298,20 @@ def variance_map(problem: Problem, covariance: FloatArray, basis: FloatArray) ->
 def _basis_of_freedoms(problem: Problem, basis: FloatArray) -> FloatArray:
     out = np.zeros((basis.shape[0], problem.n_columns))
     for k, p in enumerate(problem.layout.placed):
-        weighted = _flat(basis[:, p.rows, p.columns] * problem.share(k))
-        out[:, problem.columns[k]] += weighted @ _flat(problem.features(k, _WHOLE)).T
+        share = problem.share(k)
+        for row, b in zip(out, basis, strict=True):
+            row[problem.columns[k]] += problem.terms.project(k, b[p.rows, p.columns] * share)
     return out
 
 
 def _quadratic(problem: Problem, covariance: FloatArray) -> FloatArray:
     """Return the variance that the freedoms bring to the mean, before anything is removed."""
     out = np.zeros(problem.weight.shape)
-    for i, j, box_i, box_j, box in problem.pairs():
+    placed = problem.layout.placed
+    for i, j, in_i, in_j, in_all in problem.pairs():
         block = covariance[np.ix_(problem.columns[i], problem.columns[j])]
-        f_i, f_j = problem.features(i, box_i), problem.features(j, box_j)
-        term = (np.tensordot(block.T, f_i, axes=1) * f_j).sum(axis=0)
-        term *= problem.share(i, box_i) * problem.share(j, box_j)
-        out[box] += term if i == j else 2.0 * term
+        term = problem.terms.quadratic(i, in_i, j, in_j, block)
+        term *= problem.both(i, j, in_i, in_j, in_all) * problem.inverse_weight[in_all]
+        term *= (1.0 if i == j else 2.0) * placed[i].weight * placed[j].weight
+        out[in_all] += term
     return out
-
-
-def _flat(values: FloatArray) -> FloatArray:
-    return values.reshape(values.shape[0], -1)

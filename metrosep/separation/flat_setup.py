@@ -14,6 +14,7 @@ from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, NotSeparableError
 from metrosep.core.provenance import Step
 from metrosep.forms.zernike_index import ZernikeOrder
+from metrosep.separation._flat_iterated import by_iteration
 from metrosep.separation._flat_pixels import FlatPixelSolver
 from metrosep.separation._flat_result import (
     ODD_REASON,
@@ -44,7 +45,7 @@ from metrosep.separation.null_space import Unobservable
 __all__ = ["ThreeFlat"]
 
 FloatArray = NDArray[np.float64]
-FlatMethod = Literal["auto", "pixel", "zernike"]
+FlatMethod = Literal["auto", "pixel", "zernike", "iterative"]
 
 _ALIGNED = {"piston": ((0, 0),), "tilt": ((1, 1), (1, -1)), "power": ((2, 0),)}
 
@@ -66,10 +67,11 @@ class ThreeFlat(SeparationMethod):
         Which flat of the pair was turned.
     flip : {"x", "y"}, optional
         Coordinate that the mirror reverses.
-    method : {"auto", "pixel", "zernike"}, optional
+    method : {"auto", "pixel", "zernike", "iterative"}, optional
         ``"auto"``: by pixels where all angles are multiples of one step 2 pi/N with N <= 24.
+        ``"zernike"``: terms on the common pixels; ``"iterative"``: on the pixels of each reading.
     terms, order : int or sequence of int, {"ansi", "noll", "fringe"}, optional
-        Zernike terms of ``"zernike"``.
+        Zernike terms of ``"zernike"`` and ``"iterative"``.
     dx, dy : float, m, optional
         Lateral steps; pixels if omitted.
     centre : tuple of (float, float), m, optional
@@ -132,7 +134,7 @@ class ThreeFlat(SeparationMethod):
         for label, value, known in (
             ("turned", self.turned, ("first", "second")),
             ("flip", self.flip, ("x", "y")),
-            ("method", self.method, ("auto", "pixel", "zernike")),
+            ("method", self.method, ("auto", "pixel", "zernike", "iterative")),
             *(("removed", item, tuple(REMOVABLE)) for item in self.removed),
         ):
             if value not in known:
@@ -356,6 +358,11 @@ class ThreeFlat(SeparationMethod):
         u_reading: float | None,
     ) -> FlatResult:
         solver = self._zernike()
+        if self.method == "iterative":
+            return by_iteration(
+                solver, stack, grid, self.setups(), self.flip, radius=self.radius,
+                aligned=self._aligned(), u_reading=u_reading, u_shift=self._shifts(),
+            )  # fmt: skip
         basis = DiscBasis(grid, common, solver.nm, self.radius)
         return by_terms(
             solver, basis, stack, grid, self.setups(), self.flip,

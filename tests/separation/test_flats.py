@@ -131,7 +131,7 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize("method", ["pixel", "zernike"])
+@pytest.mark.parametrize("method", ["pixel", "zernike", "iterative"])
 @pytest.mark.parametrize(("degrees", "pair", "turned", "orders"), CASES)
 def test_three_flats_come_back(degrees, pair, turned, orders, method):
     """S16: noise-free, on the recoverable subspace, signs and mirror planted."""
