@@ -92,7 +92,7 @@ MAPS_OF: Mapping[str, Method] = {
             "pairs": Field("texts"),
             "turned": Field("text", choices=("first", "second")),
             "flip": Field("text", choices=("x", "y")),
-            "method": Field("text", choices=("auto", "pixel", "zernike")),
+            "method": Field("text", choices=("auto", "pixel", "zernike", "iterative")),
             "terms": Field("integer"),
             "order": Field("text", choices=("ansi", "noll", "fringe")),
             "radius": Field("size"),
