@@ -75,7 +75,7 @@ class PositioningTest(Mapping[str, Quantity]):
         R_i bidirectional; NaN where a direction is missing.
     intervals : mapping of str to tuple of (float, float)
         For ``"R"``, ``"R_fwd"``, ``"R_bwd"``: interval of the value that R stands for, which is
-        that of an infinite number of runs.
+        that of an infinite number of runs, whatever the spread of each target is.
     confidence : float
         Of the intervals.
     spread : mapping of str to SpreadEstimate
@@ -124,6 +124,11 @@ class PositioningTest(Mapping[str, Quantity]):
         """Interval of `R_unbiased` at `confidence`."""
         key = "R" if "R" in self.intervals else next(iter(self.intervals))
         return self.intervals[key]
+
+    @property
+    def intervals_alike(self) -> Mapping[str, tuple[float, float]]:
+        """Narrower intervals that hold where all targets scatter alike, or differ by chance."""
+        return {k: (s.low_alike, s.high_alike) for k, s in self.spread.items()}
 
     def _only(self) -> str:
         return next(k for k in self.table if k.endswith("_unbiased"))
@@ -179,7 +184,8 @@ class PositioningTest(Mapping[str, Quantity]):
         Returns
         -------
         dict
-            The keys of the table, ``intervals``, ``confidence``, ``by_target``, ``messages``.
+            The keys of the table, ``intervals``, ``intervals_alike``, ``confidence``, ``by_target``,
+            ``messages``.
         """
         columns = {
             "target": self.targets,
@@ -193,6 +199,7 @@ class PositioningTest(Mapping[str, Quantity]):
         return {
             **self.table.to_dict(),
             "intervals": {k: list(v) for k, v in self.intervals.items()},
+            "intervals_alike": {k: list(v) for k, v in self.intervals_alike.items()},
             "confidence": self.confidence,
             "by_target": {
                 k: [None if math.isnan(v) else float(v) for v in c] for k, c in columns.items()
@@ -390,7 +397,7 @@ def _messages(
         if not s.homogeneous:
             yield (
                 f"{key}: the spread differs from target to target (p = {s.p:.1g}); "
-                "its interval is that of the largest of spreads that differ, and approximate"
+                "intervals_alike is that of the largest of spreads that differ, and approximate"
             )
         if s.value > 0.0 and float(values[key]) > 1.15 * s.value:
             yield (

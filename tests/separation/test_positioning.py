@@ -207,13 +207,15 @@ def test_spread_statistics_of_the_specification():
 
 
 def coverage(n_trials, rng, true, key, **options):
-    inside, values = 0, []
+    inside, alike, values = 0, 0, []
     for _ in range(n_trials):
         test = iso230_2(*simulated(rng, **options))
         low, high = test.intervals[key]
         inside += low <= true <= high
+        low, high = test.intervals_alike[key]
+        alike += low <= true <= high
         values.append(test[f"{key}_unbiased"].value)
-    return inside / n_trials, np.mean(values)
+    return inside / n_trials, alike / n_trials, np.mean(values)
 
 
 @pytest.mark.slow
@@ -231,12 +233,17 @@ def coverage(n_trials, rng, true, key, **options):
     ],
 )
 def test_interval_of_r_covers(key, options, true):
-    """Goal S18: 93 to 97 %; 600 trials leave 0.9 % standard deviation of a share of 95 %."""
+    """Goal S18: 93 to 97 %; 600 trials leave 0.9 % standard deviation of a share of 95 %.
+
+    Reversal errors that scatter, and spreads of the directions that differ, may be covered more
+    often: the bounds hold for any of them.
+    """
     rng = np.random.default_rng(7)
 
-    share, mean = coverage(600, rng, true * UM, key, **options)
+    share, alike, mean = coverage(600, rng, true * UM, key, **options)
 
-    assert 0.93 <= share <= 0.975
+    assert 0.93 <= share <= (1.0 if "swing" in options or "sb" in options else 0.975)
+    assert 0.93 <= alike <= 0.975
     assert mean == pytest.approx(true * UM, abs=0.06 * true * UM)  # without it 0.2 to 0.7
 
 
@@ -244,9 +251,9 @@ def test_interval_of_r_covers(key, options, true):
 def test_interval_and_unbiased_value_quickly():
     rng = np.random.default_rng(8)
 
-    share, mean = coverage(80, rng, 4.0 * UM, "R_fwd")
+    share, alike, mean = coverage(80, rng, 4.0 * UM, "R_fwd")
 
-    assert share >= 0.87  # 3 sd of 80 trials
+    assert min(share, alike) >= 0.87  # 3 sd of 80 trials
     assert mean == pytest.approx(4.0 * UM, abs=0.15 * UM)  # sd of the mean 0.05 um
 
 
