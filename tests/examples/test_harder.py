@@ -28,6 +28,7 @@ def test_the_readings_are_reproducible(harder):
     assert not np.array_equal(one[0].z, harder.bad_day(1)[0][0].z)
 
 
+@pytest.mark.slow
 def test_the_options_make_up_for_the_bad_day(found):
     """Without: tens of nm. With all: as good as the same axis on a good day (4 to 9 nm)."""
     rms = {name: value for name, (value, _) in found.items()}

@@ -21,6 +21,7 @@ def test_data_are_made_by_their_script(repository, tmp_path, name):
         assert (tmp_path / file).read_bytes() == (folder / file).read_bytes()
 
 
+@pytest.mark.slow
 def test_plan_keeps_its_promise_with_the_true_disturbance(repository, capsys):
     runpy.run_path(str(repository / "examples" / "feedrate_plan" / "plan.py"), run_name="__main__")
     out = capsys.readouterr().out

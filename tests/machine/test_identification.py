@@ -164,6 +164,7 @@ def test_terms_alike_are_known_only_together(lathe):
     assert apart["EYX"].value == pytest.approx(1.5e-6, abs=1e-11)
 
 
+@pytest.mark.slow
 def test_the_size_of_a_group_has_z_scores_of_one(lathe):
     """Whatever mixture is planted, the common map's size is known to its u."""
     scores = []

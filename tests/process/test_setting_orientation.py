@@ -128,6 +128,7 @@ def test_a_shift_into_another_period_is_found(shift):
     assert said(found, "shifted by")
 
 
+@pytest.mark.slow
 def test_a_corner_of_a_map_without_an_origin_finds_the_axis_outside():
     """Its middle is taken for the axis, a period and a half off along both."""
     axis = 4e-6 * np.arange(75) + 3e-6
