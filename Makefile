@@ -23,7 +23,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 export MKL_NUM_THREADS ?= 1
 
 .DELETE_ON_ERROR:
-.PHONY: help install demo test test-slow test-controller check docs bench constraints clean
+.PHONY: help install groups demo test test-slow test-controller check lint docs bench constraints clean
 
 help:
 	@sed -n 's/^#   //p' Makefile
@@ -48,6 +48,12 @@ $(VENV)/.installed: $(VENV)/.created pyproject.toml constraints.txt
 $(VENV)/.installed-%: $(VENV)/.installed
 	$(PIP) install -c constraints.txt --group $*
 	@touch $@
+
+# One after the other: pip must not write into one environment twice at a time.
+groups: $(VENV)/.installed
+	$(MAKE) $(VENV)/.installed-test
+	$(MAKE) $(VENV)/.installed-lint
+	$(MAKE) $(VENV)/.installed-docs
 
 .SECONDARY:
 
@@ -78,13 +84,14 @@ test-controller: $(VENV)/.installed-test
 	fi; \
 	$(PYTEST) -m controller tests/acceptance/linuxcnc $(PYTEST_FLAGS)
 
-check: $(VENV)/.installed-test $(VENV)/.installed-lint $(VENV)/.installed-docs
+check: lint docs
+
+lint: $(VENV)/.installed-test $(VENV)/.installed-lint
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/python tools/check_docstrings.py
-	$(MAKE) docs
 
 docs: $(VENV)/.installed-docs
 	$(BIN)/python -m sphinx -W --keep-going -n -q -b html -d docs/_build/doctrees docs docs/_build/html

@@ -1,4 +1,4 @@
-"""Commands about files: info, check, convert, formats, controllers."""
+"""Commands about files: info, check, convert, formats."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import click
 
 from metrosep.cli.options import file_options, json_option, say
 
-__all__ = ["check", "controllers", "convert", "formats", "info"]
+__all__ = ["check", "convert", "formats", "info"]
 
 
 @click.command()
@@ -182,24 +182,4 @@ def formats(as_json: bool) -> int:
     for row in rows:
         does = "/".join(w for w, yes in (("read", row["reads"]), ("write", row["writes"])) if yes)
         click.echo(f"{row['id']:16} {row['kind']:22} {does:11} {row['status']:24} {row['title']}")
-    return 0
-
-
-@click.command()
-@json_option
-def controllers(as_json: bool) -> int:
-    """List the controllers: what an entry is, units, limits, how the sign is known."""
-    from dataclasses import asdict
-
-    from metrosep.controllers import describe
-
-    if as_json:
-        click.echo(json.dumps({"controllers": [asdict(d) for d in describe()]}, sort_keys=True))
-        return 0
-    for d in describe():
-        limit = "no limit of points" if d.max_points is None else f"at most {d.max_points} points"
-        click.echo(f"{d.id:10} {d.title}")
-        click.echo(f"{'':10} entry   {d.entry}")
-        click.echo(f"{'':10} units   {d.units}; {limit}; {d.outside}")
-        click.echo(f"{'':10} sign    {d.sign_status}")
     return 0

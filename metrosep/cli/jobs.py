@@ -1,10 +1,10 @@
-"""Commands that separate, make tables and prove them: demo, run, separate, table, verify."""
+"""Commands that separate: demo, run, separate."""
 
 from __future__ import annotations
 
 import functools
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,17 +15,15 @@ from metrosep.cli.options import (
     name_values,
     named_options,
     optional_read_options,
-    read_options,
     say,
     table_options,
 )
+from metrosep.cli.tables import print_verification, read_runs_of, write_table
 
 if TYPE_CHECKING:
-    from metrosep.core.runset import RunSet
     from metrosep.recipe.result import Result
-    from metrosep.separation.base import ErrorEstimate
 
-__all__ = ["demo", "progress", "run", "separate", "table", "verify"]
+__all__ = ["demo", "progress", "run", "separate"]
 
 
 def progress(context: click.Context) -> Callable[[str], None]:
@@ -164,8 +162,8 @@ def separate(
     controller, _, path = (table_ or "").partition("=")
     if table_ is not None and not path:
         raise click.UsageError("--table is written NAME=FILE, such as linuxcnc=x.comp")
-    for name in ("compensates", "reference", "cross_axis"):
-        if table_ is None and options.get(name) is not None:
+    for name in ("compensates", "reference", "cross_axis", "machine", "waive", "sign_confirmed"):
+        if table_ is None and options.get(name):
             raise click.UsageError(f"--{name.replace('_', '-')} shapes a table: add --table")
     inside = table_ is not None and out is not None
     text = recipe_text(
@@ -181,8 +179,8 @@ def separate(
     result = recipe.run(list(runs), out=out, progress=progress(context))
     written: list[str] = [str(f) for f in result.files]
     if table_ is not None and not inside:
-        written += _write_table(
-            result.estimate, path, controller, options, against=_runs(runs, options)
+        written += write_table(
+            result.estimate, path, controller, options, against=read_runs_of(runs, options)
         )
     _print_result(result, as_json=as_json, written=written)
     return 0
@@ -236,134 +234,6 @@ def _separate_named(
     return 0
 
 
-@click.command()
-@click.argument("result")
-@click.option("--format", "format_", default="linuxcnc", show_default=True, help="Controller.")
-@click.option("-o", "--out", required=True, metavar="FILE", help="Table to write.")
-@table_options
-@click.option("--force", is_flag=True, help="Replace the table if it exists.")
-def table(result: str, format_: str, out: str, force: bool, **options: Any) -> int:
-    """Write a controller's table from RESULT (result.json), after a dry-run on its runs.
-
-    Exit code 1: it would not shrink the error, or exceeds a limit; nothing is written then.
-    """
-    from metrosep.recipe.result import load_document, measured_runs, stored_estimate
-
-    document = load_document(result)
-    estimate, runs = stored_estimate(document), measured_runs(document)
-    for file in _write_table(estimate, out, format_, options, against=runs, force=force):
-        say(f"wrote {file}")
-    return 0
-
-
-@click.command()
-@click.argument("table_file", metavar="TABLE")
-@click.option("--against", "runs", multiple=True, required=True, metavar="RUNS", help="Run files.")
-@click.option("--format", "format_", metavar="NAME", help="Controller; from the sidecar if there.")
-@read_options
-@json_option
-def verify(
-    table_file: str, runs: tuple[str, ...], format_: str | None, as_json: bool, **options: Any
-) -> int:
-    """Dry-run TABLE against measured runs, as its controller would apply it.
-
-    Exit code 0: it shrinks the error in every direction. 1: it does not. 4: table or runs cannot be
-    read, or the table is not the one that its sidecar describes.
-    """
-    from metrosep import controllers
-    from metrosep.compensation import dry_run
-    from metrosep.controllers.base import load_sidecar
-    from metrosep.core.errors import SignCheckFailedError
-
-    path = Path(table_file)
-    sidecar = load_sidecar(path)
-    _require_unchanged(path, sidecar)
-    name = (
-        format_
-        or sidecar.get("controller")
-        or ("csv" if path.suffix.lower() == ".csv" else "linuxcnc")
-    )
-    loaded = controllers.read(path, controller=name)
-    measured = _runs(runs, options)
-    result = dry_run(
-        loaded.correction,
-        measured,
-        span=loaded.span,
-        on_axis=loaded.is_on_axis,
-        removed=loaded.removed,
-    )
-    if as_json:
-        click.echo(json.dumps(result.to_dict(), sort_keys=True))
-    else:
-        _print_verification(result.to_dict())
-    try:
-        result.require(str(path))
-    except SignCheckFailedError as exc:
-        say("error: " + str(exc).replace("; nothing was written", ""))
-        return 1
-    return 0
-
-
-def _require_unchanged(path: Path, sidecar: Mapping[str, Any]) -> None:
-    """Refuse a table that is not the one its sidecar describes: cut short, edited or mixed up."""
-    import hashlib
-
-    from metrosep.controllers.base import load_bytes
-    from metrosep.core.errors import CorruptFileError
-
-    wanted = sidecar.get("file_sha256")
-    if wanted is None:
-        return
-    found = hashlib.sha256(load_bytes(path)).hexdigest()
-    if found != wanted:
-        raise CorruptFileError(
-            path,
-            "it is not the table that its sidecar describes: it was cut short, edited or mixed up",
-            field="SHA-256",
-            expected=str(wanted)[:16],
-            found=found[:16],
-            hint="write the table again; to judge the file as it is, move its sidecar away",
-        )
-
-
-def _runs(files: tuple[str, ...], options: dict[str, Any]) -> RunSet:
-    from metrosep.io.runs import read_runs
-
-    keys = ("feed", "run", "direction", "time", "sampling_rate", "scale")
-    layout = ("separator", "decimal", "encoding")
-    return read_runs(
-        files,
-        x=options["x"],
-        z=options["z"],
-        **{k: options.get(k) for k in keys},
-        **{k: options[k] for k in layout if options.get(k) is not None},
-    )
-
-
-def _write_table(
-    estimate: ErrorEstimate,
-    path: str,
-    controller: str,
-    options: dict[str, Any],
-    *,
-    against: RunSet,
-    force: bool = False,
-) -> list[str]:
-    from metrosep import controllers
-    from metrosep.controllers.base import sidecar_path
-    from metrosep.core.units import parse_quantity
-    from metrosep.recipe.outputs import make_table
-
-    reference = options.get("reference")
-    if reference is not None:
-        reference = parse_quantity(reference, dimension="length", name="--reference")
-    shape = {k: options.get(k) for k in ("spacing", "axis", "compensates")}
-    made = make_table(estimate, {**shape, "reference": reference})
-    machine = {} if options.get("cross_axis") is None else {"cross_axis": options["cross_axis"]}
-    controllers.write(made, path, controller, verified_against=against, overwrite=force, **machine)
-    return [path, str(sidecar_path(Path(path)))]
-
-
 def _print_result(result: Result, *, as_json: bool, written: list[str] | None = None) -> None:
     files = [str(f) for f in result.files] if written is None else written
     if as_json:
@@ -377,7 +247,7 @@ def _print_result(result: Result, *, as_json: bool, written: list[str] | None = 
         say(f"note: {message}")
     for made in (result.document["table"], *result.document["more_tables"]):
         if made is not None and isinstance(made.get("verification"), dict):
-            _print_verification(made["verification"])
+            print_verification(made["verification"])
     if result.document["polynomial"] is not None:
         say(result.document["polynomial"]["horner"])
     if result.verdict is not None:
@@ -390,16 +260,6 @@ def _print_result(result: Result, *, as_json: bool, written: list[str] | None = 
             else labels.get(Path(file).suffix, "table")
         )
         say(f"{label:8} {file}")
-
-
-def _print_verification(verification: dict[str, Any]) -> None:
-    low, high = (v * 1e3 for v in verification["span_m"])
-    for r in verification["residuals"]:
-        say(
-            f"dry-run {r['direction']}, {low:.6g} ... {high:.6g} mm: P-V {r['before_pv_m'] * 1e9:.0f} -> {r['after_pv_m'] * 1e9:.0f} nm, "
-            f"RMS {r['before_rms_m'] * 1e9:.1f} -> {r['after_rms_m'] * 1e9:.1f} nm "
-            f"(reversed sign: {r['wrong_sign_rms_m'] * 1e9:.1f} nm)"
-        )
 
 
 def _summary(result: Result, files: list[str]) -> dict[str, Any]:

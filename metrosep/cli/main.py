@@ -9,12 +9,14 @@ from typing import Any
 import click
 
 from metrosep._version import __version__
-from metrosep.cli.files import check, controllers, convert, formats, info
-from metrosep.cli.jobs import demo, run, separate, table, verify
+from metrosep.cli.carriers import controllers
+from metrosep.cli.files import check, convert, formats, info
+from metrosep.cli.jobs import demo, run, separate
 from metrosep.cli.measuring import form, measure, verify_softgauge
 from metrosep.cli.modelling import predict, rank
 from metrosep.cli.ops import ops
 from metrosep.cli.planning import plan
+from metrosep.cli.tables import table, verify
 
 __all__ = ["cli", "main"]
 

@@ -254,6 +254,21 @@ def table_options(command: F) -> F:
                 help="Carry a cross-axis table through LinuxCNC's HAL.",
             ),
             click.option("--reference", metavar="LENGTH", help="Position of zero correction."),
+            click.option(
+                "--machine",
+                multiple=True,
+                metavar="NAME=VALUE",
+                help='Fact or limit of the machine, "count=10 nm", "stroke=5 um"; may be repeated.',
+            ),
+            click.option(
+                "--waive",
+                multiple=True,
+                metavar="CHECK",
+                help="Accept the refusal of a check, by name; recorded.",
+            ),
+            click.option(
+                "--sign-confirmed", is_flag=True, help="The sign was tried on this machine."
+            ),
         )
     ):
         command = option(command)

@@ -58,11 +58,28 @@ def recipe_text(options: dict[str, Any], *, table: tuple[str, str] | None, repor
             if options.get(k) is not None
         ]
         lines.append(f"path = {quoted(table[1])}")
-        if options.get("cross_axis") is not None:
-            lines.append(f"machine = {{ cross_axis = {quoted(options['cross_axis'])} }}")
+        lines += _machine_lines(options)
     if report:
         lines += ["", "[[output]]", 'kind = "report"', 'formats = ["html"]']
     return "\n".join(lines) + "\n"
+
+
+def _machine_lines(options: dict[str, Any]) -> list[str]:
+    """Return the keys of a table that are facts about the machine, and what was waived."""
+    from metrosep.cli.options import name_values
+
+    given = name_values(tuple(options.get("machine") or ()), "--machine")
+    if options.get("cross_axis") is not None:
+        given.append(("cross_axis", options["cross_axis"]))
+    lines = []
+    if given:
+        pairs = ", ".join(f"{name.replace('-', '_')} = {quoted(value)}" for name, value in given)
+        lines.append(f"machine = {{ {pairs} }}")
+    if options.get("waive"):
+        lines.append(f"waive = [{', '.join(map(quoted, options['waive']))}]")
+    if options.get("sign_confirmed"):
+        lines.append("sign_confirmed = true")
+    return lines
 
 
 def option_error(
@@ -86,7 +103,7 @@ def option_error(
     """
     message = re.sub(r"^command line(:\d+)?: ", "", str(error))
     key = error.key or ""
-    options = {"degree": "poly", "controller": "table", "path": "table", "machine": "cross_axis"}
+    options = {"degree": "poly", "controller": "table", "path": "table", "machine": "machine"}
     option = "--" + options.get(key, key).replace("_", "-")
     if key in settings:
         option = f"--set {key}"

@@ -34,11 +34,14 @@ class Finding:
         What, with numbers.
     fix : str
         What to do.
+    check : str, optional
+        Name of the check, by which it can be waived.
     """
 
     level: Literal["error", "warning"]
     problem: str
     fix: str
+    check: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +66,10 @@ class Limits:
         LinuxCNC's MAX_ACCELERATION of the joint, for its dead zone.
     servo_period : float, s, optional
         LinuxCNC's servo period, for its dead zone.
+    travel_low, travel_high : float, m, optional
+        Commanded travel of the looked-up axis that the table must cover.
+    soft_low, soft_high : float, m, optional
+        Software limits of the corrected axis: the travel keeps the stroke as a margin to them.
     """
 
     max_points: int | None = None
@@ -73,6 +80,10 @@ class Limits:
     reversal_jump: float | None = None
     acceleration: float | None = None
     servo_period: float | None = None
+    travel_low: float | None = None
+    travel_high: float | None = None
+    soft_low: float | None = None
+    soft_high: float | None = None
 
 
 def dead_zone(acceleration: float, servo_period: float) -> tuple[float, float]:
@@ -139,6 +150,7 @@ def check_limits(
                 "error",
                 f"{positions.size} points, the controller takes {limits.max_points}",
                 "use a coarser spacing",
+                "points",
             )
         )
     stroke = max(float(np.abs(c).max()) for c in columns)
@@ -148,6 +160,7 @@ def check_limits(
                 "error",
                 f"the largest correction is {format_length(stroke)}, the stroke {format_length(limits.stroke)}",
                 "remove alignment from the error or use an axis with more stroke",
+                "stroke",
             )
         )
     findings += _slopes(positions, columns, limits, on_axis=on_axis)
@@ -170,6 +183,7 @@ def _slopes(
                 "error",
                 f"the correction falls by {fall:.3g} m per m: the corrected command turns back",
                 "check the units of position and error",
+                "turning-back",
             )
         )
     elif slope > _STEEP:
@@ -178,6 +192,7 @@ def _slopes(
                 "warning",
                 f"the correction changes by {slope:.3g} m per m",
                 "check the units; a geometric error is rarely steeper than 1e-3",
+                "steepness",
             )
         )
     if limits.feed is not None and limits.velocity_share is not None:
@@ -189,6 +204,7 @@ def _slopes(
                     f"at {limits.feed * 6e4:.6g} mm/min the correction moves with "
                     f"{speed * 6e4:.4g} mm/min, allowed are {limits.velocity_share * 6e4:.4g}",
                     "drive slower or drop the shortest wavelengths (shortest=)",
+                    "velocity",
                 )
             )
     if limits.feed is not None and limits.acceleration_share is not None and steps.size > 1:
@@ -202,6 +218,7 @@ def _slopes(
                     f"at {limits.feed * 6e4:.6g} mm/min the correction accelerates with "
                     f"{acceleration:.3g} m/s2, allowed are {limits.acceleration_share:.3g}",
                     "drive slower or drop the shortest wavelengths (shortest=)",
+                    "acceleration",
                 )
             )
     return found
@@ -217,6 +234,7 @@ def _reversal(forward: FloatArray, reverse: FloatArray, limits: Limits) -> list[
                 f"the correction jumps by {format_length(float(jumps.max()))} at a reversal, allowed are "
                 f"{format_length(limits.reversal_jump)}",
                 "put the lost motion into the controller's backlash parameter",
+                "reversal",
             )
         )
     if limits.acceleration is not None and limits.servo_period is not None:
@@ -229,6 +247,7 @@ def _reversal(forward: FloatArray, reverse: FloatArray, limits: Limits) -> list[
                     f"at {stuck} of {jumps.size} positions the step at reversal lies between "
                     f"{format_length(low)} and {format_length(high)}, which LinuxCNC never executes from rest",
                     "raise MAX_ACCELERATION of the joint, which moves the window",
+                    "dead-zone",
                 )
             )
     return found

@@ -28,6 +28,7 @@ __all__ = ["PolynomialFit", "fit_polynomial"]
 
 FloatArray = NDArray[np.float64]
 Quantity = Literal["error", "compensation"]
+Removed = Literal["offset", "line"]
 
 _ESTIMATE_POINTS = 401
 
@@ -56,6 +57,8 @@ class PolynomialFit:
         How the degree was chosen.
     history : tuple of Step
         From the files on.
+    removed : {"offset", "line"}, optional
+        What the data behind it have no opinion on: "line" for an estimate without alignment.
     """
 
     legendre_coefficients: FloatArray
@@ -67,6 +70,7 @@ class PolynomialFit:
     scores: tuple[dict[str, float], ...] = ()
     chosen_by: str = "user"
     history: tuple[Step, ...] = ()
+    removed: Removed = "offset"
 
     @property
     def degree(self) -> int:
@@ -133,6 +137,31 @@ class PolynomialFit:
         full = np.zeros(self.degree + 1)
         full[: powers.size] = powers
         return np.asarray(full * x_factor ** np.arange(full.size) / y_factor)
+
+    def correction(self, position: ArrayLike, direction: int = 1) -> FloatArray:
+        """Return what is added to the command: c = -e, clamped to the domain.
+
+        Parameters
+        ----------
+        position : array_like, shape (n,), m
+            Commanded positions.
+        direction : {1, -1}, optional
+            A polynomial is the same both ways.
+
+        Returns
+        -------
+        ndarray, shape (n,), m
+            Of either `quantity`.
+
+        Raises
+        ------
+        DataError
+            If `direction` is neither 1 nor -1.
+        """
+        if direction not in (1, -1):
+            raise DataError(f"direction is +1 or -1, got {direction!r}")
+        values = self.evaluate(position, clamp=True)
+        return values if self.quantity == "compensation" else -values
 
     def horner(self, *, x_unit: str = "mm", y_unit: str = "um", digits: int = 9) -> str:
         """Return the polynomial in Horner form for a controller, with units and range.
@@ -297,6 +326,7 @@ def fit_polynomial(
         scores=tuple(scores),
         chosen_by=how,
         history=(*data.history, Step("polynomial", {"degree": chosen, "quantity": quantity})),
+        removed="line" if isinstance(data, ErrorEstimate) else "offset",
     )
 
 

@@ -303,6 +303,7 @@ class CompensationTable:
             f"{format_length(self.interpolation_error, digits=2)}, its corrections span "
             f"{format_length(span, digits=3)}",
             "use a finer spacing",
+            "coarse",
         )
         return (*findings, coarse)
 

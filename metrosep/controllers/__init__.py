@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from metrosep.controllers.files import describe, names, read, simulate, write
+from metrosep.controllers.files import describe, find, names, read, simulate, write
 
-__all__ = ["describe", "names", "read", "simulate", "write"]
+__all__ = ["describe", "find", "names", "read", "simulate", "write"]

@@ -7,18 +7,20 @@ file appears; the sidecar JSON beside the file carries what the file itself cann
 
 from __future__ import annotations
 
+import hashlib
 import json
-from collections.abc import Callable
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from metrosep.compensation.limits import Limits
-from metrosep.compensation.table import CompensationTable
-from metrosep.core.errors import CorruptFileError, ReadError
+from metrosep.compensation.limits import Finding, Limits
+from metrosep.controllers.options import Option
+from metrosep.core.errors import CorruptFileError, DataError, ReadError
 
 __all__ = [
     "Dialect",
@@ -28,16 +30,22 @@ __all__ = [
     "identity",
     "load_bytes",
     "load_sidecar",
+    "require_unchanged",
+    "sidecar_options",
     "sidecar_path",
+    "table_lookup",
 ]
 
 FloatArray = NDArray[np.float64]
 Simulator = Callable[..., FloatArray]
+Sign = Literal["confirmed", "documented", "stated", "unconfirmed"]
+"""Run on the real controller or by definition; read in its documents; the user states the polarity;
+not known: to be tried on the machine."""
 
 
 @dataclass(frozen=True, slots=True)
 class DialectInfo:
-    """Facts about a dialect, for lists and sidecars.
+    """Facts about a dialect, for lists, pages and sidecars.
 
     Parameters
     ----------
@@ -55,6 +63,26 @@ class DialectInfo:
         How the sign was confirmed.
     activation : tuple of str
         Steps to load the file.
+    sign : {"confirmed", "documented", "stated", "unconfirmed"}, optional
+        The same in one word; an unconfirmed one is not written unless the user has tried it.
+    carries : {"table", "map", "polynomial"}, optional
+        What the file holds: corrections over one axis, over two, or coefficients.
+    spacing : {"free", "uniform"}, optional
+        Of the entries.
+    directions : {"one", "two"}, optional
+        Whether forward and reverse may differ in one file.
+    resolution : str, optional
+        Smallest step of an entry.
+    reference_rule : str, optional
+        Where the entry must be zero.
+    proof : str, optional
+        What the dialect was verified by.
+    suffix : str, optional
+        Usual end of the file name.
+    example : mapping, optional
+        Options for an example: every required one, in SI or as texts with units.
+    page : str, optional
+        Name of its page in the documentation's controllers folder.
     """
 
     id: str
@@ -65,6 +93,16 @@ class DialectInfo:
     outside: str
     sign_status: str
     activation: tuple[str, ...] = ()
+    sign: Sign = "documented"
+    carries: Literal["table", "map", "polynomial"] = "table"
+    spacing: Literal["free", "uniform"] = "free"
+    directions: Literal["one", "two"] = "two"
+    resolution: str = ""
+    reference_rule: str = ""
+    proof: str = "own strict parser and simulated lookup"
+    suffix: str = ".txt"
+    example: Mapping[str, Any] = field(default_factory=dict)
+    page: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,26 +117,149 @@ class Encoded:
         Largest rounding of an entry.
     notes : dict
         More for the sidecar.
+    step : float, m, optional
+        Smallest difference that two entries can have; 0 where the digits are ample.
+    carried : object, optional
+        What the bytes must read back as, where it is not the table itself but was resampled.
+    resampling_error : float, m, optional
+        Largest deviation of what is carried from the table, between the entries too.
+    findings : tuple of Finding, optional
+        What is doubtful about it.
     """
 
     data: bytes
     quantisation: float
     notes: dict[str, Any] = field(default_factory=dict)
+    step: float = 0.0
+    carried: Any = None
+    resampling_error: float = 0.0
+    findings: tuple[Finding, ...] = ()
 
 
-class Dialect(Protocol):
-    """A controller's table format."""
+class Dialect(ABC):
+    """A controller's table format: facts, options, writer, reader and simulator.
 
-    info: DialectInfo
+    `encode` gets every declared option, checked, as keywords. `decode` and `lookup` get those the
+    user gave; what is missing is looked for in the file (comments) and in its sidecar
+    (`sidecar_options`), else refused.
+    """
 
-    def encode(self, table: CompensationTable, **machine: Any) -> Encoded:
-        """Return the bytes of the file for a table."""
+    info: ClassVar[DialectInfo]
+    options: ClassVar[tuple[Option, ...]] = ()
 
-    def decode(self, data: bytes, path: Path) -> CompensationTable:
-        """Return the table that the bytes hold; strict."""
+    @abstractmethod
+    def encode(self, table: Any, **options: Any) -> Encoded:
+        """Return the bytes of the file for a table, map or polynomial.
+
+        Parameters
+        ----------
+        table : CompensationTable, CompensationMap or PolynomialFit
+            As `info.carries` says.
+        **options
+            Every declared option, checked.
+
+        Returns
+        -------
+        Encoded
+            Bytes and what they cost.
+        """
+
+    @abstractmethod
+    def decode(self, data: bytes, path: Path, **options: Any) -> Any:
+        """Return what the bytes hold; strict.
+
+        Parameters
+        ----------
+        data : bytes
+            Content of the file.
+        path : Path
+            Its name, for messages and the sidecar.
+        **options
+            Declared options that the user gave.
+
+        Returns
+        -------
+        CompensationTable, CompensationMap or PolynomialFit
+            Corrections c = -e that are added to the command.
+        """
+
+    def lookup(self, data: bytes, path: Path, **options: Any) -> Simulator:
+        """Return what the controller adds to the command, as a function.
+
+        Parameters
+        ----------
+        data, path, options
+            As for `decode`.
+
+        Returns
+        -------
+        callable
+            ``(position, direction=1)``, or ``(x, y, direction=1)`` of a map, to the correction in
+            m; here linear between the entries and constant outside.
+        """
+        return table_lookup(self.decode(data, path, **options))
 
     def limits(self, **machine: Any) -> Limits:
-        """Return the limits of controller and machine."""
+        """Return the limits of controller and machine.
+
+        Parameters
+        ----------
+        **machine
+            Fields of `metrosep.compensation.limits.Limits`.
+
+        Returns
+        -------
+        Limits
+            With the controller's number of points.
+
+        Raises
+        ------
+        DataError
+            If a keyword is unknown.
+        """
+        try:
+            return Limits(**{"max_points": self.info.max_points, **machine})
+        except TypeError as exc:
+            raise DataError(f"unknown machine limit: {exc}") from None
+
+
+def table_lookup(table: Any) -> Simulator:
+    """Return a lookup that is linear between entries and constant outside.
+
+    Parameters
+    ----------
+    table : CompensationTable or CompensationMap
+        Anything with ``correction(position, direction)`` or ``correction(x, y, direction)``.
+
+    Returns
+    -------
+    callable
+        ``(position, direction=1)`` or ``(x, y, direction=1)`` to the correction in m; arguments
+        are broadcast. It raises DataError if the direction is neither 1 nor -1.
+    """
+
+    def along(position: ArrayLike, direction: ArrayLike = 1) -> FloatArray:
+        return _both_ways(table, (position,), direction)
+
+    def over(x: ArrayLike, y: ArrayLike, direction: ArrayLike = 1) -> FloatArray:
+        return _both_ways(table, (x, y), direction)
+
+    return over if hasattr(table, "values") else along
+
+
+def _both_ways(table: Any, places: tuple[ArrayLike, ...], direction: ArrayLike) -> FloatArray:
+    arrays = np.broadcast_arrays(
+        *(np.asarray(p, dtype=np.float64) for p in places), np.asarray(direction)
+    )
+    d = arrays[-1]
+    if not np.isin(d, (-1, 1)).all():
+        raise DataError("direction is +1 or -1")
+    flat = [a.ravel() for a in arrays[:-1]]
+    forward = np.asarray(table.correction(*flat, 1)).reshape(d.shape)
+    if (d > 0).all():
+        return forward
+    reverse = np.asarray(table.correction(*flat, -1)).reshape(d.shape)
+    return np.asarray(np.where(d > 0, forward, reverse))
 
 
 def sidecar_path(path: Path) -> Path:
@@ -181,6 +342,67 @@ def load_sidecar(path: Path) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise CorruptFileError(beside, "the sidecar is not a JSON object")
     return content
+
+
+def sidecar_options(path: Path, known: tuple[Option, ...]) -> dict[str, Any]:
+    """Return the options a file was written with, as its sidecar states them.
+
+    Parameters
+    ----------
+    path : Path
+        The table.
+    known : tuple of Option
+        Of the dialect; others are not returned.
+
+    Returns
+    -------
+    dict
+        By name, checked; empty if there is no sidecar.
+
+    Raises
+    ------
+    CorruptFileError
+        If there is a sidecar that is not one of metrosep.
+    """
+    stored = load_sidecar(path).get("options", {})
+    if not isinstance(stored, dict):
+        raise _not_ours(path, "options", "an object", stored)
+    found = {}
+    for option in known:
+        if stored.get(option.name) is not None:
+            try:
+                found[option.name] = option.checked(stored[option.name], path.name)
+            except DataError:
+                raise _not_ours(path, option.name, option.help, stored[option.name]) from None
+    return found
+
+
+def require_unchanged(path: Path, data: bytes) -> None:
+    """Refuse a file that is not the one its sidecar describes.
+
+    Parameters
+    ----------
+    path : Path
+        The table.
+    data : bytes
+        Its content.
+
+    Raises
+    ------
+    CorruptFileError
+        If the hash in the sidecar is another: the file was cut short, edited or mixed up.
+    """
+    wanted = load_sidecar(path).get("file_sha256")
+    found = hashlib.sha256(data).hexdigest()
+    if wanted is not None and found != wanted:
+        raise CorruptFileError(
+            path,
+            "it is not the table that its sidecar describes: it was cut short, edited or mixed up",
+            field="SHA-256",
+            expected=str(wanted)[:16],
+            found=found[:16],
+            hint="write the table again; to judge the file as it is, move its sidecar away",
+        )
 
 
 def identity(path: Path, *, first: float) -> dict[str, Any]:

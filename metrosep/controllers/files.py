@@ -2,98 +2,93 @@
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import json
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from metrosep._version import __version__
+from metrosep.compensation.limits import Finding
+from metrosep.compensation.map_verify import dry_run_map
+from metrosep.compensation.maps import CompensationMap
+from metrosep.compensation.polynomial import PolynomialFit
 from metrosep.compensation.table import CompensationTable
-from metrosep.compensation.verify import Against, Verification, dry_run
-from metrosep.controllers.base import Dialect, DialectInfo, Simulator, load_bytes, sidecar_path
-from metrosep.controllers.linuxcnc import LinuxCNC
-from metrosep.controllers.neutral import Neutral
-from metrosep.core.atomic import atomic_write
-from metrosep.core.errors import DataError, SignCheckFailedError, TableError, WriteError
+from metrosep.compensation.verify import dry_run
+from metrosep.controllers._pairs import refuse_existing, write_pair
+from metrosep.controllers.base import (
+    Dialect,
+    DialectInfo,
+    Encoded,
+    Simulator,
+    load_bytes,
+    load_sidecar,
+    require_unchanged,
+)
+from metrosep.controllers.options import checked_limits, checked_options, split_machine
+from metrosep.controllers.registry import describe, find, names
+from metrosep.controllers.safety import file_findings, judged, table_findings
+from metrosep.core.errors import (
+    SignCheckFailedError,
+    SignNotConfirmedError,
+    TableError,
+)
 
-__all__ = ["describe", "names", "read", "simulate", "write"]
+__all__ = ["describe", "dry_run_carried", "find", "names", "read", "simulate", "write"]
 
 FloatArray = NDArray[np.float64]
 PathLike = str | os.PathLike[str]
 
-_DIALECTS: dict[str, Dialect] = {d.info.id: d for d in (LinuxCNC(), Neutral())}
-
-
-def names() -> tuple[str, ...]:
-    """Return the names of the controllers that are supported.
-
-    Returns
-    -------
-    tuple of str
-        Values for ``controller=``.
-
-    Examples
-    --------
-    >>> names()
-    ('linuxcnc', 'csv')
-    """
-    return tuple(_DIALECTS)
-
-
-def describe() -> tuple[DialectInfo, ...]:
-    """Return what each dialect is: entry rule, units, limits, how its sign is known.
-
-    Returns
-    -------
-    tuple of DialectInfo
-        One for each name.
-    """
-    return tuple(d.info for d in _DIALECTS.values())
-
-
-def _dialect(controller: str) -> Dialect:
-    if controller not in _DIALECTS:
-        raise DataError(
-            f"unknown controller {controller!r}; there are {', '.join(map(repr, _DIALECTS))}"
-        )
-    return _DIALECTS[controller]
+_TYPES = {"table": CompensationTable, "map": CompensationMap, "polynomial": PolynomialFit}
+_KINDS = {
+    "table": "a CompensationTable (corrections over one axis)",
+    "map": "a CompensationMap (corrections over two axes)",
+    "polynomial": "a PolynomialFit",
+}
 
 
 def write(
-    table: CompensationTable,
+    table: Any,
     path: PathLike,
     controller: str = "linuxcnc",
     *,
-    verified_against: Against | None = None,
+    verified_against: Any = None,
     allow_unverified: bool = False,
     overwrite: bool = False,
+    sign_confirmed: bool = False,
+    waive: Sequence[str] = (),
     **machine: Any,
-) -> Verification | None:
+) -> Any:
     """Write a table for a controller, after a dry-run of the very bytes that are written.
 
     Parameters
     ----------
-    table : CompensationTable
-        Corrections.
+    table : CompensationTable, CompensationMap or PolynomialFit
+        Corrections; which of them a controller takes is in `describe`.
     path : str or path
         File to write; a sidecar ``<name>.json`` appears beside it.
     controller : str, optional
         One of `names`.
-    verified_against : RunSet, Profile or ErrorEstimate, optional
+    verified_against : RunSet, Profile, Surface, ErrorEstimate or callable, optional
         Measured error for the dry-run. Without it the error that the table was made of serves,
         which proves sign, quantisation and interpolation, but not the separation; the sidecar
         says which it was.
     allow_unverified : bool, optional
-        Write without a dry-run; recorded in the sidecar.
+        Write without a dry-run; recorded in the sidecar. The same as ``waive=("dry-run",)``.
     overwrite : bool, optional
         Replace an existing file.
+    sign_confirmed : bool, optional
+        You tried the sign of this controller on the machine; needed where it is not documented.
+    waive : sequence of str, optional
+        Names of checks whose refusal you accept (`metrosep.controllers.safety.CHECKS`); recorded
+        in the sidecar.
     **machine
-        Limits of the machine, fields of `metrosep.compensation.Limits`.
+        Options of the dialect, and limits of the machine (fields of
+        `metrosep.compensation.Limits`); numbers in SI, or texts with units.
 
     Returns
     -------
@@ -105,130 +100,215 @@ def write(
     SignCheckFailedError
         If the dry-run does not shrink the error, or there is nothing to run it against and it
         is not waived.
+    SignNotConfirmedError
+        If the controller's sign is not documented and `sign_confirmed` is not said.
     LimitError
-        If a limit of controller or machine is exceeded.
+        If a limit of controller or machine is exceeded, or another check refuses.
     TableError
         If the format cannot hold the table, or what was encoded does not read back.
     WriteError
         If the file exists, or the folder cannot be written.
     DataError
-        If controller or limit is unknown.
+        If controller, option or limit is unknown or missing.
 
     Notes
     -----
-    The bytes are parsed back before a file appears, the dry-run uses the parsed table, and file
-    and sidecar are renamed into place: nothing half-written is ever seen.
+    The bytes are parsed back before a file appears, the dry-run uses the controller's lookup of
+    those bytes, and file and sidecar are renamed into place: nothing half-written is ever seen.
     """
-    dialect = _dialect(controller)
+    dialect = find(controller)
+    _require_kind(table, dialect.info)
     target = Path(path)
     if not overwrite:
-        _refuse_existing(target)
-    findings = table.require_limits(dialect.limits(**machine))
-    encoded = dialect.encode(table, **machine)
-    parsed = dialect.decode(encoded.data, Path(os.devnull))
-    _check_read_back(table, parsed, encoded.quantisation)
-    verification = _verification(table, parsed, verified_against, target, waived=allow_unverified)
+        refuse_existing(target)
+    given, limit_values = split_machine(machine, dialect.options, controller)
+    options = checked_options(given, dialect.options, controller)
+    _require_sign(dialect.info, sign_confirmed)
+    waived = _names(waive, allow_unverified=allow_unverified)
+    limits = dialect.limits(**checked_limits(limit_values, controller))
+    found = [*table_findings(table, limits, dialect.info), *_iteration(table, target)]
+    judged(found, waived)
+    encoded = dialect.encode(table, **options)
+    findings = judged([*found, *file_findings(table, encoded)], waived)
+    known = {o.name: options[o.name] for o in dialect.options if options[o.name] is not None}
+    nowhere = Path(os.devnull)
+    parsed = dialect.decode(encoded.data, nowhere, **known)
+    _require_read_back(table if encoded.carried is None else encoded.carried, parsed, encoded)
+    verification = None
+    if not (verified_against is None and "dry-run" in waived):
+        lookup = dialect.lookup(encoded.data, nowhere, **known)
+        verification = _verification(table, lookup, verified_against, target)
     sidecar = {
         "schema": "metrosep.table/1",
         "metrosep": __version__,
         "controller": controller,
+        "options": {k: v for k, v in known.items() if _is_plain(v)},
+        "limits": {k: v for k, v in limit_values.items() if _is_plain(v)},
         "entry": dialect.info.entry,
         "units": dialect.info.units,
         "outside": dialect.info.outside,
         "sign_status": dialect.info.sign_status,
+        "sign_confirmed_by_user": bool(sign_confirmed),
         "activation": list(dialect.info.activation),
         "file_sha256": hashlib.sha256(encoded.data).hexdigest(),
         "quantisation_m": encoded.quantisation,
-        "findings": [{"level": f.level, "problem": f.problem, "fix": f.fix} for f in findings],
+        "entry_step_m": encoded.step,
+        "resampling_error_m": encoded.resampling_error,
+        "findings": [_described_finding(f, waived) for f in findings],
+        "waived": list(waived),
         "verification": _described(verification, own=verified_against is None),
         "table": table.to_dict(),
         **encoded.notes,
     }
     text = json.dumps(sidecar, indent=1, sort_keys=True, allow_nan=False, default=str)
-    _write_pair(target, encoded.data, (text + "\n").encode("utf-8"))
+    write_pair(target, encoded.data, (text + "\n").encode("utf-8"))
     return verification
 
 
-def _described(verification: Verification | None, *, own: bool) -> dict[str, Any] | str:
+def _names(waive: Sequence[str], *, allow_unverified: bool) -> tuple[str, ...]:
+    names = (waive,) if isinstance(waive, str) else tuple(waive)
+    return tuple(dict.fromkeys((*names, *(("dry-run",) if allow_unverified else ()))))
+
+
+def _is_plain(value: object) -> bool:
+    return isinstance(value, str | int | float | bool)
+
+
+def _described_finding(finding: Finding, waived: Sequence[str]) -> dict[str, Any]:
+    text: dict[str, Any] = {
+        "level": finding.level,
+        "problem": finding.problem,
+        "fix": finding.fix,
+        "check": finding.check,
+    }
+    return {**text, "waived": True} if finding.check in waived else text
+
+
+def _described(verification: Any, *, own: bool) -> dict[str, Any] | str:
     if verification is None:
         return "waived by the user"
     against = "the error the table was made of; no measured runs were given" if own else "measured"
     return {**verification.to_dict(), "against": against}
 
 
-def _refuse_existing(target: Path) -> None:
-    for path in (target, sidecar_path(target)):
-        try:
-            exists = path.exists()
-        except OSError as exc:
-            raise WriteError(
-                f"{path}: cannot be written ({exc.strerror or exc}); choose another name or folder"
-            ) from None
-        if exists:
-            raise WriteError(
-                f"{path}: exists already and a machine may be using it; choose another name or say "
-                "overwrite"
-            )
+def _require_kind(carried: Any, info: DialectInfo) -> None:
+    if not isinstance(carried, _TYPES[info.carries]):
+        others = (
+            ", ".join(d.id for d in describe() if isinstance(carried, _TYPES[d.carries])) or "none"
+        )
+        raise TableError(
+            f"{info.id} holds {_KINDS[info.carries]}, not {type(carried).__name__}; controllers that "
+            f"hold that: {others}"
+        )
 
 
-def _write_pair(target: Path, data: bytes, sidecar: bytes) -> None:
-    """Write a table and its sidecar; if the table fails, the sidecar is what it was before."""
-    beside = sidecar_path(target)
-    before = load_bytes(beside) if beside.is_file() else None
-    atomic_write(beside, sidecar)
-    try:
-        atomic_write(target, data)
-    except WriteError:
-        beside.unlink(missing_ok=True)
-        if before is not None:
-            with contextlib.suppress(WriteError):
-                atomic_write(beside, before)
-        raise
+def _require_sign(info: DialectInfo, confirmed: bool) -> None:
+    if info.sign == "unconfirmed" and not confirmed:
+        raise SignNotConfirmedError(
+            f"the sign of {info.id} ({info.title}) is not known from its documents: {info.sign_status}; "
+            "write a trial table with one bump (metrosep.compensation.trial_table, or --trial on the "
+            "command line), see on the machine which way it moves, then say sign_confirmed=True "
+            "(--sign-confirmed)"
+        )
 
 
-def _check_read_back(
-    table: CompensationTable, parsed: CompensationTable, quantisation: float
-) -> None:
-    both = [(table.forward, parsed.forward)]
-    reverse = table.forward if table.reverse is None else table.reverse
-    both.append((reverse, parsed.forward if parsed.reverse is None else parsed.reverse))
-    margin = quantisation + 1e-15
-    for wanted, found in both:
-        if wanted.shape != found.shape or float(np.abs(wanted - found).max()) > margin:
+def _iteration(carried: Any, target: Path) -> list[Finding]:
+    """Refuse to replace a table by one made of other readings, perhaps taken with it active."""
+    if not target.is_file() or not hasattr(carried, "source_sha256"):
+        return []
+    before = load_sidecar(target).get("table")
+    sources = before.get("source_sha256") if isinstance(before, dict) else None
+    if not sources or not carried.source_sha256 or list(carried.source_sha256) == list(sources):
+        return []
+    return [
+        Finding(
+            "error",
+            f"{target} holds a table made of other readings: if it was active while these were "
+            "taken, the new table is what is left and must be added to it, not replace it",
+            "add them with metrosep.compensation.combine, or take the readings with the table off",
+            "active",
+        )
+    ]
+
+
+def _require_read_back(wanted: Any, parsed: Any, encoded: Encoded) -> None:
+    margin = encoded.quantisation * (1.0 + 1e-9) + 1e-15
+    for name in ("positions", "forward", "reverse", "x", "y", "values"):
+        a, b = getattr(wanted, name, None), getattr(parsed, name, None)
+        if name == "reverse" and hasattr(wanted, "forward"):
+            a = wanted.forward if a is None else a
+            b = parsed.forward if b is None else b
+        if a is None and b is None:
+            continue
+        near = 1e-9 if name in ("positions", "x", "y") else margin
+        if a is None or b is None or np.shape(a) != np.shape(b) or _apart(a, b) > near:
             raise TableError(
-                "what was encoded does not read back as the table; this is a bug in metrosep, nothing "
-                "was written"
+                f"what was encoded does not read back as the table ({name}); this is a bug in "
+                "metrosep, nothing was written"
             )
 
 
-def _verification(
-    table: CompensationTable,
-    parsed: CompensationTable,
-    against: Against | None,
-    target: Path,
-    *,
-    waived: bool,
-) -> Verification | None:
-    measured = table.source if against is None else against
-    if waived and against is None:
-        return None
+def _apart(a: Any, b: Any) -> float:
+    return float(np.abs(np.asarray(a) - np.asarray(b)).max(initial=0.0))
+
+
+def _verification(table: Any, lookup: Simulator, against: Any, target: Path) -> Any:
+    measured = getattr(table, "source", None) if against is None else against
     if measured is None:
         raise SignCheckFailedError(
             f"{target}: nothing to dry-run the table against, so its sign is not proven; give "
             "verified_against= the measured runs (or waive it with allow_unverified)"
         )
-    result = dry_run(
-        parsed.correction,
-        measured,
-        span=table.span,
-        on_axis=table.is_on_axis,
-        removed=table.removed,
-    )
+    result = dry_run_carried(table, lookup, measured)
     result.require(str(target))
     return result
 
 
-def read(path: PathLike, controller: str = "linuxcnc") -> CompensationTable:
+def dry_run_carried(carried: Any, lookup: Simulator, measured: Any) -> Any:
+    """Return the dry-run of what a file carries, through the controller's lookup.
+
+    Parameters
+    ----------
+    carried : CompensationTable, CompensationMap or PolynomialFit
+        What the file holds.
+    lookup : callable
+        Of `simulate`.
+    measured : RunSet, Profile, Surface, estimate or callable
+        Measured error.
+
+    Returns
+    -------
+    Verification or MapVerification
+        Before, after and with the sign reversed.
+
+    Raises
+    ------
+    TableError
+        If file and measurement do not overlap.
+    DataError
+        If nothing was measured there.
+    """
+    if isinstance(carried, CompensationMap):
+        return dry_run_map(
+            lookup,
+            measured,
+            span=carried.inner_span,
+            axes=carried.axes,
+            compensates=carried.compensates,
+            removed=carried.removed,
+        )
+    if isinstance(carried, CompensationTable):
+        return dry_run(
+            lookup,
+            measured,
+            span=carried.span,
+            on_axis=carried.is_on_axis,
+            removed=carried.removed,
+        )
+    return dry_run(lookup, measured, span=carried.domain, on_axis=False, removed=carried.removed)
+
+
+def read(path: PathLike, controller: str = "linuxcnc", **options: Any) -> Any:
     """Return the table that a controller's file holds.
 
     Parameters
@@ -237,28 +317,29 @@ def read(path: PathLike, controller: str = "linuxcnc") -> CompensationTable:
         The file.
     controller : str, optional
         One of `names`.
+    **options
+        Options of the dialect that neither the file nor its sidecar tells.
 
     Returns
     -------
-    CompensationTable
+    CompensationTable, CompensationMap or PolynomialFit
         Corrections c that are added to the command; axis and reference from the sidecar where
         there is one.
 
     Raises
     ------
     ReadError
-        If the file cannot be read or is damaged.
+        If the file cannot be read or is damaged, or its sidecar describes another file.
     DataError
-        If the controller is unknown.
+        If controller or option is unknown, or one is needed that nothing tells.
     LimitError
         If it has more entries than the controller takes.
     """
-    dialect = _dialect(controller)
-    target = Path(path)
-    return dialect.decode(load_bytes(target), target)
+    dialect, data, given = _opened(path, controller, options)
+    return dialect.decode(data, Path(path), **given)
 
 
-def simulate(path: PathLike, controller: str = "linuxcnc") -> Simulator:
+def simulate(path: PathLike, controller: str = "linuxcnc", **options: Any) -> Simulator:
     """Return the controller's lookup of a file, as a function.
 
     Parameters
@@ -267,28 +348,33 @@ def simulate(path: PathLike, controller: str = "linuxcnc") -> Simulator:
         The file.
     controller : str, optional
         One of `names`.
+    **options
+        Options of the dialect that neither the file nor its sidecar tells.
 
     Returns
     -------
     callable
-        ``(position, direction=1) -> correction`` in m; arrays in, arrays out; what the controller
-        adds to the command at that position, moving in that direction.
+        ``(position, direction=1) -> correction`` in m, of a map ``(x, y, direction=1)``; arrays
+        in, arrays out; what the controller adds to the command at that position, moving in that
+        direction, with its own roll-over, end values and rounding.
 
     Raises
     ------
     ReadError
-        If the file cannot be read or is damaged.
+        If the file cannot be read or is damaged, or its sidecar describes another file.
     DataError
-        If the controller is unknown.
+        If controller or option is unknown, or one is needed that nothing tells.
     """
-    table = read(path, controller)
+    dialect, data, given = _opened(path, controller, options)
+    return dialect.lookup(data, Path(path), **given)
 
-    def lookup(position: ArrayLike, direction: int | ArrayLike = 1) -> FloatArray:
-        p, d = np.broadcast_arrays(np.asarray(position, dtype=np.float64), np.asarray(direction))
-        if not np.isin(d, (-1, 1)).all():
-            raise DataError("direction is +1 or -1")
-        forward = table.correction(p.ravel(), 1).reshape(p.shape)
-        reverse = table.correction(p.ravel(), -1).reshape(p.shape)
-        return np.asarray(np.where(d > 0, forward, reverse))
 
-    return lookup
+def _opened(
+    path: PathLike, controller: str, options: dict[str, Any]
+) -> tuple[Dialect, bytes, dict[str, Any]]:
+    dialect = find(controller)
+    given = checked_options(options, dialect.options, controller, partial=True)
+    target = Path(path)
+    data = load_bytes(target)
+    require_unchanged(target, data)
+    return dialect, data, given

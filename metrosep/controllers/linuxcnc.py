@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.compensation.limits import Limits
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers.base import DialectInfo, Encoded, identity
-from metrosep.core.errors import CorruptFileError, DataError, LimitError, TableError
+from metrosep.controllers.base import Dialect, DialectInfo, Encoded, identity
+from metrosep.controllers.options import Option
+from metrosep.core.errors import CorruptFileError, LimitError, TableError
 
 __all__ = ["MAX_POINTS", "LinuxCNC"]
 
@@ -36,7 +36,7 @@ _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 """What C reads as a decimal number; Python's float would also take 1_0 and nan."""
 
 
-class LinuxCNC:
+class LinuxCNC(Dialect):
     """Writer and reader of type-0 files; see the module."""
 
     info = DialectInfo(
@@ -53,34 +53,26 @@ class LinuxCNC:
             "BACKLASH of that joint is ignored from now on: the reverse column holds lost motion",
             "restart LinuxCNC, home, move, and read the applied correction in joint.n.backlash-filt",
         ),
+        sign="confirmed",
+        resolution="0.1 pm (float32 inside LinuxCNC)",
+        reference_rule="zero where the joint counter is zero; the table acts before homing too",
+        proof="LinuxCNC 2.9 itself, headless",
+        suffix=".comp",
+        page="linuxcnc",
     )
 
-    def limits(self, **machine: Any) -> Limits:
-        """Return the limits; see `metrosep.compensation.limits.Limits` for the keywords.
-
-        Parameters
-        ----------
-        **machine
-            Fields of `Limits`.
-
-        Returns
-        -------
-        Limits
-            With the controller's number of points.
-
-        Raises
-        ------
-        DataError
-            If a keyword is unknown.
-        """
-        machine.pop("cross_axis", None)
-        try:
-            return Limits(**{"max_points": MAX_POINTS, **machine})
-        except TypeError as exc:
-            raise DataError(f"unknown machine limit: {exc}") from None
+    options = (
+        Option(
+            "cross_axis",
+            "a table that corrects another axis than it looks up is refused, or routed in HAL",
+            "choice",
+            default="refuse",
+            choices=("refuse", "hal"),
+        ),
+    )
 
     def encode(
-        self, table: CompensationTable, *, cross_axis: str = "refuse", **machine: Any
+        self, table: CompensationTable, *, cross_axis: str = "refuse", **options: Any
     ) -> Encoded:
         """Return bare triples.
 
@@ -91,8 +83,8 @@ class LinuxCNC:
         cross_axis : {"refuse", "hal"}, optional
             A table that corrects another axis than it looks up is refused, unless HAL routes it;
             the sidecar then holds the wiring.
-        **machine
-            Not used by the format.
+        **options
+            None other.
 
         Returns
         -------
@@ -139,7 +131,7 @@ class LinuxCNC:
             },
         )
 
-    def decode(self, data: bytes, path: Path) -> CompensationTable:
+    def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
         """Return the table, refusing whatever LinuxCNC would silently drop.
 
         Parameters
@@ -148,6 +140,8 @@ class LinuxCNC:
             Content of the file.
         path : Path
             Its name, for messages and the sidecar.
+        **options
+            Not used by the format.
 
         Returns
         -------

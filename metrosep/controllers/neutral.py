@@ -15,10 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.compensation.limits import Limits
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers.base import DialectInfo, Encoded, identity
-from metrosep.core.errors import CorruptFileError, DataError
+from metrosep.controllers.base import Dialect, DialectInfo, Encoded, identity
+from metrosep.core.errors import CorruptFileError
 
 __all__ = ["Neutral"]
 
@@ -29,7 +28,7 @@ _EXPONENTS = (-3, -6, -6)
 """Power of ten of each column's unit in m."""
 
 
-class Neutral:
+class Neutral(Dialect):
     """Writer and reader of neutral tables; see the module."""
 
     info = DialectInfo(
@@ -43,40 +42,22 @@ class Neutral:
         activation=(
             "import it into the controller's own tool and dry-run the sign on the machine",
         ),
+        sign="confirmed",
+        resolution="full precision",
+        proof="by definition",
+        suffix=".csv",
+        page="neutral",
     )
 
-    def limits(self, **machine: Any) -> Limits:
-        """Return the limits of the machine.
-
-        Parameters
-        ----------
-        **machine
-            Fields of `Limits`.
-
-        Returns
-        -------
-        Limits
-            As given.
-
-        Raises
-        ------
-        DataError
-            If a keyword is unknown.
-        """
-        try:
-            return Limits(**machine)
-        except TypeError as exc:
-            raise DataError(f"unknown machine limit: {exc}") from None
-
-    def encode(self, table: CompensationTable, **machine: Any) -> Encoded:
+    def encode(self, table: CompensationTable, **options: Any) -> Encoded:
         """Return the CSV, full precision.
 
         Parameters
         ----------
         table : CompensationTable
             Any.
-        **machine
-            Not used by the format.
+        **options
+            None.
 
         Returns
         -------
@@ -93,7 +74,7 @@ class Neutral:
         ]
         return Encoded(("\n".join(lines) + "\n").encode("utf-8"), 0.0)
 
-    def decode(self, data: bytes, path: Path) -> CompensationTable:
+    def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
         """Return the table.
 
         Parameters
@@ -102,6 +83,8 @@ class Neutral:
             Content of the file.
         path : Path
             Its name, for messages and the sidecar.
+        **options
+            None.
 
         Returns
         -------

@@ -22,7 +22,8 @@
     |   `-- NotSeparableError
     |-- TableError
     |   |-- LimitError
-    |   `-- SignCheckFailedError      the dry-run did not shrink the error
+    |   |-- SignCheckFailedError      the dry-run did not shrink the error
+    |   `-- SignNotConfirmedError     nobody knows the controller's sign yet
     `-- RecipeError                   key and line of a recipe
 """
 
@@ -45,6 +46,7 @@ __all__ = [
     "RecipeError",
     "SeparationError",
     "SignCheckFailedError",
+    "SignNotConfirmedError",
     "TableError",
     "TooFewSamplesError",
     "UnitError",
@@ -180,6 +182,10 @@ class LimitError(TableError):
 
 class SignCheckFailedError(TableError):
     """The dry-run of a table did not shrink the measured error."""
+
+
+class SignNotConfirmedError(TableError):
+    """The sign of a controller is not known, and nobody has tried it on the machine."""
 
 
 class RecipeError(MetrosepError):

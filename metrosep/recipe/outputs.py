@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 __all__ = [
     "WrittenTable",
     "dry_runs",
+    "make_carried",
     "make_table",
     "refuse_foreign",
     "write_reports",
@@ -95,6 +96,42 @@ def make_table(estimate: ErrorEstimate, output: Mapping[str, Any]) -> Compensati
     )
 
 
+def make_carried(estimate: ErrorEstimate, output: Mapping[str, Any]) -> Any:
+    """Return what the controller of an output holds: a table, or a polynomial.
+
+    Parameters
+    ----------
+    estimate : ErrorEstimate
+        Separated error.
+    output : mapping
+        As for `make_table`, with ``controller``, and ``degree`` of a polynomial.
+
+    Returns
+    -------
+    CompensationTable or PolynomialFit
+        Corrections.
+
+    Raises
+    ------
+    TableError
+        If it cannot be made, or the controller holds maps.
+    """
+    from metrosep.compensation.polynomial import fit_polynomial
+    from metrosep.controllers.registry import find
+
+    carries = find(output["controller"]).info.carries
+    if carries == "map":
+        raise TableError(
+            f"{output['controller']} holds maps over two axes, this is the error of one axis; use "
+            "'metrosep table MAP --format ...' with a measured map"
+        )
+    if carries == "polynomial":
+        return fit_polynomial(
+            estimate, degree=output.get("degree", "aicc"), quantity="compensation"
+        )
+    return make_table(estimate, output)
+
+
 def dry_runs(recipe: Recipe, runs: RunSet, estimate: ErrorEstimate) -> list[WrittenTable]:
     """Return the tables of a recipe with their dry-runs; nothing is written.
 
@@ -119,9 +156,9 @@ def dry_runs(recipe: Recipe, runs: RunSet, estimate: ErrorEstimate) -> list[Writ
     """
     found = []
     for output, _ in _tables_of(recipe):
-        table = make_table(estimate, output)
-        verification = table.verify(runs)
-        description = {**table.to_dict(), "verification": verification.to_dict()}
+        made = make_carried(estimate, output)
+        verification = _dry_run(made, runs)
+        description = {**made.to_dict(), "verification": verification.to_dict()}
         found.append(WrittenTable(description, verification))
     return found
 
@@ -164,10 +201,12 @@ def write_tables(
         tell(f"dry-running and writing {output['path']}")
         path = folder / output_name(output["path"], place)
         verification = write(
-            make_table(estimate, output),
+            make_carried(estimate, output),
             path,
             output["controller"],
             verified_against=runs,
+            waive=tuple(output.get("waive", ())),
+            sign_confirmed=output.get("sign_confirmed", False),
             **machine_limits(output, place),
         )
         if verification is None:
@@ -177,6 +216,18 @@ def write_tables(
         description = {**sidecar.pop("table"), **sidecar, "path": path.name}
         written.append(WrittenTable(description, verification, (path.name, beside.name)))
     return written
+
+
+def _dry_run(made: Any, runs: RunSet) -> Verification:
+    """Return the dry-run of a table or polynomial as it is, before a controller rounds it."""
+    from metrosep.controllers.base import table_lookup
+    from metrosep.controllers.files import dry_run_carried
+
+    if isinstance(made, CompensationTable):
+        return made.verify(runs)
+    result: Verification = dry_run_carried(made, table_lookup(made), runs)
+    result.require("the polynomial")
+    return result
 
 
 def refuse_foreign(recipe: Recipe, folder: Path) -> None:

@@ -7,13 +7,11 @@ so all that can be known from the recipe alone is refused here, with its line.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from metrosep.core.errors import DataError, UnitError
-from metrosep.core.units import parse_quantity
+from metrosep.core.errors import DataError
 from metrosep.parameters.decision import decide
 from metrosep.recipe.schema import Place
 
@@ -25,15 +23,6 @@ __all__ = ["RESULT_NAME", "check_recipe", "machine_limits", "output_name", "repo
 RESULT_NAME = "result.json"
 
 _OF_DRY_RUN = ("after_pv", "after_rms")
-_DIMENSIONS = {
-    "stroke": "length",
-    "reversal_jump": "length",
-    "feed": "speed",
-    "velocity_share": "speed",
-    "acceleration_share": "acceleration",
-    "acceleration": "acceleration",
-    "servo_period": "time",
-}
 
 
 def check_recipe(recipe: Recipe) -> None:
@@ -178,22 +167,26 @@ def machine_limits(output: Mapping[str, Any], place: Place) -> dict[str, Any]:
     RecipeError
         If a key is unknown or a value has no unit or the wrong one.
     """
-    from metrosep.compensation import Limits
+    from metrosep.controllers.options import (
+        LIMIT_DIMENSIONS,
+        checked_limits,
+        checked_options,
+        split_machine,
+    )
+    from metrosep.controllers.registry import find
 
-    known = [*(f.name for f in fields(Limits)), "cross_axis"]
-    values: dict[str, Any] = {}
-    for key, value in output.get("machine", {}).items():
-        if key not in known:
-            raise place.error(
-                f"unknown machine limit {key!r}; known: {', '.join(known)}", "machine"
-            )
-        if key in _DIMENSIONS:
-            if not isinstance(value, str):
-                raise place.error(f"machine {key} = {value!r} needs a unit, as a text", "machine")
-            try:
-                values[key] = parse_quantity(value, dimension=_DIMENSIONS[key], name=key)
-            except UnitError as exc:
-                raise place.error(f"machine {exc}", "machine") from None
-        else:
-            values[key] = value
-    return values
+    dialect, name = find(output["controller"]), output["controller"]
+    given = dict(output.get("machine", {}))
+    dimensions = {**LIMIT_DIMENSIONS, **{o.name: o.kind for o in dialect.options}}
+    plain = ("integer", "number", "text", "flag", "choice", "object")
+    for key, value in given.items():
+        if dimensions.get(key, "text") not in plain and not isinstance(value, str):
+            raise place.error(f"machine {key} = {value!r} needs a unit, as a text", "machine")
+    try:
+        options, limits = split_machine(given, dialect.options, name)
+        checked = checked_options(options, dialect.options, name)
+        return {**{k: checked[k] for k in options}, **checked_limits(limits, name)}
+    except DataError as exc:
+        text = str(exc)
+        named = text.startswith("unknown machine")
+        raise place.error(text if named else f"machine {text}", "machine") from None

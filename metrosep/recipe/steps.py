@@ -118,6 +118,9 @@ OUTPUTS = {
         "reference": Field("length"),
         "path": Field("text", required=True),
         "machine": Field("table"),
+        "degree": Field("integer"),
+        "waive": Field("texts"),
+        "sign_confirmed": Field("flag"),
     },
     "report": {
         "kind": Field("text", required=True),

@@ -1,0 +1,384 @@
+"""Commands about controllers' tables: table, verify."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from metrosep.cli.options import (
+    file_options,
+    json_option,
+    name_values,
+    optional_read_options,
+    say,
+    table_options,
+)
+
+if TYPE_CHECKING:
+    from metrosep.controllers.base import DialectInfo
+    from metrosep.core.runset import RunSet
+
+__all__ = [
+    "print_verification",
+    "read_runs_of",
+    "table",
+    "verify",
+    "write_arguments",
+    "write_table",
+]
+
+_RESULTS = (".json",)
+
+
+@click.command()
+@click.argument("result", metavar="RESULT")
+@click.option("--format", "format_", default="linuxcnc", show_default=True, help="Controller.")
+@click.option("-o", "--out", required=True, metavar="FILE", help="Table to write.")
+@table_options
+@click.option("--over", metavar="AXIS,AXIS", help='Axes of a map, "X,Y".')
+@click.option("--poly", metavar="DEGREE", help="Degree of a polynomial: 2, or auto.")
+@click.option("--trial", metavar="LENGTH", help='One bump to try the sign on the machine: "2 um".')
+@click.option("--force", is_flag=True, help="Replace the table if it exists.")
+@file_options
+@json_option
+def table(
+    result: str,
+    format_: str,
+    out: str,
+    force: bool,
+    reading: dict[str, Any],
+    as_json: bool,
+    **options: Any,
+) -> int:
+    """Write a controller's file from RESULT, after a dry-run of its very bytes.
+
+    RESULT is a result.json of 'separate' or 'run' (or its folder) for tables over one axis and
+    polynomials, or the measured map of an error for controllers that hold maps. 'metrosep
+    controllers NAME' tells what a controller needs (--machine NAME=VALUE).
+
+    Exit code 1: it would not shrink the error, exceeds a limit, or its sign is not confirmed;
+    nothing is written then.
+    """
+    from metrosep.controllers.base import sidecar_path
+    from metrosep.controllers.registry import find
+
+    info = find(format_).info
+    if info.carries == "map":
+        made, against = _map_of(result, options, reading), None
+    else:
+        made, against = _carried_of(result, info, options)
+    if options["trial"] is not None:
+        made, against = _trial(made, options["trial"]), None
+    verification = _write(made, out, format_, options, against=against, force=force)
+    if as_json:
+        sidecar = json.loads(sidecar_path(Path(out)).read_text(encoding="utf-8"))
+        click.echo(json.dumps(sidecar, sort_keys=True))
+    elif verification is not None:
+        print_verification(verification.to_dict())
+    for file in (out, str(sidecar_path(Path(out)))):
+        say(f"wrote {file}")
+    return 0
+
+
+def _carried_of(result: str, info: DialectInfo, options: dict[str, Any]) -> tuple[Any, Any]:
+    """Return the table or polynomial of a result, and the runs to dry-run it against."""
+    from metrosep.recipe.outputs import make_carried
+    from metrosep.recipe.result import load_document, measured_runs, stored_estimate
+
+    document = load_document(result)
+    estimate, runs = stored_estimate(document), measured_runs(document)
+    return make_carried(estimate, _shape(options, info.id)), runs
+
+
+def _shape(options: dict[str, Any], controller: str) -> dict[str, Any]:
+    """Return the options of a table as an output of a recipe has them."""
+    from metrosep.core.units import parse_quantity
+
+    shape = {
+        k: options[k] for k in ("spacing", "axis", "compensates") if options.get(k) is not None
+    }
+    if options.get("reference") is not None:
+        shape["reference"] = parse_quantity(
+            options["reference"], dimension="length", name="--reference"
+        )
+    degree = options.get("poly")
+    if degree is not None and degree != "auto":
+        if not str(degree).isdecimal():
+            raise click.UsageError(f"--poly {degree}: a degree is a whole number, or auto")
+        shape["degree"] = int(degree)
+    return {**shape, "controller": controller}
+
+
+def _map_of(file: str, options: dict[str, Any], reading: dict[str, Any]) -> Any:
+    """Return the map of corrections of a measured error map."""
+    from metrosep.compensation.maps import CompensationMap
+    from metrosep.core.errors import DataError
+    from metrosep.core.surface import Surface
+    from metrosep.core.units import parse_quantity
+    from metrosep.io.read import read
+
+    if file.endswith(_RESULTS) or Path(file).is_dir():
+        raise click.UsageError(
+            f"{options.get('format_') or 'this controller'} holds maps: give the measured map of the "
+            f"error, not {file}"
+        )
+    error = read(file, **reading)
+    if not isinstance(error, Surface):
+        raise DataError(f"{file}: a map is needed, it holds a {type(error).__name__}")
+    axes = tuple(a.strip() for a in (options.get("over") or "X,Y").split(","))
+    if len(axes) != 2 or not all(axes):
+        raise click.UsageError("--over names two axes, such as X,Y")
+    where = options.get("reference")
+    reference = None
+    if where is not None:
+        parts = [
+            parse_quantity(p, dimension="length", name="--reference") for p in where.split(",")
+        ]
+        if len(parts) != 2:
+            raise click.UsageError('--reference of a map is two lengths, "0 mm, 0 mm"')
+        reference = (parts[0], parts[1])
+    return CompensationMap.from_error(
+        error,
+        x=options["spacing"],
+        y=options["spacing"],
+        axes=(axes[0], axes[1]),
+        compensates=options.get("compensates") or "Z",
+        reference=reference,
+    )
+
+
+def _trial(made: Any, amplitude: str) -> Any:
+    from metrosep.compensation.table import CompensationTable
+    from metrosep.compensation.trial import trial_table
+    from metrosep.core.units import parse_quantity
+
+    if not isinstance(made, CompensationTable):
+        raise click.UsageError(
+            "--trial makes a table over one axis; this controller holds another"
+        )
+    trial = trial_table(made, parse_quantity(amplitude, dimension="length", name="--trial"))
+    say(f"trial: {trial.instruction}")
+    return trial.table
+
+
+def write_arguments(options: dict[str, Any]) -> dict[str, Any]:
+    """Return the arguments of `metrosep.controllers.write` that the options of a table give.
+
+    Parameters
+    ----------
+    options : dict
+        Of the command.
+
+    Returns
+    -------
+    dict
+        Machine, waivers and the confirmed sign.
+    """
+    machine: dict[str, Any] = {
+        name.replace("-", "_"): value
+        for name, value in name_values(tuple(options.get("machine") or ()), "--machine")
+    }
+    if options.get("cross_axis") is not None:
+        machine["cross_axis"] = options["cross_axis"]
+    return {
+        **machine,
+        "waive": tuple(options.get("waive") or ()),
+        "sign_confirmed": bool(options.get("sign_confirmed")),
+    }
+
+
+def _write(
+    made: Any, path: str, controller: str, options: dict[str, Any], *, against: Any, force: bool
+) -> Any:
+    from metrosep import controllers
+
+    arguments = write_arguments(options)
+    if options.get("trial") is not None:
+        arguments["sign_confirmed"] = True
+    return controllers.write(
+        made, path, controller, verified_against=against, overwrite=force, **arguments
+    )
+
+
+def write_table(
+    estimate: Any,
+    path: str,
+    controller: str,
+    options: dict[str, Any],
+    *,
+    against: RunSet,
+    force: bool = False,
+) -> list[str]:
+    """Write the table of an estimate.
+
+    Parameters
+    ----------
+    estimate : ErrorEstimate
+        Separated error.
+    path : str
+        File to write.
+    controller : str
+        Its name.
+    options : dict
+        Of the command.
+    against : RunSet
+        Readings for the dry-run.
+    force : bool, optional
+        Replace an existing file.
+
+    Returns
+    -------
+    list of str
+        Files that were written.
+
+    Raises
+    ------
+    TableError
+        If the table cannot be made, exceeds a limit or does not shrink the error.
+    WriteError
+        If it cannot be written.
+    DataError
+        If controller or option is unknown or missing.
+    """
+    from metrosep.controllers.base import sidecar_path
+    from metrosep.recipe.outputs import make_carried
+
+    made = make_carried(estimate, _shape(options, controller))
+    _write(made, path, controller, options, against=against, force=force)
+    return [path, str(sidecar_path(Path(path)))]
+
+
+@click.command()
+@click.argument("table_file", metavar="TABLE")
+@click.option(
+    "--against", "files", multiple=True, required=True, metavar="FILE", help="Runs, or a map."
+)
+@click.option("--format", "format_", metavar="NAME", help="Controller; from the sidecar if there.")
+@click.option(
+    "--machine", multiple=True, metavar="NAME=VALUE", help="What file and sidecar do not tell."
+)
+@optional_read_options
+@json_option
+def verify(
+    table_file: str,
+    files: tuple[str, ...],
+    format_: str | None,
+    machine: tuple[str, ...],
+    as_json: bool,
+    **options: Any,
+) -> int:
+    """Dry-run TABLE against measured runs (or a map), as its controller would apply it.
+
+    Exit code 0: it shrinks the error in every direction. 1: it does not. 4: table or runs cannot be
+    read, or the table is not the one that its sidecar describes.
+    """
+    from metrosep import controllers
+    from metrosep.controllers.base import load_sidecar
+    from metrosep.controllers.files import dry_run_carried
+    from metrosep.core.errors import SignCheckFailedError
+
+    path = Path(table_file)
+    name = (
+        format_
+        or load_sidecar(path).get("controller")
+        or ("csv" if path.suffix.lower() == ".csv" else "linuxcnc")
+    )
+    known = {k.replace("-", "_"): v for k, v in name_values(machine, "--machine")}
+    loaded = controllers.read(path, name, **known)
+    lookup = controllers.simulate(path, name, **known)
+    if controllers.find(name).info.carries == "map":
+        measured = _surface(files, options)
+    else:
+        for column in ("x", "z"):
+            if options.get(column) is None:
+                raise click.UsageError(
+                    f"--{column} names the column of the runs, such as --{column} {column}_mm"
+                )
+        measured = read_runs_of(files, options)
+    result = dry_run_carried(loaded, lookup, measured)
+    if as_json:
+        click.echo(json.dumps(result.to_dict(), sort_keys=True))
+    else:
+        print_verification(result.to_dict())
+    try:
+        result.require(str(path))
+    except SignCheckFailedError as exc:
+        say("error: " + str(exc).replace("; nothing was written", ""))
+        return 1
+    return 0
+
+
+def _surface(files: Sequence[str], options: dict[str, Any]) -> Any:
+    from metrosep.core.errors import DataError
+    from metrosep.core.surface import Surface
+    from metrosep.io.read import read
+
+    if len(files) != 1:
+        raise click.UsageError("a map is verified against one map: give --against once")
+    found = read(files[0], **({"unit": options["unit"]} if options.get("unit") else {}))
+    if not isinstance(found, Surface):
+        raise DataError(f"{files[0]}: a map is needed, it holds a {type(found).__name__}")
+    return found
+
+
+def read_runs_of(files: Sequence[str], options: dict[str, Any]) -> RunSet:
+    """Return the runs that files hold.
+
+    Parameters
+    ----------
+    files : sequence of str
+        Paths.
+    options : dict
+        Of the command: the columns.
+
+    Returns
+    -------
+    RunSet
+        All runs.
+
+    Raises
+    ------
+    ReadError
+        If a file cannot be read.
+    DataError
+        If a column is not there.
+    """
+    from metrosep.io.runs import read_runs
+
+    keys = ("feed", "run", "direction", "time", "sampling_rate", "scale")
+    layout = ("separator", "decimal", "encoding")
+    return read_runs(
+        files,
+        x=options["x"],
+        z=options["z"],
+        **{k: options.get(k) for k in keys},
+        **{k: options[k] for k in layout if options.get(k) is not None},
+    )
+
+
+def print_verification(verification: dict[str, Any]) -> None:
+    """Print a dry-run for the person.
+
+    Parameters
+    ----------
+    verification : dict
+        As `to_dict` of a verification gives it.
+    """
+    if "residuals" not in verification:
+        _print_line("dry-run", verification)
+        return
+    low, high = (v * 1e3 for v in verification["span_m"])
+    for r in verification["residuals"]:
+        _print_line(f"dry-run {r['direction']}, {low:.6g} ... {high:.6g} mm", r)
+
+
+def _print_line(what: str, r: dict[str, Any]) -> None:
+    say(
+        f"{what}: P-V {r['before_pv_m'] * 1e9:.0f} -> {r['after_pv_m'] * 1e9:.0f} nm, "
+        f"RMS {r['before_rms_m'] * 1e9:.1f} -> {r['after_rms_m'] * 1e9:.1f} nm "
+        f"(reversed sign: {r['wrong_sign_rms_m'] * 1e9:.1f} nm)"
+    )

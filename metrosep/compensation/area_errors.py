@@ -1,0 +1,312 @@
+"""Errors over two axes: measured on a rectangular grid, on a surface, or given as a function.
+
+Rows are the second axis and columns the first, ``values[y, x]``, as in
+`metrosep.core.surface.Surface`. Between nodes the error is bilinear, as controllers interpolate.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from metrosep.compensation.sampling import column
+from metrosep.core._arrays import frozen_float
+from metrosep.core.errors import DataError, TableError
+from metrosep.core.provenance import Step
+from metrosep.core.surface import Surface
+
+__all__ = [
+    "AreaFunction",
+    "AreaSource",
+    "ErrorMap",
+    "area_error",
+    "bilinear",
+    "format_position",
+    "is_rotary",
+    "rising",
+]
+
+FloatArray = NDArray[np.float64]
+AreaFunction = Callable[[FloatArray, FloatArray], FloatArray]
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class ErrorMap:
+    """Errors on a rectangular grid of two axes, spacing free; frozen, SI, NaN = not measured.
+
+    Parameters
+    ----------
+    x : array_like, shape (n,), m or rad
+        Positions of the first axis (columns), strictly rising, n >= 2.
+    y : array_like, shape (m,), m or rad
+        Positions of the second axis (rows), strictly rising, m >= 2.
+    values : array_like, shape (m, n), m
+        Error e = actual - nominal; NaN where not measured.
+    history : tuple of Step, optional
+        Where it came from.
+
+    Raises
+    ------
+    TableError
+        If positions do not rise, or the shape is not (m, n).
+    InvalidSamplesError
+        If a value is infinite.
+
+    Examples
+    --------
+    >>> ErrorMap([0.0, 0.1], [0.0, 0.2], [[0.0, 1e-6], [2e-6, 3e-6]])([0.05], [0.1]).tolist()
+    [1.5e-06]
+    """
+
+    x: FloatArray
+    y: FloatArray
+    values: FloatArray
+    history: tuple[Step, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        for name in ("x", "y"):
+            object.__setattr__(self, name, rising(getattr(self, name), name))
+        values = frozen_float(self.values, name="values", ndim=2)
+        if values.shape != (self.y.size, self.x.size):
+            raise TableError(
+                f"values have shape {values.shape}; {self.y.size} rows (y) and {self.x.size} "
+                "columns (x) are needed: transpose them if rows and columns are exchanged"
+            )
+        object.__setattr__(self, "values", values)
+        object.__setattr__(self, "history", tuple(self.history))
+
+    def __call__(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
+        """Return the error at positions, bilinear between and held outside.
+
+        Parameters
+        ----------
+        x, y : array_like, m or rad
+            Positions; they broadcast.
+
+        Returns
+        -------
+        ndarray, m
+            NaN in a cell of which a corner that counts was not measured.
+        """
+        return bilinear(self.x, self.y, self.values, x, y)
+
+    def __repr__(self) -> str:
+        gaps = int(np.isnan(self.values).sum())
+        return (
+            f"ErrorMap({self.y.size} rows x {self.x.size} columns, {gaps} not measured, "
+            f"x {self.x[0]:.6g} ... {self.x[-1]:.6g}, y {self.y[0]:.6g} ... {self.y[-1]:.6g})"
+        )
+
+
+AreaSource = Surface | ErrorMap | AreaFunction
+
+
+def rising(values: ArrayLike, name: str) -> FloatArray:
+    """Return positions of a grid, read-only, after a check.
+
+    Parameters
+    ----------
+    values : array_like, shape (n,), m or rad
+        Positions.
+    name : str
+        For messages.
+
+    Returns
+    -------
+    ndarray, shape (n,), m or rad
+        Finite and strictly rising.
+
+    Raises
+    ------
+    TableError
+        If there are fewer than 2, one is not finite, or they do not rise.
+    """
+    positions = column(values, name)
+    if positions.size < 2:
+        raise TableError(f"a map needs at least 2 positions of {name}, got {positions.size}")
+    bad = np.flatnonzero(np.diff(positions) <= 0)
+    if bad.size:
+        i = int(bad[0])
+        raise TableError(
+            f"positions of {name} must rise strictly: entry {i} is {positions[i]:.9g}, entry {i + 1} "
+            f"is {positions[i + 1]:.9g}; sort them, with their values, and remove duplicates"
+        )
+    return positions
+
+
+def bilinear(
+    x: FloatArray, y: FloatArray, values: FloatArray, at_x: ArrayLike, at_y: ArrayLike
+) -> FloatArray:
+    """Return values of a grid between its nodes, clamped outside, as controllers do.
+
+    Parameters
+    ----------
+    x, y : ndarray, shapes (n,) and (m,), m or rad
+        Strictly rising positions of columns and rows.
+    values : ndarray, shape (m, n), m
+        At the nodes.
+    at_x, at_y : array_like, m or rad
+        Where to look; they broadcast.
+
+    Returns
+    -------
+    ndarray, at least one-dimensional, m
+        NaN where the position is NaN or a corner with a weight is NaN; a corner without a weight
+        does not count.
+
+    Raises
+    ------
+    DataError
+        If the positions do not broadcast against each other.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> bilinear(np.array([0.0, 1.0]), np.array([0.0, 2.0]), np.eye(2), 0.25, 0.5).tolist()
+    [0.625]
+    """
+    try:
+        px, py = np.broadcast_arrays(
+            np.atleast_1d(np.asarray(at_x, dtype=np.float64)),
+            np.atleast_1d(np.asarray(at_y, dtype=np.float64)),
+        )
+    except ValueError:
+        raise DataError(
+            f"positions of shapes {np.shape(at_x)} and {np.shape(at_y)} do not broadcast; give both "
+            "the same shape, or y as a column (y[:, None]) for a grid"
+        ) from None
+    i, s = _cell(x, px)
+    j, t = _cell(y, py)
+    total = np.zeros(px.shape)
+    for rows, weight_y in ((j, 1.0 - t), (j + 1, t)):
+        for columns, weight_x in ((i, 1.0 - s), (i + 1, s)):
+            weight = weight_x * weight_y
+            total += np.where(weight == 0.0, 0.0, weight * values[rows, columns])
+    return total
+
+
+def _cell(nodes: FloatArray, at: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
+    """Return the node below and the fraction of the cell; both ends are clamped."""
+    i = np.clip(np.searchsorted(nodes, at, side="right") - 1, 0, nodes.size - 2)
+    return i, np.clip((at - nodes[i]) / (nodes[i + 1] - nodes[i]), 0.0, 1.0)
+
+
+def area_error(error: Any, x: Any = None, y: Any = None) -> AreaFunction:
+    """Return an error over two axes as a function; a measured one is an `ErrorMap`.
+
+    Parameters
+    ----------
+    error : Surface, ErrorMap, callable e(x, y) or array_like of shape (m, n), m
+        Error e = actual - nominal; of an array `x` and `y` say where.
+    x, y : array_like, optional, m or rad
+        Positions of an array.
+
+    Returns
+    -------
+    callable
+        ``(x, y) -> e`` for arrays of one shape.
+
+    Raises
+    ------
+    TableError
+        If an array does not fit its positions.
+    DataError
+        If a surface is not calibrated laterally, or the error is something else.
+    InvalidSamplesError
+        If an array holds an infinite value.
+    """
+    if isinstance(error, ErrorMap):
+        return error
+    if isinstance(error, Surface):
+        return _of_surface(error)
+    if isinstance(error, np.ndarray | list | tuple):
+        if not (np.ndim(x) == 1 and np.ndim(y) == 1):
+            raise DataError(
+                "an error as an array does not say where it was measured: give x= and y= as "
+                "arrays of its columns and rows, or pass ErrorMap(x, y, values)"
+            )
+        return ErrorMap(np.asarray(x), np.asarray(y), np.asarray(error))
+    if callable(error):
+        function = error
+
+        def at(px: FloatArray, py: FloatArray) -> FloatArray:
+            values = np.asarray(function(px, py), dtype=np.float64)
+            try:
+                return np.broadcast_to(values, px.shape)
+            except ValueError:
+                raise DataError(
+                    f"the error function returned shape {values.shape} for positions of shape "
+                    f"{px.shape}; it must work on arrays of any shape"
+                ) from None
+
+        return at
+    raise DataError(
+        f"the error is a {type(error).__name__}; pass a Surface, an ErrorMap, a function e(x, y), or "
+        "an array together with x= and y="
+    )
+
+
+def _of_surface(surface: Surface) -> ErrorMap:
+    if surface.dx is None or surface.dy is None:
+        raise DataError(
+            "the surface is not calibrated laterally (dx, dy), so its heights have no axis "
+            "positions; give it dx and dy in m"
+        )
+    rows, columns = surface.shape
+    return ErrorMap(
+        surface.origin[0] + surface.dx * np.arange(columns, dtype=np.float64),
+        surface.origin[1] + surface.dy * np.arange(rows, dtype=np.float64),
+        surface.z,
+        surface.history,
+    )
+
+
+def is_rotary(axis: str) -> bool:
+    """Return whether an axis turns, by its name after ISO 841.
+
+    Parameters
+    ----------
+    axis : str
+        Such as ``"C"``.
+
+    Returns
+    -------
+    bool
+        True for A, B and C, also with an index (C1): its positions are in rad.
+
+    Examples
+    --------
+    >>> is_rotary("C"), is_rotary("X")
+    (True, False)
+    """
+    return axis[:1].upper() in ("A", "B", "C") and not axis[1:].isalpha()
+
+
+def format_position(axis: str, value: float) -> str:
+    """Return a position of an axis as text with its unit.
+
+    Parameters
+    ----------
+    axis : str
+        Name of the axis.
+    value : float, m or rad
+        Position.
+
+    Returns
+    -------
+    str
+        In millimetres, or degrees of an axis that turns.
+
+    Examples
+    --------
+    >>> format_position("X", 0.0125)
+    'X = 12.5 mm'
+    """
+    if is_rotary(axis):
+        return f"{axis} = {math.degrees(value):.9g} deg"
+    return f"{axis} = {value * 1e3:.9g} mm"

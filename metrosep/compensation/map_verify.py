@@ -1,0 +1,286 @@
+"""The dry-run of a map: what its corrections make of a measured error over two axes.
+
+The corrections are applied as the controller applies them: looked up at the command, bilinear,
+added to the command. A map of heights has no absolute zero, so its mean is removed before P-V and
+RMS; its plane, too, where the map has no opinion on alignment. What was not measured is not
+compared, and counted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.compensation.area_errors import AreaFunction, ErrorMap, area_error, format_position
+from metrosep.core.errors import DataError, SignCheckFailedError, TableError
+from metrosep.core.units import format_length
+
+__all__ = ["MapRemoved", "MapVerification", "dry_run_map"]
+
+FloatArray = NDArray[np.float64]
+MapCorrection = Callable[[FloatArray, FloatArray], FloatArray]
+MapRemoved = Literal["offset", "plane"]
+Span = tuple[float, float]
+
+_GRID_POINTS = 201
+"""Places along each axis at which an error function is compared."""
+
+_PLANE_POINTS = 4
+"""A plane takes three; with no more than that nothing of the error is left."""
+
+
+@dataclass(frozen=True, slots=True)
+class MapVerification:
+    """Result of the dry-run of a map.
+
+    Parameters
+    ----------
+    before_pv, after_pv, wrong_sign_pv : float, m
+        P-V without, with, and with the negated corrections.
+    before_rms, after_rms, wrong_sign_rms : float, m
+        The same as RMS about the mean, or about the plane.
+    removed : {"offset", "plane"}
+        What was taken from each of the three.
+    axes : tuple of (str, str)
+        Axes whose positions are looked up.
+    span : tuple of two tuples of float, m or rad
+        Ranges of the two axes that were compared.
+    n_compared, n_not_measured : int
+        Places with and without an error.
+    coverage : float, dimensionless, 0 to 1
+        Area that was compared over the area of the map.
+    """
+
+    before_pv: float
+    after_pv: float
+    wrong_sign_pv: float
+    before_rms: float
+    after_rms: float
+    wrong_sign_rms: float
+    removed: MapRemoved
+    axes: tuple[str, str]
+    span: tuple[Span, Span]
+    n_compared: int
+    n_not_measured: int
+    coverage: float
+
+    @property
+    def passed(self) -> bool:
+        """Whether both P-V and RMS shrink."""
+        return self.after_pv < self.before_pv and self.after_rms < self.before_rms
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values with units in the keys.
+
+        Returns
+        -------
+        dict
+            For sidecars and reports.
+        """
+        return {
+            "passed": self.passed,
+            "removed": self.removed,
+            "axes": list(self.axes),
+            "span_si": [list(s) for s in self.span],
+            "definition": (
+                "error plus correction, as the controller would apply the map (bilinear between "
+                "entries, constant outside), no filter"
+            ),
+            "before_pv_m": self.before_pv,
+            "after_pv_m": self.after_pv,
+            "wrong_sign_pv_m": self.wrong_sign_pv,
+            "before_rms_m": self.before_rms,
+            "after_rms_m": self.after_rms,
+            "wrong_sign_rms_m": self.wrong_sign_rms,
+            "n_compared": self.n_compared,
+            "n_not_measured": self.n_not_measured,
+            "coverage": self.coverage,
+        }
+
+    def require(self, what: str) -> None:
+        """Refuse when the error does not shrink.
+
+        Parameters
+        ----------
+        what : str
+            Name of the map for the message.
+
+        Raises
+        ------
+        SignCheckFailedError
+            If P-V or RMS does not shrink.
+        """
+        if self.passed:
+            return
+        if self.wrong_sign_rms < self.before_rms and self.wrong_sign_rms < self.after_rms:
+            hint = "the reversed sign would shrink it: the sign of the measurement or of the map is wrong"
+        elif self.after_rms < self.before_rms:
+            hint = (
+                "the RMS shrinks and the P-V does not: somewhere the map adds what is not there; "
+                "look for an outlier or a spacing that is too coarse"
+            )
+        else:
+            hint = (
+                "neither sign shrinks it: rows and columns are exchanged or mirrored, or the map "
+                "belongs to another place or state"
+            )
+        raise SignCheckFailedError(
+            f"{what}: the dry-run does not shrink the error: P-V {format_length(self.before_pv)} -> "
+            f"{format_length(self.after_pv)}, RMS {format_length(self.before_rms)} -> "
+            f"{format_length(self.after_rms)}, with the reversed sign P-V "
+            f"{format_length(self.wrong_sign_pv)}, RMS {format_length(self.wrong_sign_rms)}; {hint}; "
+            "nothing was written"
+        )
+
+
+def dry_run_map(
+    correction: MapCorrection,
+    against: Any,
+    *,
+    span: tuple[Span, Span],
+    axes: tuple[str, str],
+    compensates: str,
+    removed: MapRemoved = "offset",
+) -> MapVerification:
+    """Apply the corrections of a map to a measured error as a controller would.
+
+    Parameters
+    ----------
+    correction : callable
+        ``(x, y) -> correction`` in m, the controller's lookup.
+    against : Surface, ErrorMap or callable e(x, y), m
+        Measured error e = actual - nominal; a function is known over `span`.
+    span : tuple of two tuples of float, m or rad
+        Ranges of the map; narrowed to what was measured.
+    axes : tuple of (str, str)
+        Axes whose positions are looked up.
+    compensates : str
+        Axis that is corrected. If it is one of `axes`, the error is taken where the axis then is.
+    removed : {"offset", "plane"}, optional
+        What is taken from the error before P-V and RMS.
+
+    Returns
+    -------
+    MapVerification
+        Before, after and with the sign reversed.
+
+    Raises
+    ------
+    TableError
+        If map and measurement do not overlap.
+    DataError
+        If nothing was measured there, or `against` is something else.
+
+    Notes
+    -----
+    A measured error is compared at its own places, a function at 201 x 201. NaN is compared
+    nowhere; places with NaN are counted.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> result = dry_run_map(lambda x, y: -x * y, lambda x, y: 2 * x * y, span=((0, 1), (0, 1)),
+    ...                      axes=("X", "Y"), compensates="Z")
+    >>> round(result.after_rms / result.before_rms, 6), result.passed
+    (0.5, True)
+    """
+    error = area_error(against)
+    first, last = _overlap(span, error, axes)
+    px, py = _places(error, first, last)
+    x, y = np.meshgrid(px, py)
+    c = np.asarray(correction(x, y), dtype=np.float64)
+    held = _held(error, first, last)
+    e, shifted, flipped = (_at(held, x, y, sign * c, axes, compensates) for sign in (0, 1, -1))
+    valid = np.isfinite(e) & np.isfinite(shifted) & np.isfinite(flipped)
+    n = int(valid.sum())
+    if n < _PLANE_POINTS:
+        raise DataError(
+            f"the error was measured at {n} of {e.size} places inside the map: nothing to dry-run it "
+            "against"
+        )
+    grid = (x[valid], y[valid])
+    before, after, wrong = (
+        _leveled(v[valid], grid, removed) for v in (e, shifted + c, flipped - c)
+    )
+    whole = [high - low for low, high in span]
+    return MapVerification(
+        before_pv=float(np.ptp(before)),
+        after_pv=float(np.ptp(after)),
+        wrong_sign_pv=float(np.ptp(wrong)),
+        before_rms=float(np.sqrt(np.mean(before**2))),
+        after_rms=float(np.sqrt(np.mean(after**2))),
+        wrong_sign_rms=float(np.sqrt(np.mean(wrong**2))),
+        removed=removed,
+        axes=axes,
+        span=(first, last),
+        n_compared=n,
+        n_not_measured=int(e.size - n),
+        coverage=float(
+            n / e.size * (first[1] - first[0]) * (last[1] - last[0]) / (whole[0] * whole[1])
+        ),
+    )
+
+
+def _overlap(
+    span: tuple[Span, Span], error: AreaFunction, axes: tuple[str, str]
+) -> tuple[Span, Span]:
+    """Return the ranges of the two axes that the map and the measurement share."""
+    if not isinstance(error, ErrorMap):
+        return span
+    common: list[Span] = []
+    for (low, high), known, axis in zip(span, (error.x, error.y), axes, strict=True):
+        start, stop = max(low, float(known[0])), min(high, float(known[-1]))
+        if not stop > start:
+            raise TableError(
+                f"the map covers {format_position(axis, low)} ... {format_position(axis, high)}, the "
+                f"measurement {format_position(axis, float(known[0]))} ... "
+                f"{format_position(axis, float(known[-1]))}: they do not overlap; check the units "
+                "and the origin of the positions"
+            )
+        common.append((start, stop))
+    return common[0], common[1]
+
+
+def _places(error: AreaFunction, first: Span, last: Span) -> tuple[FloatArray, FloatArray]:
+    if not isinstance(error, ErrorMap):
+        return np.linspace(*first, _GRID_POINTS), np.linspace(*last, _GRID_POINTS)
+    x = error.x[(error.x >= first[0]) & (error.x <= first[1])]
+    y = error.y[(error.y >= last[0]) & (error.y <= last[1])]
+    return x, y
+
+
+def _held(error: AreaFunction, first: Span, last: Span) -> AreaFunction:
+    """Hold the values at the ends of a function, which is not known beyond them."""
+    if isinstance(error, ErrorMap):
+        return error
+    return lambda x, y: error(np.clip(x, *first), np.clip(y, *last))
+
+
+def _at(
+    error: AreaFunction,
+    x: FloatArray,
+    y: FloatArray,
+    moved: FloatArray,
+    axes: tuple[str, str],
+    compensates: str,
+) -> FloatArray:
+    """Return the error where the axes are once the corrected one has moved."""
+    px = x + moved if compensates == axes[0] else x
+    py = y + moved if compensates == axes[1] else y
+    return np.asarray(error(px, py), dtype=np.float64)
+
+
+def _leveled(
+    values: FloatArray, grid: tuple[FloatArray, FloatArray], removed: MapRemoved
+) -> FloatArray:
+    rest = values - values.mean()
+    if removed == "offset":
+        return np.asarray(rest)
+    columns = [p - p.mean() for p in grid]
+    matrix = np.stack([p / (np.ptp(p) or 1.0) for p in columns], axis=-1)
+    tilt, *_ = np.linalg.lstsq(matrix, rest, rcond=None)
+    return np.asarray(rest - matrix @ tilt)

@@ -1,0 +1,588 @@
+"""`CompensationMap`: corrections of one axis over the positions of two, such as Z over X and Y.
+
+Sign: the values are the correction c = -e that is ADDED to the command (e = actual - nominal).
+Rows are y and columns x, ``values[y, x]``. Between the nodes the correction is bilinear, outside
+that of the nearest edge, as controllers do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, Literal, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from metrosep.compensation.area_errors import (
+    AreaFunction,
+    AreaSource,
+    ErrorMap,
+    bilinear,
+    format_position,
+    is_rotary,
+    rising,
+)
+from metrosep.compensation.inverse import exact_correction
+from metrosep.compensation.limits import Finding, Limits
+from metrosep.compensation.map_limits import check_map_limits
+from metrosep.compensation.map_sampling import sample_area
+from metrosep.compensation.map_verify import MapRemoved, MapVerification, dry_run_map
+from metrosep.core._arrays import frozen_float
+from metrosep.core.errors import DataError, LimitError, TableError
+from metrosep.core.profile import html_table
+from metrosep.core.provenance import Step, history_as_dicts
+from metrosep.core.units import format_length
+
+__all__ = ["CompensationMap"]
+
+_COARSE = 0.1
+"""Interpolation error over the span of the corrections beyond which a map is too coarse."""
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class CompensationMap:
+    """Corrections over two axes; frozen, SI.
+
+    Parameters
+    ----------
+    x : array_like, shape (n,), m or rad
+        Commanded positions of the first axis (columns), finite, strictly rising, n >= 2.
+    y : array_like, shape (m,), m or rad
+        Commanded positions of the second axis (rows), likewise.
+    values : array_like, shape (m, n), m
+        Correction to add to the command of `compensates`, in both directions of motion.
+    axes : tuple of (str, str)
+        Axes whose positions are looked up: that of the columns, that of the rows. A, B and C turn.
+    compensates : str
+        Axis that is corrected.
+    reference : tuple of (float, float), m or rad
+        Where the correction is zero.
+    u : array_like or None, shape (m, n), m
+        Standard uncertainty of the values; NaN in a ring of zeros, where nothing was measured.
+    interpolation_error : float or None, m
+        Largest deviation of the bilinear interpolation from the error it was made of.
+    removed : {"offset", "plane"}
+        What the error behind the map has no opinion on, and a dry-run removes.
+    is_exact_inverse : bool
+        Whether ``c(p) = -e(p + c(p))`` was solved along the corrected axis.
+    border : {None, "zero"}
+        Whether the outermost nodes are a ring of zeros around what was measured.
+    offset_removed : float, m
+        Error at the reference, which was subtracted.
+    source_sha256 : tuple of str
+        Hashes of the files behind it.
+    history : tuple of Step
+        From the files on.
+    source : ErrorMap or None
+        The error it was made of, between the nodes too, for a dry-run where no measurement is at
+        hand.
+
+    Raises
+    ------
+    TableError
+        If positions do not rise, shapes do not fit, a value is not finite, an axis has no name or
+        both have the same, or `removed` or `border` is unknown.
+
+    Notes
+    -----
+    NaN is refused: a controller has no word for "not measured".
+
+    Examples
+    --------
+    >>> bed = CompensationMap([0.0, 0.1], [0.0, 0.2], [[0.0, -1e-6], [0.0, -3e-6]])
+    >>> bed.correction(0.05, 0.1).tolist()
+    [-1e-06]
+    """
+
+    x: FloatArray
+    y: FloatArray
+    values: FloatArray
+    axes: tuple[str, str] = ("X", "Y")
+    compensates: str = "Z"
+    reference: tuple[float, float] = (0.0, 0.0)
+    u: FloatArray | None = None
+    interpolation_error: float | None = None
+    removed: MapRemoved = "offset"
+    is_exact_inverse: bool = False
+    border: Literal["zero"] | None = None
+    offset_removed: float = 0.0
+    source_sha256: tuple[str, ...] = ()
+    history: tuple[Step, ...] = ()
+    source: ErrorMap | None = None
+
+    def __post_init__(self) -> None:
+        axes = _checked_axes(self.axes)
+        if not str(self.compensates).strip():
+            raise TableError("compensates must name an axis, such as 'Z'")
+        object.__setattr__(self, "axes", axes)
+        object.__setattr__(self, "x", rising(self.x, axes[0]))
+        object.__setattr__(self, "y", rising(self.y, axes[1]))
+        _check_choices(self.removed, self.border)
+        place = tuple(float(r) for r in self.reference)
+        if len(place) != 2 or not np.isfinite(place).all():
+            raise TableError(f"reference is one position of each axis, got {self.reference!r}")
+        object.__setattr__(self, "reference", place)
+        self._set_grid("values")
+        if self.u is not None:
+            self._set_grid("u")
+
+    def _set_grid(self, name: str) -> None:
+        grid = frozen_float(getattr(self, name), name=name, ndim=2)
+        wanted = (self.y.size, self.x.size)
+        if grid.shape != wanted:
+            turned = "; rows and columns are exchanged" if grid.shape == wanted[::-1] else ""
+            raise TableError(
+                f"{name} has shape {grid.shape}, but there are {wanted[0]} rows ({self.axes[1]}) and "
+                f"{wanted[1]} columns ({self.axes[0]}){turned}"
+            )
+        bad = np.argwhere(np.isnan(grid))
+        if name == "values" and bad.size:
+            row, column = (int(i) for i in bad[0])
+            raise TableError(
+                f"the correction at {format_position(self.axes[0], float(self.x[column]))}, "
+                f"{format_position(self.axes[1], float(self.y[row]))} is NaN ({len(bad)} of "
+                f"{grid.size}): a map must be finite everywhere; narrow it to what was measured"
+            )
+        if name == "u" and bool((grid < 0.0).any()):
+            raise TableError(
+                f"u holds {np.nanmin(grid):.3g} m: a standard uncertainty is not negative"
+            )
+        object.__setattr__(self, name, grid)
+
+    @property
+    def is_on_axis(self) -> bool:
+        """Whether the corrected axis is one of those whose positions are looked up."""
+        return self.compensates in self.axes
+
+    @property
+    def span(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """First and last position of either axis, m or rad."""
+        return (float(self.x[0]), float(self.x[-1])), (float(self.y[0]), float(self.y[-1]))
+
+    @property
+    def inner_span(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """The same without a ring of zeros: what was measured."""
+        k = 0 if self.border is None else 1
+        x, y = self.x[k : self.x.size - k], self.y[k : self.y.size - k]
+        return (float(x[0]), float(x[-1])), (float(y[0]), float(y[-1]))
+
+    @property
+    def stroke(self) -> float:
+        """Largest correction, absolute, m."""
+        return float(np.abs(self.values).max())
+
+    @classmethod
+    def from_error(
+        cls,
+        error: AreaSource | ArrayLike,
+        *,
+        x: ArrayLike | str | int | None = None,
+        y: ArrayLike | str | int | None = None,
+        axes: tuple[str, str] = ("X", "Y"),
+        compensates: str = "Z",
+        reference: tuple[float, float] | None = None,
+        border: Literal["zero"] | None = None,
+        removed: MapRemoved = "offset",
+        u: ArrayLike | None = None,
+        exact: bool = True,
+        source_sha256: tuple[str, ...] = (),
+    ) -> CompensationMap:
+        """Return the map that cancels an error over two axes.
+
+        Parameters
+        ----------
+        error : Surface, ErrorMap, callable e(x, y) or array_like of shape (m, n), m
+            Error e = actual - nominal of the axis `compensates`.
+        x, y : array_like, str or int, optional
+            Positions of columns and rows in m or rad; or the spacing as text, ``"5 mm"`` or
+            ``"10 deg"``; or their number; those of the measured grid if omitted. A function needs
+            positions.
+        axes : tuple of (str, str), optional
+            Axes whose positions are looked up.
+        compensates : str, optional
+            Axis that is corrected.
+        reference : tuple of (float, float), m or rad, optional
+            Place of zero correction; of each axis 0 if it is in range, else its first position.
+        border : {None, "zero"}, optional
+            "zero" surrounds the map by one ring of zeros, a spacing away, so that the axis enters
+            and leaves it without a step.
+        removed : {"offset", "plane"}, optional
+            What the error has no opinion on: "plane" where it was levelled before.
+        u : float or array_like, shape (m, n), m, optional
+            Standard uncertainty of the error at the nodes.
+        exact : bool, optional
+            Solve ``c(p) = -e(p + c(p))`` where the map corrects one of its own axes.
+        source_sha256 : tuple of str, optional
+            Hashes of the source files; taken from the history of the error if omitted.
+
+        Returns
+        -------
+        CompensationMap
+            With its interpolation error, and the amount that was subtracted at the reference.
+
+        Raises
+        ------
+        TableError
+            If positions leave the measured range, the error is not known somewhere in the map, or it
+            is too steep to invert.
+        DataError
+            If the error is something else or not calibrated laterally.
+        UnitError
+            If a spacing has no unit or one of the wrong kind.
+        InvalidSamplesError
+            If `u` or an array holds an infinite value.
+        NotConvergedError
+            If the exact inverse does not settle.
+
+        Notes
+        -----
+        The mean is never removed: a uniform error becomes zero by the reference alone, and
+        ``offset_removed`` says by how much. Nothing is filled: a NaN of the error inside the map is
+        refused with its place.
+
+        Examples
+        --------
+        >>> CompensationMap.from_error(lambda x, y: 1e-5 * x * y, x=[0, 0.1], y=[0, 0.2])
+        CompensationMap(X, Y -> Z, 2 columns x 2 rows, stroke 200 nm, zero at X = 0 mm, Y = 0 mm)
+        """
+        _check_choices(removed, border)
+        axes = _checked_axes(axes)
+        sampled = sample_area(error, x, y, axes=axes, reference=reference)
+        invert = exact and compensates in axes
+        values = 0.0 - sampled.values
+        if invert:
+            values = _inverse(sampled.error, sampled.x, sampled.y, axes.index(compensates))
+            values[
+                np.ix_(sampled.y == sampled.reference[1], sampled.x == sampled.reference[0])
+            ] = 0.0
+        sd = None if u is None else _spread(u, values.shape)
+        columns, rows = sampled.x, sampled.y
+        if border == "zero":
+            columns, rows = _with_ends(columns), _with_ends(rows)
+            values = np.pad(values, 1)
+            sd = None if sd is None else np.pad(sd, 1, constant_values=np.nan)
+        given = {"axes": list(axes), "compensates": compensates, "border": border}
+        return cls(
+            x=columns,
+            y=rows,
+            values=values,
+            axes=axes,
+            compensates=compensates,
+            reference=sampled.reference,
+            u=sd,
+            interpolation_error=sampled.interpolation_error,
+            removed=removed,
+            is_exact_inverse=invert,
+            border=border,
+            offset_removed=sampled.offset,
+            source_sha256=source_sha256 or _hashes(sampled.source),
+            history=(
+                *sampled.source.history,
+                Step("map", {**given, "reference_si": list(sampled.reference)}),
+            ),
+            source=sampled.source,
+        )
+
+    def correction(self, x: ArrayLike, y: ArrayLike, direction: int = 1) -> FloatArray:
+        """Return the correction as a controller would interpolate it.
+
+        Parameters
+        ----------
+        x, y : array_like, m or rad
+            Commanded positions of the two axes; they broadcast.
+        direction : {1, -1}, optional
+            Direction of motion; a map is the same in both.
+
+        Returns
+        -------
+        ndarray, m
+            Bilinear between nodes, that of the nearest edge outside; NaN where a position is NaN.
+
+        Raises
+        ------
+        DataError
+            If `direction` is neither 1 nor -1, or the positions do not broadcast.
+        """
+        if direction not in (1, -1):
+            raise DataError(f"direction is +1 or -1, got {direction!r}")
+        return bilinear(self.x, self.y, self.values, x, y)
+
+    def exact_inverse(self) -> CompensationMap:
+        """Return the map with c(p) = -e(p + c(p)), taking the present values as -e.
+
+        Returns
+        -------
+        CompensationMap
+            Itself, if it is exact already or corrects a third axis.
+
+        Raises
+        ------
+        TableError
+            If the values are too steep to invert.
+        NotConvergedError
+            If the exact inverse does not settle.
+        """
+        if self.is_exact_inverse or not self.is_on_axis:
+            return self
+
+        def error(px: FloatArray, py: FloatArray) -> FloatArray:
+            return -self.correction(px, py)
+
+        return replace(
+            self,
+            values=_inverse(error, self.x, self.y, self.axes.index(self.compensates)),
+            is_exact_inverse=True,
+            history=(*self.history, Step("exact_inverse", {})),
+        )
+
+    def limits(
+        self,
+        limits: Limits | None = None,
+        *,
+        feeds: Mapping[str, float] | None = None,
+        **values: float,
+    ) -> tuple[Finding, ...]:
+        """Return what is wrong or doubtful about the map for a machine.
+
+        Parameters
+        ----------
+        limits : Limits, optional
+            Of machine and controller; or give its fields as keywords.
+        feeds : mapping of str to float, m/s or rad/s, optional
+            Largest feed of each of the two axes, where it is not that of the limits.
+        **values
+            Fields of `Limits`.
+
+        Returns
+        -------
+        tuple of Finding
+            Level, problem and fix; empty if nothing is wrong.
+
+        Raises
+        ------
+        DataError
+            If feeds name another axis.
+        """
+        chosen = limits or Limits(**cast("dict[str, Any]", values))
+        findings = check_map_limits(
+            self.x,
+            self.y,
+            self.values,
+            chosen,
+            axes=self.axes,
+            compensates=self.compensates,
+            feeds=feeds,
+        )
+        span = float(np.ptp(self.values))
+        if self.interpolation_error is None or self.interpolation_error <= _COARSE * span:
+            return findings
+        coarse = Finding(
+            "warning",
+            f"between the nodes the map misses the error by up to "
+            f"{format_length(self.interpolation_error, digits=2)}, its corrections span "
+            f"{format_length(span, digits=3)}",
+            "use a finer spacing",
+            "coarse",
+        )
+        return (*findings, coarse)
+
+    def require_limits(
+        self, limits: Limits, *, feeds: Mapping[str, float] | None = None
+    ) -> tuple[Finding, ...]:
+        """Return the warnings, and refuse on an error.
+
+        Parameters
+        ----------
+        limits : Limits
+            Of machine and controller.
+        feeds : mapping of str to float, m/s or rad/s, optional
+            Largest feed of each of the two axes.
+
+        Returns
+        -------
+        tuple of Finding
+            The findings that are not errors.
+
+        Raises
+        ------
+        LimitError
+            If a limit is exceeded.
+        DataError
+            If feeds name another axis.
+        """
+        findings = self.limits(limits, feeds=feeds)
+        errors = [f for f in findings if f.level == "error"]
+        if errors:
+            raise LimitError("; ".join(f"{f.problem}: {f.fix}" for f in errors))
+        return findings
+
+    def verify(self, against: AreaSource | None = None) -> MapVerification:
+        """Return the dry-run against a measured error, and refuse if it does not shrink.
+
+        Parameters
+        ----------
+        against : Surface, ErrorMap or callable e(x, y), optional
+            Measured error e = actual - nominal in m; that of `source` if omitted.
+
+        Returns
+        -------
+        MapVerification
+            P-V and RMS before, after and with the sign reversed.
+
+        Raises
+        ------
+        SignCheckFailedError
+            If P-V or RMS does not shrink.
+        TableError
+            If map and measurement do not overlap, or there is nothing to verify against.
+        DataError
+            If nothing was measured inside the map, or `against` is something else.
+
+        Notes
+        -----
+        Against `source` only sign, orientation and interpolation are proven, not the measurement. A
+        ring of zeros is not compared.
+        """
+        chosen = self.source if against is None else against
+        if chosen is None:
+            raise TableError("this map has no source of its own: give the measured error")
+        result = dry_run_map(
+            self.correction,
+            chosen,
+            span=self.inner_span,
+            axes=self.axes,
+            compensates=self.compensates,
+            removed=self.removed,
+        )
+        result.require(f"map {self.axes[0]}, {self.axes[1]} -> {self.compensates}")
+        return result
+
+    def negated(self) -> CompensationMap:
+        """Return the map with the sign reversed, for tests of sign checks.
+
+        Returns
+        -------
+        CompensationMap
+            It doubles the error.
+        """
+        return replace(self, values=0.0 - self.values)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values with units in the keys.
+
+        Returns
+        -------
+        dict
+            For sidecars and reports; None where an uncertainty is not known.
+        """
+        return {
+            "axes": list(self.axes),
+            "axis_units": ["rad" if is_rotary(a) else "m" for a in self.axes],
+            "compensates": self.compensates,
+            "sign": "correction c = -e is added to the command; e = actual - nominal",
+            "n_points": int(self.values.size),
+            "x_si": self.x.tolist(),
+            "y_si": self.y.tolist(),
+            "layout": "rows are the second axis (y), columns the first (x)",
+            "values_m": self.values.tolist(),
+            "u_m": None if self.u is None else _listed(self.u),
+            "reference_si": list(self.reference),
+            "offset_removed_m": self.offset_removed,
+            "stroke_m": self.stroke,
+            "span_si": [list(s) for s in self.span],
+            "border": self.border,
+            "interpolation": "bilinear, constant outside",
+            "interpolation_error_m": self.interpolation_error,
+            "exact_inverse": self.is_exact_inverse,
+            "not_in_map": self.removed,
+            "source_sha256": list(self.source_sha256),
+            "history": history_as_dicts(self.history),
+        }
+
+    def __repr__(self) -> str:
+        zero = ", ".join(
+            format_position(a, r) for a, r in zip(self.axes, self.reference, strict=True)
+        )
+        return (
+            f"CompensationMap({self.axes[0]}, {self.axes[1]} -> {self.compensates}, {self.x.size} "
+            f"columns x {self.y.size} rows, stroke {format_length(self.stroke)}, zero at {zero})"
+        )
+
+    def _repr_html_(self) -> str:
+        """Return a small table for notebooks."""
+        ends = [
+            f"{format_position(a, low)} … {format_position(a, high)}"
+            for a, (low, high) in zip(self.axes, self.span, strict=True)
+        ]
+        return html_table(
+            "CompensationMap",
+            {
+                "axes → corrected axis": f"{self.axes[0]}, {self.axes[1]} → {self.compensates}",
+                "columns × rows": f"{self.x.size} × {self.y.size}",
+                "span": "; ".join(ends),
+                "entries": "correction c = −e, added to the command",
+                "stroke": format_length(self.stroke),
+                "interpolation error": format_length(self.interpolation_error),
+            },
+        )
+
+
+def _checked_axes(axes: Any) -> tuple[str, str]:
+    names = () if isinstance(axes, str) else tuple(str(a).strip() for a in axes)
+    if len(names) != 2 or not all(names) or names[0] == names[1]:
+        raise TableError(f"axes are the names of two axes, such as ('X', 'Y'); got {axes!r}")
+    return names[0], names[1]
+
+
+def _spread(u: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
+    sd = np.asarray(u, dtype=np.float64)
+    if sd.ndim and sd.shape != shape:
+        raise TableError(
+            f"u has shape {sd.shape}; a number or shape {shape} (rows y, columns x) is needed"
+        )
+    return np.broadcast_to(sd, shape)
+
+
+def _check_choices(removed: str, border: str | None) -> None:
+    if removed not in ("offset", "plane"):
+        raise TableError(f"removed={removed!r}; use 'offset' or 'plane'")
+    if border not in (None, "zero"):
+        raise TableError(f"border={border!r}; use None or 'zero'")
+
+
+def _with_ends(positions: FloatArray) -> FloatArray:
+    """Return positions with one more at either end, as far away as their neighbours are apart."""
+    first, last = 2.0 * positions[0] - positions[1], 2.0 * positions[-1] - positions[-2]
+    return np.concatenate([[first], positions, [last]])
+
+
+def _inverse(error: AreaFunction, x: FloatArray, y: FloatArray, along: int) -> FloatArray:
+    """Return c with c(p) = -e(p + c(p)) along the first (0) or second (1) axis."""
+    first, second = (x, y) if along == 0 else (y, x)
+    lines = []
+    for place in second:
+        line = partial(_along, error, along, float(place))
+        lines.append(exact_correction(line, first))
+    return np.array(lines) if along == 0 else np.array(lines).T.copy()
+
+
+def _along(error: AreaFunction, along: int, place: float, p: FloatArray) -> FloatArray:
+    """Return the error along one axis while the other stands at a place."""
+    other = np.full(p.shape, place)
+    return error(p, other) if along == 0 else error(other, p)
+
+
+def _listed(grid: FloatArray) -> list[list[float | None]]:
+    return [[None if np.isnan(v) else float(v) for v in row] for row in grid]
+
+
+def _hashes(source: ErrorMap) -> tuple[str, ...]:
+    found: list[str] = []
+    for step in source.history:
+        value = step.parameters.get("sha256", ())
+        found.extend([value] if isinstance(value, str) else map(str, value))
+    return tuple(found)

@@ -1,0 +1,270 @@
+"""What a dialect must be told of a machine: declared once, checked, listed and asked for by name."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+from metrosep.compensation.limits import Limits
+from metrosep.core.errors import DataError, UnitError
+from metrosep.core.units import parse_quantity
+
+__all__ = ["LIMIT_DIMENSIONS", "Option", "checked_limits", "checked_options", "split_machine"]
+
+_LIMIT_NAMES = tuple(f.name for f in fields(Limits))
+
+LIMIT_DIMENSIONS = {
+    "stroke": "length",
+    "reversal_jump": "length",
+    "travel_low": "length",
+    "travel_high": "length",
+    "soft_low": "length",
+    "soft_high": "length",
+    "feed": "speed",
+    "velocity_share": "speed",
+    "acceleration_share": "acceleration",
+    "acceleration": "acceleration",
+    "servo_period": "time",
+}
+"""Dimension of each field of `Limits` that has one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Option:
+    """One fact about a machine or a file that a dialect takes.
+
+    Parameters
+    ----------
+    name : str
+        Keyword of `metrosep.controllers.write`; NAME of ``--machine NAME=VALUE``.
+    help : str
+        What it is, for lists and refusals.
+    kind : str
+        "integer", "number", "text", "flag", "choice", "object" (taken as it is, for a calibration
+        that no text can give), or a dimension of
+        `metrosep.core.units.parse_quantity` such as "length" or "speed": then a number in SI or a
+        text with its unit.
+    default : object, optional
+        Value if it is not given; None where it may stay away.
+    required : bool, optional
+        Refuse to write without it.
+    choices : tuple, optional
+        For kind "choice".
+    lowest, highest : float or None, optional
+        Range of numbers, both ends allowed.
+    positive : bool, optional
+        Numbers must be above zero.
+    """
+
+    name: str
+    help: str
+    kind: str
+    default: Any = None
+    required: bool = False
+    choices: tuple[Any, ...] = ()
+    lowest: float | None = None
+    highest: float | None = None
+    positive: bool = False
+
+    def checked(self, value: Any, controller: str) -> Any:
+        """Return a value as the dialect takes it.
+
+        Parameters
+        ----------
+        value : object
+            As the user gave it: a number, or a text from a command line or recipe.
+        controller : str
+            For the message.
+
+        Returns
+        -------
+        object
+            In SI.
+
+        Raises
+        ------
+        DataError
+            If it is no such value.
+        """
+        if value is None:
+            return None
+        what = f"{controller}: {self.name}={value!r}"
+        if self.kind == "text":
+            return _text(value, what)
+        if self.kind == "object":
+            return value
+        if self.kind == "flag":
+            return _flag(value, what)
+        if self.kind == "choice":
+            return _choice(value, self.choices, what)
+        if self.kind == "integer":
+            return self._in_range(_integer(value, what), what)
+        return self._in_range(_number(value, self.kind, what), what)
+
+    def _in_range(self, value: Any, what: str) -> Any:
+        if self.positive and not value > 0:
+            raise DataError(f"{what} must be above zero ({self.help})")
+        low, high = self.lowest, self.highest
+        if (low is not None and value < low) or (high is not None and value > high):
+            bounds = f"{'' if low is None else low} ... {'' if high is None else high}"
+            raise DataError(f"{what} must lie in {bounds} ({self.help})")
+        return value
+
+
+def _text(value: Any, what: str) -> str:
+    if not isinstance(value, str) or not value.strip() or not value.isprintable():
+        raise DataError(f"{what} must be a printable text")
+    return value.strip()
+
+
+def _flag(value: Any, what: str) -> bool:
+    words = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
+    if isinstance(value, str) and value.strip().lower() in words:
+        return words[value.strip().lower()]
+    if not isinstance(value, bool):
+        raise DataError(f"{what} must be true or false")
+    return value
+
+
+def _choice(value: Any, choices: Sequence[Any], what: str) -> Any:
+    for choice in choices:
+        if not isinstance(value, bool) and (value == choice or str(value).strip() == str(choice)):
+            return choice
+    if all(c in (1, -1) for c in choices) and str(value).strip() in ("+", "+1", "-"):
+        return -1 if str(value).strip() == "-" else 1
+    raise DataError(f"{what} must be one of {', '.join(map(str, choices))}")
+
+
+def _integer(value: Any, what: str) -> int:
+    try:
+        number = int(value) if not isinstance(value, bool) else None
+    except (TypeError, ValueError, OverflowError):
+        number = None
+    if number is None or (not isinstance(value, str) and number != value):
+        raise DataError(f"{what} must be a whole number")
+    return number
+
+
+def _number(value: Any, kind: str, what: str) -> float:
+    if kind != "number" and isinstance(value, str):
+        try:
+            return parse_quantity(value, dimension=kind, name=what.split("=", maxsplit=1)[0])
+        except UnitError as exc:
+            raise DataError(f"{what}: {exc}") from None
+    try:
+        number = float(value) if not isinstance(value, bool) else math.nan
+    except (TypeError, ValueError):
+        number = math.nan
+    if not math.isfinite(number):
+        raise DataError(f"{what} must be a finite number")
+    return number
+
+
+def split_machine(
+    machine: Mapping[str, Any], known: Sequence[Option], controller: str
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return what of a machine is for the dialect, and what is a limit.
+
+    Parameters
+    ----------
+    machine : mapping
+        Keywords as given.
+    known : sequence of Option
+        Of the dialect.
+    controller : str
+        For the message.
+
+    Returns
+    -------
+    options, limits : dict
+        Both unchecked.
+
+    Raises
+    ------
+    DataError
+        If a keyword is neither.
+    """
+    own = {o.name for o in known}
+    limits = {k: v for k, v in machine.items() if k in _LIMIT_NAMES and k not in own}
+    options = {k: v for k, v in machine.items() if k in own}
+    unknown = [k for k in machine if k not in own and k not in limits]
+    if unknown:
+        raise DataError(
+            f"unknown machine limit {unknown[0]!r}; known: {', '.join(_LIMIT_NAMES)}; options of "
+            f"{controller}: {', '.join(sorted(own)) or 'none'}"
+        )
+    return options, limits
+
+
+def checked_options(
+    given: Mapping[str, Any], known: Sequence[Option], controller: str, *, partial: bool = False
+) -> dict[str, Any]:
+    """Return every option of a dialect, checked, with defaults.
+
+    Parameters
+    ----------
+    given : mapping
+        As the user gave them.
+    known : sequence of Option
+        Of the dialect.
+    controller : str
+        For the message.
+    partial : bool, optional
+        A missing required option is left away: a reader may find it in the file.
+
+    Returns
+    -------
+    dict
+        By name.
+
+    Raises
+    ------
+    DataError
+        If one is missing, unknown or no such value.
+    """
+    split_machine(given, known, controller)
+    missing = [o for o in known if o.required and given.get(o.name) is None]
+    if missing and not partial:
+        asked = "; ".join(f"{o.name}= ({o.help})" for o in missing)
+        raise DataError(
+            f"{controller} cannot be written without {asked}; give it as a keyword, or with "
+            f"--machine {missing[0].name}=... on the command line"
+        )
+    result = {}
+    for option in known:
+        value = given.get(option.name)
+        if value is None:
+            if partial:
+                continue
+            value = option.default
+        result[option.name] = option.checked(value, controller)
+    return result
+
+
+def checked_limits(given: Mapping[str, Any], controller: str) -> dict[str, Any]:
+    """Return limits of a machine in SI.
+
+    Parameters
+    ----------
+    given : mapping
+        Fields of `Limits`: numbers in SI, or texts with units.
+    controller : str
+        For the message.
+
+    Returns
+    -------
+    dict
+        By name.
+
+    Raises
+    ------
+    DataError
+        If a value is no such quantity.
+    """
+    result = {}
+    for name, value in given.items():
+        kind = LIMIT_DIMENSIONS.get(name, "integer")
+        result[name] = Option(name, "limit of the machine", kind).checked(value, controller)
+    return result

@@ -1,0 +1,249 @@
+"""What is checked before a file of corrections appears; each check can be waived only by name.
+
+Source: controllers notes, section 8. Sign and reading back are checked in
+`metrosep.controllers.files`; positions in the table itself; limits of the machine in
+`metrosep.compensation.limits`; here what depends on the file and on what is known about the table.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from metrosep.compensation.limits import Finding, Limits
+from metrosep.controllers.base import DialectInfo, Encoded
+from metrosep.core.errors import DataError, LimitError
+from metrosep.core.units import format_length
+
+__all__ = ["CHECKS", "file_findings", "judged", "table_findings"]
+
+CHECKS = {
+    "dry-run": "the error shrinks when the very bytes are applied to it",
+    "points": "no more entries than the controller takes",
+    "stroke": "the corrections stay within the actuator",
+    "turning-back": "the corrected command of an axis still rises",
+    "velocity": "the corrected axis can follow at the feed",
+    "acceleration": "the corrected axis can follow at the feed",
+    "reversal": "the step at a reversal is allowed",
+    "coverage": "the table covers the travel",
+    "soft-limits": "the travel keeps the largest correction as a margin to the software limits",
+    "quantisation": "a step of an entry is at most a tenth of the corrections",
+    "resampling": "what the file holds between its entries is the table, to a tenth",
+    "uncertainty": "some entry is larger than its expanded uncertainty",
+    "active": "a second iteration does not replace the first",
+}
+"""The checks that refuse, by the names that ``waive=`` takes."""
+
+_COARSEST = 0.1
+"""Step of an entry, or error of resampling, over the span of the corrections: refused above."""
+
+_SAME = 1e-12
+"""Corrections below a picometre count as zero at the reference."""
+
+
+def judged(findings: Iterable[Finding], waive: Sequence[str]) -> tuple[Finding, ...]:
+    """Return the findings, and refuse if an error is among them that is not waived.
+
+    Parameters
+    ----------
+    findings : iterable of Finding
+        Of all checks.
+    waive : sequence of str
+        Names of checks whose errors the user accepts.
+
+    Returns
+    -------
+    tuple of Finding
+        All of them, waived errors too.
+
+    Raises
+    ------
+    DataError
+        If a name is not that of a check.
+    LimitError
+        If an error is left.
+    """
+    names = (waive,) if isinstance(waive, str) else tuple(waive)
+    unknown = [n for n in names if n not in CHECKS]
+    if unknown:
+        raise DataError(f"waive={unknown[0]!r} is no check; there are {', '.join(CHECKS)}")
+    found = tuple(findings)
+    errors = [f for f in found if f.level == "error" and f.check not in names]
+    if errors:
+        text = "; ".join(f"{f.problem}: {f.fix}" for f in errors)
+        checks = ", ".join(dict.fromkeys(f.check for f in errors if f.check in CHECKS))
+        way = f" (to write it all the same, say waive={checks!r})" if checks else ""
+        raise LimitError(f"{text}; nothing was written{way}")
+    return found
+
+
+def table_findings(carried: Any, limits: Limits, info: DialectInfo) -> list[Finding]:
+    """Return what is wrong or doubtful about corrections for a machine.
+
+    Parameters
+    ----------
+    carried : CompensationTable, CompensationMap or PolynomialFit
+        What shall be written.
+    limits : Limits
+        Of controller and machine.
+    info : DialectInfo
+        Of the dialect.
+
+    Returns
+    -------
+    list of Finding
+        Coverage, margins, reference, uncertainty, and what the object itself finds.
+    """
+    found = list(carried.limits(limits)) if hasattr(carried, "limits") else []
+    if info.carries != "table":
+        return found
+    return [
+        *found,
+        *_coverage(carried, limits, info),
+        *_soft_limits(carried, limits),
+        *_reference(carried),
+        *_uncertainty(carried),
+    ]
+
+
+def _coverage(table: Any, limits: Limits, info: DialectInfo) -> list[Finding]:
+    low, high = table.span
+    wanted_low = low if limits.travel_low is None else limits.travel_low
+    wanted_high = high if limits.travel_high is None else limits.travel_high
+    margin = 1e-9 * (high - low)
+    if wanted_low >= low - margin and wanted_high <= high + margin:
+        return []
+    return [
+        Finding(
+            "error",
+            f"the table covers {format_length(low)} ... {format_length(high)}, the travel is "
+            f"{format_length(wanted_low)} ... {format_length(wanted_high)}; outside the controller "
+            f"does this: {info.outside}",
+            "measure the whole travel, or narrow it",
+            "coverage",
+        )
+    ]
+
+
+def _soft_limits(table: Any, limits: Limits) -> list[Finding]:
+    if not table.is_on_axis:
+        return []
+    low = table.span[0] if limits.travel_low is None else limits.travel_low
+    high = table.span[1] if limits.travel_high is None else limits.travel_high
+    short = (limits.soft_low is not None and low - limits.soft_low < table.stroke) or (
+        limits.soft_high is not None and limits.soft_high - high < table.stroke
+    )
+    if not short:
+        return []
+    return [
+        Finding(
+            "error",
+            f"the travel {format_length(low)} ... {format_length(high)} with corrections up to "
+            f"{format_length(table.stroke)} leaves the software limits",
+            "keep the largest correction as a margin to them",
+            "soft-limits",
+        )
+    ]
+
+
+def _reference(table: Any) -> list[Finding]:
+    found = []
+    if abs(table.offset_removed) > _SAME:
+        found.append(
+            Finding(
+                "warning",
+                f"{format_length(table.offset_removed)} was subtracted so that the correction is zero "
+                f"at the reference {format_length(table.reference)}",
+                "set the reference to where the axis is homed or zeroed",
+                "reference",
+            )
+        )
+    low, high = table.span
+    if low <= table.reference <= high:
+        there = float(table.correction(table.reference, 1)[0])
+        if abs(there) > _SAME:
+            found.append(
+                Finding(
+                    "warning",
+                    f"the correction at the reference {format_length(table.reference)} is "
+                    f"{format_length(there)}, not zero: the zero of the machine moves by it",
+                    "subtract it from all entries, or state another reference",
+                    "reference",
+                )
+            )
+    return found
+
+
+def _uncertainty(table: Any) -> list[Finding]:
+    if table.u is None:
+        return []
+    columns = [table.forward] if table.reverse is None else [table.forward, table.reverse]
+    size = np.max([np.abs(c) for c in columns], axis=0)
+    below = int((size <= 2.0 * table.u).sum())
+    n = table.positions.size
+    if below == 0:
+        return []
+    text = (
+        f"{below} of {n} entries are not larger than their expanded uncertainty (k = 2, up to "
+        f"{format_length(2.0 * float(table.u.max()), digits=2)})"
+    )
+    if below == n:
+        return [Finding("error", text, "measure more runs: this is noise", "uncertainty")]
+    if below > n // 2:
+        return [Finding("warning", text, "measure more runs", "uncertainty")]
+    return []
+
+
+def file_findings(carried: Any, encoded: Encoded) -> list[Finding]:
+    """Return what is wrong or doubtful about the bytes.
+
+    Parameters
+    ----------
+    carried : CompensationTable, CompensationMap or PolynomialFit
+        What shall be written.
+    encoded : Encoded
+        Its bytes.
+
+    Returns
+    -------
+    list of Finding
+        Quantisation and resampling, and what the dialect itself found.
+    """
+    found = list(encoded.findings)
+    span = _span(carried)
+    if span is None or span == 0.0:
+        return found
+    if encoded.step > _COARSEST * span:
+        found.append(
+            Finding(
+                "error",
+                f"an entry has steps of {format_length(encoded.step, digits=3)}, the corrections span "
+                f"{format_length(span, digits=3)}: rounding would dominate",
+                "use a controller or a count of finer steps",
+                "quantisation",
+            )
+        )
+    if encoded.resampling_error > _COARSEST * span:
+        found.append(
+            Finding(
+                "error",
+                f"between its entries the file misses the table by up to "
+                f"{format_length(encoded.resampling_error, digits=3)}, the corrections span "
+                f"{format_length(span, digits=3)}",
+                "use a finer spacing of the file, or a coarser error",
+                "resampling",
+            )
+        )
+    return found
+
+
+def _span(carried: Any) -> float | None:
+    """Span of the corrections; None of what has no entries."""
+    if hasattr(carried, "values"):
+        return float(np.ptp(carried.values))
+    if not hasattr(carried, "forward"):
+        return None
+    both = [carried.forward] if carried.reverse is None else [carried.forward, carried.reverse]
+    return float(np.ptp(np.concatenate(both)))
