@@ -113,7 +113,9 @@ def _print_description(name: str, found: dict[str, Any]) -> None:
         )
     columns = found["metadata"].get("columns")
     if columns and found["kind"] == "table":
-        click.echo(f"  columns   {', '.join(_column_text(c) for c in columns)}")
+        from metrosep.io.delimited_maps import shown_columns
+
+        click.echo(f"  columns   {shown_columns(tuple(_column_text(c) for c in columns))}")
     for warning in found["metadata"].get("warnings") or ():
         click.echo(f"  warning   {warning}")
     click.echo(f"  sha256    {found['sha256']}")

@@ -6,6 +6,7 @@ theta counted from +x towards +y. ANSI counts from 0, Noll and Fringe from 1.
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Sequence
 from math import isqrt
 from typing import Literal
@@ -233,6 +234,12 @@ def to_nm(index: int, order: ZernikeOrder) -> tuple[int, int]:
     return _to_nm(order)(index)
 
 
+def _number_of(number: object) -> int:
+    if isinstance(number, bool):
+        raise TypeError("a truth value is no number")
+    return operator.index(number)  # type: ignore[arg-type]
+
+
 def term_indices(terms: int | Sequence[int], order: ZernikeOrder) -> tuple[int, ...]:
     """Return the numbers of the first terms of an order, or the given ones, checked.
 
@@ -264,8 +271,8 @@ def term_indices(terms: int | Sequence[int], order: ZernikeOrder) -> tuple[int, 
         indices = tuple(range(first, first + terms))
     else:
         try:
-            indices = tuple(int(i) for i in terms)  # type: ignore[union-attr]
-        except (TypeError, ValueError):
+            indices = tuple(_number_of(i) for i in terms)  # type: ignore[union-attr]
+        except TypeError:
             raise DataError(
                 f"terms is a number of terms or a list of them, got {terms!r}"
             ) from None

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, InvalidSamplesError, LimitError
 from metrosep.core.provenance import freeze_mapping
+from metrosep.core.units import format_length
 from metrosep.process._plain import known, plain
 from metrosep.process.flexure import FlexureCalibration
 
@@ -210,7 +211,7 @@ def drive_table(
     if np.isnan(d).any():
         i = int(np.flatnonzero(np.isnan(d))[0])
         raise InvalidSamplesError(
-            f"values is NaN at x = {positions[i]:.6g}; a drive table cannot have gaps"
+            f"values is NaN at x = {format_length(float(positions[i]))}; a drive table cannot have gaps"
         )
     violations = []
     stroke = (-travel, 0.0) if _moves_down(calibration) else (0.0, travel)
@@ -346,7 +347,7 @@ def _range_words(v: FloatArray, x: FloatArray, low: float, high: float) -> list[
     negative = "negative " if v[i] < 0.0 <= low else ""
     return [
         (
-            f"{negative}voltage {v[i]:.6g} V at x = {x[i]:.6g} lies outside {_span(low, high)} V by "
+            f"{negative}voltage {v[i]:.6g} V at x = {format_length(float(x[i]))} lies outside {_span(low, high)} V by "
             f"{max(low - v[i], v[i] - high):.3g} V (the table needs {np.nanmin(v):.6g} ... "
             f"{np.nanmax(v):.6g} V); change the offset"
         )
@@ -364,7 +365,7 @@ def _slew_words(v: FloatArray, x: FloatArray, times: FloatArray | None, slew: fl
         return []
     return [
         (
-            f"the voltage changes by {rate[i]:.6g} V/s at x = {x[i]:.6g}, the amplifier makes "
+            f"the voltage changes by {rate[i]:.6g} V/s at x = {format_length(float(x[i]))}, the amplifier makes "
             f"{slew:.6g} V/s, {100.0 * (rate[i] / slew - 1.0):.2g} % less; lower the feed"
         )
     ]

@@ -256,7 +256,8 @@ class WavefrontResult:
         self.removed = tuple(v.strip() for v in removed.split(",") if v.strip())
         self.table = front.zernike(terms, order=order)
         self.rest = front.remove(self.removed)
-        self.messages = front.messages
+        told = (*front.messages, *getattr(self.table, "messages", ()))
+        self.messages = tuple(dict.fromkeys(told))
 
 
 def _one(maps: tuple[Surface, ...]) -> Surface:
@@ -323,6 +324,7 @@ MACHINES: Mapping[str, Method] = {
             "order": Field("text", choices=("ansi", "noll", "fringe")),
             "wavelength": Field("size"),
             "removed": Field("text"),
+            "vertex_height": Field("length"),
         },
         _wavefront,
     ),
