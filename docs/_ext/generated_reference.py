@@ -4,6 +4,7 @@
   the package itself names nothing).
 - The command line from click.
 - The table of formats from ``data_formats/*/format.toml``.
+- The table of controllers from the facts that each dialect states.
 
 All of them go to ``docs/reference/generated`` (not committed); a page is rewritten only when its
 text changed, so that a second build stays quick.
@@ -30,8 +31,13 @@ PACKAGES = {
     "core": "Objects, units, errors",
     "io": "Reading and writing files",
     "separation": "Error separation",
-    "parameters": "Parameters and fits",
     "spectral": "Spectra",
+    "filters": "Filters",
+    "forms": "Ideal surfaces",
+    "parameters": "Parameters and fits",
+    "optics": "Wavefronts",
+    "machine": "Machines",
+    "process": "Processes",
     "compensation": "Compensation",
     "controllers": "Controllers",
     "recipe": "Recipes",
@@ -53,6 +59,7 @@ def generate(app: Sphinx) -> None:
     pages = {f"{name}.rst": package_page(name, title) for name, title in PACKAGES.items()}
     pages["command-line.rst"] = command_line_page()
     pages["formats.rst"] = formats_page()
+    pages["controllers-list.rst"] = controllers_page()
     for stale in set(folder.iterdir()) - {folder / name for name in pages}:
         stale.unlink()
     for name, text in pages.items():
@@ -191,13 +198,38 @@ def formats_page() -> str:
         "instrument was read; *from-specification*: written from a description only;",
         "*synthetic*: only files that we made ourselves.",
         "",
-        ".. list-table::",
-        "   :header-rows: 1",
+    ]
+    return "\n".join(lines + _table([header, *rows])) + "\n"
+
+
+# ---- controllers -------------------------------------------------------------------------------
+
+
+def controllers_page() -> str:
+    """Table of the controllers, from what their dialects state."""
+    registry = importlib.import_module("metrosep.controllers.registry")
+    header = ["name", "controller", "holds", "one entry, for the error e", "points", "sign", "proof"]
+    rows = [
+        [
+            f"``{d.id}``",
+            d.title,
+            f"{d.carries}, {d.spacing} spacing" if d.carries != "polynomial" else d.carries,
+            d.entry,
+            "no limit" if d.max_points is None else str(d.max_points),
+            f"{d.sign}: {d.sign_status}",
+            d.proof,
+        ]
+        for d in registry.describe()
+    ]
+    lines = [*_heading("Controllers", "=")]
+    lines += [
+        "From what each dialect states; ``metrosep controllers NAME`` prints all of one. Signs:",
+        "*confirmed* by running the controller or by definition; *documented* by its maker;",
+        "*stated*: they follow a fact of the machine that you give; *unconfirmed*: they must be tried",
+        "on the machine before metrosep writes a table.",
         "",
     ]
-    for row in [header, *rows]:
-        lines += [f"   {'*' if i == 0 else ' '} - {cell}" for i, cell in enumerate(row)]
-    return "\n".join(lines) + "\n"
+    return "\n".join(lines + _table([header, *rows])) + "\n"
 
 
 def _words(value: Any) -> str:
@@ -205,6 +237,13 @@ def _words(value: Any) -> str:
 
 
 # ---- restructured text -------------------------------------------------------------------------
+
+
+def _table(rows: list[list[str]]) -> list[str]:
+    lines = [".. list-table::", "   :header-rows: 1", ""]
+    for row in rows:
+        lines += [f"   {'*' if i == 0 else ' '} - {cell}" for i, cell in enumerate(row)]
+    return lines
 
 
 def _heading(text: str, mark: str) -> list[str]:

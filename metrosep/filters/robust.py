@@ -2,7 +2,7 @@
 
 At each point a polynomial of degree 0, 1 or 2 is fitted with weights g * delta; its value there is
 the mean line. g is the Gaussian of the cut-off and delta Tukey's biweight
-``(1 - (r/c)^2)^2`` for |r| < c, else 0, of the residual r, with ``c = 4.4478 median|r|``. That is
+``(1 - (r/c)^2)^2`` for |r| < c, else 0, of the residual r, with ``c = 4.4478 ``median|r|````. That is
 repeated until c stands still.
 
 The width constant a in ``g = exp(-pi (x / (a Lc))^2)`` makes the transmission 1/2 at the cut-off:
@@ -174,7 +174,7 @@ def robust_gaussian(
     -----
     Not measured = weight 0; nothing is filled. The iteration ends when c stands still to
     `tolerance`, or the line to rounding. c is at most halved in one step: where more than half of
-    the samples lie exactly on the line, median|r| is 0 and would reject good samples before the
+    the samples lie exactly on the line, ``median|r|`` is 0 and would reject good samples before the
     line has come to them. Settled values of c are not touched by this. Cost of an iteration: 10
     transforms of a profile, 23 of a surface (order 2).
 

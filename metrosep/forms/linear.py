@@ -41,7 +41,7 @@ class LinearForm(Form):
 
     @abstractmethod
     def basis(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        """Return the functions at points of equal shape, shape (n_parameters, *x.shape).
+        """Return the functions at points of equal shape, shape ``(n_parameters, *x.shape)``.
 
         Parameters
         ----------

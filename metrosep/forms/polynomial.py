@@ -308,7 +308,7 @@ class Polynomial(LinearForm):
         return [o.reshape(x.shape) for o in out]
 
     def basis(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        """Return the functions at points of equal shape, shape (n_parameters, *x.shape).
+        """Return the functions at points of equal shape, shape ``(n_parameters, *x.shape)``.
 
         Parameters
         ----------

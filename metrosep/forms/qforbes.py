@@ -46,7 +46,7 @@ def q_con(X: FloatArray, n: int) -> tuple[FloatArray, FloatArray]:
 
     Returns
     -------
-    tuple of ndarray, shape (n, *X.shape)
+    tuple of ndarray, shape ``(n, *X.shape)``
         Values and derivatives; the factor ``X^2`` of the sag is not in them.
 
     Notes
@@ -78,7 +78,7 @@ def q_bfs(X: FloatArray, n: int) -> tuple[FloatArray, FloatArray]:
 
     Returns
     -------
-    tuple of ndarray, shape (n, *X.shape)
+    tuple of ndarray, shape ``(n, *X.shape)``
         Values and derivatives; the factor ``X (1 - X)`` of the departure is not in them.
 
     Notes

@@ -240,7 +240,7 @@ class Zernike(LinearForm):
 
         Returns
         -------
-        ndarray, shape (n_terms, *x.shape)
+        ndarray, shape ``(n_terms, *x.shape)``
             In the order of `names`.
         """
         u, v = self._on_disc(x, y)

@@ -74,7 +74,7 @@ def zernike_values(x: FloatArray, y: FloatArray, nm: Sequence[tuple[int, int]]) 
 
     Returns
     -------
-    ndarray, shape (len(nm), *x.shape)
+    ndarray, shape ``(len(nm), *x.shape)``
         Cosine terms for m >= 0, sine terms for m < 0.
     """
     table = _Table(x, y)
@@ -100,7 +100,7 @@ def zernike_gradients(
 
     Returns
     -------
-    tuple of ndarray, shape (len(nm), *x.shape)
+    tuple of ndarray, shape ``(len(nm), *x.shape)``
         Per radius.
     """
     table = _Table(x, y)

@@ -3,7 +3,7 @@
 With the maps m_i of unit errors, aligned, and area weights that sum to 1, ``G_ij = <m_i, m_j>``.
 For amounts q the mean square deviation is ``q' G q``; for random amounts with mean mu and
 covariance S its expectation is ``tr(G S) + mu' G mu``, whatever their distribution. Terms whose
-maps are alike (|r| near 1) cannot be told apart on one part: they are ranked as a group.
+maps are alike (``|r|`` near 1) cannot be told apart on one part: they are ranked as a group.
 """
 
 from __future__ import annotations
@@ -248,7 +248,7 @@ def correlations(matrix: ArrayLike) -> FloatArray:
 def groups_alike(
     matrix: ArrayLike, names: Sequence[str], *, threshold: float = 0.9
 ) -> tuple[tuple[str, ...], ...]:
-    """Return the groups of terms whose maps cannot be told apart, |r| above a threshold.
+    """Return the groups of terms whose maps cannot be told apart, ``|r|`` above a threshold.
 
     Parameters
     ----------

@@ -89,7 +89,7 @@ def identify(
     positions : callable, optional
         As in `metrosep.machine.ranking.rank`.
     threshold : float, optional
-        Of |r|: terms more alike are reported together. Nearer to 1 they are told apart, with the
+        Of ``|r|``: terms more alike are reported together. Nearer to 1 they are told apart, with the
         uncertainty that this costs.
     exact : bool, optional
         Whether the exact model ends the fit; else it stays linear.

@@ -102,7 +102,7 @@ def rank(
     n : float, optional
         Refractive index of the material, to refract.
     threshold : float, optional
-        Of |r|: terms more alike are a group.
+        Of ``|r|``: terms more alike are a group.
     n_rho, n_azimuth : int, optional
         Radii (at the middle of rings of equal width) and azimuths of the mesh.
 

@@ -70,9 +70,9 @@ class SensitivityTable:
     space : Alignment
         What was removed.
     groups : tuple of tuple of str
-        Terms that cannot be told apart on this part, |r| above `threshold`.
+        Terms that cannot be told apart on this part, ``|r|`` above `threshold`.
     threshold : float
-        Of |r|.
+        Of ``|r|``.
     response, direction : str
         ``"form"`` or ``"wavefront"``; ``"vertical"`` or ``"normal"``.
     maker : MapMaker

@@ -56,7 +56,7 @@ class SettingFit:
     n_used : int
         Points used.
     groups : tuple of (str, str, float)
-        Pairs of fitted freedoms that are told apart badly (|r| > 0.9), with their correlation.
+        Pairs of fitted freedoms that are told apart badly (``|r| > 0.9``), with their correlation.
     held : mapping of str to tuple of str
         Freedoms that were wanted and are not determined, and what holds their effect.
     messages : tuple of str
