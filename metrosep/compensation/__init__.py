@@ -2,24 +2,128 @@
 
 from __future__ import annotations
 
-from metrosep.compensation.inverse import exact_correction
-from metrosep.compensation.limits import Finding, Limits, check_limits, dead_zone
-from metrosep.compensation.polynomial import PolynomialFit, fit_polynomial
-from metrosep.compensation.reversal import LostMotion
-from metrosep.compensation.table import CompensationTable
-from metrosep.compensation.verify import DirectionResidual, Verification, dry_run
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "CompensationTable",
-    "DirectionResidual",
-    "Finding",
-    "Limits",
-    "LostMotion",
-    "PolynomialFit",
-    "Verification",
-    "check_limits",
-    "dead_zone",
-    "dry_run",
-    "exact_correction",
-    "fit_polynomial",
-]
+from metrosep.core._lazy import lazy_names
+
+if TYPE_CHECKING:
+    from metrosep.compensation.area_errors import (
+        ErrorMap as ErrorMap,
+    )
+    from metrosep.compensation.closed_loop import (
+        LoopCut as LoopCut,
+        LoopHistory as LoopHistory,
+        LoopPass as LoopPass,
+        LoopResult as LoopResult,
+        iterate_loop as iterate_loop,
+        run_closed_loop as run_closed_loop,
+    )
+    from metrosep.compensation.combine import (
+        combine_tables as combine_tables,
+    )
+    from metrosep.compensation.from_machine import (
+        MachineTables as MachineTables,
+        tables_from_machine as tables_from_machine,
+    )
+    from metrosep.compensation.inverse import (
+        exact_correction as exact_correction,
+    )
+    from metrosep.compensation.knots import (
+        Knots as Knots,
+        choose_knots as choose_knots,
+        knots_for_tolerance as knots_for_tolerance,
+        optimal_values as optimal_values,
+    )
+    from metrosep.compensation.limits import (
+        Finding as Finding,
+        Limits as Limits,
+        check_limits as check_limits,
+        dead_zone as dead_zone,
+    )
+    from metrosep.compensation.loop_machines import (
+        AxisMachine as AxisMachine,
+        FaceMachine as FaceMachine,
+        LoopMachine as LoopMachine,
+        Servo as Servo,
+    )
+    from metrosep.compensation.map_limits import (
+        check_map_limits as check_map_limits,
+    )
+    from metrosep.compensation.map_verify import (
+        MapVerification as MapVerification,
+        dry_run_map as dry_run_map,
+    )
+    from metrosep.compensation.maps import (
+        CompensationMap as CompensationMap,
+    )
+    from metrosep.compensation.polynomial import (
+        PolynomialFit as PolynomialFit,
+        fit_polynomial as fit_polynomial,
+    )
+    from metrosep.compensation.products import (
+        ProductTables as ProductTables,
+        rank_one as rank_one,
+    )
+    from metrosep.compensation.reversal import (
+        LostMotion as LostMotion,
+    )
+    from metrosep.compensation.rounding import (
+        Rounded as Rounded,
+        round_entries as round_entries,
+        round_increments as round_increments,
+    )
+    from metrosep.compensation.table import (
+        CompensationTable as CompensationTable,
+    )
+    from metrosep.compensation.trial import (
+        TrialTable as TrialTable,
+        trial_table as trial_table,
+    )
+    from metrosep.compensation.uniform import (
+        is_uniform as is_uniform,
+        resample_uniform as resample_uniform,
+        resampling_error as resampling_error,
+        uniform_spacing as uniform_spacing,
+    )
+    from metrosep.compensation.verify import (
+        DirectionResidual as DirectionResidual,
+        Verification as Verification,
+        dry_run as dry_run,
+    )
+
+_HOMES = {
+    "area_errors": ["ErrorMap"],
+    "closed_loop": [
+        "LoopCut",
+        "LoopHistory",
+        "LoopPass",
+        "LoopResult",
+        "iterate_loop",
+        "run_closed_loop",
+    ],
+    "combine": ["combine_tables"],
+    "from_machine": ["MachineTables", "tables_from_machine"],
+    "inverse": ["exact_correction"],
+    "knots": ["Knots", "choose_knots", "knots_for_tolerance", "optimal_values"],
+    "limits": ["Finding", "Limits", "check_limits", "dead_zone"],
+    "loop_machines": ["AxisMachine", "FaceMachine", "LoopMachine", "Servo"],
+    "map_limits": ["check_map_limits"],
+    "map_verify": ["MapVerification", "dry_run_map"],
+    "maps": ["CompensationMap"],
+    "polynomial": ["PolynomialFit", "fit_polynomial"],
+    "products": ["ProductTables", "rank_one"],
+    "reversal": ["LostMotion"],
+    "rounding": ["Rounded", "round_entries", "round_increments"],
+    "table": ["CompensationTable"],
+    "trial": ["TrialTable", "trial_table"],
+    "uniform": ["is_uniform", "resample_uniform", "resampling_error", "uniform_spacing"],
+    "verify": ["DirectionResidual", "Verification", "dry_run"],
+}
+
+__all__ = sorted(name for names in _HOMES.values() for name in names)  # noqa: PLE0605
+
+__getattr__ = lazy_names(__name__, _HOMES)
+
+
+def __dir__() -> list[str]:
+    return list(__all__)

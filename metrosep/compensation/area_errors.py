@@ -126,9 +126,14 @@ def rising(values: ArrayLike, name: str) -> FloatArray:
     TableError
         If there are fewer than 2, one is not finite, or they do not rise.
     """
-    positions = column(values, name)
+    try:
+        positions = column(values, name)
+    except (TypeError, ValueError):
+        raise TableError(
+            f"positions of {name} must be real numbers in SI, got {values!r}"
+        ) from None
     if positions.size < 2:
-        raise TableError(f"a map needs at least 2 positions of {name}, got {positions.size}")
+        raise TableError(f"at least 2 positions of {name} are needed, got {positions.size}")
     bad = np.flatnonzero(np.diff(positions) <= 0)
     if bad.size:
         i = int(bad[0])
@@ -235,9 +240,13 @@ def area_error(error: Any, x: Any = None, y: Any = None) -> AreaFunction:
         function = error
 
         def at(px: FloatArray, py: FloatArray) -> FloatArray:
-            values = np.asarray(function(px, py), dtype=np.float64)
+            values = np.asarray(function(px, py))
+            if values.dtype.kind not in "fiu":
+                raise DataError(
+                    f"the error function returned {values.dtype}, not real numbers in m"
+                )
             try:
-                return np.broadcast_to(values, px.shape)
+                return np.broadcast_to(values.astype(np.float64), px.shape)
             except ValueError:
                 raise DataError(
                     f"the error function returned shape {values.shape} for positions of shape "

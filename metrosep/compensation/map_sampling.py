@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import operator
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, SupportsIndex
 
 import numpy as np
@@ -23,10 +24,11 @@ from metrosep.compensation.area_errors import (
     is_rotary,
     rising,
 )
+from metrosep.compensation.inverse import exact_correction
 from metrosep.core.errors import TableError
 from metrosep.core.units import parse_quantity
 
-__all__ = ["SampledArea", "grid_positions", "sample_area"]
+__all__ = ["SampledArea", "grid_positions", "inverse_along", "sample_area"]
 
 FloatArray = NDArray[np.float64]
 
@@ -36,7 +38,7 @@ _MAX_ENTRIES = 100_000
 _DENSE = 8
 """Steps between two positions of a function at which the interpolation error is looked for."""
 
-_MAX_DENSE = 1_000_000
+_MAX_DENSE = 250_000
 """Places at which a function is looked at for it, at most; at least the middles are."""
 
 _SAME = 1e-9
@@ -165,6 +167,7 @@ def sample_area(
     UnitError
         If a spacing has no unit or one of the wrong kind.
     """
+    first, second = _pair(reference)
     function = area_error(error, x, y)
     given = (x, y)
     if isinstance(error, np.ndarray | list | tuple):
@@ -172,8 +175,8 @@ def sample_area(
     columns = grid_positions(given[0], function, 0, axes[0])
     rows = grid_positions(given[1], function, 1, axes[1])
     zero = (
-        _zero(columns, None if reference is None else reference[0], axes[0]),
-        _zero(rows, None if reference is None else reference[1], axes[1]),
+        _zero(columns, first, axes[0]),
+        _zero(rows, second, axes[1]),
     )
     dense_x, dense_y = _dense(columns, rows, function)
     looked = np.asarray(function(*np.meshgrid(dense_x, dense_y)), dtype=np.float64)
@@ -198,6 +201,49 @@ def sample_area(
         interpolation_error=float(np.abs(looked - between).max()),
         source=ErrorMap(dense_x, dense_y, looked, tuple(getattr(error, "history", ()))),
     )
+
+
+def inverse_along(error: AreaFunction, x: FloatArray, y: FloatArray, along: int) -> FloatArray:
+    """Return c with ``c(p) = -e(p + c(p))`` along one axis of a map.
+
+    Parameters
+    ----------
+    error : callable
+        Error e(x, y) in m.
+    x, y : ndarray, shapes (n,) and (m,), m or rad
+        Positions of columns and rows.
+    along : {0, 1}
+        Whether the corrections move the first axis or the second.
+
+    Returns
+    -------
+    ndarray, shape (m, n), m
+        Corrections to add to the command.
+
+    Raises
+    ------
+    TableError
+        If the error is so steep that the axis would turn back, or not finite somewhere.
+    NotConvergedError
+        If the fixed point does not settle.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> grid = np.array([0.0, 1.0])
+    >>> inverse_along(lambda x, y: 0.25 * x + 0 * y, grid, grid, 0).round(12).tolist()
+    [[0.0, -0.2], [0.0, -0.2]]
+    """
+    first, second = (x, y) if along == 0 else (y, x)
+    lines = [exact_correction(partial(_line, error, along, float(at)), first) for at in second]
+    grid = np.array(lines) + 0.0  # no -0.0
+    return grid if along == 0 else grid.T.copy()
+
+
+def _line(error: AreaFunction, along: int, at: float, p: FloatArray) -> FloatArray:
+    """Return the error along one axis while the other stands."""
+    other = np.full(p.shape, at)
+    return error(p, other) if along == 0 else error(other, p)
 
 
 def _limits(positions: FloatArray, error: AreaFunction, which: int) -> tuple[float, float]:
@@ -241,6 +287,18 @@ def _refuse_gaps(values: FloatArray, x: FloatArray, y: FloatArray, axes: tuple[s
             f"{format_position(axes[1], float(y[row]))} ({len(bad)} of {values.size} places looked "
             "at): an error is not invented; narrow the map to what was measured, or measure there"
         )
+
+
+def _pair(reference: Any) -> tuple[float | None, float | None]:
+    if reference is None:
+        return None, None
+    try:
+        first, second = (float(r) for r in reference)
+    except (TypeError, ValueError):
+        raise TableError(
+            f"the reference is a position of each axis, such as (0.0, 0.0); got {reference!r}"
+        ) from None
+    return first, second
 
 
 def _zero(positions: FloatArray, wanted: float | None, axis: str) -> float:

@@ -9,14 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.compensation.area_errors import (
-    AreaFunction,
     AreaSource,
     ErrorMap,
     bilinear,
@@ -24,10 +22,9 @@ from metrosep.compensation.area_errors import (
     is_rotary,
     rising,
 )
-from metrosep.compensation.inverse import exact_correction
 from metrosep.compensation.limits import Finding, Limits
 from metrosep.compensation.map_limits import check_map_limits
-from metrosep.compensation.map_sampling import sample_area
+from metrosep.compensation.map_sampling import inverse_along, sample_area
 from metrosep.compensation.map_verify import MapRemoved, MapVerification, dry_run_map
 from metrosep.core._arrays import frozen_float
 from metrosep.core.errors import DataError, LimitError, TableError
@@ -122,10 +119,7 @@ class CompensationMap:
         object.__setattr__(self, "x", rising(self.x, axes[0]))
         object.__setattr__(self, "y", rising(self.y, axes[1]))
         _check_choices(self.removed, self.border)
-        place = tuple(float(r) for r in self.reference)
-        if len(place) != 2 or not np.isfinite(place).all():
-            raise TableError(f"reference is one position of each axis, got {self.reference!r}")
-        object.__setattr__(self, "reference", place)
+        object.__setattr__(self, "reference", _checked_place(self.reference))
         self._set_grid("values")
         if self.u is not None:
             self._set_grid("u")
@@ -255,7 +249,7 @@ class CompensationMap:
         invert = exact and compensates in axes
         values = 0.0 - sampled.values
         if invert:
-            values = _inverse(sampled.error, sampled.x, sampled.y, axes.index(compensates))
+            values = inverse_along(sampled.error, sampled.x, sampled.y, axes.index(compensates))
             values[
                 np.ix_(sampled.y == sampled.reference[1], sampled.x == sampled.reference[0])
             ] = 0.0
@@ -334,7 +328,7 @@ class CompensationMap:
 
         return replace(
             self,
-            values=_inverse(error, self.x, self.y, self.axes.index(self.compensates)),
+            values=inverse_along(error, self.x, self.y, self.axes.index(self.compensates)),
             is_exact_inverse=True,
             history=(*self.history, Step("exact_inverse", {})),
         )
@@ -532,10 +526,18 @@ class CompensationMap:
 
 
 def _checked_axes(axes: Any) -> tuple[str, str]:
-    names = () if isinstance(axes, str) else tuple(str(a).strip() for a in axes)
+    listed = axes if isinstance(axes, tuple | list) else ()
+    names = tuple(str(a).strip() for a in listed)
     if len(names) != 2 or not all(names) or names[0] == names[1]:
         raise TableError(f"axes are the names of two axes, such as ('X', 'Y'); got {axes!r}")
     return names[0], names[1]
+
+
+def _checked_place(reference: Any) -> tuple[float, float]:
+    place = np.asarray(reference)
+    if place.shape != (2,) or place.dtype.kind not in "fiu" or not np.isfinite(place).all():
+        raise TableError(f"reference is one position of each axis, got {reference!r}")
+    return float(place[0]), float(place[1])
 
 
 def _spread(u: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
@@ -558,22 +560,6 @@ def _with_ends(positions: FloatArray) -> FloatArray:
     """Return positions with one more at either end, as far away as their neighbours are apart."""
     first, last = 2.0 * positions[0] - positions[1], 2.0 * positions[-1] - positions[-2]
     return np.concatenate([[first], positions, [last]])
-
-
-def _inverse(error: AreaFunction, x: FloatArray, y: FloatArray, along: int) -> FloatArray:
-    """Return c with c(p) = -e(p + c(p)) along the first (0) or second (1) axis."""
-    first, second = (x, y) if along == 0 else (y, x)
-    lines = []
-    for place in second:
-        line = partial(_along, error, along, float(place))
-        lines.append(exact_correction(line, first))
-    return np.array(lines) if along == 0 else np.array(lines).T.copy()
-
-
-def _along(error: AreaFunction, along: int, place: float, p: FloatArray) -> FloatArray:
-    """Return the error along one axis while the other stands at a place."""
-    other = np.full(p.shape, place)
-    return error(p, other) if along == 0 else error(other, p)
 
 
 def _listed(grid: FloatArray) -> list[list[float | None]]:

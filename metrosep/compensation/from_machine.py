@@ -1,0 +1,503 @@
+"""From the errors of a machine to tables on its axes: what each axis must add to its command.
+
+With J the derivative of the nominal tool point with respect to the corrected linear axes, the
+volumetric error E (actual minus nominal, workpiece coordinates) is what a perfect machine would do
+at commands that are wrong by ``e = J^+ E``. The corrections solve, for all axes at once,
+
+    c(q) = -(e(q + c(q)) - e(reference)),
+
+looked up at the command, acting where the axes then are. What no axis can do, ``E - J e``, stays
+and is reported. J does not depend on where the linear axes are, so this holds exactly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from metrosep.compensation._machine_errors import (
+    VolumetricError,
+    positions_to_axes,
+    volumetric_source,
+)
+from metrosep.compensation.area_errors import format_position
+from metrosep.compensation.maps import CompensationMap
+from metrosep.compensation.table import CompensationTable
+from metrosep.core.errors import DataError, NotConvergedError, SignCheckFailedError, TableError
+from metrosep.core.provenance import Step, freeze_mapping
+from metrosep.core.units import format_length
+from metrosep.machine.chains import Chain
+from metrosep.machine.error_sets import ErrorSet
+
+__all__ = ["MachineTables", "tables_from_machine"]
+
+FloatArray = NDArray[np.float64]
+Table = CompensationTable | CompensationMap
+
+_TOLERANCE = 1e-13
+"""Convergence of the fixed point in m: a tenth of a picometre."""
+
+_MAX_STEPS = 60
+
+_NOTHING = 1e-15
+"""A femtometre: what is left below it is rounding."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class MachineTables(Mapping[str, Table]):
+    """Tables or maps of a machine by corrected axis, with what they leave.
+
+    Parameters
+    ----------
+    tables : mapping of str to CompensationTable or CompensationMap
+        One for each corrected axis, all over the same axes.
+    over : tuple of str
+        One or two axes whose positions are looked up.
+    at : mapping of str to float, m or rad
+        Where the other axes stood: there, and only there, the tables are right.
+    error : ndarray, shape (n, 3) or (m, n, 3), m
+        Error at the nodes in workpiece X, Y, Z, about the reference; NaN where not measured.
+    left : ndarray, shape of error, m
+        The same with the tables active.
+    messages : tuple of str
+        What no axis corrects, and other things to know.
+    source : VolumetricError
+        The error as a function of the commands.
+
+    Notes
+    -----
+    A mapping: ``tables["Z"]``, ``"X" in tables``, ``len(tables)``.
+    """
+
+    tables: Mapping[str, Table]
+    over: tuple[str, ...]
+    at: Mapping[str, float]
+    error: FloatArray
+    left: FloatArray
+    messages: tuple[str, ...]
+    source: VolumetricError = field(repr=False)
+
+    def __getitem__(self, axis: str) -> Table:
+        if axis not in self.tables:
+            raise KeyError(f"no table corrects {axis!r}; there are {', '.join(self.tables)}")
+        return self.tables[axis]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.tables)
+
+    def __len__(self) -> int:
+        return len(self.tables)
+
+    def __repr__(self) -> str:
+        return (
+            f"MachineTables({', '.join(self.over)} -> {', '.join(self.tables)}, error "
+            f"{format_length(_rms(self.error))} RMS, left {format_length(_rms(self.left))})"
+        )
+
+    def residual(self, positions: Mapping[str, ArrayLike], *, sign: int = 1) -> FloatArray:
+        """Return the error of the tool point with the tables active, anywhere.
+
+        Parameters
+        ----------
+        positions : mapping of str to array_like, m or rad
+            Commands of the looked-up axes, and of others that do not stand where `at` says.
+        sign : {1, 0, -1}, optional
+            1 as the tables are, 0 without them, -1 with the sign reversed.
+
+        Returns
+        -------
+        ndarray, shape (..., 3), m
+            In workpiece X, Y, Z, about the reference; NaN in a component that was not measured.
+
+        Raises
+        ------
+        DataError
+            A position is missing, an axis unknown, or a term is not known there.
+        InvalidSamplesError
+            Positions are no real numbers, infinite, or do not broadcast.
+
+        Notes
+        -----
+        Commands with the corrections added are put through the chain again: interpolation between
+        the nodes and the other places of the other axes are in the result.
+        """
+        q = {**self.at, **positions}
+        missing = [a for a in self.over if a not in positions]
+        if missing:
+            raise DataError(f"positions lack the looked-up axis {missing[0]!r}")
+        looked = [np.asarray(positions[a], dtype=np.float64) for a in self.over]
+        c = {a: sign * _looked_up(t, looked) for a, t in self.tables.items()}
+        full = {a: v - self.tables[a].offset_removed for a, v in c.items()}
+        return self.source.remaining(q, c, full)
+
+    def verify(self, positions: Mapping[str, ArrayLike] | None = None) -> dict[str, Any]:
+        """Return error before, after and with the sign reversed, and refuse if it does not shrink.
+
+        Parameters
+        ----------
+        positions : mapping of str to array_like, m or rad, optional
+            Where; if omitted, at the nodes and between them.
+
+        Returns
+        -------
+        dict
+            ``before_rms_m``, ``after_rms_m``, ``wrong_sign_rms_m`` of the error vector, and for
+            each workpiece direction P-V before and after; ``passed``.
+
+        Raises
+        ------
+        SignCheckFailedError
+            If the RMS does not shrink.
+        DataError
+            A position is missing, an axis unknown, or a term is not known there.
+        """
+        where = self._between() if positions is None else positions
+        before, after, wrong = (self.residual(where, sign=s) for s in (0, 1, -1))
+        # the offset at the reference is the same in all three: it is no matter of the tables
+        sizes = [_rms(v) for v in (before, after, wrong)]
+        result = {
+            "passed": sizes[1] < sizes[0],
+            **dict(zip(("before_rms_m", "after_rms_m", "wrong_sign_rms_m"), sizes, strict=True)),
+            "before_pv_m": _pv(before),
+            "after_pv_m": _pv(after),
+        }
+        if not result["passed"]:
+            raise SignCheckFailedError(
+                f"tables over {', '.join(self.over)}: the error does not shrink: RMS "
+                f"{format_length(sizes[0])} -> {format_length(sizes[1])}, with the reversed sign "
+                f"{format_length(sizes[2])}; the tables belong to other errors or another place"
+            )
+        return result
+
+    def negated(self) -> MachineTables:
+        """Return the tables with the sign reversed, for tests of sign checks.
+
+        Returns
+        -------
+        MachineTables
+            They double the error.
+        """
+        turned = {a: t.negated() for a, t in self.tables.items()}
+        return replace(self, tables=freeze_mapping(turned))
+
+    def _between(self) -> dict[str, FloatArray]:
+        table = next(iter(self.tables.values()))
+        if isinstance(table, CompensationMap):
+            return {self.over[0]: _finer(table.x), self.over[1]: _finer(table.y)[:, None]}
+        return {self.over[0]: _finer(table.positions)}
+
+
+def tables_from_machine(
+    chain: Chain,
+    errors: ErrorSet | Mapping[str, Any] | ArrayLike,
+    *,
+    over: str | Sequence[str],
+    positions: ArrayLike | Sequence[ArrayLike] | Mapping[str, ArrayLike],
+    corrects: Sequence[str] | None = None,
+    at: Mapping[str, float] | None = None,
+    reference: float | Sequence[float] | None = None,
+    tool: ArrayLike = (0.0, 0.0, 0.0),
+    exact: bool | str = False,
+) -> MachineTables:
+    """Return tables on the axes of a machine that cancel its volumetric error.
+
+    Parameters
+    ----------
+    chain : Chain
+        The machine.
+    errors : ErrorSet, mapping of str to term, Surface, ErrorMap or array_like
+        Error terms by name; or a measured error: a surface or map over the two axes (errors along
+        the workpiece's Z), or an array (n, 3) or (m, n, 3) in m in workpiece X, Y, Z at the
+        positions, with NaN in a whole component that was not measured.
+    over : str or sequence of str
+        One axis for tables, two for maps (first the columns).
+    positions : array_like, or two of them, or mapping of str to array_like, m or rad
+        Commands of the axes in `over`.
+    corrects : sequence of str, optional
+        Linear axes that are corrected; all that are joints here if omitted.
+    at : mapping of str to float, m or rad, optional
+        Where the other axes stand.
+    reference : float or two of them, m or rad, optional
+        Place of zero correction; of each axis 0 if it is in range, else its first position.
+    tool : array_like, shape (3,), m, optional
+        Tool point in the frame of the last element of the tool branch.
+    exact : bool or str, optional
+        How the chain multiplies, as for `Chain.volumetric_error`.
+
+    Returns
+    -------
+    MachineTables
+        Mapping of corrected axis to `CompensationTable` or `CompensationMap`, with what is left.
+
+    Raises
+    ------
+    DataError
+        An axis is unknown, missing or turns, two corrected axes move the tool the same way, or a
+        measured error has a gap.
+    TableError
+        Positions do not rise, a reference lies outside, or an axis would turn back.
+    NotConvergedError
+        The errors are so steep that the corrections do not settle.
+    InvalidSamplesError
+        Positions are no real numbers, or a term is not known there.
+    LimitError
+        A polynomial of `metrosep.process.run_polynomial` was not measured there.
+    UnitError
+        An error is above 1 m or 1 rad.
+
+    Notes
+    -----
+    Least squares where the axes cannot follow all three directions: what stays is smallest in
+    length. A table holds at the places of the other axes in `at`; `MachineTables.residual` says
+    what it leaves elsewhere. ``u`` of the tables is that of the error in the direction of the axis,
+    from the uncertainties in an `ErrorSet`; None for a plain mapping or a measurement. Where
+    ``q + c`` leaves what a term knows, the errors are held at the end.
+
+    References
+    ----------
+    .. [1] controllers notes, section 0: lookup at the uncorrected position.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from metrosep.machine.preset_chains import presets
+    >>> tables = tables_from_machine(
+    ...     presets("mill_xyz"), {"EZX": lambda x: 1e-5 * x}, over="X",
+    ...     positions=np.linspace(0, 0.1, 3), at={"Y": 0.0, "Z": 0.0})
+    >>> sorted(tables), (tables["Z"].forward * 1e9).round(6).tolist()
+    (['X', 'Y', 'Z'], [0.0, -500.0, -1000.0])
+    """
+    if not isinstance(chain, Chain):
+        raise DataError(f"a machine is a Chain, got {type(chain).__name__}")
+    axes = (over,) if isinstance(over, str) else tuple(over)
+    grid = positions_to_axes(axes, positions, chain)
+    stand = _standing(at, axes)
+    q = _mesh(axes, grid, stand)
+    source = volumetric_source(
+        chain, errors, axes=axes, grid=grid, at=stand, corrects=corrects, tool=tool, exact=exact
+    )
+    zero = _references(axes, grid, reference)
+    place = {**stand, **dict(zip(axes, zero, strict=True))}
+    offset = source.in_axes(place)
+    c = _solved(source, q, offset)
+    rest = source.remaining(q, c, {a: v - offset[a] for a, v in c.items()})
+    tables = _tables(source, axes, grid, zero, c, offset, q)
+    before = source.remaining(q, {}, {a: -offset[a] + np.zeros(()) for a in c})
+    messages = (*source.messages, *_left_over(rest, source.correctable(q), tuple(c)))
+    for array in (before, rest):
+        array.setflags(write=False)
+    return MachineTables(
+        tables=freeze_mapping(tables),
+        over=axes,
+        at=freeze_mapping(stand),
+        error=before,
+        left=rest,
+        messages=messages,
+        source=source,
+    )
+
+
+def _standing(at: Mapping[str, float] | None, axes: tuple[str, ...]) -> dict[str, float]:
+    stand: dict[str, float] = {}
+    if not isinstance(at, Mapping | None):
+        raise DataError(f"at maps axis names to positions, got {type(at).__name__}")
+    for axis, value in (at or {}).items():
+        if axis in axes:
+            raise DataError(
+                f"at holds {axis!r}, whose positions are looked up; leave it out of at"
+            )
+        number = np.asarray(value)
+        if number.ndim or number.dtype.kind not in "fiu" or not np.isfinite(number):
+            raise DataError(f"at[{axis!r}] is {value!r}; one finite position is needed")
+        stand[axis] = float(value)
+    return stand
+
+
+def _mesh(
+    axes: tuple[str, ...], grid: tuple[FloatArray, ...], stand: Mapping[str, float]
+) -> dict[str, Any]:
+    if len(axes) == 1:
+        return {**stand, axes[0]: grid[0]}
+    x, y = np.meshgrid(*grid)
+    return {**stand, axes[0]: x, axes[1]: y}
+
+
+def _references(
+    axes: tuple[str, ...], grid: tuple[FloatArray, ...], reference: float | Sequence[float] | None
+) -> tuple[float, ...]:
+    given: list[float | None] = [None] * len(axes)
+    if reference is not None:
+        try:
+            given = [float(r) for r in np.atleast_1d(np.asarray(reference, dtype=np.float64))]
+        except (TypeError, ValueError):
+            raise TableError(f"reference {reference!r} is no position") from None
+        if len(given) != len(axes):
+            raise TableError(f"reference has {len(given)} positions for {len(axes)} axes")
+    zero = []
+    for axis, positions, wanted in zip(axes, grid, given, strict=True):
+        low, high = float(positions[0]), float(positions[-1])
+        value = wanted if wanted is not None else (0.0 if low <= 0.0 <= high else low)
+        if not low <= value <= high:
+            raise TableError(
+                f"the reference {format_position(axis, value)} lies outside the table "
+                f"{format_position(axis, low)} ... {format_position(axis, high)}"
+            )
+        zero.append(value)
+    return tuple(zero)
+
+
+def _solved(
+    source: VolumetricError, q: Mapping[str, Any], offset: Mapping[str, FloatArray]
+) -> dict[str, FloatArray]:
+    """Return c with ``c(q) = -(e(q + c(q)) - e(reference))`` by fixed point."""
+    inverse = source.inverse(q)
+    start = source.in_axes(q, None, inverse)
+    _refuse_turning_back(source, q, start)
+    c = {a: offset[a] - e for a, e in start.items()}
+    for _ in range(_MAX_STEPS):
+        found = source.in_axes(q, c, inverse)
+        update = {a: offset[a] - e for a, e in found.items()}
+        change = max(float(np.abs(update[a] - c[a]).max()) for a in c)
+        c = update
+        if change < _TOLERANCE:
+            return c
+        if change > 1e3:
+            break
+    raise NotConvergedError(
+        "the corrections do not settle to 0.1 pm: an error is so steep that an axis would turn back; "
+        "check the units of the errors"
+    )
+
+
+def _refuse_turning_back(
+    source: VolumetricError, q: Mapping[str, Any], e: Mapping[str, FloatArray]
+) -> None:
+    for k, axis in enumerate(source.axes):
+        if axis in e:
+            along = e[axis].ndim - 1 - k
+            slope = np.diff(e[axis], axis=along) / np.diff(q[axis], axis=along)
+            steepest = float(np.abs(slope).max())
+            if steepest >= 1.0:
+                raise TableError(
+                    f"the error of {axis} changes by {steepest:.3g} m per m: the corrected axis would "
+                    "turn back; check the units of position and error (mm against um?)"
+                )
+
+
+def _tables(
+    source: VolumetricError,
+    axes: tuple[str, ...],
+    grid: tuple[FloatArray, ...],
+    zero: tuple[float, ...],
+    c: Mapping[str, FloatArray],
+    offset: Mapping[str, FloatArray],
+    q: Mapping[str, Any],
+) -> dict[str, Table]:
+    sd = source.sd_in_axes(q)
+    fine = tuple(_finer(p) for p in grid)
+    between = _solved(source, _mesh(axes, fine, source.at), offset)
+    step = Step(
+        "from_machine",
+        {"chain": source.chain.name, "over": list(axes), "at_si": dict(source.at), **source.facts},
+    )
+    tables: dict[str, Table] = {}
+    for axis, values in c.items():
+        common: dict[str, Any] = {
+            "compensates": axis,
+            "u": None if sd is None else sd[axis],
+            "is_exact_inverse": True,
+            "offset_removed": float(offset[axis]),
+            "history": (step,),
+        }
+        tables[axis] = _table(axes, grid, zero, _zeroed(values, grid, zero), common)
+        looked = [fine[0]] if len(axes) == 1 else [fine[0], fine[1][:, None]]
+        missed = between[axis] - _looked_up(tables[axis], looked)
+        tables[axis] = replace(tables[axis], interpolation_error=float(np.abs(missed).max()))
+    return tables
+
+
+def _table(
+    axes: tuple[str, ...],
+    grid: tuple[FloatArray, ...],
+    zero: tuple[float, ...],
+    values: FloatArray,
+    common: dict[str, Any],
+) -> Table:
+    if len(axes) == 1:
+        return CompensationTable(
+            positions=grid[0],
+            forward=values,
+            reverse=None,
+            axis=axes[0],
+            reference=zero[0],
+            **common,
+        )
+    return CompensationMap(
+        x=grid[0],
+        y=grid[1],
+        values=values,
+        axes=(axes[0], axes[1]),
+        reference=(zero[0], zero[1]),
+        **common,
+    )
+
+
+def _zeroed(
+    values: FloatArray, grid: tuple[FloatArray, ...], zero: tuple[float, ...]
+) -> FloatArray:
+    """Return corrections with an exact zero at the reference, where rounding leaves 1e-23."""
+    here = grid[0] == zero[0]
+    if len(grid) == 2:
+        here = (grid[1] == zero[1])[:, None] & here
+    return np.where(here, 0.0, values + 0.0)  # no -0.0
+
+
+def _looked_up(table: Table, places: Sequence[FloatArray]) -> FloatArray:
+    """Return the correction in the shape of the positions, a single number included."""
+    shape = np.broadcast_shapes(*(p.shape for p in places))
+    if isinstance(table, CompensationMap):
+        return table.correction(places[0], places[1]).reshape(shape)
+    return table.correction(places[0]).reshape(shape)
+
+
+def _left_over(
+    rest: FloatArray, correctable: tuple[bool, ...], axes: tuple[str, ...]
+) -> tuple[str, ...]:
+    said = []
+    for k, direction in enumerate("XYZ"):
+        part = rest[..., k]
+        if np.isnan(part).all():
+            said.append(f"workpiece {direction}: not measured, nothing is known about it")
+        elif not correctable[k]:
+            size = float(np.abs(part).max())
+            amount = "nothing to correct there" if size < _NOTHING else (
+                f"up to {format_length(size, digits=3)} stay, P-V "
+                f"{format_length(float(np.ptp(part)), digits=3)}"
+            )  # fmt: skip
+            said.append(
+                f"workpiece {direction}: {', '.join(axes)} cannot move the tool there everywhere; "
+                + amount
+            )
+    return tuple(said)
+
+
+def _finer(positions: FloatArray) -> FloatArray:
+    """Return the positions with three more in every interval."""
+    fraction = np.arange(4) / 4
+    inner = positions[:-1, None] + np.diff(positions)[:, None] * fraction
+    return np.append(inner.ravel(), positions[-1])
+
+
+def _rms(vectors: FloatArray) -> float:
+    """Return the RMS length of error vectors, of the components that were measured."""
+    valid = ~np.isnan(vectors).all(axis=tuple(range(vectors.ndim - 1)))
+    return float(np.sqrt(np.mean(np.sum(vectors[..., valid] ** 2, axis=-1))))
+
+
+def _pv(vectors: FloatArray) -> list[float | None]:
+    parts = [vectors[..., k] for k in range(3)]
+    return [None if np.isnan(p).any() else float(np.ptp(p)) for p in parts]

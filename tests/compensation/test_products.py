@@ -1,0 +1,176 @@
+"""Maps as two tables: exact where they are, closed forms of what stays, gauges, what is refused."""
+
+import json
+
+import numpy as np
+import pytest
+
+from metrosep.compensation.maps import CompensationMap
+from metrosep.compensation.products import rank_one
+from metrosep.errors import DataError, SignCheckFailedError, TableError
+
+ROUND = 1e-19
+"""Singular values of 1 um to double precision, with a margin of a thousand."""
+X = np.linspace(-20e-3, 60e-3, 9)
+Y = np.array([-30e-3, -10e-3, 0.0, 5e-3, 40e-3])
+
+
+def f_of(x):
+    return 1e-6 * np.sin(x / 15e-3) + 2e-5 * x
+
+
+def g_of(y):
+    return 1.0 - 40.0 * y
+
+
+def made(error, **options):
+    return CompensationMap.from_error(error, **{"x": X, "y": Y} | options)
+
+
+def test_a_product_is_found_exactly_with_its_sign_and_gauge():
+    """e = f g: the factor is 1 - 40 y over its largest, 2.2 at y = -30 mm."""
+    tables = rank_one(made(lambda x, y: f_of(x) * g_of(y)))
+
+    assert tables.second.forward == pytest.approx(g_of(Y) / 2.2, abs=1e-12)
+    assert tables.first.forward == pytest.approx(-2.2 * f_of(X), abs=ROUND)
+    assert tables.residual_pv < ROUND
+    assert tables.share < 1e-12
+    assert tables.first.axis == "X"
+    assert tables.second.axis == "Y"
+    assert tables.first.compensates == tables.second.compensates == "Z"
+    assert tables.at_reference == pytest.approx(0.0, abs=ROUND)
+
+
+def test_the_tables_are_the_map_between_the_nodes_too():
+    table = made(lambda x, y: f_of(x) * g_of(y))
+    tables = rank_one(table)
+    rng = np.random.default_rng(2)
+    x, y = rng.uniform(-30e-3, 70e-3, 300), rng.uniform(-40e-3, 50e-3, 300)
+    assert tables.correction(x, y) == pytest.approx(table.correction(x, y), abs=ROUND)
+    assert tables.correction(X, Y[:, None]) == pytest.approx(table.values, abs=ROUND)
+
+
+def test_gauge_takes_the_largest_entry_positive():
+    """The same map with the signs of both parts turned round gives the same tables."""
+    one = rank_one(made(lambda x, y: f_of(x) * -g_of(y)))
+    two = rank_one(made(lambda x, y: -f_of(x) * g_of(y)))
+    assert one.second.forward.max() == 1.0
+    assert np.abs(one.second.forward).max() == 1.0
+    assert one.first.forward == pytest.approx(two.first.forward, abs=ROUND)
+
+
+def test_what_stays_is_that_of_the_other_singular_values():
+    """Two orthogonal parts of 3 and 1: 1 / sqrt(10) of the RMS stay."""
+    a, b = (
+        np.array([1.0, 1.0, 0.0, 0.0]) / np.sqrt(2),
+        np.array([1.0, -1.0, 0.0, 0.0]) / np.sqrt(2),
+    )
+    c, d = np.array([0.0, 0.6, 0.8]), np.array([1.0, 0.0, 0.0])
+    values = 3e-6 * np.outer(c, a) + 1e-6 * np.outer(d, b)
+    tables = rank_one(CompensationMap(np.arange(4.0), np.arange(3.0), values))
+    assert tables.share == pytest.approx(1 / np.sqrt(10), abs=1e-12)
+    assert tables.residual_rms == pytest.approx(1e-6 / np.sqrt(12), abs=ROUND)
+    assert tables.residual_pv == pytest.approx(2e-6 / np.sqrt(2), abs=ROUND)
+    assert tables.singular_values == pytest.approx([3e-6, 1e-6, 0.0], abs=ROUND)
+    assert tables.residual == pytest.approx(1e-6 * np.outer(d, b), abs=ROUND)
+    assert "31.6 %" in tables.messages[0]
+
+
+def test_no_product_at_all():
+    """The unit matrix of order n: all singular values are 1, sqrt(1 - 1/n) of the RMS stay."""
+    tables = rank_one(CompensationMap(np.arange(9.0), np.arange(9.0), 1e-6 * np.eye(9)))
+    assert tables.share == pytest.approx(np.sqrt(8 / 9), abs=1e-12)
+
+
+def test_a_sum_is_found_exactly_and_zero_at_the_reference():
+    error = lambda x, y: f_of(x) + 3e-5 * y + 1e-3 * y * y + 7e-6  # noqa: E731
+    tables = rank_one(made(error), form="sum")
+    assert tables.first.forward == pytest.approx(-f_of(X), abs=ROUND)
+    assert tables.second.forward == pytest.approx(-3e-5 * Y - 1e-3 * Y * Y, abs=ROUND)
+    assert tables.first.forward[X == 0.0] == 0.0
+    assert tables.second.forward[Y == 0.0] == 0.0
+    assert tables.at_reference == 0.0
+    assert tables.residual_pv < 10 * ROUND
+
+
+def test_null_space_of_the_sum_is_the_twist():
+    """x y with both grids centred has no sum part, and no row or column mean: all of it stays."""
+    grid = np.linspace(-1.0, 1.0, 5)
+    tables = rank_one(made(lambda x, y: 1e-6 * x * y, x=grid, y=grid), form="sum")
+    assert tables.share == pytest.approx(1.0, abs=1e-12)
+    assert np.abs(tables.first.forward).max() < ROUND
+    assert rank_one(tables.map).share < 1e-12
+
+
+def test_null_space_of_the_product_is_the_sum():
+    """sin in x plus cos in y, orthogonal and of equal size: half of the power stays."""
+    t = np.arange(8) * np.pi / 4
+    values = 1e-6 * (np.sin(t) + np.cos(t)[:, None])
+    tables = rank_one(CompensationMap(t, t, values, axes=("A", "C")))
+    assert tables.share == pytest.approx(np.sqrt(0.5), abs=1e-12)
+    assert rank_one(tables.map, form="sum").share == pytest.approx(
+        _constrained_share(values), abs=1e-12
+    )
+
+
+def _constrained_share(values):
+    """Least squares of f + g with f[0] = g[0] = 0 by a design matrix, without library code."""
+    m, n = values.shape
+    design = np.zeros((m * n, m + n - 2))
+    for j in range(m):
+        for i in range(n):
+            if i:
+                design[j * n + i, i - 1] = 1.0
+            if j:
+                design[j * n + i, n - 2 + j] = 1.0
+    fit = design @ np.linalg.lstsq(design, values.ravel(), rcond=None)[0]
+    return np.linalg.norm(values.ravel() - fit) / np.linalg.norm(values)
+
+
+def test_reference_between_the_nodes_of_a_sum():
+    error = lambda x, y: 1e-5 * x - 2e-5 * y  # noqa: E731
+    tables = rank_one(made(error, reference=(3e-3, 17e-3)), form="sum")
+    assert tables.first.correction(3e-3)[0] == pytest.approx(0.0, abs=ROUND)
+    assert tables.second.correction(17e-3)[0] == pytest.approx(0.0, abs=ROUND)
+    assert tables.residual_pv < 10 * ROUND
+
+
+def test_what_the_product_adds_at_the_reference_is_said():
+    """(f + k) (g + l) - k l at f = g = 0: the product part is not zero there."""
+    tables = rank_one(made(lambda x, y: (1e-3 + x) * (1e-3 + y) * 1e-3))
+    assert tables.at_reference != 0.0
+    assert tables.at_reference == pytest.approx(float(tables.correction(0.0, 0.0)[0]), abs=ROUND)
+    assert "zero of the machine" in tables.messages[1]
+
+
+def test_the_dry_run_judges_what_is_loaded():
+    tables = rank_one(made(lambda x, y: f_of(x) * g_of(y)))
+    assert tables.verify().after_pv < tables.verify().before_pv / 5
+    assert tables.as_map().values == pytest.approx(tables.map.values, abs=ROUND)
+    assert tables.as_map().history[-1].name == "rank_one"
+    grid = np.linspace(-1.0, 1.0, 5)
+    twist = made(lambda x, y: 1e-6 * x * y, x=grid, y=grid)
+    with pytest.raises(SignCheckFailedError):
+        rank_one(twist, form="sum").verify()
+
+
+def test_dict_says_which_one_carries_the_sign():
+    tables = rank_one(made(lambda x, y: f_of(x) * g_of(y)))
+    plain = json.loads(json.dumps(tables.to_dict(), allow_nan=False))
+    assert "negates first only" in plain["convention"]
+    assert plain["second"]["factor"] == tables.second.forward.tolist()
+    assert "forward_m" not in plain["second"]
+    assert "negates both" in rank_one(tables.map, form="sum").to_dict()["convention"]
+
+
+def test_bad_input_is_refused():
+    with pytest.raises(TableError, match="zero everywhere"):
+        rank_one(CompensationMap([0, 1], [0, 1], np.zeros((2, 2))))
+    with pytest.raises(DataError, match="form="):
+        rank_one(made(lambda x, y: x * y), form="quotient")
+    with pytest.raises(DataError, match="ndarray"):
+        rank_one(np.eye(3))
+    with pytest.raises(DataError, match="broadcast"):
+        rank_one(made(lambda x, y: x * y)).correction([0.0, 1.0], [0.0, 1.0, 2.0])
+    with pytest.raises(ValueError, match="read-only"):
+        rank_one(made(lambda x, y: x * y)).residual[0, 0] = 1.0
