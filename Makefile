@@ -3,12 +3,14 @@
 #   make test             the tests           make test-slow   those that take long, and peers
 #   make check            lint, format, types, layers, docstrings, documentation
 #   make test-controller  the table on a real LinuxCNC (skipped by name where it cannot be installed)
+#   make test-clients     files against other makers' clients (mecode, PIPython), likewise
 #   make docs | bench | constraints | clean
 # Another interpreter: make PYTHON=python3.12 test
 
 PYTHON ?= python3
 VENV ?= .venv
 PEERS ?= .venv-peers
+CLIENTS ?= .clients
 DEMO ?= metrosep-demo
 PYTEST_FLAGS ?=
 WORKERS ?= 2
@@ -23,7 +25,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 export MKL_NUM_THREADS ?= 1
 
 .DELETE_ON_ERROR:
-.PHONY: help install groups demo test test-slow test-controller check lint docs bench constraints clean
+.PHONY: help install groups demo test test-slow test-controller test-clients check lint docs bench constraints clean
 
 help:
 	@sed -n 's/^#   //p' Makefile
@@ -84,6 +86,21 @@ test-controller: $(VENV)/.installed-test
 	fi; \
 	$(PYTEST) -m controller tests/acceptance/linuxcnc $(PYTEST_FLAGS)
 
+# Clients of other makers, in a folder of their own: none of them is a dependency (PIPython's licence
+# allows the use of PI devices only).
+$(CLIENTS)/.installed:
+	@mkdir -p $(CLIENTS)
+	@if $(PIP) install --no-deps --target $(CLIENTS) mecode==0.4.1 pyserial==3.5 \
+	    pyusb==1.3.1 PIPython==2.11.0.6; \
+	    then touch $@; fi
+
+test-clients: $(VENV)/.installed-test
+	@$(MAKE) $(CLIENTS)/.installed
+	@if [ ! -e $(CLIENTS)/.installed ]; then \
+	    echo "SKIPPED clients: mecode and PIPython cannot be installed here"; exit 0; \
+	fi; \
+	PYTHONPATH=$(CLIENTS) $(PYTEST) -m peer tests/acceptance/mecode tests/acceptance/pi $(PYTEST_FLAGS)
+
 check: lint docs
 
 lint: $(VENV)/.installed-test $(VENV)/.installed-lint
@@ -116,7 +133,7 @@ constraints: $(VENV)/.created
 	    --output-file constraints.txt
 
 clean:
-	rm -rf $(VENV) $(PEERS) $(DEMO) docs/_build docs/reference/generated .mypy_cache .ruff_cache \
+	rm -rf $(VENV) $(PEERS) $(CLIENTS) $(DEMO) docs/_build docs/reference/generated .mypy_cache .ruff_cache \
 	    .pytest_cache .hypothesis .import_linter_cache .benchmarks
 	find metrosep tests tools docs examples data_formats -name __pycache__ -type d -prune \
 	    -exec rm -rf {} + 2>/dev/null || true

@@ -15,6 +15,7 @@ from metrosep.cli.jobs import demo, run, separate
 from metrosep.cli.measuring import form, measure, verify_softgauge
 from metrosep.cli.modelling import predict, rank
 from metrosep.cli.ops import ops
+from metrosep.cli.paths import path
 from metrosep.cli.planning import plan
 from metrosep.cli.tables import table, verify
 
@@ -47,6 +48,7 @@ for _command in (
     form,
     separate,
     table,
+    path,
     verify,
     verify_softgauge,
     run,

@@ -290,10 +290,11 @@ def is_rotary(axis: str) -> bool:
 
     Examples
     --------
-    >>> is_rotary("C"), is_rotary("X")
-    (True, False)
+    >>> is_rotary("C"), is_rotary("X"), is_rotary("AX1")
+    (True, False, False)
     """
-    return axis[:1].upper() in ("A", "B", "C") and not axis[1:].isalpha()
+    index = axis[1:]
+    return axis[:1].upper() in ("A", "B", "C") and (not index or index.isdecimal())
 
 
 def format_position(axis: str, value: float) -> str:

@@ -18,6 +18,9 @@ __all__ = ["Finding", "Limits", "check_limits", "dead_zone"]
 
 FloatArray = NDArray[np.float64]
 
+_EDGE = 1e-6
+"""Share of a limit of the dead zone: the controller keeps its entries as float32."""
+
 _STEEP = 1e-3
 """Slope of a correction beyond which it is no longer metrology."""
 
@@ -239,7 +242,7 @@ def _reversal(forward: FloatArray, reverse: FloatArray, limits: Limits) -> list[
         )
     if limits.acceleration is not None and limits.servo_period is not None:
         low, high = dead_zone(limits.acceleration, limits.servo_period)
-        stuck = int(((jumps > low) & (jumps <= high)).sum())
+        stuck = int(((jumps > low * (1 - _EDGE)) & (jumps <= high * (1 + _EDGE))).sum())
         if stuck:
             found.append(
                 Finding(

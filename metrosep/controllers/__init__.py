@@ -1,7 +1,58 @@
-"""Controllers' table files: one dialect per controller, each with writer, reader and simulator."""
+"""Controllers' files: tables, maps, polynomials and paths, each with writer, reader and simulator.
+
+A name loads its module on first use.
+"""
 
 from __future__ import annotations
 
-from metrosep.controllers.files import describe, find, names, read, simulate, write
+from typing import TYPE_CHECKING
 
-__all__ = ["describe", "find", "names", "read", "simulate", "write"]
+from metrosep.core._lazy import lazy_names
+
+if TYPE_CHECKING:
+    from metrosep.controllers.files import (
+        dry_run_carried as dry_run_carried,
+        read as read,
+        simulate as simulate,
+        write as write,
+    )
+    from metrosep.controllers.gcode_corrections import (
+        PathCorrection as PathCorrection,
+        as_path_correction as as_path_correction,
+        error_correction as error_correction,
+        nose_correction as nose_correction,
+    )
+    from metrosep.controllers.gcode_paths import (
+        PathResult as PathResult,
+        rewrite_path as rewrite_path,
+    )
+    from metrosep.controllers.point_lists import (
+        PointResult as PointResult,
+        rewrite_points as rewrite_points,
+    )
+    from metrosep.controllers.registry import (
+        describe as describe,
+        find as find,
+        names as names,
+    )
+
+_HOMES = {
+    "files": ["dry_run_carried", "read", "simulate", "write"],
+    "gcode_corrections": [
+        "PathCorrection",
+        "as_path_correction",
+        "error_correction",
+        "nose_correction",
+    ],
+    "gcode_paths": ["PathResult", "rewrite_path"],
+    "point_lists": ["PointResult", "rewrite_points"],
+    "registry": ["describe", "find", "names"],
+}
+
+__all__ = sorted(name for names in _HOMES.values() for name in names)  # noqa: PLE0605
+
+__getattr__ = lazy_names(__name__, _HOMES)
+
+
+def __dir__() -> list[str]:
+    return list(__all__)

@@ -30,7 +30,7 @@ from metrosep.controllers.base import (
     require_unchanged,
 )
 from metrosep.controllers.options import checked_limits, checked_options, split_machine
-from metrosep.controllers.registry import describe, find, names
+from metrosep.controllers.registry import describe, find
 from metrosep.controllers.safety import file_findings, judged, table_findings
 from metrosep.core.errors import (
     SignCheckFailedError,
@@ -38,7 +38,7 @@ from metrosep.core.errors import (
     TableError,
 )
 
-__all__ = ["describe", "dry_run_carried", "find", "names", "read", "simulate", "write"]
+__all__ = ["dry_run_carried", "read", "simulate", "write"]
 
 FloatArray = NDArray[np.float64]
 PathLike = str | os.PathLike[str]
@@ -225,7 +225,7 @@ def _iteration(carried: Any, target: Path) -> list[Finding]:
             "error",
             f"{target} holds a table made of other readings: if it was active while these were "
             "taken, the new table is what is left and must be added to it, not replace it",
-            "add them with metrosep.compensation.combine, or take the readings with the table off",
+            "add them with metrosep.compensation.combine_tables, or take the readings with the table off",
             "active",
         )
     ]

@@ -1,7 +1,8 @@
 """Files that appear whole or not at all: write beside the target, flush, rename.
 
 A controller that finds half a compensation table loads half a table. Every layer that writes a
-result therefore builds its bytes first and hands them to `atomic_write`.
+result therefore builds its bytes first and hands them to `atomic_write`, or, where they are too
+many to hold, writes them piece by piece into an `atomic_stream`.
 """
 
 from __future__ import annotations
@@ -9,11 +10,13 @@ from __future__ import annotations
 import contextlib
 import os
 import secrets
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import BinaryIO
 
 from metrosep.core.errors import WriteError
 
-__all__ = ["atomic_write"]
+__all__ = ["atomic_stream", "atomic_write"]
 
 
 def atomic_write(path: str | os.PathLike[str], data: bytes) -> Path:
@@ -43,19 +46,83 @@ def atomic_write(path: str | os.PathLike[str], data: bytes) -> Path:
     The bytes go to a temporary file in the same folder, are flushed to the disk (fsync) and
     renamed over the target, which POSIX and Windows both do in one step.
     """
+    with _beside(path) as (temporary, target):
+        _write_then_rename(temporary, target, data)
+        return target
+
+
+@contextlib.contextmanager
+def atomic_stream(
+    path: str | os.PathLike[str], *, check: Callable[[Path], None] | None = None
+) -> Iterator[BinaryIO]:
+    r"""Give a binary file to write into; the target appears only when the block ends well.
+
+    Parameters
+    ----------
+    path : str or path
+        The file; its folder must exist. A file of that name is replaced only when the new one is
+        complete; a symbolic link is followed.
+    check : callable, optional
+        Called with the path of the complete, flushed temporary file before it gets its name; what
+        it raises stops the rename.
+
+    Yields
+    ------
+    BinaryIO
+        Open for writing and for reading back; positioned at its start.
+
+    Raises
+    ------
+    WriteError
+        If the folder does not exist or cannot be written, the name is a folder, or the disk is
+        full. What the block or `check` raises passes through. Nothing half-written is left behind
+        and an older file of that name stays as it was.
+
+    Notes
+    -----
+    As `atomic_write`: a temporary file in the same folder, fsync, one rename. Memory does not grow
+    with the file.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     target = Path(folder) / "path.nc"
+    ...     with atomic_stream(target) as stream:
+    ...         _ = stream.write(b"G1 X1\n")
+    ...         before = target.exists()
+    ...     (before, target.read_bytes())
+    (False, b'G1 X1\n')
+    """
+    with _beside(path) as (temporary, target):
+        try:
+            with os.fdopen(_create(temporary, target, os.O_RDWR), "w+b") as stream:
+                yield stream
+                stream.flush()
+                os.fsync(stream.fileno())
+            if check is not None:
+                check(temporary)
+            temporary.replace(target)
+        except BaseException:
+            with contextlib.suppress(OSError):
+                temporary.unlink()
+            raise
+
+
+@contextlib.contextmanager
+def _beside(path: str | os.PathLike[str]) -> Iterator[tuple[Path, Path]]:
+    """Give a name for a temporary file and the target; troubles of the system become WriteError."""
     target = Path(path)
     try:
         target = target.resolve()
         _check_folder(target)
-        temporary = target.with_name(f".{target.name[:100]}.{secrets.token_hex(6)}.tmp")
-        _write_then_rename(temporary, target, data)
+        yield target.with_name(f".{target.name[:100]}.{secrets.token_hex(6)}.tmp"), target
     except OSError as exc:
         reason = exc.strerror or str(exc)
         raise WriteError(
             f"{path}: cannot be written ({reason}); choose a folder that you may write to and that "
             "has room, or free the file if another program holds it"
         ) from None
-    return target
 
 
 def _check_folder(target: Path) -> None:
@@ -68,10 +135,7 @@ def _check_folder(target: Path) -> None:
 
 
 def _write_then_rename(temporary: Path, target: Path, data: bytes) -> None:
-    mode = target.stat().st_mode & 0o777 if target.exists() else 0o666
-    handle = os.open(
-        temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), mode
-    )
+    handle = _create(temporary, target, os.O_WRONLY)
     try:
         with os.fdopen(handle, "wb") as stream:
             stream.write(data)
@@ -82,3 +146,9 @@ def _write_then_rename(temporary: Path, target: Path, data: bytes) -> None:
         with contextlib.suppress(OSError):
             temporary.unlink()
         raise
+
+
+def _create(temporary: Path, target: Path, how: int) -> int:
+    """Return the handle of a new file with the permissions of the one it will replace."""
+    mode = target.stat().st_mode & 0o777 if target.exists() else 0o666
+    return os.open(temporary, how | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), mode)

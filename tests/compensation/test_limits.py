@@ -161,3 +161,15 @@ def test_a_spacing_in_the_wrong_unit_is_refused_at_once():
         CompensationTable.from_error(
             Profile(np.linspace(0, 1, 11), np.zeros(11)), positions="1 nm", axis="X"
         )
+
+
+def test_a_step_at_the_very_edge_of_the_dead_zone_warns():
+    """1.0 to 1.5 um reads back from a file as 5.000000000024e-7; float32 decides in the machine."""
+    x = np.array([-50e-3, 50e-3])
+    limits = Limits(acceleration=1.0, servo_period=1e-3)
+
+    found = check_limits(
+        x, np.full(2, 1.0e-6), np.full(2, 1.0e-6 + 5.000000000024e-7), limits, on_axis=True
+    )
+
+    assert [f.check for f in found] == ["dead-zone"]

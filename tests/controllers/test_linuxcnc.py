@@ -182,7 +182,7 @@ def test_cross_axis_table_is_refused(tmp_path):
 def test_cross_axis_needs_the_very_word(tmp_path, word):
     cross = CompensationTable([0.0, 1e-3], [0, 1e-9], None, "X", "Z", 0.0)
 
-    with pytest.raises(DataError, match="cross_axis.*refuse, hal"):
+    with pytest.raises(DataError, match=r"cross_axis.*refuse, hal"):
         controllers.write(cross, tmp_path / "x.comp", allow_unverified=True, cross_axis=word)
     assert list(tmp_path.iterdir()) == []
 

@@ -13,16 +13,16 @@ import time
 from pathlib import Path
 
 PINS = ("pos-cmd", "motor-pos-cmd", "backlash-corr", "backlash-filt", "motor-offset")
-JOINTS = 2
 COMMAND_LIMIT_S = 30.0
 SETTLE_LIMIT_S = 2.0
 POLL_S = 0.01
+OFF_S = 0.3
 
 
 class Machine:
     """The running LinuxCNC, seen through its Python modules and ``halcmd``."""
 
-    def __init__(self, deadline, more=()):
+    def __init__(self, deadline, more=(), axes="XZ", rest_s=0.0):
         import hal
         import linuxcnc
 
@@ -36,6 +36,8 @@ class Machine:
         self.messages = []
         self.deadline = deadline
         self.more = more  # full names of further pins to read
+        self.axes = axes  # their letters, a joint for each
+        self.rest_s = rest_s  # nothing may change for so long before a reading counts
 
     def wait_for(self, condition, what):
         """Poll until `condition(status)` holds; end the program at the deadline."""
@@ -58,7 +60,9 @@ class Machine:
 
     def start(self):
         """Out of emergency stop, on, homed, ready for commands in MDI mode."""
-        self.wait_for(lambda status: status.joints == JOINTS, "start of the motion controller")
+        self.wait_for(
+            lambda status: status.joints == len(self.axes), "start of the motion controller"
+        )
         for state in (self.cnc.STATE_ESTOP_RESET, self.cnc.STATE_ON):
             self.command.state(state)
             self.wait_for(lambda status, state=state: status.task_state == state, f"state {state}")
@@ -67,15 +71,28 @@ class Machine:
         self.command.teleop_enable(0)
         self.command.wait_complete()
         self.command.home(-1)
-        self.wait_for(lambda status: all(status.homed[:JOINTS]), "homing")
+        self.wait_for(lambda status: all(status.homed[: len(self.axes)]), "homing")
+        self.command.mode(self.cnc.MODE_MDI)
+        self.command.wait_complete()
+
+    def is_on(self, status):
+        """Whether the machine is on; off it reports one of several states."""
+        return status.task_state == self.cnc.STATE_ON
+
+    def off_and_on(self):
+        """Turn the machine off and on again; it stays homed."""
+        for state, on in ((self.cnc.STATE_OFF, False), (self.cnc.STATE_ON, True)):
+            self.command.state(state)
+            self.wait_for(lambda status, on=on: self.is_on(status) == on, f"state {state}")
+            time.sleep(OFF_S)
         self.command.mode(self.cnc.MODE_MDI)
         self.command.wait_complete()
 
     def move_to(self, target, feed):
-        """Feed to `target` (X, or X and Z, mm) at `feed` (mm/min) and wait for the end of it."""
+        """Feed to `target` (one value for each axis, or fewer; mm) at `feed` (mm/min) and wait."""
         if time.monotonic() > self.deadline:
             sys.exit(f"drive: time limit reached before target {target} mm")
-        words = [f"{axis}{value:.9f}" for axis, value in zip("XZ", target, strict=False)]
+        words = [f"{axis}{value:.9f}" for axis, value in zip(self.axes, target, strict=False)]
         self.command.mdi(" ".join(["G1", f"F{feed:g}", *words]))
         done = self.command.wait_complete(COMMAND_LIMIT_S)
         self.drain()
@@ -88,12 +105,15 @@ class Machine:
         ``getp`` prints seven significant digits, that is 10 nm from 10 mm on, so a difference of
         two positions has to come from the doubles; the text stays as a second witness.
         """
-        stop = time.monotonic() + SETTLE_LIMIT_S
+        since = time.monotonic()
+        stop = since + SETTLE_LIMIT_S
         values = self.pins(), self.more_pins()
         while True:
             time.sleep(2 * POLL_S)
             previous, values = values, (self.pins(), self.more_pins())
-            if values == previous:
+            if values != previous:
+                since = time.monotonic()
+            elif time.monotonic() - since >= self.rest_s:
                 break
             if time.monotonic() > stop:
                 sys.exit(f"drive: the machine does not come to rest: {previous} then {values}")
@@ -124,17 +144,21 @@ def getp(pin):
 def main():
     """Do what ``request.json`` asks for."""
     request = json.loads(Path("request.json").read_text())
-    machine = Machine(time.monotonic() + request["limit_s"], request["pins"])
+    deadline = time.monotonic() + request["limit_s"]
+    machine = Machine(deadline, request["pins"], request["axes"], request["rest_s"])
     machine.start()
     at_rest = machine.read()
 
     readings = []
     position, direction = at_rest["pins_mm"]["pos-cmd"], 0
-    for target in request["targets_mm"]:
+    for number, target in enumerate(request["targets_mm"]):
+        if number in request["off_before"]:
+            machine.off_and_on()
         x = target[0]
         direction = (x > position) - (x < position) or direction
         machine.move_to(target, request["feed_mm_min"])
         reading = {"target_mm": x, "target_z_mm": target[1] if len(target) > 1 else None}
+        reading["targets_mm"] = target
         readings.append({**reading, "direction": direction, **machine.read()})
         position = x
     machine.drain()

@@ -3,11 +3,14 @@
 
     run.py TABLE.comp TARGETS.json -o RESULT.json [--limit 120] [--feed 6000]
            [--hal MACHINE.hal] [--ini MACHINE.ini] [--pin joint.1.pos-fb ...]
+           [--axes XYZ] [--rest 0.1] [--off-before 3 ...]
 
 TABLE.comp holds bare triples ``nominal forward reverse`` in mm, TARGETS.json a list of positions
 of X, or of pairs [X, Z], in mm that joint 0 (and 1) visits in that order. RESULT.json has one
 reading per target: its direction of approach, the pins of joint 0, the pins asked for, and the
-offset of joint 0 (motor-pos-cmd - pos-cmd). Another machine may stand in for machine.hal/.ini.
+offset of joint 0 (motor-pos-cmd - pos-cmd). Another machine may stand in for machine.hal/.ini; with
+``--axes`` it has other axes, targets are lists of as many, and TABLE is any file: it lies beside the
+INI file as ``table.comp``.
 
 LinuxCNC runs as an ordinary user (root's runs are handed to METROSEP_CNC_USER, by default
 ``metrosep-cnc``) in a pseudo-terminal and in a folder of its own that is removed afterwards. Each
@@ -68,6 +71,9 @@ def run(
     feed_mm_min: float,
     machine: Mapping[str, Path] = MACHINE_FILES,
     pins: Sequence[str] = (),
+    axes: str = "XZ",
+    rest_s: float = 0.0,
+    off_before: Sequence[int] = (),
 ) -> dict[str, Any]:
     """Readings of LinuxCNC at the targets with the compensation file loaded."""
     if not table.is_file():  # LinuxCNC itself would hang at start-up
@@ -79,6 +85,9 @@ def run(
     request = {
         "targets_mm": [list(target) for target in targets_mm],
         "pins": list(pins),
+        "axes": axes,
+        "rest_s": rest_s,
+        "off_before": list(off_before),
         "feed_mm_min": feed_mm_min,
         "limit_s": max(limit_s - DRIVER_MARGIN_S, limit_s / 2),
     }
@@ -275,14 +284,19 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--hal", type=Path, default=MACHINE_FILES["machine.hal"], help="wiring")
     parser.add_argument("--ini", type=Path, default=MACHINE_FILES["machine.ini"], help="settings")
     parser.add_argument("--pin", action="append", default=[], help="further pin to read")
+    parser.add_argument("--axes", default="XZ", help="letters of the axes, a joint for each")
+    parser.add_argument("--rest", type=float, default=0.0, help="seconds of rest before reading")
+    parser.add_argument(
+        "--off-before", type=int, action="append", default=[], help="target: off and on before it"
+    )
     return parser.parse_args()
 
 
-def position(value: Any) -> list[float]:
-    """One target: X, or X and Z, mm."""
+def position(value: Any, axes: str) -> list[float]:
+    """One target: the first axis, or a list of the first axes, mm."""
     values = [float(v) for v in value] if isinstance(value, list) else [float(value)]
-    if len(values) not in (1, 2):
-        raise ValueError(f"{value} is neither X nor [X, Z]")
+    if not 1 <= len(values) <= len(axes):
+        raise ValueError(f"{value} is not a position of {', '.join(axes)}")
     return values
 
 
@@ -292,11 +306,11 @@ def main() -> int:
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
     become_subreaper()
     try:
-        targets = [position(value) for value in json.loads(options.targets.read_text())]
+        targets = [
+            position(value, options.axes) for value in json.loads(options.targets.read_text())
+        ]
     except (OSError, ValueError, TypeError) as error:
-        print(
-            f"run.py: {options.targets}: not a JSON list of X or [X, Z]: {error}", file=sys.stderr
-        )
+        print(f"run.py: {options.targets}: not a JSON list of positions: {error}", file=sys.stderr)
         return EXIT_UNREADABLE
     try:
         result = run(
@@ -306,6 +320,9 @@ def main() -> int:
             feed_mm_min=options.feed,
             machine=MACHINE_FILES | {"machine.hal": options.hal, "machine.ini": options.ini},
             pins=options.pin,
+            axes=options.axes,
+            rest_s=options.rest,
+            off_before=options.off_before,
         )
     except RunError as error:
         print(f"run.py: {error}", file=sys.stderr)

@@ -234,7 +234,7 @@ def flipped(way: Way, written: Path, tmp_path_factory: pytest.TempPathFactory) -
     path = tmp_path_factory.mktemp("cross") / "flipped.comp"
     nominal, forward, reverse = np.loadtxt(written).T
     np.savetxt(path, np.column_stack([nominal, 2 * nominal - forward, 2 * nominal - reverse]))
-    return visit(path, way.targets()[::4], hal_of(written))
+    return visit(path, way.targets()[::7], hal_of(written))
 
 
 def test_wiring_loads_and_no_following_error_ever_exceeds_the_limit(compensated):

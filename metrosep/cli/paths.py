@@ -1,0 +1,228 @@
+"""The command that corrects a tool path: path."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any, Literal
+
+import click
+
+from metrosep.cli.options import file_options, json_option, name_values, say
+
+if TYPE_CHECKING:
+    from metrosep.controllers.gcode_corrections import PathCorrection
+    from metrosep.controllers.gcode_paths import PathResult
+    from metrosep.controllers.point_lists import PointResult
+
+__all__ = ["path"]
+
+
+@click.command()
+@click.argument("program", metavar="IN.nc")
+@click.option("--error", "error", required=True, metavar="MAP", help="Error of the part, a file.")
+@click.option("-o", "--out", required=True, metavar="FILE", help="Corrected program to write.")
+@click.option(
+    "--centre",
+    metavar="middle|X,Y",
+    help='Spindle axis in the map: middle, or "1.2 mm, 0 mm"; its coordinates 0, 0 if omitted.',
+)
+@click.option(
+    "--c-sense",
+    type=click.Choice(["+1", "-1"]),
+    help="+1: the tool goes to larger polar angles of the map when C rises; -1: to smaller ones.",
+)
+@click.option("--c-zero", metavar="ANGLE", help='Polar angle of the map at C = 0: "90 deg".')
+@click.option("--tolerance", metavar="LENGTH", help='Split blocks: "2 nm" from the chord at most.')
+@click.option("--resolution", metavar="LENGTH", help='Finest step that is written: "0.1 nm".')
+@click.option("--decimals", type=int, metavar="N", help="Digits after the point instead.")
+@click.option("--path-unit", type=click.Choice(["mm", "inch"]), help="Without G20 or G21.")
+@click.option(
+    "--diameter/--radius", "diameter", default=None, help="What X words are, without G7 or G8."
+)
+@click.option("--outside", type=click.Choice(["refuse", "zero", "hold"]), help="Beyond the map.")
+@click.option("--stroke", metavar="LENGTH", help='Largest correction: "100 um" if omitted.')
+@click.option("--blocks-per-s", type=float, metavar="N", help="Most blocks per second.")
+@click.option("--points", is_flag=True, help="IN is a list of points (CSV, PVT), not G-code.")
+@click.option(
+    "--column",
+    "columns",
+    multiple=True,
+    metavar="X=NAME",
+    help="With --points: column by name or number from 0; may be repeated.",
+)
+@click.option(
+    "--column-unit",
+    "units",
+    multiple=True,
+    metavar="X=UNIT",
+    help="With --points: unit of a column that its header does not state.",
+)
+@file_options
+@click.option("--force", is_flag=True, help="Replace FILE if it exists.")
+@json_option
+@click.pass_context
+def path(
+    context: click.Context,
+    /,
+    program: str,
+    error: str,
+    out: str,
+    reading: dict[str, Any],
+    points: bool,
+    force: bool,
+    as_json: bool,
+    **options: Any,
+) -> int:
+    """Write IN.nc with the error MAP of the part subtracted from Z, all other words as they are.
+
+    MAP holds actual minus nominal, heights out of the material, over the part or along X. Turn the
+    sense of C once on the machine before you trust it: a wrong --c-sense mirrors the correction.
+
+    Exit code 1: a correction above --stroke or a block faster than --blocks-per-s. 2: a wrong
+    option, or an output that cannot be written. 4: a map or program that cannot be used, with line,
+    reason and way out.
+    """
+    if context.obj is not None:
+        context.obj["words"] = _words
+    made = _correction(error, reading, options)
+    result = (
+        _points(program, out, made, options, force=force)
+        if points
+        else _program(program, out, made, options, force=force)
+    )
+    if as_json:
+        click.echo(json.dumps(result.audit, sort_keys=True, allow_nan=False))
+        return 0
+    for message in result.messages:
+        say(f"note: {_words(message)}")
+    _print(result)
+    say(f"wrote {result.target}")
+    say(f"wrote {result.sidecar}")
+    return 0
+
+
+def _words(message: str) -> str:
+    """Return a message with arguments written as options of the command."""
+    from metrosep.cli.errors import as_options
+
+    for old, new in (
+        ("unit='mm' (or 'inch')", "path_unit='mm' (or inch)"),
+        ("diameter=True", "--diameter"),
+        ("give diameter= as", "give --diameter or --radius as"),
+        ("centre=(x, y) in m", '--centre "X, Y"'),
+    ):
+        message = message.replace(old, new)
+    return as_options(
+        message, {p.name for p in path.params if p.name} - {"unit", "columns", "units"}
+    )
+
+
+def _correction(file: str, reading: dict[str, Any], options: dict[str, Any]) -> PathCorrection:
+    from metrosep.controllers.gcode_corrections import error_correction
+    from metrosep.core.errors import DataError
+    from metrosep.core.profile import Profile
+    from metrosep.core.surface import Surface
+    from metrosep.core.units import parse_quantity
+    from metrosep.io.read import read
+
+    measured = read(file, **reading)
+    if not isinstance(measured, Surface | Profile):
+        raise DataError(
+            f"{file}: holds a {type(measured).__name__}; the error of a part is a map or a profile"
+        )
+    sense, zero = options["c_sense"], options["c_zero"]
+    if isinstance(measured, Surface) and sense is None:
+        raise click.UsageError(
+            "a map over the part needs --c-sense +1 or -1: nobody but you knows which way C turns it"
+        )
+    return error_correction(
+        measured,
+        c_sense=int(sense or 1),
+        c_zero=0.0 if zero is None else parse_quantity(zero, dimension="angle", name="--c-zero"),
+        centre=_centre(options["centre"]),
+    )
+
+
+def _centre(text: str | None) -> tuple[float, float] | Literal["middle"]:
+    from metrosep.core.units import parse_quantity
+
+    if text is None:
+        return (0.0, 0.0)
+    if text == "middle":
+        return "middle"
+    parts = text.split(",")
+    if len(parts) != 2:
+        raise click.UsageError('--centre is middle, or two lengths: "1.2 mm, 0 mm"')
+    x, y = (parse_quantity(p.strip(), dimension="length", name="--centre") for p in parts)
+    return x, y
+
+
+def _lengths(options: dict[str, Any], names: tuple[str, ...]) -> dict[str, Any]:
+    from metrosep.core.units import parse_quantity
+
+    return {
+        name: parse_quantity(options[name], dimension="length", name=f"--{name}")
+        for name in names
+        if options[name] is not None
+    }
+
+
+def _program(
+    program: str, out: str, made: PathCorrection, options: dict[str, Any], *, force: bool
+) -> PathResult:
+    from metrosep.controllers.gcode_paths import rewrite_path
+
+    if options["columns"] or options["units"]:
+        raise click.UsageError("--column and --column-unit need --points")
+    given = {
+        "decimals": options["decimals"],
+        "unit": options["path_unit"],
+        "diameter": options["diameter"],
+        "outside": options["outside"],
+        "blocks_per_s": options["blocks_per_s"],
+    }
+    lengths = _lengths(options, ("tolerance", "resolution", "stroke"))
+    plain: dict[str, Any] = {k: v for k, v in given.items() if v is not None}
+    return rewrite_path(program, out, made, overwrite=force, **lengths, **plain)
+
+
+def _points(
+    program: str, out: str, made: PathCorrection, options: dict[str, Any], *, force: bool
+) -> PointResult:
+    from metrosep.controllers.point_lists import rewrite_points
+
+    for name in ("tolerance", "path_unit", "diameter", "outside", "blocks_per_s"):
+        if options[name] is not None:
+            raise click.UsageError(f"--{name.replace('_', '-')} is for programs, not for --points")
+    columns = {
+        name.upper(): int(value) if value.isdecimal() else value
+        for name, value in name_values(options["columns"], "--column")
+    }
+    units = {k.upper(): v for k, v in name_values(options["units"], "--column-unit")}
+    lengths = _lengths(options, ("resolution", "stroke"))
+    return rewrite_points(
+        program,
+        out,
+        made,
+        columns=columns,
+        units=units,
+        decimals=options["decimals"],
+        overwrite=force,
+        **lengths,
+    )
+
+
+def _print(result: PathResult | PointResult) -> None:
+    from metrosep.core.units import format_length
+
+    low, high = (format_length(v) for v in result.correction)
+    audit = result.audit
+    total = audit.get("n_blocks", audit.get("n_points"))
+    kind = "blocks" if "n_blocks" in audit else "points"
+    say(f"{result.n_changed} of {total} {kind} changed, correction {low} ... {high}")
+    if audit.get("n_inserted") or audit.get("n_added"):
+        say(f"{audit['n_inserted']} words inserted, {audit['n_added']} blocks added")
+    say(
+        f"last digit {format_length(result.quantisation)}, read back to "
+        f"{format_length(result.read_back_error, digits=2)}"
+    )

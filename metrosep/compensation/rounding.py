@@ -1,0 +1,313 @@
+"""Entries as the integers of a controller: rounded in place, or as increments that do not drift.
+
+A controller that adds up increments (Fanuc, Mitsubishi) adds up their rounding too. So the curve
+itself is rounded, and the increments are the differences of the rounded curve: their sum is off by
+half a step at most, wherever one looks.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from metrosep.compensation.limits import Finding
+from metrosep.core._arrays import frozen_float
+from metrosep.core.errors import DataError, InvalidSamplesError, LimitError
+from metrosep.core.units import format_length
+
+__all__ = ["Rounded", "require_findings", "round_entries", "round_increments"]
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+_COARSE = 10.0
+"""Steps that the span of the values must hold at least (specification, check 6)."""
+
+_EXACT = 2.0**53
+"""Beyond this a double no longer counts by ones."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rounded:
+    """Values as integers of a controller; frozen.
+
+    Parameters
+    ----------
+    entries : ndarray of int64, shape (n,) or (n - 1,)
+        What the file holds; increments are one fewer than the values.
+    values : ndarray, shape (n,), m
+        What the controller makes of them.
+    step : float, m
+        Smallest change of the values: unit times magnification.
+    error : float, m
+        Largest deviation of `values` from what was asked.
+    findings : tuple of Finding
+        What is out of range or too coarse; empty if nothing is wrong.
+    """
+
+    entries: IntArray
+    values: FloatArray
+    step: float
+    error: float
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def audit(self) -> dict[str, Any]:
+        """Plain values with units in the keys, for sidecars and reports."""
+        return {
+            "n_entries": int(self.entries.size),
+            "smallest_entry": int(self.entries.min()),
+            "largest_entry": int(self.entries.max()),
+            "step_nm": self.step * 1e9,
+            "rounding_nm": self.error * 1e9,
+            "rounding_pv_nm": self.step * 1e9,
+            "definition": "largest |rounded - value|; half a step where nothing is out of range",
+            "findings": [f"{f.level}: {f.problem}; {f.fix}" for f in self.findings],
+        }
+
+
+def round_entries(
+    values: ArrayLike, unit: float, *, limits: tuple[int, int] | None = None
+) -> Rounded:
+    """Return values as whole numbers of a unit.
+
+    Parameters
+    ----------
+    values : array_like, shape (n,), m
+        Corrections or errors in the sign that the controller takes.
+    unit : float, m
+        What one unit of an entry is, such as 1/16 count.
+    limits : tuple of (int, int), optional
+        Smallest and largest entry.
+
+    Returns
+    -------
+    Rounded
+        Entries, what they stand for, and what is wrong with them.
+
+    Raises
+    ------
+    DataError
+        If the unit is not positive or the limits are not in order.
+    TooFewSamplesError
+        If there is no value.
+    InvalidSamplesError
+        If a value is not finite, or needs more digits than a double has.
+
+    Notes
+    -----
+    A half is rounded to the even number. A unit above a tenth of the P-V of the values is an
+    error among the findings (specification section 8, check 6); `require_findings` refuses.
+
+    Examples
+    --------
+    >>> round_entries([0.0, 0.24e-6, -0.5e-6], 1e-7).entries.tolist()
+    [0, 2, -5]
+    """
+    wanted = _wanted(values, unit)
+    low, high = _ordered(limits)
+    entries = _whole(wanted, unit)
+    findings = _coarse(wanted, unit)
+    bad = np.flatnonzero((entries < low) | (entries > high))
+    if bad.size:
+        i = int(bad[0])
+        findings.append(
+            Finding(
+                "error",
+                f"entry {i} is {entries[i]}, allowed are {low} to {high} ({bad.size} of "
+                f"{entries.size} entries are out of range)",
+                "use a larger unit or remove alignment from the error",
+            )
+        )
+    return _rounded(entries, float(unit) * entries.astype(np.float64), wanted, unit, findings)
+
+
+def round_increments(
+    values: ArrayLike,
+    unit: float,
+    magnification: int = 1,
+    limits: tuple[int, int] | None = (-128, 127),
+    *,
+    positions: ArrayLike | None = None,
+) -> Rounded:
+    """Return the increments from value to value that a controller adds up.
+
+    Parameters
+    ----------
+    values : array_like, shape (n,), m
+        Corrections or errors in the sign that the controller takes, n >= 2; what the controller
+        makes of them begins with the first of them, rounded.
+    unit : float, m
+        Detection unit.
+    magnification : int, optional
+        Units for one entry (Fanuc 3623, Mitsubishi scale factor).
+    limits : tuple of (int, int), optional
+        Smallest and largest increment, (-7, 7) for older Fanuc controllers.
+    positions : array_like, shape (n,), m, optional
+        For messages.
+
+    Returns
+    -------
+    Rounded
+        n - 1 increments; `values` are their running sum, off by half a step at most.
+
+    Raises
+    ------
+    DataError
+        If unit or magnification is not positive, limits are not in order, or lengths differ.
+    TooFewSamplesError
+        If there are fewer than 2 values.
+    InvalidSamplesError
+        If a value is not finite, or needs more digits than a double has.
+
+    Notes
+    -----
+    The curve is rounded, then differenced. Rounding each increment lets the errors add up: for
+    a slope of 0.4 step an interval, rounded increments stay 0 for ever.
+    An increment out of range is an error among the findings; nothing is cut to the range.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> round_increments(np.arange(6) * 0.4e-6, 1e-6).entries.tolist()
+    [0, 1, 0, 1, 0]
+    """
+    scale = _whole_number(magnification)
+    wanted = _wanted(values, unit, at_least=2)
+    low, high = _ordered(limits)
+    step = unit * scale
+    curve = _whole(wanted, step)
+    entries = np.diff(curve)
+    findings = _coarse(wanted, step)
+    bad = np.flatnonzero((entries < low) | (entries > high))
+    if bad.size:
+        findings.append(_out_of_range(entries, bad, low, high, scale, positions, wanted))
+    return _rounded(entries, float(step) * curve.astype(np.float64), wanted, step, findings)
+
+
+def require_findings(findings: tuple[Finding, ...], *, waive: bool = False) -> tuple[Finding, ...]:
+    """Return findings, and refuse errors unless they are waived.
+
+    Parameters
+    ----------
+    findings : tuple of Finding
+        Of `round_entries`, `round_increments` or a table.
+    waive : bool, optional
+        Take the errors as they are; the caller records that.
+
+    Returns
+    -------
+    tuple of Finding
+        The same.
+
+    Raises
+    ------
+    LimitError
+        If there is an error that is not waived.
+
+    Examples
+    --------
+    >>> require_findings(())
+    ()
+    """
+    errors = [f for f in findings if f.level == "error"]
+    if errors and not waive:
+        raise LimitError("; ".join(f"{f.problem}: {f.fix}" for f in errors))
+    return findings
+
+
+def _wanted(values: ArrayLike, unit: float, at_least: int = 1) -> FloatArray:
+    if not _is_positive(unit):
+        raise DataError(f"the unit of an entry must be positive and finite, got {unit!r} m")
+    wanted = frozen_float(values, name="values", ndim=1, min_size=at_least)
+    bad = np.flatnonzero(~np.isfinite(wanted))
+    if bad.size:
+        raise InvalidSamplesError(
+            f"value {int(bad[0])} is {wanted[int(bad[0])]}: an entry cannot hold that; narrow the "
+            "positions to what was measured"
+        )
+    return wanted
+
+
+def _is_positive(unit: object) -> bool:
+    return isinstance(unit, float | int | np.number) and bool(math.isfinite(unit) and unit > 0.0)
+
+
+def _whole_number(magnification: object) -> int:
+    whole = isinstance(magnification, int | np.integer) and not isinstance(magnification, bool)
+    if not whole or magnification < 1:  # type: ignore[operator]
+        raise DataError(f"the magnification is a whole number from 1, got {magnification!r}")
+    return int(magnification)  # type: ignore[call-overload, no-any-return]
+
+
+def _ordered(limits: tuple[int, int] | None) -> tuple[int, int]:
+    low, high = limits or (-(2**63), 2**63 - 1)
+    if low > high:
+        raise DataError(f"limits must be (smallest, largest), got {limits!r}")
+    return int(low), int(high)
+
+
+def _whole(wanted: FloatArray, step: float) -> IntArray:
+    counts = wanted / step
+    if float(np.abs(counts).max()) >= _EXACT:
+        i = int(np.abs(counts).argmax())
+        raise InvalidSamplesError(
+            f"value {i} is {counts[i]:.3g} steps of {format_length(step)}, more than an exact number "
+            "holds: check the units"
+        )
+    return np.rint(counts).astype(np.int64)
+
+
+def _coarse(wanted: FloatArray, step: float) -> list[Finding]:
+    span = float(np.ptp(wanted))
+    if step * _COARSE <= span * (1.0 + 1e-12) or span == 0.0:
+        return []
+    return [
+        Finding(
+            "error",
+            f"one step of an entry is {format_length(step)}, the values span {format_length(span)}: "
+            f"fewer than {_COARSE:.0f} steps",
+            "use a smaller unit or magnification, or another carrier",
+        )
+    ]
+
+
+def _out_of_range(
+    entries: IntArray,
+    bad: NDArray[np.intp],
+    low: int,
+    high: int,
+    magnification: int,
+    positions: ArrayLike | None,
+    wanted: FloatArray,
+) -> Finding:
+    i = int(bad[0])
+    where = ""
+    if positions is not None:
+        p = np.asarray(positions, dtype=np.float64)
+        if p.shape != wanted.shape:
+            raise DataError(f"{p.size} positions for {wanted.size} values")
+        where = f" from {p[i] * 1e3:.9g} to {p[i + 1] * 1e3:.9g} mm"
+    worst = int(entries[int(np.abs(entries).argmax())])
+    share = max(worst / high if worst > 0 and high > 0 else 0.0, worst / low if low < 0 else 0.0)
+    enough = math.ceil(share * magnification)
+    larger = f"a magnification of {enough}" if enough > magnification else "a larger magnification"
+    return Finding(
+        "error",
+        f"interval {i}{where} needs an increment of {entries[i]}, allowed are {low} to {high} "
+        f"({bad.size} of {entries.size} are out of range, the largest is {worst})",
+        f"use {larger} (coarser steps) or a finer interval between the points",
+    )
+
+
+def _rounded(
+    entries: IntArray, values: FloatArray, wanted: FloatArray, step: float, findings: list[Finding]
+) -> Rounded:
+    entries.setflags(write=False)
+    values.setflags(write=False)
+    error = float(np.abs(values - wanted).max())
+    return Rounded(entries, values, step, error, tuple(findings))

@@ -1,0 +1,277 @@
+"""A table with one bump of known sign and size, for controllers whose sign is not documented.
+
+Loaded instead of the real table and driven past an indicator, it shows in one pass whether the
+controller adds the correction, subtracts it, mirrors the positions, or does nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.compensation.table import CompensationTable
+from metrosep.core.errors import DataError, TableError
+from metrosep.core.provenance import Step
+from metrosep.core.runset import Run, RunSet
+from metrosep.core.units import format_length
+
+__all__ = ["Third", "TrialTable", "Verdict", "trial_table"]
+
+FloatArray = NDArray[np.float64]
+Third = Literal["auto", "first", "middle", "last"]
+Verdict = Literal["right", "wrong"]
+
+_PEAK = 0.25
+"""Place of the peak in its third: the near flank is three times as steep as the far one."""
+
+_SLOPE = 1e-3
+"""Slope of a correction beyond which it is no longer metrology (as in `limits`)."""
+
+_CLEAR = 0.5
+"""Share of the amplitude by which a reading may be off and still be clear."""
+
+_REVERSE = 0.5
+"""Height of the reverse column over the forward one, so that swapped columns show."""
+
+_TERTIARY = {"first": 0, "middle": 1, "last": 2}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrialTable:
+    """A bump to be driven past an indicator; frozen.
+
+    Parameters
+    ----------
+    table : CompensationTable
+        To be written in place of the real one; never for cutting.
+    position : float, m
+        Commanded position of the peak.
+    amplitude : float, m
+        Correction there when moving in + direction.
+    amplitude_reverse : float, m
+        The same in - direction.
+    instruction : str
+        What to do.
+    if_right, if_wrong : str
+        What must be seen.
+    """
+
+    table: CompensationTable
+    position: float
+    amplitude: float
+    amplitude_reverse: float
+    instruction: str
+    if_right: str
+    if_wrong: str
+
+    def judge(self, change: float, u: float = 0.0) -> Verdict:
+        """Return whether a reading says that the sign is right.
+
+        Parameters
+        ----------
+        change : float, m
+            Reading at the peak with the table minus without, moving in + direction; + is a place
+            of the corrected axis further in +.
+        u : float, m, optional
+            Standard uncertainty of that change.
+
+        Returns
+        -------
+        {"right", "wrong"}
+            The sign as written is that of the controller, or the opposite one.
+
+        Raises
+        ------
+        DataError
+            If the change is neither clearly the amplitude nor its negative: the table is not
+            active, scaled, or looked up elsewhere.
+
+        Notes
+        -----
+        Clear is a reading within half the amplitude of one of the two, widened by nothing: two
+        standard uncertainties must fit into that half.
+        """
+        if not math.isfinite(change) or not (math.isfinite(u) and u >= 0.0):
+            raise DataError(f"change and u must be finite, u >= 0: got {change!r}, {u!r}")
+        room = _CLEAR * abs(self.amplitude) - 2.0 * u
+        if room <= 0.0:
+            raise DataError(
+                f"u = {format_length(u)} is too large for a bump of {format_length(self.amplitude)}: "
+                "average more readings or use a larger bump"
+            )
+        if abs(change - self.amplitude) <= room:
+            return "right"
+        if abs(change + self.amplitude) <= room:
+            return "wrong"
+        raise DataError(
+            f"the indicator changed by {format_length(change)}, expected was "
+            f"{format_length(self.amplitude)} (right) or {format_length(-self.amplitude)} (wrong): "
+            "the table is not active, its unit is another, or its positions are shifted or mirrored"
+        )
+
+
+def trial_table(
+    table: CompensationTable,
+    amplitude: float,
+    *,
+    third: Third = "auto",
+    slope_max: float = _SLOPE,
+) -> TrialTable:
+    """Return a table with one lopsided bump at the positions of a real one.
+
+    Parameters
+    ----------
+    table : CompensationTable
+        The real one: its positions, axes and reference are kept, its corrections are not.
+    amplitude : float, m
+        Correction at the peak, with its sign; some ten times what the indicator resolves.
+    third : {"auto", "first", "middle", "last"}, optional
+        Part of the travel that holds the bump; "auto" takes the last third, or the first if the
+        reference lies in the last.
+    slope_max : float, optional
+        Largest slope of the flanks in m per m.
+
+    Returns
+    -------
+    TrialTable
+        Table, where to look, and what must be seen.
+
+    Raises
+    ------
+    DataError
+        If the amplitude is zero or not finite, `third` is unknown or `slope_max` not positive.
+    TableError
+        If the reference lies in the third, no entry does, or the flanks are too steep.
+
+    Notes
+    -----
+    The peak lies a quarter into its third: a mirrored table shows it elsewhere and with the
+    steep flank on the other side. Where the real table has a reverse column, that of the trial is
+    half as high: swapped columns show. Source of the dry-run is the error that the bump cancels.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from metrosep.compensation import CompensationTable
+    >>> real = CompensationTable(np.arange(13) * 5e-3, np.zeros(13), None, "X", "Z", 0.0)
+    >>> trial = trial_table(real, 5e-6)
+    >>> round(trial.position * 1e3, 6), int((trial.table.forward != 0.0).sum())
+    (45.0, 3)
+    """
+    if not (math.isfinite(amplitude) and amplitude != 0.0):
+        raise DataError(f"the amplitude must be finite and not zero, got {amplitude!r} m")
+    if not (math.isfinite(slope_max) and slope_max > 0.0):
+        raise DataError(f"slope_max must be positive, got {slope_max!r}")
+    p = table.positions
+    first, last = _part(table, third)
+    shape, peak = _bump(p, first, last)
+    _check_slope(p, shape, amplitude, slope_max)
+    forward = amplitude * shape
+    split = table.reverse is not None
+    reverse = _REVERSE * forward if split else None
+    bumped = replace(
+        table,
+        forward=forward,
+        reverse=reverse,
+        u=None,
+        interpolation_error=0.0,
+        removed="offset",
+        is_exact_inverse=False,
+        offset_removed=0.0,
+        source_sha256=(),
+        history=(
+            Step("trial_table", {"amplitude_nm": amplitude * 1e9, "peak_mm": p[peak] * 1e3}),
+        ),
+    )
+    bumped = replace(bumped, source=_cancelled(bumped))
+    return _described(bumped, float(p[peak]), amplitude)
+
+
+def _part(table: CompensationTable, third: str) -> tuple[float, float]:
+    low, high = table.span
+    zero = table.reference
+
+    def bounds(name: str) -> tuple[float, float]:
+        k = _TERTIARY[name]
+        return low + (high - low) * k / 3, low + (high - low) * (k + 1) / 3
+
+    if third == "auto":
+        first, last = bounds("last")
+        third = "first" if first < zero < high else "last"
+    if third not in _TERTIARY:
+        raise DataError(f"third={third!r}; use auto, first, middle or last")
+    first, last = bounds(third)
+    if first < zero < last:
+        raise TableError(
+            f"the reference {format_length(zero)} lies in the {third} third, where the correction "
+            "must stay zero: take another third"
+        )
+    return first, last
+
+
+def _bump(p: FloatArray, first: float, last: float) -> tuple[FloatArray, int]:
+    """Return the bump of height 1 at the entries, and the entry of its peak."""
+    inside = np.flatnonzero((p > first) & (p < last))
+    if inside.size == 0:
+        raise TableError(
+            f"no entry lies between {format_length(first)} and {format_length(last)}: take another "
+            "third, or a table with at least 4 entries"
+        )
+    wanted = first + _PEAK * (last - first)
+    peak = int(inside[int(np.abs(p[inside] - wanted).argmin())])
+    shape = np.interp(p, [first, p[peak], last], [0.0, 1.0, 0.0])
+    shape[(p <= first) | (p >= last)] = 0.0
+    return shape, peak
+
+
+def _check_slope(p: FloatArray, shape: FloatArray, amplitude: float, slope_max: float) -> None:
+    steepest = float(np.abs(np.diff(shape) / np.diff(p)).max())
+    if abs(amplitude) * steepest > slope_max * (1.0 + 1e-9):
+        raise TableError(
+            f"a bump of {format_length(amplitude)} slopes {abs(amplitude) * steepest:.3g} m per m "
+            f"between the entries, allowed are {slope_max:.3g}: use at most "
+            f"{format_length(slope_max / steepest)}"
+        )
+
+
+def _cancelled(table: CompensationTable) -> RunSet:
+    """Return the error that the bump cancels, for the dry-run of the file."""
+    x = np.union1d(table.positions, 0.5 * (table.positions[1:] + table.positions[:-1]))
+    runs = [Run(x, -table.correction(x, 1), run_id="forward")]
+    if table.reverse is not None:
+        runs.append(Run(x[::-1], -table.correction(x[::-1], -1), run_id="reverse"))
+    return RunSet(runs)
+
+
+def _described(table: CompensationTable, position: float, amplitude: float) -> TrialTable:
+    back = amplitude if table.reverse is None else _REVERSE * amplitude
+    low, high = table.span
+    where = f"{position * 1e3:.6g} mm"
+    seen, flipped = _signed(amplitude), _signed(-amplitude)
+    mirrored = f"{(low + high - position) * 1e3:.6g} mm"
+    both = "" if back == amplitude else f"; in - direction half of it, {_signed(back)}"
+    return TrialTable(
+        table=table,
+        position=position,
+        amplitude=float(amplitude),
+        amplitude_reverse=float(back),
+        instruction=(
+            f"Without tool and part, set an indicator on axis {table.compensates}, + for places "
+            f"further in +{table.compensates}. Drive {table.axis} in + direction from "
+            f"{low * 1e3:.6g} to {high * 1e3:.6g} mm, once without and once with the trial table, "
+            f"and take the difference (with minus without) at {where}."
+        ),
+        if_right=f"Sign right: the indicator shows {seen} at {where} and 0 elsewhere{both}.",
+        if_wrong=(
+            f"Sign wrong: it shows {flipped} at {where}; change the sign and repeat. A bump at "
+            f"{mirrored} means mirrored positions, none at all that the table is not active."
+        ),
+    )
+
+
+def _signed(value: float) -> str:
+    return ("+" if value > 0 else "") + format_length(value)

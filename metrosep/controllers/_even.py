@@ -1,0 +1,187 @@
+"""Even positions for formats that hold a first position and a step, and a map's sidecar."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.compensation.maps import CompensationMap
+from metrosep.compensation.table import CompensationTable
+from metrosep.compensation.uniform import is_uniform, resample_uniform, resampling_error
+from metrosep.controllers.base import load_sidecar, sidecar_path
+from metrosep.core.errors import CorruptFileError, LimitError, TableError
+
+__all__ = ["even_map", "even_positions", "even_table", "map_identity"]
+
+FloatArray = NDArray[np.float64]
+
+_WHOLE = 1e-9
+"""A span is a whole number of spacings, but for rounding."""
+
+_MAX_POINTS = 1_000_000
+"""Not a limit of a controller: beyond it a spacing has the wrong unit."""
+
+
+def even_positions(
+    positions: FloatArray, spacing: float | None, name: str, axis: str
+) -> FloatArray:
+    """Return the positions themselves, or even ones from first to last.
+
+    Parameters
+    ----------
+    positions : ndarray, shape (n,), m or rad
+        Rising.
+    spacing : float or None, m or rad
+        Largest spacing; one that divides the span is taken. None keeps even positions.
+    name, axis : str
+        Of the option and the axis, for messages.
+
+    Returns
+    -------
+    ndarray, m or rad
+        First and last unchanged.
+
+    Raises
+    ------
+    TableError
+        If they are not even and no spacing is given.
+    LimitError
+        If the spacing gives more positions than any controller holds.
+    """
+    if spacing is None:
+        if is_uniform(positions):
+            return positions
+        steps = np.diff(positions)
+        raise TableError(
+            f"the file needs uniform positions of {axis}, these lie {steps.min() * 1e3:.6g} to "
+            f"{steps.max() * 1e3:.6g} mm apart; give {name}='...' to resample them"
+        )
+    span = float(positions[-1] - positions[0])
+    if not span / spacing < _MAX_POINTS:
+        raise LimitError(f"{name} gives {span / spacing:.3g} positions of {axis}; check its unit")
+    count = max(math.ceil(span / spacing - _WHOLE), 1)
+    return np.linspace(positions[0], positions[-1], count + 1)
+
+
+def even_table(
+    table: CompensationTable, spacing: float | None, name: str = "spacing"
+) -> tuple[CompensationTable, float]:
+    """Return a table at even positions, and how far that takes it off.
+
+    Parameters
+    ----------
+    table : CompensationTable
+        Corrections.
+    spacing : float or None, m
+        As for `even_positions`.
+    name : str, optional
+        Of the option.
+
+    Returns
+    -------
+    table : CompensationTable
+        The same if it is even already.
+    error : float, m
+        Largest difference, both directions.
+
+    Raises
+    ------
+    TableError, LimitError
+        As for `even_positions`.
+    """
+    p = even_positions(table.positions, spacing, name, table.axis)
+    step = float(p[-1] - p[0]) / (p.size - 1)
+    carried = resample_uniform(table, start=float(p[0]), step=step, n=p.size)
+    return carried, resampling_error(table, carried)
+
+
+def even_map(
+    table: CompensationMap, spacings: tuple[float | None, float | None], names: tuple[str, str]
+) -> tuple[CompensationMap, float]:
+    """Return a map at even positions, and how far that takes it off.
+
+    Parameters
+    ----------
+    table : CompensationMap
+        Corrections.
+    spacings : tuple of float or None, m or rad
+        Of the first axis (x) and the second, as for `even_positions`.
+    names : tuple of str
+        Of the options.
+
+    Returns
+    -------
+    map : CompensationMap
+        The same if it is even already.
+    error : float, m
+        Largest difference at the nodes of both, where it is largest.
+
+    Raises
+    ------
+    TableError, LimitError
+        As for `even_positions`.
+    """
+    x = even_positions(table.x, spacings[0], names[0], table.axes[0])
+    y = even_positions(table.y, spacings[1], names[1], table.axes[1])
+    if x is table.x and y is table.y:
+        return table, 0.0
+    carried = replace(table, x=x, y=y, values=table.correction(x, y[:, None]), u=None)
+    px, py = np.union1d(x, table.x), np.union1d(y, table.y)[:, None]
+    return carried, float(np.abs(carried.correction(px, py) - table.correction(px, py)).max())
+
+
+def map_identity(
+    path: Path, *, axes: tuple[str, str], compensates: str, first: tuple[float, float]
+) -> dict[str, Any]:
+    """Return what a map's file cannot hold: axes, reference, what is not in it.
+
+    Parameters
+    ----------
+    path : Path
+        The map.
+    axes, compensates : str
+        Names where there is no sidecar.
+    first : tuple of float, m or rad
+        Its first node, the reference where there is no sidecar.
+
+    Returns
+    -------
+    dict
+        Fields of `CompensationMap`.
+
+    Raises
+    ------
+    CorruptFileError
+        If there is a sidecar that is not one of a map.
+    """
+    told = load_sidecar(path).get("table")
+    if told is None:
+        return {"axes": axes, "compensates": compensates, "reference": first}
+    names = told.get("axes") if isinstance(told, dict) else None
+    place = told.get("reference_si") if isinstance(told, dict) else None
+    fits = (
+        isinstance(names, list)
+        and isinstance(place, list)
+        and len(names) == len(place) == 2
+        and all(isinstance(v, int | float) for v in place)
+    )
+    if names is None or place is None or not fits:
+        raise CorruptFileError(
+            sidecar_path(path),
+            "this is not the sidecar of a map",
+            field="table",
+            expected="axes and reference_si of two axes",
+            found=repr(told)[:40],
+            hint="move it away or write the map again",
+        )
+    return {
+        "axes": (str(names[0]), str(names[1])),
+        "compensates": str(told.get("compensates", compensates)),
+        "reference": (float(place[0]), float(place[1])),
+        "removed": "plane" if told.get("not_in_map") == "plane" else "offset",
+    }

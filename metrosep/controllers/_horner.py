@@ -1,0 +1,113 @@
+"""Polynomials in Horner form as text, and what the text computes."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["UNSIGNED", "Printed", "horner", "parsed_horner"]
+
+FloatArray = NDArray[np.float64]
+
+UNSIGNED = r"\d{1,300}(?:\.\d{1,300})?"
+"""Decimals without sign and exponent."""
+
+
+@dataclass(frozen=True, slots=True)
+class Printed:
+    """A polynomial as its text has it.
+
+    Parameters
+    ----------
+    coefficients : ndarray, shape (degree + 1,)
+        Of 1, x, x^2 ... in the units of the text.
+    low, high : float
+        Where the position is held, in the unit of x.
+    """
+
+    coefficients: FloatArray
+    low: float
+    high: float
+
+    def at(self, x: FloatArray) -> FloatArray:
+        """Return the value at positions, as the text computes it.
+
+        Parameters
+        ----------
+        x : ndarray
+            In the unit of x.
+
+        Returns
+        -------
+        ndarray
+            In the unit of y; that of the nearest end outside.
+        """
+        held = np.clip(x, self.low, self.high)
+        y = np.full(held.shape, self.coefficients[-1])
+        for c in self.coefficients[-2::-1]:
+            y = c + held * y
+        return np.asarray(y)
+
+
+def horner(numbers: Sequence[str], x: str) -> str:
+    """Return a polynomial in Horner form without a minus in front of a coefficient.
+
+    Parameters
+    ----------
+    numbers : sequence of str
+        Coefficients of 1, x, x^2 ... as decimals.
+    x : str
+        Name of the position.
+
+    Returns
+    -------
+    str
+        The expression; only the first coefficient may be negative.
+
+    Examples
+    --------
+    >>> horner(["0.5", "-2", "3"], "x")
+    '0.5-x*(2-x*(3))'
+    """
+    text, sign = numbers[0], "+"
+    for number in numbers[1:]:
+        wanted = "-" if number.startswith("-") else "+"
+        text += f"{'+' if wanted == sign else '-'}{x}*({number.lstrip('-')}"
+        sign = wanted
+    return text + ")" * (len(numbers) - 1)
+
+
+def parsed_horner(text: str, x: str) -> FloatArray | None:
+    """Return the coefficients of a Horner form, None if it is none.
+
+    Parameters
+    ----------
+    text : str
+        Without blanks.
+    x : str
+        Name of the position.
+
+    Returns
+    -------
+    ndarray or None
+        Of 1, x, x^2 ...
+
+    Examples
+    --------
+    >>> parsed_horner("0.5-x*(2-x*(3))", "x").tolist()
+    [0.5, -2.0, 3.0]
+    """
+    first = re.match(rf"-?{UNSIGNED}", text)
+    if first is None:
+        return None
+    found, sign, at = [float(first[0])], 1.0, first.end()
+    term = re.compile(rf"([+-]){re.escape(x)}\*\(({UNSIGNED})")
+    while (match := term.match(text, at)) is not None:
+        sign = -sign if match[1] == "-" else sign
+        found.append(sign * float(match[2]))
+        at = match.end()
+    return np.array(found) if text[at:] == ")" * (len(found) - 1) else None

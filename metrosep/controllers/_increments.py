@@ -1,0 +1,434 @@
+"""Shared by the dialects of uniform tables and of increments: spacing, facts in comments, numbers.
+
+Unlike `metrosep.compensation.uniform.resample_uniform`, `carry` does not shift the entries: what a
+file holds is the table at other positions, and every deviation is reported.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.compensation.area_errors import is_rotary
+from metrosep.compensation.limits import Limits
+from metrosep.compensation.table import CompensationTable
+from metrosep.compensation.uniform import is_uniform
+from metrosep.controllers.base import Dialect, sidecar_options
+from metrosep.core.errors import CorruptFileError, DataError, LimitError, TableError
+from metrosep.core.units import format_length
+
+__all__ = [
+    "DRY_RUN",
+    "Carried",
+    "Resampling",
+    "ascii_lines",
+    "carry",
+    "fact",
+    "fixed",
+    "mm_text",
+    "mm_value",
+    "require_capacity",
+    "require_linear",
+    "require_one_direction",
+    "require_zero",
+    "uniform_positions",
+]
+
+FloatArray = NDArray[np.float64]
+
+DRY_RUN = "sign not documented: dry-run on the machine first"
+
+_UNIFORM = 1e-9
+"""Deviation from a grid over its spacing within which a position lies on it."""
+
+_SAME = 1e-12
+"""A picometre: interpolation between two entries leaves 1e-23 m of a zero."""
+
+
+class Resampling(Dialect):
+    """A dialect that resamples by itself: its points are counted in the file, not in the table."""
+
+    def limits(self, **machine: Any) -> Limits:
+        """Return the limits of the machine; the entries are counted by `encode`.
+
+        Parameters
+        ----------
+        **machine
+            Fields of `metrosep.compensation.limits.Limits`.
+
+        Returns
+        -------
+        Limits
+            Without a number of points unless it is given.
+
+        Raises
+        ------
+        DataError
+            If a keyword is unknown.
+        """
+        return super().limits(**{"max_points": None, **machine})
+
+
+@dataclass(frozen=True, slots=True)
+class Carried:
+    """A table or map at the positions of a file.
+
+    Parameters
+    ----------
+    table : CompensationTable or CompensationMap
+        At these positions, not rounded.
+    error : float, m
+        Largest deviation from the table it was made of, in both directions.
+    is_new : bool
+        Whether its positions are others.
+    """
+
+    table: Any
+    error: float
+    is_new: bool
+
+
+def carry(table: CompensationTable, positions: FloatArray) -> Carried:
+    """Return a table at other positions.
+
+    Parameters
+    ----------
+    table : CompensationTable
+        Corrections.
+    positions : ndarray, shape (n,), m
+        Positions in the file.
+
+    Returns
+    -------
+    Carried
+        Linear between its entries; the deviation is taken at all positions of both.
+    """
+    margin = _UNIFORM * float(np.diff(positions).min())
+    same = positions.size == table.positions.size
+    if same and float(np.abs(positions - table.positions).max()) <= margin:
+        return Carried(table, 0.0, False)
+    made = replace(
+        table,
+        positions=positions,
+        forward=table.correction(positions, 1),
+        reverse=None if table.reverse is None else table.correction(positions, -1),
+        u=None if table.u is None else np.interp(positions, table.positions, table.u),
+    )
+    everywhere = np.union1d(table.positions, positions)
+    error = max(
+        float(np.abs(made.correction(everywhere, d) - table.correction(everywhere, d)).max())
+        for d in (1, -1)
+    )
+    return Carried(made, error, True)
+
+
+def uniform_positions(
+    table: CompensationTable,
+    *,
+    through: float | None = None,
+    interval: float | None = None,
+    quantum: float = 0.0,
+    max_points: int,
+    title: str,
+) -> FloatArray:
+    """Return positions of equal spacing that cover a table.
+
+    Parameters
+    ----------
+    table : CompensationTable
+        Corrections.
+    through : float or None, m
+        Position that belongs to them, such as the reference; None: the first of the table.
+    interval : float or None, m
+        Spacing; None: that of the table, or, where it has no equal one, its smallest.
+    quantum : float, m
+        The spacing is a multiple of it; 0 for any.
+    max_points : int
+        Most positions.
+    title : str
+        Of the controller, for messages.
+
+    Returns
+    -------
+    ndarray, shape (n,), m
+        Rising; the last may lie beyond the table.
+
+    Raises
+    ------
+    TableError
+        If the spacing is not a multiple of the quantum.
+    LimitError
+        If there are more than `max_points`.
+    """
+    low, high = table.span
+    span = high - low
+    anchor = low if through is None else through
+    own = span / (table.positions.size - 1)
+    if interval is None and _is_grid(table.positions, own, anchor):
+        interval = own
+    elif interval is None:
+        spare = 3 if through is not None else 1
+        interval = max(float(np.diff(table.positions).min()), span / max(max_points - spare, 1))
+        interval = span / math.ceil(span / interval) if not quantum else interval
+        interval = math.ceil(interval / quantum - 1e-6) * quantum if quantum else interval
+    if quantum and abs(interval / quantum - round(interval / quantum)) > 1e-6:
+        raise TableError(
+            f"{title}: the spacing {format_length(interval, digits=9)} is not a multiple of "
+            f"{format_length(quantum)}; give interval= a multiple of it"
+        )
+    below = math.ceil((anchor - low) / interval - 1e-6)
+    above = math.ceil((high - anchor) / interval - 1e-6)
+    below, above = max(below, 0), max(above, 0)
+    if below + above + 1 > max_points:
+        raise LimitError(
+            f"{below + above + 1} points at {format_length(interval, digits=6)}, {title} takes "
+            f"{max_points}; give interval= at least {span / max(max_points - 3, 1) * 1e3:.4g} mm"
+        )
+    return np.asarray(anchor + interval * np.arange(-below, above + 1, dtype=np.float64))
+
+
+def _is_grid(positions: FloatArray, spacing: float, anchor: float) -> bool:
+    steps = (anchor - positions[0]) / spacing
+    return is_uniform(positions) and abs(steps - round(steps)) <= _UNIFORM * positions.size
+
+
+def require_one_direction(table: CompensationTable, title: str, way: str) -> None:
+    """Refuse a table of two directions.
+
+    Parameters
+    ----------
+    table : CompensationTable
+        Corrections.
+    title : str
+        Of the controller.
+    way : str
+        Where lost motion belongs there.
+
+    Raises
+    ------
+    TableError
+        If it has a reverse column.
+    """
+    if table.reverse is not None:
+        raise TableError(
+            f"{title} holds one value for both directions and this table has two; make it with "
+            f"direction='both' and enter the lost motion {way}"
+        )
+
+
+def require_capacity(dialect: Dialect, n: int, given: Mapping[str, Any], path: Path) -> None:
+    """Refuse a file of more points than the control takes.
+
+    Parameters
+    ----------
+    dialect : Dialect
+        With an option "capacity".
+    n : int
+        Points in the file.
+    given : mapping
+        Options that the user gave; else the sidecar or the default counts.
+    path : Path
+        The file.
+
+    Raises
+    ------
+    LimitError
+        If there are more.
+    """
+    option = next(o for o in dialect.options if o.name == "capacity")
+    stored = sidecar_options(path, (option,))
+    capacity = given.get("capacity") or stored.get("capacity") or option.default
+    if n > capacity:
+        raise LimitError(
+            f"{path}: {n} points, the control takes {capacity} as it comes; if yours has room for "
+            f"more ({option.help}), say capacity="
+        )
+
+
+def require_linear(axes: Iterable[str], title: str) -> None:
+    """Refuse axes that turn.
+
+    Parameters
+    ----------
+    axes : iterable of str
+        Looked up and corrected.
+    title : str
+        Of the controller.
+
+    Raises
+    ------
+    TableError
+        If one is a rotary axis: its positions are angles, the file is in lengths.
+    """
+    for axis in axes:
+        if is_rotary(axis):
+            raise TableError(
+                f"{title}: axis {axis} turns, this dialect writes lengths only; write "
+                "controller='csv' and enter it by hand, in the unit of that axis"
+            )
+
+
+def require_zero(table: CompensationTable, reference: float, title: str) -> None:
+    """Refuse a table that is not zero where the controller takes it to be.
+
+    Parameters
+    ----------
+    table : CompensationTable
+        Corrections.
+    reference : float, m
+        Reference position.
+    title : str
+        Of the controller.
+
+    Raises
+    ------
+    TableError
+        If the correction there is not zero within a picometre.
+    """
+    there = float(table.correction(reference, 1)[0])
+    if abs(there) > _SAME:
+        raise TableError(
+            f"{title} counts from the reference position {format_length(reference)}, where the "
+            f"correction must be exactly 0 and is {format_length(there)}; make the table with "
+            f"CompensationTable.from_error(..., reference={reference:.9g})"
+        )
+
+
+def fixed(value: float, decimals: int) -> str:
+    """Return a decimal without exponent, and without the sign of a zero.
+
+    Parameters
+    ----------
+    value : float
+        Number.
+    decimals : int
+        Behind the point.
+
+    Returns
+    -------
+    str
+        Such as ``-0.0010``.
+    """
+    text = f"{value:.{decimals}f}"
+    return text[1:] if text.startswith("-") and not text.strip("-0.") else text
+
+
+def mm_text(value: float) -> str:
+    """Return a length in mm, exact, without exponent.
+
+    Parameters
+    ----------
+    value : float, m
+        Length.
+
+    Returns
+    -------
+    str
+        The shortest decimal that reads back as the same number.
+    """
+    text = format(Decimal(repr(float(value))).scaleb(3), "f")
+    text = text.rstrip("0").rstrip(".") if "." in text else text
+    return "0" if text in ("-0", "") else text
+
+
+def mm_value(text: str) -> float:
+    """Return a length that is printed in mm.
+
+    Parameters
+    ----------
+    text : str
+        Decimal number.
+
+    Returns
+    -------
+    float, m
+        Inverse of `mm_text`.
+    """
+    return float(Decimal(text).scaleb(-3))
+
+
+def fact(
+    dialect: Dialect,
+    name: str,
+    given: Mapping[str, Any],
+    in_file: Mapping[str, Any],
+    path: Path,
+) -> Any:
+    """Return an option as the user gave it, else as the file states it, else as its sidecar does.
+
+    Parameters
+    ----------
+    dialect : Dialect
+        Whose options.
+    name : str
+        Option.
+    given, in_file : mapping
+        Known values.
+    path : Path
+        The file.
+
+    Returns
+    -------
+    object
+        In SI.
+
+    Raises
+    ------
+    DataError
+        If nothing tells.
+    """
+    for known in (given, in_file):
+        if known.get(name) is not None:
+            return known[name]
+    stored = sidecar_options(path, dialect.options)
+    if name in stored:
+        return stored[name]
+    option = next(o for o in dialect.options if o.name == name)
+    raise DataError(
+        f"{path}: neither the file nor a sidecar tells {name} ({option.help}); give {name}=..."
+    )
+
+
+def ascii_lines(data: bytes, path: Path, what: str) -> list[str]:
+    """Return the lines of a text, and refuse one that was cut.
+
+    Parameters
+    ----------
+    data : bytes
+        Content.
+    path : Path
+        Name of the file.
+    what : str
+        What it should be.
+
+    Returns
+    -------
+    list of str
+        Without their ends, CRLF or LF.
+
+    Raises
+    ------
+    CorruptFileError
+        If it is not ASCII text, or its last line has no end.
+    """
+    try:
+        text = data.decode("ascii")
+    except UnicodeDecodeError as exc:
+        raise CorruptFileError(
+            path, "not ASCII text", offset=exc.start, hint=f"this is no {what}"
+        ) from None
+    if re.search(r"[^\t\r\n -~]|\r(?!\n)", text):
+        raise CorruptFileError(path, "it holds control characters", hint=f"this is no {what}")
+    if not text.endswith("\n"):
+        raise CorruptFileError(
+            path, "the last line has no end: the file was cut short", hint="write the table again"
+        )
+    return text.replace("\r\n", "\n").split("\n")[:-1]

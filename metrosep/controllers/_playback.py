@@ -1,0 +1,515 @@
+"""Corrections played over time by a wave generator that knows no position.
+
+A table of corrections is sampled where the moving axis is at each output of the generator: along
+a pass at constant speed, or over one turn of a spindle.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from metrosep.compensation.table import CompensationTable
+from metrosep.controllers.base import Simulator, sidecar_options
+from metrosep.controllers.options import Option
+from metrosep.core.errors import DataError, LimitError, TableError
+from metrosep.core.units import format_length
+
+__all__ = [
+    "PLAYBACK_OPTIONS",
+    "Playback",
+    "facts",
+    "known_options",
+    "plan",
+    "rebuilt",
+    "require_travel",
+    "resampling_error",
+    "rest_position",
+    "sampled",
+]
+
+FloatArray = NDArray[np.float64]
+
+_TURN = 2.0 * math.pi
+_NODE = 1e-9
+"""A point counts as reached this part of a step early: positions are not exact in binary."""
+_WHOLE = 1e-6
+"""Fraction of a point within which a turn must be a whole number of points."""
+
+PLAYBACK_OPTIONS = (
+    Option(
+        "polarity",
+        "1 if the piezo and the corrected axis count up the same way, -1 if they are opposed",
+        "choice",
+        required=True,
+        choices=(1, -1),
+    ),
+    Option("travel", "of the piezo stage, from 0", "length", required=True, positive=True),
+    Option(
+        "offset",
+        "where the piezo rests (d_off), so that it can move both ways; half the travel if omitted",
+        "length",
+    ),
+    Option(
+        "motion",
+        "what runs while the wave is played: one pass at constant speed, or turn after turn",
+        "choice",
+        default="pass",
+        choices=("pass", "turn"),
+    ),
+    Option("speed", "constant speed of the pass", "speed", positive=True),
+    Option("start", "position at which the generator starts, in a pass", "length", default=0.0),
+    Option("direction", "of motion while the wave plays", "choice", default=1, choices=(1, -1)),
+    Option("start_angle", "angle at which the generator starts, in a turn", "angle", default=0.0),
+    Option("points", "of one turn", "integer", lowest=2, highest=1_000_000),
+    Option("rotation", "speed of the spindle, turns per second", "frequency", positive=True),
+    Option("rate", "servo periods that each point lasts", "integer", default=1, lowest=1),
+    Option(
+        "closing",
+        "largest jump of the table from the end of a turn to its beginning",
+        "length",
+        default=1e-9,
+        lowest=0.0,
+    ),
+    Option("decimals", "of a value in um", "integer", default=6, lowest=1, highest=9),
+)
+"""What every wave needs to know of the machine."""
+
+
+@dataclass(frozen=True, slots=True)
+class Playback:
+    """Where the moving axis is when the generator puts out each point.
+
+    Parameters
+    ----------
+    start : float, m or rad
+        Position at point 0.
+    step : float, m or rad
+        From point to point, negative for a pass in - direction.
+    n : int
+        Points of the wave.
+    rate : int
+        Servo periods that each point lasts.
+    period : float, s
+        Servo period.
+    is_cyclic : bool
+        Whether point 0 follows the last one, turn after turn.
+    interpolates : bool
+        Whether the generator moves on in a line at every servo period, or holds each point.
+    """
+
+    start: float
+    step: float
+    n: int
+    rate: int
+    period: float
+    is_cyclic: bool
+    interpolates: bool
+
+    @property
+    def duration(self) -> float:
+        """Time of one cycle in s."""
+        return self.n * self.rate * self.period
+
+    @property
+    def direction(self) -> int:
+        """Direction of motion, 1 or -1."""
+        return 1 if self.step > 0 else -1
+
+    def positions(self) -> FloatArray:
+        """Return where the axis is at each point, and at the end of the turn.
+
+        Returns
+        -------
+        ndarray, shape (n,), or (n + 1,) if cyclic; m or rad
+            In the order in which they are played.
+        """
+        return np.asarray(
+            self.start + self.step * np.arange(self.n + self.is_cyclic, dtype=np.float64)
+        )
+
+    def played(self, values: FloatArray, position: ArrayLike) -> FloatArray:
+        """Return what the generator puts out when the axis is at a position.
+
+        Parameters
+        ----------
+        values : ndarray, shape (n,), m
+            Points of the wave.
+        position : array_like, m or rad
+            Of the axis.
+
+        Returns
+        -------
+        ndarray, m
+            Staircase of points, or of servo periods on the line between points. Before the start
+            and after the end of a pass the first and the last point; a turn repeats.
+        """
+        u = (np.asarray(position, dtype=np.float64) - self.start) / self.step
+        u = np.mod(u + _NODE, self.n) if self.is_cyclic else np.clip(u + _NODE, 0.0, self.n - 1)
+        k = np.floor(u).astype(np.int64)
+        if not self.interpolates:
+            return np.asarray(values[k], dtype=np.float64)
+        ticks = np.floor((u - k) * self.rate) / self.rate
+        after = (k + 1) % self.n if self.is_cyclic else np.minimum(k + 1, self.n - 1)
+        return np.asarray(values[k] + (values[after] - values[k]) * ticks, dtype=np.float64)
+
+    def lookup(self, values: FloatArray) -> Simulator:
+        """Return the lookup of the wave.
+
+        Parameters
+        ----------
+        values : ndarray, shape (n,), m
+            Corrections at the points.
+
+        Returns
+        -------
+        callable
+            ``(position, direction=1)`` to the correction in m, the same in both directions: the
+            wave is played in one of them only, and for the other another one is written. It raises
+            DataError if the direction is neither 1 nor -1.
+        """
+
+        def along(position: ArrayLike, direction: ArrayLike = 1) -> FloatArray:
+            p, d = np.broadcast_arrays(np.asarray(position, dtype=np.float64), direction)
+            if not np.isin(d, (-1, 1)).all():
+                raise DataError("direction is +1 or -1")
+            return self.played(values, p)
+
+        return along
+
+
+def plan(
+    options: dict[str, Any],
+    *,
+    period: float,
+    interpolates: bool,
+    n: int | None = None,
+    end: float | None = None,
+) -> Playback:
+    """Return the playback of a pass or a turn.
+
+    Parameters
+    ----------
+    options : dict
+        `PLAYBACK_OPTIONS`.
+    period : float, s
+        Servo period of the generator.
+    interpolates : bool
+        Whether it draws lines between points.
+    n : int, optional
+        Points, where a file tells.
+    end : float, m, optional
+        Where a pass must end at least, where there is no file yet.
+
+    Returns
+    -------
+    Playback
+        Not yet filled with values.
+
+    Raises
+    ------
+    DataError
+        If speed, points or rotation are missing, or a turn is no whole number of points.
+    TableError
+        If the pass starts behind its end.
+    """
+    rate = int(options["rate"])
+    if options["motion"] == "turn":
+        n = _turn_points(options, rate * period) if n is None else n
+        step, start = options["direction"] * _TURN / n, options["start_angle"]
+    else:
+        if options.get("speed") is None:
+            raise DataError(
+                "a pass needs speed= (constant speed of the axis, such as '60 mm/min')"
+            )
+        start = options["start"]
+        step = options["direction"] * options["speed"] * rate * period
+        if n is None:
+            n = _pass_points(start, float(end if end is not None else start), step)
+    return Playback(
+        start=start,
+        step=step,
+        n=n,
+        rate=rate,
+        period=period,
+        is_cyclic=options["motion"] == "turn",
+        interpolates=interpolates,
+    )
+
+
+def _turn_points(options: dict[str, Any], dwell: float) -> int:
+    points, rotation = options.get("points"), options.get("rotation")
+    if rotation is None:
+        if points is None:
+            raise DataError("a turn needs points= (of one turn) or rotation= (such as '1 Hz')")
+        return int(points)
+    wanted = 1.0 / (rotation * dwell)
+    n: int = round(wanted)
+    if n < 2 or abs(wanted - n) > _WHOLE or (points is not None and points != n):
+        near = max(n, 2) if points is None else int(points)
+        raise DataError(
+            f"at {rotation:.9g} turns per second a turn lasts {wanted:.6f} points, so the wave would "
+            f"run away from the spindle; turn at {1.0 / (near * dwell):.12g} 1/s for {near} points, "
+            "or change rate="
+        )
+    return n
+
+
+def _pass_points(start: float, end: float, step: float) -> int:
+    n = math.ceil((end - start) / step - _NODE) + 1
+    if n < 2:
+        raise TableError(
+            f"a pass from start={format_length(start)} does not reach the end of the table at "
+            f"{format_length(end)}; state where it starts (start=) and its direction"
+        )
+    return n
+
+
+def sampled(
+    table: CompensationTable, options: dict[str, Any], *, period: float, interpolates: bool
+) -> tuple[Playback, FloatArray]:
+    """Return a table's corrections at the points of a wave.
+
+    Parameters
+    ----------
+    table : CompensationTable
+        One column for both directions.
+    options : dict
+        `PLAYBACK_OPTIONS`.
+    period : float, s
+        Servo period of the generator.
+    interpolates : bool
+        Whether it draws lines between points.
+
+    Returns
+    -------
+    playback : Playback
+        Pass or turn.
+    values : ndarray, shape (n,), m
+        Corrections c at its points.
+
+    Raises
+    ------
+    TableError
+        If the table has two columns, does not cover pass or turn, or does not close.
+    DataError
+        If `plan` misses something.
+    """
+    if table.reverse is not None:
+        raise TableError(
+            "a wave is played in one direction of motion, this table has two columns; make one for "
+            "each pass (CompensationTable.from_error(direction='forward') and 'reverse')"
+        )
+    low, high = table.span
+    end = high if options["direction"] > 0 else low
+    play = plan(options, period=period, interpolates=interpolates, end=end)
+    places = play.positions()
+    begin = low if play.direction > 0 else high
+    if play.direction * (places[0] - begin) < -1e-9 * (high - low):
+        raise TableError(
+            f"the wave starts at {places[0]:.9g}, the table covers {low:.9g} ... {high:.9g} (m or "
+            "rad); start inside the table"
+        )
+    if play.is_cyclic:
+        _require_closed(table, places, options["closing"])
+    return play, np.asarray(table.correction(places[: play.n]))
+
+
+def _require_closed(table: CompensationTable, places: FloatArray, closing: float) -> None:
+    low, high = table.span
+    margin = 1e-9 * (high - low)
+    if places.min() < low - margin or places.max() > high + margin:
+        raise TableError(
+            f"a turn goes from {math.degrees(places.min()):.9g} deg to "
+            f"{math.degrees(places.max()):.9g} deg, the table covers {math.degrees(low):.9g} ... "
+            f"{math.degrees(high):.9g} deg; measure the whole turn, or play it as a pass"
+        )
+    first, last = (float(v) for v in table.correction(places[[0, -1]]))
+    if abs(last - first) > closing:
+        raise TableError(
+            f"the correction is {format_length(first)} at the beginning of the turn and "
+            f"{format_length(last)} at its end: the stage would jump by "
+            f"{format_length(abs(last - first))} every turn; take the drift out of the error "
+            "(e = a part that repeats), or accept the jump with closing="
+        )
+
+
+def rebuilt(play: Playback, values: FloatArray, table: CompensationTable) -> CompensationTable:
+    """Return the table that a wave carries.
+
+    Parameters
+    ----------
+    play : Playback
+        Pass or turn.
+    values : ndarray, shape (n,), m
+        Corrections at its points.
+    table : CompensationTable
+        Names of the axes and the reference are taken from it.
+
+    Returns
+    -------
+    CompensationTable
+        Rising positions; a turn ends with its first value.
+    """
+    places = play.positions()
+    column = np.append(values, values[0]) if play.is_cyclic else values
+    order = slice(None, None, play.direction)
+    return replace(
+        table, positions=places[order], forward=column[order], reverse=None, u=None, source=None
+    )
+
+
+def resampling_error(play: Playback, values: FloatArray, table: CompensationTable) -> float:
+    """Return how far the played wave is from the table at most.
+
+    Parameters
+    ----------
+    play : Playback
+        Pass or turn.
+    values : ndarray, shape (n,), m
+        Corrections at its points.
+    table : CompensationTable
+        What was sampled.
+
+    Returns
+    -------
+    float, m
+        Looked for at the table's positions, at each point, before and between them.
+    """
+    index = np.arange(play.n - (not play.is_cyclic))[:, None] + np.array([0.0, 0.5, 1.0 - 1e-6])
+    places = np.concatenate([play.start + play.step * index.ravel(), table.positions])
+    ends = play.positions()[[0, -1]]
+    places = places[(places >= ends.min()) & (places <= ends.max())]
+    return float(np.abs(play.played(values, places) - table.correction(places)).max())
+
+
+def rest_position(options: dict[str, Any]) -> float:
+    """Return where the stage rests (d_off): as stated, else half its travel.
+
+    Parameters
+    ----------
+    options : dict
+        `PLAYBACK_OPTIONS`.
+
+    Returns
+    -------
+    float, m
+        From the end of its travel.
+    """
+    offset = options.get("offset")
+    return float(options["travel"] / 2.0 if offset is None else offset)
+
+
+def require_travel(play: Playback, values: FloatArray, options: dict[str, Any]) -> FloatArray:
+    """Return where the stage must stand at each point, and refuse what is beyond its travel.
+
+    Parameters
+    ----------
+    play : Playback
+        Pass or turn.
+    values : ndarray, shape (n,), m
+        Corrections c at its points.
+    options : dict
+        `PLAYBACK_OPTIONS`.
+
+    Returns
+    -------
+    ndarray, shape (n,), m
+        ``offset + polarity c``.
+
+    Raises
+    ------
+    LimitError
+        If a point lies outside 0 ... travel.
+    """
+    rest, travel = rest_position(options), float(options["travel"])
+    stage = rest + options["polarity"] * values
+    beyond = np.maximum(-stage, stage - travel)
+    i = int(np.argmax(beyond))
+    if beyond[i] > 1e-15:
+        raise LimitError(
+            f"point {i} at {play.positions()[i]:.9g} (m or rad): a correction of "
+            f"{format_length(float(values[i]))} from the rest position {format_length(rest)} needs a "
+            f"displacement of {format_length(float(stage[i]))}, the stage moves 0 ... "
+            f"{format_length(travel)}; set offset=, or remove offset and line from the error"
+        )
+    return np.asarray(stage)
+
+
+def facts(play: Playback, stage: FloatArray) -> dict[str, Any]:
+    """Return what the operator must know of a wave.
+
+    Parameters
+    ----------
+    play : Playback
+        Pass or turn.
+    stage : ndarray, shape (n,), m
+        Displacement of the stage at its points.
+
+    Returns
+    -------
+    dict
+        For the sidecar.
+    """
+    dwell = play.rate * play.period
+    jumps = np.diff(np.append(stage, stage[0])) if play.is_cyclic else np.diff(stage)
+    places = play.positions()
+    known: dict[str, Any] = {
+        "points": play.n,
+        "direction": play.direction,
+        "duration_of_a_cycle_s": play.duration,
+        "starts_at": float(places[0]),
+        "ends_at": float(places[-1]),
+        "stand_before_start_um": float(stage[0]) * 1e6,
+        "largest_step_of_a_point_nm": float(np.abs(jumps).max()) * 1e9,
+        "largest_stage_speed_um_per_s": float(np.abs(jumps).max()) / dwell * 1e6,
+    }
+    if play.is_cyclic:
+        known["turns_per_minute"] = 60.0 / play.duration
+    return known
+
+
+def known_options(
+    given: dict[str, Any], path: Path, known: tuple[Option, ...], needed: tuple[str, ...]
+) -> dict[str, Any]:
+    """Return the options for reading: what was given, else the sidecar's, else the defaults.
+
+    Parameters
+    ----------
+    given : dict
+        From the user.
+    path : Path
+        The file.
+    known : tuple of Option
+        Of the dialect.
+    needed : tuple of str
+        Names that the file cannot tell.
+
+    Returns
+    -------
+    dict
+        By name.
+
+    Raises
+    ------
+    DataError
+        If a needed one is told by nobody.
+    CorruptFileError
+        If the sidecar is not one of metrosep.
+    """
+    found = {**sidecar_options(path, known), **{k: v for k, v in given.items() if v is not None}}
+    for option in known:
+        if option.name in found:
+            continue
+        if option.name in needed:
+            raise DataError(
+                f"{path}: the file does not say {option.name} ({option.help}) and has no sidecar; "
+                f"give {option.name}="
+            )
+        found[option.name] = option.default
+    return found

@@ -1,0 +1,370 @@
+"""The text of SINUMERIK compensation files: a header, assignments of system variables, ``M17``."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from metrosep.controllers.base import Simulator
+from metrosep.core.errors import CorruptFileError, DataError, TableError
+
+__all__ = [
+    "Assignment",
+    "Grid",
+    "check_modulo",
+    "checked_name",
+    "folded",
+    "grid_of",
+    "number_text",
+    "read_assignments",
+    "units",
+    "write_program",
+]
+
+FloatArray = NDArray[np.float64]
+
+_MM = 1e-3
+_DEGREE = float(np.pi) / 180.0
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)")
+_NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)
+_HEADER = re.compile(r"%_N_\w+_INI", re.ASCII)
+_LINE = re.compile(r"(\$[A-Z][A-Z_]*) *\[ *([^\[\]]*?) *\] *= *(.*\S)", re.ASCII)
+_WHOLE = 1e-6
+"""MAX - MIN over STEP is a whole number, but for rounding of the decimals in the file."""
+
+
+@dataclass(frozen=True, slots=True)
+class Assignment:
+    """One line of the file.
+
+    Parameters
+    ----------
+    line : int
+        Its number.
+    name : str
+        System variable.
+    indices : tuple of str
+        In the brackets.
+    value : str
+        After the equals sign.
+    """
+
+    line: int
+    name: str
+    indices: tuple[str, ...]
+    value: str
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """Entries of one table.
+
+    Parameters
+    ----------
+    low, high, step : float
+        First position, last position and spacing, in units of the file.
+    entries : ndarray, shape (n,)
+        In units of the file.
+    modulo : bool
+        Whether it repeats.
+    """
+
+    low: float
+    high: float
+    step: float
+    entries: FloatArray
+    modulo: bool
+
+    @property
+    def positions(self) -> FloatArray:
+        """Where the entries stand, in units of the file."""
+        return np.asarray(self.low + self.step * np.arange(self.entries.size), dtype=np.float64)
+
+
+def checked_name(name: str, what: str) -> str:
+    """Return the name of a machine axis, and refuse what is none.
+
+    Parameters
+    ----------
+    name : str
+        Such as ``"X1"``.
+    what : str
+        Option, for the message.
+
+    Returns
+    -------
+    str
+        It.
+
+    Raises
+    ------
+    DataError
+        If it is not a letter with letters, digits and underscores after it.
+    """
+    if not _NAME.fullmatch(name):
+        raise DataError(f"{what}={name!r} is no name of a machine axis such as 'X1'")
+    return name
+
+
+def number_text(value: float, *, decimals: int, at_least: int = 0) -> str:
+    """Return a number without exponent and without needless zeros.
+
+    Parameters
+    ----------
+    value : float
+        In units of the file.
+    decimals : int
+        Most decimals.
+    at_least : int, optional
+        Fewest decimals.
+
+    Returns
+    -------
+    str
+        Never ``-0``.
+
+    Examples
+    --------
+    >>> number_text(0.003, decimals=9), number_text(5.0, decimals=9, at_least=1)
+    ('0.003', '5.0')
+    """
+    whole, _, rest = f"{value:.{decimals}f}".partition(".")
+    rest = rest.rstrip("0").ljust(at_least, "0")
+    text = f"{whole}.{rest}" if rest else whole
+    return text.removeprefix("-") if not float(text) else text
+
+
+def write_program(name: str, channel: int, comments: Sequence[str], lines: Sequence[str]) -> bytes:
+    """Return a file.
+
+    Parameters
+    ----------
+    name : str
+        Of the program, without ``%_N_``.
+    channel : int
+        Of CHANDATA.
+    comments, lines : sequence of str
+        Its body.
+
+    Returns
+    -------
+    bytes
+        ASCII, LF.
+    """
+    body = [f"%_N_{name}", f"CHANDATA({channel})", *(f"; {c}" for c in comments), *lines, "M17"]
+    return ("\n".join(body) + "\n").encode("ascii")
+
+
+def read_assignments(data: bytes, path: Path) -> tuple[list[Assignment], list[str]]:
+    """Return the assignments of a file and its comments.
+
+    Parameters
+    ----------
+    data : bytes
+        Content.
+    path : Path
+        For messages.
+
+    Returns
+    -------
+    assignments : list of Assignment
+        In their order.
+    comments : list of str
+        Without the semicolon.
+
+    Raises
+    ------
+    CorruptFileError
+        If a line is none, header or end are missing, or a variable is set twice.
+    """
+    try:
+        text = data.decode("ascii")
+    except UnicodeDecodeError as exc:
+        raise CorruptFileError(path, "not ASCII text", offset=exc.start) from None
+    comments: list[str] = []
+    code: list[tuple[int, str]] = []
+    for number, line in enumerate(text.splitlines(), start=1):
+        words, mark, comment = line.partition(";")
+        if mark:
+            comments.append(comment.strip())
+        if words.strip():
+            code.append((number, words.strip()))
+    head = [c for _, c in code[:2]]
+    if (
+        len(head) < 2
+        or not _HEADER.fullmatch(head[0])
+        or not re.fullmatch(r"CHANDATA\(\d+\)", head[1])
+    ):
+        raise CorruptFileError(
+            path,
+            "not a compensation file of SINUMERIK",
+            expected="%_N_..._INI and CHANDATA(...)",
+            found=repr(" ".join(head))[:60],
+        )
+    if code[-1][1] != "M17":
+        raise CorruptFileError(
+            path, "it does not end with M17: it was cut short", found=repr(code[-1][1])[:60]
+        )
+    return _assignments(code[2:-1], path), comments
+
+
+def _assignments(code: list[tuple[int, str]], path: Path) -> list[Assignment]:
+    found: dict[tuple[str, tuple[str, ...]], Assignment] = {}
+    for number, line in code:
+        match = _LINE.fullmatch(line)
+        if match is None:
+            raise CorruptFileError(
+                path, f"line {number} is not $NAME[index]=value but {line[:60]!r}"
+            )
+        indices = tuple(i.strip() for i in match[2].split(","))
+        if not all(re.fullmatch(r"\d+|[A-Za-z]\w*", i, re.ASCII) for i in indices):
+            raise CorruptFileError(
+                path,
+                f"line {number}: the indices {match[2]!r} are not numbers and axes with commas "
+                "between them",
+            )
+        key = (match[1], indices)
+        if key in found:
+            raise CorruptFileError(
+                path,
+                f"line {number} sets {line.partition('=')[0]} again, after line {found[key].line}",
+            )
+        found[key] = Assignment(number, match[1], indices, match[3])
+    return list(found.values())
+
+
+def grid_of(
+    values: dict[int, Assignment], facts: dict[str, Assignment], path: Path, what: str
+) -> Grid:
+    """Return the entries of a table, checked against its own first, last and step.
+
+    Parameters
+    ----------
+    values : dict
+        Assignment of each entry by its index.
+    facts : dict
+        Assignments of STEP, MIN, MAX and IS_MODULO.
+    path : Path
+        For messages.
+    what : str
+        Name of the table, for messages.
+
+    Returns
+    -------
+    Grid
+        In units of the file.
+
+    Raises
+    ------
+    CorruptFileError
+        If one is missing or no number, or they contradict each other.
+    """
+    missing = [k for k in ("STEP", "MIN", "MAX", "IS_MODULO") if k not in facts]
+    if missing:
+        raise CorruptFileError(path, f"{what} has no {missing[0]}", field=missing[0])
+    step, low, high = (_number(facts[k], path) for k in ("STEP", "MIN", "MAX"))
+    if facts["IS_MODULO"].value not in ("0", "1"):
+        raise CorruptFileError(
+            path,
+            f"line {facts['IS_MODULO'].line}: IS_MODULO is 0 or 1",
+            found=facts["IS_MODULO"].value[:20],
+        )
+    if not step > 0.0 or not high > low:
+        raise CorruptFileError(
+            path,
+            f"{what}: the step must be positive and MAX above MIN",
+            found=f"STEP {step:g}, MIN {low:g}, MAX {high:g}",
+        )
+    count = (high - low) / step
+    if abs(count - round(count)) > _WHOLE * max(count, 1.0):
+        raise CorruptFileError(path, f"{what}: MAX - MIN is not a multiple of STEP", found=count)
+    if sorted(values) != list(range(round(count) + 1)):
+        raise CorruptFileError(
+            path,
+            f"{what}: MIN, MAX and STEP ask for the entries 0 ... {round(count)}",
+            found=f"{len(values)} entries, the last {max(values, default=-1)}",
+            hint="lines are missing or too many: write the file again",
+        )
+    entries = np.array([_number(values[i], path) for i in range(len(values))])
+    modulo = facts["IS_MODULO"].value == "1"
+    if modulo and entries[0] != entries[-1]:
+        raise CorruptFileError(
+            path,
+            f"{what} repeats, but its first entry {entries[0]:g} is not its last {entries[-1]:g}",
+        )
+    return Grid(low, high, step, entries, modulo)
+
+
+def _number(assignment: Assignment, path: Path) -> float:
+    if not _NUMBER.fullmatch(assignment.value):
+        raise CorruptFileError(
+            path, f"line {assignment.line} holds no number but {assignment.value[:40]!r}"
+        )
+    return float(assignment.value)
+
+
+def folded(lookup: Simulator, low: float, high: float) -> Simulator:
+    """Return a lookup that repeats after its range.
+
+    Parameters
+    ----------
+    lookup : callable
+        ``(position, direction=1)``.
+    low, high : float, m or rad
+        Its range.
+
+    Returns
+    -------
+    callable
+        The same, with the position taken modulo ``high - low``.
+    """
+
+    def along(position: ArrayLike, direction: ArrayLike = 1) -> FloatArray:
+        p = np.asarray(position, dtype=np.float64)
+        return lookup(low + np.mod(p - low, high - low), direction)
+
+    return along
+
+
+def units(*, turns: bool) -> float:
+    """Return the unit of an axis in the file: degrees if it turns, else mm.
+
+    Parameters
+    ----------
+    turns : bool
+        Whether it turns.
+
+    Returns
+    -------
+    float, m or rad
+        The unit.
+    """
+    return _DEGREE if turns else _MM
+
+
+def check_modulo(first: float, last: float, what: Any) -> None:
+    """Refuse a table that repeats with a step.
+
+    Parameters
+    ----------
+    first, last : float, m or rad
+        Its entries at both ends.
+    what : object
+        For the message.
+
+    Raises
+    ------
+    TableError
+        If they differ by more than 1e-12.
+    """
+    if abs(first - last) > 1e-12:
+        raise TableError(
+            f"{what} repeats with modulo=True, but its corrections at both ends differ by "
+            f"{abs(first - last):.3g}: the axis would step there; make the error equal at both ends"
+        )

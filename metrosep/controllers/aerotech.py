@@ -1,0 +1,443 @@
+"""Aerotech 2-D calibration files (``.cal``) of the A3200 and Automation1.
+
+Rows run along one axis, columns along another; a grid point holds one value for each output axis.
+The value is added to the corrected axis as its ENCODER counts, so the entry for an error e is
+``-s e`` with s = +1 where the encoder counts up in the axis's + direction, else -1; sample distances
+carry the encoder's sign too. Those signs are facts of the machine and have no default.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.compensation.area_errors import is_rotary
+from metrosep.compensation.limits import Finding
+from metrosep.compensation.maps import CompensationMap
+from metrosep.compensation.table import CompensationTable
+from metrosep.controllers._aerotech_file import Grid, read_grid, write_grid
+from metrosep.controllers._even import even_map, even_table, map_identity
+from metrosep.controllers.base import (
+    Dialect,
+    DialectInfo,
+    Encoded,
+    identity,
+    load_sidecar,
+)
+from metrosep.controllers.options import Option
+from metrosep.core.errors import (
+    CorruptFileError,
+    DataError,
+    TableError,
+)
+
+__all__ = ["Aerotech", "AerotechLine"]
+
+FloatArray = NDArray[np.float64]
+
+_SIGN = "direction in which the encoder of the {} counts, moving the axis in +: 1 or -1"
+
+_OPTIONS = (
+    Option("row_axis", "number of the axis along the rows, the first is 1", "integer", lowest=1),
+    Option("column_axis", "number of the axis along the columns", "integer", lowest=1),
+    Option("corrected_axis", "number of the corrected axis", "integer", lowest=1),
+    Option("row_sign", _SIGN.format("row axis"), "choice", choices=(1, -1)),
+    Option("column_sign", _SIGN.format("column axis"), "choice", choices=(1, -1)),
+    Option("corrected_sign", _SIGN.format("corrected axis"), "choice", choices=(1, -1)),
+)
+_REQUIRED = tuple(replace(o, required=True) for o in _OPTIONS)
+_COMMON = (
+    Option(
+        "offset_follows",
+        "whether OFFSETROW and OFFSETCOL are along the encoder or along the axis",
+        "choice",
+        default="encoder",
+        choices=("encoder", "axis"),
+    ),
+    Option(
+        "primary_unit", "length of a primary unit, to read PRIMARY files", "length", positive=True
+    ),
+    Option("decimals", "of an entry in um", "integer", default=4, lowest=0, highest=9),
+)
+
+_ACTIVATION = (
+    "compare the axis numbers of the file with the controller's configuration: they count from 1",
+    "load it: Automation1 by Configure > Calibration or CalibrationLoad(), A3200 as its manual says",
+    "home the axes: the table is in machine positions",
+    "at the largest entry read the position with and without calibration: the entry, by the encoder",
+)
+
+
+class Aerotech(Dialect):
+    """Writer and reader of 2-D files for corrections over two axes; see the module."""
+
+    info = DialectInfo(
+        id="aerotech",
+        title="Aerotech A3200 / Automation1 2-D calibration (.cal)",
+        entry="-s*e, added to the corrected axis; s = 1 where its encoder counts with the axis, else -1",
+        units="mm for positions, um for entries (POSUNIT=METRIC CORUNIT=METRIC/1000)",
+        max_points=None,
+        outside="value of the nearest edge",
+        sign_status="documented to follow the encoder, whose direction you state; not run",
+        activation=_ACTIVATION,
+        sign="stated",
+        carries="map",
+        spacing="uniform",
+        directions="one",
+        resolution="0.1 nm with 4 decimals",
+        reference_rule="none; subtract_corner makes the first entry zero, zero_ring the outermost",
+        proof="own strict parser and simulated lookup; layout also read from files of mecode",
+        suffix=".cal",
+        example={
+            "row_axis": 2,
+            "column_axis": 1,
+            "corrected_axis": 4,
+            "row_sign": 1,
+            "column_sign": 1,
+            "corrected_sign": 1,
+        },
+        page="aerotech",
+    )
+
+    options = (
+        *_REQUIRED,
+        *_COMMON,
+        Option("zero_ring", "surround the map by one ring of zeros", "flag", default=False),
+        Option(
+            "subtract_corner", "make the entry of the first corner zero", "flag", default=False
+        ),
+        Option(
+            "row_spacing", "spacing along the rows' axis, to resample", "length", positive=True
+        ),
+        Option("column_spacing", "spacing along the columns' axis", "length", positive=True),
+    )
+
+    def encode(self, table: CompensationMap, **options: Any) -> Encoded:
+        """Return the text of a file.
+
+        Parameters
+        ----------
+        table : CompensationMap
+            Corrections; ``table.axes[0]`` runs along the columns, ``table.axes[1]`` along the rows.
+        **options
+            Every option, checked.
+
+        Returns
+        -------
+        Encoded
+            UTF-8, LF.
+
+        Raises
+        ------
+        TableError
+            If an axis turns, or the spacing is not uniform and none is given.
+        DataError
+            If axis numbers and signs contradict each other.
+        LimitError
+            If a spacing gives too many points.
+        """
+        for axis in (*table.axes, table.compensates):
+            _refuse_rotary(axis)
+        o = {**{x.name: x.default for x in self.options}, **options}
+        _check_axes(o, on_axis=table.is_on_axis)
+        carried, error = _prepared(table, o)
+        grid = _grid(carried.x, carried.y, carried.values, o)
+        wanted = o["corrected_sign"] * carried.values
+        text, printed = write_grid(grid, o, (*carried.axes, carried.compensates))
+        return Encoded(
+            data=text.encode("utf-8"),
+            quantisation=float(np.abs(printed - wanted).max()),
+            notes={"encoder_sign": o["corrected_sign"]},
+            step=10.0 ** -o["decimals"] * 1e-6,
+            carried=carried,
+            resampling_error=error,
+            findings=_offset_findings(grid),
+        )
+
+    def decode(self, data: bytes, path: Path, **options: Any) -> CompensationMap:
+        """Return the map of a file.
+
+        Parameters
+        ----------
+        data : bytes
+            Content.
+        path : Path
+            Its name.
+        **options
+            Options that the user gave; `corrected_sign` is taken from the file's comment or the
+            sidecar where it is not given.
+
+        Returns
+        -------
+        CompensationMap
+            Corrections c along the axis, not the encoder.
+
+        Raises
+        ------
+        CorruptFileError
+            If a line does not fit the format.
+        UnsupportedFeatureError
+            If there are several tables, or other units.
+        DataError
+            If the encoder's sign of the corrected axis is told by nothing, or options contradict
+            the file.
+        """
+        grid, known = read_grid(data, path, self.options, options, self.info.id)
+        values = known["corrected_sign"] * grid.values
+        x, y = _positions(grid, known)
+        noted = known.get("axes", "").split(",")
+        fields = map_identity(
+            path,
+            axes=(noted[0], noted[1]) if len(noted) == 2 else ("X", "Y"),
+            compensates=known.get("corrects", "Z"),
+            first=(float(x[0]), float(y[0])),
+        )
+        return CompensationMap(
+            x=x,
+            y=y,
+            values=values,
+            is_exact_inverse=True,
+            **fields,
+            border="zero" if _ring_of_zeros(values) else None,
+        )
+
+
+class AerotechLine(Dialect):
+    """Writer and reader for corrections over one axis, as a 2-D table of two equal rows."""
+
+    info = DialectInfo(
+        id="aerotech-line",
+        title="Aerotech A3200 / Automation1 calibration of one axis, as a 2-D table of two equal rows",
+        entry="-s*e, added to the corrected axis; s = 1 where its encoder counts with the axis, else -1",
+        units="mm for positions, um for entries (POSUNIT=METRIC CORUNIT=METRIC/1000)",
+        max_points=None,
+        outside="value of the nearest end",
+        sign_status="documented to follow the encoder, whose direction you state; not run",
+        activation=_ACTIVATION,
+        sign="stated",
+        spacing="uniform",
+        directions="one",
+        resolution="0.1 nm with 4 decimals",
+        reference_rule="none",
+        proof="own strict parser and simulated lookup",
+        suffix=".cal",
+        example={"row_axis": 2, "column_axis": 1, "corrected_axis": 1}
+        | {"column_sign": 1, "corrected_sign": 1},
+        page="aerotech",
+    )
+
+    options = (
+        replace(
+            _OPTIONS[0], help="number of any other axis, for the two equal rows", required=True
+        ),
+        *(replace(o, required=True) for o in (_OPTIONS[1], _OPTIONS[2], _OPTIONS[4], _OPTIONS[5])),
+        *_COMMON,
+        Option("spacing", "spacing of the entries, to resample", "length", positive=True),
+    )
+
+    def encode(self, table: CompensationTable, **options: Any) -> Encoded:
+        """Return the text of a file.
+
+        Parameters
+        ----------
+        table : CompensationTable
+            Corrections, the same in both directions; its axis runs along the columns.
+        **options
+            Every option, checked.
+
+        Returns
+        -------
+        Encoded
+            UTF-8, LF.
+
+        Raises
+        ------
+        TableError
+            If the directions differ, an axis turns, or the spacing is not uniform and none is given.
+        DataError
+            If axis numbers and signs contradict each other.
+        LimitError
+            If a spacing gives too many points.
+        """
+        for axis in (table.axis, table.compensates):
+            _refuse_rotary(axis)
+        if table.reverse is not None and not np.array_equal(table.reverse, table.forward):
+            raise TableError(
+                "an Aerotech calibration holds one value for both directions, this table has two: make "
+                'it with direction="both" and put the lost motion into the backlash parameter'
+            )
+        o = {**{x.name: x.default for x in self.options}, **options, "row_sign": 1}
+        if table.is_on_axis != (o["corrected_axis"] == o["column_axis"]):
+            raise DataError(
+                f"the table is {table.axis} -> {table.compensates}, but column_axis="
+                f"{o['column_axis']} and corrected_axis={o['corrected_axis']}"
+            )
+        _check_numbers(o)
+        carried, error = even_table(table, o["spacing"])
+        p = carried.positions
+        rows = np.array([0.0, p[-1] - p[0]])
+        grid = _grid(p, rows, np.vstack([carried.forward] * 2), o)
+        text, printed = write_grid(grid, o, (table.axis, "any", table.compensates))
+        wanted = o["corrected_sign"] * carried.forward
+        return Encoded(
+            data=text.encode("utf-8"),
+            quantisation=float(np.abs(printed[0] - wanted).max()),
+            notes={"encoder_sign": o["corrected_sign"]},
+            step=10.0 ** -o["decimals"] * 1e-6,
+            carried=carried,
+            resampling_error=error,
+            findings=_offset_findings(grid),
+        )
+
+    def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
+        """Return the table of a file.
+
+        Parameters
+        ----------
+        data : bytes
+            Content.
+        path : Path
+            Its name.
+        **options
+            Options that the user gave, as for `Aerotech`.
+
+        Returns
+        -------
+        CompensationTable
+            Corrections c along the axis, not the encoder.
+
+        Raises
+        ------
+        CorruptFileError
+            If a line does not fit the format, or the rows differ.
+        UnsupportedFeatureError
+            If there are several tables, or other units.
+        DataError
+            If the encoder's sign of the corrected axis is told by nothing, or options contradict
+            the file.
+        """
+        grid, known = read_grid(data, path, self.options, options, self.info.id)
+        if (grid.values != grid.values[0]).any():
+            raise CorruptFileError(
+                path,
+                "its rows differ: this table depends on two axes",
+                hint="read it as 'aerotech'",
+            )
+        x, _ = _positions(grid, {**known, "row_sign": math.copysign(1, grid.row_step)})
+        fields = identity(path, first=float(x[0]))
+        if not load_sidecar(path) and "axes" in known:
+            fields["axis"] = known["axes"].split(",")[0]
+            fields["compensates"] = known.get("corrects", fields["axis"])
+        return CompensationTable(
+            positions=x,
+            forward=known["corrected_sign"] * grid.values[0],
+            reverse=None,
+            is_exact_inverse=True,
+            **fields,
+        )
+
+
+def _refuse_rotary(axis: str) -> None:
+    if is_rotary(axis):
+        raise TableError(
+            f"{axis} turns: the unit of angles in an Aerotech file is not known from its documents; "
+            "write controller='csv'"
+        )
+
+
+def _check_numbers(o: dict[str, Any]) -> None:
+    if o["row_axis"] == o["column_axis"]:
+        raise DataError(f"row_axis and column_axis are both {o['row_axis']}; give two axes")
+    for name in ("row", "column"):
+        same = o[f"{name}_axis"] == o["corrected_axis"]
+        if same and o[f"{name}_sign"] != o["corrected_sign"]:
+            raise DataError(
+                f"corrected_axis is {name}_axis ({o['corrected_axis']}), but corrected_sign="
+                f"{o['corrected_sign']} and {name}_sign={o[f'{name}_sign']}: one axis has one encoder"
+            )
+
+
+def _check_axes(o: dict[str, Any], *, on_axis: bool) -> None:
+    _check_numbers(o)
+    if on_axis != (o["corrected_axis"] in (o["row_axis"], o["column_axis"])):
+        raise DataError(
+            f"corrected_axis={o['corrected_axis']} with row_axis={o['row_axis']} and column_axis="
+            f"{o['column_axis']}: the map corrects {'one of its own' if on_axis else 'a third'} axis"
+        )
+
+
+def _prepared(table: CompensationMap, o: dict[str, Any]) -> tuple[CompensationMap, float]:
+    """Return the map as the file carries it, and how far resampling took it off."""
+    carried, error = even_map(
+        table, (o["column_spacing"], o["row_spacing"]), ("column_spacing", "row_spacing")
+    )
+    if o["subtract_corner"]:
+        corner = float(carried.values[0, 0])
+        offset = carried.offset_removed - corner
+        carried = replace(carried, values=carried.values - corner, offset_removed=offset)
+    if o["zero_ring"] and not _ring_of_zeros(carried.values):
+        x, y = (np.r_[2 * p[0] - p[1], p, 2 * p[-1] - p[-2]] for p in (carried.x, carried.y))
+        values = np.pad(carried.values, 1)
+        carried = replace(carried, x=x, y=y, values=values, u=None, border="zero")
+    return carried, error
+
+
+def _ring_of_zeros(values: FloatArray) -> bool:
+    inner = values[1:-1, 1:-1]
+    return bool(inner.size and inner.any() and not (np.abs(values).sum() - np.abs(inner).sum()))
+
+
+def _grid(x: FloatArray, y: FloatArray, values: FloatArray, o: dict[str, Any]) -> Grid:
+    """Return the table along the encoders."""
+    column, row = o["column_sign"], o["row_sign"]
+    along = o["offset_follows"] == "encoder"
+    return Grid(
+        row_axis=o["row_axis"],
+        column_axis=o["column_axis"],
+        output=o["corrected_axis"],
+        row_step=row * float(y[-1] - y[0]) / (y.size - 1),
+        column_step=column * float(x[-1] - x[0]) / (x.size - 1),
+        row_offset=-(row if along else 1) * float(y[0]),
+        column_offset=-(column if along else 1) * float(x[0]),
+        values=o["corrected_sign"] * values,
+    )
+
+
+def _positions(grid: Grid, known: dict[str, Any]) -> tuple[FloatArray, FloatArray]:
+    """Return where columns and rows lie along the axes."""
+    along = known.get("offset_follows", "encoder") == "encoder"
+    found: list[FloatArray] = []
+    for step, offset, n in (
+        (grid.column_step, grid.column_offset, grid.values.shape[1]),
+        (grid.row_step, grid.row_offset, grid.values.shape[0]),
+    ):
+        first = -offset * (math.copysign(1.0, step) if along else 1.0)
+        found.append(np.asarray(first + abs(step) * np.arange(n), dtype=np.float64))
+    return found[0], found[1]
+
+
+def _offset_findings(grid: Grid) -> tuple[Finding, ...]:
+    shifted = [
+        name
+        for name, step, offset in (
+            ("OFFSETROW", grid.row_step, grid.row_offset),
+            ("OFFSETCOL", grid.column_step, grid.column_offset),
+        )
+        if step < 0 and offset != 0
+    ]
+    if not shifted:
+        return ()
+    return (
+        Finding(
+            "warning",
+            f"{' and '.join(shifted)} belongs to an encoder that counts against its axis: public "
+            "writers of this format disagree whether its sign follows",
+            "try a map with one bump first; if it appears mirrored about zero, say offset_follows='axis'",
+            "offset",
+        ),
+    )

@@ -1,0 +1,331 @@
+"""Etalon exchange format: one error parameter of ISO 230-1, such as EXY, over one axis.
+
+Beckhoff (TF5280) and ISG kernels read it and make the correction themselves, so an entry is an
+error, not a correction. Which way an error counts is not in the pages that could be read, and the
+kernel can negate axes: a file is written only after a trial on the machine.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.compensation.table import CompensationTable
+from metrosep.controllers.base import (
+    Dialect,
+    DialectInfo,
+    Encoded,
+    identity,
+    load_sidecar,
+    sidecar_options,
+)
+from metrosep.controllers.options import Option
+from metrosep.core.errors import (
+    CorruptFileError,
+    DataError,
+    LimitError,
+    TableError,
+    UnsupportedFeatureError,
+)
+
+__all__ = ["Etalon"]
+
+FloatArray = NDArray[np.float64]
+
+_MM = 1e-3
+_DEGREE = float(np.pi) / 180.0
+_TURNING = "ABC"
+_POSITION_DECIMALS = 9
+_DRY_RUN = "sign not documented: dry-run on the machine first"
+_NOTE = "metrosep: entry_sign="
+
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)")
+_COMPONENT = re.compile(r"E([XYZABC])([XYZABC])")
+_SECTION = re.compile(r"\[([A-Z]\w\w)\]", re.ASCII)
+_VALUE = re.compile(r"VALUE *= *(\S+)")
+_OPEN = re.compile(r"Gridpoints *= *\{")
+
+_SIGN = Option(
+    "entry_sign",
+    "sign of an entry for an error e = actual - nominal: 1 writes +e, -1 writes -e",
+    "choice",
+    default=1,
+    choices=(1, -1),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class _Rows:
+    """One look-up table: its parameter, the line it starts at, and its rows."""
+
+    parameter: str
+    line: int
+    rows: FloatArray
+
+
+class Etalon(Dialect):
+    """Writer and reader of one error parameter; see the module."""
+
+    info = DialectInfo(
+        id="etalon",
+        title="Etalon exchange format, for Beckhoff TF5280 and ISG volumetric compensation",
+        entry="+e with entry_sign=1, an error parameter of ISO 230-1; -e with entry_sign=-1",
+        units="mm for lengths, rad for angles; positions mm, of a turning axis degrees",
+        max_points=None,
+        outside="not documented; simulated as constant",
+        sign_status="not stated in the pages of TF5280 that could be read; the kernel can negate axes",
+        activation=(
+            "hochlauf.lis: vol_comp[0].max_records at least the number of rows of all files",
+            "hochlauf.lis: vol_comp[0].file_name = the list with axes, kinematic chain and file[j]",
+            "the list: this file as file[0], its file_format[0] that of Etalon, variant 'Vendor'",
+            "the letters X, Y, Z, A, B, C of the list must be the axes the machine was measured with",
+            "switch VOLCOMP on, move over a bump and read the change; 'negate XY' turns axes round",
+        ),
+        sign="unconfirmed",
+        spacing="free",
+        directions="one",
+        resolution="1 fm with 12 decimals of a mm, 1 prad of an angle",
+        reference_rule="none",
+        suffix=".txt",
+        example={},
+        page="etalon",
+    )
+
+    options = (
+        Option("parameter", "name after ISO 230-1 such as EXY; from the axes if omitted", "text"),
+        _SIGN,
+        Option("records_limit", "max_records of hochlauf.lis", "integer", lowest=2),
+        Option("decimals", "of an entry", "integer", default=12, lowest=1, highest=15),
+    )
+
+    def encode(self, table: CompensationTable, **options: Any) -> Encoded:
+        """Return the text of a file.
+
+        Parameters
+        ----------
+        table : CompensationTable
+            Corrections, the same in both directions; in rad if it compensates A, B or C.
+        **options
+            Every option, checked.
+
+        Returns
+        -------
+        Encoded
+            ASCII, LF.
+
+        Raises
+        ------
+        TableError
+            If the directions differ, or positions lie closer than the decimals.
+        DataError
+            If axes and parameter are not those of ISO 230-1.
+        LimitError
+            If there are more rows than `records_limit`.
+        """
+        o = {**{x.name: x.default for x in self.options}, **options}
+        parameter = _parameter(table, o["parameter"])
+        if table.reverse is not None and not np.array_equal(table.reverse, table.forward):
+            raise TableError(
+                "an error parameter has one value for both directions, this table has two: make it "
+                'with direction="both" and put the lost motion into the backlash parameter'
+            )
+        n = table.positions.size
+        if o["records_limit"] is not None and n > o["records_limit"]:
+            raise LimitError(
+                f"{n} rows, the control keeps {o['records_limit']} (max_records): raise it, or make "
+                "the table with fewer positions"
+            )
+        place, unit = _units(parameter)
+        d = o["decimals"]
+        words = [
+            (_text(p / place, _POSITION_DECIMALS), _fixed(-o["entry_sign"] * c / unit, d))
+            for p, c in zip(table.positions, table.forward, strict=True)
+        ]
+        back = np.array(words, dtype=np.float64)
+        if (np.diff(back[:, 0]) <= 0).any():
+            raise TableError(f"positions closer than 1e-{_POSITION_DECIMALS} cannot be written")
+        sign = "+" if o["entry_sign"] > 0 else "-"
+        lines = [
+            f"// entry = {sign}e, {_DRY_RUN}",
+            f"// {_NOTE}{o['entry_sign']}",
+            f"[{parameter}]",
+            "Gridpoints = {",
+            *(f"          {p} {e}" for p, e in words),
+            f"}}  // end of {parameter}",
+        ]
+        wrong = -o["entry_sign"] * back[:, 1] * unit - table.forward
+        return Encoded(
+            data=("\n".join(lines) + "\n").encode("ascii"),
+            quantisation=float(np.abs(wrong).max()),
+            notes={"parameter": parameter, "max_records_at_least": n},
+            step=10.0**-d * unit,
+        )
+
+    def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
+        """Return one look-up table of a file as corrections.
+
+        Parameters
+        ----------
+        data : bytes
+            Content.
+        path : Path
+            Its name.
+        **options
+            Options that the user gave; `parameter` chooses among several, `entry_sign` is taken from
+            metrosep's comment or the sidecar where it is not given.
+
+        Returns
+        -------
+        CompensationTable
+            Corrections ``c = -entry_sign * entry``, in rad for an angle.
+
+        Raises
+        ------
+        CorruptFileError
+            If a line does not fit the format.
+        UnsupportedFeatureError
+            If there are several tables and none is chosen.
+        DataError
+            If the sign is told by nothing, or the chosen table is not in the file.
+        """
+        tables, noted = _read(data, path)
+        o = {**noted, **sidecar_options(path, self.options), **options}
+        if "entry_sign" not in o:
+            raise DataError(
+                f"{path}: neither the file nor a sidecar tells the sign of its entries; give "
+                "entry_sign=1 (entry = +e) or -1 to read it as etalon"
+            )
+        chosen = _chosen(tables, o.get("parameter"), path)
+        place, unit = _units(chosen.parameter)
+        positions = chosen.rows[:, 0] * place
+        fields = identity(path, first=float(positions[0]))
+        if not load_sidecar(path):
+            fields |= {"axis": chosen.parameter[2], "compensates": chosen.parameter[1]}
+        return CompensationTable(
+            positions=positions,
+            forward=0.0 - o["entry_sign"] * chosen.rows[:, 1] * unit,
+            reverse=None,
+            is_exact_inverse=True,
+            **fields,
+        )
+
+
+def _parameter(table: CompensationTable, wanted: str | None) -> str:
+    name = f"E{table.compensates}{table.axis}" if wanted is None else wanted
+    if not _COMPONENT.fullmatch(name):
+        raise DataError(
+            f"{name!r} is no error parameter of ISO 230-1: E, the direction of the error and the axis "
+            f"that moves, of X, Y, Z, A, B, C; the table is {table.axis} -> {table.compensates}; give "
+            "parameter='EXY', or name the axes of the table so"
+        )
+    if (name[1] in _TURNING) != (table.compensates[:1] in _TURNING) or (
+        (name[2] in _TURNING) != (table.axis[:1] in _TURNING)
+    ):
+        raise DataError(
+            f"{name} and the table {table.axis} -> {table.compensates} mix lengths and angles"
+        )
+    return name
+
+
+def _units(parameter: str) -> tuple[float, float]:
+    """Return the units of positions and entries, m or rad."""
+    return (
+        _DEGREE if parameter[2] in _TURNING else _MM,
+        1.0 if parameter[1] in _TURNING else _MM,
+    )
+
+
+def _fixed(value: float, decimals: int) -> str:
+    text = f"{value:.{decimals}f}"
+    return text.removeprefix("-") if not float(text) else text
+
+
+def _text(value: float, decimals: int) -> str:
+    whole, _, rest = _fixed(value, decimals).partition(".")
+    return f"{whole}.{rest.rstrip('0') or '0'}"
+
+
+def _chosen(tables: Mapping[str, _Rows], wanted: str | None, path: Path) -> _Rows:
+    names = ", ".join(tables)
+    if wanted is None and len(tables) > 1:
+        raise UnsupportedFeatureError(
+            f"{path}: it holds the tables {names}; choose one with parameter="
+        )
+    if wanted is not None and wanted not in tables:
+        raise DataError(f"{path}: no table of {wanted} in it; there are {names}")
+    return tables[wanted] if wanted is not None else next(iter(tables.values()))
+
+
+def _read(data: bytes, path: Path) -> tuple[dict[str, _Rows], dict[str, Any]]:
+    """Return the look-up tables of a file, and metrosep's own comment."""
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as exc:
+        raise CorruptFileError(path, "not UTF-8 text", offset=exc.start) from None
+    noted: dict[str, Any] = {}
+    code: list[tuple[int, str]] = []
+    for number, line in enumerate(text.splitlines(), start=1):
+        words, _, comment = line.partition("//")
+        if comment.strip().startswith(_NOTE):
+            value = comment.strip().removeprefix(_NOTE)
+            noted["entry_sign"] = _SIGN.checked(value, "comment in the file")
+        if words.strip():
+            code.append((number, words.strip()))
+    tables: dict[str, _Rows] = {}
+    seen: set[str] = set()
+    at = 0
+    while at < len(code):
+        number, line = code[at]
+        match = _SECTION.fullmatch(line)
+        if match is None:
+            raise CorruptFileError(path, f"line {number} is no [parameter] but {line[:60]!r}")
+        if match[1] in seen:
+            raise CorruptFileError(path, f"line {number}: a second [{match[1]}]")
+        seen.add(match[1])
+        at, rows = _block(code, at + 1, number, match[1], path)
+        if rows is not None:
+            tables[match[1]] = _Rows(match[1], number, rows)
+    if not tables:
+        raise CorruptFileError(path, "it holds no look-up table", expected="[EXY] and Gridpoints")
+    return tables, noted
+
+
+def _block(
+    code: list[tuple[int, str]], at: int, start: int, name: str, path: Path
+) -> tuple[int, FloatArray | None]:
+    """Return where the next section starts, and the rows of this one if it has any."""
+    number, line = code[at] if at < len(code) else (start, "")
+    value = _VALUE.fullmatch(line)
+    if value is not None and _NUMBER.fullmatch(value[1]):
+        return at + 1, None
+    if not _OPEN.fullmatch(line):
+        raise CorruptFileError(
+            path,
+            f"line {number}: [{name}] is followed by {line[:40]!r}",
+            expected="VALUE = number or Gridpoints = {",
+        )
+    if not _COMPONENT.fullmatch(name):
+        raise CorruptFileError(path, f"line {start}: {name} is no error over an axis")
+    rows: list[tuple[float, float]] = []
+    for number, line in code[at + 1 :]:
+        if line == "}":
+            break
+        words = line.split()
+        if len(words) != 2 or not all(map(_NUMBER.fullmatch, words)):
+            raise CorruptFileError(
+                path, f"line {number} is not a position and an error but {line[:60]!r}"
+            )
+        rows.append((float(words[0]), float(words[1])))
+        if len(rows) > 1 and rows[-1][0] <= rows[-2][0]:
+            raise CorruptFileError(path, f"line {number}: the position does not rise")
+    else:
+        raise CorruptFileError(path, f"[{name}] does not end with }}: the file was cut short")
+    if len(rows) < 2:
+        raise CorruptFileError(path, f"[{name}] needs at least 2 rows", found=len(rows))
+    return at + 2 + len(rows), np.array(rows)

@@ -1,0 +1,356 @@
+"""Fanuc stored pitch error compensation: parameters 3620 to 3624 and one increment per section.
+
+Entry: increment of the correction over a section, walked in + direction, in detection units times
+the magnification: k (e(upper) - e(lower)) with k = -1. The layout is that of the parameter manual
+of the Series 0i (3620 to 3624); the sign is not written there and must be tried on the machine.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.compensation.rounding import round_increments
+from metrosep.compensation.table import CompensationTable
+from metrosep.controllers._increments import (
+    DRY_RUN,
+    Resampling,
+    ascii_lines,
+    carry,
+    fact,
+    mm_text,
+    mm_value,
+    require_capacity,
+    require_linear,
+    require_one_direction,
+    require_zero,
+    uniform_positions,
+)
+from metrosep.controllers.base import DialectInfo, Encoded, identity
+from metrosep.controllers.options import Option
+from metrosep.core.errors import CorruptFileError, LimitError
+from metrosep.core.units import format_length
+
+__all__ = ["Fanuc"]
+
+IntArray = NDArray[np.int64]
+
+_TITLE = "Fanuc pitch error compensation"
+_LAST_NUMBER = 1023
+_POINT = 10_000
+"""Number of the file's word for point 0."""
+_BLOCKS_PER_MINUTE = 7500.0
+"""Feed over smallest interval, 1/min (parameter manual, metric)."""
+
+_HEAD = re.compile(
+    r"%\(FANUC PITCH ERROR, DETECTION UNIT (\d+\.?\d*) MM, INCREMENT (\d+\.?\d*) MM, "
+    r"REFERENCE (-?\d+\.?\d*) MM, ENTRY = ([+-])E, [A-Z: -]+\)"
+)
+_WORD = re.compile(r"N(\d{4,5})(?:A(\d{1,2}))?P(-?\d{1,9})")
+_PARAMETERS = (3620, 3621, 3622, 3623, 3624)
+
+
+class Fanuc(Resampling):
+    """Writer and reader of pitch error data; see the module."""
+
+    info = DialectInfo(
+        id="fanuc",
+        title=_TITLE,
+        entry="increment over a section, walked in + direction: -(e(upper) - e(lower)) in "
+        "detection units times magnification",
+        units="whole detection units times magnification (3623); interval in input increments",
+        max_points=128,
+        outside="constant beyond both extreme points: no more increments are output",
+        sign_status="layout documented, sign not: dry-run on the machine first",
+        activation=(
+            "note the old values of 3620 to 3624 and of the points",
+            "allow parameter writing (PWE) and read the file in, or type the numbers in",
+            "switch the power off and on, then return to the reference position (G28)",
+            "traverse the axis with a laser or gauge: the error must shrink, else say entry_sign=1",
+            "lost motion belongs into the backlash parameter 1851, not into this table",
+        ),
+        sign="unconfirmed",
+        spacing="uniform",
+        directions="one",
+        resolution="detection unit times magnification",
+        reference_rule="zero at the reference position (3620)",
+        suffix=".txt",
+        example={"detection_unit": "100 nm", "largest": 127},
+        page="fanuc",
+    )
+
+    options = (
+        Option(
+            "detection_unit", "detection unit of the axis", "length", required=True, positive=True
+        ),
+        Option("magnification", "parameter 3623", "integer", default=1, lowest=1, highest=100),
+        Option(
+            "largest", "largest increment the control takes", "choice", default=7, choices=(7, 127)
+        ),
+        Option(
+            "capacity", "most points of an axis", "integer", default=128, lowest=2, highest=1024
+        ),
+        Option("axis_number", "number behind A", "integer", default=1, lowest=1, highest=32),
+        Option("reference_number", "parameter 3620", "integer", lowest=0, highest=_LAST_NUMBER),
+        Option("reference_position", "machine coordinate of the reference position", "length"),
+        Option(
+            "interval", "parameter 3624; that of the table if omitted", "length", positive=True
+        ),
+        Option(
+            "increment",
+            "least input increment, unit of parameter 3624",
+            "length",
+            default=1e-6,
+            positive=True,
+        ),
+        Option("rapid", "rapid traverse, for the smallest interval", "speed", positive=True),
+        Option("entry_sign", "k in entry = k e", "choice", default=-1, choices=(-1, 1)),
+    )
+
+    def encode(self, table: CompensationTable, **options: Any) -> Encoded:
+        """Return parameters and increments.
+
+        Parameters
+        ----------
+        table : CompensationTable
+            Corrections, one column, zero at the reference position.
+        **options
+            Detection unit and the others.
+
+        Returns
+        -------
+        Encoded
+            ASCII, LF. The cumulative curve is rounded, then differenced.
+
+        Raises
+        ------
+        TableError
+            If an axis turns, the table has two directions, is not zero at the reference position, or the spacing
+            is not a multiple of the input increment.
+        LimitError
+            If there are too many points, an increment leaves the range, or the interval is too
+            small for the rapid traverse.
+        """
+        require_linear((table.axis, table.compensates), _TITLE)
+        require_one_direction(table, _TITLE, "into parameter 1851 (backlash)")
+        zero = options["reference_position"]
+        zero = table.reference if zero is None else zero
+        require_zero(table, zero, _TITLE)
+        positions = uniform_positions(
+            table,
+            through=zero,
+            interval=options["interval"],
+            quantum=options["increment"],
+            max_points=options["capacity"] + 1,
+            title=_TITLE,
+        )
+        carried = carry(table, positions)
+        interval = float(positions[-1] - positions[0]) / (positions.size - 1)
+        _require_interval(interval, options["rapid"])
+        unit = options["detection_unit"] * options["magnification"]
+        rounded = round_increments(carried.table.forward, unit, limits=None)
+        entries = -options["entry_sign"] * rounded.entries
+        _require_range(entries, positions, options["largest"], unit)
+        below = int(np.abs(positions - zero).argmin())
+        number = options["reference_number"]
+        number = max(below - 1, 0) if number is None else number
+        first = number + 1 - below
+        last = number + positions.size - 1 - below
+        if first < 0 or last > _LAST_NUMBER:
+            raise LimitError(
+                f"points {first} to {last} leave 0 to {_LAST_NUMBER}; choose another reference_number"
+            )
+        text = _text(options, zero, interval, (number, first, last), entries)
+        return Encoded(
+            text.encode("ascii"),
+            rounded.error,
+            step=unit,
+            carried=carried.table,
+            resampling_error=carried.error,
+        )
+
+    def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
+        """Return the cumulative corrections.
+
+        Parameters
+        ----------
+        data : bytes
+            Content of the file.
+        path : Path
+            Its name, for messages and the sidecar.
+        **options
+            Detection unit, input increment and reference position where the file does not tell.
+
+        Returns
+        -------
+        CompensationTable
+            One column.
+
+        Raises
+        ------
+        CorruptFileError
+            If a line is no word of the format, or a parameter or point is missing, double or out
+            of range.
+        LimitError
+            If there are more points than the control takes.
+        DataError
+            If a fact is missing.
+        """
+        lines = ascii_lines(data, path, "Fanuc parameter file")
+        if len(lines) < 3 or not lines[0].startswith("%") or lines[-1] != "%":
+            raise CorruptFileError(
+                path, "a parameter file begins and ends with %", hint="write the table again"
+            )
+        head = _head(lines[0], path)
+        known = {
+            name: fact(self, name, options, head, path)
+            for name in ("detection_unit", "increment", "reference_position", "entry_sign")
+        }
+        words, axis = _words(lines[1:-1], path)
+        wanted = options.get("axis_number")
+        if wanted is not None and wanted != axis:
+            raise CorruptFileError(
+                path,
+                "the parameters are those of another axis",
+                expected=f"A{wanted}",
+                found=f"A{axis}",
+                hint="choose the file of this axis",
+            )
+        number, first, last, magnification, steps = (words[p] for p in _PARAMETERS)
+        entries = _entries(words, first, last, options.get("largest", 127), path)
+        require_capacity(self, entries.size, options, path)
+        if not (first - 1 <= number <= last and steps > 0 and 1 <= magnification <= 100):
+            raise CorruptFileError(
+                path,
+                "3620 to 3624 do not fit: the reference must lie between the extremes, the interval "
+                "be positive and the magnification 1 to 100",
+                found=f"{number}, {first}, {last}, {magnification}, {steps}",
+                hint="write the table again",
+            )
+        below = number + 1 - first
+        curve = np.concatenate([[0], np.cumsum(entries)])
+        curve = -known["entry_sign"] * (curve - curve[below])
+        zero = known["reference_position"]
+        positions = zero + steps * known["increment"] * np.arange(-below, curve.size - below)
+        return CompensationTable(
+            positions=positions,
+            forward=curve * (known["detection_unit"] * magnification) + 0.0,
+            reverse=None,
+            is_exact_inverse=True,
+            **{**identity(path, first=zero), "reference": zero},
+        )
+
+
+def _require_interval(interval: float, rapid: float | None) -> None:
+    smallest = 0.0 if rapid is None else rapid * 60.0 / _BLOCKS_PER_MINUTE
+    if interval < smallest * (1.0 - 1e-9):
+        raise LimitError(
+            f"the interval {format_length(interval)} is below {format_length(smallest)}, the smallest "
+            "for this rapid traverse; give a larger interval="
+        )
+
+
+def _require_range(entries: IntArray, positions: Any, largest: int, unit: float) -> None:
+    i = int(np.abs(entries).argmax())
+    if abs(int(entries[i])) > largest:
+        raise LimitError(
+            f"the increment {int(entries[i])} between {positions[i] * 1e3:.9g} and "
+            f"{positions[i + 1] * 1e3:.9g} mm leaves -{largest} ... {largest} units of "
+            f"{format_length(unit)}; use a smaller interval or a larger magnification"
+        )
+
+
+def _text(
+    options: Mapping[str, Any],
+    zero: float,
+    interval: float,
+    numbers: tuple[int, int, int],
+    entries: IntArray,
+) -> str:
+    sign = "+" if options["entry_sign"] > 0 else "-"
+    head = (
+        f"%(FANUC PITCH ERROR, DETECTION UNIT {mm_text(options['detection_unit'])} MM, "
+        f"INCREMENT {mm_text(options['increment'])} MM, REFERENCE {mm_text(zero)} MM, "
+        f"ENTRY = {sign}E, {DRY_RUN.upper()})"
+    )
+    values = (*numbers, options["magnification"], round(interval / options["increment"]))
+    axis = options["axis_number"]
+    lines = [f"N{p}A{axis}P{v}" for p, v in zip(_PARAMETERS, values, strict=True)]
+    lines += [f"N{_POINT + numbers[1] + i}P{int(v)}" for i, v in enumerate(entries)]
+    return "\n".join([head, *lines, "%"]) + "\n"
+
+
+def _head(line: str, path: Path) -> dict[str, Any]:
+    """Return what the comment behind the first % tells; the control skips it."""
+    if line == "%":
+        return {}
+    found = _HEAD.fullmatch(line)
+    if found is None:
+        if line.startswith("%(FANUC"):
+            raise CorruptFileError(path, "line 1: the comment is damaged", hint="write it again")
+        return {}
+    return {
+        "detection_unit": mm_value(found[1]),
+        "increment": mm_value(found[2]),
+        "reference_position": mm_value(found[3]),
+        "entry_sign": 1 if found[4] == "+" else -1,
+    }
+
+
+def _words(lines: list[str], path: Path) -> tuple[dict[int, int], int]:
+    """Return the value of each number, and the axis of the parameters."""
+    words: dict[int, int] = {}
+    axes: set[int] = set()
+    for i, line in enumerate(lines, start=2):
+        found = _WORD.fullmatch(line)
+        number = int(found[1]) if found else -1
+        is_parameter = number in _PARAMETERS
+        is_point = _POINT <= number <= _POINT + _LAST_NUMBER
+        if found is None or not (is_parameter or is_point) or is_parameter != bool(found[2]):
+            raise CorruptFileError(
+                path,
+                f"line {i} is no word of pitch error data but {line[:60]!r}",
+                hint="one N...P... a line, as the control outputs it",
+            )
+        if number in words:
+            raise CorruptFileError(path, f"line {i}: N{number} stands twice", hint="remove one")
+        words[number] = int(found[3])
+        if is_parameter:
+            axes.add(int(found[2]))
+    missing = [p for p in _PARAMETERS if p not in words]
+    if missing or len(axes) != 1:
+        raise CorruptFileError(
+            path,
+            f"parameter {missing[0]} is missing" if missing else "parameters of several axes",
+            hint="the file must hold 3620 to 3624 of one axis",
+        )
+    return words, axes.pop()
+
+
+def _entries(
+    words: Mapping[int, int], first: int, last: int, largest: int, path: Path
+) -> IntArray:
+    wanted = range(_POINT + first, _POINT + last + 1)
+    points = {n for n in words if n >= _POINT}
+    if not wanted or points != set(wanted):
+        wrong = sorted(points.symmetric_difference(wanted))
+        raise CorruptFileError(
+            path,
+            f"the points do not run from {first} to {last} as 3621 and 3622 say",
+            found=f"N{wrong[0]}" if wrong else "none",
+            hint="a missing point keeps the old value in the control: write the table again",
+        )
+    entries = np.array([words[n] for n in wanted], dtype=np.int64)
+    if np.abs(entries).max() > largest:
+        raise CorruptFileError(
+            path,
+            f"an increment leaves -{largest} ... {largest}",
+            field=f"N{_POINT + first + int(np.abs(entries).argmax())}",
+            hint="the control refuses it",
+        )
+    return entries

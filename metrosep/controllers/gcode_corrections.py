@@ -1,0 +1,470 @@
+"""Corrections of a tool path: what is added to Z (and X) at the position (X, C) of a block.
+
+Sign: error e = actual - nominal, positive where the part is too high (z out of the material); the
+correction c = -e is added to the commanded Z. `error_correction` turns a measured error over; a
+table, a compensation map or a function given as it is holds corrections already.
+
+Part coordinates: the point under the tool at radius X (signed) and spindle angle C is
+x = X cos(s C + C0), y = X sin(s C + C0), with s = `c_sense` = +1 or -1 and C0 = `c_zero`. The sense
+is a property of the machine and of how the map was placed: a wrong one mirrors the correction.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal, Protocol, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from metrosep.compensation.table import CompensationTable
+from metrosep.core.errors import DataError, InvalidSamplesError
+from metrosep.core.profile import Profile
+from metrosep.core.surface import Surface
+
+__all__ = ["PathCorrection", "as_path_correction", "error_correction", "nose_correction"]
+
+FloatArray = NDArray[np.float64]
+Lookup = Callable[[FloatArray, FloatArray], FloatArray]
+
+
+@dataclass(frozen=True, slots=True)
+class PathCorrection:
+    """What is added to a path.
+
+    Parameters
+    ----------
+    z : callable
+        Returns the amount to add to Z in m, from X (radius, signed, m) and C (rad), equally long
+        arrays; NaN where nothing was measured, infinite beyond the map.
+    x : callable or None
+        The same for X (radius, m); None where X is left alone.
+    needs_c : bool
+        Whether C matters; if not, C may be absent in the path.
+    pitch : float or None, m
+        Distance on the part over which the correction may bend; for densification.
+    held : callable or None
+        As `z`, but beyond the map the value at its edge; None where that is not known.
+    audit : mapping
+        Origin: kind, hash, sign convention, sense and zero of C; goes into the sidecar.
+    """
+
+    z: Lookup
+    x: Lookup | None = None
+    needs_c: bool = True
+    pitch: float | None = None
+    held: Lookup | None = None
+    audit: Mapping[str, Any] = field(default_factory=dict)
+
+
+class _Area(Protocol):
+    def correction(self, x: ArrayLike, y: ArrayLike) -> FloatArray: ...
+
+
+def error_correction(
+    error: Surface | Profile | Callable[..., ArrayLike],
+    *,
+    c_sense: int = 1,
+    c_zero: float = 0.0,
+    centre: tuple[float, float] | Literal["middle"] = (0.0, 0.0),
+    slope: Callable[[FloatArray, FloatArray], ArrayLike] | None = None,
+    move_x: bool = False,
+) -> PathCorrection:
+    """Return the correction c = -e of a measured error of the part.
+
+    Parameters
+    ----------
+    error : Surface, Profile or callable
+        e = actual - nominal in m: a map over part coordinates (x, y);
+        a profile over the radius X (signed as in the path), the same at every C; or a function
+        e(x, y) of part coordinates in m.
+    c_sense : {1, -1}, optional
+        +1 if the point under the tool moves to larger polar angle of the map when C rises.
+    c_zero : float, rad, optional
+        Polar angle of the map under the tool at C = 0.
+    centre : tuple of (float, float), m, or "middle", optional
+        Where the spindle axis is in the coordinates of the map.
+    slope : callable, optional
+        dz/dX of the nominal form from (X in m, C in rad), dimensionless, if `error` was measured
+        along the normal of the surface; None if along z.
+    move_x : bool, optional
+        With `slope`: shift the tool along the normal, X as well as Z.
+
+    Returns
+    -------
+    PathCorrection
+        Bilinear between the points of a map, linear between those of a profile. What was not
+        measured and reaches the border of a map is beyond the map; gaps within it stay NaN.
+
+    Raises
+    ------
+    DataError
+        If `c_sense` is neither 1 nor -1, `c_zero` or `centre` is not finite, `move_x` is asked for without a
+        slope, or `error` is none of these.
+    InvalidSamplesError
+        If a map has no lateral step, fewer than two rows or columns, or no value at all.
+
+    Notes
+    -----
+    With t = atan(dz/dX) the normal out of the material is (-sin t, cos t). Moving Z alone by c_z
+    moves the surface along its normal by c_z cos t, hence c_z = -e_n / cos t. Moving both,
+    (c_x, c_z) = -e_n (-sin t, cos t). A slope around the circumference is not taken into account:
+    Z alone then lacks a second-order part, e_n (dz/(r dC))^2 / 2.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> tilt = Surface([[0.0, 2e-9], [0.0, 2e-9]], dx=2e-3, dy=2e-3, origin=(-1e-3, -1e-3))
+    >>> c = error_correction(tilt)
+    >>> (1e9 * c.z(np.array([0.5e-3, 0.5e-3]), np.array([0.0, np.pi]))).round(6).tolist()
+    [-1.5, -0.5]
+    """
+    if c_sense not in (1, -1):
+        raise DataError(f"c_sense is {c_sense!r}; it is 1 or -1")
+    if not math.isfinite(c_zero):
+        raise DataError(f"c_zero is {c_zero!r}; give an angle in rad")
+    if move_x and slope is None:
+        raise DataError("to move X the slope of the form is needed; give slope=")
+    lookup, edge, audit, pitch, around = _error_lookup(error)
+
+    def placed(found: Lookup) -> Lookup:
+        def at(x: FloatArray, c: FloatArray) -> FloatArray:
+            if not around:
+                return found(x, c)
+            angle = c_sense * c + c_zero
+            return found(x * np.cos(angle) + middle[0], x * np.sin(angle) + middle[1])
+
+        return at
+
+    middle = _centre(error, centre)
+    made = (placed(lookup), None if edge is None else placed(edge))
+
+    audit |= {
+        "sign": "error e = actual - nominal; correction c = -e is added to Z",
+        "normal_to_surface": slope is not None,
+    }
+    if around:
+        audit |= {"c_sense": c_sense, "c_zero_rad": float(c_zero), "centre_m": list(middle)}
+    if slope is None:
+        held = None if made[1] is None else _negated(made[1])
+        z = _negated(made[0])
+        return PathCorrection(z, needs_c=around, pitch=pitch, held=held, audit=audit)
+    return nose_correction(made[0], slope, move_x=move_x, needs_c=around, pitch=pitch, audit=audit)
+
+
+def _centre(error: object, centre: tuple[float, float] | Literal["middle"]) -> tuple[float, float]:
+    if isinstance(centre, str):
+        if centre != "middle":
+            raise DataError(f"centre is {centre!r}; give (x, y) in m or 'middle'")
+        if not isinstance(error, Surface) or error.dx is None or error.dy is None:
+            raise DataError("only a map has a middle; give centre=(x, y) in m")
+        rows, columns = error.shape
+        return (
+            error.origin[0] + (columns - 1) * error.dx / 2,
+            error.origin[1] + (rows - 1) * error.dy / 2,
+        )
+    if not all(math.isfinite(v) for v in centre):
+        raise DataError(f"centre is {centre!r}; give (x, y) in m or 'middle'")
+    return float(centre[0]), float(centre[1])
+
+
+def _negated(error: Lookup) -> Lookup:
+    return lambda x, c: -error(x, c)
+
+
+def nose_correction(
+    error: Lookup,
+    slope: Callable[[FloatArray, FloatArray], ArrayLike],
+    *,
+    move_x: bool = False,
+    needs_c: bool = True,
+    pitch: float | None = None,
+    audit: Mapping[str, Any] | None = None,
+) -> PathCorrection:
+    """Return the correction of an error that was measured along the normal of the surface.
+
+    Parameters
+    ----------
+    error : callable
+        e_n in m from (X in m, C in rad).
+    slope : callable
+        dz/dX of the nominal form at the same place.
+    move_x : bool, optional
+        Move X too, along the normal.
+    needs_c : bool, optional
+        Whether C matters.
+    pitch : float, m, optional
+        Distance over which the error may bend.
+    audit : mapping, optional
+        Origin.
+
+    Returns
+    -------
+    PathCorrection
+        c_z = -e_n / cos t alone, or c_z = -e_n cos t with c_x = e_n sin t, t = atan(slope).
+
+    Notes
+    -----
+    See `error_correction`. The specification's pair c_z = -e_n / cos t with c_x = -e_n sin t moves
+    the surface by -e_n cos 2t of what is wanted, plus a part along the surface: it holds only
+    where t is small.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> c = nose_correction(lambda x, c: np.full(x.size, 1e-9), lambda x, c: np.ones(x.size))
+    >>> float(round(c.z(np.zeros(1), np.zeros(1))[0] * 1e9, 6))
+    -1.414214
+    """
+
+    def steep(x: FloatArray, c: FloatArray) -> FloatArray:
+        return np.arctan(np.asarray(slope(x, c), dtype=np.float64))
+
+    if not move_x:
+        return PathCorrection(
+            lambda x, c: -error(x, c) / np.cos(steep(x, c)),
+            needs_c=needs_c,
+            pitch=pitch,
+            audit=dict(audit or {}),
+        )
+    return PathCorrection(
+        lambda x, c: -error(x, c) * np.cos(steep(x, c)),
+        x=lambda x, c: np.where(
+            np.isfinite(e := error(x, c)), np.nan_to_num(e) * np.sin(steep(x, c)), e
+        ),
+        needs_c=needs_c,
+        pitch=pitch,
+        audit=dict(audit or {}),
+    )
+
+
+def as_path_correction(
+    correction: object, *, c_sense: int = 1, c_zero: float = 0.0
+) -> PathCorrection:
+    """Return a correction in the form that a path needs.
+
+    Parameters
+    ----------
+    correction : PathCorrection, CompensationTable, object with ``correction(x, y)``, or callable
+        A table over X, the same in both directions; a map over part coordinates (x, y); or a
+        function c(X, C) of X in m and C in rad that returns m. All hold corrections, not errors.
+    c_sense, c_zero : int and float, optional
+        For a map over part coordinates, as in `error_correction`.
+
+    Returns
+    -------
+    PathCorrection
+        Itself, if it is one.
+
+    Raises
+    ------
+    DataError
+        If it is an error (a Surface, a Profile), a table of another axis or direction-dependent,
+        or none of these.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> as_path_correction(lambda x, c: 1e-9 * np.cos(c)).needs_c
+    True
+    """
+    if isinstance(correction, PathCorrection):
+        return correction
+    if isinstance(correction, Surface | Profile):
+        raise DataError(
+            f"a {type(correction).__name__} holds an error, not a correction; give "
+            "error_correction(it), which turns the sign over, with c_sense and c_zero"
+        )
+    if isinstance(correction, CompensationTable):
+        return _of_table(correction)
+    if hasattr(correction, "correction"):
+        return _of_area(cast(_Area, correction), c_sense, c_zero)
+    if callable(correction):
+        return PathCorrection(
+            lambda x, c: np.asarray(correction(x, c), dtype=np.float64),
+            audit={"kind": "function c(X, C)", "sign": "added to Z as it is"},
+        )
+    raise DataError(
+        f"a {type(correction).__name__} is no correction; give a table, a map, a function c(X, C) or "
+        "error_correction(map of the error)"
+    )
+
+
+def _of_table(table: CompensationTable) -> PathCorrection:
+    if table.axis.upper() != "X" or table.compensates.upper() != "Z":
+        raise DataError(
+            f"the table is for {table.axis} -> {table.compensates}; a path needs X -> Z, or let the "
+            "controller carry it"
+        )
+    if table.reverse is not None and not np.array_equal(table.reverse, table.forward):
+        raise DataError(
+            "the table has a column for each direction, a path has one point for both; make the table "
+            'with direction="both"'
+        )
+    first, last = table.span
+
+    def held(x: FloatArray, _c: FloatArray) -> FloatArray:
+        return table.correction(x)
+
+    def z(x: FloatArray, _c: FloatArray) -> FloatArray:
+        found = table.correction(x)
+        return np.where((x < first) | (x > last), np.inf, found)
+
+    audit = {
+        "kind": "compensation table X -> Z",
+        "sign": "correction c = -e is added to Z",
+        "sha256": _hash(table.positions, table.forward),
+    }
+    pitch = float(np.diff(table.positions).min())
+    return PathCorrection(z, needs_c=False, pitch=pitch, held=held, audit=audit)
+
+
+def _of_area(area: _Area, c_sense: int, c_zero: float) -> PathCorrection:
+    if c_sense not in (1, -1):
+        raise DataError(f"c_sense is {c_sense!r}; it is 1 or -1")
+    axes = [str(a).upper() for a in getattr(area, "axes", ("X", "Y"))][:2]
+    if axes not in (["X", "Y"], ["X", "C"]):
+        raise DataError(
+            f"the map is over {' and '.join(axes)}; a path needs one over the part, X and Y, or over X and C"
+        )
+
+    def z(x: FloatArray, c: FloatArray) -> FloatArray:
+        angle = c_sense * c + c_zero
+        first, second = (x, angle) if axes[1] == "C" else (x * np.cos(angle), x * np.sin(angle))
+        return np.asarray(area.correction(first, second), dtype=np.float64).reshape(x.shape)
+
+    audit = {
+        "kind": f"compensation map over {axes[0]} and {axes[1]}",
+        "sign": "correction c = -e is added to Z",
+        "c_sense": c_sense,
+        "c_zero_rad": float(c_zero),
+    }
+    return PathCorrection(z, audit=audit)
+
+
+def _error_lookup(
+    error: object,
+) -> tuple[Lookup, Lookup | None, dict[str, Any], float | None, bool]:
+    """Return lookup, lookup held at the edge, origin, pitch, and whether it is over the part."""
+    if isinstance(error, Surface):
+        if error.dx is None or error.dy is None:
+            raise InvalidSamplesError(
+                "the map has no lateral step, so nobody knows where its points lie on the part; give "
+                "its steps when it is read"
+            )
+        if min(error.shape) < 2:
+            raise InvalidSamplesError(f"a map of {error.shape} points; at least 2 x 2 are needed")
+        if not np.isfinite(error.z).any():
+            raise InvalidSamplesError("the map holds no measured value")
+        audit = {
+            "kind": "map of the error over part coordinates",
+            "sha256": _hash(error.z, np.array([error.dx, error.dy, *error.origin])),
+            "shape": list(error.shape),
+            "pv_m": error.peak_to_valley(),
+        }
+        return _bilinear(error), _bilinear(error, hold=True), audit, min(error.dx, error.dy), True
+    if isinstance(error, Profile):
+        x, z = np.asarray(error.x), np.asarray(error.z)
+        good = np.isfinite(z)
+        if np.count_nonzero(good) < 2:
+            raise InvalidSamplesError("the profile holds fewer than two measured values")
+        audit = {"kind": "profile of the error over X", "sha256": _hash(x, z)}
+        return _linear(x, z, np.inf, np.inf), _linear(x, z), audit, float(np.diff(x).min()), False
+    if callable(error):
+        return (
+            lambda x, y: np.asarray(error(x, y), dtype=np.float64),
+            None,
+            {"kind": "function e(x, y) of part coordinates"},
+            None,
+            True,
+        )
+    raise DataError(
+        f"a {type(error).__name__} is no map of an error; give a Surface, a Profile or a function e(x, y)"
+    )
+
+
+def _linear(
+    x: FloatArray, z: FloatArray, left: float | None = None, right: float | None = None
+) -> Lookup:
+    """Return the interpolation of a profile: infinite outside, NaN beside a gap."""
+
+    def at(place: FloatArray, _c: FloatArray) -> FloatArray:
+        return np.asarray(np.interp(place, x, z, left=left, right=right))
+
+    return at
+
+
+def _bilinear(surface: Surface, *, hold: bool = False) -> Lookup:
+    """Return the interpolation of a map: infinite beyond what was measured, NaN beside a gap."""
+    rows, columns = surface.shape
+    dx, dy = cast(float, surface.dx), cast(float, surface.dy)
+    x0, y0 = surface.origin
+    flat = _with_edge(surface.z, hold=hold).ravel()
+
+    def at(x: FloatArray, y: FloatArray) -> FloatArray:
+        u, v = (x - x0) / dx, (y - y0) / dy
+        outside = (u < -_EDGE) | (u > columns - 1 + _EDGE) | (v < -_EDGE) | (v > rows - 1 + _EDGE)
+        u, v = np.clip(_snapped(u), 0, columns - 1), np.clip(_snapped(v), 0, rows - 1)
+        i = np.minimum(u.astype(np.int64), columns - 2)
+        j = np.minimum(v.astype(np.int64), rows - 2)
+        u -= i
+        v -= j
+        k = j * columns + i
+        total = np.zeros(x.shape)
+        corners = (
+            (0, (1 - u) * (1 - v)),
+            (1, u * (1 - v)),
+            (columns, (1 - u) * v),
+            (columns + 1, u * v),
+        )
+        with np.errstate(invalid="ignore"):  # a corner of weight zero does not count
+            for step, weight in corners:
+                total += np.where(weight == 0.0, 0.0, flat[k + step] * weight)
+        if not hold:
+            total[outside] = np.inf
+        return total
+
+    return at
+
+
+def _snapped(u: FloatArray) -> FloatArray:
+    """Return places with those beside a node by rounding only put on it."""
+    node = np.rint(u)
+    return np.where(np.abs(u - node) < _EDGE, node, u)
+
+
+def _with_edge(z: FloatArray, *, hold: bool) -> FloatArray:
+    """Return the map with what lies around the measured part told from gaps within it.
+
+    Pixels that were not measured and reach the border of the map (corners around a round part) are
+    beyond the map: infinite, or the nearest measured value for `hold`. Gaps within stay NaN.
+    """
+    gaps = np.isnan(z)
+    if not gaps.any():
+        return np.ascontiguousarray(z)
+    from scipy import ndimage
+
+    labels, _ = ndimage.label(gaps)
+    border = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
+    outer = gaps & np.isin(labels, np.unique(border[border > 0]))
+    filled = np.array(z)
+    if hold:
+        nearest = ndimage.distance_transform_edt(gaps, return_distances=False, return_indices=True)
+        filled[outer] = z[tuple(nearest)][outer]
+    else:
+        filled[outer] = np.inf
+    return filled
+
+
+_EDGE = 1e-9
+"""Share of a step by which rounding may miss a node or leave the map (4.5 mm / 0.5 mm in binary)."""
+
+
+def _hash(*arrays: NDArray[Any]) -> str:
+    digest = hashlib.sha256()
+    for array in arrays:
+        digest.update(np.ascontiguousarray(array, dtype="<f8").tobytes())
+    return digest.hexdigest()

@@ -1,0 +1,463 @@
+"""One piece of a program after another: look the correction up, change words, read back.
+
+Positions are modal, so a block that moves X or C and has no Z word may need one: it is inserted
+after the last axis word. Where the rounded Z is what the machine holds already, nothing changes.
+Every piece that was written is parsed again by a second reader with its own modal state and
+compared with what was meant, before it counts.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.controllers.gcode_columns import Columns, Mover, carried, read_columns
+from metrosep.controllers.gcode_corrections import Lookup, PathCorrection
+from metrosep.controllers.gcode_dense import chord_errors, part_counts
+from metrosep.controllers.gcode_split import split_block
+from metrosep.controllers.gcode_state import ModalState
+from metrosep.controllers.gcode_tally import Tally
+from metrosep.controllers.gcode_words import format_number, refuse_block
+from metrosep.core.errors import DataError, InvalidSamplesError, TableError
+
+__all__ = ["Outside", "Rewriter", "Settings"]
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+Outside = Literal["refuse", "zero", "hold"]
+
+_X = re.compile(r"[Xx][ \t]*([+-]?(?:\d+\.?\d*|\.\d+))")
+_ROUNDING = 1e-6
+"""Share of half a digit that binary numbers add to a rounding."""
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """How a path is rewritten; see `metrosep.controllers.gcode_paths.rewrite_path`.
+
+    Parameters
+    ----------
+    axes : tuple of str
+        Words that may change.
+    decimals : int or None
+        Digits after the point.
+    resolution : float, m
+        Finest step, without `decimals`.
+    tolerance : float or None, m
+        Largest deviation from chords.
+    outside : {"refuse", "zero", "hold"}
+        Beyond the map.
+    stroke : float, m
+        Largest correction.
+    blocks_per_s : float or None, 1/s
+        Most blocks per second.
+    """
+
+    axes: tuple[str, ...]
+    decimals: int | None
+    resolution: float
+    tolerance: float | None
+    outside: Outside
+    stroke: float
+    blocks_per_s: float | None
+
+
+@dataclass(slots=True)
+class _Carry:
+    """What is in force at the end of a piece, in units of the file and degrees."""
+
+    x: float = math.nan
+    c: float = math.nan
+    z: float = math.nan
+    f: float = math.nan
+    z_out: float = math.nan
+    x_out: float = math.nan
+    digits: float = 0.0
+
+
+@dataclass(slots=True)
+class _Piece:
+    """Moves of a piece with everything that follows from them."""
+
+    columns: Columns
+    x: FloatArray
+    c: FloatArray
+    z: FloatArray
+    before: FloatArray
+    known: BoolArray
+    dz: FloatArray
+    dx: FloatArray
+
+
+class Rewriter:
+    """Rewrite pieces of one program in order.
+
+    Parameters
+    ----------
+    correction : PathCorrection
+        What is added.
+    settings : Settings
+        How.
+    state : ModalState
+        Before the first block.
+
+    Raises
+    ------
+    DataError
+        If the correction cannot do what is asked for.
+    """
+
+    def __init__(self, correction: PathCorrection, settings: Settings, state: ModalState) -> None:
+        if settings.outside == "hold" and correction.held is None:
+            raise DataError("this correction has no edge to hold; use outside='zero' or 'refuse'")
+        if "X" in settings.axes and correction.x is None:
+            raise DataError(
+                "the correction says nothing of X; give one with a slope and move_x=True, or axes=('Z',)"
+            )
+        self.correction, self.settings = correction, settings
+        self.state = state
+        self.tally = Tally()
+        self._readers: tuple[dict[str, Mover | None], dict[str, Mover | None]] = ({}, {})
+        self._again = ModalState(scale=state.scale, diameter=state.diameter)
+        self._carry, self._seen = _Carry(), _Carry()
+        self._line = 1
+        self._line_out = 1
+
+    def rewrite(self, lines: list[str]) -> list[str]:
+        """Return the lines of a piece, corrected and read back.
+
+        Parameters
+        ----------
+        lines : list of str
+            Blocks with their line ends.
+
+        Returns
+        -------
+        list of str
+            As many; a block that was split is one text of several lines.
+
+        Raises
+        ------
+        UnsupportedFeatureError
+            If a block cannot be corrected.
+        InvalidSamplesError
+            If the path leaves the map or crosses what was not measured.
+        LimitError
+            If stroke or block rate are exceeded.
+        TableError
+            If what was written does not read back as meant.
+        """
+        columns = read_columns(lines, self.state, self._readers[0], self._line)
+        self._line += len(lines)
+        self.tally.blocks += len(lines)
+        if not columns.row:
+            self._read_back(lines, [], [], [], [])
+            return lines
+        piece = self._looked_up(columns)
+        return self._changed(lines, piece)
+
+    @property
+    def half_x(self) -> float:
+        """Metres of radius for one unit of an X word."""
+        return self.state.unit * (0.5 if self.state.diameter else 1.0)
+
+    def decimals(self) -> int:
+        """Return the digits after the point that the resolution needs."""
+        if self.settings.decimals is not None:
+            return self.settings.decimals
+        return max(1, math.ceil(-math.log10(self.settings.resolution / self.state.unit) - 1e-9))
+
+    def _looked_up(self, columns: Columns) -> _Piece:
+        carry = self._carry
+        x, c, z = (
+            carried(np.array(getattr(columns, a)), getattr(carry, a)) for a in ("x", "c", "z")
+        )
+        before = np.array([np.r_[carry.x, x[:-1]], np.r_[carry.c, c[:-1]], np.r_[carry.z, z[:-1]]])
+        carry.x, carry.c, carry.z = x[-1], c[-1], z[-1]
+        known = np.isfinite(x)
+        if self.correction.needs_c:
+            known &= np.isfinite(c)
+        motion = np.array(columns.motion)
+        lost = ~(known & np.isfinite(z)) & (motion == 1)
+        if lost.any():
+            raise self._unknown(columns, x, c, int(np.flatnonzero(lost)[0]))
+        places = x[known] * self.half_x, np.deg2rad(np.nan_to_num(c[known]))
+        dz, dx = np.zeros(x.size), np.zeros(x.size)
+        dz[known] = self._valued(self.correction.z, places, columns, known)
+        if "X" in self.settings.axes and self.correction.x is not None:
+            dx[known] = self._valued(self.correction.x, places, columns, known)
+        self.tally.look(columns, dz, known, self.settings.stroke)
+        return _Piece(columns, x, c, z, before, known, dz, dx)
+
+    def _lookup(self, x: FloatArray, c: FloatArray) -> FloatArray:
+        """Return the correction with the wanted behaviour outside; NaN where there is none."""
+        c = np.nan_to_num(c)
+        found = np.array(self.correction.z(x, c), dtype=np.float64)
+        outside = np.isinf(found)
+        if outside.any():
+            if self.settings.outside == "hold" and self.correction.held is not None:
+                found[outside] = self.correction.held(x[outside], c[outside])
+            else:
+                found[outside] = 0.0 if self.settings.outside == "zero" else np.nan
+        return found
+
+    def _valued(
+        self,
+        lookup: Lookup,
+        places: tuple[FloatArray, FloatArray],
+        columns: Columns,
+        known: BoolArray,
+    ) -> FloatArray:
+        found = np.array(lookup(*places), dtype=np.float64)
+        if found.shape != places[0].shape:
+            raise DataError(
+                f"the correction returned shape {found.shape} for {places[0].shape} positions; it must "
+                "return one value for each"
+            )
+        outside = np.isinf(found)
+        if outside.any():
+            self._outside(found, outside, places, columns, known, is_z=lookup is self.correction.z)
+        gap = np.isnan(found)
+        if gap.any():
+            i = int(np.flatnonzero(gap)[0])
+            raise InvalidSamplesError(
+                f"line {self._line_of(columns, known, i)}: at {_place(places, i)} the map was not "
+                "measured (NaN); measure it there, fit a form that covers it, or shorten the path"
+            )
+        return found
+
+    def _outside(
+        self,
+        found: FloatArray,
+        outside: BoolArray,
+        places: tuple[FloatArray, FloatArray],
+        columns: Columns,
+        known: BoolArray,
+        *,
+        is_z: bool,
+    ) -> None:
+        i = int(np.flatnonzero(outside)[0])
+        line = self._line_of(columns, known, i)
+        if self.settings.outside == "refuse":
+            raise InvalidSamplesError(
+                f"line {line}: {_place(places, i)} is beyond the map; measure a larger area, or say "
+                "outside='zero' (no correction there) or outside='hold' (the value at the edge)"
+            )
+        self.tally.outside += int(outside.sum()) if is_z else 0
+        if self.settings.outside == "hold" and is_z and self.correction.held is not None:
+            found[outside] = self.correction.held(places[0][outside], places[1][outside])
+        else:
+            found[outside] = 0.0
+
+    @staticmethod
+    def _line_of(columns: Columns, known: BoolArray, i: int) -> int:
+        return columns.line_of(int(np.flatnonzero(known)[i]))
+
+    def _unknown(self, columns: Columns, x: FloatArray, c: FloatArray, i: int) -> Exception:
+        letter = "X" if math.isnan(x[i]) else "Z"
+        if self.correction.needs_c and letter == "Z" and math.isnan(c[i]):
+            letter = "C"
+        return refuse_block(
+            columns.line_of(i),
+            "a feed move",
+            f"no {letter} word was given so far, so the position is not known",
+            f"begin with a rapid move to a stated {letter}"
+            + (", or use a correction over X alone" if letter == "C" else ""),
+        )
+
+    def _changed(self, lines: list[str], piece: _Piece) -> list[str]:
+        columns = piece.columns
+        unit = self.state.unit
+        digits = self._digits(columns)
+        power = 10.0**digits
+        target = piece.z + piece.dz / unit
+        rounded = np.rint(target * power) / power
+        has_z = np.array(columns.end) > np.array(columns.start)
+        keep = has_z & (np.abs(piece.dz / unit) * power <= 0.5)
+        with np.errstate(invalid="ignore"):
+            z_out = np.where(keep | ~piece.known, piece.z, rounded)
+            same = np.r_[self._carry.z_out, z_out[:-1]] == z_out
+        insert = ~has_z & piece.known & np.isfinite(piece.z) & ~same
+        edit = (has_z & piece.known & ~keep) | insert
+        self._carry.z_out = float(z_out[-1])
+        out = list(lines)
+        rows, starts, ends = columns.row, columns.start, columns.end
+        values, places = z_out.tolist(), digits.astype(int).tolist()
+        for i in np.flatnonzero(edit).tolist():
+            block = lines[rows[i]]
+            text = format_number(values[i], places[i])
+            a = starts[i]
+            if a == ends[i]:
+                text = _inserted("Z", text, block, a)
+            elif block[a] == "+" and text[0] != "-":
+                text = "+" + text
+            out[rows[i]] = block[:a] + text + block[ends[i] :]
+        away = (z_out - target)[piece.known & np.isfinite(piece.z)] * unit
+        self.tally.count(columns, edit, insert, away, unit / float(power.min()))
+        x_want = piece.x
+        if "X" in self.settings.axes:
+            x_want = self._moved(out, lines, piece, digits, edit)
+        feeds = carried(np.array(columns.f), self._carry.f)
+        self._carry.f = float(feeds[-1])
+        return self._finished(out, lines, piece, target, x_want, feeds, digits)
+
+    def _digits(self, columns: Columns) -> FloatArray:
+        """Return the digits after the point of each Z; never fewer than the path has."""
+        own = np.array(columns.digits, dtype=np.float64)
+        wanted = self.decimals()
+        if self.settings.decimals is not None and own.max() > wanted:
+            i = int(own.argmax())
+            raise DataError(
+                f"line {columns.line_of(i)}: Z has {int(own[i])} digits after the point, decimals="
+                f"{wanted} would cut them; ask for {int(own[i])} or more"
+            )
+        digits = np.maximum.accumulate(np.r_[self._carry.digits, np.maximum(own, wanted)])[1:]
+        self._carry.digits = float(digits[-1])
+        return digits
+
+    def _moved(
+        self, out: list[str], lines: list[str], piece: _Piece, digits: FloatArray, edit: BoolArray
+    ) -> FloatArray:
+        """Change X words too; returns the wanted X in units of the file."""
+        columns = piece.columns
+        want = piece.x + piece.dx / self.half_x
+        power = 10.0**digits
+        rounded = np.rint(want * power) / power
+        has_x = ~np.isnan(np.array(columns.x))
+        keep = has_x & (np.abs(piece.dx / self.half_x) * power <= 0.5)
+        with np.errstate(invalid="ignore"):
+            x_out = np.where(keep | ~piece.known, piece.x, rounded)
+            same = np.r_[self._carry.x_out, x_out[:-1]] == x_out
+        self._carry.x_out = float(x_out[-1])
+        change = piece.known & ~np.where(has_x, keep, same)
+        for i in np.flatnonzero(change).tolist():
+            row = columns.row[i]
+            block, text = out[row], format_number(x_out[i], int(digits[i]))
+            found = _X.search(re.sub(r"\([^()]*\)", lambda m: "(" * len(m.group()), block))
+            if found is None:
+                at = columns.end[i] + len(block) - len(lines[row])
+                out[row] = block[:at] + _inserted("X", text, block, at) + block[at:]
+                self.tally.inserted += 1
+            else:
+                out[row] = block[: found.start(1)] + text + block[found.end(1) :]
+        self.tally.changed += int(np.count_nonzero(change & ~edit))
+        return np.where(piece.known, want, piece.x)
+
+    def _finished(
+        self,
+        out: list[str],
+        lines: list[str],
+        piece: _Piece,
+        target: FloatArray,
+        x_want: FloatArray,
+        feeds: FloatArray,
+        digits: FloatArray,
+    ) -> list[str]:
+        """Split blocks where the correction bends, check the rate, read back."""
+        columns = piece.columns
+        parts = self._parts(piece)
+        radius = 0.5 if self.state.diameter else 1.0
+        turn = np.array([[radius], [1.0], [1.0]])
+        points = piece.before * turn, np.array([piece.x, piece.c, piece.z]) * turn
+        limit = self.settings.blocks_per_s
+        self.tally.rate(columns, points, piece.dz / self.state.unit, feeds, parts, limit)
+        wanted = [target, x_want, piece.c, digits]
+        for i in np.flatnonzero(parts > 1)[::-1].tolist():
+            text, more = split_block(
+                lines[columns.row[i]],
+                out[columns.row[i]],
+                start=piece.before[:, i],
+                end=np.array([piece.x[i], piece.c[i], piece.z[i]]),
+                parts=int(parts[i]),
+                digits=int(digits[i]),
+                inverse_time=columns.feed_mode[i] == "G93",
+                correct=lambda x, c: (
+                    self._lookup(x * self.half_x, np.deg2rad(c)) / self.state.unit
+                ),
+                line=columns.line_of(i),
+            )
+            out[columns.row[i]] = text
+            for k, extra in enumerate(more):
+                wanted[k] = np.insert(wanted[k], i, extra)
+            self.tally.added += int(parts[i]) - 1
+        self._read_back(out, *wanted)
+        return out
+
+    def _parts(self, piece: _Piece) -> NDArray[np.int64]:
+        parts = np.ones(piece.x.size, dtype=np.int64)
+        starts = np.isfinite(piece.before).all(axis=0) | (
+            ~np.array(self.correction.needs_c) & np.isfinite(piece.before[[0, 2]]).all(axis=0)
+        )
+        moving = starts & piece.known & (np.array(piece.columns.motion) == 1)
+        moving &= (piece.before[0] != piece.x) | (
+            (piece.before[1] != piece.c) & np.array(self.correction.needs_c)
+        )
+        where = np.flatnonzero(moving)
+        if not where.size:
+            return parts
+        ends = np.array([piece.before[0], piece.before[1], piece.x, piece.c])[:, where]
+        ends[[0, 2]] *= self.half_x
+        ends[[1, 3]] = np.deg2rad(ends[[1, 3]])
+        if self.settings.tolerance is None:
+            left = chord_errors(self._lookup, ends)
+        else:
+            parts[where], left = part_counts(
+                self._lookup, ends, self.settings.tolerance, self.correction.pitch
+            )
+        if np.isfinite(left).any():
+            self.tally.chord = max(self.tally.chord, float(np.nanmax(left)))
+        return parts
+
+    def _read_back(self, out: list[str], z: object, x: object, c: object, digits: object) -> None:
+        """Parse what was written and compare it with what was meant."""
+        lines = _lines(out) if self.tally.added else out
+        columns = read_columns(lines, self._again, self._readers[1], self._line_out)
+        self._line_out += len(lines)
+        if not columns.row:
+            return
+        seen = self._seen
+        found = [carried(np.array(getattr(columns, a)), getattr(seen, a)) for a in "zxc"]
+        seen.z, seen.x, seen.c = (float(f[-1]) for f in found)
+        wanted = [np.asarray(v, dtype=np.float64) for v in (z, x, c)]
+        if any(f.shape != w.shape for f, w in zip(found, wanted, strict=True)):
+            raise _bug("the number of moves changed")
+        half = 0.5 * 10.0 ** -np.asarray(digits, dtype=np.float64)
+        away = [np.nan_to_num(np.abs(f - w)) for f, w in zip(found, wanted, strict=True)]
+        limits = [half * (1 + _ROUNDING) + 1e-12]
+        limits.append(limits[0] if "X" in self.settings.axes else np.zeros(half.size))
+        limits.append(np.zeros(half.size))
+        for letter, a, limit, f, w in zip("ZXC", away, limits, found, wanted, strict=True):
+            if (a > limit).any() or (np.isnan(f) != np.isnan(w)).any():
+                raise _bug(f"{letter} is not what was meant")
+        self.tally.read_back = max(self.tally.read_back, float(away[0].max()) * self.state.unit)
+
+
+def _lines(texts: list[str]) -> list[str]:
+    """Return single lines, cut at line ends only (str.splitlines cuts at more)."""
+    data = "".join(texts).encode("latin-1")
+    return [part.decode("latin-1") for part in data.splitlines(keepends=True)]
+
+
+def _bug(what: str) -> TableError:
+    return TableError(
+        f"what was written does not read back as meant ({what}); this is a bug in metrosep, nothing was "
+        "written"
+    )
+
+
+def _inserted(letter: str, number: str, block: str, at: int) -> str:
+    """Return a word in the manner of its block: lower case, a space before it."""
+    words = re.findall(r"[XCZxcz]", block[:at])
+    letter = letter.lower() if words and words[-1].islower() else letter
+    before = max(block.rfind(w, 0, at) for w in set(words)) if words else 0
+    gap = " " if before == 0 or block[before - 1] in " \t" else ""
+    return gap + letter + number
+
+
+def _place(places: tuple[FloatArray, FloatArray], i: int) -> str:
+    return f"X = {places[0][i] * 1e3:.6g} mm, C = {math.degrees(places[1][i]):.6g} deg"

@@ -1,0 +1,370 @@
+"""What is in force at each block of a program, and which programs cannot be corrected.
+
+A correction is looked up at the position of a block. Whatever makes that position differ from the
+words of the block (arcs, incremental words, offsets, cutter compensation, rotation, cycles,
+subprograms) is refused with the line, the reason and the way out. A word that is not known is
+refused too: nobody can say what it does to the position.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+from metrosep.controllers.gcode_words import Token, refuse_block
+from metrosep.core.errors import UnitError
+
+__all__ = ["INCH", "MM", "ModalState"]
+
+MM, INCH = 1e-3, 25.4e-3
+
+_NEUTRAL = frozenset({90, 150, 170, 180, 190, 400, 610, 611, 690, 901, 911, 970, 500, 960})
+_FEEDS = {930: "G93", 940: "G94", 950: "G95", 980: "G98", 990: "G99"}
+_UNITS = {200: INCH, 210: MM}
+_FRAMES = frozenset({*range(540, 600, 10), 541, 591, 592, 593, 921, 922})
+_LENGTHS = frozenset({430, 431, 432, 440, 490})
+_HOMES = frozenset({280, 300, 530})
+_SMOOTH = "blocks may be merged or smoothed here"
+_OFFSET_WAY = "set offsets on the machine before the program and take the word out"
+_ARC_WAY = "post-process the path to short linear moves (G1)"
+
+_REFUSED: dict[int, tuple[str, str]] = {
+    20: ("an arc has no single point to correct", _ARC_WAY),
+    30: ("an arc has no single point to correct", _ARC_WAY),
+    52: ("a spline is not a line between its points", _ARC_WAY),
+    53: ("a spline is not a line between its points", _ARC_WAY),
+    62: ("a spline is not a line between its points", _ARC_WAY),
+    100: ("it changes offsets", _OFFSET_WAY),
+    160: ("polar words are not X and C", "post-process the path to X, C, Z"),
+    330: ("threading follows the spindle", "leave threads out of the corrected program"),
+    410: (
+        "cutter compensation moves the path",
+        "let the post-processor compensate the tool radius",
+    ),
+    420: (
+        "cutter compensation moves the path",
+        "let the post-processor compensate the tool radius",
+    ),
+    510: ("scaling changes positions", "post-process the path without it"),
+    511: ("mirroring changes positions", "post-process the path without it"),
+    520: ("it shifts the coordinates", _OFFSET_WAY),
+    680: ("the coordinates are rotated", "post-process the path without rotation"),
+    910: ("incremental words add up roundings", "post-process the path in absolute words (G90)"),
+    920: ("it shifts the coordinates", _OFFSET_WAY),
+    923: ("it shifts the coordinates", _OFFSET_WAY),
+} | dict.fromkeys(
+    (*range(700, 800, 10), *range(810, 900, 10)),
+    ("a canned cycle moves on its own", "post-process the cycle to plain moves"),
+)
+_M_REFUSED: dict[int, tuple[str, str]] = {
+    **dict.fromkeys(
+        (97, 98, 99), ("a subprogram is not in the text", "expand the program into one file")
+    ),
+    **dict.fromkeys(
+        (70, 71, 72, 73), ("it restores states the text does not show", "take it out")
+    ),
+}
+_AXES = "XCZ"
+_OTHER_AXES = "YABUVW"
+
+
+@dataclass(slots=True)
+class ModalState:
+    """What is in force; changed by each block that is more than axis words.
+
+    Parameters
+    ----------
+    scale : float or None, m
+        Length of one unit of the file; None while it is unknown.
+    diameter : bool or None
+        Whether X words are diameters; None while nothing says so.
+    motion : int or None
+        0 for rapid, 1 for feed, None for no motion mode.
+    feed_mode : str
+        ``"G93"``, ``"G94"`` ... or empty while unknown.
+    stated_scale, stated_diameter, stated_absolute : bool
+        Whether program (or caller, for the diameter) said so.
+    moved, cut, z_known : bool
+        Whether there was a move, a feed move, a Z word.
+    away : int
+        Line of the last home move, 0 if there was none.
+    ended : bool
+        After M2 or M30.
+    messages : dict of str to int
+        Words for the person, with the line of the first occasion.
+    """
+
+    scale: float | None = None
+    diameter: bool | None = None
+    motion: int | None = None
+    feed_mode: str = ""
+    stated_scale: bool = False
+    stated_diameter: bool = False
+    stated_absolute: bool = False
+    moved: bool = False
+    cut: bool = False
+    z_known: bool = False
+    away: int = 0
+    ended: bool = False
+    messages: dict[str, int] = field(default_factory=dict)
+
+    @property
+    def unit(self) -> float:
+        """Length of one unit of the file in m; UnitError while it is unknown."""
+        if self.scale is None:
+            raise UnitError("the unit of the path is not known; give unit='mm' or 'inch'")
+        return self.scale
+
+    def apply(self, tokens: Iterable[Token], line: int) -> bool:
+        """Take a block into account.
+
+        Parameters
+        ----------
+        tokens : iterable of Token
+            Of the block.
+        line : int
+            Its number, from 1.
+
+        Returns
+        -------
+        bool
+            Whether the axis words of the block are a move.
+
+        Raises
+        ------
+        UnsupportedFeatureError
+            If the block holds what cannot be corrected.
+        """
+        if self.ended:
+            return False
+        words = [t for t in tokens if t.kind == "word"]
+        optional = any(t.kind == "slash" for t in tokens)
+        self._calls(tokens, line)
+        axes = {w.letter for w in words if w.letter in _AXES}
+        codes = {_code(w, line) for w in words if w.letter == "G"}
+        if optional and (axes or codes):
+            raise refuse_block(
+                line,
+                "'/'",
+                "a switch on the machine decides whether this block is carried out",
+                "take the block out or the slash away",
+            )
+        for code in sorted(codes):
+            self._g(code, axes, words, line)
+        for word in words:
+            self._word(word, words, codes, line)
+        if codes & _HOMES:
+            self.away = line
+            return False
+        return bool(axes) and self._move(axes, codes, line)
+
+    def note(self, message: str, line: int) -> None:
+        """Keep a message with the line where it was first due.
+
+        Parameters
+        ----------
+        message : str
+            For the person.
+        line : int
+            Number of the line.
+        """
+        self.messages.setdefault(message, line)
+
+    def _calls(self, tokens: Iterable[Token], line: int) -> None:
+        for token in tokens:
+            if token.kind == "call":
+                name = token.text.split("(")[0].strip().upper()
+                if name not in ("COMPOF", "BRISK"):
+                    self.note(_smoothing(token.text.strip()), line)
+
+    def _word(self, word: Token, words: list[Token], codes: set[int], line: int) -> None:
+        letter = word.letter
+        if letter in "XZCGFNST" or (letter == "D" and not codes & {410, 420}):
+            if letter == "T" and self.cut:
+                raise refuse_block(
+                    line,
+                    word.text,
+                    "a tool change brings another offset into the path",
+                    "correct one tool's path at a time",
+                )
+            return
+        if letter == "M":
+            self._m(word, line)
+        elif letter == "O":
+            self._program_number(word, words, line)
+        elif letter in _OTHER_AXES:
+            why = (
+                "U and W are incremental X and Z, or further axes"
+                if letter in "UW"
+                else ("the correction is looked up over X and C only")
+            )
+            raise refuse_block(line, word.text, why, "post-process the path to X, C and Z")
+        elif letter in "IJKR":
+            why = "it belongs to an arc or a corner"
+            raise refuse_block(line, word.text, why, _ARC_WAY)
+        elif letter == "H" and not codes & _LENGTHS:
+            why = "without G43 it is an incremental C on some lathes"
+            raise refuse_block(line, word.text, why, "write C absolute, or G43 beside H")
+        elif letter not in "HPQELR":
+            why = "nobody can say what it does to the position"
+            raise refuse_block(line, word.text, why, "take it out of the path")
+
+    def _m(self, word: Token, line: int) -> None:
+        number = int(word.value)
+        if number in _M_REFUSED:
+            raise refuse_block(line, word.text, *_M_REFUSED[number])
+        if number == 6 and self.cut:
+            raise refuse_block(
+                line,
+                word.text,
+                "a tool change brings another offset into the path",
+                "correct one tool's path at a time",
+            )
+        if number in (2, 30):
+            self.ended = True
+
+    def _program_number(self, word: Token, words: list[Token], line: int) -> None:
+        if self.moved or len(words) > 1:
+            raise refuse_block(
+                line,
+                word.text,
+                "an O-word in a program begins a subprogram or a control structure",
+                "expand the program into one file of plain moves",
+            )
+
+    def _g(self, code: int, axes: set[str], words: list[Token], line: int) -> None:
+        name = f"G{code / 10:g}"
+        if code in (0, 10):
+            self.motion = code // 10
+        elif code == 800:
+            self.motion = None
+        elif code in _UNITS:
+            self._units(_UNITS[code], name, line)
+        elif code in _FEEDS:
+            self.feed_mode = _FEEDS[code]
+        elif code == 900:
+            self.stated_absolute = True
+        elif code in (70, 80):
+            self._seven(code, words, line)
+        elif code in (50, 51):
+            self._five(name, words, axes, line)
+        elif code in _FRAMES or code in _LENGTHS:
+            self._offset(code, name, axes, line)
+        elif code == 640:
+            if any(w.letter == "P" for w in words):
+                self.note(_smoothing(" ".join(w.text for w in words if w.letter in "GP")), line)
+        elif code == 40 or code == 500 or code == 920:
+            self._not_a_move(code, name, axes, words, line)
+        elif code in _HOMES:
+            if self.cut and not self.away:
+                self.note(f"{name}: the path ends there", line)
+        elif code in _REFUSED:
+            raise refuse_block(line, name, *_REFUSED[code])
+        elif code not in _NEUTRAL:
+            why = "nobody can say what it does to the position"
+            raise refuse_block(line, name, why, "take it out of the path")
+
+    def _units(self, scale: float, name: str, line: int) -> None:
+        if self.scale is not None and self.scale != scale:
+            why = "the path is in " + ("mm" if self.scale == MM else "inch")
+            way = "give the unit that the program states" if not self.moved else "use one unit"
+            raise refuse_block(line, name, why, way)
+        if self.moved and self.scale is None:
+            raise refuse_block(
+                line, name, "there were moves before it", "state the unit before the first move"
+            )
+        self.scale, self.stated_scale = scale, True
+
+    def _seven(self, code: int, words: list[Token], line: int) -> None:
+        """Take G7 and G8 of lathes; G8 P1 is a look-ahead of Fanuc, G7 with words an interpolation."""
+        with_p = any(w.letter == "P" for w in words)
+        if code == 80 and with_p:
+            self.note(_smoothing("G8 P"), line)
+            return
+        wanted = code == 70
+        if self.moved and self.diameter is not wanted:
+            why = "X changes between radius and diameter in the path"
+            raise refuse_block(line, f"G{code // 10}", why, "keep one of them")
+        if self.stated_diameter and self.diameter is not wanted:
+            why = "it contradicts what was said of X"
+            raise refuse_block(line, f"G{code // 10}", why, "give diameter= as the program has it")
+        self.diameter, self.stated_diameter = wanted, True
+
+    def _five(self, name: str, words: list[Token], axes: set[str], line: int) -> None:
+        """Take the look-ahead of Fanuc (G05 P10000, G05.1 Q1); otherwise these are splines."""
+        asked = [w for w in words if w.letter in "PQ"]
+        if axes or len(asked) != 1 or any(w.letter in "IJ" for w in words):
+            raise refuse_block(line, name, "a spline is not a line between its points", _ARC_WAY)
+        if asked[0].value != 0.0:
+            self.note(_smoothing(f"{name} {asked[0].text}"), line)
+
+    def _offset(self, code: int, name: str, axes: set[str], line: int) -> None:
+        length = code in _LENGTHS
+        kept = not self.cut and ("Z" in axes or not self.z_known) if length else not self.moved
+        if not kept:
+            what = "the tool length changes" if length else "the coordinates change"
+            raise refuse_block(line, name, f"{what} within the path", "keep one offset to the end")
+
+    def _not_a_move(
+        self, code: int, name: str, axes: set[str], words: list[Token], line: int
+    ) -> None:
+        if code == 40 and axes:
+            why = "X or another axis word with it is a time on some controllers, a move on others"
+            raise refuse_block(line, name, why, "write the dwell with P in a block of its own")
+        if code != 40 and (axes or not any(w.letter == "S" for w in words)):
+            raise refuse_block(line, name, *_REFUSED[920])
+
+    def _move(self, axes: set[str], codes: set[int], line: int) -> bool:
+        if 40 in codes:
+            return False
+        if self.motion is None:
+            why = "no G0 or G1 is in force"
+            raise refuse_block(line, "a move", why, "state G0 or G1 before the first position")
+        self.check_move(line)
+        self.z_known |= "Z" in axes
+        return True
+
+    def check_move(self, line: int) -> None:
+        """Take note of a move.
+
+        Parameters
+        ----------
+        line : int
+            Number of its line.
+
+        Raises
+        ------
+        UnsupportedFeatureError
+            If the unit is not known, or the machine went home before and had cut already.
+        """
+        if self.scale is None:
+            raise refuse_block(
+                line,
+                "a move",
+                "neither G20 (inch) nor G21 (mm) was stated",
+                "add G21 or give unit='mm' (or 'inch')",
+            )
+        if self.away and self.cut:
+            raise refuse_block(
+                self.away,
+                "G28, G30 or G53",
+                "the machine leaves the path and comes back",
+                "split the program there",
+            )
+        self.moved = True
+        self.cut |= self.motion == 1
+
+
+def _smoothing(text: str) -> str:
+    return (
+        f"{text}: {_SMOOTH}: set the tolerance of the smoothing to 1/10 of the correction's "
+        "amplitude or less, or the correction is filtered away"
+    )
+
+
+def _code(word: Token, line: int) -> int:
+    code = round(word.value * 10)
+    if code < 0 or abs(word.value * 10 - code) > 1e-6:
+        why = "nobody can say what it does to the position"
+        raise refuse_block(line, word.text, why, "take it out of the path")
+    return code

@@ -1,0 +1,340 @@
+"""TwinCAT CNC / ISG kernel: compensation value lists (achskw*.lis) over one axis.
+
+`IsgAxis`: leadscrew errors `kw.ssfk`, two columns; the documents calculate the entry as actual minus
+setpoint, so k = +1 in entry = k e. `IsgCross`: `kw.crosscomp`, one column at free setpoints of a
+master axis; "relative compensation values", so k = -1. Both signs must be tried on the machine.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from metrosep.compensation.table import CompensationTable
+from metrosep.controllers._increments import (
+    Resampling,
+    fact,
+    require_capacity,
+    require_linear,
+    require_one_direction,
+)
+from metrosep.controllers._isg_lists import (
+    AXIS_NUMBER,
+    NUMBER_TYPE,
+    UNIT,
+    column,
+    encoded,
+    head_lines,
+    header,
+    no_more,
+    placed,
+    read_list,
+    real,
+    require_rising,
+    require_value,
+    spacing,
+    to_units,
+    whole,
+)
+from metrosep.controllers.base import DialectInfo, Encoded, identity
+from metrosep.controllers.options import Option
+from metrosep.core.errors import CorruptFileError, TableError
+
+__all__ = ["IsgAxis", "IsgCross"]
+
+
+class IsgAxis(Resampling):
+    """Writer and reader of `kw.ssfk`; see the module."""
+
+    info = DialectInfo(
+        id="isg-axis",
+        title="TwinCAT CNC / ISG leadscrew error compensation (kw.ssfk)",
+        entry="error +e in 0.1 um, one column for each direction",
+        units="0.1 um; whole numbers before V3.1.3132 / V4.29, decimals from there on",
+        max_points=1500,
+        outside="value of the end of the table",
+        sign_status="the documents calculate actual minus setpoint (+e), but their example has the "
+        "setpoint on the other side of zero: dry-run first",
+        activation=(
+            "put the list (achskw*.lis) into the start-up file or load it again",
+            "set lr_param.ssfk 1 (P-AXIS-00175) in the list of the axis and home it",
+            (
+                "read the object 'LSEC::sum epsilon' at the bump of a trial table: it must have the sign "
+                "that was meant, else say entry_sign=-1"
+            ),
+            "mind warnings 70182 to 70184: a wrong list is deselected without a stop",
+        ),
+        sign="unconfirmed",
+        resolution="0.1 um, or 0.1 pm with REAL64",
+        reference_rule="none; the axis must be referenced",
+        suffix=".lis",
+        example={"axis_number": 2},
+        page="twincat",
+    )
+
+    options = (
+        AXIS_NUMBER,
+        NUMBER_TYPE,
+        Option("capacity", "P-COMP-00059", "integer", default=1500, lowest=2, highest=1_000_000),
+        Option("interval", "equal spacing; as the table if omitted", "length", positive=True),
+        Option("entry_sign", "k in entry = k e", "choice", default=1, choices=(-1, 1)),
+    )
+
+    def encode(self, table: CompensationTable, **options: Any) -> Encoded:
+        """Return a bilateral list, at equal spacing if the positions are, else with setpoints.
+
+        Parameters
+        ----------
+        table : CompensationTable
+            Corrections of the axis itself, one or two columns.
+        **options
+            Axis number and the others.
+
+        Returns
+        -------
+        Encoded
+            ASCII, LF.
+
+        Raises
+        ------
+        TableError
+            If an axis turns, the table corrects another axis, its name has characters that a list has not, or
+            positions fall together when rounded.
+        LimitError
+            If a number leaves 32 bits.
+        """
+        require_linear((table.axis, table.compensates), "kw.ssfk")
+        if not table.is_on_axis:
+            raise TableError(
+                f"kw.ssfk corrects the axis itself, this table is {table.axis} -> "
+                f"{table.compensates}; write controller='isg-cross'"
+            )
+        carried = placed(table, options, "kw.ssfk")
+        kind = options["number_type"]
+        k = -options["entry_sign"]
+        p = to_units(carried.table.positions, kind)
+        made = carried.table
+        reverse = made.forward if made.reverse is None else made.reverse
+        columns = [to_units(k * c, kind) for c in (made.forward, reverse)]
+        step = spacing(p, kind)
+        body = [
+            f"kw.ssfk.interval {step}",
+            f"kw.ssfk.kw_startpos {p[0]}",
+            f"kw.ssfk.kw_nr_max {len(p)}",
+            "kw.ssfk.unit 1",
+            "kw.ssfk.bilateral 1",
+        ]
+        fields = zip(("setpoint", "pos", "neg"), (p, *columns), strict=True)
+        for field, values in fields:
+            if field != "setpoint" or step == "0":
+                body += [f"kw.ssfk.table[{i}].{field} {v}" for i, v in enumerate(values)]
+        lines = [*head_lines(table.axis, options), *body]
+        return encoded(carried, [k * made.forward, k * reverse], columns, lines, kind)
+
+    def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
+        """Return the table.
+
+        Parameters
+        ----------
+        data : bytes
+            Content of the file.
+        path : Path
+            Its name, for messages and the sidecar.
+        **options
+            Sign where the file does not tell.
+
+        Returns
+        -------
+        CompensationTable
+            Two columns, or one where they are equal.
+
+        Raises
+        ------
+        CorruptFileError
+            If a line is no entry of the list, one is missing or double, or a unilateral list does
+            not say which column is used.
+        LimitError
+            If there are more points than the control takes.
+        DataError
+            If the sign is not told.
+        """
+        entries, comment = read_list(data, path, options)
+        sign = fact(self, "entry_sign", options, comment, path)
+        name = header(entries, options, path)
+        require_value(entries, "kw.ssfk.unit", {"1"}, path)
+        require_value(entries, "kw.ssfk.bilateral", {"1"}, path)
+        n = whole(entries, "kw.ssfk.kw_nr_max", path)
+        require_capacity(self, n, options, path)
+        interval = real(entries, "kw.ssfk.interval", path)
+        start = real(entries, "kw.ssfk.kw_startpos", path)
+        if interval == 0.0:
+            p = column(entries, "kw.ssfk.table", "setpoint", n, path)
+        else:
+            p = np.asarray(start + interval * np.arange(n), dtype=np.float64)
+        pos = column(entries, "kw.ssfk.table", "pos", n, path)
+        neg = column(entries, "kw.ssfk.table", "neg", n, path)
+        no_more(entries, path)
+        require_rising(p, path)
+        forward, reverse = (-sign * UNIT * c + 0.0 for c in (pos, neg))
+        fields = identity(path, first=float(p[0] * UNIT))
+        return CompensationTable(
+            positions=p * UNIT,
+            forward=forward,
+            reverse=None if np.array_equal(forward, reverse) else reverse,
+            is_exact_inverse=True,
+            **{**fields, "axis": name, "compensates": name},
+        )
+
+
+class IsgCross(Resampling):
+    """Writer and reader of `kw.crosscomp`; see the module."""
+
+    info = DialectInfo(
+        id="isg-cross",
+        title="TwinCAT CNC / ISG cross compensation (kw.crosscomp)",
+        entry="correction -e of the slave axis in 0.1 um at a setpoint of the master axis",
+        units="0.1 um; whole numbers before V3.1.3132 / V4.29, decimals from there on",
+        max_points=1001,
+        outside="not documented; taken as the value of the end, as for kw.ssfk",
+        sign_status="not documented (relative compensation values): dry-run first",
+        activation=(
+            "put the list (achskw*.lis) of the slave axis into the start-up file or load it again",
+            "set lr_param.crosscomp 1 (P-AXIS-00047) in the list of the slave axis, home the master",
+            "switch on with the slave at rest (automatically, or X[COMP ON CROSS] in the program)",
+            (
+                "move the master over the bump of a trial table and gauge the slave: where it moves the "
+                "wrong way, say entry_sign=1"
+            ),
+            "mind warnings 70182 to 70184: a wrong list is deselected without a stop",
+        ),
+        sign="unconfirmed",
+        directions="one",
+        resolution="0.1 um, or 0.1 pm with REAL64",
+        reference_rule="none; the master must be referenced",
+        suffix=".lis",
+        example={"axis_number": 3, "master_number": 1},
+        page="twincat",
+    )
+
+    options = (
+        AXIS_NUMBER,
+        Option(
+            "master_number",
+            "logical number of the axis that is looked up",
+            "integer",
+            required=True,
+            lowest=1,
+            highest=999,
+        ),
+        NUMBER_TYPE,
+        Option("capacity", "P-COMP-00060", "integer", default=1001, lowest=2, highest=1_000_000),
+        Option("interval", "equal spacing; as the table if omitted", "length", positive=True),
+        Option("cycles", "n_cycles of smooth switching", "integer", 10, lowest=0, highest=1000),
+        Option("entry_sign", "k in entry = k e", "choice", default=-1, choices=(-1, 1)),
+    )
+
+    def encode(self, table: CompensationTable, **options: Any) -> Encoded:
+        """Return the list of the slave axis.
+
+        Parameters
+        ----------
+        table : CompensationTable
+            Corrections, one column; more points than the capacity are replaced by knots that lie
+            where the error needs them.
+        **options
+            Axis numbers and the others.
+
+        Returns
+        -------
+        Encoded
+            ASCII, LF.
+
+        Raises
+        ------
+        TableError
+            If an axis turns, the table has two directions, both axes have the same number, an axis name has
+            characters that a list has not, or positions fall together when rounded.
+        LimitError
+            If a number leaves 32 bits.
+        """
+        require_linear((table.axis, table.compensates), "kw.crosscomp")
+        require_one_direction(table, "kw.crosscomp", "as backlash of the slave or into kw.ssfk")
+        if options["axis_number"] == options["master_number"]:
+            raise TableError(
+                "axis_number and master_number are the same; an axis that corrects itself goes into "
+                "controller='isg-axis'"
+            )
+        carried = placed(table, options, "kw.crosscomp")
+        kind = options["number_type"]
+        k = -options["entry_sign"]
+        p, c = to_units(carried.table.positions, kind), to_units(k * carried.table.forward, kind)
+        body = [
+            "kw.crosscomp.unit 1",
+            f"kw.crosscomp.last_index {len(p) - 1}",
+            f"kw.crosscomp.master_ax_nr {options['master_number']}",
+            f"kw.crosscomp.n_cycles {options['cycles']}",
+        ]
+        for i, (a, b) in enumerate(zip(p, c, strict=True)):
+            body += [
+                f"kw.crosscomp.table[{i}].setpoint {a}",
+                f"kw.crosscomp.table[{i}].correction {b}",
+            ]
+        lines = [*head_lines(table.compensates, options), *body]
+        return encoded(carried, [k * carried.table.forward], [c], lines, kind)
+
+    def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
+        """Return the table.
+
+        Parameters
+        ----------
+        data : bytes
+            Content of the file.
+        path : Path
+            Its name, for messages and the sidecar.
+        **options
+            Sign where the file does not tell.
+
+        Returns
+        -------
+        CompensationTable
+            One column; the name of the master axis is that of the sidecar.
+
+        Raises
+        ------
+        CorruptFileError
+            If a line is no entry of the list, or one is missing or double.
+        LimitError
+            If there are more points than the control takes.
+        DataError
+            If the sign is not told.
+        """
+        entries, comment = read_list(data, path, options)
+        sign = fact(self, "entry_sign", options, comment, path)
+        name = header(entries, options, path)
+        require_value(entries, "kw.crosscomp.unit", {"1"}, path)
+        n = whole(entries, "kw.crosscomp.last_index", path) + 1
+        require_capacity(self, n, options, path)
+        master = whole(entries, "kw.crosscomp.master_ax_nr", path)
+        if options.get("master_number") not in (None, master):
+            raise CorruptFileError(
+                path,
+                "another master axis",
+                expected=options["master_number"],
+                found=master,
+                hint="choose the list of this axis",
+            )
+        whole(entries, "kw.crosscomp.n_cycles", path)
+        p = column(entries, "kw.crosscomp.table", "setpoint", n, path)
+        c = column(entries, "kw.crosscomp.table", "correction", n, path)
+        no_more(entries, path)
+        require_rising(p, path)
+        fields = identity(path, first=float(p[0] * UNIT))
+        return CompensationTable(
+            positions=p * UNIT,
+            forward=-sign * UNIT * c + 0.0,
+            reverse=None,
+            is_exact_inverse=True,
+            **{**fields, "compensates": name},
+        )

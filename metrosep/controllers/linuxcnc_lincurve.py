@@ -1,0 +1,280 @@
+"""LinuxCNC: a table across axes as a chain of HAL's ``lincurve`` components.
+
+A lincurve interpolates at most 16 points and is constant outside them. A longer table f is cut into
+pieces that share their end points; every piece but the first starts at zero, so that at any position
+the pieces before it have run to their ends, those behind it are still zero, and the sum is f. The
+sum is added to the motor command of the corrected joint and taken out of its feedback again.
+Confirmed by running the controller (tests/acceptance/linuxcnc).
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from metrosep.compensation.table import CompensationTable
+from metrosep.controllers._lincurve_chain import (
+    DECIMALS,
+    MAX_CURVES,
+    MAX_POINTS,
+    POINTS_PER_CURVE,
+    THREAD,
+    UNIT,
+    Chain,
+    cut,
+    hal_lines,
+    parsed,
+)
+from metrosep.controllers.base import (
+    Dialect,
+    DialectInfo,
+    Encoded,
+    Simulator,
+    identity,
+    sidecar_path,
+)
+from metrosep.controllers.options import Option
+from metrosep.core.errors import DataError, LimitError, TableError
+
+__all__ = ["MAX_CURVES", "MAX_POINTS", "POINTS_PER_CURVE", "LinuxCNCLincurve"]
+
+FloatArray = NDArray[np.float64]
+
+_MM = 1e-3
+
+
+class LinuxCNCLincurve(Dialect):
+    """Writer and reader of HAL files with chained lincurves; see the module."""
+
+    info = DialectInfo(
+        id="linuxcnc-lincurve",
+        title="LinuxCNC table across axes, chained lincurves in HAL",
+        entry="correction added to the motor command: -e; of curve 2 and on, less its first point",
+        units="mm (machine units of the configuration)",
+        max_points=MAX_POINTS,
+        outside="constant beyond both ends",
+        sign_status="confirmed by running LinuxCNC 2.9",
+        activation=(
+            "take out of your HAL files the addf lines of motion-command-handler and motion-controller",
+            "take out the nets of the corrected joint's motor-pos-cmd and motor-pos-fb",
+            "put HALFILE = <name of the file> into [HAL], after the file that loads motmod and encoders",
+            "add the functions that write the drives to the thread after this file",
+            "connect signal comp-drive to the drive and comp-encoder to the encoder of that joint",
+            "HAL loads lincurve and sum2 once: if you use them elsewhere, put all names into one line",
+            "restart LinuxCNC, move the looked-up axis, read pin comp-cmd.in1: the correction in mm",
+        ),
+        sign="confirmed",
+        directions="one",
+        resolution="0.1 pm (double inside HAL)",
+        reference_rule="zero where the looked-up joint is zero; it acts before homing too",
+        proof="LinuxCNC 2.9 itself, headless",
+        suffix=".hal",
+        example={"source_joint": 0, "target_joint": 2},
+        page="linuxcnc",
+    )
+
+    options = (
+        Option(
+            "source_joint",
+            "number of the joint whose position is looked up",
+            "integer",
+            required=True,
+            lowest=0,
+            highest=15,
+        ),
+        Option(
+            "target_joint",
+            "number of the joint that is corrected",
+            "integer",
+            required=True,
+            lowest=0,
+            highest=15,
+        ),
+        Option("thread", "name of the servo thread in HAL", "text", default="servo-thread"),
+    )
+
+    def encode(
+        self,
+        table: CompensationTable,
+        *,
+        source_joint: int = 0,
+        target_joint: int = 0,
+        thread: str = "servo-thread",
+        **options: Any,
+    ) -> Encoded:
+        """Return HAL commands.
+
+        Parameters
+        ----------
+        table : CompensationTable
+            Corrections, the same in both directions.
+        source_joint, target_joint : int
+            Joints that are looked up and corrected.
+        thread : str, optional
+            Servo thread.
+        **options
+            None other.
+
+        Returns
+        -------
+        Encoded
+            ASCII, LF, ten decimals of a millimetre.
+
+        Raises
+        ------
+        TableError
+            If the directions differ, positions fall together when printed, or joints and axes
+            contradict each other.
+        LimitError
+            If there are more points than 64 curves hold.
+        DataError
+            If the thread is no name of HAL.
+        """
+        _check_table(table, source_joint, target_joint)
+        if not THREAD.fullmatch(thread):
+            raise DataError(f"linuxcnc-lincurve: thread={thread!r} is no name of a thread in HAL")
+        x = [round(v / _MM * UNIT) for v in table.positions.tolist()]
+        y = [round(v / _MM * UNIT) for v in table.forward.tolist()]
+        if any(b <= a for a, b in itertools.pairwise(x)):
+            raise TableError(f"positions closer than 1e-{DECIMALS} mm cannot be written")
+        chain = Chain(cut(x, y), source_joint, target_joint, thread)
+        carried = [float(v) * _MM for _, v in chain.knots()]
+        lines = [
+            _comment(table, source_joint, target_joint),
+            "# adds the correction -e (mm) to the motor command and takes it out of the feedback",
+            *hal_lines(chain),
+        ]
+        return Encoded(
+            data=("\n".join(lines) + "\n").encode("ascii", "replace"),
+            quantisation=float(np.abs(np.array(carried) - table.forward).max()),
+            notes={
+                "hal_file": "[HAL] HALFILE = <this file>, in place of the addf lines of motmod",
+                "signals": {"comp-drive": "to the drive", "comp-encoder": "from the encoder"},
+            },
+        )
+
+    def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
+        """Return the table, refusing wiring that is not the one that was proven.
+
+        Parameters
+        ----------
+        data : bytes
+            Content of the file.
+        path : Path
+            Its name, for messages and the sidecar.
+        **options
+            The joints and the thread, where you want them confirmed.
+
+        Returns
+        -------
+        CompensationTable
+            The sum of the curves.
+
+        Raises
+        ------
+        CorruptFileError
+            If a line is missing, double, changed or unknown, or the curves do not chain.
+        DataError
+            If an option says otherwise than the file.
+        """
+        chain = parsed(data, path)
+        for name, found in (
+            ("source_joint", chain.source),
+            ("target_joint", chain.target),
+            ("thread", chain.thread),
+        ):
+            if options.get(name) is not None and options[name] != found:
+                raise DataError(f"{path}: {name} is {found} in the file, not {options[name]}")
+        knots = chain.knots()
+        positions = [float(x) * _MM for x, _ in knots]
+        known = identity(path, first=positions[0])
+        if not sidecar_path(path).is_file():
+            known |= _axes(data, chain)
+        return CompensationTable(
+            positions=np.array(positions),
+            forward=np.array([float(y) * _MM for _, y in knots]),
+            reverse=None,
+            is_exact_inverse=True,
+            **known,
+        )
+
+    def lookup(self, data: bytes, path: Path, **options: Any) -> Simulator:
+        """Return the sum of the clamped curves, as HAL's sum2 adds them.
+
+        Parameters
+        ----------
+        data : bytes
+            Content of the file.
+        path : Path
+            Its name, for messages.
+        **options
+            As for `decode`.
+
+        Returns
+        -------
+        callable
+            ``(position, direction=1)`` to the correction in m.
+
+        Raises
+        ------
+        CorruptFileError
+            If the file is damaged.
+        DataError
+            If an option says otherwise than the file, or, of the function returned, if the
+            direction is neither 1 nor -1.
+        """
+        self.decode(data, path, **options)
+        curves = [np.array(c, dtype=np.float64).T for c in parsed(data, path).curves]
+
+        def along(position: ArrayLike, direction: ArrayLike = 1) -> FloatArray:
+            p, d = np.broadcast_arrays(
+                np.asarray(position, dtype=np.float64), np.asarray(direction)
+            )
+            if not np.isin(d, (-1, 1)).all():
+                raise DataError("direction is +1 or -1")
+            parts = [np.interp(p / _MM, x, y) for x, y in curves]
+            total = parts[0]
+            for part in parts[1:]:
+                total = total + part
+            return np.asarray(total * _MM)
+
+        return along
+
+
+def _check_table(table: CompensationTable, source: int, target: int) -> None:
+    if table.reverse is not None:
+        raise TableError(
+            "a lincurve knows no direction, this table has a column for each: make it with "
+            "direction='both', or write controller='linuxcnc' with cross_axis='hal', which has two"
+        )
+    if table.is_on_axis != (source == target):
+        raise TableError(
+            f"the table is {table.axis} -> {table.compensates}, the joints are {source} -> {target}: "
+            "one of the two is wrong"
+        )
+    n = table.positions.size
+    if n > MAX_POINTS:
+        raise LimitError(
+            f"{n} points, {MAX_CURVES} lincurves take {MAX_POINTS}; use a spacing of at least "
+            f"{(table.span[1] - table.span[0]) / (MAX_POINTS - 1) * 1e3:.4g} mm"
+        )
+
+
+def _comment(table: CompensationTable, source: int, target: int) -> str:
+    return (
+        f"# metrosep: {table.axis} (joint {source}) -> {table.compensates} (joint {target}), "
+        f"{table.positions.size} points"
+    )
+
+
+def _axes(data: bytes, chain: Chain) -> dict[str, Any]:
+    """Return the names in the file's first comment, or those of the joints."""
+    first = data.decode("ascii").partition("\n")[0]
+    match = re.match(r"# metrosep: (\S+) \(joint \d+\) -> (\S+) \(joint \d+\)", first)
+    names = (match[1], match[2]) if match else (f"joint {chain.source}", f"joint {chain.target}")
+    return {"axis": names[0], "compensates": names[1]}

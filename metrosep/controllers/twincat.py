@@ -1,0 +1,259 @@
+"""TwinCAT Tc2_MC2: table of MC_TableBasedPositionCompensation as a global variable list (ST text).
+
+Entry: Compensation is additive to the uncorrected set position, so it is the correction -e, in mm
+as the positions. Positions are equidistant and rise. The parameter structure also has a direction
+and a modulo field, which belong into the program that calls the function block.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.compensation.table import CompensationTable
+from metrosep.controllers._increments import (
+    Resampling,
+    ascii_lines,
+    carry,
+    fixed,
+    mm_value,
+    require_linear,
+    require_one_direction,
+    uniform_positions,
+)
+from metrosep.controllers.base import DialectInfo, Encoded, identity
+from metrosep.controllers.options import Option
+from metrosep.core.errors import CorruptFileError, TableError
+
+__all__ = ["TwinCAT"]
+
+FloatArray = NDArray[np.float64]
+
+_TITLE = "TwinCAT 3 Tc2_MC2 position compensation table"
+_CAPACITY = 100_000
+"""No limit is documented; a table beyond this is a mistake of units."""
+_DECIMALS = 9
+"""Decimals of a mm: 1 pm; LREAL holds them."""
+_UNIFORM = 1e-8
+"""Deviation of printed positions from equal spacing in mm: rounding of the last decimal."""
+
+_NAME = re.compile(r"[A-Za-z]\w{0,59}", re.ASCII)
+_VALUE = r"(-?\d{1,9}\.\d{1,12})"
+_TYPE = "ST_PositionCompensationTableElement"
+_OPEN = re.compile(rf"(\w+) : ARRAY\[1\.\.(\d{{1,7}})\] OF {_TYPE} := \[", re.ASCII)
+_ROW = re.compile(rf"\(Position := {_VALUE}, Compensation := {_VALUE}\)(,?)")
+_PARAMETER = re.compile(
+    rf"(\w+) : ST_PositionCompensationTableParameter := \(MinPosition := {_VALUE}, MaxPosition := "
+    rf"{_VALUE}, NoOfTableElements := (\d{{1,7}})\);",
+    re.ASCII,
+)
+_COMMENT = re.compile(r"\(\* [^*()]* \*\)")
+
+
+class TwinCAT(Resampling):
+    """Writer and reader of the ST table; see the module."""
+
+    info = DialectInfo(
+        id="twincat",
+        title=_TITLE,
+        entry="correction -e, additive to the uncorrected set position",
+        units="mm (position unit of the axis)",
+        max_points=None,
+        outside="not documented; taken as constant beyond both ends: cover the whole travel",
+        sign_status="documented: the compensation is additive to the uncorrected set position",
+        activation=(
+            "import the text as a global variable list (GVL) of the PLC project, build, download",
+            (
+                "call MC_TableBasedPositionCompensation with pTable := ADR(table), TableSize := "
+                "SIZEOF(table) and the parameter structure of the list"
+            ),
+            (
+                "set Direction to both directions and Modulo FALSE in that structure, Ramp to a speed "
+                "the axis can follow, home the axis, then Enable"
+            ),
+            "compare CurrentCorrection with the table at some positions in both directions",
+            "write one table for each direction if lost motion matters, or use the backlash setting",
+        ),
+        sign="documented",
+        spacing="uniform",
+        directions="one",
+        resolution="1 pm",
+        suffix=".TcGVL.txt",
+        page="twincat",
+    )
+
+    options = (
+        Option("interval", "spacing; that of the table if omitted", "length", positive=True),
+        Option("name", "name of the variable", "text", default="CompTable"),
+    )
+
+    def encode(self, table: CompensationTable, **options: Any) -> Encoded:
+        """Return the declarations of table and parameters.
+
+        Parameters
+        ----------
+        table : CompensationTable
+            Corrections, one column.
+        **options
+            Spacing and name of the variable.
+
+        Returns
+        -------
+        Encoded
+            ASCII, LF, nine decimals of a millimetre.
+
+        Raises
+        ------
+        TableError
+            If an axis turns, the table has two directions, the name is no identifier, or positions are closer than
+            the last decimal.
+        LimitError
+            If there are more points than any axis needs.
+        """
+        require_linear((table.axis, table.compensates), _TITLE)
+        require_one_direction(
+            table, _TITLE, "as backlash of the axis, or write a table for each direction"
+        )
+        name = options["name"]
+        if not _NAME.fullmatch(name):
+            raise TableError(f"name={name!r} is no ST identifier: letters, digits, underscores")
+        positions = uniform_positions(
+            table, interval=options["interval"], max_points=_CAPACITY, title=_TITLE
+        )
+        carried = carry(table, positions)
+        rows = [
+            (fixed(p * 1e3, _DECIMALS), fixed(c * 1e3, _DECIMALS))
+            for p, c in zip(positions, carried.table.forward, strict=True)
+        ]
+        back = np.array([[mm_value(v) for v in row] for row in rows])
+        if (np.diff(back[:, 0]) <= 0).any():
+            raise TableError(f"positions closer than 1e-{_DECIMALS} mm cannot be written")
+        return Encoded(
+            _text(table, name, rows).encode("ascii"),
+            float(np.abs(back[:, 1] - carried.table.forward).max()),
+            carried=carried.table,
+            resampling_error=carried.error,
+        )
+
+    def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
+        """Return the table.
+
+        Parameters
+        ----------
+        data : bytes
+            Content of the file.
+        path : Path
+            Its name, for messages and the sidecar.
+        **options
+            Name of the variable, to be sure of the right one.
+
+        Returns
+        -------
+        CompensationTable
+            One column.
+
+        Raises
+        ------
+        CorruptFileError
+            If a line is not that of the declaration, counts or ends do not fit, or positions are
+            not equidistant.
+        """
+        lines = [line.strip() for line in ascii_lines(data, path, "ST table of TwinCAT")]
+        lines = [line for line in lines if line and not _COMMENT.fullmatch(line)]
+        frame = len(lines) >= 5 and lines[0] == "VAR_GLOBAL" and lines[-1] == "END_VAR"
+        opened = _OPEN.fullmatch(lines[1]) if frame else None
+        closed = _PARAMETER.fullmatch(lines[-2]) if frame else None
+        if not frame or opened is None or closed is None or lines[-3] != "];":
+            raise CorruptFileError(
+                path, "no complete declaration of a compensation table", hint="write it again"
+            )
+        wanted = options.get("name") or opened[1]
+        if opened[1] != wanted or closed[1] != f"{wanted}Parameter":
+            raise CorruptFileError(
+                path,
+                "another variable",
+                expected=wanted,
+                found=f"{opened[1]}, {closed[1]}",
+                hint="give name= of the variable, or write the table again",
+            )
+        rows = [_row(line, i, path) for i, line in enumerate(lines[2:-3], start=1)]
+        table = np.array([r[:2] for r in rows]).reshape(-1, 2)
+        _require_frame(table, [r[2] for r in rows], opened[2], closed, path)
+        return CompensationTable(
+            positions=table[:, 0],
+            forward=table[:, 1],
+            reverse=None,
+            is_exact_inverse=True,
+            **identity(path, first=float(table[0, 0])),
+        )
+
+
+def _text(table: CompensationTable, name: str, rows: list[tuple[str, str]]) -> str:
+    n = len(rows)
+    lines = [
+        "(* metrosep: correction -e in mm, additive to the set position *)",
+        "VAR_GLOBAL",
+        f"  {name} : ARRAY[1..{n}] OF {_TYPE} := [",
+    ]
+    lines += [
+        f"    (Position := {p}, Compensation := {c}){'' if i == n else ','}"
+        for i, (p, c) in enumerate(rows, start=1)
+    ]
+    lines += [
+        "  ];",
+        (
+            f"  {name}Parameter : ST_PositionCompensationTableParameter := (MinPosition := {rows[0][0]}, "
+            f"MaxPosition := {rows[-1][0]}, NoOfTableElements := {n});"
+        ),
+        "END_VAR",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _row(line: str, number: int, path: Path) -> tuple[float, float, str]:
+    found = _ROW.fullmatch(line)
+    if found is None:
+        raise CorruptFileError(
+            path,
+            f"element {number} is no position with its compensation but {line[:60]!r}",
+            hint="write the table again",
+        )
+    return mm_value(found[1]), mm_value(found[2]), found[3]
+
+
+def _require_frame(
+    table: FloatArray, commas: list[str], size: str, closed: re.Match[str], path: Path
+) -> None:
+    """Refuse counts, commas, ends and spacing that do not fit together."""
+    n = table.shape[0]
+    if n < 2 or n != int(size) or n != int(closed[4]):
+        raise CorruptFileError(
+            path,
+            "the number of elements does not fit",
+            expected=f"{size} and {closed[4]}",
+            found=n,
+            hint="write the table again",
+        )
+    if commas != [","] * (n - 1) + [""]:
+        raise CorruptFileError(path, "a comma is missing or too many", hint="write it again")
+    p = table[:, 0] * 1e3
+    even = p[0] + (p[-1] - p[0]) / (n - 1) * np.arange(n)
+    if (np.diff(p) <= 0).any() or np.abs(p - even).max() > _UNIFORM:
+        i = int(np.abs(p - even).argmax())
+        raise CorruptFileError(
+            path,
+            f"element {i + 1}: the positions are not equidistant and rising",
+            found=f"{p[i]:.9g} mm",
+            hint="TwinCAT needs equal steps: write the table again",
+        )
+    ends = mm_value(closed[2]), mm_value(closed[3])
+    if ends != (table[0, 0], table[-1, 0]):
+        raise CorruptFileError(
+            path,
+            "MinPosition and MaxPosition are not the ends of the table",
+            hint="write the table again",
+        )

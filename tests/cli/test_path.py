@@ -1,0 +1,183 @@
+"""The verb path: a program corrected by a map, and what it refuses in the words of its options."""
+
+from __future__ import annotations
+
+import json
+
+import click
+import numpy as np
+import pytest
+
+import metrosep as ms
+from metrosep.cli.errors import report_error
+from metrosep.cli.paths import path
+from metrosep.core.surface import Surface
+
+PROGRAM = "%\nG21 G90\nG0 X4.0 C0.0 Z1.0\nG1 C90.0 F5\nX-4.0 C180.0 Z.5\nM30\n%\n"
+HALF_MM = 0.5e-6 * (1 + 1e-6)
+"""Half of the last digit of a nanometre in mm, and binary rounding."""
+
+
+@pytest.fixture
+def call(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "in.nc").write_text(PROGRAM)
+    y, x = np.mgrid[-5e-3:5e-3:41j, -5e-3:5e-3:41j]
+    ms.write(
+        Surface(1e-4 * x + 3e-5 * y, dx=0.25e-3, dy=0.25e-3, origin=(-5e-3, -5e-3)),
+        tmp_path / "error.x3p",
+    )
+
+    def run(*words):
+        told = {}
+        names = {p.name for p in path.params}
+        try:
+            code = path.main([str(w) for w in words], standalone_mode=False, obj=told)
+        except click.UsageError as exc:
+            return 2, "", exc.format_message()
+        except Exception as exc:
+            code = report_error(exc, verbosity=0, names=names, words=told.get("words"))
+        out = capsys.readouterr()
+        assert "internal error" not in out.err
+        return code, out.out, out.err
+
+    return run
+
+
+def z_words(text):
+    return [float(w[1:]) for w in text.split() if w.startswith("Z")]
+
+
+def test_error_of_the_map_is_subtracted(call, tmp_path):
+    code, out, err = call(
+        "in.nc", "--error", "error.x3p", "-o", "out.nc", "--c-sense", "+1", "--centre", "middle"
+    )
+
+    assert code == 0
+    assert out == ""
+    found = (tmp_path / "out.nc").read_text()
+    # e = 0.4 um at (4, 0); 0.12 um at (0, 4); X -4 at 180 deg is (4, 0) again
+    assert z_words(found) == pytest.approx([1 - 4e-4, 1 - 1.2e-4, 0.5 - 4e-4], abs=HALF_MM)
+    assert (
+        found.replace(" Z0.999880", "").replace("Z0.999600", "Z1.0").replace("Z0.499600", "Z.5")
+        == PROGRAM
+    )
+    assert "3 of 7 blocks changed" in err
+    assert "1 words inserted" in err
+    assert json.loads((tmp_path / "out.nc.json").read_text())["correction"]["c_sense"] == 1
+
+
+def test_sense_zero_and_json(call, tmp_path):
+    code, out, _ = call(
+        "in.nc", "--error", "error.x3p", "-o", "out.nc", "--c-sense", "-1", "--c-zero", "90 deg",
+        "--centre", "middle", "--resolution", "0.1 nm", "--json",
+    )  # fmt: skip
+
+    assert code == 0
+    assert json.loads(out)["n_changed"] == 3
+    # C 0 is at 90 deg: (0, 4); C 90 turns back to 0 deg: (4, 0); X -4 at -90 deg: (0, 4)
+    found = (tmp_path / "out.nc").read_text()
+    assert z_words(found) == pytest.approx([1 - 1.2e-4, 1 - 4e-4, 0.5 - 1.2e-4], abs=HALF_MM)
+    assert "Z0.9998800" in found
+
+
+def test_a_map_needs_its_sense_and_the_right_middle(call, tmp_path):
+    code, _, err = call("in.nc", "--error", "error.x3p", "-o", "out.nc")
+    assert code == 2
+    assert "--c-sense" in err
+
+    code, _, err = call(
+        "in.nc",
+        "--error",
+        "error.x3p",
+        "-o",
+        "out.nc",
+        "--c-sense",
+        "+1",
+        "--centre",
+        "9 mm, 0 mm",
+    )
+    assert code == 4
+    assert "in.nc: line 3" in err
+    assert "--outside zero" in err
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["error.x3p", "in.nc"]
+
+
+def test_splitting_and_limits(call):
+    words = (
+        "in.nc",
+        "--error",
+        "error.x3p",
+        "-o",
+        "out.nc",
+        "--c-sense",
+        "+1",
+        "--centre",
+        "middle",
+    )
+    code, _, err = call(*words, "--tolerance", "5 nm")
+    assert code == 0
+    assert "blocks added" in err
+
+    code, _, err = call(*words)
+    assert code == 2
+    assert "--force" in err
+
+    code, _, err = call(*words, "--force", "--stroke", "100 nm")
+    assert code == 1
+    assert "--stroke" in err
+    assert call(*words, "--force")[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("program", "options", "code", "part"),
+    [
+        (PROGRAM.replace("G21", ""), (), 4, "--path-unit mm"),
+        (PROGRAM.replace("G90", "G91"), (), 4, "line 2: G91"),
+        (PROGRAM, ("--column", "X=1"), 2, "--points"),
+        (PROGRAM, ("--centre", "3 mm"), 2, "two lengths"),
+        (PROGRAM, ("--decimals", "0"), 2, "decimals"),
+        (PROGRAM, ("--tolerance", "5"), 2, "--tolerance"),
+    ],
+)
+def test_refusals_speak_of_options(call, tmp_path, program, options, code, part):
+    (tmp_path / "in.nc").write_text(program)
+
+    words = (
+        "in.nc",
+        "--error",
+        "error.x3p",
+        "-o",
+        "out.nc",
+        "--c-sense",
+        "+1",
+        "--centre",
+        "middle",
+    )
+    found, _, err = call(*words, *options)
+
+    assert found == code
+    assert part in err
+    assert not (tmp_path / "out.nc").exists()
+
+
+def test_points(call, tmp_path):
+    (tmp_path / "in.csv").write_text("t,x_mm,c,z_mm,k\n0,4.0,90,1.0,a\n")
+
+    code, _, err = call(
+        "in.csv", "--points", "--error", "error.x3p", "-o", "out.csv", "--c-sense", "+1", "--centre",
+        "middle", "--column-unit", "C=deg",
+    )  # fmt: skip
+
+    assert code == 0, err
+    assert (tmp_path / "out.csv").read_text() == "t,x_mm,c,z_mm,k\n0,4.0,90,0.999880,a\n"
+
+
+def test_profile_needs_no_sense(call, tmp_path):
+    ms.write(ms.Profile([0.0, 2e-3, 5e-3], [0.0, 4e-6, 0.0]), tmp_path / "error.csv")
+    (tmp_path / "in.nc").write_text("G21 G90\nG0 X2.0 Z1.0\n")
+
+    code, _, err = call("in.nc", "--error", "error.csv", "-o", "out.nc")
+
+    assert code == 0, err
+    assert z_words((tmp_path / "out.nc").read_text()) == [0.996]

@@ -1,0 +1,65 @@
+"""A million blocks: below 20 s and 200 MB, in a process of its own.
+
+Seconds are those of the processor, so that other work on the machine does not count.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+BLOCKS = 1_000_000
+SECONDS, MEGABYTES = 20.0, 200.0
+"""What is promised."""
+
+PROGRAM = """
+import json, resource, sys, time
+import numpy as np
+from metrosep.controllers.gcode_corrections import error_correction
+from metrosep.controllers.gcode_paths import rewrite_path
+from metrosep.core.surface import Surface
+y, x = np.mgrid[-21e-3:21e-3:512j, -21e-3:21e-3:512j]
+step = 42e-3 / 511
+surface = Surface(1e-6 * np.sin(x / 3e-3) * np.cos(y / 4e-3), dx=step, dy=step, origin=(-21e-3,) * 2)
+start = time.process_time()
+result = rewrite_path(sys.argv[1], sys.argv[2], error_correction(surface))
+seconds = time.process_time() - start
+peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
+print(json.dumps([seconds, peak, result.n_moves, result.n_changed, result.read_back_error]))
+"""
+
+
+def write_spiral(path: Path) -> None:
+    with path.open("w") as stream:
+        stream.write("%\nG21 G90 G94 G40\nG0 X20.0 C0.0\nG0 Z5.0\nG1 Z0.0 F100\nG93\n")
+        for i in range(BLOCKS):
+            x, c = 20 * (1 - i / BLOCKS), 0.5 * i
+            z = 0.02 * math.sin(x) * math.cos(2 * math.radians(c))
+            stream.write(f"N{i + 10} X{x:.6f} C{c:.5f} Z{z:.6f} F6000.0\n")
+        stream.write("G94\nG0 Z5.0\nM30\n%\n")
+
+
+@pytest.mark.slow
+def test_a_million_blocks(tmp_path):
+    write_spiral(tmp_path / "in.nc")
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM, tmp_path / "in.nc", tmp_path / "out.nc"],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={**os.environ, "OMP_NUM_THREADS": "1"},
+    )
+    seconds, peak, moves, changed, deviation = json.loads(done.stdout)
+
+    print(f"{moves} moves, {seconds:.1f} s, peak {peak:.0f} MB")
+    assert moves == BLOCKS + 4
+    assert changed > 0.9 * BLOCKS
+    assert deviation <= 0.5e-9 * (1 + 1e-6)
+    assert seconds < SECONDS
+    assert peak < MEGABYTES

@@ -1,0 +1,272 @@
+"""HEIDENHAIN value tables: a hand-written one, a small reader of its own, what is refused."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from metrosep import controllers
+from metrosep.compensation import CompensationTable
+from metrosep.controllers import registry
+from metrosep.controllers.heidenhain import Heidenhain
+from metrosep.controllers.options import checked_options
+from metrosep.errors import (
+    CorruptFileError,
+    DataError,
+    LimitError,
+    ReadError,
+    SignCheckFailedError,
+    SignNotConfirmedError,
+    TableError,
+    WriteError,
+)
+
+ROUNDING = 1e-15
+"""Millimetres to metres in double."""
+
+HAND = (
+    "BEGIN Y_Y.COM MM\r\n"
+    "NR    AXISPOS         BACKLASH        Y\r\n"
+    "0     -90.0000        0.0005          0.0000\r\n"
+    "1     -85.0000        0.0035          0.0030\r\n"
+    "2     -80.0000        -0.0005         -0.0010\r\n"
+    "[END]\r\n"
+)
+"""Axis 3 um too far at -85 mm, 1 um short at -80 mm; 0.5 um more while moving in - direction."""
+
+SAG = (
+    "BEGIN Y_Z.COM MM\r\n"
+    "NR    AXISPOS         BACKLASH        Z\r\n"
+    "0     -90.0000                        0.0000\r\n"
+    "1     -85.0000                        0.0030\r\n"
+    "[END]\r\n"
+)
+
+
+@pytest.fixture(autouse=True)
+def registered(monkeypatch):
+    monkeypatch.setitem(registry._PLACES, "heidenhain", "heidenhain:Heidenhain")
+    registry.find.cache_clear()
+
+
+def encode(table, **given):
+    return Heidenhain().encode(table, **checked_options(given, Heidenhain.options, "heidenhain"))
+
+
+def decode(data, **given):
+    return Heidenhain().decode(data, Path("absent.com"), **{"entry_sign": 1, **given})
+
+
+def control(data, mm, direction):
+    """Error (mm) that the control takes out: straight between lines, held beyond, by direction."""
+    rows = [line.split() for line in data.decode().split("\r\n")[2:-2]]
+    places = [float(r[1]) for r in rows]
+    values = [float(r[2] if direction < 0 and len(r) == 4 else r[-1]) for r in rows]
+    if mm <= places[0]:
+        return values[0]
+    for i in range(len(rows) - 1):
+        if mm <= places[i + 1]:
+            s = (mm - places[i]) / (places[i + 1] - places[i])
+            return values[i] + s * (values[i + 1] - values[i])
+    return values[-1]
+
+
+def test_hand_written_table_byte_for_byte():
+    x = np.array([-90, -85, -80]) * 1e-3
+    e, r = np.array([0, 3e-6, -1e-6]), np.array([0.5e-6, 3.5e-6, -0.5e-6])
+
+    assert encode(CompensationTable(x, -e, -r, "Y", "Y", -0.09)).data.decode() == HAND
+    sag = CompensationTable(x[:2], -e[:2], None, "Y", "Z", -0.09)
+    assert encode(sag).data.decode() == SAG
+
+
+def test_hand_written_table_reads_as_corrections():
+    table = decode(HAND.encode())
+
+    np.testing.assert_allclose(
+        table.positions, np.array([-90, -85, -80]) * 1e-3, atol=1e-16, rtol=0
+    )
+    np.testing.assert_allclose(table.forward, [0, -3e-6, 1e-6], atol=ROUNDING, rtol=0)
+    np.testing.assert_allclose(table.reverse, [-0.5e-6, -3.5e-6, 0.5e-6], atol=ROUNDING, rtol=0)
+    assert (table.axis, table.compensates) == ("Y", "Y")
+    sag = decode(SAG.encode())
+    assert (sag.axis, sag.compensates, sag.reverse) == ("Y", "Z", None)
+
+
+@pytest.mark.parametrize(
+    ("mm", "direction", "um"),
+    [(-99, 1, 0), (-87.5, 1, -1.5), (-85, 1, -3), (-85, -1, -3.5), (0, 1, 1), (0, -1, 0.5)],
+)
+def test_lookup(tmp_path, mm, direction, um):
+    path = tmp_path / "y.com"
+    path.write_bytes(HAND.encode())
+
+    seen = controllers.simulate(path, "heidenhain", entry_sign=1)(mm * 1e-3, direction)
+
+    assert seen == pytest.approx(um * 1e-6, abs=ROUNDING)
+    assert -control(HAND.encode(), mm, direction) == pytest.approx(um * 1e-3, abs=1e-12)
+
+
+def test_sign_is_that_of_the_option():
+    table = CompensationTable([0.0, 1e-3], [0, -3e-6], None, "X", "X", 0.0)
+
+    other = encode(table, entry_sign=-1).data
+
+    assert b"-0.0030" in other
+    assert decode(other, entry_sign=-1).forward[1] == pytest.approx(-3e-6, abs=ROUNDING)
+    with pytest.raises(DataError, match="entry_sign"):
+        Heidenhain().decode(other, Path("absent.com"))
+
+
+@given(
+    n=st.integers(2, 40),
+    start=st.floats(-0.5, 0.5),
+    step=st.floats(1e-4, 2e-2),
+    seed=st.integers(0, 2**32 - 1),
+    resolution=st.sampled_from([1e-6, 1e-7, 1e-8, 1e-9]),
+    split=st.booleans(),
+    even=st.booleans(),
+)
+@settings(derandomize=True, deadline=None, max_examples=60)
+def test_round_trip_is_within_quantisation_and_resampling(
+    n, start, step, seed, resolution, split, even
+):
+    rng = np.random.default_rng(seed)
+    gaps = np.full(n, round(step, 7)) if even else rng.uniform(0.5, 1.0, n) * step
+    x = start + np.concatenate([[0.0], np.cumsum(gaps)])
+    c, d = rng.uniform(-5e-6, 5e-6, (2, n + 1))
+    table = CompensationTable(x, c, d if split else None, "X", "X", float(x[0]))
+
+    encoded = encode(table, resolution=resolution)
+
+    assert encoded.quantisation <= resolution / 2 * 1.001
+    at = rng.uniform(x[0] - 1e-2, x[-1] + 1e-2, 25)
+    margin = encoded.quantisation + encoded.resampling_error + 1e-14
+    back = decode(encoded.data)
+    for direction in (1, -1):
+        seen = [-1e-3 * control(encoded.data, p * 1e3, direction) for p in at]
+        np.testing.assert_allclose(seen, table.correction(at, direction), atol=margin, rtol=0)
+        np.testing.assert_allclose(back.correction(at, direction), seen, atol=1e-14, rtol=0)
+
+
+def test_planted_error_shrinks_and_the_negated_table_doubles_it(bump, table):
+    x = np.linspace(0, 50, 401)
+    for direction, lost in ((1, 0.0), (-1, 0.7e-6)):
+        left = {}
+        for name, made in (("right", table), ("wrong", table.negated())):
+            data = encode(made).data
+            c = -1e-3 * np.array([control(data, p, direction) for p in x])
+            left[name] = np.abs(bump(x * 1e-3 + c) + lost - bump(0.0) + c).max()
+        assert left["right"] < 0.09e-6  # half of 0.1 um and chords of 0.5 mm
+        assert left["wrong"] > 1.9 * np.abs(bump(x * 1e-3) + lost - bump(0.0)).max()
+
+
+def test_written_only_when_the_sign_was_tried(tmp_path, table, measured):
+    path = tmp_path / "x.com"
+    with pytest.raises(SignNotConfirmedError, match="heidenhain"):
+        controllers.write(table, path, "heidenhain")
+
+    done = controllers.write(
+        table, path, "heidenhain", verified_against=measured, sign_confirmed=True
+    )
+
+    assert done.after_pv < 0.05 * done.before_pv
+    back = controllers.read(path, "heidenhain")
+    assert np.abs(back.forward - table.forward).max() <= 0.5e-7 + ROUNDING
+    assert np.abs(back.reverse - table.reverse).max() <= 0.5e-7 + ROUNDING
+    with pytest.raises(WriteError, match="exists already"):
+        controllers.write(table, path, "heidenhain", sign_confirmed=True)
+
+
+def test_negated_table_is_refused(tmp_path, table, measured):
+    with pytest.raises(SignCheckFailedError):
+        controllers.write(
+            table.negated(),
+            tmp_path / "x.com",
+            "heidenhain",
+            verified_against=measured,
+            sign_confirmed=True,
+        )
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_points_are_limited_to_256():
+    x = np.arange(257) * 1e-3
+
+    assert decode(encode(CompensationTable(x[:256], 0 * x[:256], None, "X", "X", 0.0)).data)
+    table = CompensationTable(x, 0 * x, None, "X", "X", 0.0)
+    with pytest.raises(LimitError, match=r"257 points.*takes 256.*interval="):
+        encode(table)
+    assert decode(encode(table, interval="2 mm").data).positions.size == 129
+    text = "BEGIN X.COM MM\r\n" + HAND.split("\r\n")[1].replace("Y", "X") + "\r\n"
+    text += "".join(f"{i:<6d}{i:<16.4f}{'':16s}0.0000\r\n" for i in range(257)) + "[END]\r\n"
+    with pytest.raises(LimitError, match="257 lines"):
+        decode(text.encode())
+
+
+def test_what_cannot_be_carried_is_refused(table):
+    x = [0.0, 1e-3]
+    with pytest.raises(TableError, match="turns"):
+        encode(CompensationTable(x, [0, 0], None, "B", "B", 0.0))
+    with pytest.raises(TableError, match="no HEIDENHAIN axis"):
+        encode(CompensationTable(x, [0, 0], None, "slide", "slide", 0.0))
+    with pytest.raises(TableError, match=r"BACKLASH belongs to X.*X -> Z"):
+        encode(CompensationTable(x, [0, 0], [0, 1e-6], "X", "Z", 0.0))
+    with pytest.raises(DataError, match="power of ten"):
+        encode(table, resolution=2e-7)
+    with pytest.raises(TableError, match="not a multiple"):
+        encode(table, interval=0.25e-7)
+    with pytest.raises(LimitError, match="fits no column"):
+        encode(CompensationTable(x, [0, 10.0], None, "X", "X", 0.0))
+
+
+def test_steep_neighbours_are_warned_of():
+    """1/64 of 1 mm is 15.6 um."""
+    for um, n in ((15.0, 0), (16.0, 1)):
+        table = CompensationTable([0.0, 1e-3], [0, um * 1e-6], None, "X", "X", 0.0)
+        assert len(encode(table).findings) == n
+
+
+@pytest.mark.parametrize("damage", ["", "hello", "1     -85.0000", "NR", "9     1.0 1.0 1.0"])
+def test_every_damaged_line_is_refused(damage):
+    for i in range(6):
+        lines = HAND.split("\r\n")[:-1]
+        lines[i] = damage
+        with pytest.raises((CorruptFileError, DataError)):
+            decode(("\r\n".join(lines) + "\r\n").encode())
+
+
+def test_every_cut_file_is_refused():
+    for cut in range(1, len(HAND)):
+        with pytest.raises(ReadError):
+            decode(HAND[:cut].encode())
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("-85.0000", "-95.0000"),
+        ("-85.0000", "-84.0000"),
+        ("-85.0000", "-90.0000"),
+        ("0.0030", "0,0030"),
+        ("0.0030", "3e-3  "),
+        ("0.0030", "nan   "),
+        ("0.0035 ", "       "),
+        (" MM", " INCH"),
+        ("BEGIN Y_Y", "BEGIN Y_Z"),
+        ("        Y\r", "        Y       Z\r"),
+        ("AXISPOS", "POSAXIS"),
+    ],
+)
+def test_table_that_does_not_fit_is_refused(old, new):
+    assert old in HAND
+
+    with pytest.raises(CorruptFileError):
+        decode(HAND.replace(old, new, 1).encode())
+
+
+def test_name_without_axes_keeps_the_axis_of_the_sidecar():
+    text = HAND.replace("BEGIN Y_Y", "BEGIN AXY")
+
+    assert decode(text.encode()).compensates == "Y"

@@ -1,0 +1,425 @@
+"""Chained lincurves: a hand-made file, a small HAL of its own, what is refused."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from metrosep import controllers
+from metrosep.compensation import CompensationTable
+from metrosep.controllers import registry
+from metrosep.controllers.linuxcnc_lincurve import LinuxCNCLincurve
+from metrosep.errors import (
+    CorruptFileError,
+    DataError,
+    LimitError,
+    SignCheckFailedError,
+    TableError,
+    WriteError,
+)
+
+ROUNDING = 1e-15
+"""Sums of corrections of 1e-2 mm in double, in m: far below."""
+QUANTUM = 0.5e-13 * 1.001
+"""Half of ten decimals of a millimetre."""
+PLACE = 0.5e-13
+"""Rounding of a position, m."""
+
+HAND = """\
+# metrosep: X (joint 0) -> Z (joint 1), 18 points
+# adds the correction -e (mm) to the motor command and takes it out of the feedback
+loadrt lincurve names=comp-0,comp-1 personality=16,3
+loadrt sum2 names=comp-sum-1,comp-cmd,comp-fb
+setp comp-fb.gain1 -1
+{points}
+addf comp-fb servo-thread
+addf motion-command-handler servo-thread
+addf motion-controller servo-thread
+addf comp-0 servo-thread
+addf comp-1 servo-thread
+addf comp-sum-1 servo-thread
+addf comp-cmd servo-thread
+net comp-position joint.0.pos-cmd
+net comp-position comp-0.in
+net comp-position comp-1.in
+net comp-below-1 comp-0.out comp-sum-1.in0
+net comp-piece-1 comp-1.out comp-sum-1.in1
+net comp-value comp-sum-1.out comp-cmd.in1 comp-fb.in1
+net comp-motor joint.1.motor-pos-cmd comp-cmd.in0
+net comp-drive comp-cmd.out
+net comp-encoder comp-fb.in0
+net comp-feedback comp-fb.out joint.1.motor-pos-fb
+"""
+HAND_X = [*range(-30, 0, 3), 0, 1, 3, 6, 10, 12, 20, 21]  # mm
+HAND_Y = [0.4, 0.1, 0, 0, -0.2, -0.1, 0, 0.2, 0.1, 0, 0, -0.3, -0.5, 0, 1.0, 3.0, 2.5, 4.0]  # um
+"""The 16th point, 3 um at 12 mm, ends the first curve and begins the second."""
+
+
+def hand_text():
+    lines = []
+    for curve, numbers, zero in ((0, range(16), 0.0), (1, range(15, 18), 3.0)):
+        for i, k in enumerate(numbers):
+            y = (HAND_Y[k] - zero) * 1e-3
+            lines.append(f"setp comp-{curve}.x-val-{i:02d} {HAND_X[k]:.10f}")
+            lines.append(f"setp comp-{curve}.y-val-{i:02d} {y:.10f}")
+    return HAND.format(points="\n".join(lines))
+
+
+class Hal:
+    """As much of HAL as such a file needs: lincurve, sum2, signals, one thread."""
+
+    def __init__(self, text):
+        self.kind, self.size, self.value, self.signal, self.thread = {}, {}, {}, {}, []
+        for line in text.splitlines():
+            words = line.split("#")[0].split()
+            if words:
+                getattr(self, words[0])(*words[1:])
+
+    def loadrt(self, kind, names, personality=None):
+        for i, name in enumerate(names.removeprefix("names=").split(",")):
+            self.kind[name] = kind
+            if personality:
+                self.size[name] = int(personality.removeprefix("personality=").split(",")[i])
+            for pin in ("gain0", "gain1"):
+                self.value[f"{name}.{pin}"] = 1.0
+
+    def setp(self, pin, value):
+        self.value[pin] = float(value)
+
+    def addf(self, function, _thread):
+        self.thread.append(function)
+
+    def net(self, signal, *pins):
+        for pin in pins:
+            self.signal[pin] = signal
+
+    def get(self, pin):
+        return self.value.get(self.signal.get(pin, pin), 0.0)
+
+    def put(self, pin, value):
+        self.value[self.signal.get(pin, pin)] = value
+
+    def period(self, joints):
+        """One servo period; ``joints`` are the pins that the motion controller puts out."""
+        for name in self.thread:
+            if name == "motion-controller":
+                for pin, value in joints.items():
+                    self.put(pin, value)
+            elif self.kind.get(name) == "lincurve":
+                points = range(self.size[name])
+                x, y = ([self.value[f"{name}.{a}-val-{i:02d}"] for i in points] for a in "xy")
+                self.put(f"{name}.out", float(np.interp(self.get(f"{name}.in"), x, y)))
+            elif self.kind.get(name) == "sum2":
+                terms = [self.get(f"{name}.in{i}") * self.value[f"{name}.gain{i}"] for i in (0, 1)]
+                self.put(f"{name}.out", sum(terms))
+
+
+def applied(text, positions, a=0, b=1):
+    """Corrections in m that the drive gets on top of its command, as the little HAL makes them."""
+    hal, found = Hal(text), []
+    for x in np.asarray(positions) * 1e3:
+        hal.period({f"joint.{a}.pos-cmd": x, f"joint.{b}.motor-pos-cmd": 0.0})
+        found.append(hal.get("comp-cmd.out") * 1e-3)
+    return np.array(found)
+
+
+@pytest.fixture(autouse=True)
+def registered(monkeypatch):
+    monkeypatch.setitem(
+        registry._PLACES, "linuxcnc-lincurve", "linuxcnc_lincurve:LinuxCNCLincurve"
+    )
+    registry.find.cache_clear()
+    yield
+    registry.find.cache_clear()
+
+
+@pytest.fixture
+def dialect():
+    return LinuxCNCLincurve()
+
+
+@pytest.fixture
+def one_way(bump):
+    return CompensationTable.from_error(
+        bump, positions=np.linspace(0.0, 50e-3, 101), axis="X", compensates="Z", direction="both"
+    )
+
+
+def hand_table():
+    return CompensationTable(
+        positions=np.array(HAND_X) * 1e-3,
+        forward=np.array(HAND_Y) * 1e-6,
+        reverse=None,
+        axis="X",
+        compensates="Z",
+        reference=0.0,
+    )
+
+
+def test_hand_made_file_is_written_byte_for_byte(dialect):
+    encoded = dialect.encode(hand_table(), source_joint=0, target_joint=1)
+
+    assert encoded.data.decode() == hand_text()
+    assert encoded.quantisation <= ROUNDING
+
+
+def test_hand_made_file_is_read(dialect, tmp_path):
+    table = dialect.decode(hand_text().encode(), tmp_path / "x.hal")
+
+    assert table.positions == pytest.approx(np.array(HAND_X) * 1e-3, abs=ROUNDING)
+    assert table.forward == pytest.approx(np.array(HAND_Y) * 1e-6, abs=ROUNDING)
+    assert table.reverse is None
+    assert (table.axis, table.compensates) == ("X", "Z")
+
+
+@pytest.mark.parametrize(
+    ("x_mm", "c_um"),
+    [
+        (-99, 0.4),
+        (-28.5, 0.25),
+        (3, -0.5),
+        (11, 2.0),
+        (12, 3.0),
+        (16, 2.75),
+        (20.5, 3.25),
+        (77, 4),
+    ],
+)
+def test_hand_made_file_is_looked_up_as_a_small_hal_does(x_mm, c_um, dialect, tmp_path):
+    lookup = dialect.lookup(hand_text().encode(), tmp_path / "x.hal")
+
+    assert lookup(x_mm * 1e-3) == pytest.approx(c_um * 1e-6, abs=ROUNDING)
+    assert applied(hand_text(), [x_mm * 1e-3])[0] == pytest.approx(c_um * 1e-6, abs=ROUNDING)
+
+
+def test_feedback_shows_the_command_without_the_correction():
+    hal = Hal(hand_text())
+    joints = {"joint.0.pos-cmd": 12.0, "joint.1.motor-pos-cmd": 5.0}
+    hal.period(joints)
+    hal.put("comp-fb.in0", hal.get("comp-cmd.out"))  # an ideal drive: 5.003 mm
+    hal.period(joints)
+
+    assert hal.get("comp-cmd.out") == pytest.approx(5.003, abs=1e-12)
+    assert hal.get("joint.1.motor-pos-fb") == pytest.approx(5.0, abs=1e-12)
+
+
+def test_entry_is_minus_the_error_and_negated_doubles_it(one_way, bump, tmp_path):
+    path = tmp_path / "x.hal"
+    done = controllers.write(
+        one_way, path, "linuxcnc-lincurve", source_joint=0, target_joint=1, verified_against=None
+    )
+    at = np.linspace(0.0, 50e-3, 1777)
+    before = bump(at)
+
+    after = before + applied(path.read_text(), at)
+    wrong = before - applied(path.read_text(), at)
+
+    assert np.ptp(before) == pytest.approx(4e-6, abs=3e-8)
+    assert np.ptp(after) < 0.05 * np.ptp(before)
+    assert np.ptp(wrong) == pytest.approx(2 * np.ptp(before), abs=1e-7)
+    assert done is not None
+    assert controllers.simulate(path, "linuxcnc-lincurve")(at) == pytest.approx(
+        applied(path.read_text(), at), abs=ROUNDING
+    )
+    back = controllers.read(path, "linuxcnc-lincurve")
+    assert back.forward == pytest.approx(one_way.forward, abs=QUANTUM)
+    assert back.reference == one_way.reference
+
+
+def test_negated_table_is_refused(one_way, measured, tmp_path):
+    with pytest.raises(SignCheckFailedError):
+        controllers.write(
+            one_way.negated(),
+            tmp_path / "x.hal",
+            "linuxcnc-lincurve",
+            source_joint=0,
+            target_joint=1,
+            verified_against=measured,
+        )
+    assert list(tmp_path.iterdir()) == []
+
+
+@settings(max_examples=40, deadline=None)
+@given(data=st.data(), n=st.sampled_from([2, 3, 15, 16, 17, 31, 32, 46, 90]))
+def test_any_table_reads_back_and_is_applied_to_the_quantum(data, n):
+    rng = np.random.default_rng(data.draw(st.integers(0, 2**32 - 1)))
+    positions = np.cumsum(rng.uniform(1e-4, 5e-3, n)) - 0.05
+    table = CompensationTable(
+        positions=positions,
+        forward=rng.normal(0.0, 3e-6, n),
+        reverse=None,
+        axis="X",
+        compensates="Z",
+        reference=0.0,
+    )
+    a, b = rng.permutation(9)[:2].tolist()
+    dialect = LinuxCNCLincurve()
+    encoded = dialect.encode(table, source_joint=a, target_joint=b)
+    nowhere = Path("/nowhere/x.hal")
+    back = dialect.decode(encoded.data, nowhere, source_joint=a, target_joint=b)
+    at = rng.uniform(positions[0] - 0.01, positions[-1] + 0.01, 60)
+
+    slope = np.abs(np.diff(table.forward) / np.diff(table.positions)).max()
+    margin = QUANTUM * (1 + 2 * slope) + ROUNDING
+    assert encoded.quantisation <= QUANTUM
+    assert np.abs(back.forward - table.forward).max() <= encoded.quantisation + 1e-18
+    assert np.abs(back.positions - table.positions).max() <= PLACE + 1e-16
+    seen = applied(encoded.data.decode(), at, a, b)
+    assert np.abs(seen - table.correction(at)).max() <= margin
+    assert np.abs(dialect.lookup(encoded.data, nowhere)(at) - seen).max() <= ROUNDING
+
+
+@pytest.mark.parametrize(
+    ("n", "sizes"),
+    [
+        (2, "2"),
+        (16, "16"),
+        (17, "16,2"),
+        (31, "16,16"),
+        (32, "16,16,2"),
+        (961, ",".join(["16"] * 64)),
+    ],
+)
+def test_curves_hold_sixteen_points_and_share_their_ends(n, sizes, dialect):
+    x = np.linspace(0.0, 0.1, n)
+    table = CompensationTable(x, 1e-6 * np.sin(40 * x), None, "X", "Z", 0.0)
+
+    text = dialect.encode(table, source_joint=0, target_joint=1).data.decode()
+
+    assert text.splitlines()[2].endswith(f"personality={sizes}")
+    assert max(map(len, text.splitlines())) < 1024  # halcmd cuts longer lines
+
+
+def test_962_points_are_refused(dialect):
+    x = np.linspace(0.0, 0.1, 962)
+    table = CompensationTable(x, np.zeros(962), None, "X", "Z", 0.0)
+
+    with pytest.raises(LimitError, match=r"962 points, 64 lincurves take 961.*0\.1042 mm"):
+        dialect.encode(table, source_joint=0, target_joint=1)
+
+
+def test_two_directions_are_refused(dialect, table):
+    with pytest.raises(TableError, match="direction='both'"):
+        dialect.encode(replace(table, compensates="Z"), source_joint=0, target_joint=1)
+
+
+@pytest.mark.parametrize(("compensates", "joints"), [("Z", (1, 1)), ("X", (0, 1))])
+def test_joints_that_contradict_the_axes_are_refused(compensates, joints, dialect):
+    table = replace(hand_table(), compensates=compensates)
+
+    with pytest.raises(TableError, match="one of the two is wrong"):
+        dialect.encode(table, source_joint=joints[0], target_joint=joints[1])
+
+
+def test_positions_that_fall_together_in_print_are_refused(dialect):
+    table = CompensationTable([0.0, 1e-14, 1e-3], [0.0, 0.0, 1e-6], None, "X", "Z", 0.0)
+
+    with pytest.raises(TableError, match="closer than 1e-10 mm"):
+        dialect.encode(table, source_joint=0, target_joint=1)
+
+
+@pytest.mark.parametrize("thread", ["servo thread", "servo-thread\nsetp x 1", "#", ""])
+def test_a_thread_that_is_no_name_is_refused(thread, tmp_path):
+    with pytest.raises(DataError, match="thread"):
+        controllers.write(
+            hand_table(),
+            tmp_path / "x.hal",
+            "linuxcnc-lincurve",
+            source_joint=0,
+            target_joint=1,
+            thread=thread,
+            allow_unverified=True,
+        )
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_joints_must_be_told_and_existing_files_stay(tmp_path):
+    path = tmp_path / "x.hal"
+    with pytest.raises(DataError, match=r"source_joint= .*target_joint="):
+        controllers.write(hand_table(), path, "linuxcnc-lincurve", allow_unverified=True)
+    path.write_text("mine\n")
+    with pytest.raises(WriteError, match="exists"):
+        controllers.write(
+            hand_table(),
+            path,
+            "linuxcnc-lincurve",
+            source_joint=0,
+            target_joint=1,
+            allow_unverified=True,
+        )
+    assert path.read_text() == "mine\n"
+
+
+def test_every_line_that_is_lost_doubled_or_exchanged_is_noticed(dialect, tmp_path):
+    lines = hand_text().splitlines(keepends=True)
+    path = tmp_path / "x.hal"
+    for i in range(2, len(lines)):
+        damages = [lines[:i] + lines[i + 1 :], [*lines[: i + 1], *lines[i:]]]
+        if i + 1 < len(lines):
+            damages.append([*lines[:i], lines[i + 1], lines[i], *lines[i + 2 :]])
+        for damaged in damages:
+            with pytest.raises(CorruptFileError):
+                dialect.decode("".join(damaged).encode(), path)
+
+
+def test_every_cut_is_noticed(dialect, tmp_path):
+    data = hand_text().encode()
+    for end in range(0, len(data) - 1, 7):
+        with pytest.raises(CorruptFileError):
+            dialect.decode(data[:end], tmp_path / "x.hal")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("gain1 -1", "gain1 1", "line 5"),
+        ("comp-0.x-val-03 -21.0", "comp-0.x-val-03 -24.0", "line 12: the position does not rise"),
+        ("comp-1.x-val-00 12.0", "comp-1.x-val-00 13.0", "does not start at zero where comp-0"),
+        ("comp-1.y-val-00 0.0", "comp-1.y-val-00 0.1", "does not start at zero"),
+        ("personality=16,3", "personality=16,2", "is not that of"),
+        ("personality=16,3", "personality=17,3", "personality"),
+        ("setp comp-0.y-val-04 -0.0002000000", "setp comp-0.y-val-04 nan", "once"),
+        ("setp comp-0.y-val-04 -0.0002000000", "setp comp-0.y-val-04 -2e-4", "once"),
+        ("joint.0.pos-cmd", "joint.0.motor-pos-cmd", "wiring is missing"),
+        ("joint.1.motor-pos-fb", "joint.2.motor-pos-fb", "joint.1.motor-pos-fb"),
+        ("addf comp-1 servo-thread", "addf comp-1 base-thread", "servo-thread"),
+        ("\n", "\r\n", "control characters"),
+        ("X (joint", "\N{GREEK CAPITAL LETTER CHI} (joint", "not ASCII"),
+    ],
+)
+def test_damage_is_named_with_its_line(old, new, message, dialect, tmp_path):
+    text = hand_text()
+    assert old in text
+
+    with pytest.raises(CorruptFileError, match=message):
+        dialect.decode(text.replace(old, new).encode(), tmp_path / "x.hal")
+
+
+def test_comments_and_blanks_do_not_matter(dialect, tmp_path):
+    text = hand_text().replace("addf comp-0 ", "\n# mine\naddf   comp-0  ") + "# end\n"
+
+    table = dialect.decode(text.encode(), tmp_path / "x.hal", target_joint=1)
+
+    assert table.positions.size == 18
+
+
+def test_an_option_that_contradicts_the_file_is_refused(dialect, tmp_path):
+    with pytest.raises(DataError, match="target_joint is 1 in the file, not 2"):
+        dialect.lookup(hand_text().encode(), tmp_path / "x.hal", target_joint=2)
+
+
+@pytest.mark.parametrize("direction", [0, 2, np.array([1, -1, 3])])
+def test_lookup_wants_a_direction(direction, dialect, tmp_path):
+    with pytest.raises(DataError, match="direction"):
+        dialect.lookup(hand_text().encode(), tmp_path / "x.hal")(0.01, direction)
+
+
+def test_lookup_takes_arrays_and_integers_and_leaves_them_alone(dialect, tmp_path):
+    lookup = dialect.lookup(hand_text().encode(), tmp_path / "x.hal")
+    places = np.array([[0, 1], [-1, 0]])
+
+    assert lookup(places, -1).shape == (2, 2)
+    assert places.tolist() == [[0, 1], [-1, 0]]
+    assert np.isnan(lookup(np.nan)).all()

@@ -1,0 +1,488 @@
+"""SINUMERIK CEC: files written by hand, an interpreter of its own, products of two tables."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from metrosep import controllers
+from metrosep.compensation import CompensationTable
+from metrosep.compensation.maps import CompensationMap
+from metrosep.controllers import registry
+from metrosep.controllers.sinumerik_cec import SinumerikCec, SinumerikCecProduct
+from metrosep.errors import (
+    CorruptFileError,
+    DataError,
+    LimitError,
+    SignNotConfirmedError,
+    TableError,
+    UnsupportedFeatureError,
+)
+
+QUANTUM = 0.5e-12
+"""Half of the ninth decimal of a millimetre, in m."""
+FLOAT = 1e-15
+"""Rounding of millimetres in double, in m."""
+BETWEEN = 21e-9
+"""h^2 max|e''|/8 of the bump: (0.5 mm)^2/8 * 2 * 3 um/(3 mm)^2 = 20.8 nm."""
+NOWHERE = Path("nowhere.INI")
+CROSS = {"input_axis": "AX1", "output_axis": "AX3"}
+OWN = {"input_axis": "AX1", "output_axis": "AX1"}
+OVER = SinumerikCecProduct.info.example
+
+HAND = """%_N_NC_CEC_INI
+CHANDATA(1)
+$AN_CEC[0,0]=0
+$AN_CEC[0,1]=0.003
+$AN_CEC[0,2]=0
+$AN_CEC_INPUT_AXIS[0]=(AX1)
+$AN_CEC_OUTPUT_AXIS[0]=(AX3)
+$AN_CEC_STEP[0]=5.0
+$AN_CEC_MIN[0]=0.0
+$AN_CEC_MAX[0]=10.0
+$AN_CEC_DIRECTION[0]=0
+$AN_CEC_MULT_BY_TABLE[0]=0
+$AN_CEC_IS_MODULO[0]=0
+M17
+"""
+"""Example of the controllers notes, section 3.4."""
+
+
+@pytest.fixture(autouse=True)
+def registered(monkeypatch):
+    monkeypatch.setitem(registry._PLACES, "sinumerik-cec", "sinumerik_cec:SinumerikCec")
+    monkeypatch.setitem(
+        registry._PLACES, "sinumerik-cec-product", "sinumerik_cec:SinumerikCecProduct"
+    )
+    registry.find.cache_clear()
+    yield
+    registry.find.cache_clear()
+
+
+def interpreter(text):
+    """Return the sum of all tables of an output axis in mm, as the manual describes; no library.
+
+    ``value(output, {axis: mm}, {axis: direction})``. A table that is multiplied gives the product
+    only, and the factor nothing by itself.
+    """
+    assign = dict(re.findall(r"^(\$[^=;]+)=(\S+)", text, re.MULTILINE))
+    tables = sorted(
+        {int(m[1]) for m in re.finditer(r"^\$AN_CEC_STEP\[(\d+)\]", text, re.MULTILINE)}
+    )
+
+    def one(t, positions, directions):
+        fact = {
+            k: assign[f"$AN_CEC_{k}[{t}]"]
+            for k in ("INPUT_AXIS", "STEP", "MIN", "MAX", "DIRECTION", "IS_MODULO")
+        }
+        axis = fact["INPUT_AXIS"].strip("()")
+        if int(fact["DIRECTION"]) not in (0, directions.get(axis, 1)):
+            return 0.0
+        low, high, step = (float(fact[k]) for k in ("MIN", "MAX", "STEP"))
+        n = round((high - low) / step) + 1
+        p = positions[axis]
+        p = low + (p - low) % (high - low) if fact["IS_MODULO"] == "1" else min(max(p, low), high)
+        i = min(int((p - low) / step), n - 2)
+        share = (p - low) / step - i
+        v = [float(assign[f"$AN_CEC[{t},{j}]"]) for j in (i, i + 1)]
+        return (1 - share) * v[0] + share * v[1]
+
+    linked = {t: int(assign[f"$AN_CEC_MULT_BY_TABLE[{t}]"]) - 1 for t in tables}
+
+    def value(output, positions, directions):
+        total = 0.0
+        for t in tables:
+            if assign[f"$AN_CEC_OUTPUT_AXIS[{t}]"] != f"({output})" or t in linked.values():
+                continue
+            v = one(t, positions, directions)
+            if linked[t] >= 0:
+                v *= one(linked[t], positions, directions)
+            total += v
+        return total
+
+    return value
+
+
+@pytest.fixture(scope="module")
+def cross(bump):
+    return CompensationTable.from_error(
+        bump, positions=np.linspace(0.0, 50e-3, 101), axis="X", compensates="Z"
+    )
+
+
+def test_hand_made_file_reads_as_corrections():
+    plus = SinumerikCec().decode(HAND.encode(), NOWHERE, entry_sign=1)
+    minus = SinumerikCec().decode(HAND.encode(), NOWHERE, entry_sign=-1)
+
+    np.testing.assert_allclose(plus.positions, [0, 5e-3, 10e-3], atol=FLOAT, rtol=0)
+    np.testing.assert_allclose(plus.forward, [0, -3e-6, 0], atol=FLOAT, rtol=0)
+    np.testing.assert_array_equal(minus.forward, -plus.forward)
+    assert plus.reverse is None
+    assert (plus.axis, plus.compensates) == ("X", "Z")
+
+
+def test_the_same_file_is_written_with_two_comments():
+    made = CompensationTable([0, 5e-3, 10e-3], [0, -3e-6, 0], None, "X", "Z", 0.0)
+
+    text = SinumerikCec().encode(made, **CROSS).data.decode()
+
+    assert "".join(s for s in text.splitlines(True) if not s.startswith(";")) == HAND
+    assert "; entry = +e, sign not documented: dry-run on the machine first\n" in text
+
+
+def test_sign_of_an_entry_is_the_users():
+    made = CompensationTable([0, 5e-3], [0, -3e-6], None, "X", "Z", 0.0)
+
+    assert b"[0,1]=0.003\n" in SinumerikCec().encode(made, **CROSS).data
+    negated = SinumerikCec().encode(made, **CROSS, entry_sign=-1).data
+    assert b"[0,1]=-0.003\n" in negated
+    assert b"; entry = -e" in negated
+    assert SinumerikCec().decode(negated, NOWHERE).forward[1] == pytest.approx(-3e-6, abs=FLOAT)
+
+
+def test_unconfirmed_sign_is_not_written(tmp_path, cross):
+    with pytest.raises(SignNotConfirmedError, match="sinumerik-cec"):
+        controllers.write(
+            cross, tmp_path / "x.INI", "sinumerik-cec", allow_unverified=True, **CROSS
+        )
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_sign_that_nothing_tells_is_asked_for():
+    with pytest.raises(DataError, match="entry_sign=1"):
+        SinumerikCec().decode(HAND.encode(), NOWHERE)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_error_disappears_on_a_control_with_this_sign(cross, bump, sign):
+    """A control whose entry k drives the axis by -sign * k."""
+    value = interpreter(SinumerikCec().encode(cross, **CROSS, entry_sign=sign).data.decode())
+    wrong = interpreter(
+        SinumerikCec().encode(cross.negated(), **CROSS, entry_sign=sign).data.decode()
+    )
+
+    for p in (3e-3, 11.2e-3, 12e-3, 20e-3, 60e-3):
+        where = ({"AX1": p * 1e3}, {"AX1": 1})
+        error = bump(min(p, 50e-3)) - bump(0.0)
+        assert error - sign * value("AX3", *where) * 1e-3 == pytest.approx(0.0, abs=BETWEEN)
+        assert value("AX1", *where) == 0.0
+    top = ({"AX1": 12.0}, {"AX1": 1})
+    error = bump(12e-3) - bump(0.0)
+    assert error - sign * wrong("AX3", *top) * 1e-3 == pytest.approx(2 * error, abs=1e-9)
+
+
+def test_two_directions_are_two_tables(table, bump):
+    encoded = SinumerikCec().encode(table, **OWN, table_index=2)
+    text = encoded.data.decode()
+    value = interpreter(text)
+
+    assert encoded.notes["tables"] == 2
+    assert "$AN_CEC_DIRECTION[2]=1\n" in text
+    assert "$AN_CEC_DIRECTION[3]=-1\n" in text
+    lookup = SinumerikCec().lookup(encoded.data, NOWHERE)
+    for p in (0.0, 4e-3, 12e-3, 19.9e-3, 55e-3):
+        for d in (1, -1):
+            c = -value("AX1", {"AX1": p * 1e3}, {"AX1": d}) * 1e-3
+            assert c == pytest.approx(float(table.correction(p, d)[0]), abs=QUANTUM + FLOAT)
+            assert lookup(p, d) == pytest.approx(c, abs=FLOAT)
+    back = SinumerikCec().decode(encoded.data, NOWHERE)
+    np.testing.assert_allclose(back.forward, table.forward, atol=QUANTUM + FLOAT, rtol=0)
+    np.testing.assert_allclose(back.reverse, table.reverse, atol=QUANTUM + FLOAT, rtol=0)
+
+
+def test_a_table_for_one_direction_is_zero_in_the_other():
+    text = HAND.replace("DIRECTION[0]=0", "DIRECTION[0]=-1")
+
+    back = SinumerikCec().decode(text.encode(), NOWHERE, entry_sign=1)
+
+    assert back.forward.tolist() == [0.0, 0.0, 0.0]
+    assert back.reverse[1] == pytest.approx(-3e-6, abs=FLOAT)
+
+
+def test_modulo_of_an_input_that_turns():
+    p = np.radians(np.arange(0.0, 361.0, 90.0))
+    made = CompensationTable(p, [0, -1e-6, -2e-6, -4e-6, 0], None, "C", "Z", 0.0)
+
+    encoded = SinumerikCec().encode(made, **CROSS, input_turns=True, modulo=True)
+
+    value = interpreter(encoded.data.decode())
+    assert value("AX3", {"AX1": 360.0 + 135.0}, {}) == pytest.approx(0.0015, abs=1e-12)
+    lookup = SinumerikCec().lookup(encoded.data, NOWHERE, input_turns=True)
+    assert lookup(np.radians(-225.0)) == pytest.approx(-1.5e-6, abs=1e-14)
+    with pytest.raises(DataError, match="input_turns=False"):
+        SinumerikCec().encode(made, **CROSS)
+    with pytest.raises(TableError, match="repeats"):
+        SinumerikCec().encode(
+            CompensationTable(p, [0, 0, 0, 0, 1e-6], None, "C", "Z", 0.0),
+            **CROSS,
+            input_turns=True,
+            modulo=True,
+        )
+
+
+def test_limits(cross):
+    with pytest.raises(LimitError, match=r"101 entries over X, a table holds 100.*0.5051 mm"):
+        SinumerikCec().encode(cross, **CROSS, points_limit=100)
+    with pytest.raises(LimitError, match=r"X = 12 mm is 3 um.*2 um.*MD32720"):
+        SinumerikCec().encode(cross, **CROSS, value_limit=2e-6)
+    assert SinumerikCec().encode(cross, **CROSS, value_limit=4e-6, points_limit=101)
+
+
+def test_axes_must_fit(cross):
+    with pytest.raises(DataError, match="X -> Z"):
+        SinumerikCec().encode(cross, **OWN)
+    with pytest.raises(DataError, match="input_axis"):
+        SinumerikCec().encode(cross, input_axis="(AX1)", output_axis="AX3")
+    data = SinumerikCec().encode(cross, **CROSS).data
+    with pytest.raises(DataError, match="it is AX3"):
+        SinumerikCec().decode(data, NOWHERE, output_axis="AX2")
+
+
+def test_uneven_table_is_refused_or_resampled():
+    made = CompensationTable([0, 1e-3, 4e-3], [0, -1e-6, 0], None, "X", "Z", 0.0)
+
+    with pytest.raises(TableError, match="spacing="):
+        SinumerikCec().encode(made, **CROSS)
+    assert SinumerikCec().encode(made, **CROSS, spacing=1e-3).resampling_error < FLOAT
+
+
+def test_written_verified_and_read(tmp_path, table, measured):
+    path = tmp_path / "CEC.INI"
+
+    result = controllers.write(
+        table, path, "sinumerik-cec", verified_against=measured, sign_confirmed=True, **OWN
+    )
+
+    assert result.passed
+    back = controllers.read(path, "sinumerik-cec")
+    np.testing.assert_allclose(back.reverse, table.reverse, atol=QUANTUM + FLOAT, rtol=0)
+    assert (back.axis, back.reference) == ("X", table.reference)
+
+
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    n=st.integers(2, 40),
+    split=st.booleans(),
+    sign=st.sampled_from([1, -1]),
+    step=st.floats(1e-5, 0.1),
+    size=st.floats(1e-10, 1e-3),
+)
+@settings(derandomize=True, deadline=None, max_examples=50)
+def test_round_trip_is_within_the_quantisation(seed, n, split, sign, step, size):
+    rng = np.random.default_rng(seed)
+    p = rng.uniform(-1, 1) + step * np.arange(n)
+    c, r = size * rng.normal(size=(2, n))
+    made = CompensationTable(p, c, r if split else None, "X", "Z", float(p[0]))
+
+    encoded = SinumerikCec().encode(made, **CROSS, entry_sign=sign)
+
+    assert encoded.quantisation <= QUANTUM * 1.0001 + size * 1e-14
+    lookup = SinumerikCec().lookup(encoded.data, NOWHERE)
+    q = rng.uniform(p[0] - step, p[-1] + step, 100)
+    slope = 1e-12 * size * 10 / step
+    for d in (1, -1):
+        np.testing.assert_allclose(
+            lookup(q, d), made.correction(q, d), atol=encoded.quantisation + slope + FLOAT, rtol=0
+        )
+
+
+def shift(text, index, **changes):
+    """One table's lines with another index and other facts."""
+    body = text.split("CHANDATA(1)\n")[1].removesuffix("M17\n")
+    body = body.replace("[0,", f"[{index},").replace("[0]", f"[{index}]")
+    for key, value in changes.items():
+        body = re.sub(rf"({key}\[{index}\])=.*", rf"\1={value}", body)
+    return text.removesuffix("M17\n") + body + "M17\n"
+
+
+def test_several_tables():
+    other = shift(HAND, 4, INPUT_AXIS="(AX2)")
+    same = shift(HAND, 4)
+
+    with pytest.raises(UnsupportedFeatureError, match="tables 0, 4; choose"):
+        SinumerikCec().decode(other.encode(), NOWHERE, entry_sign=1)
+    assert SinumerikCec().decode(other.encode(), NOWHERE, entry_sign=1, table_index=4)
+    with pytest.raises(DataError, match="no table 1"):
+        SinumerikCec().decode(other.encode(), NOWHERE, entry_sign=1, table_index=1)
+    with pytest.raises(UnsupportedFeatureError, match="add up"):
+        SinumerikCec().decode(same.encode(), NOWHERE, entry_sign=1, table_index=0)
+    mixed = shift(HAND, 4, DIRECTION="1")
+    with pytest.raises(UnsupportedFeatureError, match="add up"):
+        SinumerikCec().decode(mixed.encode(), NOWHERE, entry_sign=1, table_index=4)
+    apart = shift(HAND.replace("DIRECTION[0]=0", "DIRECTION[0]=1"), 4, DIRECTION="-1", MIN="5.0")
+    apart = apart.replace("MAX[4]=10.0", "MAX[4]=15.0")
+    with pytest.raises(UnsupportedFeatureError, match="other positions"):
+        SinumerikCec().decode(apart.encode(), NOWHERE, entry_sign=1)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("M17\n", "", "cut short"),
+        ("$AN_CEC[0,1]=0.003\n", "", "0 ... 2"),
+        ("$AN_CEC[0,1]", "$AN_CEC[0.1]", "line 4.*commas"),
+        ("$AN_CEC[0,1]", "$AN_CEC[0,1,2]", "line 4.*no part"),
+        ("$AN_CEC[0,1]", "$AA_CEC[0,1]", "line 4.*no part"),
+        ("=0.003", "=0.003mm", "line 4 holds no number"),
+        ("(AX1)", "AX1", "line 6: INPUT_AXIS is a machine axis in parentheses"),
+        ("(AX1)", "(1)", "line 6"),
+        ("(AX3)", "()", "line 7"),
+        ("$AN_CEC_INPUT_AXIS[0]=(AX1)\n", "", "table 0 has no INPUT_AXIS"),
+        ("$AN_CEC_DIRECTION[0]=0\n", "", "no DIRECTION"),
+        ("DIRECTION[0]=0", "DIRECTION[0]=2", "DIRECTION is 0, 1 or -1"),
+        ("$AN_CEC_MULT_BY_TABLE[0]=0\n", "", "no MULT_BY_TABLE"),
+        ("TABLE[0]=0", "TABLE[0]=-1", "MULT_BY_TABLE is the number"),
+        ("STEP[0]=5.0", "STEP[0]=3.0", "multiple of STEP"),
+        ("MODULO[0]=0", "MODULO[0]=yes", "IS_MODULO is 0 or 1"),
+        ("MIN[0]=0.0", "MIN[1]=0.0", "table 0 has no MIN"),
+    ],
+)
+def test_damage_is_refused(old, new, words):
+    assert old in HAND
+
+    with pytest.raises(CorruptFileError, match=words) as caught:
+        SinumerikCec().decode(HAND.replace(old, new, 1).encode(), NOWHERE, entry_sign=1)
+    assert "\n" not in str(caught.value)
+
+
+def test_file_without_a_table_is_refused():
+    with pytest.raises(CorruptFileError, match="no table"):
+        SinumerikCec().decode(b"%_N_NC_CEC_INI\nCHANDATA(1)\nM17\n", NOWHERE, entry_sign=1)
+
+
+X = np.linspace(0.0, 40e-3, 41)
+Y = np.linspace(-10e-3, 10e-3, 11)
+
+
+@pytest.fixture(scope="module")
+def twisted(bump):
+    """A map that is a product, falling and not symmetric along both axes."""
+    return CompensationMap.from_error(lambda x, y: bump(x) * (1 + 30 * y), x=X, y=Y, exact=False)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_product_cancels_the_map(twisted, bump, sign):
+    encoded = SinumerikCecProduct().encode(twisted, **OVER, entry_sign=sign)
+    text = encoded.data.decode()
+    value = interpreter(text)
+
+    assert "$AN_CEC_MULT_BY_TABLE[0]=2\n" in text  # number of a table = index + 1
+    assert "$AN_CEC_MULT_BY_TABLE[1]=0\n" in text
+    assert "sign not documented: dry-run on the machine first" in text
+    zero = bump(0.0) * (1 + 30 * 0.0)
+    before = []
+    for px, py in ((12e-3, 8e-3), (12e-3, -8e-3), (20e-3, 4e-3), (31e-3, -10e-3)):
+        error = bump(px) * (1 + 30 * py) - zero
+        before.append(error)
+        added = -sign * value("AX3", {"AX1": px * 1e3, "AX2": py * 1e3}, {}) * 1e-3
+        assert error + added == pytest.approx(0.0, abs=3e-9)
+    assert max(before) > 3.5e-6
+    back = SinumerikCecProduct().decode(encoded.data, NOWHERE)
+    np.testing.assert_allclose(back.values, twisted.values, atol=1e-9, rtol=0)
+
+
+def test_product_uses_entries_that_are_read_back(twisted):
+    encoded = SinumerikCecProduct().encode(twisted, **OVER)
+    value = interpreter(encoded.data.decode())
+    lookup = SinumerikCecProduct().lookup(encoded.data, NOWHERE)
+
+    for px, py in np.random.default_rng(2).uniform(-20e-3, 60e-3, (40, 2)):
+        c = -value("AX3", {"AX1": px * 1e3, "AX2": py * 1e3}, {}) * 1e-3
+        assert lookup(px, py) == pytest.approx(c, abs=FLOAT)
+
+
+def test_map_that_is_no_product_is_refused_unless_waived(bump):
+    made = CompensationMap.from_error(
+        lambda x, y: bump(x) + 2e-6 * np.exp(-((y / 4e-3) ** 2)), x=X, y=Y, exact=False
+    )
+
+    with pytest.raises(LimitError, match=r"no product.*misses it by up to.*accept_residual"):
+        SinumerikCecProduct().encode(made, **OVER)
+    encoded = SinumerikCecProduct().encode(made, **OVER, accept_residual=True)
+
+    # the best product of rank one: what singular values say about it
+    left, sizes, right = np.linalg.svd(made.values)
+    residual = made.values - sizes[0] * np.outer(left[:, 0], right[0])
+    assert encoded.notes["residual_max_m"] == pytest.approx(np.abs(residual).max(), abs=1e-12)
+    assert encoded.notes["residual_max_m"] > 0.1 * np.ptp(made.values)
+    assert any("stay" in f.problem for f in encoded.findings)
+
+
+def test_product_of_other_axes_is_refused(twisted):
+    with pytest.raises(DataError, match="X, Y -> Z"):
+        SinumerikCecProduct().encode(twisted, **{**OVER, "output_axis": "AX1"})
+    with pytest.raises(DataError, match="AX1, AX1"):
+        SinumerikCecProduct().encode(twisted, **{**OVER, "second_input_axis": "AX1"})
+    with pytest.raises(LimitError, match="41 entries over X"):
+        SinumerikCecProduct().encode(twisted, **OVER, points_limit=40)
+    with pytest.raises(LimitError, match="MD32720"):
+        SinumerikCecProduct().encode(twisted, **OVER, value_limit=1e-6)
+    with pytest.raises(TableError, match="zero everywhere"):
+        SinumerikCecProduct().encode(CompensationMap(X, Y, np.zeros((11, 41))), **OVER)
+
+
+def test_product_over_a_turning_axis():
+    c = np.radians([0.0, 90.0, 180.0])
+    made = CompensationMap(
+        X[:3], c, np.outer([0, 1e-6, 3e-6], [1, 2, 3]), axes=("X", "C"), reference=(0, 0)
+    )
+
+    encoded = SinumerikCecProduct().encode(made, **OVER)
+
+    assert b"$AN_CEC_STEP[1]=90.0\n" in encoded.data
+    back = SinumerikCecProduct().decode(encoded.data, NOWHERE)
+    np.testing.assert_allclose(back.y, c, atol=1e-12, rtol=0)
+    assert back.axes == ("X", "C")
+
+
+def test_product_written_and_read(tmp_path, twisted):
+    path = tmp_path / "x.INI"
+
+    controllers.write(
+        twisted,
+        path,
+        "sinumerik-cec-product",
+        allow_unverified=True,
+        sign_confirmed=True,
+        **OVER,
+    )
+
+    back = controllers.read(path, "sinumerik-cec-product")
+    np.testing.assert_allclose(back.values, twisted.values, atol=1e-9, rtol=0)
+    assert back.reference == twisted.reference
+    with pytest.raises(UnsupportedFeatureError, match="sinumerik-cec-product"):
+        controllers.read(path, "sinumerik-cec")
+
+
+def test_product_with_a_table_missing():
+    text = HAND.replace("TABLE[0]=0", "TABLE[0]=2")
+
+    with pytest.raises(UnsupportedFeatureError, match="1 tables of which 1"):
+        SinumerikCecProduct().decode(text.encode(), NOWHERE, entry_sign=1)
+    with pytest.raises(CorruptFileError, match="index 1, which is not in the file"):
+        SinumerikCecProduct().decode(
+            shift(text, 4, MULT_BY_TABLE="0").encode(), NOWHERE, entry_sign=1
+        )
+    with pytest.raises(UnsupportedFeatureError, match="direction"):
+        SinumerikCecProduct().decode(
+            shift(text, 1, MULT_BY_TABLE="0", DIRECTION="1").encode(), NOWHERE, entry_sign=1
+        )
+
+
+@given(seed=st.integers(0, 2**32 - 1), n=st.integers(2, 10), m=st.integers(2, 10))
+@settings(derandomize=True, deadline=None, max_examples=40)
+def test_product_round_trip(seed, n, m):
+    rng = np.random.default_rng(seed)
+    made = CompensationMap(
+        0.01 * np.arange(n),
+        0.02 * np.arange(m),
+        1e-6 * np.outer(rng.normal(size=m), rng.normal(size=n)),
+    )
+
+    encoded = SinumerikCecProduct().encode(made, **OVER)
+    back = SinumerikCecProduct().decode(encoded.data, NOWHERE)
+
+    assert encoded.quantisation <= 2 * QUANTUM  # the factor is at most one
+    np.testing.assert_allclose(back.values, made.values, atol=2 * QUANTUM + FLOAT, rtol=0)
