@@ -38,6 +38,8 @@ FloatArray = NDArray[np.float64]
 _TURN = 2.0 * math.pi
 _NODE = 1e-9
 """A point counts as reached this part of a step early: positions are not exact in binary."""
+_MOST = 5_000_000
+"""More points than any wave table holds: speed or rate has the wrong unit."""
 _WHOLE = 1e-6
 """Fraction of a point within which a turn must be a whole number of points."""
 
@@ -217,6 +219,8 @@ def plan(
         If speed, points or rotation are missing, or a turn is no whole number of points.
     TableError
         If the pass starts behind its end.
+    LimitError
+        If it has more points than any generator holds.
     """
     rate = int(options["rate"])
     if options["motion"] == "turn":
@@ -249,6 +253,7 @@ def _turn_points(options: dict[str, Any], dwell: float) -> int:
             raise DataError("a turn needs points= (of one turn) or rotation= (such as '1 Hz')")
         return int(points)
     wanted = 1.0 / (rotation * dwell)
+    _require_possible(wanted)
     n: int = round(wanted)
     if n < 2 or abs(wanted - n) > _WHOLE or (points is not None and points != n):
         near = max(n, 2) if points is None else int(points)
@@ -261,6 +266,7 @@ def _turn_points(options: dict[str, Any], dwell: float) -> int:
 
 
 def _pass_points(start: float, end: float, step: float) -> int:
+    _require_possible((end - start) / step)
     n = math.ceil((end - start) / step - _NODE) + 1
     if n < 2:
         raise TableError(
@@ -268,6 +274,14 @@ def _pass_points(start: float, end: float, step: float) -> int:
             f"{format_length(end)}; state where it starts (start=) and its direction"
         )
     return n
+
+
+def _require_possible(points: float) -> None:
+    if points > _MOST:
+        raise LimitError(
+            f"the wave would have {points:.3g} points; use a larger rate= (or sample_time=), and check "
+            "the unit of the speed"
+        )
 
 
 def sampled(
@@ -299,6 +313,8 @@ def sampled(
         If the table has two columns, does not cover pass or turn, or does not close.
     DataError
         If `plan` misses something.
+    LimitError
+        If there are more points than any generator holds.
     """
     if table.reverse is not None:
         raise TableError(
@@ -309,34 +325,40 @@ def sampled(
     end = high if options["direction"] > 0 else low
     play = plan(options, period=period, interpolates=interpolates, end=end)
     places = play.positions()
-    begin = low if play.direction > 0 else high
-    if play.direction * (places[0] - begin) < -1e-9 * (high - low):
+    if play.is_cyclic:
+        _require_closed(table, options["closing"])
+    elif play.direction * (places[0] - (low if play.direction > 0 else high)) < -1e-9 * (
+        high - low
+    ):
         raise TableError(
             f"the wave starts at {places[0]:.9g}, the table covers {low:.9g} ... {high:.9g} (m or "
             "rad); start inside the table"
         )
-    if play.is_cyclic:
-        _require_closed(table, places, options["closing"])
-    return play, np.asarray(table.correction(places[: play.n]))
+    return play, _wanted(table, play, places[: play.n])
 
 
-def _require_closed(table: CompensationTable, places: FloatArray, closing: float) -> None:
+def _require_closed(table: CompensationTable, closing: float) -> None:
     low, high = table.span
-    margin = 1e-9 * (high - low)
-    if places.min() < low - margin or places.max() > high + margin:
+    if high - low < _TURN - _NODE:
         raise TableError(
-            f"a turn goes from {math.degrees(places.min()):.9g} deg to "
-            f"{math.degrees(places.max()):.9g} deg, the table covers {math.degrees(low):.9g} ... "
+            f"a turn needs 360 deg, the table covers {math.degrees(low):.9g} ... "
             f"{math.degrees(high):.9g} deg; measure the whole turn, or play it as a pass"
         )
-    first, last = (float(v) for v in table.correction(places[[0, -1]]))
+    first, last = (float(v) for v in table.correction([low, low + _TURN]))
     if abs(last - first) > closing:
         raise TableError(
             f"the correction is {format_length(first)} at the beginning of the turn and "
             f"{format_length(last)} at its end: the stage would jump by "
             f"{format_length(abs(last - first))} every turn; take the drift out of the error "
-            "(e = a part that repeats), or accept the jump with closing="
+            "(only what repeats can be played), or accept the jump with closing="
         )
+
+
+def _wanted(table: CompensationTable, play: Playback, places: FloatArray) -> FloatArray:
+    """Return the table's corrections, of a turn wherever it starts."""
+    low = table.span[0]
+    wrapped = low + np.mod(places - low, _TURN) if play.is_cyclic else places
+    return np.asarray(table.correction(wrapped))
 
 
 def rebuilt(play: Playback, values: FloatArray, table: CompensationTable) -> CompensationTable:
@@ -385,7 +407,7 @@ def resampling_error(play: Playback, values: FloatArray, table: CompensationTabl
     places = np.concatenate([play.start + play.step * index.ravel(), table.positions])
     ends = play.positions()[[0, -1]]
     places = places[(places >= ends.min()) & (places <= ends.max())]
-    return float(np.abs(play.played(values, places) - table.correction(places)).max())
+    return float(np.abs(play.played(values, places) - _wanted(table, play, places)).max())
 
 
 def rest_position(options: dict[str, Any]) -> float:

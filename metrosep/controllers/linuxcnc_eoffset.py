@@ -157,7 +157,8 @@ class LinuxCNCEoffset(Dialect):
         back = np.array(counts, dtype=np.float64) * unit
         return Encoded(
             data=grid.text().encode("ascii"),
-            quantisation=float(np.abs(back - table.values).max()),
+            # what is between the nodes is rounded to whole counts once more
+            quantisation=float(np.abs(back - table.values).max()) + 0.5 * unit,
             step=unit,
             notes={"hal": grid.hal_lines(), "ini": grid.ini_lines()},
         )

@@ -168,7 +168,11 @@ class NV200(Dialect):
 
         Parameters
         ----------
-        data, path, options
+        data : bytes
+            Content of the file.
+        path : Path
+            Its name, for messages and the sidecar.
+        **options
             As for `decode`.
 
         Returns

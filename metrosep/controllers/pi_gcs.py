@@ -195,7 +195,11 @@ class PiGcs(Dialect):
 
         Parameters
         ----------
-        data, path, options
+        data : bytes
+            Content of the file.
+        path : Path
+            Its name, for messages and the sidecar.
+        **options
             As for `decode`.
 
         Returns

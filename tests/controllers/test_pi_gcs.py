@@ -249,6 +249,36 @@ def test_turn_that_does_not_close_is_refused():
     assert encode(turn_table(closing=5e-9), **TURN, points=360, closing="5.1 nm").data
 
 
+@pytest.mark.parametrize("direction", [1, -1])
+@pytest.mark.parametrize("start", ["0 deg", "90 deg", "-400 deg"])
+def test_turn_may_start_anywhere_and_run_either_way(start, direction):
+    table = turn_table()
+    given = {**TURN, "points": 720, "start_angle": start, "direction": direction}
+    options = checked_options(given, PiGcs.options, "pi-gcs")
+    made = PiGcs().encode(table, **{**options, "interpolation": 0})
+    points = [
+        float(v) for x in made.data.decode().split("\n") if "PNT" in x for v in x.split()[6:]
+    ]
+
+    first = math.radians(float(start.split()[0]))
+    angle = np.mod(first + direction * np.arange(720) * 2 * math.pi / 720, 2 * math.pi)
+    wanted = np.interp(angle, table.positions, table.forward)
+    assert np.array(points) * 1e-6 == pytest.approx(wanted, abs=1e-12)
+    lookup = PiGcs().lookup(
+        made.data,
+        NOWHERE,
+        **{k: v for k, v in options.items() if v is not None and k != "interpolation"},
+    )
+    assert lookup(angle + direction * 1e-4) == pytest.approx(wanted, abs=1e-12)
+
+
+def test_unit_of_the_speed_gone_wrong_is_refused(one_way):
+    with pytest.raises(LimitError, match="check the unit of the speed"):
+        encode(one_way, polarity=1, travel=15e-6, speed=1e-12)
+    with pytest.raises(LimitError, match="check the unit of the speed"):
+        encode(turn_table(), **TURN, rotation=1e-9)
+
+
 def test_turn_not_measured_whole_is_refused():
     angle = np.linspace(0, 6.0, 50)
     table = CompensationTable(angle, 0 * angle, None, "C", "Z", 0.0)
@@ -337,7 +367,9 @@ def test_two_columns_are_refused(table):
 
 
 def test_travel_is_kept(one_way):
-    with pytest.raises(LimitError, match=r"displacement of -500 nm, the stage moves 0 \.\.\. 5 um"):
+    with pytest.raises(
+        LimitError, match=r"displacement of -500 nm, the stage moves 0 \.\.\. 5 um"
+    ):
         encode(one_way, polarity=1, travel=5e-6, speed=1e-3, rate=200)
     assert encode(one_way, polarity=1, travel=5e-6, offset=3.5e-6, speed=1e-3, rate=200).data
 

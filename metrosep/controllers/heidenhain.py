@@ -1,0 +1,330 @@
+"""HEIDENHAIN value table (.COM) of iTNC 530, TNC 6xx and MANUALplus: nonlinear axis errors.
+
+Entry: the error +e in mm, by analogy with MP720 (positive if the travel is too long); for .COM
+itself the sign is not documented. BACKLASH holds the values measured in the negative direction.
+Positions refer to the machine datum and are equally spaced; no comment is possible in the file.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.compensation.limits import Finding
+from metrosep.compensation.rounding import round_entries
+from metrosep.compensation.table import CompensationTable
+from metrosep.controllers._increments import (
+    Resampling,
+    ascii_lines,
+    carry,
+    fact,
+    fixed,
+    mm_value,
+    require_linear,
+    uniform_positions,
+)
+from metrosep.controllers.base import DialectInfo, Encoded, identity
+from metrosep.controllers.options import Option
+from metrosep.core.errors import CorruptFileError, DataError, LimitError, TableError
+from metrosep.core.units import format_length
+
+__all__ = ["Heidenhain"]
+
+FloatArray = NDArray[np.float64]
+
+_TITLE = "HEIDENHAIN compensation value table (.COM)"
+_CAPACITY = 256
+_STEEPEST = 1.0 / 64.0
+"""Largest difference of neighbours over their spacing in the 64-point form of older controls."""
+_DIGIT = 1e-7
+"""Positions have four decimals of a mm at least, m."""
+_LARGEST = 9.0
+"""Largest entry that fits its column, m."""
+
+_COLUMNS = (6, 16, 16, 16)
+"""Width of the columns NR, AXISPOS, BACKLASH and that of the dependent axis."""
+_AXIS = re.compile(r"[A-Z]\d?")
+_BEGIN = re.compile(r"BEGIN (\w{1,16})\.COM MM", re.ASCII)
+_NAME = re.compile(r"([A-Z]\d?)_([A-Z]\d?)")
+_VALUE = re.compile(r"[+-]?\d{1,6}\.\d{1,9}")
+
+
+class Heidenhain(Resampling):
+    """Writer and reader of .COM tables; see the module."""
+
+    info = DialectInfo(
+        id="heidenhain",
+        title=_TITLE,
+        entry="error +e of the dependent axis",
+        units="mm",
+        max_points=_CAPACITY,
+        outside="not documented; taken as constant beyond both ends: cover the whole travel",
+        sign_status="+e by analogy with MP720 (error positive if the travel is too long); for .COM "
+        "not documented: dry-run first",
+        activation=(
+            "copy the .COM file to the control, beside its .CMA file",
+            "enter its name in the .CMA file (config.cma) in the column of the axis that is looked up",
+            "mark that line as active (column ACTIVE, soft key, or PLC module 9095)",
+            (
+                "iTNC 530: set the bit of the axis in MP730 to nonlinear; MP4070 limits the change of a "
+                "cycle; newer controls: the table is active with its line"
+            ),
+            "traverse the axis with a laser or gauge: the error must shrink, else entry_sign=-1",
+            "take MP750 / MP_backLash out where BACKLASH holds the reverse values",
+        ),
+        sign="unconfirmed",
+        spacing="uniform",
+        resolution="0.1 um, finer where the control takes the digits",
+        reference_rule="positions refer to the machine datum (MP960 / MP_refPosition)",
+        suffix=".com",
+        example={},
+        page="heidenhain",
+    )
+
+    options = (
+        Option("interval", "spacing; that of the table if omitted", "length", positive=True),
+        Option(
+            "resolution",
+            "last digit of an entry, a power of ten of mm",
+            "length",
+            default=1e-7,
+            lowest=1e-12,
+            highest=1e-6,
+        ),
+        Option("entry_sign", "k in entry = k e", "choice", default=1, choices=(-1, 1)),
+    )
+
+    def encode(self, table: CompensationTable, **options: Any) -> Encoded:
+        """Return the table text.
+
+        Parameters
+        ----------
+        table : CompensationTable
+            Corrections; with two columns the reverse one goes into BACKLASH.
+        **options
+            Spacing, resolution and sign.
+
+        Returns
+        -------
+        Encoded
+            ASCII, CRLF.
+
+        Raises
+        ------
+        TableError
+            If an axis turns or has a name of more than a letter and a digit, another axis is
+            corrected differently in the two directions, or the spacing is not a multiple of the
+            resolution.
+        LimitError
+            If there are more than 256 points or an entry is too large for its column.
+        DataError
+            If the resolution is no power of ten of a millimetre.
+        """
+        require_linear((table.axis, table.compensates), _TITLE)
+        _require_axes(table)
+        unit = options["resolution"]
+        decimals = _decimals(unit)
+        digit = min(unit, _DIGIT)
+        positions = uniform_positions(
+            table,
+            interval=options["interval"],
+            quantum=digit,
+            max_points=_CAPACITY,
+            title=_TITLE,
+        )
+        positions = np.rint(positions / digit) * digit
+        carried = carry(table, positions)
+        made = carried.table
+        k = -options["entry_sign"]
+        forward = round_entries(k * made.forward, unit)
+        reverse = None if made.reverse is None else round_entries(k * made.reverse, unit)
+        rounded = [forward] if reverse is None else [forward, reverse]
+        largest = max(float(np.abs(r.values).max()) for r in rounded)
+        if largest > _LARGEST:
+            raise LimitError(
+                f"an entry of {format_length(largest)} fits no column; check the units"
+            )
+        texts = [[fixed(float(v) * 1e3, decimals) for v in r.values] for r in rounded]
+        places = [fixed(float(p) * 1e3, max(decimals, 4)) for p in positions]
+        backlash = [""] * len(places) if reverse is None else texts[1]
+        lines = [
+            f"BEGIN {table.axis}_{table.compensates}.COM MM",
+            _line("NR", "AXISPOS", "BACKLASH", table.compensates),
+            *(
+                _line(str(i), p, b, v)
+                for i, (p, b, v) in enumerate(zip(places, backlash, texts[0], strict=True))
+            ),
+            "[END]",
+        ]
+        return Encoded(
+            ("\r\n".join(lines) + "\r\n").encode("ascii"),
+            max(r.error for r in rounded),
+            step=unit,
+            carried=made,
+            resampling_error=carried.error,
+            findings=_steep(made),
+        )
+
+    def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
+        """Return the table.
+
+        Parameters
+        ----------
+        data : bytes
+            Content of the file.
+        path : Path
+            Its name, for messages and the sidecar.
+        **options
+            Sign of entries, where no sidecar tells.
+
+        Returns
+        -------
+        CompensationTable
+            Two columns if BACKLASH is filled.
+
+        Raises
+        ------
+        CorruptFileError
+            If a line is no line of the table, lines are missing, or positions are not equally
+            spaced.
+        LimitError
+            If there are more than 256 lines.
+        DataError
+            If the sign of entries is not told.
+        """
+        lines = ascii_lines(data, path, "HEIDENHAIN table")
+        if len(lines) < 3 or lines[-1] != "[END]":
+            raise CorruptFileError(
+                path, "the table does not end with [END]: it was cut short", hint="write it again"
+            )
+        begin = _BEGIN.fullmatch(lines[0])
+        if begin is None:
+            raise CorruptFileError(
+                path,
+                f"the first line is not 'BEGIN name.COM MM' but {lines[0][:60]!r}",
+                hint="only tables in mm are read",
+            )
+        sign = fact(self, "entry_sign", options, {}, path)
+        target = _target(lines[1], path)
+        rows = [_row(line, i, path) for i, line in enumerate(lines[2:-1])]
+        if len(rows) > _CAPACITY:
+            raise LimitError(f"{path}: {len(rows)} lines, the control takes {_CAPACITY}")
+        p = np.array([r[0] for r in rows])
+        _require_even(p, path)
+        forward = -sign * np.array([r[2] for r in rows]) + 0.0
+        filled = [r[1] is not None for r in rows]
+        if any(filled) and not all(filled):
+            raise CorruptFileError(
+                path,
+                f"line {filled.index(False)}: BACKLASH is empty here and filled elsewhere",
+                hint="fill the whole column or none of it",
+            )
+        reverse = -sign * np.array([r[1] for r in rows]) + 0.0 if all(filled) else None
+        fields = {**identity(path, first=float(p[0])), "compensates": target}
+        named = _NAME.fullmatch(begin[1])
+        if named is not None:
+            if named[2] != target:
+                raise CorruptFileError(
+                    path,
+                    "name and column say another axis",
+                    expected=named[2],
+                    found=target,
+                    hint="write the table again",
+                )
+            fields["axis"] = named[1]
+        return CompensationTable(
+            positions=p, forward=forward, reverse=reverse, is_exact_inverse=True, **fields
+        )
+
+
+def _require_axes(table: CompensationTable) -> None:
+    for name in (table.axis, table.compensates):
+        if not _AXIS.fullmatch(name):
+            raise TableError(f"axis {name!r} is no HEIDENHAIN axis: a capital and perhaps a digit")
+    if not table.is_on_axis and table.reverse is not None:
+        raise TableError(
+            f"BACKLASH belongs to {table.axis} itself, this table is {table.axis} -> "
+            f"{table.compensates}; make it with direction='both'"
+        )
+
+
+def _decimals(unit: float) -> int:
+    decimals = round(-math.log10(unit / 1e-3))
+    if abs(unit * 10.0**decimals / 1e-3 - 1.0) > 1e-9:
+        raise DataError(
+            f"resolution={unit!r} m is no power of ten of a millimetre; use such as '100 nm' or '10 nm'"
+        )
+    return decimals
+
+
+def _steep(table: CompensationTable) -> tuple[Finding, ...]:
+    columns = [table.forward] if table.reverse is None else [table.forward, table.reverse]
+    step = float(np.diff(table.positions)[0])
+    worst = max(float(np.abs(np.diff(c)).max()) for c in columns)
+    if worst <= _STEEPEST * step:
+        return ()
+    return (
+        Finding(
+            "warning",
+            f"neighbours differ by {format_length(worst)}, more than 1/64 of their spacing "
+            f"{format_length(step)}: older controls (TNC 407) refuse that",
+            "check the units of the table",
+            "coarse",
+        ),
+    )
+
+
+def _line(*cells: str) -> str:
+    return "".join(c.ljust(w) for c, w in zip(cells, _COLUMNS, strict=True)).rstrip()
+
+
+def _cells(line: str) -> list[str]:
+    cells, start = [], 0
+    for width in _COLUMNS:
+        cells.append(line[start : start + width].strip())
+        start += width
+    return [*cells, line[start:].strip()]
+
+
+def _target(line: str, path: Path) -> str:
+    cells = _cells(line)
+    if cells[:3] != ["NR", "AXISPOS", "BACKLASH"] or cells[4] or not _AXIS.fullmatch(cells[3]):
+        raise CorruptFileError(
+            path,
+            f"the columns are not NR, AXISPOS, BACKLASH and one axis but {line[:60]!r}",
+            hint="tables with several dependent axes are not read: one file for each",
+        )
+    return cells[3]
+
+
+def _row(line: str, number: int, path: Path) -> tuple[float, float | None, float]:
+    cells = _cells(line)
+    good = cells[0] == str(number) and not cells[4]
+    good = good and all(_VALUE.fullmatch(c) for c in (cells[1], cells[3]))
+    if not good or not (cells[2] == "" or _VALUE.fullmatch(cells[2])):
+        raise CorruptFileError(
+            path,
+            f"line {number} of the table cannot be read: {line[:70]!r}",
+            hint="number, position, reverse value or nothing, value: write the table again",
+        )
+    reverse = None if cells[2] == "" else mm_value(cells[2])
+    return mm_value(cells[1]), reverse, mm_value(cells[3])
+
+
+def _require_even(p: FloatArray, path: Path) -> None:
+    if p.size < 2:
+        raise CorruptFileError(path, "a table needs at least 2 lines", found=p.size)
+    even = np.linspace(p[0], p[-1], p.size)
+    off = np.abs(p - even)
+    if (np.diff(p) <= 0).any() or off.max() > 1e-10:
+        raise CorruptFileError(
+            path,
+            f"line {int(off.argmax())}: the positions are not equally spaced and rising",
+            found=f"{p[int(off.argmax())] * 1e3:.9g} mm",
+            hint="the control needs equal steps",
+        )

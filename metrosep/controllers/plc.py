@@ -1,0 +1,565 @@
+"""A polynomial as text for a PLC: IEC 61131-3 structured text, or a Turbo PMAC PLC program.
+
+The file computes what is ADDED to the command at a position: ``y = s c(x) + offset`` with the
+correction c = -e, whatever the fit states (`PolynomialFit.quantity`), where s = -1 if a positive y
+moves the tool against the corrected axis. Position is held at the ends of the domain, as a
+polynomial is good for nothing outside of it. Horner form, decimals without exponent, no signs in
+front of a coefficient but the first.
+
+Reference: the dual-servo paper, equation 1 (y = a0 + a1 x + a2 x^2, y in um, x in mm, fed to the
+machine's controller; its piezo moves against Z).
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from decimal import Decimal
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.polynomial import Polynomial, legendre
+from numpy.typing import NDArray
+
+from metrosep.compensation.limits import Finding
+from metrosep.compensation.polynomial import PolynomialFit
+from metrosep.controllers._horner import UNSIGNED, Printed, horner, parsed_horner
+from metrosep.controllers._plain_text import (
+    ascii_lines,
+    decimal,
+    facts_of,
+    one_way,
+    resolved,
+    scaled,
+)
+from metrosep.controllers.base import Dialect, DialectInfo, Encoded, Simulator, load_sidecar
+from metrosep.controllers.options import Option
+from metrosep.core.errors import CorruptFileError, DataError, LimitError, TableError
+from metrosep.core.units import format_length
+
+__all__ = ["PLCStructuredText", "PLCTurboPMAC"]
+
+FloatArray = NDArray[np.float64]
+
+_PLACES = {"m": 0, "mm": 3, "um": 6, "nm": 9}
+"""Decimal places from m."""
+
+_FEMTOMETRE = 15
+"""Decimals of the domain's ends in m."""
+
+_POINTS = 2001
+_COARSE = 0.1
+"""Digits that cost more than this share of the corrections' span are refused."""
+
+_IDENTIFIER = r"[A-Za-z][A-Za-z0-9_]{0,30}"
+_RESERVED = {
+    *("X", "H", "AND", "BY", "CASE", "DO", "ELSE", "ELSIF", "END_FUNCTION", "END_IF", "END_VAR"),
+    *("EXIT", "FALSE", "FOR", "FUNCTION", "IF", "LIMIT", "LREAL", "MOD", "NOT", "OF", "OR"),
+    *("PROGRAM", "REAL", "REPEAT", "RETURN", "THEN", "TO", "TRUE", "UNTIL", "VAR", "VAR_INPUT"),
+    *("WHILE", "XOR"),
+}
+"""Names that a function of structured text cannot have."""
+
+_TOLD = ("x_unit", "y_unit", "actuator_sign")
+"""Options that are never guessed when a file is read."""
+
+_LINE = 200
+"""Characters of a line that PMAC surely takes."""
+
+
+_COMMON = (
+    Option(
+        "actuator_sign",
+        "-1 if a positive y moves the tool against the corrected axis (a piezo opposite to Z)",
+        "choice",
+        default=1,
+        choices=(1, -1),
+    ),
+    Option("stroke", "largest y that the actuator can do", "length", positive=True),
+    Option("unipolar", "the actuator takes no negative y", "flag", default=False),
+    Option("offset", "constant added to y, so that an actuator can go both ways", "length",
+           default=0.0),
+    Option("digits", "significant digits of a coefficient", "integer", default=9, lowest=3,
+           highest=17),
+    Option("x_unit", "unit of the position in the PLC", "choice", default="mm",
+           choices=("m", "mm", "um")),
+    Option("y_unit", "unit of y in the PLC", "choice", default="um", choices=("mm", "um", "nm")),
+)  # fmt: skip
+
+
+class _Polynomial(Dialect):
+    """What the two texts have in common."""
+
+    options: ClassVar[tuple[Option, ...]] = _COMMON
+    comment: ClassVar[tuple[str, str]]
+    mantissa: ClassVar[int]
+
+    @abstractmethod
+    def _body(self, numbers: Sequence[str], **options: Any) -> list[str]:
+        """Return the lines without comments."""
+
+    @abstractmethod
+    def _parsed(self, code: list[tuple[int, str]], path: Path) -> Printed:
+        """Return the polynomial of numbered lines without comments and blanks."""
+
+    def encode(self, table: PolynomialFit, **options: Any) -> Encoded:
+        """Return the text.
+
+        Parameters
+        ----------
+        table : PolynomialFit
+            States whether it is the error or the correction.
+        **options
+            See `options`.
+
+        Returns
+        -------
+        Encoded
+            ASCII, LF; what the printed digits cost is its quantisation.
+
+        Raises
+        ------
+        TableError
+            If the fit does not state what it is, or is not finite.
+        LimitError
+            If a line would be longer than the controller takes.
+        DataError
+            If a name is no identifier, or variables coincide.
+        """
+        _require_finite(table)
+        x_places, y_places = _PLACES[options["x_unit"]], _PLACES[options["y_unit"]]
+        sign = options["actuator_sign"] * (-1 if table.quantity == "error" else 1)
+        scale = 10.0 ** (y_places - x_places * np.arange(table.degree + 1))
+        exact = sign * table.coefficients * scale
+        exact[0] += options["offset"] * 10.0**y_places
+        low, high = (scaled(round(end, _FEMTOMETRE), x_places) for end in table.domain)
+        far = max(abs(float(low)), abs(float(high)))
+        share = np.abs(exact) * far ** np.arange(exact.size)
+        exact[share < 10.0 ** -(options["digits"] + 3) * share.max()] = 0.0  # less than a digit
+        numbers = [decimal(float(c), options["digits"]) for c in exact]
+        printed = Printed(np.array([float(n) for n in numbers]), float(low), float(high))
+        x = np.linspace(*table.domain, _POINTS)
+        y = sign * table.evaluate(x) + options["offset"]
+        text = [f"{self.comment[0]} {line} {self.comment[1]}".rstrip() for line in
+                _comments(table, options, y)]  # fmt: skip
+        text += self._body([low, high, *numbers], **options)
+        data = ("\n".join(text) + "\n").encode("ascii")
+        read = self._read(data, Path(os.devnull), options)[0]
+        cost = float(np.abs(read.at(x * 10.0**x_places) / 10.0**y_places - y).max())
+        rounding = self._rounding(printed) / 10.0**y_places
+        return Encoded(
+            data=data,
+            quantisation=cost,
+            findings=_doubts(y, cost + rounding, options),
+            notes={
+                "y_range_m": [float(y.min()), float(y.max())],
+                "quantity_of_the_fit": table.quantity,
+                "rounding_of_the_controller_m": rounding,
+            },
+        )
+
+    def _rounding(self, printed: Printed) -> float:
+        """Return a bound of what the arithmetic of the controller rounds, in the unit of y."""
+        far = max(abs(printed.low), abs(printed.high))
+        powers = np.arange(printed.coefficients.size)
+        terms = np.abs(printed.coefficients) * far**powers
+        return float((2.0 * powers + 2.0) @ terms * 2.0**-self.mantissa)
+
+    def decode(self, data: bytes, path: Path, **options: Any) -> PolynomialFit:
+        """Return the correction that the text computes.
+
+        Parameters
+        ----------
+        data : bytes
+            Content of the file.
+        path : Path
+            Its name, for messages and the sidecar.
+        **options
+            What neither comments nor sidecar tell.
+
+        Returns
+        -------
+        PolynomialFit
+            Of the corrected axis, quantity "compensation", without offset; its residual is that of
+            the sidecar, else NaN, its covariance is not known.
+
+        Raises
+        ------
+        CorruptFileError
+            If the text is not one of these.
+        """
+        printed, known = self._read(data, path, options)
+        x_places, y_places = _PLACES[known["x_unit"]], _PLACES[known["y_unit"]]
+        series = Polynomial(printed.coefficients).convert(
+            kind=legendre.Legendre, domain=[printed.low, printed.high], window=[-1, 1]
+        )
+        full = np.zeros(printed.coefficients.size)
+        full[: series.coef.size] = np.asarray(series.coef, dtype=np.float64) / 10.0**y_places
+        full[0] -= known["offset"]
+        beside = load_sidecar(path).get("table")
+        residual = beside.get("residual_rms_m") if isinstance(beside, dict) else None
+        return PolynomialFit(
+            legendre_coefficients=known["actuator_sign"] * full,
+            cov=None,
+            cov_source="unknown: the file of a PLC tells none",
+            domain=(_metres(printed.low, x_places), _metres(printed.high, x_places)),
+            quantity="compensation",
+            residual_rms=float("nan") if residual is None else float(residual),
+            chosen_by="file",
+        )
+
+    def lookup(self, data: bytes, path: Path, **options: Any) -> Simulator:
+        """Return what the controller adds to the corrected axis, with the printed digits.
+
+        Parameters
+        ----------
+        data : bytes
+            Content of the file.
+        path : Path
+            Its name, for messages and the sidecar.
+        **options
+            As for `decode`.
+
+        Returns
+        -------
+        callable
+            ``(position, direction=1)`` to the correction in m; that of the nearest end outside the
+            domain, the same in both directions.
+
+        Raises
+        ------
+        CorruptFileError
+            If anything is not as the controller would take it.
+        DataError
+            If an option that is needed is told nowhere.
+        """
+        printed, known = self._read(data, path, options)
+        x_scale, y_scale = (10.0 ** _PLACES[known[u]] for u in ("x_unit", "y_unit"))
+
+        def at(position: FloatArray) -> FloatArray:
+            y = printed.at(position * x_scale) / y_scale
+            return np.asarray(known["actuator_sign"] * (y - known["offset"]))
+
+        return one_way(at)
+
+    def _read(
+        self, data: bytes, path: Path, options: Mapping[str, Any]
+    ) -> tuple[Printed, dict[str, Any]]:
+        opening, closing = (re.escape(c) for c in self.comment)
+        pattern = re.compile(rf"{opening}(.*?){closing or '$'}")
+        lines = ascii_lines(data, path, "text of a PLC")
+        comments = [m[1] for line in lines for m in pattern.finditer(line)]
+        code = [
+            (i, re.sub(r"\s+", " ", pattern.sub("", line)).strip())
+            for i, line in enumerate(lines, start=1)
+        ]
+        known = resolved(options, facts_of(comments), path, self.options, _TOLD)
+        printed = self._parsed([(i, text) for i, text in code if text], path)
+        if not printed.high > printed.low:
+            raise CorruptFileError(
+                path,
+                "the range of the position is empty",
+                field="limits of x",
+                found=f"{printed.low:g} ... {printed.high:g}",
+            )
+        return printed, known
+
+
+def _metres(value: float, places: int) -> float:
+    return float(Decimal(repr(value)).scaleb(-places))
+
+
+def _require_finite(fit: PolynomialFit) -> None:
+    if fit.quantity not in ("error", "compensation"):
+        raise TableError(
+            f"the polynomial states quantity={fit.quantity!r}; it must state 'error' or "
+            "'compensation': the sign follows from it"
+        )
+    if not (np.isfinite(fit.legendre_coefficients).all() and np.isfinite(fit.domain).all()):
+        raise TableError(
+            "a coefficient or the domain of the polynomial is not finite: fit it again"
+        )
+
+
+def _comments(fit: PolynomialFit, options: Mapping[str, Any], y: FloatArray) -> list[str]:
+    against = options["actuator_sign"] < 0
+    source = "minus the fitted error" if fit.quantity == "error" else "the fitted correction"
+    return [
+        "metrosep: y is what is ADDED to the command of the actuator at position x",
+        f"the correction of the axis is {source}; a positive y moves the tool "
+        + ("AGAINST the axis, so that y is minus the correction" if against else "with the axis"),
+        (
+            f"x in {options['x_unit']}, held at the ends of its range; y in {options['y_unit']}, "
+            f"{format_length(float(y.min()), digits=6)} to {format_length(float(y.max()), digits=6)}"
+        ),
+        f"x_unit = {options['x_unit']}",
+        f"y_unit = {options['y_unit']}",
+        f"actuator_sign = {options['actuator_sign']}",
+        f"offset = {scaled(options['offset'], 9)} nm",
+    ]
+
+
+def _doubts(y: FloatArray, cost: float, options: Mapping[str, Any]) -> tuple[Finding, ...]:
+    found = []
+    stroke, low, high = options["stroke"], float(y.min()), float(y.max())
+    if stroke is not None and max(abs(low), abs(high)) > stroke:
+        found.append(
+            Finding(
+                "error",
+                f"y reaches {format_length(low)} ... {format_length(high)}, the stroke is "
+                f"{format_length(stroke)}",
+                "remove alignment from the error, change offset=, or use an actuator with more stroke",
+                "stroke",
+            )
+        )
+    if options["unipolar"] and low < 0.0:
+        found.append(
+            Finding(
+                "error",
+                f"y falls to {format_length(low)}, the actuator takes no negative y",
+                f"say offset= of at least {format_length(options['offset'] - low)}",
+                "stroke",
+            )
+        )
+    if cost > _COARSE * float(np.ptp(y)) and cost > 0.0:
+        found.append(
+            Finding(
+                "error",
+                f"printed digits and the controller's arithmetic cost up to {format_length(cost)}, "
+                f"the corrections span {format_length(float(np.ptp(y)))}",
+                "say more digits=, a lower degree, or put the zero of x near the domain",
+                "quantisation",
+            )
+        )
+    return tuple(found)
+
+
+def _full(pattern: str, line: tuple[int, str] | None, path: Path, expected: str) -> re.Match[str]:
+    """Return the match of a whole line, and refuse another line."""
+    text = "" if line is None else line[1]
+    match = re.fullmatch(pattern, text, re.IGNORECASE)
+    if match is None:
+        where = "the end of the file" if line is None else f"line {line[0]}"
+        raise CorruptFileError(
+            path,
+            f"{where} is not what this text holds there",
+            expected=expected,
+            found=repr(text[:60]),
+            hint="write the file again",
+        )
+    return match
+
+
+def _matched(
+    code: list[tuple[int, str]], rows: Sequence[tuple[str, str]], path: Path
+) -> list[re.Match[str]]:
+    padded = [*code, *[None] * max(len(rows) - len(code), 0)]
+    found = [
+        _full(pattern, line, path, expected)
+        for (pattern, expected), line in zip(rows, padded, strict=False)
+    ]
+    if len(code) > len(rows):
+        _full("", code[len(rows)], path, "the end of the file")
+    return found
+
+
+def _polynomial(text: str, x: str, path: Path) -> FloatArray:
+    found = parsed_horner(text.replace(" ", ""), x)
+    if found is None:
+        raise CorruptFileError(
+            path,
+            "the expression is no polynomial in Horner form",
+            field="expression",
+            expected=f"a0+{x}*(a1+{x}*(a2))",
+            found=repr(text[:60]),
+        )
+    return found
+
+
+class PLCStructuredText(_Polynomial):
+    """Writer and reader of IEC 61131-3 structured text; see the module."""
+
+    info = DialectInfo(
+        id="plc-st",
+        title="Polynomial for a PLC, structured text (IEC 61131-3)",
+        entry="coefficients of y, which is added to the command: y = actuator_sign * -e + offset",
+        units="x in mm, y in um unless said otherwise; named in a comment",
+        max_points=None,
+        outside="held at the ends of the domain (LIMIT)",
+        sign_status="stated by the user: actuator_sign; y is added by your program",
+        activation=(
+            "import the file as a function; no library is needed",
+            (
+                "call it in the motion task with the position of the axis and add what it returns to the "
+                "set position, or to the actuator, in the unit its comment names"
+            ),
+            (
+                "before cutting: command a position with a known error and see that the sensor moves "
+                "towards zero; if not, actuator_sign is the other one"
+            ),
+        ),
+        sign="stated",
+        carries="polynomial",
+        directions="one",
+        resolution="digits of the coefficients; LREAL arithmetic",
+        reference_rule="none: the constant is that of the fit, plus offset",
+        suffix=".st",
+        example={"actuator_sign": 1},
+        page="plc",
+    )
+    comment = ("(*", "*)")
+    mantissa = 53
+
+    options = (
+        *_COMMON,
+        Option("function", "name of the function", "text", default="MetrosepCorrection"),
+    )
+
+    def _body(self, numbers: Sequence[str], **options: Any) -> list[str]:
+        """Return a function of one LREAL."""
+        function = options["function"]
+        if not re.fullmatch(_IDENTIFIER, function) or function.upper() in _RESERVED:
+            raise DataError(
+                f"plc-st: function={function!r} is no identifier: letters, digits and _"
+            )
+        low, high, *coefficients = (n if "." in n else f"{n}.0" for n in numbers)
+        return [
+            f"FUNCTION {function} : LREAL",
+            "VAR_INPUT",
+            f"x : LREAL; (* {options['x_unit']} *)",
+            "END_VAR",
+            "VAR",
+            "h : LREAL;",
+            "END_VAR",
+            f"h := LIMIT({low}, x, {high});",
+            f"{function} := {horner(coefficients, 'h')};",
+            "END_FUNCTION",
+        ]
+
+    def _parsed(self, code: list[tuple[int, str]], path: Path) -> Printed:
+        """Return the polynomial of a function that was written here."""
+        name = f"({_IDENTIFIER})"
+        rows = [
+            (rf"FUNCTION {name} ?: ?LREAL", "FUNCTION name : LREAL"),
+            ("VAR_INPUT", "VAR_INPUT"),
+            (r"x ?: ?LREAL ?;", "x : LREAL;"),
+            ("END_VAR", "END_VAR"),
+            ("VAR", "VAR"),
+            (r"h ?: ?LREAL ?;", "h : LREAL;"),
+            ("END_VAR", "END_VAR"),
+            (
+                rf"h ?:= ?LIMIT ?\( ?(-?{UNSIGNED}) ?, ?x ?, ?(-?{UNSIGNED}) ?\) ?;",
+                "h := LIMIT(low, x, high);",
+            ),
+            (rf"{name} ?:= ?(.+?) ?;", "name := polynomial;"),
+            ("END_FUNCTION", "END_FUNCTION"),
+        ]
+        found = _matched(code, rows, path)
+        if found[0][1].lower() != found[8][1].lower():
+            raise CorruptFileError(
+                path, f"the function {found[0][1]} assigns to {found[8][1]}: it returns nothing"
+            )
+        return Printed(_polynomial(found[8][2], "h", path), float(found[7][1]), float(found[7][2]))
+
+
+class PLCTurboPMAC(_Polynomial):
+    """Writer and reader of Turbo PMAC PLC programs; see the module."""
+
+    info = DialectInfo(
+        id="plc-pmac",
+        title="Polynomial for a Turbo PMAC PLC program",
+        entry="coefficients of y, which is added to the command: y = actuator_sign * -e + offset",
+        units="x in mm, y in um unless said otherwise; named in a comment",
+        max_points=None,
+        outside="held at the ends of the domain",
+        sign_status="stated by the user: actuator_sign; y is added by your program",
+        activation=(
+            (
+                "have another program write the position of the axis into the variable of x, in the unit "
+                "the comment names"
+            ),
+            "send the file with a program that strips comments (everything behind a semicolon)",
+            "set I5 so that PLC programs run, and ENABLE PLC with the number of the file",
+            "list the program back and compare it: PMAC keeps 48-bit floating point numbers",
+            (
+                "have the actuator's program add the variable of y; before cutting, command a position "
+                "with a known error and see that the sensor moves towards zero"
+            ),
+        ),
+        sign="stated",
+        carries="polynomial",
+        directions="one",
+        resolution="digits of the coefficients; 48-bit arithmetic",
+        reference_rule="none: the constant is that of the fit, plus offset",
+        suffix=".plc",
+        example={"actuator_sign": 1},
+        page="plc",
+    )
+    comment = (";", "")
+    mantissa = 35
+
+    options = (
+        *_COMMON,
+        Option("plc", "number of the PLC program", "integer", default=10, lowest=0, highest=31),
+        Option("x_variable", "P-variable of x", "integer", default=100, lowest=0, highest=8191),
+        Option("y_variable", "P-variable of y", "integer", default=101, lowest=0, highest=8191),
+        Option("held_variable", "P-variable for the held position", "integer", default=102,
+               lowest=0, highest=8191),
+    )  # fmt: skip
+
+    def _body(self, numbers: Sequence[str], **options: Any) -> list[str]:
+        """Return a PLC program."""
+        names = ("x_variable", "y_variable", "held_variable")
+        x, y, h = (f"P{options[n]}" for n in names)
+        if len({x, y, h}) < 3:
+            raise DataError(f"plc-pmac: x, y and the held position need three variables, not {x}, "
+                            f"{y}, {h}")  # fmt: skip
+        low, high, *coefficients = numbers
+        line = f"{y}={horner(coefficients, h)}"
+        if len(line) > _LINE:
+            raise LimitError(
+                f"the expression has {len(line)} characters, PMAC takes {_LINE} a line; use fewer "
+                "digits= or a lower degree"
+            )
+        return [
+            f"OPEN PLC {options['plc']} CLEAR",
+            f"{h}={x}",
+            f"IF ({h}<{low})",
+            f"{h}={low}",
+            "ENDIF",
+            f"IF ({h}>{high})",
+            f"{h}={high}",
+            "ENDIF",
+            line,
+            "CLOSE",
+        ]
+
+    def _parsed(self, code: list[tuple[int, str]], path: Path) -> Printed:
+        """Return the polynomial of a program that was written here."""
+        number, variable = rf"(-?{UNSIGNED})", r"(P\d{1,4})"
+        rows = [
+            (r"OPEN PLC ?(\d{1,2}) CLEAR", "OPEN PLC n CLEAR"),
+            (f"{variable} ?= ?{variable}", "Ph=Px"),
+            (rf"IF ?\( ?{variable} ?< ?{number} ?\)", "IF (Ph<low)"),
+            (f"{variable} ?= ?{number}", "Ph=low"),
+            ("END ?IF", "ENDIF"),
+            (rf"IF ?\( ?{variable} ?> ?{number} ?\)", "IF (Ph>high)"),
+            (f"{variable} ?= ?{number}", "Ph=high"),
+            ("END ?IF", "ENDIF"),
+            (f"{variable} ?= ?(.+)", "Py=polynomial"),
+            ("CLOSE", "CLOSE"),
+        ]
+        found = _matched(code, rows, path)
+        held = found[1][1].upper()
+        if any(found[i][1].upper() != held for i in (2, 3, 5, 6)) or (
+            len({held, found[1][2].upper(), found[8][1].upper()}) < 3
+        ):
+            raise CorruptFileError(path, f"position, {held} and y are mixed up in the program")
+        if float(found[2][2]) != float(found[3][2]) or float(found[5][2]) != float(found[6][2]):
+            raise CorruptFileError(path, "a limit of the position differs from what it is set to")
+        return Printed(
+            _polynomial(found[8][2].upper(), held, path), float(found[2][2]), float(found[5][2])
+        )

@@ -1,0 +1,346 @@
+"""Height map of RepRapFirmware: ``heightmap.csv``, version 2.
+
+A value is the height that the firmware adds to the commanded Z, so c = -e; rows are the second axis,
+values across the first. Between nodes it is bilinear in single precision, outside that of the
+edge, at the far ends that 0.01 mm inside. A ``0`` without a decimal point means "not probed" and is
+replaced by a fitted plane, so zeros are written ``0.000``; lines longer than the firmware's buffer
+are cut, so decimals must fit. Read in the firmware's source (BedProbing/Grid.cpp), not run.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from metrosep.compensation.limits import Finding
+from metrosep.compensation.maps import CompensationMap
+from metrosep.controllers._even import even_map
+from metrosep.controllers._plain_text import ascii_lines, decimal
+from metrosep.controllers.base import Dialect, DialectInfo, Encoded, Simulator
+from metrosep.controllers.klipper import SPACINGS, require_bed
+from metrosep.controllers.neutral_map import map_fields
+from metrosep.controllers.options import Option
+from metrosep.core.errors import CorruptFileError, DataError, LimitError
+from metrosep.core.units import format_length
+
+__all__ = ["MAX_COLUMNS", "MAX_LINE", "RepRap"]
+
+FloatArray = NDArray[np.float64]
+
+MAX_COLUMNS = 41
+"""Nodes along the first axis."""
+MAX_LINE = 8 * MAX_COLUMNS
+"""Characters of a line that surely fit the firmware's buffer, eight for each of its columns."""
+_MIN_SPACING, _MIN_RANGE = 0.1, 1.0
+"""Of the firmware, mm."""
+_EDGE = np.float32(0.01)
+"""Positions are held this far, in mm, inside the last node."""
+_MM = 1e-3
+_FEWEST, _MOST = 3, 7
+"""Decimals of a height in mm; single precision of 1 mm ends there."""
+_FIRST = "RepRapFirmware height map file v2"
+_LABELS = "axis0,axis1,min0,max0,min1,max1,radius,spacing0,spacing1,num0,num1"
+_POSITION = 6
+"""Decimals of a position in mm."""
+_NUMBER = re.compile(r"-?\d+(\.\d+)?")
+_HEIGHT = re.compile(r"-?\d+\.\d+")
+
+
+class RepRap(Dialect):
+    """Writer and reader of height maps; see the module."""
+
+    info = DialectInfo(
+        id="rrf",
+        title="RepRapFirmware height map",
+        entry="height added to the commanded Z: -e",
+        units="mm",
+        max_points=None,
+        outside="that of the nearest edge; at the far ends that 0.01 mm inside",
+        sign_status="read in the firmware's source, not run",
+        activation=(
+            "copy the file to /sys of the board",
+            "home, then G29 S1 P<name> loads and enables it; G29 S2 takes it off",
+            "M376 H0: no taper over height, or the correction fades with Z",
+            "after loading: G29 reports the number of points; every one must count as probed",
+        ),
+        sign="documented",
+        carries="map",
+        spacing="uniform",
+        directions="one",
+        resolution="0.1 nm to 1 um: as many decimals as fit the line; single precision",
+        reference_rule="none; Z is homed with the map off",
+        proof="own strict parser and lookup after the firmware's source",
+        suffix=".csv",
+        page="meshes",
+    )
+    options = (
+        *SPACINGS,
+        Option(
+            "max_nodes", "441, or 961 of boards 6HC and 6XD", "choice", default=441, choices=(441, 961)
+        ),
+        Option(
+            "decimals", "of a height in mm; as many as fit if omitted", "integer",
+            lowest=_FEWEST, highest=_MOST,
+        ),
+    )  # fmt: skip
+
+    def encode(self, table: CompensationMap, **options: Any) -> Encoded:
+        """Return the file.
+
+        Parameters
+        ----------
+        table : CompensationMap
+            Z over X and Y.
+        **options
+            Every declared option, checked.
+
+        Returns
+        -------
+        Encoded
+            ASCII, LF.
+
+        Raises
+        ------
+        TableError
+            If it is not Z over X and Y, or its positions are not even and no spacing is given.
+        LimitError
+            If there are too many nodes, they are too close, or the decimals do not fit a line.
+        """
+        require_bed(table, "RepRapFirmware")
+        carried, error = even_map(
+            table, (options["x_spacing"], options["y_spacing"]), ("x_spacing", "y_spacing")
+        )
+        _require_limits(carried, options["max_nodes"])
+        places, rows = _fitting(carried.values / _MM, options["decimals"])
+        back = (
+            np.array([[float(v) for v in r] for r in rows], dtype=np.float32).astype(float) * _MM
+        )
+        ends = [float(p[i]) / _MM for p in (carried.x, carried.y) for i in (0, -1)]
+        steps = [(e[1] - e[0]) / (p.size - 1) for e, p in _pairs(ends, carried)]
+        numbers = [decimal(round(v, _POSITION)) for v in ends]
+        fine = [decimal(round(v, 12)) for v in steps]
+        lines = [
+            f"{_FIRST} generated by metrosep",
+            _LABELS,
+            ",".join(
+                ["X", "Y", *numbers, "-1.00", *fine, str(carried.x.size), str(carried.y.size)]
+            ),
+            *(",".join(row) for row in rows),
+        ]
+        return Encoded(
+            data=("\n".join(lines) + "\n").encode("ascii"),
+            quantisation=float(np.abs(back - carried.values).max()),
+            notes={"decimals_of_mm": places},
+            step=10.0**-places * _MM,
+            carried=carried,
+            resampling_error=error,
+            findings=_findings(places, options["decimals"]),
+        )
+
+    def decode(self, data: bytes, path: Path, **options: Any) -> CompensationMap:
+        """Return the map, refusing what the firmware would reject, cut or replace.
+
+        Parameters
+        ----------
+        data : bytes
+            Content of the file.
+        path : Path
+            Its name, for messages and the sidecar.
+        **options
+            max_nodes.
+
+        Returns
+        -------
+        CompensationMap
+            Heights are corrections.
+
+        Raises
+        ------
+        CorruptFileError
+            If a line is not what the firmware wants, a node was not probed, or there are too many.
+        """
+        grid, values = _parsed(data, path, int(options.get("max_nodes") or 441))
+        x, y = (
+            np.asarray((grid[2 * i] + grid[4 + i] * np.arange(n, dtype=np.float64)) * _MM)
+            for i, n in enumerate(values.shape[::-1])
+        )
+        return CompensationMap(x, y, values * _MM, is_exact_inverse=True, **map_fields(path, x, y))
+
+    def lookup(self, data: bytes, path: Path, **options: Any) -> Simulator:
+        """Return what the firmware adds to Z, in its single precision.
+
+        Parameters
+        ----------
+        data : bytes
+            Content of the file.
+        path : Path
+            Its name, for messages and the sidecar.
+        **options
+            max_nodes.
+
+        Returns
+        -------
+        callable
+            ``(x, y, direction=1)`` to the correction in m: bilinear, held 0.01 mm inside the far
+            ends; the direction is checked and has no effect.
+
+        Raises
+        ------
+        CorruptFileError
+            As `decode`.
+        """
+        grid, values = _parsed(data, path, int(options.get("max_nodes") or 441))
+        heights = values.astype(np.float32)
+        low = [np.float32(grid[0]), np.float32(grid[2])]
+        step = [np.float32(grid[4]), np.float32(grid[5])]
+
+        def cells(p: NDArray[Any], i: int) -> tuple[NDArray[np.intp], NDArray[np.float32]]:
+            n = heights.shape[1 - i]
+            last = low[i] + np.float32(n - 1) * step[i]
+            inside = np.clip((p / _MM).astype(np.float32), low[i], last - _EDGE)
+            u = (inside - low[i]) * (np.float32(1.0) / step[i])
+            # rounding may reach the last node itself
+            k = np.minimum(np.floor(u).astype(np.intp), n - 2)
+            return k, u - k.astype(np.float32)
+
+        def over(x: ArrayLike, y: ArrayLike, direction: ArrayLike = 1) -> FloatArray:
+            px, py, d = np.broadcast_arrays(
+                np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64), direction
+            )
+            if not np.isin(d, (-1, 1)).all():
+                raise DataError("direction is +1 or -1")
+            (i, s), (j, t) = cells(px, 0), cells(py, 1)
+            both = s * t
+            z = (
+                heights[j, i] * (1.0 - s - t + both)
+                + heights[j, i + 1] * (s - both)
+                + heights[j + 1, i] * (t - both)
+                + heights[j + 1, i + 1] * both
+            )
+            return np.asarray(z.astype(np.float64) * _MM)
+
+        return over
+
+
+def _pairs(ends: list[float], table: CompensationMap) -> list[tuple[list[float], FloatArray]]:
+    """Return the ends as they are printed with the positions of either axis."""
+    printed = [round(v, _POSITION) for v in ends]
+    return [(printed[:2], table.x), (printed[2:], table.y)]
+
+
+def _require_limits(table: CompensationMap, most: int) -> None:
+    n, m = table.x.size, table.y.size
+    if n * m > most or n > MAX_COLUMNS:
+        raise LimitError(
+            f"{n} x {m} nodes, the board takes {most} and {MAX_COLUMNS} along X; give x_spacing= and "
+            "y_spacing=, or max_nodes=961 of a board that takes them"
+        )
+    for name, p in zip(table.axes, (table.x, table.y), strict=True):
+        span, step = float(p[-1] - p[0]) / _MM, float(p[1] - p[0]) / _MM
+        if span < _MIN_RANGE or step < _MIN_SPACING * (1.0 + 1e-6):
+            raise LimitError(
+                f"{name} spans {span:.6g} mm in steps of {step:.6g} mm; the firmware takes "
+                f"{_MIN_RANGE:g} mm and more, in steps above {_MIN_SPACING:g} mm"
+            )
+
+
+def _fitting(heights: FloatArray, wanted: int | None) -> tuple[int, list[list[str]]]:
+    """Return decimals and printed rows that fit the firmware's line."""
+    longest = 0
+    for places in range(_MOST if wanted is None else wanted, _FEWEST - 1, -1):
+        rows = [[_printed(v, places) for v in row] for row in heights]
+        longest = max(len(",".join(row)) for row in rows)
+        if longest <= MAX_LINE:
+            return places, rows
+        if wanted is not None:
+            break
+    raise LimitError(
+        f"a row of {heights.shape[1]} heights is {longest} characters long, the firmware reads "
+        f"{MAX_LINE} and cuts the rest; give fewer decimals=, or a coarser x_spacing="
+    )
+
+
+def _printed(value: float, places: int) -> str:
+    text = f"{value:.{places}f}"
+    return text.removeprefix("-") if float(text) == 0.0 else text
+
+
+def _findings(places: int, wanted: int | None) -> tuple[Finding, ...]:
+    if wanted is not None or places == _MOST:
+        return ()
+    return (
+        Finding(
+            "warning",
+            f"only {places} decimals of a mm fit a line: heights in steps of "
+            f"{format_length(10.0**-places * _MM)}",
+            "fewer columns (x_spacing=) leave room for more",
+            "line",
+        ),
+    )
+
+
+def _parsed(data: bytes, path: Path, most: int) -> tuple[list[float], FloatArray]:
+    """Return min0, max0, min1, max1, spacings in mm, and the heights in mm."""
+    lines = ascii_lines(data, path, "height map")
+    long = [i for i, line in enumerate(lines, start=1) if len(line) > MAX_LINE]
+    if long:
+        raise _wrong(
+            path, long[0], f"at most {MAX_LINE} characters: the rest is cut", lines[long[0] - 1]
+        )
+    if not lines or not lines[0].startswith(_FIRST):
+        raise _wrong(path, 1, f"{_FIRST} ...", lines[0] if lines else "")
+    if len(lines) < 3 or lines[1] != _LABELS:
+        raise _wrong(path, 2, _LABELS, lines[1] if len(lines) > 1 else "")
+    words = lines[2].split(",")
+    numbers = words[2:]
+    if len(words) != 11 or words[:2] != ["X", "Y"] or not all(map(_NUMBER.fullmatch, numbers)):
+        raise _wrong(path, 3, "X,Y and nine numbers", lines[2])
+    ends, radius, steps = [float(v) for v in numbers[:4]], float(numbers[4]), numbers[5:7]
+    if not all(w.isdecimal() for w in numbers[7:]) or radius >= 0.0:
+        raise _wrong(path, 3, "radius -1 (all of the rectangle) and whole numbers", lines[2])
+    grid = [*ends, *map(float, steps)]
+    n, m = int(numbers[7]), int(numbers[8])
+    _check_grid(grid, n, m, most, path, lines[2])
+    if len(lines) != m + 3:
+        raise CorruptFileError(
+            path, "rows are missing or too many", expected=f"{m} rows", found=len(lines) - 3
+        )
+    return grid, np.array([_row(line, i, n, path) for i, line in enumerate(lines[3:], start=4)])
+
+
+def _check_grid(grid: list[float], n: int, m: int, most: int, path: Path, line: str) -> None:
+    if n < 2 or m < 2 or n > MAX_COLUMNS or n * m > most:
+        raise _wrong(path, 3, f"2 nodes and more, up to {MAX_COLUMNS} and {most} in all", line)
+    for low, high, step, count in ((*grid[:2], grid[4], n), (*grid[2:4], grid[5], m)):
+        if high - low < _MIN_RANGE or step < _MIN_SPACING:
+            raise _wrong(path, 3, "ranges of 1 mm and spacings of 0.1 mm at least", line)
+        if abs(low + step * (count - 1) - high) > 0.01 * step:
+            raise _wrong(path, 3, "min + (num - 1) spacing = max", line)
+
+
+def _row(line: str, number: int, n: int, path: Path) -> list[float]:
+    words = [w.strip(" \t") for w in line.split(",")]
+    if "0" in words:
+        raise CorruptFileError(
+            path,
+            f"line {number}: 0 without a decimal point means not probed, the firmware would put a "
+            "fitted plane there",
+            hint="write 0.000 for a height of zero",
+        )
+    if len(words) != n or not all(map(_HEIGHT.fullmatch, words)):
+        raise _wrong(path, number, f"{n} heights with decimal points", line)
+    return [float(w) for w in words]
+
+
+def _wrong(path: Path, line: int, expected: str, found: str) -> CorruptFileError:
+    return CorruptFileError(
+        path,
+        f"line {line} is not that of a height map",
+        expected=expected,
+        found=found[:60] or "nothing",
+        hint="the file was cut or edited: write it again",
+    )

@@ -1,0 +1,480 @@
+"""Voltages for a piezo-driven flexure: CSV of position or time and of what a DAC puts out.
+
+The stage stands at d = d_off + polarity x c, with c = -e; the voltage is the monotone inverse of its
+calibration, rounded to the steps of the DAC. Reading turns voltages back into corrections through
+the same calibration, which the sidecar holds.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import os
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from metrosep.compensation.area_errors import is_rotary
+from metrosep.compensation.table import CompensationTable
+from metrosep.controllers._plain_text import scaled
+from metrosep.controllers._playback import (
+    PLAYBACK_OPTIONS,
+    Playback,
+    known_options,
+    plan,
+    rebuilt,
+    resampling_error,
+    sampled,
+)
+from metrosep.controllers._stage_curves import StageCurves, quantised, rising_parts
+from metrosep.controllers.base import (
+    Dialect,
+    DialectInfo,
+    Encoded,
+    Simulator,
+    identity,
+    load_sidecar,
+)
+from metrosep.controllers.options import Option
+from metrosep.core.errors import CorruptFileError, DataError, LimitError, TableError
+
+__all__ = ["Voltage"]
+
+FloatArray = NDArray[np.float64]
+
+_DECIMALS = 9
+"""Of a voltage: 1 nV, far below a step of 24 bits of 10 V."""
+_HEADERS = {
+    ("position_mm", "voltage_V"): 1,
+    ("position_mm", "voltage_forward_V", "voltage_reverse_V"): 2,
+    ("time_s", "voltage_V"): 1,
+}
+_NUMBER = re.compile(r"-?\d+(\.\d+)?")
+_SHARED = {"polarity", "motion", "speed", "start", "direction", "start_angle", "points", "rotation", "closing"}  # fmt: skip
+_UNIFORM = 1e-6
+"""Times may differ from a uniform clock by this part of its period: they are printed decimals."""
+
+
+class Voltage(Dialect):
+    """Writer and reader of voltage tables; see the module."""
+
+    info = DialectInfo(
+        id="voltage",
+        title="Voltages through a flexure calibration (CSV)",
+        entry="V(d_off + polarity x correction), V the inverse of the calibration: -e is added",
+        units="mm or s, V",
+        max_points=None,
+        outside="first and last entry are held; a turn repeats",
+        sign_status="the calibration says where the stage goes; which way it moves the tool is "
+        "yours to state (polarity)",
+        activation=(
+            "hold the stage at the first voltage before the axis moves: it must not jump",
+            "position table: give it to what follows the encoder, linear between the entries",
+            "time table: put one line out per period of the DAC, from the start on at the stated speed",
+            "try it once with the tool off the part: the stage must move against the error",
+        ),
+        sign="stated",
+        resolution="a step of the DAC through the steepest slope of the calibration",
+        reference_rule="none: the offset may stand anywhere in the stroke",
+        proof="own strict parser; the calibration evaluated at the printed voltages",
+        suffix=".csv",
+        example={"polarity": 1, "calibration": "1.66 um/V"},
+        page="voltage",
+    )
+    options = (
+        *(o for o in PLAYBACK_OPTIONS if o.name in _SHARED),
+        Option(
+            "calibration",
+            "FlexureCalibration, its stored form, or the sensitivity such as '1.66 um/V'",
+            "object",
+            required=True,
+        ),
+        Option(
+            "branch",
+            "of the hysteresis: mean, up, down, or sweep (up where the voltage rises, else down)",
+            "choice",
+            default="mean",
+            choices=("mean", "up", "down", "sweep"),
+        ),
+        Option("offset", "where the stage rests (d_off); middle of its stroke if omitted", "length"),
+        Option(
+            "over", "what the table is over", "choice", default="position", choices=("position", "time")
+        ),
+        Option("sample_time", "period of the DAC, over time", "time", default=1e-3, positive=True),
+        Option("v_min", "lowest voltage the amplifier takes", "voltage", default=0.0),
+        Option("v_max", "highest voltage the amplifier takes", "voltage", default=10.0),
+        Option("bits", "of the DAC over v_min ... v_max", "integer", default=16, lowest=4, highest=24),
+        Option("slew", "fastest change of the voltage, V/s", "number", positive=True),
+        Option("current", "of the amplifier's output, A", "number", positive=True),
+        Option("capacitance", "of the piezo, F", "number", positive=True),
+        Option("gain", "output voltage over input voltage", "number", default=1.0, positive=True),
+        Option("bandwidth", "up to which the stage follows", "frequency", positive=True),
+    )  # fmt: skip
+
+    def encode(self, table: CompensationTable, **options: Any) -> Encoded:
+        """Return the CSV.
+
+        Parameters
+        ----------
+        table : CompensationTable
+            Over position any; over time with one column for both directions.
+        **options
+            Every declared option, checked.
+
+        Returns
+        -------
+        Encoded
+            UTF-8, LF, decimals without exponent.
+
+        Raises
+        ------
+        LimitError
+            If a displacement or voltage is out of reach (nothing is clipped), or the voltage
+            changes faster than the amplifier or the stage.
+        TableError
+            If the table cannot be played over time.
+        DataError
+            If the calibration is none, or speed is missing where a limit needs it.
+        """
+        curves, rest, polarity = _curves(options), _rest(options), options["polarity"]
+        if options["over"] == "time":
+            return _over_time(table, curves, rest, options)
+        if is_rotary(table.axis):
+            raise TableError(
+                f"positions of {table.axis} are angles, the file holds mm; write it over='time' with "
+                "motion='turn'"
+            )
+        columns = [(table.forward, 1)]
+        if table.reverse is not None or options["branch"] == "sweep":
+            reverse = table.forward if table.reverse is None else table.reverse
+            columns.append((reverse, -1))
+        volts, back = [], []
+        for values, way in columns:
+            ordered = slice(None, None, way)
+            v = quantised(
+                rest + polarity * values[ordered],
+                curves,
+                options["bits"],
+                table.positions[ordered],
+            )
+            volts.append(v[ordered])
+            back.append(_corrections(v, curves, rest, polarity)[ordered])
+        rates = _rates(table.positions, volts, options)
+        header = next(
+            h for h, n in _HEADERS.items() if n == len(columns) and h[0] == "position_mm"
+        )
+        rows = zip(map(_mm, table.positions), *([_volt(x) for x in v] for v in volts), strict=True)
+        wanted = [c for c, _ in columns]
+        error = float(np.max(np.abs(np.array(back) - np.array(wanted))))
+        data = _text(header, rows)
+        return Encoded(
+            data=data,
+            quantisation=error,
+            notes=_notes(curves, rest, rates, volts),
+            step=_step(curves, options["bits"]),
+            carried=replace(table, reverse=None if len(wanted) == 1 else wanted[1]),
+            resampling_error=self._between(data, table, options),
+        )
+
+    def _between(self, data: bytes, table: CompensationTable, options: dict[str, Any]) -> float:
+        """Return how far the played voltages are from the table, also between entries."""
+        lookup = self.lookup(data, Path(os.devnull), **options)
+        p = table.positions
+        places = (p[:-1, None] + np.diff(p)[:, None] * np.array([0.25, 0.5, 0.75])).ravel()
+        return max(
+            float(np.abs(lookup(places, way) - table.correction(places, way)).max())
+            for way in (1, -1)
+        )
+
+    def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
+        """Return the corrections that the voltages make.
+
+        Parameters
+        ----------
+        data : bytes
+            Content of the file.
+        path : Path
+            Its name, for messages and the sidecar.
+        **options
+            Those of `encode`, where there is no sidecar.
+
+        Returns
+        -------
+        CompensationTable
+            Through the calibration.
+
+        Raises
+        ------
+        CorruptFileError
+            If header or numbers are not those of the format, or a voltage is outside the range.
+        DataError
+            If calibration or polarity is told by nobody.
+        """
+        known, header, rows = self._read(data, path, options)
+        curves, rest = _curves(known), _rest(known)
+        if header[0] == "time_s":
+            play, values = _played(rows, known, curves, rest, path)
+            places = play.positions()
+            names = identity(path, first=float(places.min()))
+            if not places.min() <= names["reference"] <= places.max():
+                names["reference"] = float(places.min())
+            blank = CompensationTable(
+                np.array([0.0, 1.0]), np.zeros(2), None, is_exact_inverse=True, **names
+            )
+            return rebuilt(play, values, blank)
+        positions = rows[:, 0] * 1e-3
+        columns = [_corrections(rows[:, 1], curves, rest, known["polarity"])]
+        if len(header) == 3:
+            falling = _corrections(rows[::-1, 2], curves, rest, known["polarity"])
+            columns.append(falling[::-1])
+        return CompensationTable(
+            positions=positions,
+            forward=columns[0],
+            reverse=columns[1] if len(columns) == 2 else None,
+            is_exact_inverse=True,
+            **identity(path, first=float(positions[0])),
+        )
+
+    def lookup(self, data: bytes, path: Path, **options: Any) -> Simulator:
+        """Return what the stage adds, as the voltages make it.
+
+        Parameters
+        ----------
+        data : bytes
+            Content of the file.
+        path : Path
+            Its name, for messages and the sidecar.
+        **options
+            As for `decode`.
+
+        Returns
+        -------
+        callable
+            ``(position, direction=1)`` to the correction in m. Over position the voltage is linear
+            between entries and the displacement follows the calibration; over time each entry is
+            held for a period of the DAC, whatever the direction.
+
+        Raises
+        ------
+        CorruptFileError
+            As `decode`.
+        DataError
+            As `decode`.
+        """
+        known, header, rows = self._read(data, path, options)
+        curves, rest, polarity = _curves(known), _rest(known), known["polarity"]
+        if header[0] == "time_s":
+            play, values = _played(rows, known, curves, rest, path)
+            return play.lookup(values)
+        at = rows[:, 0] * 1e-3
+        rising = {1: rising_parts(rows[:, 1]), -1: rising_parts(rows[::-1, -1])[::-1]}
+
+        def along(position: ArrayLike, direction: ArrayLike = 1) -> FloatArray:
+            p, d = np.broadcast_arrays(np.asarray(position, dtype=np.float64), direction)
+            if not np.isin(d, (-1, 1)).all():
+                raise DataError("direction is +1 or -1")
+            found = []
+            for way, column in ((1, 1), (-1, rows.shape[1] - 1)):
+                v = np.interp(p.ravel(), at, rows[:, column])
+                # an interval belongs to the sample at its end, in the direction of motion
+                right = np.searchsorted(at, p.ravel(), side="left" if way > 0 else "right")
+                end = np.clip(right if way > 0 else right - 1, 0, at.size - 1)
+                stage = curves.displacement(v, rising[way][end])
+                found.append(polarity * (stage - rest).reshape(p.shape))
+            return np.asarray(np.where(d > 0, *found))
+
+        return along
+
+    def _read(
+        self, data: bytes, path: Path, options: dict[str, Any]
+    ) -> tuple[dict[str, Any], tuple[str, ...], FloatArray]:
+        given = dict(options)
+        if given.get("calibration") is None:
+            given["calibration"] = load_sidecar(path).get("calibration")
+        known = known_options(given, path, self.options, ("polarity", "calibration"))
+        header, rows = _parsed(data, path)
+        outside = (rows[:, 1:] < known["v_min"] - 1e-8) | (rows[:, 1:] > known["v_max"] + 1e-8)
+        if outside.any():
+            i = int(np.argmax(outside.any(axis=1)))
+            raise CorruptFileError(
+                path,
+                f"line {i + 2}: a voltage outside the amplifier's range",
+                expected=f"{known['v_min']:g} ... {known['v_max']:g} V",
+                found=", ".join(f"{v:g}" for v in rows[i, 1:]),
+            )
+        return known, header, rows
+
+
+def _curves(options: dict[str, Any]) -> StageCurves:
+    return StageCurves.of(
+        options["calibration"], options["branch"], float(options["v_min"]), float(options["v_max"])
+    )
+
+
+def _rest(options: dict[str, Any]) -> float:
+    if options.get("offset") is not None:
+        return float(options["offset"])
+    return float(sum(_curves(options).stroke) / 2.0)
+
+
+def _corrections(v: FloatArray, curves: StageCurves, rest: float, polarity: int) -> FloatArray:
+    """Return corrections of voltages in the order in which they are passed."""
+    return polarity * (curves.displacement(v, rising_parts(v)) - rest)
+
+
+def _over_time(
+    table: CompensationTable, curves: StageCurves, rest: float, options: dict[str, Any]
+) -> Encoded:
+    period, polarity = options["sample_time"], options["polarity"]
+    play, values = sampled(table, {**options, "rate": 1}, period=period, interpolates=False)
+    places = play.positions()
+    volts = quantised(rest + polarity * values, curves, options["bits"], places)
+    back = _corrections(volts, curves, rest, polarity)
+    times = period * np.arange(play.n)
+    rates = _rates(times, [volts], {**options, "speed": 1.0})
+    rows = zip((scaled(round(t, 12), 0) for t in times), map(_volt, volts), strict=True)
+    return Encoded(
+        data=_text(("time_s", "voltage_V"), rows),
+        quantisation=float(np.abs(back - values).max()),
+        notes=_notes(curves, rest, rates, [volts]),
+        step=_step(curves, options["bits"]),
+        carried=rebuilt(play, values, table),
+        resampling_error=resampling_error(play, values, table),
+    )
+
+
+def _played(
+    rows: FloatArray, known: dict[str, Any], curves: StageCurves, rest: float, path: Path
+) -> tuple[Playback, FloatArray]:
+    times = rows[:, 0]
+    period = float(times[-1] - times[0]) / (times.size - 1)
+    uneven = np.abs(times - period * np.arange(times.size))
+    if uneven.max() > _UNIFORM * period:
+        raise CorruptFileError(
+            path,
+            f"line {int(np.argmax(uneven)) + 2}: times are not those of a clock from 0 on",
+            hint="lines are missing or edited: write it again",
+        )
+    play = plan({**known, "rate": 1}, period=period, interpolates=False, n=times.size)
+    return play, _corrections(rows[:, 1], curves, rest, known["polarity"])
+
+
+def _rates(places: FloatArray, volts: list[FloatArray], options: dict[str, Any]) -> dict[str, Any]:
+    """Return how fast the voltage changes, and refuse what amplifier or stage cannot follow."""
+    limit = _slew_limit(options)
+    speed = options.get("speed")
+    if speed is None:
+        if limit is not None or options.get("bandwidth") is not None:
+            raise DataError(
+                "a limit of slew, current or bandwidth needs speed= of the axis: a table over "
+                "position knows no time"
+            )
+        return {"largest_slew_V_per_s": None}
+    slews = [np.abs(np.diff(v)) / np.diff(places) * speed for v in volts]
+    largest = max(float(s.max()) for s in slews)
+    half = max(float(np.ptp(v)) for v in volts) / 2.0
+    equal = largest / (2.0 * math.pi * half) if half > 0.0 else 0.0
+    if limit is not None and largest > limit:
+        i = int(np.argmax(max(slews, key=lambda s: float(s.max()))))
+        raise LimitError(
+            f"between entries {i} and {i + 1} the voltage changes by {largest:.6g} V/s, the amplifier "
+            f"makes {limit:.6g} V/s; drive {limit / largest:.3g} times as fast, or drop the shortest "
+            "wavelengths (shortest=)"
+        )
+    if options.get("bandwidth") is not None and equal > options["bandwidth"]:
+        raise LimitError(
+            f"the voltage changes like a sine of {equal:.6g} Hz over its whole range, the stage "
+            f"follows to {options['bandwidth']:.6g} Hz; drive slower, or drop the shortest wavelengths"
+        )
+    return {
+        "largest_slew_V_per_s": largest,
+        "slew_limit_V_per_s": limit,
+        "equivalent_frequency_Hz": equal,
+        "largest_frequency_of_full_stroke_Hz": None
+        if limit is None or half == 0.0
+        else limit / (2.0 * math.pi * half),
+    }
+
+
+def _slew_limit(options: dict[str, Any]) -> float | None:
+    """Return the fastest change of the input voltage: as stated, or I / (C gain)."""
+    current, capacitance = options.get("current"), options.get("capacitance")
+    if (current is None) != (capacitance is None):
+        raise DataError("current= of the amplifier and capacitance= of the piezo belong together")
+    found = [options["slew"]] if options.get("slew") is not None else []
+    if current is not None:
+        found.append(float(current) / (float(capacitance or 0.0) * float(options["gain"])))
+    return min(map(float, found)) if found else None
+
+
+def _step(curves: StageCurves, bits: int) -> float:
+    return (curves.high - curves.low) / float(2**bits - 1) * curves.steepest
+
+
+def _notes(
+    curves: StageCurves, rest: float, rates: dict[str, Any], volts: list[FloatArray]
+) -> dict[str, Any]:
+    low, high = curves.stroke
+    return {
+        "calibration": curves.stored(),
+        "drive": {
+            "offset_um": rest * 1e6,
+            "stroke_um": [low * 1e6, high * 1e6],
+            "first_voltage_V": float(volts[0][0]),
+            "voltages_V": [
+                min(float(v.min()) for v in volts),
+                max(float(v.max()) for v in volts),
+            ],
+            **rates,
+        },
+    }
+
+
+def _mm(value: float) -> str:
+    return scaled(float(value), 3)
+
+
+def _volt(value: float) -> str:
+    return f"{value:.{_DECIMALS}f}"
+
+
+def _text(header: tuple[str, ...], rows: Any) -> bytes:
+    lines = [",".join(header), *(",".join(row) for row in rows)]
+    return ("\n".join(lines) + "\n").encode("ascii")
+
+
+def _parsed(data: bytes, path: Path) -> tuple[tuple[str, ...], FloatArray]:
+    try:
+        reader = csv.reader(io.StringIO(data.decode("ascii")))
+        rows = list(reader)
+    except (UnicodeDecodeError, csv.Error) as exc:
+        raise CorruptFileError(path, f"not CSV text ({exc})") from None
+    header = tuple(rows[0]) if rows else ()
+    if header not in _HEADERS:
+        raise CorruptFileError(
+            path,
+            "not a voltage table",
+            field="header",
+            expected=" or ".join(",".join(h) for h in _HEADERS),
+            found=",".join(header)[:80],
+        )
+    for i, row in enumerate(rows[1:], start=2):
+        if len(row) != len(header) or not all(map(_NUMBER.fullmatch, row)):
+            raise CorruptFileError(
+                path,
+                f"line {i} does not hold {len(header)} decimal numbers",
+                found=",".join(row)[:60] or "nothing",
+                hint="no exponent, no blank line, a point as the decimal sign",
+            )
+    if len(rows) < 3:
+        raise CorruptFileError(path, "a table needs at least 2 lines", found=len(rows) - 1)
+    numbers = np.array([[float(v) for v in row] for row in rows[1:]])
+    falling = np.flatnonzero(np.diff(numbers[:, 0]) <= 0)
+    if falling.size:
+        raise CorruptFileError(path, f"line {int(falling[0]) + 3}: {header[0]} does not rise")
+    return header, numbers
