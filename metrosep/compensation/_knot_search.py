@@ -129,6 +129,21 @@ def padded_on(knots: FloatArray, allowed: FloatArray, n: int) -> FloatArray:
     return knots
 
 
+def padded_on_curve(
+    x: FloatArray, c: FloatArray, knots: FloatArray, allowed: FloatArray, n: int
+) -> FloatArray:
+    """Add the place of the grid that costs least until there are `n`.
+
+    A knot on the curve can make a chain worse that was best with fewer.
+    """
+    while knots.size < n:
+        left = np.setdiff1d(allowed, knots)
+        trials = [np.union1d(knots, [place]) for place in left]
+        deviations = [float(np.abs(np.interp(x, t, np.interp(t, x, c)) - c).max()) for t in trials]
+        knots = trials[int(np.argmin(deviations))]
+    return knots
+
+
 def best_values(x: FloatArray, c: FloatArray, knots: FloatArray, zero: float | None) -> FloatArray:
     height = float(np.abs(c).max()) or 1.0
     start, length = float(x[0]), float(x[-1] - x[0])

@@ -24,6 +24,7 @@ from metrosep.compensation._knot_search import (
     knots_of_number,
     padded,
     padded_on,
+    padded_on_curve,
     residual,
 )
 from metrosep.core._arrays import frozen_float
@@ -377,6 +378,7 @@ def _on_grid(
 ) -> Knots:
     """Return knots at places of a grid: the best chain of chords, or the free knots moved to it."""
     _check_rising(grid, "grid")
+    grid = _snapped(grid, x)
     inside = grid[(grid > x[0]) & (grid < x[-1])]
     allowed = np.r_[x[0], inside, x[-1]]
     if n > allowed.size:
@@ -389,13 +391,22 @@ def _on_grid(
     nodes = np.asarray(np.searchsorted(places, allowed), dtype=np.intp)
     chain = chain_of_number(places, curve, n, nodes)
     if values == "on curve":
-        chain = padded_on(chain, allowed, n)
+        chain = padded_on_curve(places, curve, chain, allowed, n)
         return _finish(x, c, chain, np.interp(chain, x, c), values, zero)
     free = knots_of_number(x, c, n, "free", zero)[0]
     moved = allowed[np.abs(allowed[:, None] - free[None, :]).argmin(axis=0)]
     trials = [padded_on(np.unique(k), allowed, n) for k in (chain, moved)]
     done = [_finish(x, c, k, best_values(x, c, k, zero), values, zero) for k in trials]
     return min(done, key=lambda k: k.residual)
+
+
+def _snapped(grid: FloatArray, x: FloatArray) -> FloatArray:
+    """Return the grid with the samples themselves where only rounding is between them."""
+    nearest = x[np.clip(np.searchsorted(x, grid), 1, x.size - 1)]
+    before = x[np.clip(np.searchsorted(x, grid), 1, x.size - 1) - 1]
+    nearest = np.where(grid - before < nearest - grid, before, nearest)
+    same = np.abs(nearest - grid) <= 1e-9 * (x[-1] - x[0])
+    return np.unique(np.where(same, nearest, grid))
 
 
 def _finish(

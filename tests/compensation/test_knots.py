@@ -260,3 +260,20 @@ def test_bad_input_is_refused():
         knots_for_tolerance(x, c, 1e-9, max_knots=4)
     with pytest.raises(TableError, match="must be the ends"):
         optimal_values(x, c, [0.0, 40e-3])
+
+
+@pytest.mark.parametrize("twist", [0.0, 1e-17])
+def test_knots_on_a_grid_are_as_good_as_the_exhaustive_search(twist):
+    """Two knots are as good as four here: those that are added must not make it worse."""
+    x = np.linspace(0.0, 60e-3, 61)
+    c = 1e-6 * np.sin(2 * np.pi * x / 40e-3) + 2e-7 * x / 60e-3
+    best = min(
+        np.abs(np.interp(x, x[[0, i, j, 60]], c[[0, i, j, 60]]) - c).max()
+        for i in range(1, 60)
+        for j in range(i + 1, 60)
+    )
+
+    found = choose_knots(x, c, 4, grid=np.round(x, 3) + twist, values="on curve")
+
+    assert found.positions.size == 4
+    assert found.residual == pytest.approx(best, rel=1e-4, abs=0.0)
