@@ -28,6 +28,7 @@ from metrosep.controllers.base import (
     load_bytes,
     load_sidecar,
     require_unchanged,
+    sidecar_options,
 )
 from metrosep.controllers.options import checked_limits, checked_options, split_machine
 from metrosep.controllers.registry import describe, find
@@ -233,6 +234,12 @@ def _iteration(carried: Any, target: Path) -> list[Finding]:
 
 def _require_read_back(wanted: Any, parsed: Any, encoded: Encoded) -> None:
     margin = encoded.quantisation * (1.0 + 1e-9) + 1e-15
+    if isinstance(wanted, PolynomialFit):
+        x = np.linspace(*wanted.domain, 501)
+        off = float(np.abs(parsed.correction(x) - wanted.correction(x)).max())
+        if off > margin + 1e-12 * float(np.abs(wanted.correction(x)).max()):
+            raise _not_read_back("polynomial")
+        return
     for name in ("positions", "forward", "reverse", "x", "y", "values"):
         a, b = getattr(wanted, name, None), getattr(parsed, name, None)
         if name == "reverse" and hasattr(wanted, "forward"):
@@ -242,10 +249,14 @@ def _require_read_back(wanted: Any, parsed: Any, encoded: Encoded) -> None:
             continue
         near = 1e-9 if name in ("positions", "x", "y") else margin
         if a is None or b is None or np.shape(a) != np.shape(b) or _apart(a, b) > near:
-            raise TableError(
-                f"what was encoded does not read back as the table ({name}); this is a bug in "
-                "metrosep, nothing was written"
-            )
+            raise _not_read_back(name)
+
+
+def _not_read_back(what: str) -> TableError:
+    return TableError(
+        f"what was encoded does not read back as the table ({what}); this is a bug in metrosep, "
+        "nothing was written"
+    )
 
 
 def _apart(a: Any, b: Any) -> float:
@@ -377,4 +388,4 @@ def _opened(
     target = Path(path)
     data = load_bytes(target)
     require_unchanged(target, data)
-    return dialect, data, given
+    return dialect, data, {**sidecar_options(target, dialect.options), **given}

@@ -133,11 +133,11 @@ class RepRap(Dialect):
         ]
         return Encoded(
             data=("\n".join(lines) + "\n").encode("ascii"),
-            quantisation=float(np.abs(back - carried.values).max()),
+            quantisation=float(np.abs(back - carried.values).max()) + _single(carried, back),
             notes={"decimals_of_mm": places},
             step=10.0**-places * _MM,
             carried=carried,
-            resampling_error=error,
+            resampling_error=error + _held_short(carried),
             findings=_findings(places, options["decimals"]),
         )
 
@@ -281,6 +281,27 @@ def _findings(places: int, wanted: int | None) -> tuple[Finding, ...]:
             "line",
         ),
     )
+
+
+def _held_short(carried: CompensationMap) -> float:
+    """Return what the firmware misses in the last 0.01 mm, where it holds the value before."""
+    ends = (
+        (np.diff(carried.values[:, -2:], axis=1), carried.x),
+        (np.diff(carried.values[-2:], axis=0), carried.y),
+    )
+    return sum(float(np.abs(d).max()) * 0.01 * _MM / float(p[-1] - p[-2]) for d, p in ends)
+
+
+def _single(carried: CompensationMap, back: FloatArray) -> float:
+    """Return what single precision of heights and positions costs at most."""
+    eps = float(np.finfo(np.float32).eps)
+    slopes = [
+        float(np.abs(np.diff(back, axis=axis)).max()) / float(np.diff(p).min())
+        for axis, p in ((1, carried.x), (0, carried.y))
+    ]
+    reach = [float(np.abs(p).max() + np.ptp(p)) for p in (carried.x, carried.y)]
+    shifts = sum(s * r for s, r in zip(slopes, reach, strict=True))
+    return 4.0 * eps * (float(np.abs(back).max()) + shifts)
 
 
 def _parsed(data: bytes, path: Path, most: int) -> tuple[list[float], FloatArray]:

@@ -97,19 +97,32 @@ def table_findings(carried: Any, limits: Limits, info: DialectInfo) -> list[Find
         Coverage, margins, reference, uncertainty, and what the object itself finds.
     """
     found = list(carried.limits(limits)) if hasattr(carried, "limits") else []
-    if info.carries != "table":
-        return found
+    if info.carries == "map":
+        _refuse_one_axis(limits, info)
+        return [*found, *_area_uncertainty(carried)]
+    if info.carries == "polynomial":
+        return [*found, *_coverage(carried.domain, limits, info)]
     return [
         *found,
-        *_coverage(carried, limits, info),
+        *_coverage(carried.span, limits, info),
         *_soft_limits(carried, limits),
         *_reference(carried),
         *_uncertainty(carried),
     ]
 
 
-def _coverage(table: Any, limits: Limits, info: DialectInfo) -> list[Finding]:
-    low, high = table.span
+def _refuse_one_axis(limits: Limits, info: DialectInfo) -> None:
+    names = ("travel_low", "travel_high", "soft_low", "soft_high")
+    given = [n for n in names if getattr(limits, n) is not None]
+    if given:
+        raise DataError(
+            f"{given[0]} is of one axis, {info.id} holds a map over two: make the map as large as both "
+            "travels (x= and y= of CompensationMap.from_error) and leave it out"
+        )
+
+
+def _coverage(covered: tuple[float, float], limits: Limits, info: DialectInfo) -> list[Finding]:
+    low, high = covered
     wanted_low = low if limits.travel_low is None else limits.travel_low
     wanted_high = high if limits.travel_high is None else limits.travel_high
     margin = 1e-9 * (high - low)
@@ -118,7 +131,7 @@ def _coverage(table: Any, limits: Limits, info: DialectInfo) -> list[Finding]:
     return [
         Finding(
             "error",
-            f"the table covers {format_length(low)} ... {format_length(high)}, the travel is "
+            f"the corrections cover {format_length(low)} ... {format_length(high)}, the travel is "
             f"{format_length(wanted_low)} ... {format_length(wanted_high)}; outside the controller "
             f"does this: {info.outside}",
             "measure the whole travel, or narrow it",
@@ -194,6 +207,19 @@ def _uncertainty(table: Any) -> list[Finding]:
     if below > n // 2:
         return [Finding("warning", text, "measure more runs", "uncertainty")]
     return []
+
+
+def _area_uncertainty(carried: Any) -> list[Finding]:
+    if carried.u is None:
+        return []
+    known = np.isfinite(carried.u)
+    below = known & (np.abs(carried.values) <= 2.0 * np.where(known, carried.u, 0.0))
+    n, some = int(known.sum()), int(below.sum())
+    if n == 0 or some <= n // 2:
+        return []
+    text = f"{some} of {n} entries are not larger than their expanded uncertainty (k = 2)"
+    level: Any = "error" if some == n else "warning"
+    return [Finding(level, text, "measure more often: this is noise", "uncertainty")]
 
 
 def file_findings(carried: Any, encoded: Encoded) -> list[Finding]:

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 
 from metrosep import Profile, controllers
 from metrosep.compensation import CompensationMap, CompensationTable, fit_polynomial
@@ -25,7 +24,7 @@ OTHER_AXIS = {"linuxcnc-lincurve", "sinumerik-cec", "fanuc-straightness"}
 ONLY_REVERSAL = {"pmac-backlash"}
 """It holds the difference between the directions; the forward corrections stand in another file."""
 
-MORE = {"nv200": {"rate": 2000}}
+MORE = {"nv200": {"rate": 2000}, "rrf": {"max_nodes": 961}}
 """What the long tables here need beyond the example."""
 
 WAIVED = ("quantisation", "resampling", "dry-run", "uncertainty")

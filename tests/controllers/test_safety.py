@@ -29,7 +29,7 @@ def write(table, path, **options):
 def test_travel_beyond_the_table_is_refused_with_what_happens_there(tmp_path, table):
     with pytest.raises(
         LimitError,
-        match=r"covers 0 m \.\.\. 50 mm, the travel is 0 m \.\.\. 60 mm.*constant.*waive",
+        match=r"cover 0 m \.\.\. 50 mm, the travel is 0 m \.\.\. 60 mm.*constant.*waive",
     ):
         write(table, tmp_path / "x.csv", travel_low="0 mm", travel_high="60 mm")
     assert list(tmp_path.iterdir()) == []
@@ -48,7 +48,7 @@ def test_a_waived_check_is_recorded(tmp_path, table):
 
 
 def test_another_name_does_not_waive(tmp_path, table):
-    with pytest.raises(LimitError, match="covers"):
+    with pytest.raises(LimitError, match="cover 0 m"):
         write(table, tmp_path / "x.csv", travel_high=60e-3, waive=("stroke",))
     with pytest.raises(DataError, match=r"waive='everything' is no check; there are dry-run"):
         write(table, tmp_path / "x.csv", travel_high=60e-3, waive=("everything",))
@@ -98,7 +98,9 @@ class Coarse(Dialect):
 
     def encode(self, table, **options):
         rounded = np.round(table.forward / self.STEP)
-        text = "".join(f"{p:.17g} {c:.0f}\n" for p, c in zip(table.positions, rounded, strict=True))
+        text = "".join(
+            f"{p:.17g} {c:.0f}\n" for p, c in zip(table.positions, rounded, strict=True)
+        )
         return Encoded(text.encode(), 0.5 * self.STEP, step=self.STEP)
 
     def decode(self, data, path, **options):
@@ -197,3 +199,27 @@ def test_a_mirrored_measurement_is_refused_by_every_check_name(tmp_path, table, 
 
     with pytest.raises(TableError, match="does not shrink"):
         write(table, tmp_path / "x.csv", verified_against=mirrored, waive=tuple(CHECKS))
+
+
+def test_a_polynomial_covers_the_travel_too(tmp_path):
+    from metrosep.compensation import fit_polynomial
+
+    x = np.linspace(0.0, 50e-3, 101)
+    error = Profile(x, 4e-6 * (x / 50e-3) ** 2)
+    fit = fit_polynomial(error, degree=2, quantity="compensation")
+
+    with pytest.raises(LimitError, match=r"cover 0 m \.\.\. 50 mm, the travel"):
+        controllers.write(
+            fit, tmp_path / "x.st", "plc-st", verified_against=error, travel_high="60 mm"
+        )
+    controllers.write(fit, tmp_path / "x.st", "plc-st", verified_against=error, travel_high=50e-3)
+
+
+def test_a_limit_of_one_axis_is_refused_for_a_map(tmp_path):
+    from metrosep.compensation import CompensationMap
+
+    x = np.linspace(0.0, 50e-3, 6)
+    bed = CompensationMap.from_error(lambda x, y: 1e-4 * (x + y), x=x, y=x)
+
+    with pytest.raises(DataError, match=r"travel_low is of one axis.*CompensationMap"):
+        controllers.write(bed, tmp_path / "x.csv", "csv-map", travel_low=0.0)
