@@ -27,6 +27,7 @@ __all__ = [
 
 EXIT_CODES: tuple[tuple[type[BaseException], int], ...] = (
     (errors.SignCheckFailedError, 1),
+    (errors.SignNotConfirmedError, 1),
     (errors.LimitError, 1),
     (errors.TableError, 2),
     (errors.RecipeError, 2),
@@ -112,7 +113,7 @@ def as_options(message: str, names: Collection[str]) -> str:
         if value and not re.fullmatch(r"[\w.+-]+", value):
             value = f'"{value}"'
         name = found.group(1).replace("_", "-")
-        return f"--{name} {value}" if value else f"--{name}"
+        return f"--{name} {value}" if value and value != "True" else f"--{name}"
 
     if "x" in names:
         message = re.sub(r"\b([a-z]+)=\('([^']*)', '([^']*)'\)", r"--\1 \2:\3", message)

@@ -261,6 +261,8 @@ def write_table(
 @click.option(
     "--machine", multiple=True, metavar="NAME=VALUE", help="What file and sidecar do not tell."
 )
+@click.option("--unit", help="Unit of the heights of a map that declares none.")
+@click.option("--lateral-step", help='Lateral step of a map that declares none, "1.1 um".')
 @optional_read_options
 @json_option
 def verify(
@@ -282,11 +284,7 @@ def verify(
     from metrosep.core.errors import SignCheckFailedError
 
     path = Path(table_file)
-    name = (
-        format_
-        or load_sidecar(path).get("controller")
-        or ("csv" if path.suffix.lower() == ".csv" else "linuxcnc")
-    )
+    name = format_ or _controller_of(path, load_sidecar(path))
     known = {k.replace("-", "_"): v for k, v in name_values(machine, "--machine")}
     loaded = controllers.read(path, name, **known)
     lookup = controllers.simulate(path, name, **known)
@@ -312,6 +310,19 @@ def verify(
     return 0
 
 
+def _controller_of(path: Path, sidecar: dict[str, Any]) -> str:
+    """Return the controller of a table by its sidecar, or by a suffix that only one has."""
+    stated = sidecar.get("controller")
+    by_suffix = {".csv": "csv", ".comp": "linuxcnc"}.get(path.suffix.lower())
+    found = stated if isinstance(stated, str) else by_suffix
+    if found is None:
+        raise click.UsageError(
+            f"{path} has no sidecar that tells its controller; give --format, one of those that "
+            "'metrosep controllers' lists"
+        )
+    return found
+
+
 def _surface(files: Sequence[str], options: dict[str, Any]) -> Any:
     from metrosep.core.errors import DataError
     from metrosep.core.surface import Surface
@@ -319,7 +330,8 @@ def _surface(files: Sequence[str], options: dict[str, Any]) -> Any:
 
     if len(files) != 1:
         raise click.UsageError("a map is verified against one map: give --against once")
-    found = read(files[0], **({"unit": options["unit"]} if options.get("unit") else {}))
+    given = {k: options[k] for k in ("unit", "lateral_step") if options.get(k)}
+    found = read(files[0], **given)
     if not isinstance(found, Surface):
         raise DataError(f"{files[0]}: a map is needed, it holds a {type(found).__name__}")
     return found

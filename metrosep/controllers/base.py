@@ -36,6 +36,9 @@ __all__ = [
     "table_lookup",
 ]
 
+_FARTHEST = 1e6
+"""No axis is as long, in m."""
+
 FloatArray = NDArray[np.float64]
 Simulator = Callable[..., FloatArray]
 Sign = Literal["confirmed", "documented", "stated", "unconfirmed"]
@@ -336,12 +339,25 @@ def load_sidecar(path: Path) -> dict[str, Any]:
     if not beside.is_file():
         return {}
     try:
-        content = json.loads(beside.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as exc:
-        raise CorruptFileError(beside, f"the sidecar cannot be read ({exc})") from None
+        text = load_bytes(beside).decode("utf-8")
+        content = json.loads(text, parse_constant=_no_constant)
+    except (OSError, ValueError, RecursionError) as exc:
+        raise CorruptFileError(
+            beside,
+            f"the sidecar cannot be read ({exc})",
+            hint="move it away, or write the table again",
+        ) from None
     if not isinstance(content, dict):
-        raise CorruptFileError(beside, "the sidecar is not a JSON object")
+        raise CorruptFileError(
+            beside,
+            "the sidecar is not a JSON object",
+            hint="move it away, or write the table again",
+        )
     return content
+
+
+def _no_constant(name: str) -> float:
+    raise ValueError(f"{name} is no number")
 
 
 def sidecar_options(path: Path, known: tuple[Option, ...]) -> dict[str, Any]:
@@ -433,8 +449,12 @@ def identity(path: Path, *, first: float) -> dict[str, Any]:
     reference = table.get("reference_m", first)
     if not isinstance(axis, str):
         raise _not_ours(path, "axis", "a name", axis)
-    if isinstance(reference, bool) or not isinstance(reference, int | float):
-        raise _not_ours(path, "reference_m", "a number", reference)
+    if (
+        isinstance(reference, bool)
+        or not isinstance(reference, int | float)
+        or not abs(reference) < _FARTHEST
+    ):
+        raise _not_ours(path, "reference_m", "a position in m", reference)
     return {
         "axis": axis,
         "compensates": str(table.get("compensates", axis)),

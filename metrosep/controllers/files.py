@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep._version import __version__
-from metrosep.compensation.limits import Finding
+from metrosep.compensation.limits import Finding, Limits
 from metrosep.compensation.map_verify import dry_run_map
 from metrosep.compensation.maps import CompensationMap
 from metrosep.compensation.polynomial import PolynomialFit
@@ -45,6 +45,9 @@ FloatArray = NDArray[np.float64]
 PathLike = str | os.PathLike[str]
 
 _TYPES = {"table": CompensationTable, "map": CompensationMap, "polynomial": PolynomialFit}
+_ENOUGH = 0.5
+"""Share of a map's area that a dry-run should compare."""
+
 _KINDS = {
     "table": "a CompensationTable (corrections over one axis)",
     "map": "a CompensationMap (corrections over two axes)",
@@ -130,15 +133,19 @@ def write(
     found = [*table_findings(table, limits, dialect.info), *_iteration(table, target)]
     judged(found, waived)
     encoded = dialect.encode(table, **options)
+    written = table if encoded.carried is None else encoded.carried
+    found += _of_what_is_written(written, table, limits, dialect.info, found)
     findings = judged([*found, *file_findings(table, encoded)], waived)
     known = {o.name: options[o.name] for o in dialect.options if options[o.name] is not None}
     nowhere = Path(os.devnull)
     parsed = dialect.decode(encoded.data, nowhere, **known)
-    _require_read_back(table if encoded.carried is None else encoded.carried, parsed, encoded)
+    _require_read_back(written, parsed, encoded)
     verification = None
     if not (verified_against is None and "dry-run" in waived):
         lookup = dialect.lookup(encoded.data, nowhere, **known)
         verification = _verification(table, lookup, verified_against, target)
+        waived = tuple(w for w in waived if w != "dry-run")
+        findings = (*findings, *_small_part(verification))
     sidecar = {
         "schema": "metrosep.table/1",
         "metrosep": __version__,
@@ -208,16 +215,50 @@ def _require_sign(info: DialectInfo, confirmed: bool) -> None:
         raise SignNotConfirmedError(
             f"the sign of {info.id} ({info.title}) is not known from its documents: {info.sign_status}; "
             "write a trial table with one bump (metrosep.compensation.trial_table, or --trial on the "
-            "command line), see on the machine which way it moves, then say sign_confirmed=True "
-            "(--sign-confirmed)"
+            "command line), see on the machine which way it moves, then say sign_confirmed=True"
         )
+
+
+def _of_what_is_written(
+    written: Any, table: Any, limits: Limits, info: DialectInfo, found: Sequence[Finding]
+) -> list[Finding]:
+    """Return what is wrong with what the file holds, where it is not the table itself."""
+    if written is table:
+        return []
+    known = {(f.check, f.problem) for f in found}
+    return [f for f in table_findings(written, limits, info) if (f.check, f.problem) not in known]
+
+
+def _small_part(verification: Any) -> list[Finding]:
+    coverage = getattr(verification, "coverage", 1.0)
+    if coverage >= _ENOUGH:
+        return []
+    return [
+        Finding(
+            "warning",
+            f"the dry-run compared {100 * coverage:.3g} % of the area of the map; the rest is not proven",
+            "verify against a measurement of the whole area",
+            "coverage",
+        )
+    ]
 
 
 def _iteration(carried: Any, target: Path) -> list[Finding]:
     """Refuse to replace a table by one made of other readings, perhaps taken with it active."""
     if not target.is_file() or not hasattr(carried, "source_sha256"):
         return []
-    before = load_sidecar(target).get("table")
+    beside = load_sidecar(target)
+    before = beside.get("table")
+    if not beside:
+        return [
+            Finding(
+                "warning",
+                f"{target} is replaced and nothing tells what it held: if it was active while the "
+                "readings were taken, the new table is what is left and must be added to it",
+                "take the readings with the table off",
+                "active",
+            )
+        ]
     sources = before.get("source_sha256") if isinstance(before, dict) else None
     if not sources or not carried.source_sha256 or list(carried.source_sha256) == list(sources):
         return []

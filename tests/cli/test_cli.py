@@ -169,7 +169,7 @@ def test_lists(metrosep):
     assert {"metropro", "x3p", "delimited"} <= {f["id"] for f in json.loads(out)["formats"]}
     code, out, _ = metrosep("controllers", "--json")
     assert code == 0
-    assert [c["id"] for c in json.loads(out)["controllers"]] == ["linuxcnc", "csv"]
+    assert [c["id"] for c in json.loads(out)["controllers"]][:2] == ["linuxcnc", "csv"]
     assert "sign" in metrosep("controllers")[1]
 
 

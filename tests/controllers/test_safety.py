@@ -152,7 +152,7 @@ def test_coarse_steps_are_refused(tmp_path, one_way, plant):
 def test_an_unconfirmed_sign_is_not_written(tmp_path, one_way, plant):
     plant("unknown", Unknown)
 
-    with pytest.raises(SignNotConfirmedError, match=r"trial table.*--sign-confirmed"):
+    with pytest.raises(SignNotConfirmedError, match=r"trial table.*sign_confirmed=True"):
         controllers.write(one_way, tmp_path / "x", "unknown")
     assert list(tmp_path.iterdir()) == []
     controllers.write(one_way, tmp_path / "x", "unknown", sign_confirmed=True)
@@ -223,3 +223,69 @@ def test_a_limit_of_one_axis_is_refused_for_a_map(tmp_path):
 
     with pytest.raises(DataError, match=r"travel_low is of one axis.*CompensationMap"):
         controllers.write(bed, tmp_path / "x.csv", "csv-map", travel_low=0.0)
+
+
+def test_limits_hold_for_what_is_written_not_for_what_was_given(tmp_path):
+    """Subtracting a corner or surrounding a map by zeros makes corrections larger and steeper."""
+    from metrosep.compensation import CompensationMap
+
+    x = np.linspace(0.0, 50e-3, 11)
+    bed = CompensationMap.from_error(
+        lambda x, y: 1e-4 * (x - 25e-3) + 0.0 * y, x=x, y=x, reference=(25e-3, 25e-3)
+    )
+    machine = {"row_axis": 2, "column_axis": 1, "corrected_axis": 4}
+    signs = {"row_sign": 1, "column_sign": 1, "corrected_sign": 1}
+    assert bed.stroke == pytest.approx(2.5e-6, abs=1e-12)
+
+    controllers.write(bed, tmp_path / "a.cal", "aerotech", stroke="3 um", **machine, **signs)
+    with pytest.raises(LimitError, match="stroke"):
+        controllers.write(
+            bed,
+            tmp_path / "b.cal",
+            "aerotech",
+            stroke="3 um",
+            subtract_corner=True,
+            **machine,
+            **signs,
+        )
+
+
+def test_a_waiver_of_a_dry_run_that_was_done_is_not_recorded(tmp_path, table, measured):
+    controllers.write(
+        table, tmp_path / "x.csv", "csv", verified_against=measured, allow_unverified=True
+    )
+
+    sidecar = json.loads((tmp_path / "x.csv.json").read_text())
+    assert sidecar["waived"] == []
+    assert sidecar["verification"]["passed"] is True
+
+
+def test_replacing_a_file_of_unknown_origin_is_told(tmp_path, table):
+    path = tmp_path / "x.csv"
+    path.write_text("position_mm,correction_forward_um\n0,0\n1,1\n")
+
+    write(table, path, overwrite=True)
+
+    findings = json.loads((tmp_path / "x.csv.json").read_text())["findings"]
+    assert any(f["check"] == "active" and f["level"] == "warning" for f in findings)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[" * 100_000,
+        '{"table": {"reference_m": 1' + "0" * 400 + "}}",
+        '{"table": {"reference_m": NaN}}',
+        '{"table": {"reference_m": 1e999}}',
+        '{"table": {"axis": ["X"]}}',
+        "[1, 2]",
+        "\ufeff{",
+    ],
+)
+def test_a_hostile_sidecar_is_one_clear_sentence(tmp_path, table, text):
+    path = tmp_path / "x.csv"
+    write(table, path)
+    (tmp_path / "x.csv.json").write_text(text)
+
+    with pytest.raises(CorruptFileError, match=r"move it away"):
+        controllers.read(path, "csv")
