@@ -152,17 +152,22 @@ def _map_of(file: str, options: dict[str, Any], reading: dict[str, Any]) -> Any:
 
 
 def _trial(made: Any, amplitude: str) -> Any:
+    from metrosep.compensation.maps import CompensationMap
     from metrosep.compensation.table import CompensationTable
     from metrosep.compensation.trial import trial_table
+    from metrosep.compensation.trial_maps import trial_map
     from metrosep.core.units import parse_quantity
 
-    if not isinstance(made, CompensationTable):
-        raise click.UsageError(
-            "--trial makes a table over one axis; this controller holds another"
-        )
-    trial = trial_table(made, parse_quantity(amplitude, dimension="length", name="--trial"))
-    say(f"trial: {trial.instruction}")
-    return trial.table
+    size = parse_quantity(amplitude, dimension="length", name="--trial")
+    if isinstance(made, CompensationMap):
+        trial: Any = trial_map(made, size)
+    elif isinstance(made, CompensationTable):
+        trial = trial_table(made, size)
+    else:
+        raise click.UsageError("--trial has no meaning for a polynomial: its sign is stated")
+    for text in (trial.instruction, trial.if_right, trial.if_wrong):
+        say(f"trial: {text}")
+    return trial
 
 
 def write_arguments(options: dict[str, Any]) -> dict[str, Any]:
@@ -197,8 +202,6 @@ def _write(
     from metrosep import controllers
 
     arguments = write_arguments(options)
-    if options.get("trial") is not None:
-        arguments["sign_confirmed"] = True
     return controllers.write(
         made, path, controller, verified_against=against, overwrite=force, **arguments
     )

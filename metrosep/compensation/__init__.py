@@ -79,6 +79,10 @@ if TYPE_CHECKING:
         TrialTable as TrialTable,
         trial_table as trial_table,
     )
+    from metrosep.compensation.trial_maps import (
+        TrialMap as TrialMap,
+        trial_map as trial_map,
+    )
     from metrosep.compensation.uniform import (
         is_uniform as is_uniform,
         resample_uniform as resample_uniform,
@@ -116,6 +120,7 @@ _HOMES = {
     "rounding": ["Rounded", "round_entries", "round_increments"],
     "table": ["CompensationTable"],
     "trial": ["TrialTable", "trial_table"],
+    "trial_maps": ["TrialMap", "trial_map"],
     "uniform": ["is_uniform", "resample_uniform", "resampling_error", "uniform_spacing"],
     "verify": ["DirectionResidual", "Verification", "dry_run"],
 }

@@ -18,6 +18,8 @@ from metrosep.compensation.map_verify import dry_run_map
 from metrosep.compensation.maps import CompensationMap
 from metrosep.compensation.polynomial import PolynomialFit
 from metrosep.compensation.table import CompensationTable
+from metrosep.compensation.trial import TrialTable
+from metrosep.compensation.trial_maps import TrialMap
 from metrosep.compensation.verify import dry_run
 from metrosep.controllers._pairs import refuse_existing, write_pair
 from metrosep.controllers.base import (
@@ -72,7 +74,8 @@ def write(
     Parameters
     ----------
     table : CompensationTable, CompensationMap or PolynomialFit
-        Corrections; which of them a controller takes is in `describe`.
+        Corrections; which of them a controller takes is in `describe`. A `TrialTable` or
+        `TrialMap` is written as what it holds, without a confirmed sign, and marked in the sidecar.
     path : str or path
         File to write; a sidecar ``<name>.json`` appears beside it.
     controller : str, optional
@@ -121,13 +124,15 @@ def write(
     those bytes, and file and sidecar are renamed into place: nothing half-written is ever seen.
     """
     dialect = find(controller)
+    trial = table if isinstance(table, TrialTable | TrialMap) else None
+    table = table if trial is None else trial.table
     _require_kind(table, dialect.info)
     target = Path(path)
     if not overwrite:
         refuse_existing(target)
     given, limit_values = split_machine(machine, dialect.options, controller)
     options = checked_options(given, dialect.options, controller)
-    _require_sign(dialect.info, sign_confirmed)
+    _require_sign(dialect.info, sign_confirmed or trial is not None)
     waived = _names(waive, allow_unverified=allow_unverified)
     limits = dialect.limits(**checked_limits(limit_values, controller))
     found = [*table_findings(table, limits, dialect.info), *_iteration(table, target)]
@@ -157,6 +162,7 @@ def write(
         "outside": dialect.info.outside,
         "sign_status": dialect.info.sign_status,
         "sign_confirmed_by_user": bool(sign_confirmed),
+        "trial": None if trial is None else _described_trial(trial),
         "activation": list(dialect.info.activation),
         "file_sha256": hashlib.sha256(encoded.data).hexdigest(),
         "quantisation_m": encoded.quantisation,
@@ -176,6 +182,15 @@ def write(
 def _names(waive: Sequence[str], *, allow_unverified: bool) -> tuple[str, ...]:
     names = (waive,) if isinstance(waive, str) else tuple(waive)
     return tuple(dict.fromkeys((*names, *(("dry-run",) if allow_unverified else ()))))
+
+
+def _described_trial(trial: TrialTable | TrialMap) -> dict[str, Any]:
+    return {
+        "note": "TRIAL: one bump that tells the sign; it corrects nothing and is not for cutting",
+        "instruction": trial.instruction,
+        "if_right": trial.if_right,
+        "if_wrong": trial.if_wrong,
+    }
 
 
 def _is_plain(value: object) -> bool:
@@ -214,8 +229,8 @@ def _require_sign(info: DialectInfo, confirmed: bool) -> None:
     if info.sign == "unconfirmed" and not confirmed:
         raise SignNotConfirmedError(
             f"the sign of {info.id} ({info.title}) is not known from its documents: {info.sign_status}; "
-            "write a trial table with one bump (metrosep.compensation.trial_table, or --trial on the "
-            "command line), see on the machine which way it moves, then say sign_confirmed=True"
+            "write a trial with one bump (trial_table or trial_map of metrosep.compensation, or --trial "
+            "on the command line), see on the machine which way it moves, then say sign_confirmed=True"
         )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
@@ -17,6 +18,31 @@ def _controller() -> Any:
     return ThreadpoolController()
 
 
+class _Limit:
+    """The limit of this process: set by the first block that wants it, lifted by the last."""
+
+    def __init__(self) -> None:
+        self.lock = threading.Lock()
+        self.users = 0
+        self.limiter: Any = None
+
+    def take(self) -> None:
+        with self.lock:
+            if self.users == 0:
+                self.limiter = _controller().limit(limits=1, user_api="blas")
+            self.users += 1
+
+    def leave(self) -> None:
+        with self.lock:
+            self.users -= 1
+            if self.users == 0:
+                self.limiter.restore_original_limits()
+                self.limiter = None
+
+
+_LIMIT = _Limit()
+
+
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
     """Limit BLAS to one thread for the length of a ``with`` block.
@@ -24,7 +50,8 @@ def one_blas_thread() -> Iterator[None]:
     Yields
     ------
     None
-        The former limit returns at the end.
+        The former limit returns at the end; of blocks that overlap in several threads, at the end
+        of the last.
 
     Notes
     -----
@@ -35,5 +62,8 @@ def one_blas_thread() -> Iterator[None]:
     >>> with one_blas_thread():
     ...     pass
     """
-    with _controller().limit(limits=1, user_api="blas"):
+    _LIMIT.take()
+    try:
         yield
+    finally:
+        _LIMIT.leave()

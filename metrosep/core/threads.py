@@ -6,6 +6,7 @@ their own do not wait for one another, as the threads inside a small product do.
 
 from __future__ import annotations
 
+import contextvars
 import os
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -26,7 +27,7 @@ def thread_count() -> int:
     -------
     int
         The cores that this process may use, at most 4; or what the environment variable
-        METROSEP_THREADS says, which a pool of processes sets to 1.
+        METROSEP_THREADS says: a pool of processes sets it to 1.
 
     Examples
     --------
@@ -34,7 +35,7 @@ def thread_count() -> int:
     True
     """
     asked = os.environ.get("METROSEP_THREADS", "")
-    if asked.isdecimal() and int(asked) > 0:
+    if asked.isdecimal() and len(asked) < 4 and int(asked) > 0:
         return min(int(asked), _MOST)
     try:
         cores = len(os.sched_getaffinity(0))
@@ -76,17 +77,17 @@ def in_threads(
     [0, 1, 4, 9, 16]
     """
     n = min(thread_count() if threads is None else threads, len(items))
-    left = iter(items)  # the iterators of built-in sequences hand out each item once
     if n < 2:
-        work(left)
+        work(iter(items))
         return
+    left = iter(range(len(items)))  # an iterator of C hands out each number once
     failures: list[BaseException] = []
 
     def until_failure() -> Iterator[Item]:
-        for item in left:
+        for number in left:
             if failures:
                 return
-            yield item
+            yield items[number]
 
     def guarded() -> None:
         try:
@@ -94,7 +95,11 @@ def in_threads(
         except BaseException as exc:  # raised again in the calling thread
             failures.append(exc)
 
-    helpers = [threading.Thread(target=guarded, daemon=True) for _ in range(n - 1)]
+    # each helper in a copy of the caller's context: np.errstate holds there too
+    helpers = [
+        threading.Thread(target=contextvars.copy_context().run, args=(guarded,), daemon=True)
+        for _ in range(n - 1)
+    ]
     for helper in helpers:
         helper.start()
     guarded()

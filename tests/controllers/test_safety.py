@@ -152,7 +152,7 @@ def test_coarse_steps_are_refused(tmp_path, one_way, plant):
 def test_an_unconfirmed_sign_is_not_written(tmp_path, one_way, plant):
     plant("unknown", Unknown)
 
-    with pytest.raises(SignNotConfirmedError, match=r"trial table.*sign_confirmed=True"):
+    with pytest.raises(SignNotConfirmedError, match=r"a trial with one bump.*sign_confirmed=True"):
         controllers.write(one_way, tmp_path / "x", "unknown")
     assert list(tmp_path.iterdir()) == []
     controllers.write(one_way, tmp_path / "x", "unknown", sign_confirmed=True)
@@ -289,3 +289,25 @@ def test_a_hostile_sidecar_is_one_clear_sentence(tmp_path, table, text):
 
     with pytest.raises(CorruptFileError, match=r"move it away"):
         controllers.read(path, "csv")
+
+
+def test_a_trial_is_written_without_a_confirmed_sign_and_marked(tmp_path):
+    from metrosep.compensation import CompensationMap, trial_map, trial_table
+
+    x = np.linspace(0.0, 50e-3, 21)
+    across = CompensationTable.from_error(
+        lambda x: 1e-4 * x, positions=x, axis="X", compensates="Z", exact=False
+    )
+    bed = CompensationMap(x, x[:11], np.zeros((11, 21)))
+    for made, name, machine in (
+        (trial_table(across, 2e-6), "sinumerik-cec", {}),
+        (trial_map(bed, 2e-6), "isg-plane", {}),
+    ):
+        path = tmp_path / name
+        machine = registry.find(name).info.example
+        controllers.write(made, path, name, **machine)
+
+        sidecar = json.loads((tmp_path / f"{name}.json").read_text())
+        assert sidecar["sign_confirmed_by_user"] is False
+        assert "not for cutting" in sidecar["trial"]["note"]
+        assert "+2 um" in sidecar["trial"]["if_right"]

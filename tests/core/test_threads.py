@@ -1,6 +1,7 @@
 """Items shared among threads: each once, own scratch, errors arrive."""
 
 import threading
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -60,7 +61,40 @@ def test_the_environment_sets_the_number(monkeypatch, text, count):
     assert thread_count() == count
 
 
-@pytest.mark.parametrize("text", ["", "0", "-1", "many"])
+@pytest.mark.parametrize("text", ["", "0", "-1", "many", "9" * 5000])
 def test_nonsense_in_the_environment_is_not_a_number(monkeypatch, text):
     monkeypatch.setenv("METROSEP_THREADS", text)
     assert 1 <= thread_count() <= 4
+
+
+def test_the_error_state_of_the_caller_holds_in_every_thread():
+    barrier, seen = threading.Barrier(2, timeout=10.0), []
+
+    def work(items):
+        for _ in items:
+            barrier.wait()
+            seen.append(np.geterr()["over"])
+
+    with np.errstate(over="ignore"):
+        in_threads(work, [0, 1], threads=2)
+    assert seen == ["ignore", "ignore"]
+
+
+def test_any_sequence_is_worked_on_once():
+    class Letters(Sequence):
+        def __len__(self):
+            return 50
+
+        def __getitem__(self, i):
+            if not 0 <= i < 50:
+                raise IndexError(i)
+            return i
+
+    done = np.zeros(50, dtype=int)
+
+    def work(items):
+        for item in items:
+            done[item] += 1
+
+    in_threads(work, Letters(), threads=4)
+    assert (done == 1).all()
