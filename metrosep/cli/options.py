@@ -243,7 +243,7 @@ def table_options(command: F) -> F:
     """
     for option in reversed(
         (
-            click.option("--axis", default="X", show_default=True, help="Axis that is looked up."),
+            click.option("--axis", help="Axis that is looked up; of a result its own, else X."),
             click.option("--compensates", metavar="AXIS", help="Axis that is corrected."),
             click.option(
                 "--spacing", default="1 mm", show_default=True, help="Between the entries."

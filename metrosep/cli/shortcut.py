@@ -52,6 +52,7 @@ def recipe_text(options: dict[str, Any], *, table: tuple[str, str] | None, repor
         lines.append(f"degree = {degree if degree.isdecimal() else quoted(degree)}")
     if table is not None:
         lines += ["", "[[output]]", 'kind = "table"', f"controller = {quoted(table[0])}"]
+        options = {**options, "axis": options.get("axis") or "X"}
         lines += [
             f"{k} = {quoted(options[k])}"
             for k in ("axis", "compensates", "spacing", "reference")

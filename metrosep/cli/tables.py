@@ -91,7 +91,30 @@ def _carried_of(result: str, info: DialectInfo, options: dict[str, Any]) -> tupl
 
     document = load_document(result)
     estimate, runs = stored_estimate(document), measured_runs(document)
-    return make_carried(estimate, _shape(options, info.id)), runs
+    polynomial = document.get("polynomial") or {}
+    degree = polynomial.get("degree", "aicc")
+    shape = {**_shape(options, info.id), **_axes_of(document, options)}
+    return make_carried(estimate, shape, runs, degree=degree), runs
+
+
+def _axes_of(document: dict[str, Any], options: dict[str, Any]) -> dict[str, str]:
+    """Return the axes of a result's own tables, where the user states none; refuse others."""
+    tables = [t for t in (document.get("table"), *document.get("more_tables", ())) if t]
+    known = [(str(t["axis"]), str(t["compensates"])) for t in tables]
+    if not known:
+        return {"axis": options.get("axis") or "X"}
+    fits = [
+        pair
+        for pair in known
+        if options.get("axis") in (None, pair[0]) and options.get("compensates") in (None, pair[1])
+    ]
+    if not fits:
+        words = " or ".join(f"{c} over {a}" for a, c in dict.fromkeys(known))
+        raise click.UsageError(
+            f"the result is the error of {words}; --axis and --compensates say otherwise: separate "
+            "again with the axes that were measured"
+        )
+    return {"axis": fits[0][0], "compensates": fits[0][1]}
 
 
 def _shape(options: dict[str, Any], controller: str) -> dict[str, Any]:
@@ -101,6 +124,7 @@ def _shape(options: dict[str, Any], controller: str) -> dict[str, Any]:
     shape = {
         k: options[k] for k in ("spacing", "axis", "compensates") if options.get(k) is not None
     }
+    shape.setdefault("axis", "X")
     if options.get("reference") is not None:
         shape["reference"] = parse_quantity(
             options["reference"], dimension="length", name="--reference"
@@ -250,7 +274,7 @@ def write_table(
     from metrosep.controllers.base import sidecar_path
     from metrosep.recipe.outputs import make_carried
 
-    made = make_carried(estimate, _shape(options, controller))
+    made = make_carried(estimate, _shape(options, controller), against)
     _write(made, path, controller, options, against=against, force=force)
     return [path, str(sidecar_path(Path(path)))]
 

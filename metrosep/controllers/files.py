@@ -34,7 +34,12 @@ from metrosep.controllers.base import (
 )
 from metrosep.controllers.options import checked_limits, checked_options, split_machine
 from metrosep.controllers.registry import describe, find
-from metrosep.controllers.safety import file_findings, judged, table_findings
+from metrosep.controllers.safety import (
+    carried_findings,
+    file_findings,
+    judged,
+    table_findings,
+)
 from metrosep.core.errors import (
     SignCheckFailedError,
     SignNotConfirmedError,
@@ -140,6 +145,7 @@ def write(
     encoded = dialect.encode(table, **options)
     written = table if encoded.carried is None else encoded.carried
     found += _of_what_is_written(written, table, limits, dialect.info, found)
+    found += carried_findings(written, table, limits, dialect.info)
     findings = judged([*found, *file_findings(table, encoded)], waived)
     known = {o.name: options[o.name] for o in dialect.options if options[o.name] is not None}
     nowhere = Path(os.devnull)

@@ -17,7 +17,7 @@ from metrosep.controllers.base import DialectInfo, Encoded
 from metrosep.core.errors import DataError, LimitError
 from metrosep.core.units import format_length
 
-__all__ = ["CHECKS", "file_findings", "judged", "table_findings"]
+__all__ = ["CHECKS", "carried_findings", "file_findings", "judged", "table_findings"]
 
 CHECKS = {
     "dry-run": "the error shrinks when the very bytes are applied to it",
@@ -119,6 +119,52 @@ def _refuse_one_axis(limits: Limits, info: DialectInfo) -> None:
             f"{given[0]} is of one axis, {info.id} holds a map over two: make the map as large as both "
             "travels (x= and y= of CompensationMap.from_error) and leave it out"
         )
+
+
+def carried_findings(carried: Any, table: Any, limits: Limits, info: DialectInfo) -> list[Finding]:
+    """Return what is lost between a table and what the file holds of it, and what was not checked.
+
+    Parameters
+    ----------
+    carried, table : CompensationTable, CompensationMap or PolynomialFit
+        What the file holds, and what it was made of.
+    limits : Limits
+        Of controller and machine.
+    info : DialectInfo
+        Of the dialect.
+
+    Returns
+    -------
+    list of Finding
+        Coverage of the table's span, and a word where no travel was stated.
+    """
+    if info.carries != "table":
+        return []
+    found = []
+    low, high = table.span
+    margin = 1e-6 * (high - low)
+    if carried.span[0] > low + margin or carried.span[1] < high - margin:
+        found.append(
+            Finding(
+                "error",
+                f"the file holds {format_length(carried.span[0])} ... "
+                f"{format_length(carried.span[1])} of a table over {format_length(low)} ... "
+                f"{format_length(high)}",
+                "state where it shall begin and end, or cut the table",
+                "coverage",
+            )
+        )
+    if limits.travel_low is None and limits.travel_high is None and "roll" in info.outside:
+        found.append(
+            Finding(
+                "warning",
+                f"the travel is not stated, and outside the table the controller does this: "
+                f"{info.outside}",
+                "state travel_low and travel_high of the machine",
+                "coverage",
+            )
+        )
+    return found
 
 
 def _coverage(covered: tuple[float, float], limits: Limits, info: DialectInfo) -> list[Finding]:

@@ -96,7 +96,9 @@ def make_table(estimate: ErrorEstimate, output: Mapping[str, Any]) -> Compensati
     )
 
 
-def make_carried(estimate: ErrorEstimate, output: Mapping[str, Any]) -> Any:
+def make_carried(
+    estimate: ErrorEstimate, output: Mapping[str, Any], runs: RunSet, *, degree: Any = "aicc"
+) -> Any:
     """Return what the controller of an output holds: a table, or a polynomial.
 
     Parameters
@@ -105,6 +107,10 @@ def make_carried(estimate: ErrorEstimate, output: Mapping[str, Any]) -> Any:
         Separated error.
     output : mapping
         As for `make_table`, with ``controller``, and ``degree`` of a polynomial.
+    runs : RunSet
+        Readings that a polynomial is fitted to, over the range of the estimate.
+    degree : int or {"aicc", "f-test"}, optional
+        Of a polynomial where the output states none.
 
     Returns
     -------
@@ -127,7 +133,10 @@ def make_carried(estimate: ErrorEstimate, output: Mapping[str, Any]) -> Any:
         )
     if carries == "polynomial":
         return fit_polynomial(
-            estimate, degree=output.get("degree", "aicc"), quantity="compensation"
+            runs,
+            degree=output.get("degree", degree),
+            quantity="compensation",
+            domain=(estimate.start, estimate.stop),
         )
     return make_table(estimate, output)
 
@@ -156,7 +165,7 @@ def dry_runs(recipe: Recipe, runs: RunSet, estimate: ErrorEstimate) -> list[Writ
     """
     found = []
     for output, _ in _tables_of(recipe):
-        made = make_carried(estimate, output)
+        made = make_carried(estimate, output, runs, degree=_degree_of(recipe))
         verification = _dry_run(made, runs)
         description = {**made.to_dict(), "verification": verification.to_dict()}
         found.append(WrittenTable(description, verification))
@@ -201,7 +210,7 @@ def write_tables(
         tell(f"dry-running and writing {output['path']}")
         path = folder / output_name(output["path"], place)
         verification = write(
-            make_carried(estimate, output),
+            make_carried(estimate, output, runs, degree=_degree_of(recipe)),
             path,
             output["controller"],
             verified_against=runs,
@@ -216,6 +225,12 @@ def write_tables(
         description = {**sidecar.pop("table"), **sidecar, "path": path.name}
         written.append(WrittenTable(description, verification, (path.name, beside.name)))
     return written
+
+
+def _degree_of(recipe: Recipe) -> Any:
+    """Return the degree of the recipe's polynomial step, so that a file holds the same one."""
+    steps = (s for s in recipe.steps if s["op"] == "polynomial")
+    return next((s.get("degree", "aicc") for s in steps), "aicc")
 
 
 def _dry_run(made: Any, runs: RunSet) -> Verification:

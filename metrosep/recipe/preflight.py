@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from metrosep.core.errors import DataError
 from metrosep.parameters.decision import decide
+from metrosep.recipe.pipeline import STEPS as MEASURING
 from metrosep.recipe.schema import Place
 
 if TYPE_CHECKING:
@@ -41,6 +42,12 @@ def check_recipe(recipe: Recipe) -> None:
     seen: set[str] = set()
     for i, step in enumerate(recipe.steps):
         op, place = step["op"], recipe.place("[[step]]", i)
+        if op in MEASURING and not recipe.is_pipeline:
+            raise place.error(
+                f'op = "{op}" measures one map or profile and does not go with '
+                f'"{recipe.steps[0]["op"]}"; put it into a recipe of its own',
+                "op",
+            )
         if op == "polynomial" and op in seen:
             raise place.error("a recipe fits at most one polynomial", "op")
         if op == "plan_feedrates" and (op in seen or "separate" not in seen):
@@ -187,6 +194,8 @@ def machine_limits(output: Mapping[str, Any], place: Place) -> dict[str, Any]:
         checked = checked_options(options, dialect.options, name)
         return {**{k: checked[k] for k in options}, **checked_limits(limits, name)}
     except DataError as exc:
-        text = str(exc)
+        text, _, way = str(exc).partition("; give it as a keyword")
+        if way:
+            text += ': write machine = { NAME = "..." }'
         named = text.startswith("unknown machine")
         raise place.error(text if named else f"machine {text}", "machine") from None

@@ -86,7 +86,18 @@ def test_an_unconfirmed_sign_needs_a_trial(metrosep, result, tmp_path):
 def test_a_polynomial_for_a_plc(metrosep, result, tmp_path):
     out = tmp_path / "x.st"
 
-    code, _, err = metrosep("table", result, "--format", "plc-st", "--poly", "6", "-o", out)
+    code, _, err = metrosep(
+        "table",
+        result,
+        "--format",
+        "plc-st",
+        "--poly",
+        "6",
+        "--machine",
+        "actuator_sign=1",
+        "-o",
+        out,
+    )
 
     assert code == 0, err
     assert "LREAL" in out.read_text()
@@ -142,3 +153,27 @@ def test_controllers_tells_all_about_one(metrosep):
     code, _, err = metrosep("controllers", "pmak")
     assert code == 2
     assert "pmac" in err
+
+
+def test_the_axes_are_those_of_the_result(metrosep, result, tmp_path):
+    """The example corrects Z over X: loaded as X over X it would spoil X."""
+    call = ("table", result, "--spacing", "1 mm", "-o", tmp_path / "x.csv", "--format", "csv")
+
+    code, _, err = metrosep(*call, "--compensates", "X")
+    assert code == 2
+    assert "Z over X" in err
+    code, _, err = metrosep(*call)
+    assert code == 0, err
+    assert json.loads((tmp_path / "x.csv.json").read_text())["table"]["compensates"] == "Z"
+
+
+def test_the_polynomial_is_that_of_the_result(metrosep, result, tmp_path):
+    degree = json.loads((result / "result.json").read_text())["polynomial"]["degree"]
+    machine = ("--machine", "actuator_sign=1")
+
+    code, _, err = metrosep(
+        "table", result, "--format", "plc-st", *machine, "-o", tmp_path / "p.st"
+    )
+
+    assert code == 0, err
+    assert json.loads((tmp_path / "p.st.json").read_text())["table"]["degree"] == degree

@@ -42,8 +42,8 @@ POLYNOMIAL = '[[step]]\nop = "polynomial"\nquantity = "error"\n'
         ('spacing = "0.5 mm"', "spacing = 1", r"r.toml:16: spacing = 1: .*at least 2 points"),
         (
             '"linuxcnc"',
-            '"fanuc"',
-            r"r.toml:14: unknown controller 'fanuc'; there are linuxcnc, csv",
+            '"fanuk"',
+            r"r.toml:14: unknown controller 'fanuk'; there are linuxcnc, csv",
         ),
         ('path = "x.comp"', 'path = "../x.comp"', r"r.toml:17: .*must be a plain file name"),
         ('path = "x.comp"', 'path = "a/x.comp"', r"r.toml:17: .*must be a plain file name"),
