@@ -18,6 +18,7 @@ from metrosep.cli.ops import ops
 from metrosep.cli.paths import path
 from metrosep.cli.planning import plan
 from metrosep.cli.tables import table, verify
+from metrosep.cli.workbench import ui
 
 __all__ = ["cli", "main"]
 
@@ -58,6 +59,7 @@ for _command in (
     formats,
     controllers,
     ops,
+    ui,
 ):
     cli.add_command(_command)
 

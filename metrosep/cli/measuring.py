@@ -107,6 +107,10 @@ def flat_values(quantities: Any) -> dict[str, float | None]:
 @click.option("--lower", multiple=True, metavar="SYMBOL=VALUE", help="Limit from below.")
 @click.option("--U", "expanded", multiple=True, metavar="SYMBOL=VALUE", help="Expanded U.")
 @click.option("--guard-factor", default=1.0, show_default=True, help="Guard band over U.")
+@click.option(
+    "-o", "--out", metavar="DIR", help="Folder for the report and result.json of one FILE."
+)
+@click.option("--print-recipe", is_flag=True, help="Print the recipe of this call and stop.")
 @file_options
 @json_option
 def measure(
@@ -126,6 +130,8 @@ def measure(
     lower: tuple[str, ...],
     expanded: tuple[str, ...],
     guard_factor: float,
+    out: str | None,
+    print_recipe: bool,
     reading: dict[str, Any],
     as_json: bool,
 ) -> int:
@@ -160,6 +166,13 @@ def measure(
         U=_pairs(expanded, "--U"),
         guard_factor=guard_factor,
     )
+    recipe: Any = None
+    if print_recipe or out is not None:
+        lengths = {"lambda_s": lambda_s, "lambda_c": lambda_c}
+        recipe = _recipe(files, how, limits, reading, lengths)
+        if print_recipe:
+            click.echo(recipe.text, nl=False)
+            return 0
     results: list[dict[str, Any]] = []
     codes = []
     for name in files:
@@ -179,7 +192,35 @@ def measure(
     if as_json:
         content = results[0] if len(files) == 1 else {"files": results}
         click.echo(json.dumps(content, sort_keys=True, allow_nan=False))
+    if out is not None:
+        for path in recipe.run([files[0]], out=out).files:
+            say(f"{'report' if path.suffix == '.html' else 'result':8} {path}")
     return next((c for c in _WORST_FIRST if c in codes), 0)
+
+
+def _recipe(
+    files: tuple[str, ...],
+    how: Any,
+    limits: Any,
+    reading: dict[str, Any],
+    lengths: dict[str, str | None],
+) -> Any:
+    """Return the recipe of this call, checked."""
+    from metrosep.cli.measure_recipe import measure_recipe
+    from metrosep.cli.shortcut import option_error
+    from metrosep.core.errors import RecipeError
+    from metrosep.recipe.recipe import Recipe
+
+    if len(files) != 1:
+        raise click.UsageError("a recipe, a report and result.json are of one FILE: name one")
+    stray = [k for k in reading if k not in ("unit", "lateral_step", "channel", "format")]
+    if stray:
+        raise click.UsageError(f"--set {stray[0]} has no key in a recipe that measures")
+    text = measure_recipe(files[0], how, limits, reading, lengths)
+    try:
+        return Recipe.parse(text, name="command line")
+    except RecipeError as error:
+        raise RecipeError(option_error(error)) from None
 
 
 def _measured(name: str, found: Any) -> dict[str, Any]:

@@ -29,13 +29,13 @@ _WIDTH = 100
 def ops(name: str | None, as_json: bool) -> int:
     """List the steps of recipes, with the readings and the keys of each; or explain NAME."""
     from metrosep.recipe.methods import METHODS
-    from metrosep.recipe.steps import STEPS, WHAT
+    from metrosep.recipe.steps import MEASURING, STEPS, WHAT
 
     rows: list[dict[str, Any]] = [
         {
             "op": name,
             "what": WHAT[name],
-            "reads": "runs",
+            "reads": "a map or a profile" if name in MEASURING else "runs",
             "readings": [],
             "columns": {},
             "keys": {k: f.kind for k, f in fields.items() if k != "op"},
@@ -80,6 +80,7 @@ def _indented(text: str) -> str:
 def _explain(row: Mapping[str, Any], fields: Mapping[str, Field]) -> None:
     """Print one step: how its data are given, a line for each key, a command to copy."""
     from metrosep.recipe.methods import METHODS
+    from metrosep.recipe.steps import MEASURING
 
     click.echo(textwrap.fill(f"{row['op']}: {row['what']}", _WIDTH, subsequent_indent="    "))
     click.echo(_indented(f"reads {_read_by(row)}"))
@@ -90,20 +91,40 @@ def _explain(row: Mapping[str, Any], fields: Mapping[str, Field]) -> None:
             click.echo(_indented(line))
     if len(fields) > 1:
         click.echo(
-            "\nkeys" if method is None else "\nkeys (--set NAME=VALUE, or in the step of a recipe)"
+            "\nkeys (in the step of a recipe)"
+            if row["op"] in MEASURING
+            else "\nkeys"
+            if method is None
+            else "\nkeys (--set NAME=VALUE, or in the step of a recipe)"
         )
     for key, field in fields.items():
         if key == "op":
             continue
         words = _KEY_WORDS.get((str(row["op"]), key)) or _KEY_WORDS.get(("", key), "")
         text = f"    {key}: {words or _KIND_WORDS.get(field.kind, field.kind)}"
-        if field.choices:
+        if row["op"] in MEASURING:
+            text = f"    {key}: {MEASURING[str(row['op'])].help[key]}"
+            if field.choices:
+                text += f"; one of {', '.join(str(c) for c in field.choices)}"
+        elif field.choices:
             text = f"    {key}: one of {', '.join(str(c) for c in field.choices)}"
         text += ", needed" if field.required else ""
         click.echo(textwrap.fill(text, _WIDTH, subsequent_indent="        "))
+        for name, inner in _inner_keys(str(row["op"]), key).items():
+            choices = ", ".join(str(c) for c in inner.field.choices)
+            line = f"        {name}: {inner.help}" + (f"; one of {choices}" if choices else "")
+            click.echo(textwrap.fill(line, _WIDTH, subsequent_indent="            "))
     if method is not None:
         click.echo("\nexample")
         click.echo(_wrapped(example_call(str(row["op"]), method)))
+
+
+def _inner_keys(op: str, key: str) -> Mapping[str, Any]:
+    """Return the keys of a table in a step that measures; none of any other."""
+    from metrosep.recipe.steps import MEASURING
+
+    known = MEASURING[op].all_keys if op in MEASURING else {}
+    return known[key].inner if key in known else {}
 
 
 def _wrapped(words: Iterable[str]) -> str:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+import sys
 from typing import TYPE_CHECKING, Any, Literal
 
 import click
@@ -28,8 +30,9 @@ __all__ = ["path"]
 )
 @click.option(
     "--c-sense",
-    type=click.Choice(["+1", "-1"]),
-    help="+1: the tool goes to larger polar angles of the map when C rises; -1: to smaller ones.",
+    type=click.Choice(["+1", "1", "-1"]),
+    help="+1 (taken if omitted): the tool goes to larger polar angles of the map when C rises; -1: "
+    "to smaller ones.",
 )
 @click.option("--c-zero", metavar="ANGLE", help='Polar angle of the map at C = 0: "90 deg".')
 @click.option("--tolerance", metavar="LENGTH", help='Split blocks: "2 nm" from the chord at most.')
@@ -39,6 +42,21 @@ __all__ = ["path"]
 @click.option(
     "--diameter/--radius", "diameter", default=None, help="What X words are, without G7 or G8."
 )
+@click.option(
+    "--c-rollover/--c-linear",
+    "c_rollover",
+    default=None,
+    help="Where C changes by over 180 deg in a block: the shortest way, or along its numbers.",
+)
+@click.option(
+    "--harmless-m",
+    "harmless_m",
+    type=int,
+    multiple=True,
+    metavar="N",
+    help="M code of this machine that moves nothing and changes no coordinates; may be repeated.",
+)
+@click.option("--again", is_flag=True, help="IN holds a correction already: add this one to it.")
 @click.option("--outside", type=click.Choice(["refuse", "zero", "hold"]), help="Beyond the map.")
 @click.option("--stroke", metavar="LENGTH", help='Largest correction: "100 um" if omitted.')
 @click.option("--blocks-per-s", type=float, metavar="N", help="Most blocks per second.")
@@ -84,6 +102,9 @@ def path(
     """
     if context.obj is not None:
         context.obj["words"] = _words
+    if any(ord(c) < 32 for c in out):
+        raise click.UsageError("the name after -o holds a line break or another control character")
+    _end_cleanly()
     made = _correction(error, reading, options)
     result = (
         _points(program, out, made, options, force=force)
@@ -101,6 +122,15 @@ def path(
     return 0
 
 
+def _end_cleanly() -> None:
+    """Let SIGTERM end the command as an error does, so that nothing half-written stays."""
+    import signal
+    import threading
+
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
+
+
 def _words(message: str) -> str:
     """Return a message with arguments written as options of the command."""
     from metrosep.cli.errors import as_options
@@ -110,8 +140,17 @@ def _words(message: str) -> str:
         ("diameter=True", "--diameter"),
         ("give diameter= as", "give --diameter or --radius as"),
         ("centre=(x, y) in m", '--centre "X, Y"'),
+        (
+            "c_rollover=True (shortest way) or c_rollover=False",
+            "--c-rollover (shortest way) or --c-linear",
+        ),
+        ("say c_rollover", "say --c-rollover or --c-linear"),
+        ("or say again if", "or say --again if"),
+        ("units= says", "--column-unit says"),
+        ("columns=", "--column"),
     ):
         message = message.replace(old, new)
+    message = re.sub(r"harmless_m=\[(\d+)\]", r"--harmless-m \1", message)
     return as_options(
         message, {p.name for p in path.params if p.name} - {"unit", "columns", "units"}
     )
@@ -132,8 +171,10 @@ def _correction(file: str, reading: dict[str, Any], options: dict[str, Any]) -> 
         )
     sense, zero = options["c_sense"], options["c_zero"]
     if isinstance(measured, Surface) and sense is None:
-        raise click.UsageError(
-            "a map over the part needs --c-sense +1 or -1: nobody but you knows which way C turns it"
+        say(
+            "note: --c-sense is not given, +1 is taken: the tool goes to larger polar angles of the map "
+            "when C rises. If C turns the part the other way, the correction is mirrored: try it on the "
+            "machine, then state it"
         )
     return error_correction(
         measured,
@@ -180,6 +221,9 @@ def _program(
         "diameter": options["diameter"],
         "outside": options["outside"],
         "blocks_per_s": options["blocks_per_s"],
+        "c_rollover": options["c_rollover"],
+        "harmless_m": options["harmless_m"] or None,
+        "again": options["again"] or None,
     }
     lengths = _lengths(options, ("tolerance", "resolution", "stroke"))
     plain: dict[str, Any] = {k: v for k, v in given.items() if v is not None}
@@ -191,8 +235,8 @@ def _points(
 ) -> PointResult:
     from metrosep.controllers.point_lists import rewrite_points
 
-    for name in ("tolerance", "path_unit", "diameter", "outside", "blocks_per_s"):
-        if options[name] is not None:
+    for name in ("tolerance", "path_unit", "outside", "blocks_per_s", "c_rollover", "harmless_m"):
+        if options[name] not in (None, ()):
             raise click.UsageError(f"--{name.replace('_', '-')} is for programs, not for --points")
     columns = {
         name.upper(): int(value) if value.isdecimal() else value
@@ -207,6 +251,8 @@ def _points(
         columns=columns,
         units=units,
         decimals=options["decimals"],
+        diameter=bool(options["diameter"]),
+        again=options["again"],
         overwrite=force,
         **lengths,
     )

@@ -22,6 +22,9 @@ _CLOSE = 1e-5
 _PINCH = 1e-6
 """Half-width of the tunnel at the reference over the tolerance; the rest is shifted away."""
 
+_TALL = 64.0
+"""Tolerance over the height of the curve beyond which no more knots are hoped for."""
+
 _INSIDE = 3e-6
 """Share of the tolerance kept free for that shift and for rounding."""
 
@@ -30,6 +33,18 @@ _DISTINCT = 1e-8
 
 NOTHING = 1e-11
 """Deviation over the height of the curve that is rounding."""
+
+_APART = 1e-9
+"""Knots closer than this over the range are one."""
+
+_FEW = 1000
+"""So many samples are searched as they are; of more, first these, then a thinned curve."""
+
+_NEAR = 0.01
+"""Relative distance of the tolerance of all samples from that of a thousand, in most cases."""
+
+_THIN = 2e-4
+"""Deviation of the thinned curve over the tolerance: the knots are so near to the best."""
 
 
 def fewest_knots(
@@ -46,9 +61,37 @@ def fewest_knots(
         half[x == zero] *= _PINCH
     keep = np.r_[True, np.diff(t[:-1]) > _DISTINCT, True] | (x == zero)
     knots, heights = fewest_links(t[keep], (y - half)[keep], (y + half)[keep])
-    places = x[0] + np.clip(knots, 0.0, 1.0) * (x[-1] - x[0])
+    knots, heights = _strict(knots, heights, t, y, float(half.max()))
+    places = x[0] + knots * (x[-1] - x[0])
     places[-1] = x[-1]
     return places, middle + heights * height
+
+
+def _strict(
+    knots: FloatArray, heights: FloatArray, t: FloatArray, y: FloatArray, half: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return knots that rise strictly from 0 to 1; those that fall together become one."""
+    knots = np.clip(knots, 0.0, 1.0)
+    knots[[0, -1]] = 0.0, 1.0
+    gaps = np.diff(knots)
+    if (gaps > _APART).all():
+        return knots, heights
+    # of a pair the knot that ends the longer link stays, of a pair at an end that end
+    keep = np.r_[True, gaps > _APART]
+    keep[-1] = True
+    late = np.flatnonzero(keep[:-1] & (knots[:-1] >= 1.0 - _APART))
+    keep[late[late > 0]] = False
+    merged, values = knots[keep], heights[keep]
+    first = np.flatnonzero(keep)
+    first[0] = np.flatnonzero(knots <= _APART)[-1]
+    for trial in (values, heights[first]):
+        if residual(t, y, merged, trial) <= half * (1.0 + 1e-6) + NOTHING:
+            return merged, trial
+    if (gaps > 0.0).all():
+        return knots, heights
+    raise NotConvergedError(
+        "the tunnel is narrower than the rounding of the curve: use a larger tolerance"
+    )
 
 
 def _chords(
@@ -73,24 +116,98 @@ def knots_of_number(
     x: FloatArray, c: FloatArray, n: int, values: str, zero: float | None
 ) -> tuple[FloatArray, FloatArray]:
     """Return at most `n` knots with the smallest tolerance, found by halving it."""
+    nothing = NOTHING * float(np.abs(c).max())
+    corners = _corners_of(x, c, values, zero)
+    if corners.size <= n and residual(x, c, corners, np.interp(corners, x, c)) <= nothing:
+        return corners, np.interp(corners, x, c)
+    if values == "free" and x.size > _FEW:
+        some = _some(x, zero)
+        rough = residual(x[some], c[some], *_halved(x[some], c[some], n, values, zero))
+        kept = thinned(x, c, max(_THIN * rough, nothing), zero)
+        return _halved(x[kept], c[kept], n, values, zero, near=rough)
+    return _halved(x, c, n, values, zero)
+
+
+def _halved(
+    x: FloatArray, c: FloatArray, n: int, values: str, zero: float | None, near: float = 0.0
+) -> tuple[FloatArray, FloatArray]:
+    """Return the knots; `near` is where the tolerance is expected, which saves halvings."""
+    nothing = NOTHING * float(np.abs(c).max())
     equal = np.linspace(x[0], x[-1], n)
-    high = 2.0 * residual(x, c, equal, np.interp(equal, x, c))
-    if high <= NOTHING * float(np.abs(c).max()):
-        return equal, np.interp(equal, x, c)
-    while (best := fewest_knots(x, c, high, values, zero))[0].size > n:
-        high *= 2.0
-    low = 0.0
+    high = 2.0 * max(residual(x, c, equal, np.interp(equal, x, c)), nothing)
+    high, low = min(high, max((1.0 + _NEAR) * near, nothing)) if near else high, 0.0
+    while (best := _tried(x, c, high, n, values, zero)) is None:
+        if high > _TALL * max(float(np.abs(c).max()), nothing):
+            raise NotConvergedError(
+                f"no polyline of {n} knots was found for the curve; ask for more knots"
+            )
+        low, high = high, 2.0 * high
+    if near:
+        below = (1.0 - _NEAR) * near
+        found = _tried(x, c, below, n, values, zero)
+        if found is None:
+            low = max(low, below)
+        else:
+            best, high = found, below
     for _ in range(_BISECTIONS):
-        if high - low <= _CLOSE * high or high <= NOTHING * float(np.abs(c).max()):
+        if high - low <= _CLOSE * high or high <= nothing:
             break
         middle = 0.5 * (low + high)
-        found = fewest_knots(x, c, middle, values, zero)
-        if found[0].size <= n:
+        found = _tried(x, c, middle, n, values, zero)
+        if found is not None:
             best = found
             high = min(middle, max(residual(x, c, *found), low))
         else:
             low = middle
     return best
+
+
+def _tried(
+    x: FloatArray, c: FloatArray, tolerance: float, n: int, values: str, zero: float | None
+) -> tuple[FloatArray, FloatArray] | None:
+    """Return at most `n` knots within a tolerance, None where more are needed or rounding stops."""
+    try:
+        found = fewest_knots(x, c, tolerance, values, zero)
+    except NotConvergedError:
+        return None
+    return found if found[0].size <= n else None
+
+
+def _corners_of(x: FloatArray, c: FloatArray, values: str, zero: float | None) -> FloatArray:
+    """Return the samples at which the curve bends by more than rounding, and its ends."""
+    share = (x[1:-1] - x[:-2]) / (x[2:] - x[:-2])
+    off = np.abs(c[1:-1] - (1.0 - share) * c[:-2] - share * c[2:])
+    corners = x[np.r_[True, off > 1e-13 * float(np.abs(c).max()), True]]
+    return corners if zero is None or values == "free" else np.union1d(corners, [zero])
+
+
+def _some(x: FloatArray, zero: float | None) -> NDArray[np.intp]:
+    some = np.linspace(0, x.size - 1, _FEW).round().astype(np.intp)
+    return np.union1d(some, np.flatnonzero(x == zero)) if zero is not None else np.unique(some)
+
+
+def thinned(
+    x: FloatArray, c: FloatArray, tolerance: float, zero: float | None
+) -> NDArray[np.intp]:
+    """Return samples between which the curve is straight to a tolerance; ends and reference stay."""
+    kept = [0]
+    x0, c0 = float(x[0]), float(c[0])
+    lowest, highest = -np.inf, np.inf
+    must = -1 if zero is None else int(np.flatnonzero(x == zero)[0])
+    places, curve = x.tolist(), c.tolist()
+    last = 0
+    for i in range(1, x.size):
+        d = places[i] - x0
+        slope = (curve[i] - c0) / d
+        if i - 1 == must > last or not lowest <= slope <= highest:
+            last = i - 1
+            kept.append(last)
+            x0, c0 = places[last], curve[last]
+            lowest, highest = -np.inf, np.inf
+            d = places[i] - x0
+        lowest = max(lowest, (curve[i] - tolerance - c0) / d)
+        highest = min(highest, (curve[i] + tolerance - c0) / d)
+    return np.array([*kept, x.size - 1], dtype=np.intp)
 
 
 def chain_of_number(x: FloatArray, c: FloatArray, n: int, nodes: NDArray[np.intp]) -> FloatArray:

@@ -43,6 +43,9 @@ _TOLERANCE = 1e-13
 
 _MAX_STEPS = 60
 
+_ZERO = 1e-12
+"""Below a picometre the correction at the reference counts as zero."""
+
 _NOTHING = 1e-15
 """A femtometre: what is left below it is rounding."""
 
@@ -288,6 +291,7 @@ def tables_from_machine(
     tables = _tables(source, axes, grid, zero, c, offset, q)
     before = source.remaining(q, {}, {a: -offset[a] + np.zeros(()) for a in c})
     messages = (*source.messages, *_left_over(rest, source.correctable(q), tuple(c)))
+    messages += _zero_moves(tables)
     for array in (before, rest):
         array.setflags(write=False)
     return MachineTables(
@@ -462,6 +466,23 @@ def _looked_up(table: Table, places: Sequence[FloatArray]) -> FloatArray:
     if isinstance(table, CompensationMap):
         return table.correction(places[0], places[1]).reshape(shape)
     return table.correction(places[0]).reshape(shape)
+
+
+def _zero_moves(tables: Mapping[str, Table]) -> tuple[str, ...]:
+    """Return what the interpolation leaves at a reference that is no node, by axis."""
+    found: list[str] = []
+    for axis, table in tables.items():
+        zero = table.reference
+        places = zero if isinstance(zero, tuple) else (zero,)
+        there = float(_looked_up(table, [np.array([p]) for p in places])[0])
+        if abs(there) > _ZERO:
+            over = table.axes if isinstance(table, CompensationMap) else (table.axis,)
+            where = ", ".join(format_position(a, p) for a, p in zip(over, places, strict=True))
+            found.append(
+                f"at the reference {where}, which is no node, {axis} is corrected by "
+                f"{format_length(there, digits=3)}, not zero: make the reference a node"
+            )
+    return tuple(found)
 
 
 def _left_over(

@@ -137,9 +137,10 @@ def choose_knots(
     DataError
         If lengths differ, `n` is no whole number or `values` is unknown.
     TableError
-        If the curve is not zero at the reference, or `n` exceeds what the grid holds.
+        If the curve is not zero at the reference, `n` exceeds what the grid holds, or 2 knots on
+        the curve shall hold a reference between them.
     NotConvergedError
-        If the linear program for values on a grid fails, or the curve is finer than rounding.
+        If the linear program for values on a grid fails, or no polyline is found.
 
     Notes
     -----
@@ -147,6 +148,9 @@ def choose_knots(
     propagation of windows [1]_, and the tolerance is bisected. Both steps are exact for the curve
     that is linear between its samples, to 1e-5 of the tolerance. Values on the curve: shortest
     path over chords that stay in the tunnel [2]_, knots at samples (600 of them at most).
+    Where the curve has no more corners than `n`, they are the knots, and the answer is exact.
+    Of more than 1000 samples a thinned curve is searched, within 2e-4 of the tolerance, so that
+    the residual is within 4e-4 of the best; what is stated is that of all samples.
     On a grid the better of two sets of positions is taken, with the best values for it by linear
     programming: near-exact.
     For a parabola of curvature a, n - 1 equal intervals h: a h^2/8 on the curve, a h^2/16 free.
@@ -172,6 +176,11 @@ def choose_knots(
     if grid is not None:
         allowed = frozen_float(grid, name="grid", ndim=1)
         return _on_grid(places, curve, n, values, zero, allowed)
+    if values == "on curve" and zero is not None and n < 3 and places[0] < zero < places[-1]:
+        raise TableError(
+            f"2 knots on the curve are its ends, but the reference {format_length(zero)} lies between "
+            "them and needs a knot of its own; ask for n=3 at least, or values='free'"
+        )
     knots, heights = knots_of_number(places, curve, n, values, zero)
     return _finish(places, curve, *padded(knots, heights, n), values, zero)
 

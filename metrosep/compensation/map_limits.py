@@ -16,12 +16,15 @@ from metrosep.compensation.limits import Finding, Limits
 from metrosep.core.errors import DataError
 from metrosep.core.units import format_length
 
-__all__ = ["check_map_limits"]
+__all__ = ["check_map_limits", "reference_finding"]
 
 FloatArray = NDArray[np.float64]
 
 _STEEP = 1e-3
 """Slope of a correction beyond which it is no longer metrology."""
+
+_SAME = 1e-12
+"""Below a picometre the correction at the reference counts as zero."""
 
 
 def check_map_limits(
@@ -194,3 +197,36 @@ def _bend(position: FloatArray, slope: FloatArray) -> float:
 
 def _error(problem: str, fix: str, check: str) -> Finding:
     return Finding("error", problem, fix, check)
+
+
+def reference_finding(there: float, reference: str) -> tuple[Finding, ...]:
+    """Return a warning where the correction looked up at the reference is not zero.
+
+    Parameters
+    ----------
+    there : float, m
+        Correction between the nodes, as a controller looks it up.
+    reference : str
+        The reference, for the message.
+
+    Returns
+    -------
+    tuple of Finding
+        Empty below a picometre.
+
+    Examples
+    --------
+    >>> reference_finding(2e-9, "X = 5 mm")[0].problem
+    'the correction at the reference X = 5 mm is 2 nm, not zero: the zero of the machine moves by it'
+    """
+    if not abs(there) > _SAME:
+        return ()
+    return (
+        Finding(
+            "warning",
+            f"the correction at the reference {reference} is {format_length(there, digits=3)}, not "
+            "zero: the zero of the machine moves by it",
+            "make the reference a node: put it among the positions of both axes",
+            "reference",
+        ),
+    )

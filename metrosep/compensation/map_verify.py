@@ -32,6 +32,9 @@ _GRID_POINTS = 201
 _PLANE_POINTS = 4
 """A plane takes three; with no more than that nothing of the error is left."""
 
+_UNCHANGED = 1e-9
+"""Change of the RMS, over it, that is rounding."""
+
 
 @dataclass(frozen=True, slots=True)
 class MapVerification:
@@ -123,6 +126,10 @@ class MapVerification:
                 "the RMS shrinks and the P-V does not: somewhere the map adds what is not there; "
                 "look for an outlier or a spacing that is too coarse"
             )
+        elif max(abs(v - self.before_rms) for v in (self.after_rms, self.wrong_sign_rms)) <= (
+            _UNCHANGED * self.before_rms
+        ):
+            hint = "the map changes nothing there: all its corrections are zero or equal"
         else:
             hint = (
                 "neither sign shrinks it: rows and columns are exchanged or mirrored, or the map "

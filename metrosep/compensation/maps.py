@@ -23,7 +23,7 @@ from metrosep.compensation.area_errors import (
     rising,
 )
 from metrosep.compensation.limits import Finding, Limits
-from metrosep.compensation.map_limits import check_map_limits
+from metrosep.compensation.map_limits import check_map_limits, reference_finding
 from metrosep.compensation.map_sampling import inverse_along, sample_area
 from metrosep.compensation.map_verify import MapRemoved, MapVerification, dry_run_map
 from metrosep.core._arrays import frozen_float
@@ -57,7 +57,8 @@ class CompensationMap:
     compensates : str
         Axis that is corrected.
     reference : tuple of (float, float), m or rad
-        Where the correction is zero.
+        Where the correction is zero; `limits` warns where it is no node and the controller's
+        interpolation leaves an amount there.
     u : array_like or None, shape (m, n), m
         Standard uncertainty of the values; NaN in a ring of zeros, where nothing was measured.
     interpolation_error : float or None, m
@@ -81,8 +82,8 @@ class CompensationMap:
     Raises
     ------
     TableError
-        If positions do not rise, shapes do not fit, a value is not finite, an axis has no name or
-        both have the same, or `removed` or `border` is unknown.
+        If positions do not rise, shapes do not fit, a value is not finite, an axis has no printable
+        name or both have the same, or `removed` or `border` is unknown.
 
     Notes
     -----
@@ -113,8 +114,9 @@ class CompensationMap:
 
     def __post_init__(self) -> None:
         axes = _checked_axes(self.axes)
-        if not str(self.compensates).strip():
-            raise TableError("compensates must name an axis, such as 'Z'")
+        name = str(self.compensates)
+        if not name.strip() or not name.isprintable():
+            raise TableError(f"compensates must name an axis, such as 'Z'; got {name[:40]!r}")
         object.__setattr__(self, "axes", axes)
         object.__setattr__(self, "x", rising(self.x, axes[0]))
         object.__setattr__(self, "y", rising(self.y, axes[1]))
@@ -371,6 +373,9 @@ class CompensationMap:
             compensates=self.compensates,
             feeds=feeds,
         )
+        if all(a <= r <= b for r, (a, b) in zip(self.reference, self.span, strict=True)):
+            there = float(self.correction(*self.reference)[0])
+            findings += reference_finding(there, self._reference_text())
         span = float(np.ptp(self.values))
         if self.interpolation_error is None or self.interpolation_error <= _COARSE * span:
             return findings
@@ -498,13 +503,15 @@ class CompensationMap:
         }
 
     def __repr__(self) -> str:
-        zero = ", ".join(
-            format_position(a, r) for a, r in zip(self.axes, self.reference, strict=True)
-        )
         return (
             f"CompensationMap({self.axes[0]}, {self.axes[1]} -> {self.compensates}, {self.x.size} "
-            f"columns x {self.y.size} rows, stroke {format_length(self.stroke)}, zero at {zero})"
+            f"columns x {self.y.size} rows, stroke {format_length(self.stroke)}, zero at "
+            f"{self._reference_text()})"
         )
+
+    def _reference_text(self) -> str:
+        places = zip(self.axes, self.reference, strict=True)
+        return ", ".join(format_position(a, r) for a, r in places)
 
     def _repr_html_(self) -> str:
         """Return a small table for notebooks."""
@@ -528,7 +535,8 @@ class CompensationMap:
 def _checked_axes(axes: Any) -> tuple[str, str]:
     listed = axes if isinstance(axes, tuple | list) else ()
     names = tuple(str(a).strip() for a in listed)
-    if len(names) != 2 or not all(names) or names[0] == names[1]:
+    fine = len(names) == 2 and all(names) and all(n.isprintable() for n in names)
+    if not fine or names[0] == names[1]:
         raise TableError(f"axes are the names of two axes, such as ('X', 'Y'); got {axes!r}")
     return names[0], names[1]
 

@@ -30,6 +30,9 @@ _COARSE = 10.0
 _EXACT = 2.0**53
 """Beyond this a double no longer counts by ones."""
 
+_TRIALS = 1000
+"""Magnifications that are tried for one that is enough."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rounded:
@@ -185,7 +188,7 @@ def round_increments(
     findings = _coarse(wanted, step)
     bad = np.flatnonzero((entries < low) | (entries > high))
     if bad.size:
-        findings.append(_out_of_range(entries, bad, low, high, scale, positions, wanted))
+        findings.append(_out_of_range(entries, bad, (low, high), (unit, scale), positions, wanted))
     return _rounded(entries, float(step) * curve.astype(np.float64), wanted, step, findings)
 
 
@@ -279,9 +282,8 @@ def _coarse(wanted: FloatArray, step: float) -> list[Finding]:
 def _out_of_range(
     entries: IntArray,
     bad: NDArray[np.intp],
-    low: int,
-    high: int,
-    magnification: int,
+    limits: tuple[int, int],
+    step: tuple[float, int],
     positions: ArrayLike | None,
     wanted: FloatArray,
 ) -> Finding:
@@ -292,16 +294,40 @@ def _out_of_range(
         if p.shape != wanted.shape:
             raise DataError(f"{p.size} positions for {wanted.size} values")
         where = f" from {p[i] * 1e3:.9g} to {p[i + 1] * 1e3:.9g} mm"
-    worst = int(entries[int(np.abs(entries).argmax())])
-    share = max(worst / high if worst > 0 and high > 0 else 0.0, worst / low if low < 0 else 0.0)
-    enough = math.ceil(share * magnification)
-    larger = f"a magnification of {enough}" if enough > magnification else "a larger magnification"
+    low, high = limits
+    shares = [_share(int(e), low, high) for e in entries[bad]]
+    worst = int(entries[bad[int(np.argmax(shares))]])
+    enough = _enough(wanted, step, limits, max(shares))
+    larger = f"a magnification of {enough}" if enough else "a larger magnification"
     return Finding(
         "error",
         f"interval {i}{where} needs an increment of {entries[i]}, allowed are {low} to {high} "
-        f"({bad.size} of {entries.size} are out of range, the largest is {worst})",
+        f"({bad.size} of {entries.size} are out of range, the worst is {worst})",
         f"use {larger} (coarser steps) or a finer interval between the points",
     )
+
+
+def _share(entry: int, low: int, high: int) -> float:
+    """Return how many times its bound an entry is that is out of range."""
+    bound = high if entry > high else low
+    return entry / bound if bound != 0 and (bound > 0) == (entry > high) else math.inf
+
+
+def _enough(
+    wanted: FloatArray, step: tuple[float, int], limits: tuple[int, int], share: float
+) -> int | None:
+    """Return the smallest magnification with which all increments are in range, None if unknown."""
+    if not share < _EXACT:
+        return None
+    unit, now = step
+    # rounding adds one step at most to an increment: it takes little more than the quotient
+    first = max(now + 1, math.ceil(share * now))
+    more = first // max(1, min(-limits[0], limits[1]) - 1)
+    for trial in range(first, first + min(more, _TRIALS) + 2):
+        increments = np.diff(_whole(wanted, unit * trial))
+        if (increments >= limits[0]).all() and (increments <= limits[1]).all():
+            return trial
+    return None
 
 
 def _rounded(

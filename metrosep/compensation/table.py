@@ -103,6 +103,8 @@ class CompensationTable:
         positions = column(self.positions, "positions")
         if positions.size < 2:
             raise TableError(f"a table needs at least 2 positions, got {positions.size}")
+        if not np.isfinite(self.reference):
+            raise TableError(f"reference={self.reference!r} must be a finite position")
         bad = np.flatnonzero(np.diff(positions) <= 0)
         if bad.size:
             i = int(bad[0])
@@ -121,8 +123,9 @@ class CompensationTable:
                     )
                 object.__setattr__(self, name, checked)
         for name in ("axis", "compensates"):
-            if not str(getattr(self, name)).strip():
-                raise TableError(f"{name} must name an axis, such as 'X'")
+            text = str(getattr(self, name))
+            if not text.strip() or not text.isprintable():
+                raise TableError(f"{name} must name an axis, such as 'X'; got {text[:40]!r}")
 
     @property
     def is_on_axis(self) -> bool:

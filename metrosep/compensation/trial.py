@@ -25,19 +25,31 @@ FloatArray = NDArray[np.float64]
 Third = Literal["auto", "first", "middle", "last"]
 Verdict = Literal["right", "wrong"]
 
-_PEAK = 0.25
-"""Place of the peak in its third: the near flank is three times as steep as the far one."""
+_PEAK = {"first": 0.25, "middle": 0.4, "last": 0.25}
+"""Place of the peak in its part: the near flank is steeper than the far one."""
 
 _SLOPE = 1e-3
 """Slope of a correction beyond which it is no longer metrology (as in `limits`)."""
 
-_CLEAR = 0.5
+_CLEAR = 0.2
 """Share of the amplitude by which a reading may be off and still be clear."""
 
-_REVERSE = 0.5
-"""Height of the reverse column over the forward one, so that swapped columns show."""
+_REVERSE = 0.3
+"""Height of the reverse column over the forward one: neither 1/2 nor 1, so that swapped columns are
+told from a table that is scaled by half."""
 
-_TERTIARY = {"first": 0, "middle": 1, "last": 2}
+_BOUNDS = {"first": (0, 2, 2), "middle": (2, 3, 4), "last": (4, 6, 6)}
+"""Where the bump begins and ends, and where its third ends, in sixths of the travel: never across
+its middle, so that a mirrored table is flat where the peak is expected."""
+
+_NODE = 1e-9
+"""Share of the travel by which rounding may miss a node."""
+
+_CLUES = (
+    (0.5, "half of it: the table is scaled by half (radius for diameter, a unit or a count)"),
+    (2.0, "twice of it: the table is scaled by two (diameter for radius, a unit or a count)"),
+    (_REVERSE, "the height of the reverse column: the columns are swapped"),
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,6 +66,8 @@ class TrialTable:
         Correction there when moving in + direction.
     amplitude_reverse : float, m
         The same in - direction.
+    mirror : float, m
+        Commanded position where a table with mirrored positions has its peak; the right one is 0 there.
     instruction : str
         What to do.
     if_right, if_wrong : str
@@ -64,11 +78,12 @@ class TrialTable:
     position: float
     amplitude: float
     amplitude_reverse: float
+    mirror: float
     instruction: str
     if_right: str
     if_wrong: str
 
-    def judge(self, change: float, u: float = 0.0) -> Verdict:
+    def judge(self, change: float, u: float = 0.0, *, at_mirror: float | None = None) -> Verdict:
         """Return whether a reading says that the sign is right.
 
         Parameters
@@ -78,6 +93,8 @@ class TrialTable:
             of the corrected axis further in +.
         u : float, m, optional
             Standard uncertainty of that change.
+        at_mirror : float, m, optional
+            The same at `mirror`, where nothing must be seen.
 
         Returns
         -------
@@ -88,20 +105,28 @@ class TrialTable:
         ------
         DataError
             If the change is neither clearly the amplitude nor its negative: the table is not
-            active, scaled, or looked up elsewhere.
+            active, scaled, its columns are swapped or its positions mirrored; the message says which
+            of these fits.
 
         Notes
         -----
-        Clear is a reading within half the amplitude of one of the two, widened by nothing: two
-        standard uncertainties must fit into that half.
+        Clear is a reading within a fifth of the amplitude of one of the two, widened by nothing: two
+        standard uncertainties must fit into that fifth.
         """
         if not math.isfinite(change) or not (math.isfinite(u) and u >= 0.0):
             raise DataError(f"change and u must be finite, u >= 0: got {change!r}, {u!r}")
+        if at_mirror is not None and not math.isfinite(at_mirror):
+            raise DataError(f"at_mirror must be finite, got {at_mirror!r}")
         room = _CLEAR * abs(self.amplitude) - 2.0 * u
         if room <= 0.0:
             raise DataError(
                 f"u = {format_length(u)} is too large for a bump of {format_length(self.amplitude)}: "
                 "average more readings or use a larger bump"
+            )
+        if at_mirror is not None and abs(at_mirror) > room:
+            raise DataError(
+                f"the indicator changed by {format_length(at_mirror)} at {self.mirror * 1e3:.6g} mm, where "
+                "nothing was expected: the positions of the table are mirrored or shifted"
             )
         if abs(change - self.amplitude) <= room:
             return "right"
@@ -110,8 +135,21 @@ class TrialTable:
         raise DataError(
             f"the indicator changed by {format_length(change)}, expected was "
             f"{format_length(self.amplitude)} (right) or {format_length(-self.amplitude)} (wrong): "
-            "the table is not active, its unit is another, or its positions are shifted or mirrored"
+            + self._clue(change / self.amplitude)
         )
+
+    def _clue(self, share: float) -> str:
+        """Return what a reading of a share of the amplitude points to."""
+        if abs(share) <= 0.1:
+            return (
+                "the table is not active, or its positions are mirrored or shifted (look at "
+                f"{self.mirror * 1e3:.6g} mm)"
+            )
+        for height, words in _CLUES:
+            swapped = height != _REVERSE or self.amplitude_reverse != self.amplitude
+            if swapped and abs(abs(share) - height) <= 0.25 * height:
+                return words + ("" if share > 0.0 else ", and the sign is wrong")
+        return "the table is not active, its unit is another, or its positions are shifted or mirrored"
 
 
 def trial_table(
@@ -130,8 +168,8 @@ def trial_table(
     amplitude : float, m
         Correction at the peak, with its sign; some ten times what the indicator resolves.
     third : {"auto", "first", "middle", "last"}, optional
-        Part of the travel that holds the bump; "auto" takes the last third, or the first if the
-        reference lies in the last.
+        Part of the travel that holds the bump; "auto" takes the first of last, first and middle that
+        has an entry and not the reference.
     slope_max : float, optional
         Largest slope of the flanks in m per m.
 
@@ -149,9 +187,11 @@ def trial_table(
 
     Notes
     -----
-    The peak lies a quarter into its third: a mirrored table shows it elsewhere and with the
-    steep flank on the other side. Where the real table has a reverse column, that of the trial is
-    half as high: swapped columns show. Source of the dry-run is the error that the bump cancels.
+    The peak lies a quarter into its part, and no part reaches over the middle of the travel ("middle"
+    is the sixth before it): a mirrored table shows nothing where the peak is expected, and the peak
+    where nothing is. Where the real table has a reverse column, that of the trial is 0.3 as high:
+    swapped columns show, and are told from a table scaled by half. Source of the dry-run is the
+    error that the bump cancels.
 
     Examples
     --------
@@ -167,8 +207,8 @@ def trial_table(
     if not (math.isfinite(slope_max) and slope_max > 0.0):
         raise DataError(f"slope_max must be positive, got {slope_max!r}")
     p = table.positions
-    first, last = _part(table, third)
-    shape, peak = _bump(p, first, last)
+    first, last, share = _part(table, third)
+    shape, peak = _bump(p, first, last, share)
     _check_slope(p, shape, amplitude, slope_max)
     forward = amplitude * shape
     split = table.reverse is not None
@@ -191,40 +231,40 @@ def trial_table(
     return _described(bumped, float(p[peak]), amplitude)
 
 
-def _part(table: CompensationTable, third: str) -> tuple[float, float]:
+def _part(table: CompensationTable, third: str) -> tuple[float, float, float]:
     low, high = table.span
-    zero = table.reference
-
-    def bounds(name: str) -> tuple[float, float]:
-        k = _TERTIARY[name]
-        return low + (high - low) * k / 3, low + (high - low) * (k + 1) / 3
-
-    if third == "auto":
-        first, last = bounds("last")
-        third = "first" if first < zero < high else "last"
-    if third not in _TERTIARY:
+    zero, p = table.reference, table.positions
+    room = _NODE * (high - low)
+    free = True
+    if third not in ("auto", *_BOUNDS):
         raise DataError(f"third={third!r}; use auto, first, middle or last")
-    first, last = bounds(third)
-    if first < zero < last:
+    for name in ("last", "first", "middle") if third == "auto" else (third,):
+        first, last, end = (low + (high - low) * k / 6 for k in _BOUNDS[name])
+        free = not first + room < zero < end - room
+        if free and bool(((p > first + room) & (p < last - room)).any()):
+            return first, last, _PEAK[name]
+    if third == "auto" or free:
         raise TableError(
-            f"the reference {format_length(zero)} lies in the {third} third, where the correction "
-            "must stay zero: take another third"
+            f"no entry lies {'within a third' if third == 'auto' else 'in the ' + third + ' third'} of the "
+            f"travel, {format_length(low)} to {format_length(high)}, away from its ends, its middle and the "
+            "reference: use a table with more entries"
+            + ("" if third == "auto" else ", or another third")
         )
-    return first, last
+    raise TableError(
+        f"the reference {format_length(zero)} lies in the {third} third, where the correction "
+        "must stay zero: take another third"
+    )
 
 
-def _bump(p: FloatArray, first: float, last: float) -> tuple[FloatArray, int]:
+def _bump(p: FloatArray, first: float, last: float, share: float) -> tuple[FloatArray, int]:
     """Return the bump of height 1 at the entries, and the entry of its peak."""
-    inside = np.flatnonzero((p > first) & (p < last))
-    if inside.size == 0:
-        raise TableError(
-            f"no entry lies between {format_length(first)} and {format_length(last)}: take another "
-            "third, or a table with at least 4 entries"
-        )
-    wanted = first + _PEAK * (last - first)
+    room = _NODE * (p[-1] - p[0])
+    outside = (p <= first + room) | (p >= last - room)
+    inside = np.flatnonzero(~outside)
+    wanted = first + share * (last - first)
     peak = int(inside[int(np.abs(p[inside] - wanted).argmin())])
     shape = np.interp(p, [first, p[peak], last], [0.0, 1.0, 0.0])
-    shape[(p <= first) | (p >= last)] = 0.0
+    shape[outside] = 0.0
     return shape, peak
 
 
@@ -252,18 +292,20 @@ def _described(table: CompensationTable, position: float, amplitude: float) -> T
     low, high = table.span
     where = f"{position * 1e3:.6g} mm"
     seen, flipped = _signed(amplitude), _signed(-amplitude)
-    mirrored = f"{(low + high - position) * 1e3:.6g} mm"
-    both = "" if back == amplitude else f"; in - direction half of it, {_signed(back)}"
+    mirror = low + high - position
+    mirrored = f"{mirror * 1e3:.6g} mm"
+    both = "" if back == amplitude else f"; in - direction {_REVERSE:g} of it, {_signed(back)}"
     return TrialTable(
         table=table,
         position=position,
         amplitude=float(amplitude),
         amplitude_reverse=float(back),
+        mirror=float(mirror),
         instruction=(
             f"Without tool and part, set an indicator on axis {table.compensates}, + for places "
             f"further in +{table.compensates}. Drive {table.axis} in + direction from "
             f"{low * 1e3:.6g} to {high * 1e3:.6g} mm, once without and once with the trial table, "
-            f"and take the difference (with minus without) at {where}."
+            f"and take the difference (with minus without) at {where} and at {mirrored}."
         ),
         if_right=f"Sign right: the indicator shows {seen} at {where} and 0 elsewhere{both}.",
         if_wrong=(

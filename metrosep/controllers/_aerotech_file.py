@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.controllers._notes import agreed, note, read_notes
 from metrosep.controllers.base import sidecar_options
 from metrosep.controllers.options import Option
 from metrosep.core.errors import CorruptFileError, DataError, UnsupportedFeatureError
@@ -21,12 +21,15 @@ __all__ = ["Grid", "read_grid", "write_grid"]
 FloatArray = NDArray[np.float64]
 
 _MM = 1e-3
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)")
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)", re.ASCII)
+_WHOLE = re.compile(r"\d{1,9}", re.ASCII)
 _WORD = re.compile(r"([A-Z][A-Z0-9]*)\s*=\s*(\S+)")
-_UNIT = re.compile(r"(METRIC|PRIMARY)(?:/(\d+))?")
+_UNIT = re.compile(r"(METRIC|PRIMARY)(?:/(\d{1,9}))?", re.ASCII)
+_LARGEST = 1e12
+"""No distance, offset or entry of a file is as large, in any unit."""
+
 _START = ":START2D"
 _KEYS = ("OUTAXIS3", "POSUNIT", "CORUNIT", "OFFSETROW", "OFFSETCOL")
-_NOTE = "; metrosep: "
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,20 +76,24 @@ def write_grid(grid: Grid, o: dict[str, Any], names: tuple[str, ...]) -> tuple[s
     width = max(
         len(cell) - 2 + o["decimals"] + 3, *(len(cell.format(w)) for r in words for w in r)
     )
-    facts = {"corrected_sign": o["corrected_sign"], "offset_follows": o["offset_follows"]}
+    facts: dict[str, Any] = {
+        "corrected_sign": o["corrected_sign"],
+        "offset_follows": o["offset_follows"],
+        "corrected_axis": grid.output,
+        "rows": len(words),
+    }
     if all(n.isascii() and n.isalnum() for n in names):
         facts |= {"axes": f"{names[0]},{names[1]}", "corrects": names[2]}
     row, column = grid.row_axis, grid.column_axis
     numbers = f"{row:<3} {column:<3} {column:<4} {row:<3}"
     offsets = f"OFFSETROW={_mm(grid.row_offset)} OFFSETCOL={_mm(grid.column_offset)}"
     lines = [
-        _NOTE + " ".join(f"{k}={v}" for k, v in facts.items()),
-        ";       row col out1 out2 dRow  dCol  nCols",
         f"{_START} {numbers} {_mm(grid.row_step)} {_mm(grid.column_step)} {um.shape[1]}",
         f"{_START} {third}POSUNIT=METRIC CORUNIT=METRIC/1000 {offsets}",
         *("   ".join(cell.format(w).ljust(width) for w in row).rstrip() for row in words),
         ":END",
     ]
+    lines[:0] = [f"; {note(facts, lines)}", ";       row col out1 out2 dRow  dCol  nCols"]
     return "\n".join(lines) + "\n", np.array(words, dtype=np.float64) * 1e-6
 
 
@@ -100,7 +107,11 @@ def read_grid(
 ) -> tuple[Grid, dict[str, Any]]:
     """Return the table of a file, and the facts about the machine that are known."""
     lines, noted = _lines(data, path)
-    facts = {**_checked_notes(noted, known), **sidecar_options(path, known), **given}
+    told = {**sidecar_options(path, known), **given}
+    facts: dict[str, Any] = {
+        **{k: v for k, v in noted.items() if k in ("axes", "corrects")},
+        **agreed(noted, known, told, path),
+    }
     if "corrected_sign" not in facts:
         raise DataError(
             f"{path}: neither the file nor a sidecar tells how the encoder of the corrected axis "
@@ -119,30 +130,21 @@ def read_grid(
     return grid, facts
 
 
-def _checked_notes(noted: dict[str, str], known: Iterable[Option]) -> dict[str, Any]:
-    facts: dict[str, Any] = {k: v for k, v in noted.items() if k in ("axes", "corrects")}
-    for option in known:
-        if option.name in noted:
-            facts[option.name] = option.checked(noted[option.name], "comment in the file")
-    return facts
-
-
 def _lines(data: bytes, path: Path) -> tuple[list[tuple[int, str]], dict[str, str]]:
     """Return the lines that are not comments, with their numbers, and metrosep's own comment."""
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as exc:
         raise CorruptFileError(path, "not UTF-8 text", offset=exc.start) from None
-    noted: dict[str, str] = {}
-    lines = []
+    lines: list[tuple[int, str]] = []
+    comments: list[str] = []
     for number, line in enumerate(text.splitlines(), start=1):
-        if line.startswith(_NOTE):
-            pairs = (w.partition("=") for w in line[len(_NOTE) :].split())
-            noted.update({key: value for key, _, value in pairs})
-        code = line.partition(";")[0].strip()
-        if code:
-            lines.append((number, code))
-    return lines, noted
+        words, mark, comment = line.partition(";")
+        if mark:
+            comments.append(comment)
+        if words.strip():
+            lines.append((number, words.strip()))
+    return lines, read_notes(comments, [code for _, code in lines], path)
 
 
 def _parsed(lines: list[tuple[int, str]], path: Path, facts: dict[str, Any]) -> Grid:
@@ -199,12 +201,11 @@ def _header(line: tuple[int, str], path: Path) -> list[float]:
     words = code.removeprefix(_START).split()
     fine = len(words) == 7 and all(map(_NUMBER.fullmatch, words))
     values = [float(w) for w in words] if fine else []
-    whole = [v for w, v in zip(words, values, strict=False) if w.isdigit()]
-    counts = [*values[:4], *values[6:]]
     if (
         not values
-        or [v for v in counts if v in whole] != counts
-        or min(counts) < 1
+        or not all(map(_WHOLE.fullmatch, [*words[:4], *words[6:]]))
+        or max(map(abs, values)) > _LARGEST
+        or min(*values[:4], values[6]) < 1
         or values[6] < 2
         or not values[4]
         or not values[5]
@@ -231,9 +232,9 @@ def _keys(line: tuple[int, str], path: Path) -> dict[str, str]:
         problem = f"holds the unknown key {unknown[0]}"
     elif missing := [k for k in _KEYS[1:] if k not in words]:
         problem = f"lacks {missing[0]}"
-    elif not all(_NUMBER.fullmatch(words[k]) for k in _KEYS[3:]):
+    elif not all(_is_number(words[k]) for k in _KEYS[3:]):
         problem = "holds an offset that is not a number"
-    elif not words.get("OUTAXIS3", "1").isdigit() or words.get("OUTAXIS3") == "0":
+    elif not _WHOLE.fullmatch(words.get("OUTAXIS3", "1")) or not int(words.get("OUTAXIS3", "1")):
         problem = "holds an OUTAXIS3 that is not the number of an axis"
     if problem:
         raise CorruptFileError(path, f"line {number} {problem}: {code[:60]!r}")
@@ -244,7 +245,7 @@ def _unit(text: str, number: int, path: Path, facts: dict[str, Any]) -> float:
     match = _UNIT.fullmatch(text)
     if match is None or (match[2] is not None and not int(match[2])):
         raise UnsupportedFeatureError(
-            f"{path}: line {number}: unit {text!r}; metrosep reads METRIC and PRIMARY, also divided "
+            f"{path}: line {number}: unit {text[:40]!r}; metrosep reads METRIC and PRIMARY, also divided "
             "as in METRIC/1000"
         )
     whole = _MM if match[1] == "METRIC" else facts.get("primary_unit")
@@ -259,10 +260,14 @@ def _unit(text: str, number: int, path: Path, facts: dict[str, Any]) -> float:
 def _row(line: tuple[int, str], count: int, path: Path) -> list[float]:
     number, code = line
     words = code.split()
-    if len(words) != count or not all(map(_NUMBER.fullmatch, words)):
+    if len(words) != count or not all(map(_is_number, words)):
         raise CorruptFileError(
             path,
             f"line {number} is not a row of {count} numbers but {code[:60]!r}",
             found=f"{len(words)} words",
         )
     return [float(w) for w in words]
+
+
+def _is_number(word: str) -> bool:
+    return bool(_NUMBER.fullmatch(word)) and abs(float(word)) <= _LARGEST

@@ -10,17 +10,37 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.compensation.area_errors import is_rotary
-from metrosep.controllers._sinumerik_file import Assignment, Grid, grid_of, number_text
-from metrosep.core.errors import CorruptFileError, DataError, LimitError
-from metrosep.core.units import format_length
+from metrosep.compensation.area_errors import format_position, is_rotary
+from metrosep.controllers._along import format_amount, format_span
+from metrosep.controllers._notes import agreed
+from metrosep.controllers._sinumerik_file import (
+    Assignment,
+    Grid,
+    axis_letter,
+    grid_of,
+    number_text,
+    read_assignments,
+)
+from metrosep.controllers.base import sidecar_options
+from metrosep.controllers.options import Option
+from metrosep.core.errors import (
+    CorruptFileError,
+    DataError,
+    LimitError,
+    UnsupportedFeatureError,
+)
 
 __all__ = [
     "CecTable",
+    "axis_names",
     "check_count",
     "check_turns",
     "check_values",
+    "factors",
+    "opened",
+    "pair",
     "read_tables",
+    "require_same_axes",
     "table_lines",
 ]
 
@@ -167,7 +187,7 @@ def _one(
         raise CorruptFileError(
             path, f"line {facts['DIRECTION'].line}: DIRECTION is 0, 1 or -1", found=direction[:20]
         )
-    if not multiplied.isdigit():
+    if not multiplied.isdigit() or len(multiplied) > 9:
         raise CorruptFileError(
             path,
             f"line {facts['MULT_BY_TABLE'].line}: MULT_BY_TABLE is the number of a table or 0",
@@ -218,34 +238,260 @@ def check_count(positions: FloatArray, o: Mapping[str, Any], axis: str) -> None:
         needed = float(positions[-1] - positions[0]) / (most - 1)
         raise LimitError(
             f"{positions.size} entries over {axis}, a table holds {most}; use a spacing of at least "
-            f"{needed * 1e3:.4g} mm (an option of this dialect), or raise MD18342"
+            f"{format_span(axis, needed)} (an option of this dialect), or raise MD18342"
         )
 
 
 def check_values(
-    values: FloatArray, positions: FloatArray, o: Mapping[str, Any], axis: str
+    values: FloatArray, positions: FloatArray, limit: float | None, axis: str, corrected: str
 ) -> None:
     """Refuse corrections above the limit of the control.
 
     Parameters
     ----------
-    values, positions : ndarray, m
+    values, positions : ndarray, m or rad
         Corrections and where they stand.
-    o : mapping
-        Options.
-    axis : str
-        For the message.
+    limit : float or None, m or rad
+        Of the control.
+    axis, corrected : str
+        Axis of the positions and corrected axis, for the message.
 
     Raises
     ------
     LimitError
-        If one is above `value_limit`.
+        If one is above the limit.
     """
     largest = int(np.abs(values).argmax())
-    if o["value_limit"] is not None and abs(values[largest]) > o["value_limit"]:
+    if limit is not None and abs(values[largest]) > limit:
         raise LimitError(
-            f"the correction at {axis} = {positions[largest] * 1e3:.6g} mm is "
-            f"{format_length(abs(float(values[largest])), digits=3)}, the control adds at most "
-            f"{format_length(o['value_limit'])} (MD32720); raise the limit or remove the line from the "
-            "table"
+            f"the correction at {format_position(axis, float(positions[largest]))} is "
+            f"{format_amount(corrected, abs(float(values[largest])), digits=3)}, the control adds at "
+            f"most {format_amount(corrected, limit)} (MD32720); raise the limit or remove the line "
+            "from the table"
+        )
+
+
+def pair(
+    tables: Mapping[int, CecTable], path: Path, options: Mapping[str, Any]
+) -> tuple[CecTable, CecTable | None]:
+    """Return the chosen table, and that of the other direction.
+
+    Parameters
+    ----------
+    tables : mapping of int to CecTable
+        Of the file.
+    path : Path
+        For messages.
+    options : mapping
+        With `table_index`, where the user chose one.
+
+    Returns
+    -------
+    tuple
+        The table, and the other one or None.
+
+    Raises
+    ------
+    UnsupportedFeatureError
+        If tables multiply or add up on the output axis, or none is chosen.
+    DataError
+        If the chosen one is not there.
+    """
+    if any(t.multiplied_by for t in tables.values()):
+        raise UnsupportedFeatureError(
+            f"{path}: tables multiply (MULT_BY_TABLE): read it as 'sinumerik-cec-product'"
+        )
+    index = options.get("table_index", min(tables))
+    if index not in tables:
+        raise DataError(f"{path}: no table {index}; there are {', '.join(map(str, tables))}")
+    first = tables[index]
+    others = [
+        t
+        for t in tables.values()
+        if t.index != index
+        and (t.input_axis, t.output_axis) == (first.input_axis, first.output_axis)
+        and (t.direction == -first.direction or not t.direction or not first.direction)
+    ]
+    if len(tables) > 1 + len(others) and "table_index" not in options:
+        raise UnsupportedFeatureError(
+            f"{path}: it holds the tables {', '.join(map(str, tables))}; choose with table_index="
+        )
+    more = [
+        t.index
+        for t in tables.values()
+        if t.output_axis == first.output_axis and t.index != index and t not in others
+    ]
+    if more:
+        raise UnsupportedFeatureError(
+            f"{path}: the tables {first.index} and {more[0]} add up on {first.output_axis}: metrosep "
+            "reads one table of an axis, or one for each direction"
+        )
+    if not others:
+        return first, None
+    same = len(others) == 1 and first.direction and others[0].direction
+    if not same or not np.array_equal(others[0].grid.positions, first.grid.positions):
+        raise UnsupportedFeatureError(
+            f"{path}: the tables {first.index} and {others[0].index} act on the same axes and add up, "
+            "or stand at other positions: metrosep reads one for each direction"
+        )
+    if others[0].grid.modulo != first.grid.modulo:
+        raise UnsupportedFeatureError(f"{path}: only one of two directions repeats")
+    return first, others[0]
+
+
+def factors(tables: Mapping[int, CecTable], path: Path) -> tuple[CecTable, CecTable]:
+    """Return the table that is multiplied, and the one it is multiplied by.
+
+    Parameters
+    ----------
+    tables : mapping of int to CecTable
+        Of the file.
+    path : Path
+        For messages.
+
+    Returns
+    -------
+    tuple of CecTable
+        Both.
+
+    Raises
+    ------
+    UnsupportedFeatureError
+        If there are other tables too, or they repeat or depend on the direction.
+    CorruptFileError
+        If the second one is not there.
+    """
+    linked = [t for t in tables.values() if t.multiplied_by]
+    if len(linked) != 1 or len(tables) != 2:
+        raise UnsupportedFeatureError(
+            f"{path}: it holds {len(tables)} tables of which {len(linked)} multiply; metrosep reads two "
+            "tables, one multiplied by the other"
+        )
+    first = linked[0]
+    other = first.multiplied_by - 1
+    if other not in tables or other == first.index:
+        raise CorruptFileError(
+            path,
+            f"table {first.index} is multiplied by table index {other}, which is not in the file",
+            field="MULT_BY_TABLE",
+        )
+    second = tables[other]
+    plain = not (first.direction or second.direction or first.grid.modulo or second.grid.modulo)
+    if not plain or second.output_axis != first.output_axis:
+        raise UnsupportedFeatureError(
+            f"{path}: tables that multiply and repeat, depend on the direction or differ in the "
+            "output axis are not read"
+        )
+    return first, second
+
+
+def opened(
+    data: bytes,
+    path: Path,
+    known: tuple[Option, ...],
+    options: Mapping[str, Any],
+    controller: str,
+) -> tuple[dict[int, CecTable], dict[str, Any], dict[str, str]]:
+    """Return the tables of a file by index, and what is known about them.
+
+    Parameters
+    ----------
+    data : bytes
+        Content.
+    path : Path
+        Its name.
+    known : tuple of Option
+        Of the dialect.
+    options : mapping
+        That the user gave.
+    controller : str
+        For the message.
+
+    Returns
+    -------
+    tables : dict
+        CecTable by index.
+    options : dict
+        Of user, sidecar and comment.
+    noted : dict
+        Facts of the comment.
+
+    Raises
+    ------
+    CorruptFileError
+        If the file is damaged.
+    DataError
+        If the sign is told by nothing, or user and comment contradict.
+    """
+    assignments, noted = read_assignments(data, path)
+    o = agreed(noted, known, {**sidecar_options(path, known), **options}, path)
+    if "entry_sign" not in o:
+        raise DataError(
+            f"{path}: neither the file nor a sidecar tells the sign of its entries; give entry_sign=1 "
+            f"(entry = +e) or -1 to read it as {controller}"
+        )
+    return read_tables(assignments, path), o, noted
+
+
+def axis_names(
+    noted: Mapping[str, str],
+    machine: Sequence[str],
+    turns: Sequence[bool],
+    otherwise: Sequence[str],
+) -> tuple[str, ...]:
+    """Return names for machine axes: of the comment, else by their letters, else usual ones.
+
+    Parameters
+    ----------
+    noted : mapping
+        Facts of the comment.
+    machine : sequence of str
+        Machine axes; equal ones get equal names, others not.
+    turns : sequence of bool
+        Which of them turn.
+    otherwise : sequence of str
+        Names where nothing tells.
+
+    Returns
+    -------
+    tuple of str
+        As many.
+
+    Examples
+    --------
+    >>> axis_names({}, ("AX1", "AX1"), (False, False), ("X", "Z"))
+    ('X', 'X')
+    """
+    told = tuple(noted["axes"].split(",")) if "axes" in noted else ()
+    if len(told) == len(machine) and all(told):
+        return told
+    found: dict[str, str] = {}
+    for name, turned, usual in zip(machine, turns, otherwise, strict=True):
+        letter = axis_letter(name, turns=turned, otherwise=usual)
+        free = [letter, *("CBA" if turned else "XYZUVW")]
+        found.setdefault(name, next(k for k in free if k not in found.values()))
+    return tuple(found[name] for name in machine)
+
+
+def require_same_axes(named: Sequence[str], machine: Sequence[str], path: Path) -> None:
+    """Refuse names that say something else about the corrected axis than the machine axes do.
+
+    Parameters
+    ----------
+    named, machine : sequence of str
+        Looked-up axes and, last, the corrected one: by name, and in the file.
+    path : Path
+        For the message.
+
+    Raises
+    ------
+    CorruptFileError
+        If one of them is the corrected axis by name and not in the file, or the other way round.
+    """
+    if [n == named[-1] for n in named[:-1]] != [m == machine[-1] for m in machine[:-1]]:
+        raise CorruptFileError(
+            path,
+            f"it is said to correct {named[-1]} over {', '.join(named[:-1])}, but its tables correct "
+            f"{machine[-1]} over {', '.join(machine[:-1])}",
+            hint="write the table again, or use the sidecar that fits",
         )

@@ -8,6 +8,7 @@ are true, and only then sends the whole correction.
 
 from __future__ import annotations
 
+import hashlib
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -53,6 +54,8 @@ Y_MM = (
 COUNTS = (
 {entries}
 )
+# SHA-256 of this file with 64 zeros here; metrosep reads it no more when a number was changed
+CHECKSUM = "{checksum}"
 
 CLEAR_S = 0.05
 FAULT_S = 1.0
@@ -126,8 +129,11 @@ if __name__ == "__main__":
 '''
 """To be filled with the names of the axes and the numbers by `str.format`."""
 
-_NUMBER = r"-?\d+(?:\.\d+)?"
+_NUMBER = r"-?\d{1,9}(?:\.\d{1,20})?"
+_OPEN = "0" * 64
+"""What stands in place of the checksum while it is taken."""
 _AXES = re.compile(rf'AXES = \("([{LETTERS}])", "([{LETTERS}])", "([{LETTERS}])"\)')
+_CHECKSUM = re.compile(r'CHECKSUM = "[0-9a-f]{64}"')
 _HINT = "write the map again; nothing in this file may be changed"
 
 
@@ -199,7 +205,7 @@ class Grid:
         str
             ASCII, LF.
         """
-        return _PROGRAM.format(
+        text = _PROGRAM.format(
             first=self.axes[0],
             second=self.axes[1],
             third=self.axes[2],
@@ -211,7 +217,9 @@ class Grid:
             columns=_indented(f"{_short(v)}," for v in self.x),
             rows=_indented(f"{_short(v)}," for v in self.y),
             entries=_indented(f"({', '.join(map(str, row))})," for row in self.counts),
+            checksum=_OPEN,
         )
+        return text.replace(_OPEN, hashlib.sha256(text.encode("ascii")).hexdigest())
 
 
 def printed(value: float, decimals: int) -> Decimal:
@@ -261,7 +269,8 @@ def grid_of(data: bytes, path: Path) -> Grid:
     Raises
     ------
     CorruptFileError
-        If a line is missing, changed or unknown, positions do not rise, or rows differ in length.
+        If a line is missing, changed or unknown, positions do not rise, rows differ in length, or
+        the numbers are not those of the checksum.
     """
     try:
         lines = data.decode("ascii").split("\n")
@@ -270,7 +279,7 @@ def grid_of(data: bytes, path: Path) -> Grid:
     axes = next((m for m in map(_AXES.fullmatch, lines) if m), None)
     if axes is None:
         raise CorruptFileError(path, "no line AXES = (...) of a map in it", hint=_HINT)
-    entries = _block(lines, "COUNTS", r"    \((-?\d+(?:, -?\d+)+)\),", path)
+    entries = _block(lines, "COUNTS", r"    \((-?\d{1,15}(?:, -?\d{1,15})+)\),", path)
     grid = Grid(
         axes=(axes[1], axes[2], axes[3]),
         count=_value(lines, "COUNT_MM", path),
@@ -295,6 +304,15 @@ def grid_of(data: bytes, path: Path) -> Grid:
 
 def _require_program(found: Sequence[str], wanted: Sequence[str], path: Path) -> None:
     for number, (line, right) in enumerate(zip(found, wanted, strict=False), start=1):
+        if line != right and _CHECKSUM.fullmatch(line):
+            raise CorruptFileError(
+                path,
+                "the numbers are not those that were written: some were changed or exchanged",
+                field="CHECKSUM",
+                expected=right[12:28],
+                found=line[12:28],
+                hint=_HINT,
+            )
         if line != right:
             raise CorruptFileError(
                 path,

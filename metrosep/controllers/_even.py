@@ -10,13 +10,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.maps import CompensationMap
 from metrosep.compensation.table import CompensationTable
 from metrosep.compensation.uniform import is_uniform, resample_uniform, resampling_error
+from metrosep.controllers._along import format_span
 from metrosep.controllers.base import load_sidecar, sidecar_path
 from metrosep.core.errors import CorruptFileError, LimitError, TableError
+from metrosep.core.units import format_length
 
-__all__ = ["even_map", "even_positions", "even_table", "map_identity"]
+__all__ = [
+    "even_map",
+    "even_positions",
+    "even_table",
+    "map_identity",
+]
 
 FloatArray = NDArray[np.float64]
 
@@ -25,6 +33,9 @@ _WHOLE = 1e-9
 
 _MAX_POINTS = 1_000_000
 """Not a limit of a controller: beyond it a spacing has the wrong unit."""
+
+_FARTHEST = 1e6
+"""No axis is as long, in m or rad."""
 
 
 def even_positions(
@@ -58,14 +69,23 @@ def even_positions(
             return positions
         steps = np.diff(positions)
         raise TableError(
-            f"the file needs uniform positions of {axis}, these lie {steps.min() * 1e3:.6g} to "
-            f"{steps.max() * 1e3:.6g} mm apart; give {name}='...' to resample them"
+            f"the file needs uniform positions of {axis}, these lie "
+            f"{format_span(axis, float(steps.min()), digits=9)} to "
+            f"{format_span(axis, float(steps.max()), digits=9)} apart ({_between(axis, steps)} between "
+            f"them); give {name}='...' to resample them"
         )
     span = float(positions[-1] - positions[0])
     if not span / spacing < _MAX_POINTS:
         raise LimitError(f"{name} gives {span / spacing:.3g} positions of {axis}; check its unit")
     count = max(math.ceil(span / spacing - _WHOLE), 1)
     return np.linspace(positions[0], positions[-1], count + 1)
+
+
+def _between(axis: str, steps: FloatArray) -> str:
+    difference = float(np.ptp(steps))
+    if is_rotary(axis):
+        return format_span(axis, difference, digits=3)
+    return format_length(difference, digits=3)
 
 
 def even_table(
@@ -168,7 +188,7 @@ def map_identity(
         isinstance(names, list)
         and isinstance(place, list)
         and len(names) == len(place) == 2
-        and all(isinstance(v, int | float) for v in place)
+        and all(isinstance(v, int | float) and abs(v) < _FARTHEST for v in place)
     )
     if names is None or place is None or not fits:
         raise CorruptFileError(

@@ -33,6 +33,15 @@ class Printed:
     low: float
     high: float
 
+    @property
+    def largest_term(self) -> float:
+        """Largest absolute term at the farther end of the range, in the unit of y; inf if too large."""
+        far = max(abs(self.low), abs(self.high))
+        with np.errstate(over="ignore", invalid="ignore"):
+            terms = np.abs(self.coefficients) * far ** np.arange(self.coefficients.size)
+        terms = np.where(self.coefficients == 0.0, 0.0, terms)  # 0 times inf
+        return float(terms.max())
+
     def at(self, x: FloatArray) -> FloatArray:
         """Return the value at positions, as the text computes it.
 

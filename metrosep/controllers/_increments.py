@@ -22,7 +22,7 @@ from metrosep.compensation.limits import Limits
 from metrosep.compensation.table import CompensationTable
 from metrosep.compensation.uniform import is_uniform
 from metrosep.controllers.base import Dialect, sidecar_options
-from metrosep.core.errors import CorruptFileError, DataError, LimitError, TableError
+from metrosep.core.errors import CorruptFileError, LimitError, TableError
 from metrosep.core.units import format_length
 
 __all__ = [
@@ -31,13 +31,15 @@ __all__ = [
     "Resampling",
     "ascii_lines",
     "carry",
-    "fact",
     "fixed",
     "mm_text",
     "mm_value",
     "require_capacity",
+    "require_interval",
     "require_linear",
+    "require_on_axis",
     "require_one_direction",
+    "require_sizes",
     "require_zero",
     "uniform_positions",
 ]
@@ -166,7 +168,7 @@ def uniform_positions(
     TableError
         If the spacing is not a multiple of the quantum.
     LimitError
-        If there are more than `max_points`.
+        If there are more than `max_points`, or the spacing exceeds the span.
     """
     low, high = table.span
     span = high - low
@@ -184,6 +186,7 @@ def uniform_positions(
             f"{title}: the spacing {format_length(interval, digits=9)} is not a multiple of "
             f"{format_length(quantum)}; give interval= a multiple of it"
         )
+    require_interval(interval, span, title)
     below = math.ceil((anchor - low) / interval - 1e-6)
     above = math.ceil((high - anchor) / interval - 1e-6)
     below, above = max(below, 0), max(above, 0)
@@ -193,6 +196,61 @@ def uniform_positions(
             f"{max_points}; give interval= at least {span / max(max_points - 3, 1) * 1e3:.4g} mm"
         )
     return np.asarray(anchor + interval * np.arange(-below, above + 1, dtype=np.float64))
+
+
+def require_interval(interval: float, span: float, title: str) -> None:
+    """Refuse a spacing that is larger than the table.
+
+    Parameters
+    ----------
+    interval, span : float, m
+        Spacing of the file, range of the table.
+    title : str
+        Of the controller.
+
+    Raises
+    ------
+    LimitError
+        If it is: the units are wrong.
+    """
+    if interval > span * (1.0 + 1e-9):
+        raise LimitError(
+            f"{title}: interval={format_length(interval, digits=9)} is larger than the table, which "
+            f"spans {format_length(span, digits=9)}; check the units of interval="
+        )
+
+
+def require_sizes(
+    table: CompensationTable, title: str, *, farthest: float, largest: float
+) -> None:
+    """Refuse positions and corrections that no number of the format holds.
+
+    Parameters
+    ----------
+    table : CompensationTable
+        Corrections.
+    title : str
+        Of the controller.
+    farthest, largest : float, m
+        Largest position and correction, absolute.
+
+    Raises
+    ------
+    LimitError
+        If one is larger, with its place.
+    """
+    p = table.positions
+    columns = [table.forward] if table.reverse is None else [table.forward, table.reverse]
+    for what, values, most in (
+        ("position", p, farthest),
+        *(("correction", c, largest) for c in columns),
+    ):
+        worst = int(np.abs(values).argmax())
+        if abs(float(values[worst])) > most:
+            raise LimitError(
+                f"{title}: the {what} {format_length(float(values[worst]))} of entry {worst} exceeds "
+                f"{format_length(most)}; check the units of the table"
+            )
 
 
 def _is_grid(positions: FloatArray, spacing: float, anchor: float) -> bool:
@@ -221,6 +279,31 @@ def require_one_direction(table: CompensationTable, title: str, way: str) -> Non
         raise TableError(
             f"{title} holds one value for both directions and this table has two; make it with "
             f"direction='both' and enter the lost motion {way}"
+        )
+
+
+def require_on_axis(table: CompensationTable, title: str, instead: str) -> None:
+    """Refuse a table that corrects another axis than it looks up.
+
+    Parameters
+    ----------
+    table : CompensationTable
+        Corrections.
+    title : str
+        Of the controller.
+    instead : str
+        Controllers for such a table.
+
+    Raises
+    ------
+    TableError
+        If it does: the controller would shift the axis that is looked up.
+    """
+    if not table.is_on_axis:
+        raise TableError(
+            f"{title} shifts the axis whose position it looks up; this table is {table.axis} -> "
+            f"{table.compensates} and would move {table.axis} instead of {table.compensates}; write "
+            f"controller={instead}"
         )
 
 
@@ -297,8 +380,9 @@ def require_zero(table: CompensationTable, reference: float, title: str) -> None
     if abs(there) > _SAME:
         raise TableError(
             f"{title} counts from the reference position {format_length(reference)}, where the "
-            f"correction must be exactly 0 and is {format_length(there)}; make the table with "
-            f"CompensationTable.from_error(..., reference={reference:.9g})"
+            f"correction must be exactly 0 and is {format_length(there)}; make the reference "
+            f"one of the positions: CompensationTable.from_error(..., positions=[..., "
+            f"{reference:.9g}, ...], reference={reference:.9g})"
         )
 
 
@@ -321,12 +405,12 @@ def fixed(value: float, decimals: int) -> str:
     return text[1:] if text.startswith("-") and not text.strip("-0.") else text
 
 
-def mm_text(value: float) -> str:
+def mm_text(value: float | Decimal) -> str:
     """Return a length in mm, exact, without exponent.
 
     Parameters
     ----------
-    value : float, m
+    value : float or Decimal, m
         Length.
 
     Returns
@@ -334,7 +418,8 @@ def mm_text(value: float) -> str:
     str
         The shortest decimal that reads back as the same number.
     """
-    text = format(Decimal(repr(float(value))).scaleb(3), "f")
+    number = value if isinstance(value, Decimal) else Decimal(repr(float(value)))
+    text = format(number.scaleb(3), "f")
     text = text.rstrip("0").rstrip(".") if "." in text else text
     return "0" if text in ("-0", "") else text
 
@@ -353,48 +438,6 @@ def mm_value(text: str) -> float:
         Inverse of `mm_text`.
     """
     return float(Decimal(text).scaleb(-3))
-
-
-def fact(
-    dialect: Dialect,
-    name: str,
-    given: Mapping[str, Any],
-    in_file: Mapping[str, Any],
-    path: Path,
-) -> Any:
-    """Return an option as the user gave it, else as the file states it, else as its sidecar does.
-
-    Parameters
-    ----------
-    dialect : Dialect
-        Whose options.
-    name : str
-        Option.
-    given, in_file : mapping
-        Known values.
-    path : Path
-        The file.
-
-    Returns
-    -------
-    object
-        In SI.
-
-    Raises
-    ------
-    DataError
-        If nothing tells.
-    """
-    for known in (given, in_file):
-        if known.get(name) is not None:
-            return known[name]
-    stored = sidecar_options(path, dialect.options)
-    if name in stored:
-        return stored[name]
-    option = next(o for o in dialect.options if o.name == name)
-    raise DataError(
-        f"{path}: neither the file nor a sidecar tells {name} ({option.help}); give {name}=..."
-    )
 
 
 def ascii_lines(data: bytes, path: Path, what: str) -> list[str]:

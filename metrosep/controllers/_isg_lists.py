@@ -1,11 +1,10 @@
-"""Shared by the ISG dialects: lists of ``key value`` lines with comments, in units of 0.1 um."""
+"""Shared by the writers of the ISG dialects: lists of ``key value`` lines with comments, in units of 0.1 um."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,49 +15,39 @@ from metrosep.compensation.table import CompensationTable
 from metrosep.controllers._increments import (
     DRY_RUN,
     Carried,
-    ascii_lines,
     carry,
     fixed,
     uniform_positions,
 )
 from metrosep.controllers.base import Encoded
 from metrosep.controllers.options import Option
-from metrosep.core.errors import CorruptFileError, LimitError, TableError
+from metrosep.core.errors import LimitError, TableError
 from metrosep.core.units import format_length
 
 __all__ = [
     "AXIS_NUMBER",
+    "FARTHEST",
+    "INTERVAL",
+    "NAME",
     "NUMBER_TYPE",
+    "SGN32",
     "UNIT",
-    "column",
     "encoded",
     "head_lines",
-    "header",
-    "no_more",
     "placed",
-    "read_list",
-    "real",
-    "require_rising",
-    "require_value",
     "spacing",
     "to_units",
-    "whole",
 ]
 
 FloatArray = NDArray[np.float64]
-Entries = dict[str, tuple[str, int]]
 
 UNIT = 1e-7
 """Length of 1 in a list with unit 1, m."""
 _DECIMALS = 6
 """Decimals of a REAL64 entry: 0.1 pm."""
-_SGN32 = 2**31 - 1
+SGN32 = 2**31 - 1
 
-_LINE = re.compile(r"([a-z]\w*(?:\.\w+(?:\[\d{1,7}\])*)+)\s+(\S+)", re.ASCII)
-_NUMBER = re.compile(r"-?\d{1,10}(?:\.\d{1,12})?")
-_WHOLE = re.compile(r"\d{1,7}")
-_NAME = re.compile(r"[A-Za-z]\w{0,15}", re.ASCII)
-_SIGN = re.compile(r"# metrosep: entry = ([+-])e in 0\.1 um, sign not documented.*")
+NAME = re.compile(r"[A-Za-z]\w{0,15}", re.ASCII)
 
 AXIS_NUMBER = Option(
     "axis_number",
@@ -67,6 +56,16 @@ AXIS_NUMBER = Option(
     required=True,
     lowest=1,
     highest=999,
+)
+FARTHEST = 214.0
+"""What 32 bits of 0.1 um hold, m."""
+
+INTERVAL = Option(
+    "interval",
+    "equal spacing; as the table if omitted",
+    "length",
+    positive=True,
+    highest=100.0,
 )
 NUMBER_TYPE = Option(
     "number_type",
@@ -152,7 +151,7 @@ def to_units(values: FloatArray, kind: str) -> list[str]:
         If one leaves 32 bits.
     """
     counts = np.asarray(values) / UNIT
-    if float(np.abs(counts).max()) > _SGN32:
+    if float(np.abs(counts).max()) > SGN32:
         worst = float(np.asarray(values)[int(np.abs(counts).argmax())])
         raise LimitError(
             f"{format_length(worst)} is beyond the 32 bits of a list in 0.1 um (214 m); check the "
@@ -206,7 +205,7 @@ def head_lines(name: str, options: Mapping[str, Any]) -> list[str]:
     TableError
         If the name has characters that a list has not.
     """
-    if not _NAME.fullmatch(name):
+    if not NAME.fullmatch(name):
         raise TableError(f"axis {name!r} is no name for a list: letters, digits, underscores")
     sign = "+" if options["entry_sign"] > 0 else "-"
     return [
@@ -250,276 +249,3 @@ def encoded(
         carried=carried.table,
         resampling_error=carried.error,
     )
-
-
-def read_list(
-    data: bytes, path: Path, options: Mapping[str, Any]
-) -> tuple[Entries, dict[str, Any]]:
-    """Return the entries of a list, and what its comment tells.
-
-    Parameters
-    ----------
-    data : bytes
-        Content.
-    path : Path
-        Name of the file.
-    options : mapping
-        Type of numbers, if it is known.
-
-    Returns
-    -------
-    entries : dict
-        Word and line by key; consumed by `column` and the others.
-    comment : dict
-        Sign of entries.
-
-    Raises
-    ------
-    CorruptFileError
-        If a line is no entry, a key stands twice, or a comment is not closed.
-    """
-    text = "\n".join(ascii_lines(data, path, "compensation value list"))
-    comment = {}
-    for line in text.split("\n"):
-        found = _SIGN.fullmatch(line.strip())
-        if found:
-            comment["entry_sign"] = 1 if found[1] == "+" else -1
-        elif line.strip().startswith("# metrosep"):
-            raise CorruptFileError(
-                path, "the comment of the sign is damaged", hint="write it again"
-            )
-    text = re.sub(r"#[^\n]*", "", text)
-    text = re.sub(r"/\*.*?\*/", lambda m: "\n" * m[0].count("\n"), text, flags=re.DOTALL)
-    entries: Entries = {}
-    for i, line in enumerate(text.split("\n"), start=1):
-        if not line.strip():
-            continue
-        found = _LINE.fullmatch(line.strip())
-        if found is None or found[1] in entries:
-            raise CorruptFileError(
-                path,
-                f"line {i} is no entry, or one that stands twice: {line.strip()[:60]!r}",
-                hint="one 'key value' a line; comments behind # or in /* */",
-            )
-        entries[found[1]] = (found[2], i)
-    if options.get("number_type") == "integer":
-        _require_whole(entries, path)
-    return entries, comment
-
-
-def _require_whole(entries: Entries, path: Path) -> None:
-    for key, (word, line) in entries.items():
-        if "." in word:
-            raise CorruptFileError(
-                path,
-                f"line {line}: {key} {word} is no whole number",
-                hint="builds before V3.1.3132 / V4.29 cut it: write it with number_type='integer'",
-            )
-
-
-def _taken(entries: Entries, key: str, pattern: re.Pattern[str], path: Path) -> str:
-    if key not in entries:
-        raise CorruptFileError(
-            path, f"{key} is missing", hint="the kernel would use 0: write the table again"
-        )
-    word, line = entries.pop(key)
-    if not pattern.fullmatch(word):
-        raise CorruptFileError(path, f"line {line}: {key} cannot be {word[:30]!r}", hint="mend it")
-    return word
-
-
-def header(entries: Entries, options: Mapping[str, Any], path: Path) -> str:
-    """Return the name of the corrected axis.
-
-    Parameters
-    ----------
-    entries : dict
-        Of the list.
-    options : mapping
-        Number of the axis, if it is known.
-    path : Path
-        The file.
-
-    Returns
-    -------
-    str
-        Name.
-
-    Raises
-    ------
-    CorruptFileError
-        If it is missing or the list is that of another axis.
-    """
-    number = int(_taken(entries, "kopf.achs_nr", _WHOLE, path))
-    if options.get("axis_number") not in (None, number):
-        raise CorruptFileError(
-            path,
-            "the list of another axis",
-            expected=options["axis_number"],
-            found=number,
-            hint="choose the list of this axis",
-        )
-    return _taken(entries, "kopf.log_achs_name", _NAME, path)
-
-
-def require_value(entries: Entries, key: str, allowed: set[str], path: Path) -> None:
-    """Refuse an entry that is not one of some words.
-
-    Parameters
-    ----------
-    entries : dict
-        Of the list.
-    key : str
-        Name.
-    allowed : set of str
-        Words.
-    path : Path
-        The file.
-
-    Raises
-    ------
-    CorruptFileError
-        If it is another.
-    """
-    word = _taken(entries, key, _WHOLE, path)
-    if word not in allowed:
-        raise CorruptFileError(
-            path,
-            f"{key} is {word}",
-            expected=" or ".join(sorted(allowed)),
-            found=word,
-            hint="only lists in 0.1 um, and of leadscrews only bilateral ones, are read",
-        )
-
-
-def whole(entries: Entries, key: str, path: Path) -> int:
-    """Return a count.
-
-    Parameters
-    ----------
-    entries : dict
-        Of the list.
-    key : str
-        Name.
-    path : Path
-        The file.
-
-    Returns
-    -------
-    int
-        Zero or more.
-
-    Raises
-    ------
-    CorruptFileError
-        If it is missing or no such number.
-    """
-    return int(_taken(entries, key, _WHOLE, path))
-
-
-def real(entries: Entries, key: str, path: Path) -> float:
-    """Return a number.
-
-    Parameters
-    ----------
-    entries : dict
-        Of the list.
-    key : str
-        Name.
-    path : Path
-        The file.
-
-    Returns
-    -------
-    float
-        In 0.1 um.
-
-    Raises
-    ------
-    CorruptFileError
-        If it is missing, no number, or beyond 32 bits.
-    """
-    value = float(_taken(entries, key, _NUMBER, path))
-    if abs(value) > _SGN32:
-        raise CorruptFileError(path, f"{key} leaves 32 bits", found=value, hint="mend it")
-    return value
-
-
-def column(entries: Entries, table: str, field: str, n: int, path: Path) -> FloatArray:
-    """Return one field of all points.
-
-    Parameters
-    ----------
-    entries : dict
-        Of the list.
-    table : str
-        Such as ``kw.ssfk.table``.
-    field : str
-        Such as ``pos``.
-    n : int
-        Number of points.
-    path : Path
-        The file.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        In 0.1 um.
-
-    Raises
-    ------
-    CorruptFileError
-        If one is missing, no number, or there are fewer than two.
-    """
-    if n < 2 or n > len(entries):
-        raise CorruptFileError(
-            path, f"{n} points are announced, the list does not hold them", hint="write it again"
-        )
-    return np.array([real(entries, f"{table}[{i}].{field}", path) for i in range(n)])
-
-
-def no_more(entries: Entries, path: Path) -> None:
-    """Refuse entries that nobody asked for.
-
-    Parameters
-    ----------
-    entries : dict
-        What is left.
-    path : Path
-        The file.
-
-    Raises
-    ------
-    CorruptFileError
-        If something is left.
-    """
-    for key, (_, line) in entries.items():
-        raise CorruptFileError(
-            path,
-            f"line {line}: {key} is not expected here",
-            hint="it changes what the kernel does and is not read; remove it or correct the count",
-        )
-
-
-def require_rising(positions: FloatArray, path: Path) -> None:
-    """Refuse positions that do not rise.
-
-    Parameters
-    ----------
-    positions : ndarray, shape (n,)
-        In 0.1 um.
-    path : Path
-        The file.
-
-    Raises
-    ------
-    CorruptFileError
-        If one does not.
-    """
-    falling = np.flatnonzero(np.diff(positions) <= 0)
-    if falling.size:
-        raise CorruptFileError(
-            path,
-            f"point {int(falling[0]) + 1}: the setpoint does not rise",
-            hint="sort the points; the kernel deselects such a list",
-        )

@@ -39,7 +39,7 @@ DECIMALS = 10
 UNIT = 10**DECIMALS
 """Units in which entries are whole numbers, per millimetre."""
 
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)")
+_NUMBER = re.compile(r"[+-]?(\d{1,12}(\.\d{0,30})?|\.\d{1,30})")
 THREAD = re.compile(r"[A-Za-z][A-Za-z0-9_.-]{0,39}")
 """Name of a thread in HAL."""
 
@@ -53,7 +53,7 @@ class Chain:
     Parameters
     ----------
     curves : tuple of tuple of (Decimal, Decimal), mm
-        Points of each lincurve.
+        Points of each lincurve; degrees of an axis that turns.
     source, target : int
         Joints that are looked up and corrected.
     thread : str
@@ -209,6 +209,13 @@ def _rows(data: bytes, path: Path) -> list[tuple[int, str]]:
         text = data.decode("ascii")
     except UnicodeDecodeError as exc:
         raise CorruptFileError(path, "not ASCII text", offset=exc.start, hint=hint) from None
+    if "\\" in text:
+        line = text[: text.index("\\")].count("\n") + 1
+        raise CorruptFileError(
+            path,
+            f"line {line} holds a backslash: HAL joins that line with the next, comments too",
+            hint="take it out, or write the table again",
+        )
     if not text.endswith("\n") or not text.replace("\n", " ").isprintable():
         raise CorruptFileError(path, "cut in a line, or with control characters", hint=hint)
     lines = [(i, line.partition("#")[0].strip()) for i, line in enumerate(text.split("\n"), 1)]

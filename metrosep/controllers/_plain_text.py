@@ -1,11 +1,13 @@
 """Plain text that controllers read: decimals without exponent, lines, facts in comments.
 
 A fact is a comment line ``; name = value``: what the file's own grammar cannot say, such as the
-length of one count. A reader takes what the user gives first, then the facts, then the sidecar.
+length of one count. A reader takes the facts first, then what the user and the sidecar say; where
+they contradict each other, it refuses.
 """
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Mapping, Sequence
 from decimal import Decimal
@@ -15,15 +17,33 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from metrosep.controllers.base import Simulator, sidecar_options
+from metrosep.controllers.base import Simulator, load_sidecar, sidecar_options
 from metrosep.controllers.options import Option
 from metrosep.core.errors import CorruptFileError, DataError, TableError
 
-__all__ = ["ascii_lines", "decimal", "facts_of", "one_way", "printable", "resolved", "scaled"]
+__all__ = [
+    "agreed",
+    "ascii_lines",
+    "decimal",
+    "facts_of",
+    "is_described",
+    "is_same",
+    "known_options",
+    "one_way",
+    "printable",
+    "resolved",
+    "scaled",
+]
 
 FloatArray = NDArray[np.float64]
 
 _FACT = re.compile(r"(\w+) = (.+)")
+
+_ROUNDED = 1e-12
+"""Share by which two decimals of one number differ through binary."""
+
+_FEMTOMETRE = 1e-15
+"""Positions in comments are rounded to it."""
 
 
 def decimal(value: float, digits: int = 17) -> str:
@@ -137,21 +157,37 @@ def ascii_lines(data: bytes, path: Path, what: str) -> list[str]:
         ) from None
 
 
-def facts_of(comments: Sequence[str]) -> dict[str, str]:
+def facts_of(comments: Sequence[str], path: Path) -> dict[str, str]:
     """Return the facts of comment lines.
 
     Parameters
     ----------
     comments : sequence of str
         Without their marks.
+    path : Path
+        For the message.
 
     Returns
     -------
     dict
         Value by name, as text.
+
+    Raises
+    ------
+    CorruptFileError
+        If one is stated twice.
     """
-    found = (_FACT.fullmatch(c.strip()) for c in comments)
-    return {m[1]: m[2].strip() for m in found if m is not None}
+    facts: dict[str, str] = {}
+    for found in filter(None, (_FACT.fullmatch(c.strip()) for c in comments)):
+        name, value = found[1], found[2].strip()
+        if name in facts:
+            raise CorruptFileError(
+                path,
+                f"two comments state {name}: {facts[name][:30]} and {value[:30]}",
+                hint="the file was edited or put together of two: write it again",
+            )
+        facts[name] = value
+    return facts
 
 
 def resolved(
@@ -161,12 +197,12 @@ def resolved(
     known: Sequence[Option],
     told: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """Return every option of a dialect: of the user, else of the file, its sidecar, its default.
+    """Return every option of a dialect: of the file's comments, the user, its sidecar, its default.
 
     Parameters
     ----------
     given : mapping
-        Options of the user.
+        Options of the user, or of the sidecar.
     facts : mapping
         Of the file's comments.
     path : Path
@@ -186,32 +222,163 @@ def resolved(
     CorruptFileError
         If a fact is no such value.
     DataError
-        If a required one, or one that must be told, is told nowhere.
+        If a required one, or one that must be told, is told nowhere, or comment, user and sidecar
+        contradict each other.
     """
     beside = sidecar_options(path, tuple(known))
     found: dict[str, Any] = {}
     for option in known:
-        value = given.get(option.name)
-        if value is None and option.name in facts:
-            try:
-                value = option.checked(facts[option.name], path.name)
-            except DataError:
-                raise CorruptFileError(
-                    path,
-                    "a comment states no such value",
-                    field=option.name,
-                    expected=option.help,
-                    found=facts[option.name][:60],
-                ) from None
-        if value is None:
-            value = beside.get(option.name, None if option.name in told else option.default)
-        if value is None and (option.required or option.name in told):
+        name = option.name
+        sources = {
+            "a comment in the file": _of_comment(option, facts, path),
+            "the user (or the sidecar)": given.get(name),
+            "the sidecar": beside.get(name),
+        }
+        value = agreed(name, sources, path)
+        if value is None and name not in told:
+            value = option.default
+        if value is None and (option.required or name in told):
             raise DataError(
-                f"{path}: neither the file nor a sidecar tells {option.name} ({option.help}); give "
-                f"{option.name}= as a keyword, or --set {option.name}=... on the command line"
+                f"{path}: neither the file nor a sidecar tells {name} ({option.help}); give "
+                f"{name}= as a keyword, or --set {name}=... on the command line"
             )
-        found[option.name] = value
+        found[name] = value
     return found
+
+
+def known_options(
+    given: Mapping[str, Any], path: Path, known: Sequence[Option], told: Sequence[str]
+) -> dict[str, Any]:
+    """Return every option of a dialect whose file holds no comments: of the user, the sidecar.
+
+    Parameters
+    ----------
+    given : mapping
+        Options of the user.
+    path : Path
+        The file.
+    known : sequence of Option
+        Of the dialect.
+    told : sequence of str
+        Names that are never guessed: their defaults count only where a sidecar does not name them,
+        and while a file is being written.
+
+    Returns
+    -------
+    dict
+        By name.
+
+    Raises
+    ------
+    DataError
+        If one is told by nobody, or user and sidecar contradict each other.
+    CorruptFileError
+        If the sidecar is not one of metrosep.
+    """
+    beside = sidecar_options(path, tuple(known))
+    has_defaults = is_described(path)
+    found: dict[str, Any] = {}
+    for option in known:
+        name = option.name
+        value = given.get(name)
+        if option.kind != "object":
+            value = agreed(name, {"the user": value, "the sidecar": beside.get(name)}, path)
+        if value is None and (option.required or not has_defaults) and name in told:
+            raise DataError(
+                f"{path}: the file does not say {name} ({option.help}) and has no sidecar that does; "
+                f"give {name}="
+            )
+        found[name] = option.default if value is None else value
+    return found
+
+
+def is_described(path: Path) -> bool:
+    """Return whether all options of a file are known, so that those not named have their defaults.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Returns
+    -------
+    bool
+        If it has a sidecar, or is about to be written.
+    """
+    return path == Path(os.devnull) or bool(load_sidecar(path))
+
+
+def _of_comment(option: Option, facts: Mapping[str, str], path: Path) -> Any:
+    if option.name not in facts:
+        return None
+    try:
+        return option.checked(facts[option.name], path.name)
+    except DataError:
+        raise CorruptFileError(
+            path,
+            "a comment states no such value",
+            field=option.name,
+            expected=option.help,
+            found=facts[option.name][:60],
+            hint="the file was edited: write it again",
+        ) from None
+
+
+def agreed(name: str, sources: Mapping[str, Any], path: Path) -> Any:
+    """Return the one value that all who state it state.
+
+    Parameters
+    ----------
+    name : str
+        Of an option.
+    sources : mapping
+        Who states it, to the value in SI; None where nothing is stated.
+    path : Path
+        The file.
+
+    Returns
+    -------
+    object
+        The value, or None.
+
+    Raises
+    ------
+    DataError
+        If two differ.
+    """
+    stated = [(who, v) for who, v in sources.items() if v is not None]
+    for who, value in stated[1:]:
+        if not is_same(stated[0][1], value, exact="count" in name):
+            raise DataError(
+                f"{path}: {stated[0][0]} says {name}={stated[0][1]}, {who} says {name}={value} (SI "
+                "units); leave the option out, or look for the file that fits"
+            )
+    return stated[0][1] if stated else None
+
+
+def is_same(a: Any, b: Any, *, exact: bool) -> bool:
+    """Return whether two values of an option are one, but for the rounding of decimals.
+
+    Parameters
+    ----------
+    a, b : object
+        In SI.
+    exact : bool
+        Of counts, which are printed in full: no absolute tolerance of 1 fm.
+
+    Returns
+    -------
+    bool
+        Whether they are.
+
+    Examples
+    --------
+    >>> is_same(0.3, 0.1 + 0.2, exact=True), is_same(1, -1, exact=False)
+    (True, False)
+    """
+    if isinstance(a, float) and isinstance(b, float | int) and not isinstance(b, bool):
+        return abs(a - b) <= max(_ROUNDED * abs(a), 0.0 if exact else _FEMTOMETRE)
+    return bool(a == b)
 
 
 def one_way(function: Any, n_places: int = 1) -> Simulator:

@@ -8,23 +8,26 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from metrosep.compensation.area_errors import is_rotary
+from metrosep.compensation.limits import Finding
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers.base import Simulator, sidecar_options
+from metrosep.controllers.base import Simulator
 from metrosep.controllers.options import Option
 from metrosep.core.errors import DataError, LimitError, TableError
 from metrosep.core.units import format_length
 
 __all__ = [
     "PLAYBACK_OPTIONS",
+    "TOLD",
     "Playback",
+    "chosen",
+    "dropped",
     "facts",
-    "known_options",
     "plan",
     "rebuilt",
     "require_travel",
@@ -65,7 +68,11 @@ PLAYBACK_OPTIONS = (
         choices=("pass", "turn"),
     ),
     Option("speed", "constant speed of the pass", "speed", positive=True),
-    Option("start", "position at which the generator starts, in a pass", "length", default=0.0),
+    Option(
+        "start",
+        "position at which the generator starts, in a pass: an end of the table, to use all of it",
+        "length",
+    ),
     Option("direction", "of motion while the wave plays", "choice", default=1, choices=(1, -1)),
     Option("start_angle", "angle at which the generator starts, in a turn", "angle", default=0.0),
     Option("points", "of one turn", "integer", lowest=2, highest=1_000_000),
@@ -81,6 +88,12 @@ PLAYBACK_OPTIONS = (
     Option("decimals", "of a value in um", "integer", default=6, lowest=1, highest=9),
 )
 """What every wave needs to know of the machine."""
+
+TOLD = {
+    "pass": ("polarity", "start", "direction", "speed"),
+    "turn": ("polarity", "start_angle", "direction"),
+}
+"""Options, by motion, that are never guessed when a file is read."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,6 +204,7 @@ def plan(
     period: float,
     interpolates: bool,
     n: int | None = None,
+    begin: float | None = None,
     end: float | None = None,
 ) -> Playback:
     """Return the playback of a pass or a turn.
@@ -205,6 +219,8 @@ def plan(
         Whether it draws lines between points.
     n : int, optional
         Points, where a file tells.
+    begin : float, m, optional
+        Where a pass over all of a table begins, for the message.
     end : float, m, optional
         Where a pass must end at least, where there is no file yet.
 
@@ -216,7 +232,8 @@ def plan(
     Raises
     ------
     DataError
-        If speed, points or rotation are missing, or a turn is no whole number of points.
+        If speed, start, points or rotation are missing, a turn is no whole number of points, or it
+        has another number of points than the file.
     TableError
         If the pass starts behind its end.
     LimitError
@@ -224,14 +241,26 @@ def plan(
     """
     rate = int(options["rate"])
     if options["motion"] == "turn":
-        n = _turn_points(options, rate * period) if n is None else n
+        told = _turn_points(options, rate * period)
+        if n not in (None, told):
+            raise DataError(
+                f"the file holds {n} points, a turn is said to have {told} (points=, rotation=): the file "
+                "was cut, or is another one"
+            )
+        n = told
         step, start = options["direction"] * _TURN / n, options["start_angle"]
     else:
         if options.get("speed") is None:
             raise DataError(
                 "a pass needs speed= (constant speed of the axis, such as '60 mm/min')"
             )
-        start = options["start"]
+        start = options.get("start")
+        if start is None and begin is None:
+            raise DataError(
+                "a pass needs start=, the position of the axis where the wave begins: that of the "
+                "file's first point"
+            )
+        start = float(cast("float", begin if start is None else start))
         step = options["direction"] * options["speed"] * rate * period
         if n is None:
             n = _pass_points(start, float(end if end is not None else start), step)
@@ -244,6 +273,26 @@ def plan(
         is_cyclic=options["motion"] == "turn",
         interpolates=interpolates,
     )
+
+
+def chosen(play: Playback, options: dict[str, Any]) -> dict[str, Any]:
+    """Return the options that were not given and follow from the table: where a pass starts.
+
+    Parameters
+    ----------
+    play : Playback
+        As planned.
+    options : dict
+        Of the writer.
+
+    Returns
+    -------
+    dict
+        For `Encoded.options`.
+    """
+    if play.is_cyclic or options.get("start") is not None:
+        return {}
+    return {"start": play.start}
 
 
 def _turn_points(options: dict[str, Any], dwell: float) -> int:
@@ -310,7 +359,8 @@ def sampled(
     Raises
     ------
     TableError
-        If the table has two columns, does not cover pass or turn, or does not close.
+        If the table has two columns, does not cover pass or turn, or does not close, or the motion
+        is not that of its axis.
     DataError
         If `plan` misses something.
     LimitError
@@ -321,9 +371,10 @@ def sampled(
             "a wave is played in one direction of motion, this table has two columns; make one for "
             "each pass (CompensationTable.from_error(direction='forward') and 'reverse')"
         )
+    _require_motion(table.axis, options["motion"])
+    begin, end = table.span[:: options["direction"]]
     low, high = table.span
-    end = high if options["direction"] > 0 else low
-    play = plan(options, period=period, interpolates=interpolates, end=end)
+    play = plan(options, period=period, interpolates=interpolates, begin=begin, end=end)
     places = play.positions()
     if play.is_cyclic:
         _require_closed(table, options["closing"])
@@ -337,12 +388,54 @@ def sampled(
     return play, _wanted(table, play, places[: play.n])
 
 
+def _require_motion(axis: str, motion: str) -> None:
+    if is_rotary(axis) and motion != "turn":
+        raise TableError(
+            f"{axis} turns, and speed= of a pass is a length over time; play it turn after turn "
+            "(motion='turn' with points= or rotation=)"
+        )
+    if motion == "turn" and not is_rotary(axis):
+        raise TableError(
+            f"motion='turn' is for an axis that turns, {axis} does not: positions would be angles; "
+            "play it as a pass"
+        )
+
+
+def dropped(play: Playback, table: CompensationTable) -> tuple[Finding, ...]:
+    """Return what part of a table a wave does not play.
+
+    Parameters
+    ----------
+    play : Playback
+        Pass or turn.
+    table : CompensationTable
+        What was sampled.
+
+    Returns
+    -------
+    tuple of Finding
+        An error of the check "coverage" if a pass begins inside the table, by more than half a step.
+    """
+    begin = table.span[0 if play.direction > 0 else 1]
+    if play.is_cyclic or play.direction * (play.start - begin) <= 0.5 * abs(play.step):
+        return ()
+    return (
+        Finding(
+            "error",
+            f"the wave starts at {format_length(play.start)}, the table begins at {format_length(begin)} "
+            "in this direction: the part before it is not played, the first point is held there",
+            f"say start='{begin * 1e3:.9g} mm', or cut the table",
+            "coverage",
+        ),
+    )
+
+
 def _require_closed(table: CompensationTable, closing: float) -> None:
     low, high = table.span
     if high - low < _TURN - _NODE:
         raise TableError(
             f"a turn needs 360 deg, the table covers {math.degrees(low):.9g} ... "
-            f"{math.degrees(high):.9g} deg; measure the whole turn, or play it as a pass"
+            f"{math.degrees(high):.9g} deg; measure the whole turn"
         )
     first, last = (float(v) for v in table.correction([low, low + _TURN]))
     if abs(last - first) > closing:
@@ -494,44 +587,3 @@ def facts(play: Playback, stage: FloatArray) -> dict[str, Any]:
     if play.is_cyclic:
         known["turns_per_minute"] = 60.0 / play.duration
     return known
-
-
-def known_options(
-    given: dict[str, Any], path: Path, known: tuple[Option, ...], needed: tuple[str, ...]
-) -> dict[str, Any]:
-    """Return the options for reading: what was given, else the sidecar's, else the defaults.
-
-    Parameters
-    ----------
-    given : dict
-        From the user.
-    path : Path
-        The file.
-    known : tuple of Option
-        Of the dialect.
-    needed : tuple of str
-        Names that the file cannot tell.
-
-    Returns
-    -------
-    dict
-        By name.
-
-    Raises
-    ------
-    DataError
-        If a needed one is told by nobody.
-    CorruptFileError
-        If the sidecar is not one of metrosep.
-    """
-    found = {**sidecar_options(path, known), **{k: v for k, v in given.items() if v is not None}}
-    for option in known:
-        if option.name in found:
-            continue
-        if option.name in needed:
-            raise DataError(
-                f"{path}: the file does not say {option.name} ({option.help}) and has no sidecar; "
-                f"give {option.name}="
-            )
-        found[option.name] = option.default
-    return found

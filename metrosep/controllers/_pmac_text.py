@@ -15,22 +15,27 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.controllers._plain_text import ascii_lines, facts_of, scaled
+from metrosep.compensation.area_errors import is_rotary
+from metrosep.controllers._plain_text import agreed, ascii_lines, facts_of, scaled
 from metrosep.controllers.base import identity, load_sidecar
 from metrosep.controllers.options import Option
-from metrosep.core.errors import CorruptFileError, LimitError
+from metrosep.core.errors import CorruptFileError, LimitError, TableError
 from metrosep.core.units import format_length
 
 __all__ = [
     "ACTIVATION",
+    "AGAIN",
     "LARGEST",
     "MOTORS",
     "SCALE",
     "Program",
     "entry_lines",
     "length_facts",
+    "motor_facts",
+    "motors_of",
     "named_axes",
     "read_program",
+    "refuse_turning",
     "require_short_span",
     "rounded_entries",
     "signed",
@@ -49,6 +54,9 @@ LARGEST = 2**23 - 1
 
 _ENTRIES_A_LINE = 10
 
+_FEMTOMETRE = 15
+"""Decimals of a position in m."""
+
 ACTIVATION = (
     "save what is in the controller; home the motors: the tables count from their zero",
     (
@@ -65,7 +73,11 @@ ACTIVATION = (
 )
 """Steps to load a table, for all of the family."""
 
-_DELETE = re.compile(r"DELETE\s+GATHER|#\d{1,2}\s*DELETE\s+(?:BL)?COMP", re.IGNORECASE)
+_DELETE = re.compile(
+    r"DELETE\s+GATHER|#(?P<motor>\d{1,2})\s*DELETE\s+(?P<kind>(?:BL)?COMP)", re.IGNORECASE
+)
+_DEFINED = re.compile(r"#(?P<motor>\d{1,2})\s*DEFINE\s+(?P<kind>(?:BL)?COMP)", re.IGNORECASE)
+AGAIN = "it was cut short, edited or mixed up: write the table again"
 
 _SET = re.compile(r"I(\d{1,4})\s*=\s*(\d{1,12})", re.IGNORECASE)
 
@@ -151,10 +163,33 @@ def read_program(
                 field="DEFINE line",
                 expected=f"#1 ... #{MOTORS}",
                 found=match[0][:60],
+                hint=AGAIN,
             )
+    _require_own_deletes(code[:head], match[0], path)
     wanted = count_entries(match)
     entries, rest = _entries(code[head + 1 :], wanted, path)
-    return Program(match, entries, _settings(rest, path, sets), facts_of(comments))
+    return Program(match, entries, _settings(rest, path, sets), facts_of(comments, path))
+
+
+def _require_own_deletes(code: Sequence[tuple[int, str]], define: str, path: Path) -> None:
+    """Refuse a file that deletes another table than the one it defines."""
+    own = _DEFINED.match(define)
+    for number, text in code:
+        found = _DELETE.fullmatch(text)
+        if found is None or own is None or found["motor"] is None:
+            continue
+        if (int(found["motor"]), found["kind"].upper()) != (
+            int(own["motor"]),
+            own["kind"].upper(),
+        ):
+            raise CorruptFileError(
+                path,
+                f"line {number} deletes another table than the file defines",
+                field="DELETE line",
+                expected=f"#{int(own['motor'])} DELETE {own['kind'].upper()}",
+                found=text[:60],
+                hint=AGAIN,
+            )
 
 
 def _entries(
@@ -203,6 +238,7 @@ def _settings(code: Sequence[tuple[int, str]], path: Path, sets: Sequence[int]) 
                 path,
                 f"line {number}: {text[:60]!r} does not belong behind the entries",
                 expected=", ".join(f"I{i}=" for i in sets) + ", SAVE",
+                hint=AGAIN,
             )
     if values.get(51) != 1:
         raise CorruptFileError(
@@ -211,6 +247,7 @@ def _settings(code: Sequence[tuple[int, str]], path: Path, sets: Sequence[int]) 
             field="I51",
             expected="I51=1 behind the entries",
             found=values.get(51, "nothing"),
+            hint=AGAIN,
         )
     return values
 
@@ -304,16 +341,91 @@ def length_facts(**lengths: float | None) -> list[str]:
     Returns
     -------
     list of str
-        In nm or mm, exact.
+        Counts in nm, exact; positions in mm, to a femtometre.
     """
     return [
-        f"; {name} = {scaled(v, 9)} nm" if "count" in name else f"; {name} = {scaled(v, 3)} mm"
+        f"; {name} = {scaled(v, 9)} nm"
+        if "count" in name
+        else f"; {name} = {scaled(round(v, _FEMTOMETRE), 3)} mm"
         for name, v in lengths.items()
         if v is not None
     ]
 
 
-def named_axes(path: Path, facts: Mapping[str, str], first: float) -> dict[str, Any]:
+def motor_facts(given: Mapping[str, Any], *names: str) -> list[str]:
+    """Return comment lines that state motors.
+
+    Parameters
+    ----------
+    given : mapping
+        Options.
+    *names : str
+        Of those that are numbers of motors.
+
+    Returns
+    -------
+    list of str
+        One each.
+    """
+    return [f"; {name} = {given[name]}" for name in names]
+
+
+def motors_of(stated: Mapping[str, int], known: dict[str, Any], path: Path) -> dict[str, Any]:
+    """Return options with the motors that the DEFINE line names, and refuse contradictions.
+
+    Parameters
+    ----------
+    stated : mapping
+        Motors of the DEFINE line by the name of their option.
+    known : dict
+        Options.
+    path : Path
+        The file.
+
+    Returns
+    -------
+    dict
+        With them.
+
+    Raises
+    ------
+    DataError
+        If comments, user or sidecar name other motors.
+    """
+    checked = {
+        name: agreed(
+            name, {"the DEFINE line": n, "its comment, user or sidecar": known.get(name)}, path
+        )
+        for name, n in stated.items()
+    }
+    return {**known, **checked}
+
+
+def refuse_turning(*axes: str) -> None:
+    """Refuse axes that turn.
+
+    Parameters
+    ----------
+    *axes : str
+        That a table is over, and that it corrects.
+
+    Raises
+    ------
+    TableError
+        If one of them does.
+    """
+    for axis in axes:
+        if is_rotary(axis):
+            raise TableError(
+                f"the axis {axis} turns; tables of PMAC are written for linear axes here, because counts "
+                "and spans are lengths: take another controller, or play the turn as a wave (pi-gcs, "
+                "nv200, voltage with motion='turn')"
+            )
+
+
+def named_axes(
+    path: Path, facts: Mapping[str, str], first: float, *, same_motor: bool
+) -> dict[str, Any]:
     """Return what a table's file cannot hold: of the sidecar, else of the comments.
 
     Parameters
@@ -324,18 +436,48 @@ def named_axes(path: Path, facts: Mapping[str, str], first: float) -> dict[str, 
         Of its comments.
     first : float, m
         Its first position.
+    same_motor : bool
+        Whether the motor that is looked up is the one that is corrected.
 
     Returns
     -------
     dict
         Fields of `CompensationTable`.
+
+    Raises
+    ------
+    CorruptFileError
+        If comments, sidecar and motors contradict each other.
     """
     found = identity(path, first=first)
+    pair = found["axis"], found["compensates"]
+    if ("axis" in facts) != ("compensates" in facts):
+        raise CorruptFileError(
+            path,
+            "one of the comments that name the axes is missing",
+            expected="axis and compensates",
+            found="axis" if "axis" in facts else "compensates",
+            hint=AGAIN,
+        )
+    told = (facts["axis"], facts["compensates"]) if "axis" in facts else None
     if not load_sidecar(path):
-        found["axis"] = facts.get("axis", found["axis"])
-        found["compensates"] = facts.get("compensates", found["axis"])
+        pair = told or (pair[0], pair[0] if same_motor else "Z")
         found["reference"] = 0.0
-    return found
+    if (told is not None and pair != told) or (pair[0] == pair[1]) != same_motor:
+        raise CorruptFileError(
+            path,
+            "axes and motors contradict each other",
+            field="axes",
+            expected=f"{pair[0]} corrects {pair[1]}"
+            + (
+                f" (sidecar), {told[0]} corrects {told[1]} (comments)"
+                if told and told != pair
+                else ""
+            ),
+            found=f"{'one motor' if same_motor else 'two motors'} in the DEFINE line",
+            hint=AGAIN,
+        )
+    return {**found, "axis": pair[0], "compensates": pair[1]}
 
 
 def require_short_span(counts: int, long_span: bool, axis: str) -> None:

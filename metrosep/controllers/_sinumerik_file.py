@@ -2,27 +2,32 @@
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from metrosep.compensation.area_errors import is_rotary
+from metrosep.controllers._along import format_span
+from metrosep.controllers._notes import note, read_notes
 from metrosep.controllers.base import Simulator
 from metrosep.core.errors import CorruptFileError, DataError, TableError
 
 __all__ = [
     "Assignment",
     "Grid",
-    "check_modulo",
+    "axis_letter",
+    "checked_modulo",
     "checked_name",
     "folded",
     "grid_of",
     "number_text",
     "read_assignments",
+    "turning",
     "units",
     "write_program",
 ]
@@ -34,9 +39,19 @@ _DEGREE = float(np.pi) / 180.0
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)")
 _NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)
 _HEADER = re.compile(r"%_N_\w+_INI", re.ASCII)
+_LETTER = re.compile(r"([A-CU-Z])\d*", re.ASCII)
 _LINE = re.compile(r"(\$[A-Z][A-Z_]*) *\[ *([^\[\]]*?) *\] *= *(.*\S)", re.ASCII)
 _WHOLE = 1e-6
 """MAX - MIN over STEP is a whole number, but for rounding of the decimals in the file."""
+
+_LARGEST = 1e12
+"""No position or entry of a file is as large, in mm or degrees."""
+
+_MOST = 1e9
+"""Entries of a table, at most; far above any control."""
+
+_SAME = 1e-12
+"""Ends of a table that repeats are equal, but for rounding, in m or rad."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,7 +155,13 @@ def number_text(value: float, *, decimals: int, at_least: int = 0) -> str:
     return text.removeprefix("-") if not float(text) else text
 
 
-def write_program(name: str, channel: int, comments: Sequence[str], lines: Sequence[str]) -> bytes:
+def write_program(
+    name: str,
+    channel: int,
+    comments: Sequence[str],
+    lines: Sequence[str],
+    facts: Mapping[str, object],
+) -> bytes:
     """Return a file.
 
     Parameters
@@ -151,18 +172,22 @@ def write_program(name: str, channel: int, comments: Sequence[str], lines: Seque
         Of CHANDATA.
     comments, lines : sequence of str
         Its body.
+    facts : mapping
+        For metrosep's own comment.
 
     Returns
     -------
     bytes
         ASCII, LF.
     """
-    body = [f"%_N_{name}", f"CHANDATA({channel})", *(f"; {c}" for c in comments), *lines, "M17"]
+    head = [f"%_N_{name}", f"CHANDATA({channel})"]
+    told = [*comments, note(facts, [*head, *lines, "M17"])]
+    body = [*head, *(f"; {c}" for c in told), *lines, "M17"]
     return ("\n".join(body) + "\n").encode("ascii")
 
 
-def read_assignments(data: bytes, path: Path) -> tuple[list[Assignment], list[str]]:
-    """Return the assignments of a file and its comments.
+def read_assignments(data: bytes, path: Path) -> tuple[list[Assignment], dict[str, str]]:
+    """Return the assignments of a file, and the facts of metrosep's own comment.
 
     Parameters
     ----------
@@ -175,13 +200,14 @@ def read_assignments(data: bytes, path: Path) -> tuple[list[Assignment], list[st
     -------
     assignments : list of Assignment
         In their order.
-    comments : list of str
-        Without the semicolon.
+    facts : dict
+        By name; empty where there is no such comment.
 
     Raises
     ------
     CorruptFileError
-        If a line is none, header or end are missing, or a variable is set twice.
+        If a line is none, header or end are missing, a variable is set twice, or the comment does
+        not fit the lines.
     """
     try:
         text = data.decode("ascii")
@@ -211,7 +237,8 @@ def read_assignments(data: bytes, path: Path) -> tuple[list[Assignment], list[st
         raise CorruptFileError(
             path, "it does not end with M17: it was cut short", found=repr(code[-1][1])[:60]
         )
-    return _assignments(code[2:-1], path), comments
+    found = _assignments(code[2:-1], path)
+    return found, read_notes(comments, [c for _, c in code], path)
 
 
 def _assignments(code: list[tuple[int, str]], path: Path) -> list[Assignment]:
@@ -223,10 +250,10 @@ def _assignments(code: list[tuple[int, str]], path: Path) -> list[Assignment]:
                 path, f"line {number} is not $NAME[index]=value but {line[:60]!r}"
             )
         indices = tuple(i.strip() for i in match[2].split(","))
-        if not all(re.fullmatch(r"\d+|[A-Za-z]\w*", i, re.ASCII) for i in indices):
+        if not all(re.fullmatch(r"\d{1,9}|[A-Za-z]\w{0,40}", i, re.ASCII) for i in indices):
             raise CorruptFileError(
                 path,
-                f"line {number}: the indices {match[2]!r} are not numbers and axes with commas "
+                f"line {number}: the indices {match[2][:40]!r} are not numbers and axes with commas "
                 "between them",
             )
         key = (match[1], indices)
@@ -282,9 +309,15 @@ def grid_of(
             found=f"STEP {step:g}, MIN {low:g}, MAX {high:g}",
         )
     count = (high - low) / step
+    if not count < _MOST:
+        raise CorruptFileError(
+            path,
+            f"{what}: MIN, MAX and STEP ask for {count:.3g} entries",
+            found=f"{len(values)} entries",
+        )
     if abs(count - round(count)) > _WHOLE * max(count, 1.0):
         raise CorruptFileError(path, f"{what}: MAX - MIN is not a multiple of STEP", found=count)
-    if sorted(values) != list(range(round(count) + 1)):
+    if len(values) != round(count) + 1 or max(values) != round(count):
         raise CorruptFileError(
             path,
             f"{what}: MIN, MAX and STEP ask for the entries 0 ... {round(count)}",
@@ -302,7 +335,7 @@ def grid_of(
 
 
 def _number(assignment: Assignment, path: Path) -> float:
-    if not _NUMBER.fullmatch(assignment.value):
+    if not _NUMBER.fullmatch(assignment.value) or not abs(float(assignment.value)) < _LARGEST:
         raise CorruptFileError(
             path, f"line {assignment.line} holds no number but {assignment.value[:40]!r}"
         )
@@ -348,23 +381,102 @@ def units(*, turns: bool) -> float:
     return _DEGREE if turns else _MM
 
 
-def check_modulo(first: float, last: float, what: Any) -> None:
-    """Refuse a table that repeats with a step.
+def axis_letter(machine_axis: str, *, turns: bool, otherwise: str) -> str:
+    """Return the name of an axis of a table for a machine axis that nothing else names.
 
     Parameters
     ----------
-    first, last : float, m or rad
-        Its entries at both ends.
-    what : object
+    machine_axis : str
+        Such as ``"X1"`` or ``"AX3"``.
+    turns : bool
+        Whether it turns.
+    otherwise : str
+        Where the name tells no letter.
+
+    Returns
+    -------
+    str
+        A letter of ISO 841 that turns or not as the axis does.
+
+    Examples
+    --------
+    >>> axis_letter("Y1", turns=False, otherwise="X"), axis_letter("AX4", turns=True, otherwise="X")
+    ('Y', 'C')
+    """
+    match = _LETTER.fullmatch(machine_axis)
+    if match and is_rotary(match[1]) == turns:
+        return match[1]
+    return otherwise if is_rotary(otherwise) == turns else "C"
+
+
+def turning(machine_axis: str, told: bool | None, option: str, path: Path) -> bool:
+    """Return whether a machine axis turns, and refuse where nothing tells.
+
+    Parameters
+    ----------
+    machine_axis : str
+        Such as ``"X1"``, which does not, or ``"C1"``, which does; ``"AX3"`` tells nothing.
+    told : bool or None
+        What user, sidecar or comment say.
+    option : str
+        That would tell, for the message.
+    path : Path
         For the message.
+
+    Returns
+    -------
+    bool
+        Whether it turns: its positions are in degrees then.
+
+    Raises
+    ------
+    DataError
+        If nothing tells.
+    """
+    if told is not None:
+        return told
+    match = _LETTER.fullmatch(machine_axis)
+    if match is None:
+        raise DataError(
+            f"{path}: nothing tells whether {machine_axis[:40]} is in mm or in degrees; give {option}"
+        )
+    return is_rotary(match[1])
+
+
+def checked_modulo(
+    words: list[str], values: FloatArray, span: tuple[float, float], axis: str
+) -> None:
+    """Make both ends of a table that repeats equal as printed, and refuse one that cannot repeat.
+
+    Parameters
+    ----------
+    words : list of str
+        Entries as printed; the last becomes the first.
+    values : ndarray, shape (n,), m or rad
+        Corrections.
+    span : tuple of float, m or rad
+        First and last position.
+    axis : str
+        Whose position is looked up.
 
     Raises
     ------
     TableError
-        If they differ by more than 1e-12.
+        If the ends differ by more than 1e-12, or an axis that turns does not come back to the first
+        entry after a turn.
     """
-    if abs(first - last) > 1e-12:
+    first, last = float(values[0]), float(values[-1])
+    if abs(first - last) > _SAME:
         raise TableError(
-            f"{what} repeats with modulo=True, but its corrections at both ends differ by "
+            "the table repeats with modulo=True, but its corrections at both ends differ by "
             f"{abs(first - last):.3g}: the axis would step there; make the error equal at both ends"
         )
+    period = span[1] - span[0]
+    times = 2.0 * math.pi / period
+    if is_rotary(axis) and abs(times - round(times)) > _WHOLE * times:
+        raise TableError(
+            f"the table repeats with modulo=True after {format_span(axis, period, digits=7)}, a turn of "
+            f"{axis} is 360 deg: the second turn would be corrected at the wrong place; append the "
+            "position 360 deg after the first one, with the first one's correction"
+        )
+    words[-1] = words[0]

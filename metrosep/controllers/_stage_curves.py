@@ -1,11 +1,12 @@
 """Displacement of a piezo stage over its drive voltage, both branches, and what a DAC makes of it.
 
 A calibration is a `FlexureCalibration`, its stored form (a mapping of voltages and displacements,
-as the sidecar holds it), or a sensitivity such as ``"1.66 um/V"`` of a stage that is at 0 at 0 V.
+as the sidecar holds it, also as JSON text), or a sensitivity such as ``"1.66 um/V"`` of a stage that is at 0 at 0 V.
 """
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -25,6 +26,8 @@ BoolArray = NDArray[np.bool_]
 
 _CURVES = ("mean", "up", "down")
 _UM = 1e-6
+_LEAD = 1e-3
+"""Of the stroke: noise of two sweeps without hysteresis; more is a loop that is run backwards."""
 _SLACK = 1e-9
 """Of a range: closer than this to its end is inside."""
 
@@ -181,6 +184,8 @@ class StageCurves:
         """
         if not high > low:
             raise DataError(f"v_min={low} V, v_max={high} V; the upper voltage must be larger")
+        if isinstance(value, str) and value.lstrip().startswith("{"):
+            value = _from_json(value)
         if isinstance(value, str):
             value = parse_sensitivity(value)
         if isinstance(value, int | float) and not isinstance(value, bool):
@@ -199,7 +204,33 @@ class StageCurves:
                 f"calibration is a {type(value).__name__}; give a FlexureCalibration "
                 "(metrosep.process.flexure_calibration), its stored form, or '1.66 um/V'"
             )
+        if branch == "sweep":
+            _require_lag(value)
         return StageCurves(value, branch, low, high)
+
+
+def _require_lag(known: FlexureCalibration) -> None:
+    """Refuse branches that lead: a piezo lags, so that the falling one lies ahead of the rising one."""
+    sense = math.copysign(1.0, float(known.mean[-1] - known.mean[0]))
+    lag = sense * (known.down - known.up)
+    lag = lag[np.isfinite(lag)]
+    stroke = float(np.ptp(known.mean))
+    if lag.size and float(lag.mean()) < -_LEAD * stroke:
+        raise DataError(
+            f"the branches of the calibration are exchanged: while the voltage falls the stage must stand "
+            f"ahead of where it stands while it rises, here it stands {format_length(-float(lag.mean()))} "
+            "behind in the mean; name the sweeps the other way round, or use branch='mean'"
+        )
+
+
+def _from_json(text: str) -> dict[str, Any]:
+    try:
+        stored = json.loads(text)
+    except (ValueError, RecursionError) as exc:
+        raise DataError(
+            f"calibration={text[:40]!r} is no JSON of a stored calibration: {exc}"
+        ) from None
+    return cast("dict[str, Any]", stored)
 
 
 def _from_stored(stored: Mapping[Any, Any]) -> FlexureCalibration:
@@ -221,6 +252,10 @@ def _from_stored(stored: Mapping[Any, Any]) -> FlexureCalibration:
         )
     if np.isnan(mean).any():
         raise DataError("mean_um of a stored calibration has gaps")
+    for name, values in (("mean_um", mean), ("up_um", up), ("down_um", down)):
+        if np.isinf(values).any():
+            i = int(np.flatnonzero(np.isinf(values))[0])
+            raise DataError(f"{name} of a stored calibration is infinite at {v[i]:g} V")
     for values in (v, mean, up, down):
         values.setflags(write=False)
     blank = np.full(v.size, math.nan)

@@ -14,6 +14,7 @@ from metrosep.core.units import format_length
 __all__ = [
     "RollingGrid",
     "enclosing_nodes",
+    "holds_zero",
     "is_whole",
     "natural_spacing",
     "rolled_values",
@@ -27,6 +28,9 @@ _WHOLE = 1e-6
 
 _NEAR = 1e-6
 """Share of a step within which a position is a node."""
+
+_AT_ZERO = 1e-3
+"""Share of a step within which a table that ends beside the zero of a motor ends there."""
 
 _FINEST = 2000
 """Intervals of the finest grid that is chosen without asking."""
@@ -54,6 +58,28 @@ def is_whole(value: float) -> bool:
     (True, False)
     """
     return abs(value - round(value)) <= _WHOLE
+
+
+def holds_zero(x: FloatArray) -> bool:
+    """Return whether knots enclose zero, or end so close to it that no line leads there.
+
+    Parameters
+    ----------
+    x : ndarray, shape (n,), m
+        Rising, n >= 2.
+
+    Returns
+    -------
+    bool
+        Within a thousandth of the smallest step.
+
+    Examples
+    --------
+    >>> holds_zero(np.array([1e-10, 1e-3])), holds_zero(np.array([1e-4, 1e-3]))
+    (True, False)
+    """
+    near = _AT_ZERO * float(np.diff(x).min())
+    return bool(x[0] <= near and x[-1] >= -near)
 
 
 def natural_spacing(positions: FloatArray, finest: int = _FINEST) -> float:
@@ -239,7 +265,7 @@ def rolled_values(grid: RollingGrid, x: FloatArray, y: FloatArray, tolerance: fl
     TableError
         If the value at zero is not zero, or the ends meet at the roll-over with unlike values.
     """
-    if x[0] <= 0.0 <= x[-1]:
+    if holds_zero(x):
         there = float(np.interp(0.0, x, y))
         if abs(there) > tolerance:
             raise TableError(

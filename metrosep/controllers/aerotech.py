@@ -63,6 +63,12 @@ _COMMON = (
         "primary_unit", "length of a primary unit, to read PRIMARY files", "length", positive=True
     ),
     Option("decimals", "of an entry in um", "integer", default=4, lowest=0, highest=9),
+    Option(
+        "names",
+        "names of the looked-up axes and the corrected one, 'X, Y, Z' (of a line 'X, Z'), to read "
+        "files that do not tell them",
+        "text",
+    ),
 )
 
 _ACTIVATION = (
@@ -144,7 +150,9 @@ class Aerotech(Dialect):
         for axis in (*table.axes, table.compensates):
             _refuse_rotary(axis)
         o = {**{x.name: x.default for x in self.options}, **options}
-        _check_axes(o, on_axis=table.is_on_axis)
+        _check_numbers(o)
+        _check_names(o, (*table.axes, table.compensates))
+        _check_axes(o, table)
         carried, error = _prepared(table, o)
         grid = _grid(carried.x, carried.y, carried.values, o)
         wanted = o["corrected_sign"] * carried.values
@@ -188,15 +196,19 @@ class Aerotech(Dialect):
             the file.
         """
         grid, known = read_grid(data, path, self.options, options, self.info.id)
+        _require_offset_rule(grid, known, path, ("column", "row"))
         values = known["corrected_sign"] * grid.values
-        x, y = _positions(grid, known)
-        noted = known.get("axes", "").split(",")
+        x, y = _positions(grid, known, path)
+        names = _told_names(known, path, 3) or ("X", "Y", "")
+        own = {grid.column_axis: names[0], grid.row_axis: names[1]}
         fields = map_identity(
             path,
-            axes=(noted[0], noted[1]) if len(noted) == 2 else ("X", "Y"),
-            compensates=known.get("corrects", "Z"),
+            axes=(names[0], names[1]),
+            compensates=names[2] or own.get(grid.output, "Z"),
             first=(float(x[0]), float(y[0])),
         )
+        own = dict(zip(own, fields["axes"], strict=True))
+        _require_output(grid, own, fields["compensates"], path)
         return CompensationMap(
             x=x,
             y=y,
@@ -272,6 +284,9 @@ class AerotechLine(Dialect):
                 'it with direction="both" and put the lost motion into the backlash parameter'
             )
         o = {**{x.name: x.default for x in self.options}, **options, "row_sign": 1}
+        if o["row_axis"] == o["corrected_axis"]:
+            o["row_sign"] = o["corrected_sign"]
+        _check_names(o, (table.axis, table.compensates))
         if table.is_on_axis != (o["corrected_axis"] == o["column_axis"]):
             raise DataError(
                 f"the table is {table.axis} -> {table.compensates}, but column_axis="
@@ -328,11 +343,18 @@ class AerotechLine(Dialect):
                 "its rows differ: this table depends on two axes",
                 hint="read it as 'aerotech'",
             )
-        x, _ = _positions(grid, {**known, "row_sign": math.copysign(1, grid.row_step)})
+        _require_offset_rule(grid, known, path, ("column",))
+        x, _ = _positions(grid, known, path)
         fields = identity(path, first=float(x[0]))
-        if not load_sidecar(path) and "axes" in known:
-            fields["axis"] = known["axes"].split(",")[0]
-            fields["compensates"] = known.get("corrects", fields["axis"])
+        if not load_sidecar(path):
+            names = _told_names(known, path, 2)
+            if names is None and grid.output != grid.column_axis:
+                raise DataError(
+                    f"{path}: axis {grid.output} is corrected over axis {grid.column_axis}, and nothing "
+                    "tells which axes these are; give names='X, Z', the looked-up one first"
+                )
+            fields["axis"], fields["compensates"] = names or ("X", "X")
+        _require_output(grid, {grid.column_axis: fields["axis"]}, fields["compensates"], path)
         return CompensationTable(
             positions=x,
             forward=known["corrected_sign"] * grid.values[0],
@@ -362,13 +384,68 @@ def _check_numbers(o: dict[str, Any]) -> None:
             )
 
 
-def _check_axes(o: dict[str, Any], *, on_axis: bool) -> None:
-    _check_numbers(o)
-    if on_axis != (o["corrected_axis"] in (o["row_axis"], o["column_axis"])):
-        raise DataError(
-            f"corrected_axis={o['corrected_axis']} with row_axis={o['row_axis']} and column_axis="
-            f"{o['column_axis']}: the map corrects {'one of its own' if on_axis else 'a third'} axis"
+def _check_axes(o: dict[str, Any], table: CompensationMap) -> None:
+    """Refuse a number of the corrected axis that is not that of the axis the map corrects."""
+    own = dict(zip(table.axes, ("column_axis", "row_axis"), strict=True))
+    for axis, name in own.items():
+        if (axis == table.compensates) != (o[name] == o["corrected_axis"]):
+            wanted = own.get(table.compensates)
+            third = "a third axis" if wanted is None else f"its own axis {table.compensates}"
+            number = "another number than both" if wanted is None else f"the number of {wanted}"
+            raise DataError(
+                f"the map {table.axes[0]}, {table.axes[1]} -> {table.compensates} corrects {third}, so "
+                f"corrected_axis must be {number}, but column_axis={o['column_axis']}, row_axis="
+                f"{o['row_axis']} and corrected_axis={o['corrected_axis']}"
+            )
+
+
+def _check_names(o: dict[str, Any], wanted: tuple[str, ...]) -> None:
+    if o["names"] is not None and _split(o["names"]) != wanted:
+        raise DataError(f"names={o['names']!r}, but the axes are {', '.join(wanted)}")
+
+
+def _split(names: str) -> tuple[str, ...]:
+    return tuple(n.strip() for n in names.split(","))
+
+
+def _told_names(known: dict[str, Any], path: Path, n: int) -> tuple[str, ...] | None:
+    """Return the names of the looked-up axes and the corrected one, from comment or user."""
+    noted: tuple[str, ...] = ()
+    if "axes" in known and "corrects" in known:
+        noted = (*_split(known["axes"])[: n - 1], known["corrects"])
+        if len(noted) != n or not all(noted):
+            raise CorruptFileError(path, "its comment does not name the axes", found=str(noted))
+    given = _split(known["names"]) if "names" in known else ()
+    if given and (len(given) != n or not all(given)):
+        raise DataError(f"names={known['names']!r}: {n} names with commas between them are needed")
+    if noted and given and noted != given:
+        raise DataError(f"{path}: you say names={known['names']!r}, it says {', '.join(noted)}")
+    return given or noted or None
+
+
+def _require_output(grid: Grid, own: dict[int, str], compensates: str, path: Path) -> None:
+    """Refuse a file whose entries act on another axis than the one that is said to be corrected."""
+    wanted = own.get(grid.output)
+    if wanted != compensates if wanted is not None else compensates in own.values():
+        raise CorruptFileError(
+            path,
+            f"it is said to correct {compensates}, but its entries act on axis {grid.output}, which is "
+            f"{'another one' if wanted is None else wanted}",
+            hint="write the table again, with the corrected_axis that belongs to it",
         )
+
+
+def _require_offset_rule(
+    grid: Grid, known: dict[str, Any], path: Path, which: tuple[str, ...]
+) -> None:
+    for name in which:
+        step, offset = getattr(grid, f"{name}_step"), getattr(grid, f"{name}_offset")
+        if step < 0 and offset != 0 and "offset_follows" not in known:
+            raise DataError(
+                f"{path}: the {name} distance is negative and the offset is not zero: writers of this "
+                "format disagree whether its sign follows; say offset_follows='encoder' or 'axis' (a "
+                "wrong one mirrors the table about zero)"
+            )
 
 
 def _prepared(table: CompensationMap, o: dict[str, Any]) -> tuple[CompensationMap, float]:
@@ -408,7 +485,7 @@ def _grid(x: FloatArray, y: FloatArray, values: FloatArray, o: dict[str, Any]) -
     )
 
 
-def _positions(grid: Grid, known: dict[str, Any]) -> tuple[FloatArray, FloatArray]:
+def _positions(grid: Grid, known: dict[str, Any], path: Path) -> tuple[FloatArray, FloatArray]:
     """Return where columns and rows lie along the axes."""
     along = known.get("offset_follows", "encoder") == "encoder"
     found: list[FloatArray] = []
@@ -417,7 +494,12 @@ def _positions(grid: Grid, known: dict[str, Any]) -> tuple[FloatArray, FloatArra
         (grid.row_step, grid.row_offset, grid.values.shape[0]),
     ):
         first = -offset * (math.copysign(1.0, step) if along else 1.0)
-        found.append(np.asarray(first + abs(step) * np.arange(n), dtype=np.float64))
+        positions = np.asarray(first + abs(step) * np.arange(n), dtype=np.float64)
+        if (np.diff(positions) <= 0).any():
+            raise CorruptFileError(
+                path, f"its positions do not rise: the distance is {step:.3g} m"
+            )
+        found.append(positions)
     return found[0], found[1]
 
 

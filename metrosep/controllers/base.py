@@ -128,6 +128,10 @@ class Encoded:
         Largest deviation of what is carried from the table, between the entries too.
     findings : tuple of Finding, optional
         What is doubtful about it.
+    options : dict, optional
+        Options that the writer chose itself, to be read back with.
+    verification : dict or None, optional
+        Dry-run that the dialect has judged itself, where the general one does not apply.
     """
 
     data: bytes
@@ -137,6 +141,8 @@ class Encoded:
     carried: Any = None
     resampling_error: float = 0.0
     findings: tuple[Finding, ...] = ()
+    options: dict[str, Any] = field(default_factory=dict)
+    verification: dict[str, Any] | None = None
 
 
 class Dialect(ABC):

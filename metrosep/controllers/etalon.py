@@ -16,7 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.table import CompensationTable
+from metrosep.controllers._notes import agreed, is_note, note, read_notes
 from metrosep.controllers.base import (
     Dialect,
     DialectInfo,
@@ -43,9 +45,11 @@ _DEGREE = float(np.pi) / 180.0
 _TURNING = "ABC"
 _POSITION_DECIMALS = 9
 _DRY_RUN = "sign not documented: dry-run on the machine first"
-_NOTE = "metrosep: entry_sign="
+_LARGEST = 1e12
+"""No position or error of a file is as large, in any unit."""
 
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)")
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)", re.ASCII)
+_LETTERS = "XYZABC"
 _COMPONENT = re.compile(r"E([XYZABC])([XYZABC])")
 _SECTION = re.compile(r"\[([A-Z]\w\w)\]", re.ASCII)
 _VALUE = re.compile(r"VALUE *= *(\S+)")
@@ -62,11 +66,11 @@ _SIGN = Option(
 
 @dataclass(frozen=True, slots=True)
 class _Rows:
-    """One look-up table: its parameter, the line it starts at, and its rows."""
+    """One look-up table: its parameter, its rows, and what metrosep's comment says about it."""
 
     parameter: str
-    line: int
     rows: FloatArray
+    noted: Mapping[str, str]
 
 
 class Etalon(Dialect):
@@ -151,12 +155,12 @@ class Etalon(Dialect):
         if (np.diff(back[:, 0]) <= 0).any():
             raise TableError(f"positions closer than 1e-{_POSITION_DECIMALS} cannot be written")
         sign = "+" if o["entry_sign"] > 0 else "-"
+        code = [f"[{parameter}]", "Gridpoints = {", *(f"          {p} {e}" for p, e in words), "}"]
+        facts = {"entry_sign": o["entry_sign"], "parameter": parameter, "rows": n}
         lines = [
             f"// entry = {sign}e, {_DRY_RUN}",
-            f"// {_NOTE}{o['entry_sign']}",
-            f"[{parameter}]",
-            "Gridpoints = {",
-            *(f"          {p} {e}" for p, e in words),
+            f"// {note(facts, code)}",
+            *code[:-1],
             f"}}  // end of {parameter}",
         ]
         wrong = -o["entry_sign"] * back[:, 1] * unit - table.forward
@@ -178,7 +182,7 @@ class Etalon(Dialect):
             Its name.
         **options
             Options that the user gave; `parameter` chooses among several, `entry_sign` is taken from
-            metrosep's comment or the sidecar where it is not given.
+            metrosep's comment before the chosen one, or the sidecar, where it is not given.
 
         Returns
         -------
@@ -188,20 +192,20 @@ class Etalon(Dialect):
         Raises
         ------
         CorruptFileError
-            If a line does not fit the format.
+            If a line does not fit the format, or the lines are not those that metrosep wrote.
         UnsupportedFeatureError
             If there are several tables and none is chosen.
         DataError
-            If the sign is told by nothing, or the chosen table is not in the file.
+            If the sign is told by nothing or told twice, or the chosen table is not in the file.
         """
-        tables, noted = _read(data, path)
-        o = {**noted, **sidecar_options(path, self.options), **options}
+        told = {**sidecar_options(path, self.options), **options}
+        chosen = _chosen(_read(data, path), told.get("parameter"), path)
+        o = agreed(chosen.noted, self.options, told, path)
         if "entry_sign" not in o:
             raise DataError(
                 f"{path}: neither the file nor a sidecar tells the sign of its entries; give "
                 "entry_sign=1 (entry = +e) or -1 to read it as etalon"
             )
-        chosen = _chosen(tables, o.get("parameter"), path)
         place, unit = _units(chosen.parameter)
         positions = chosen.rows[:, 0] * place
         fields = identity(path, first=float(positions[0]))
@@ -224,11 +228,16 @@ def _parameter(table: CompensationTable, wanted: str | None) -> str:
             f"that moves, of X, Y, Z, A, B, C; the table is {table.axis} -> {table.compensates}; give "
             "parameter='EXY', or name the axes of the table so"
         )
-    if (name[1] in _TURNING) != (table.compensates[:1] in _TURNING) or (
-        (name[2] in _TURNING) != (table.axis[:1] in _TURNING)
-    ):
+    pairs = ((table.compensates, name[1]), (table.axis, name[2]))
+    if any(is_rotary(axis) != (letter in _TURNING) for axis, letter in pairs):
         raise DataError(
             f"{name} and the table {table.axis} -> {table.compensates} mix lengths and angles"
+        )
+    if any(len(axis) == 1 and axis in _LETTERS and axis != letter for axis, letter in pairs):
+        raise DataError(
+            f"parameter={name} is the error in {name[1]} over {name[2]}, but the table is {table.axis} -> "
+            f"{table.compensates}, which is E{table.compensates}{table.axis}; leave parameter out, or "
+            "make the table for the axes it is meant for"
         )
     return name
 
@@ -262,24 +271,23 @@ def _chosen(tables: Mapping[str, _Rows], wanted: str | None, path: Path) -> _Row
     return tables[wanted] if wanted is not None else next(iter(tables.values()))
 
 
-def _read(data: bytes, path: Path) -> tuple[dict[str, _Rows], dict[str, Any]]:
-    """Return the look-up tables of a file, and metrosep's own comment."""
+def _read(data: bytes, path: Path) -> dict[str, _Rows]:
+    """Return the look-up tables of a file; a comment of metrosep belongs to the next section."""
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as exc:
         raise CorruptFileError(path, "not UTF-8 text", offset=exc.start) from None
-    noted: dict[str, Any] = {}
     code: list[tuple[int, str]] = []
+    notes: list[tuple[int, str]] = []
     for number, line in enumerate(text.splitlines(), start=1):
         words, _, comment = line.partition("//")
-        if comment.strip().startswith(_NOTE):
-            value = comment.strip().removeprefix(_NOTE)
-            noted["entry_sign"] = _SIGN.checked(value, "comment in the file")
+        if is_note(comment):
+            notes.append((number, comment))
         if words.strip():
             code.append((number, words.strip()))
     tables: dict[str, _Rows] = {}
     seen: set[str] = set()
-    at = 0
+    at = after = 0
     while at < len(code):
         number, line = code[at]
         match = _SECTION.fullmatch(line)
@@ -288,12 +296,17 @@ def _read(data: bytes, path: Path) -> tuple[dict[str, _Rows], dict[str, Any]]:
         if match[1] in seen:
             raise CorruptFileError(path, f"line {number}: a second [{match[1]}]")
         seen.add(match[1])
+        start = at
         at, rows = _block(code, at + 1, number, match[1], path)
+        last = code[at - 1][0] if at < len(code) else number + data.count(b"\n") + 1
+        own = [c for n, c in notes if after < n <= last]
+        after = last
         if rows is not None:
-            tables[match[1]] = _Rows(match[1], number, rows)
+            noted = read_notes(own, [words for _, words in code[start:at]], path)
+            tables[match[1]] = _Rows(match[1], rows, noted)
     if not tables:
         raise CorruptFileError(path, "it holds no look-up table", expected="[EXY] and Gridpoints")
-    return tables, noted
+    return tables
 
 
 def _block(
@@ -302,7 +315,7 @@ def _block(
     """Return where the next section starts, and the rows of this one if it has any."""
     number, line = code[at] if at < len(code) else (start, "")
     value = _VALUE.fullmatch(line)
-    if value is not None and _NUMBER.fullmatch(value[1]):
+    if value is not None and _is_number(value[1]):
         return at + 1, None
     if not _OPEN.fullmatch(line):
         raise CorruptFileError(
@@ -317,7 +330,7 @@ def _block(
         if line == "}":
             break
         words = line.split()
-        if len(words) != 2 or not all(map(_NUMBER.fullmatch, words)):
+        if len(words) != 2 or not all(map(_is_number, words)):
             raise CorruptFileError(
                 path, f"line {number} is not a position and an error but {line[:60]!r}"
             )
@@ -329,3 +342,7 @@ def _block(
     if len(rows) < 2:
         raise CorruptFileError(path, f"[{name}] needs at least 2 rows", found=len(rows))
     return at + 2 + len(rows), np.array(rows)
+
+
+def _is_number(word: str) -> bool:
+    return bool(_NUMBER.fullmatch(word)) and abs(float(word)) <= _LARGEST

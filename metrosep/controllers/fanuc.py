@@ -17,17 +17,19 @@ from numpy.typing import NDArray
 
 from metrosep.compensation.rounding import round_increments
 from metrosep.compensation.table import CompensationTable
+from metrosep.controllers._agreement import fact, own_axis, require_agreement
 from metrosep.controllers._increments import (
     DRY_RUN,
     Resampling,
     ascii_lines,
     carry,
-    fact,
     mm_text,
     mm_value,
     require_capacity,
     require_linear,
+    require_on_axis,
     require_one_direction,
+    require_sizes,
     require_zero,
     uniform_positions,
 )
@@ -42,6 +44,8 @@ IntArray = NDArray[np.int64]
 
 _TITLE = "Fanuc pitch error compensation"
 _LAST_NUMBER = 1023
+_FARTHEST, _LARGEST = 1e3, 1.0
+"""Position and correction beyond which units are mistaken, m."""
 _POINT = 10_000
 """Number of the file's word for point 0."""
 _BLOCKS_PER_MINUTE = 7500.0
@@ -86,7 +90,12 @@ class Fanuc(Resampling):
 
     options = (
         Option(
-            "detection_unit", "detection unit of the axis", "length", required=True, positive=True
+            "detection_unit",
+            "detection unit of the axis",
+            "length",
+            required=True,
+            lowest=1e-12,
+            highest=1e-3,
         ),
         Option("magnification", "parameter 3623", "integer", default=1, lowest=1, highest=100),
         Option(
@@ -99,14 +108,19 @@ class Fanuc(Resampling):
         Option("reference_number", "parameter 3620", "integer", lowest=0, highest=_LAST_NUMBER),
         Option("reference_position", "machine coordinate of the reference position", "length"),
         Option(
-            "interval", "parameter 3624; that of the table if omitted", "length", positive=True
+            "interval",
+            "parameter 3624; that of the table if omitted",
+            "length",
+            positive=True,
+            highest=100.0,
         ),
         Option(
             "increment",
             "least input increment, unit of parameter 3624",
             "length",
             default=1e-6,
-            positive=True,
+            lowest=1e-9,
+            highest=1e-3,
         ),
         Option("rapid", "rapid traverse, for the smallest interval", "speed", positive=True),
         Option("entry_sign", "k in entry = k e", "choice", default=-1, choices=(-1, 1)),
@@ -130,14 +144,17 @@ class Fanuc(Resampling):
         Raises
         ------
         TableError
-            If an axis turns, the table has two directions, is not zero at the reference position, or the spacing
-            is not a multiple of the input increment.
+            If an axis turns, the table corrects another axis than it looks up, has two directions,
+            is not zero at the reference position, or the spacing is not a multiple of the input
+            increment.
         LimitError
             If there are too many points, an increment leaves the range, or the interval is too
             small for the rapid traverse.
         """
         require_linear((table.axis, table.compensates), _TITLE)
+        require_on_axis(table, _TITLE, "'fanuc-straightness'")
         require_one_direction(table, _TITLE, "into parameter 1851 (backlash)")
+        require_sizes(table, _TITLE, farthest=_FARTHEST, largest=_LARGEST)
         zero = options["reference_position"]
         zero = table.reference if zero is None else zero
         require_zero(table, zero, _TITLE)
@@ -222,6 +239,8 @@ class Fanuc(Resampling):
                 hint="choose the file of this axis",
             )
         number, first, last, magnification, steps = (words[p] for p in _PARAMETERS)
+        for name, value in (("reference_number", number), ("magnification", magnification)):
+            require_agreement(path, name, ("the file", value), ("you", options.get(name)))
         entries = _entries(words, first, last, options.get("largest", 127), path)
         require_capacity(self, entries.size, options, path)
         if not (first - 1 <= number <= last and steps > 0 and 1 <= magnification <= 100):
@@ -242,7 +261,7 @@ class Fanuc(Resampling):
             forward=curve * (known["detection_unit"] * magnification) + 0.0,
             reverse=None,
             is_exact_inverse=True,
-            **{**identity(path, first=zero), "reference": zero},
+            **{**own_axis(identity(path, first=zero), path), "reference": zero},
         )
 
 

@@ -20,15 +20,16 @@ from numpy.typing import NDArray
 from metrosep.compensation.knots import choose_knots
 from metrosep.compensation.rounding import round_entries
 from metrosep.compensation.table import CompensationTable
+from metrosep.controllers._agreement import fact, named_axes
 from metrosep.controllers._increments import (
     DRY_RUN,
     Resampling,
     ascii_lines,
-    fact,
     mm_text,
     mm_value,
     require_linear,
     require_one_direction,
+    require_sizes,
 )
 from metrosep.controllers.base import DialectInfo, Encoded, identity
 from metrosep.controllers.options import Option
@@ -43,6 +44,8 @@ _TITLE = "Fanuc straightness compensation"
 _POINTS = 4
 _LAST_NUMBER = 1023
 _LARGEST = 32767
+_FARTHEST, _BIGGEST = 1e3, 1.0
+"""Position and correction beyond which units are mistaken, m."""
 _LAST_AXIS = 32
 
 _HEAD = re.compile(
@@ -87,14 +90,16 @@ class FanucStraightness(Resampling):
             "detection unit of the compensated axis",
             "length",
             required=True,
-            positive=True,
+            lowest=1e-12,
+            highest=1e-3,
         ),
         Option(
             "interval",
             "spacing of the moving axis' pitch error points (3624)",
             "length",
             required=True,
-            positive=True,
+            lowest=1e-9,
+            highest=100.0,
         ),
         Option(
             "reference_number",
@@ -151,6 +156,7 @@ class FanucStraightness(Resampling):
         require_linear((table.axis, table.compensates), _TITLE)
         require_one_direction(table, _TITLE, "into parameter 1851 (backlash) of the moving axis")
         _require_axes(table, options)
+        require_sizes(table, _TITLE, farthest=_FARTHEST, largest=_BIGGEST)
         zero = options["reference_position"]
         zero = table.reference if zero is None else zero
         step, unit, number = (
@@ -240,7 +246,8 @@ class FanucStraightness(Resampling):
                     hint="choose the file of this axis",
                 )
         positions = zero + step * (points - number)
-        fields = {**identity(path, first=zero), **head.get("axes", {})}
+        fields = identity(path, first=zero)
+        fields = named_axes(fields, head["axes"], path) if "axes" in head else fields
         return CompensationTable(
             positions=positions,
             forward=-sign * entries * unit + 0.0,
@@ -328,7 +335,7 @@ def _head(line: str, path: Path) -> dict[str, Any]:
             raise CorruptFileError(path, "line 1: the comment is damaged", hint="write it again")
         return {}
     return {
-        "axes": {"axis": found[1], "compensates": found[2]},
+        "axes": (found[1], found[2]),
         "detection_unit": mm_value(found[3]),
         "interval": mm_value(found[4]),
         "reference_number": int(found[5]),

@@ -148,11 +148,12 @@ def write(
     found += carried_findings(written, table, limits, dialect.info)
     findings = judged([*found, *file_findings(table, encoded)], waived)
     known = {o.name: options[o.name] for o in dialect.options if options[o.name] is not None}
+    known |= encoded.options
     nowhere = Path(os.devnull)
     parsed = dialect.decode(encoded.data, nowhere, **known)
     _require_read_back(written, parsed, encoded)
     verification = None
-    if not (verified_against is None and "dry-run" in waived):
+    if encoded.verification is None and not (verified_against is None and "dry-run" in waived):
         lookup = dialect.lookup(encoded.data, nowhere, **known)
         verification = _verification(table, lookup, verified_against, target)
         waived = tuple(w for w in waived if w != "dry-run")
@@ -176,7 +177,8 @@ def write(
         "resampling_error_m": encoded.resampling_error,
         "findings": [_described_finding(f, waived) for f in findings],
         "waived": list(waived),
-        "verification": _described(verification, own=verified_against is None),
+        "verification": encoded.verification
+        or _described(verification, own=verified_against is None),
         "table": table.to_dict(),
         **encoded.notes,
     }
@@ -281,7 +283,9 @@ def _iteration(carried: Any, target: Path) -> list[Finding]:
             )
         ]
     sources = before.get("source_sha256") if isinstance(before, dict) else None
-    if not sources or not carried.source_sha256 or list(carried.source_sha256) == list(sources):
+    if not sources or not carried.source_sha256 or set(sources) <= set(carried.source_sha256):
+        return []
+    if any(step.name == "combine" for step in carried.history):
         return []
     return [
         Finding(

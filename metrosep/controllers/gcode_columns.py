@@ -8,7 +8,7 @@ and goes through `ModalState`.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import groupby
 from pathlib import Path
@@ -36,6 +36,8 @@ _BYTES = 1 << 21
 
 _LONGEST = 4096
 """Characters of the longest block; controllers take far fewer."""
+
+_MARKS = (b"\xef\xbb\xbf", b"\xff\xfe", b"\xfe\xff")
 
 _NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)"
 _PLAIN = frozenset("NGXCZF")
@@ -91,6 +93,8 @@ class Columns:
         Digits after the point of the Z word, 0 where there is none.
     feed_mode : list of str
         In force.
+    lost : list of (int, str)
+        Moves before which the place of some axes is no longer known, and which axes.
     line : int
         Number of the first line of the piece, from 1.
     """
@@ -106,6 +110,22 @@ class Columns:
     end: list[int] = field(default_factory=list)
     digits: list[int] = field(default_factory=list)
     feed_mode: list[str] = field(default_factory=list)
+    lost: list[tuple[int, str]] = field(default_factory=list)
+
+    def lost_at(self, letter: str) -> list[int]:
+        """Return the moves before which the place of an axis is no longer known.
+
+        Parameters
+        ----------
+        letter : {"X", "C", "Z"}
+            The axis.
+
+        Returns
+        -------
+        list of int
+            The number of moves where this is after the last of them.
+        """
+        return [at for at, axes in self.lost if letter in axes]
 
     def line_of(self, index: int) -> int:
         """Return the number of the line of a move.
@@ -151,7 +171,7 @@ def open_program(path: Path) -> BinaryIO:
         ) from None
 
 
-def pieces(stream: BinaryIO, path: Path) -> Iterator[list[str]]:
+def pieces(stream: BinaryIO, path: Path, *, mark: bool = False) -> Iterator[list[str]]:
     """Give the lines of a program, with their ends, some ten thousand at a time.
 
     Parameters
@@ -160,6 +180,8 @@ def pieces(stream: BinaryIO, path: Path) -> Iterator[list[str]]:
         The program.
     path : Path
         Its name, for messages.
+    mark : bool, optional
+        Whether a byte order mark of UTF-8 may stand at the beginning.
 
     Yields
     ------
@@ -169,29 +191,49 @@ def pieces(stream: BinaryIO, path: Path) -> Iterator[list[str]]:
     Raises
     ------
     CorruptFileError
-        If a block is longer than any controller takes, or holds zero bytes.
+        If a block is longer than any controller takes, or holds zero bytes, or the text begins with
+        a byte order mark.
     ReadError
         If the file cannot be read to its end.
     """
-    rest = b""
+    rest, line = b"", 1
     while True:
         try:
             new = stream.read(_BYTES)
         except OSError as exc:
             raise ReadError(f"{path}: cannot be read ({exc.strerror or exc})") from None
         data = rest + new
+        if line == 1 and data.startswith(_MARKS[mark:]):
+            raise CorruptFileError(
+                path,
+                "line 1: a byte order mark (BOM) stands before the first character",
+                hint="save the text as ASCII, or as UTF-8 without BOM",
+            )
         cut = len(data) if not new else max(data.rfind(b"\n"), data.rfind(b"\r", 0, -1)) + 1
-        if b"\x00" in new or len(data) - cut > _LONGEST:
+        if b"\x00" in new:
             raise CorruptFileError(path, "this is no text of a program", hint="check the name")
         rest = data[cut:]
-        if cut:
-            yield (
-                data[:cut].decode("latin-1").splitlines(True)
-                if _simple(data)
-                else [part.decode("latin-1") for part in data[:cut].splitlines(True)]
-            )
+        lines = (
+            data[:cut].decode("latin-1").splitlines(True)
+            if _simple(data)
+            else [part.decode("latin-1") for part in data[:cut].splitlines(True)]
+        )
+        _check_lengths([*map(len, lines), len(rest)], line, path)
+        line += len(lines)
+        if lines:
+            yield lines
         if not new:
             return
+
+
+def _check_lengths(lengths: list[int], line: int, path: Path) -> None:
+    if max(lengths) > _LONGEST:
+        at = next(i for i, length in enumerate(lengths) if length > _LONGEST)
+        raise CorruptFileError(
+            path,
+            f"line {line + at}: the block is longer than {_LONGEST} characters",
+            hint="is this a program? cut the block in two",
+        )
 
 
 def _simple(data: bytes) -> bool:
@@ -263,6 +305,8 @@ def _by_shape(blocks: list[str], row: int, mover: Mover, state: ModalState, out:
         modes = [_MODES[g] for g in groups[mover.g]]
     if not mover.moves:
         state.motion = modes[-1]
+        if mover.f >= 0:
+            state.feed = float(groups[mover.f][-1])
         return True
     if modes[0] is None or not state.cut or state.away:
         return False
@@ -275,6 +319,7 @@ def _by_shape(blocks: list[str], row: int, mover: Mover, state: ModalState, out:
     out.row.extend(range(row, row + len(blocks)))
     for column, group in ((out.x, mover.x), (out.c, mover.c), (out.z, mover.z), (out.f, mover.f)):
         column.extend(map(float, groups[group]) if group >= 0 else missing)
+    _take_feed(out, len(blocks), state)
     out.start.extend(starts)
     if mover.z >= 0:
         texts = groups[mover.z]
@@ -294,7 +339,11 @@ def _by_token(block: str, row: int, state: ModalState, out: Columns) -> None:
     if state.ended:
         return
     tokens = tokenize(block, line)
-    if not state.apply(tokens, line):
+    moves = state.apply(tokens, line)
+    if state.lost:
+        out.lost.append((len(out.row), state.lost))
+        state.lost = ""
+    if not moves:
         return
     words: dict[str, Token] = {}
     anchor = 0
@@ -312,12 +361,21 @@ def _by_token(block: str, row: int, state: ModalState, out: Columns) -> None:
     out.c.append(words["C"].value if "C" in words else _NAN)
     out.z.append(words["Z"].value if "Z" in words else _NAN)
     out.f.append(words["F"].value if "F" in words else _NAN)
+    _take_feed(out, 1, state)
     out.motion.append(state.motion or 0)
     z = words.get("Z")
     out.start.append(anchor if z is None else z.end - len(z.number))
     out.end.append(anchor if z is None else z.end)
     out.digits.append(decimals_of(words["Z"].number) if "Z" in words else 0)
     out.feed_mode.append(state.feed_mode)
+
+
+def _take_feed(out: Columns, count: int, state: ModalState) -> None:
+    """Give the F of a block without a move to the first of the moves that were just added."""
+    if state.feed == state.feed:
+        if out.f[-count] != out.f[-count]:
+            out.f[-count] = state.feed
+        state.feed = _NAN
 
 
 def _whole_numbers(texts: Iterable[str], state: ModalState, line: int) -> None:
@@ -358,7 +416,7 @@ def _mover(shape: str) -> Mover | None:
     return Mover(re.compile(pattern), g, x, c, z, f, moves=bool(axes))
 
 
-def carried(values: FloatArray, before: float) -> FloatArray:
+def carried(values: FloatArray, before: float, lost: Sequence[int] = ()) -> FloatArray:
     """Return a column with each missing word as the one before it: words are modal.
 
     Parameters
@@ -367,13 +425,18 @@ def carried(values: FloatArray, before: float) -> FloatArray:
         NaN where the block has no word.
     before : float
         In force before the first.
+    lost : sequence of int, optional
+        Entries before which nothing is in force any more; n is after the last.
 
     Returns
     -------
     ndarray, shape (n,)
-        NaN only where nothing was said yet.
+        NaN only where nothing was said yet, or since it was lost.
     """
     full = np.concatenate([[before], values])
     last = np.where(np.isnan(full), 0, np.arange(full.size))
+    for at in lost:
+        if at < values.size:
+            last[at + 1] = at + 1
     np.maximum.accumulate(last, out=last)
     return full[last][1:]

@@ -122,10 +122,7 @@ def error_correction(
     >>> (1e9 * c.z(np.array([0.5e-3, 0.5e-3]), np.array([0.0, np.pi]))).round(6).tolist()
     [-1.5, -0.5]
     """
-    if c_sense not in (1, -1):
-        raise DataError(f"c_sense is {c_sense!r}; it is 1 or -1")
-    if not math.isfinite(c_zero):
-        raise DataError(f"c_zero is {c_zero!r}; give an angle in rad")
+    _check_sense(c_sense, c_zero)
     if move_x and slope is None:
         raise DataError("to move X the slope of the form is needed; give slope=")
     lookup, edge, audit, pitch, around = _error_lookup(error)
@@ -242,7 +239,7 @@ def nose_correction(
 
 
 def as_path_correction(
-    correction: object, *, c_sense: int = 1, c_zero: float = 0.0
+    correction: object, *, c_sense: int | None = None, c_zero: float | None = None
 ) -> PathCorrection:
     """Return a correction in the form that a path needs.
 
@@ -252,7 +249,8 @@ def as_path_correction(
         A table over X, the same in both directions; a map over part coordinates (x, y); or a
         function c(X, C) of X in m and C in rad that returns m. All hold corrections, not errors.
     c_sense, c_zero : int and float, optional
-        For a map over part coordinates, as in `error_correction`.
+        For a map over part coordinates, as in `error_correction`; refused for everything else,
+        which holds its own or needs none.
 
     Returns
     -------
@@ -262,8 +260,9 @@ def as_path_correction(
     Raises
     ------
     DataError
-        If it is an error (a Surface, a Profile), a table of another axis or direction-dependent,
-        or none of these.
+        If it is an error (a Surface, a Profile), a table or map of another axis or
+        direction-dependent, or none of these; if `c_sense` or `c_zero` is given for what is no map, or
+        cannot be.
 
     Examples
     --------
@@ -271,17 +270,27 @@ def as_path_correction(
     >>> as_path_correction(lambda x, c: 1e-9 * np.cos(c)).needs_c
     True
     """
-    if isinstance(correction, PathCorrection):
-        return correction
     if isinstance(correction, Surface | Profile):
         raise DataError(
             f"a {type(correction).__name__} holds an error, not a correction; give "
             "error_correction(it), which turns the sign over, with c_sense and c_zero"
         )
+    is_map = hasattr(correction, "correction") and not isinstance(correction, CompensationTable)
+    if not is_map and not (c_sense is None and c_zero is None):
+        raise DataError(
+            f"c_sense and c_zero are for a map with correction(x, y), not for a {type(correction).__name__}; "
+            "what error_correction made holds its own: give them there"
+        )
+    if isinstance(correction, PathCorrection):
+        return correction
     if isinstance(correction, CompensationTable):
         return _of_table(correction)
     if hasattr(correction, "correction"):
-        return _of_area(cast(_Area, correction), c_sense, c_zero)
+        return _of_area(
+            cast(_Area, correction),
+            1 if c_sense is None else c_sense,
+            0.0 if c_zero is None else c_zero,
+        )
     if callable(correction):
         return PathCorrection(
             lambda x, c: np.asarray(correction(x, c), dtype=np.float64),
@@ -323,26 +332,75 @@ def _of_table(table: CompensationTable) -> PathCorrection:
 
 
 def _of_area(area: _Area, c_sense: int, c_zero: float) -> PathCorrection:
-    if c_sense not in (1, -1):
-        raise DataError(f"c_sense is {c_sense!r}; it is 1 or -1")
+    _check_sense(c_sense, c_zero)
     axes = [str(a).upper() for a in getattr(area, "axes", ("X", "Y"))][:2]
     if axes not in (["X", "Y"], ["X", "C"]):
         raise DataError(
             f"the map is over {' and '.join(axes)}; a path needs one over the part, X and Y, or over X and C"
         )
+    moved = str(getattr(area, "compensates", "Z")).upper()
+    if moved != "Z":
+        raise DataError(f"the map corrects {moved}; a path needs one that corrects Z")
+    turning = axes[1] == "C"
+    span = getattr(area, "span", None)
+    if turning and span is not None and span[1][1] - span[1][0] > _MOST_TURNS * 2.0 * math.pi:
+        raise DataError(
+            f"the map spans {span[1][1] - span[1][0]:.6g} rad of C, more than {_MOST_TURNS} turns: are its "
+            "angles in degrees? they are in rad"
+        )
+
+    def places(x: FloatArray, c: FloatArray) -> tuple[FloatArray, FloatArray]:
+        angle = c_sense * c + c_zero
+        if not turning:
+            return x * np.cos(angle), x * np.sin(angle)
+        return x, angle if span is None else _within_a_turn(angle, span[1])
+
+    def held(x: FloatArray, c: FloatArray) -> FloatArray:
+        found = np.asarray(area.correction(*places(x, c)), dtype=np.float64)
+        return found if found.ndim == 0 else found.reshape(x.shape)
 
     def z(x: FloatArray, c: FloatArray) -> FloatArray:
-        angle = c_sense * c + c_zero
-        first, second = (x, angle) if axes[1] == "C" else (x * np.cos(angle), x * np.sin(angle))
-        return np.asarray(area.correction(first, second), dtype=np.float64).reshape(x.shape)
+        at = places(x, c)
+        found = held(x, c)
+        if span is None:
+            return found
+        beyond = np.zeros(x.shape, dtype=bool)
+        for place, (first, last) in zip(at, span, strict=True):
+            room = _EDGE * (last - first)
+            beyond |= (place < first - room) | (place > last + room)
+        return np.where(beyond, np.inf, found)
 
-    audit = {
+    audit: dict[str, Any] = {
         "kind": f"compensation map over {axes[0]} and {axes[1]}",
         "sign": "correction c = -e is added to Z",
         "c_sense": c_sense,
         "c_zero_rad": float(c_zero),
     }
-    return PathCorrection(z, audit=audit)
+    nodes = [getattr(area, name, None) for name in ("x", "y", "values")]
+    if span is None or any(n is None for n in nodes):
+        return PathCorrection(z, held=None if span is None else held, audit=audit)
+    audit["sha256"] = _hash(*(np.asarray(n, dtype=np.float64) for n in nodes))
+    steps = [float(np.diff(np.asarray(n)).min()) for n in nodes[:2]]
+    reach = max(abs(v) for v in span[0])
+    pitch = min(steps[0], steps[1] * (reach if turning else 1.0))
+    return PathCorrection(z, pitch=pitch or None, held=held, audit=audit)
+
+
+def _within_a_turn(angle: FloatArray, span: tuple[float, float]) -> FloatArray:
+    """Return angles in the turn that begins where the map does; a map of several turns as they are."""
+    first, last = span
+    if last - first > 2.0 * math.pi * (1.0 + _EDGE):
+        return angle
+    turned = np.mod(angle - first, 2.0 * math.pi)
+    # rounding must not put the first place of the map at the end of the turn, beyond a partial one
+    return np.asarray(first + np.where(turned > 2.0 * math.pi * (1.0 - _EDGE), 0.0, turned))
+
+
+def _check_sense(c_sense: int, c_zero: float) -> None:
+    if c_sense not in (1, -1):
+        raise DataError(f"c_sense is {c_sense!r}; it is 1 or -1")
+    if not math.isfinite(c_zero):
+        raise DataError(f"c_zero is {c_zero!r}; give an angle in rad")
 
 
 def _error_lookup(
@@ -372,6 +430,10 @@ def _error_lookup(
         if np.count_nonzero(good) < 2:
             raise InvalidSamplesError("the profile holds fewer than two measured values")
         audit = {"kind": "profile of the error over X", "sha256": _hash(x, z)}
+        ends = np.flatnonzero(good)[
+            [0, -1]
+        ]  # unmeasured ends are beyond the profile, gaps are not
+        x, z = x[ends[0] : ends[1] + 1], z[ends[0] : ends[1] + 1]
         return _linear(x, z, np.inf, np.inf), _linear(x, z), audit, float(np.diff(x).min()), False
     if callable(error):
         return (
@@ -458,6 +520,8 @@ def _with_edge(z: FloatArray, *, hold: bool) -> FloatArray:
         filled[outer] = np.inf
     return filled
 
+
+_MOST_TURNS = 20
 
 _EDGE = 1e-9
 """Share of a step by which rounding may miss a node or leave the map (4.5 mm / 0.5 mm in binary)."""

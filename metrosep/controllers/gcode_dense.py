@@ -3,6 +3,10 @@
 A controller moves on straight lines between points, so between two blocks the correction that acts
 is the chord of c, off by up to |c''| d^2 / 8 at a distance d. Where that exceeds a tolerance the
 block is split into 2, 4, 8 ... parts along the same line in X, C and Z.
+
+A move is looked at on an even grid and on the same grid shifted by an irrational share of a step,
+so that a correction in step with the grid is seen too: every half pixel of a map (0.05 mm where
+nothing says how fast it bends) and every 5 degrees of C at most, at least in `FEWEST` steps.
 """
 
 from __future__ import annotations
@@ -12,20 +16,30 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["MAX_PARTS", "chord_errors", "part_counts"]
+__all__ = ["MAX_LOOKS", "MAX_PARTS", "chord_errors", "part_counts"]
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 Lookup = Callable[[FloatArray, FloatArray], FloatArray]
 
-MAX_PARTS = 1024
+MAX_PARTS = 4096
 """Most parts of one block; a path that needs more was never meant for this correction."""
 
-_FEWEST = 4
+MAX_LOOKS = 1 << 15
+"""Most steps in which one move is looked at; a longer one cannot be judged."""
+
+FEWEST = 2
+_SHIFT = (3.0 - 5.0**0.5) / 2.0
+"""Golden section: the share of a step furthest from every fraction."""
+
+_TURN = np.pi / 36.0
+_PITCH = 0.1e-3
+_AT_ONCE = 50_000
+"""Samples that are held together; few, so that they stay in the cache."""
 
 
-def chord_errors(lookup: Lookup, ends: FloatArray) -> FloatArray:
-    """Return how far the correction in the middle of each move is from its chord.
+def chord_errors(lookup: Lookup, ends: FloatArray, pitch: float | None = None) -> FloatArray:
+    """Return how far the correction on the way of each move is from its chord.
 
     Parameters
     ----------
@@ -33,20 +47,26 @@ def chord_errors(lookup: Lookup, ends: FloatArray) -> FloatArray:
         Correction in m from X (m) and C (rad).
     ends : ndarray, shape (4, n)
         X and C at the beginning, X and C at the end of each move.
+    pitch : float or None, m, optional
+        Distance on the part over which the correction may bend.
 
     Returns
     -------
     ndarray, shape (n,), m
-        Absolute.
+        Absolute, the largest seen; NaN where the way crosses what is not known, infinite where a
+        move is too long to be looked at.
 
     Examples
     --------
-    >>> ends = np.array([[0.0], [0.0], [2.0], [0.0]])
+    >>> ends = np.array([[0.0], [0.0], [2e-3], [0.0]])
     >>> chord_errors(lambda x, c: x**2, ends).tolist()
-    [1.0]
+    [1e-06]
     """
-    values = _sampled(lookup, ends, 2)
-    return np.asarray(np.abs(values[:, 1] - (values[:, 0] + values[:, 2]) / 2))
+    left = np.zeros(ends.shape[1])
+    for size, some in _groups(ends, pitch):
+        left[some] = _deviation(_sampled(lookup, ends[:, some], size), 1)
+    left[_wanted(ends, pitch) > MAX_LOOKS] = np.inf
+    return left
 
 
 def part_counts(
@@ -63,31 +83,48 @@ def part_counts(
     tolerance : float, m
         Largest deviation of the correction from its chords.
     pitch : float or None, m
-        Distance on the part over which the correction may bend; every move is looked at in steps
-        of half of it at most, but in no more than `MAX_PARTS`.
+        Distance on the part over which the correction may bend.
 
     Returns
     -------
     parts : ndarray of int, shape (n,)
         1, 2, 4 ... `MAX_PARTS`.
     left : ndarray, shape (n,), m
-        Largest deviation seen with these parts.
+        Largest deviation seen with these parts: above the tolerance where `MAX_PARTS` do not do,
+        NaN and infinite as in `chord_errors`.
 
     Examples
     --------
-    >>> ends = np.array([[0.0], [0.0], [2.0], [0.0]])
-    >>> parts, left = part_counts(lambda x, c: x**2, ends, 0.1, None)
-    >>> parts.tolist(), left.tolist()
-    ([4], [0.0625])
+    >>> ends = np.array([[0.0], [0.0], [2e-3], [0.0]])
+    >>> parts, left = part_counts(lambda x, c: x**2, ends, 1e-7, None)
+    >>> parts.tolist(), left.round(12).tolist()
+    ([4], [6.25e-08])
     """
     n = ends.shape[1]
     parts, left = np.ones(n, dtype=np.int64), np.zeros(n)
-    steps = _steps(ends, pitch)
-    for size in np.unique(steps):
-        chosen = np.flatnonzero(steps == size)
-        for some in np.array_split(chosen, 1 + chosen.size * int(size) // 400_000):
-            _split(lookup, ends[:, some], tolerance, int(size), some, parts, left)
+    for size, some in _groups(ends, pitch):
+        _split(lookup, ends[:, some], tolerance, size, some, parts, left)
+    left[_wanted(ends, pitch) > MAX_LOOKS] = np.inf
     return parts, left
+
+
+def _groups(ends: FloatArray, pitch: float | None) -> list[tuple[int, IntArray]]:
+    """Return moves that are looked at in equally many steps, not too many at once."""
+    steps = 2 ** np.ceil(np.log2(np.clip(_wanted(ends, pitch), FEWEST, MAX_LOOKS)))
+    steps = steps.astype(np.int64)
+    found = []
+    for size in np.unique(steps).tolist():
+        chosen = np.flatnonzero(steps == size)
+        found += [(size, s) for s in np.array_split(chosen, 1 + chosen.size * size // _AT_ONCE)]
+    return found
+
+
+def _wanted(ends: FloatArray, pitch: float | None) -> FloatArray:
+    """Return how many steps each move asks for."""
+    radius = np.maximum(np.abs(ends[0]), np.abs(ends[2]))
+    turned = np.abs(np.nan_to_num(ends[3] - ends[1]))
+    length = np.hypot(ends[2] - ends[0], radius * turned)
+    return np.asarray(np.maximum(2.0 * length / (pitch or _PITCH), turned / _TURN))
 
 
 def _split(
@@ -107,41 +144,37 @@ def _split(
         deviation = _deviation(values[open_], count)
         parts[where[open_]] = count
         left[where[open_]] = deviation
-        # not <=: a gap (NaN) is never good enough, and ends at the largest number of parts
-        bad = ~(deviation <= tolerance)
-        open_ = open_[bad]
+        open_ = open_[deviation > tolerance]  # a gap (NaN) stays one in any number of parts
         count *= 2
+        if count > MAX_PARTS:
+            return
         if open_.size and 2 * count > size:
-            if 2 * size > MAX_PARTS:
-                return
-            some = where[open_]
-            _split(lookup, ends[:, open_], tolerance, 2 * size, some, parts, left)
+            for some in np.array_split(open_, 1 + open_.size * 2 * size // _AT_ONCE):
+                _split(lookup, ends[:, some], tolerance, 2 * size, where[some], parts, left)
             return
 
 
 def _deviation(values: FloatArray, count: int) -> FloatArray:
     """Return the largest distance of samples from the chords of `count` equal parts."""
-    step = (values.shape[1] - 1) // count
-    low, high = values[:, :-1:step], values[:, step::step]
-    share = np.arange(step) / step
-    chords = low[:, :, None] + (high - low)[:, :, None] * share
-    inner = values[:, :-1].reshape(chords.shape)
-    return np.asarray(np.abs(inner - chords).max(axis=(1, 2)))
+    moves, size = values.shape[0], values.shape[1] // 2
+    even, shifted = values[:, : size + 1], values[:, size + 1 :]
+    step = size // count
+    low, high = even[:, :-1:step, None], even[:, step::step, None]
+    worst = np.zeros(moves)
+    for inner, shift in ((even[:, :-1], 0.0), (shifted, _SHIFT)):
+        share = (np.arange(step) + shift) / step
+        away = (high - low) * share
+        away += low
+        away -= inner.reshape(moves, count, step)
+        worst = np.maximum(worst, np.abs(away, out=away).max(axis=(1, 2)))
+    return worst
 
 
 def _sampled(lookup: Lookup, ends: FloatArray, size: int) -> FloatArray:
-    share = np.arange(size + 1) / size
+    """Return the correction on the even grid, ends included, and on the shifted one after it."""
+    grid = np.arange(size + 1)
+    share = np.concatenate([grid, grid[:-1] + _SHIFT]) / size
     x = ends[0][:, None] + (ends[2] - ends[0])[:, None] * share
     c = ends[1][:, None] + (ends[3] - ends[1])[:, None] * share
     values = lookup(x.ravel(), c.ravel())
     return np.asarray(values, dtype=np.float64).reshape(x.shape)
-
-
-def _steps(ends: FloatArray, pitch: float | None) -> IntArray:
-    if pitch is None:
-        return np.full(ends.shape[1], 2 * _FEWEST, dtype=np.int64)
-    radius = np.maximum(np.abs(ends[0]), np.abs(ends[2]))
-    turned = np.abs(np.nan_to_num(ends[3] - ends[1]))
-    length = np.hypot(ends[2] - ends[0], radius * turned)
-    wanted = np.clip(2.0 * length / pitch, _FEWEST, MAX_PARTS)
-    return np.asarray(2 ** np.ceil(np.log2(wanted)), dtype=np.int64)

@@ -10,23 +10,29 @@ corrected too: the same position must mean the same Z, or the tool would step wh
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import json
 import math
 import os
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from metrosep._version import __version__
-from metrosep.controllers.base import load_bytes, sidecar_path
+from metrosep.controllers.base import sidecar_path
+from metrosep.controllers.gcode_checks import Outside, Settings
 from metrosep.controllers.gcode_columns import open_program, pieces
 from metrosep.controllers.gcode_corrections import PathCorrection, as_path_correction
-from metrosep.controllers.gcode_rewrite import Outside, Rewriter, Settings
+from metrosep.controllers.gcode_files import (
+    check_files,
+    paired_stream,
+    require_hash,
+    require_uncorrected,
+)
+from metrosep.controllers.gcode_rewrite import Rewriter
 from metrosep.controllers.gcode_state import INCH, MM, ModalState
-from metrosep.core.atomic import atomic_stream, atomic_write
-from metrosep.core.errors import DataError, MetrosepError, UnitError, WriteError
+from metrosep.core.errors import DataError, MetrosepError, UnitError
 from metrosep.core.units import format_length
 
 __all__ = ["PathResult", "rewrite_path"]
@@ -36,6 +42,9 @@ PathLike = str | os.PathLike[str]
 _UNITS = {"mm": MM, "inch": INCH, "in": INCH}
 _STROKE = 100e-6
 _BEND = 0.1
+_STEEP = 1e-3
+"""Slope of a correction beyond which it is no longer metrology (as in `limits`)."""
+
 _FEED = 0.01
 
 
@@ -60,7 +69,9 @@ class PathResult:
     residual : float, m
         Peak to valley of what rounding leaves of the correction at the points.
     chord_error : float, m
-        Largest deviation of the correction between points from the straight line.
+        Largest deviation of the correction between points from the straight line that was seen;
+        moves are looked at every half pixel (0.05 mm where nothing says how fast the correction
+        bends) and every 5 degrees of C, on two grids.
     read_back_error : float, m
         Largest deviation of the Z in the file, parsed back, from what was meant.
     shortest_block : float, s
@@ -117,10 +128,13 @@ def rewrite_path(
     unit: str | None = None,
     diameter: bool | None = None,
     outside: Outside = "refuse",
-    c_sense: int = 1,
-    c_zero: float = 0.0,
+    c_sense: int | None = None,
+    c_zero: float | None = None,
+    c_rollover: bool | None = None,
     stroke: float = _STROKE,
     blocks_per_s: float | None = None,
+    harmless_m: Iterable[int] = (),
+    again: bool = False,
     overwrite: bool = False,
 ) -> PathResult:
     r"""Write a program with its Z (and X) corrected, all other words as they were.
@@ -149,11 +163,21 @@ def rewrite_path(
     outside : {"refuse", "zero", "hold"}, optional
         Positions beyond the map: refused, not corrected, or with the value at the edge.
     c_sense, c_zero : int and float (rad), optional
-        For a map with ``correction(x, y)``: sense of C on the part, and polar angle at C = 0.
+        For a map with ``correction(x, y)`` only: sense of C on the part (1 if omitted), and polar
+        angle at C = 0.
+    c_rollover : bool, optional
+        What C does where its word changes by more than half a turn in one block: True for the
+        shortest way over the roll-over, False along the numbers. Without it such blocks are not
+        split.
     stroke : float, m, optional
         Largest correction.
     blocks_per_s : float, 1/s, optional
         Most blocks per second that the controller takes.
+    harmless_m : iterable of int, optional
+        M codes of this machine that neither move an axis nor change the coordinates; others than
+        the usual ones are refused.
+    again : bool, optional
+        Correct a program that holds a correction already, for what was measured on a part cut with it.
     overwrite : bool, optional
         Replace an existing file.
 
@@ -173,9 +197,11 @@ def rewrite_path(
     InvalidSamplesError
         If the path leaves the map or crosses what was not measured.
     LimitError
-        If a correction exceeds `stroke`, or a block is faster than `blocks_per_s`.
+        If a correction exceeds `stroke`, a block is faster than `blocks_per_s`, or `tolerance` is
+        not met by the largest number of parts.
     DataError
-        If an argument is of the wrong kind, or `decimals` would cut digits of the path.
+        If an argument is of the wrong kind or contradicts the correction, `decimals` would cut digits
+        of the path, or the program holds a correction already.
     UnitError
         If `unit` is unknown.
     TableError
@@ -205,7 +231,9 @@ def rewrite_path(
     M30
     <BLANKLINE>
     """
-    settings = _settings(axes, decimals, resolution, tolerance, outside, stroke, blocks_per_s)
+    settings = _settings(
+        axes, decimals, resolution, tolerance, outside, stroke, blocks_per_s, c_rollover
+    )
     if unit is not None and unit not in _UNITS:
         raise UnitError(f"unit is {unit!r}; it is 'mm' or 'inch'")
     made = as_path_correction(correction, c_sense=c_sense, c_zero=c_zero)
@@ -213,9 +241,12 @@ def rewrite_path(
         scale=None if unit is None else _UNITS[unit],
         diameter=diameter,
         stated_diameter=diameter is not None,
+        harmless_m=frozenset(int(m) for m in harmless_m),
     )
     start, end = Path(source), Path(target)
-    _check_files(start, end, overwrite=overwrite)
+    check_files(start, end, overwrite=overwrite)
+    if not again:
+        require_uncorrected(start)
     rewriter = Rewriter(made, settings, state)
     with open_program(start) as stream:
         return _stream(rewriter, stream, start, end, made)
@@ -227,31 +258,24 @@ def _stream(
     """Rewrite piece by piece; the sidecar is written when the program lies whole on the disk."""
     hashes = hashlib.sha256(), hashlib.sha256()
     result: list[PathResult] = []
-    beside = sidecar_path(end)
-    before = load_bytes(beside) if beside.is_file() else None
 
-    def check(written: Path) -> None:
-        _require_hash(written, hashes[1].hexdigest())
+    def text(written: Path) -> str:
+        require_hash(written, hashes[1].hexdigest())
         found = _result(rewriter, start, end, made, (hashes[0].hexdigest(), hashes[1].hexdigest()))
-        text = json.dumps(found.audit, indent=1, sort_keys=True, allow_nan=False, default=str)
-        atomic_write(beside, (text + "\n").encode("utf-8"))
         result.append(found)
+        return json.dumps(found.audit, indent=1, sort_keys=True, allow_nan=False) + "\n"
 
     try:
-        with atomic_stream(end, check=check) as out:
+        with paired_stream(end, text) as out:
             for lines in pieces(stream, start):
                 hashes[0].update("".join(lines).encode("latin-1"))
                 data = "".join(rewriter.rewrite(lines)).encode("latin-1")
                 hashes[1].update(data)
                 out.write(data)
             _require_moves(rewriter, start)
-    except BaseException as error:
-        if result:  # the sidecar was there already
-            beside.unlink(missing_ok=True)
-            if before is not None:
-                with contextlib.suppress(WriteError):
-                    atomic_write(beside, before)
-        if isinstance(error, MetrosepError) and str(error).startswith("line "):
+            rewriter.finish()
+    except MetrosepError as error:
+        if str(error).startswith("line "):
             raise _named(error, start) from None
         raise
     return result[0]
@@ -259,7 +283,9 @@ def _stream(
 
 def _require_moves(rewriter: Rewriter, path: Path) -> None:
     if rewriter.tally.moves == 0:
-        raise DataError(f"{path}: holds no move of X, C or Z; is this the program?")
+        raise DataError(
+            f"{path}: holds no move of X, C or Z (G0 or G1 with such a word); is this the program?"
+        )
 
 
 def _named(error: MetrosepError, path: Path) -> MetrosepError:
@@ -278,14 +304,17 @@ def _settings(
     outside: Outside,
     stroke: float,
     blocks_per_s: float | None,
+    c_rollover: bool | None,
 ) -> Settings:
     axes = tuple(a.upper() for a in axes)
     if sorted(axes) not in (["Z"], ["X", "Z"]):
         raise DataError(f"axes are {axes}; they are ('Z',) or ('Z', 'X')")
     if outside not in ("refuse", "zero", "hold"):
         raise DataError(f"outside is {outside!r}; it is 'refuse', 'zero' or 'hold'")
-    if decimals is not None and not 1 <= decimals <= 9:
-        raise DataError(f"decimals is {decimals}; 1 to 9 digits can be written")
+    if decimals is not None and not (int(decimals) == decimals and 1 <= decimals <= 9):
+        raise DataError(f"decimals is {decimals}; 1 to 9 digits, a whole number, can be written")
+    if c_rollover not in (None, True, False):
+        raise DataError(f"c_rollover is {c_rollover!r}; it is True, False or None")
     for name, value in (
         ("resolution", resolution),
         ("tolerance", tolerance),
@@ -298,35 +327,8 @@ def _settings(
         raise DataError(f"resolution is {resolution} m; no controller resolves less than 1e-12 m")
     if tolerance is not None and "X" in axes:
         raise DataError("blocks are split for Z only; leave out tolerance, or give axes=('Z',)")
-    return Settings(axes, decimals, resolution, tolerance, outside, stroke, blocks_per_s)
-
-
-def _check_files(start: Path, end: Path, *, overwrite: bool) -> None:
-    try:
-        same = end.exists() and start.exists() and end.samefile(start)
-        found = [p for p in (end, sidecar_path(end)) if p.exists()]
-    except OSError as exc:
-        raise WriteError(
-            f"{end}: cannot be written ({exc.strerror or exc}); choose another name or folder"
-        ) from None
-    if same or start.resolve() == end.resolve():
-        raise WriteError(
-            f"{end}: is the program itself; a correction must not be added twice, so give another name"
-        )
-    if found and not overwrite:
-        raise WriteError(
-            f"{found[0]}: exists already and a machine may be using it; choose another name or say "
-            "overwrite"
-        )
-
-
-def _require_hash(path: Path, wanted: str) -> None:
-    digest = hashlib.sha256()
-    with path.open("rb") as stream:
-        while piece := stream.read(1 << 20):
-            digest.update(piece)
-    if digest.hexdigest() != wanted:
-        raise WriteError(f"{path}: the disk does not hold what was written; nothing was kept")
+    digits = None if decimals is None else int(decimals)
+    return Settings(axes, digits, resolution, tolerance, outside, stroke, blocks_per_s, c_rollover)
 
 
 def _messages(rewriter: Rewriter) -> tuple[str, ...]:
@@ -348,6 +350,20 @@ def _messages(rewriter: Rewriter) -> tuple[str, ...]:
         found.append(
             f"{tally.outside} moves lie beyond the map: "
             + ("not corrected" if rewriter.settings.outside == "zero" else "value at its edge")
+        )
+    if tally.border > tally.step:
+        way = (
+            "" if tally.border_way == 0.0 else f" over {format_length(tally.border_way, digits=3)}"
+        )
+        found.append(
+            f"line {tally.border_line}: outside='zero' makes a step of "
+            f"{format_length(tally.border, digits=3)}{way} at the border of the map"
+            + (
+                ", steeper than 1 um per mm: the tool marks the part there; use outside='hold' or a map "
+                "that runs out to zero"
+                if tally.border > _STEEP * tally.border_way
+                else ""
+            )
         )
     span = tally.high - tally.low
     if tally.chord > max(_BEND * span, tally.step) and rewriter.settings.tolerance is None:
@@ -411,6 +427,8 @@ def _result(
         "residual_pv_m": residual,
         "tolerance_m": rewriter.settings.tolerance,
         "chord_error_m": tally.chord,
+        "chord_looked_at": "every half pixel (0.05 mm without a map) and 5 deg of C at most",
+        "c_rollover": rewriter.settings.c_rollover,
         "read_back_error_m": tally.read_back,
         "shortest_block_s": shortest,
         "shortest_block_line": tally.shortest_line,

@@ -2,7 +2,7 @@
 
 Positions are modal, so a block that moves X or C and has no Z word may need one: it is inserted
 after the last axis word. Where the rounded Z is what the machine holds already, nothing changes.
-Every piece that was written is parsed again by a second reader with its own modal state and
+Every piece that was written is parsed again, by the same grammar with a modal state of its own, and
 compared with what was meant, before it counts.
 """
 
@@ -11,60 +11,39 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.controllers.gcode_checks import (
+    Settings,
+    check_digits,
+    check_size,
+    check_turns,
+    check_way,
+)
 from metrosep.controllers.gcode_columns import Columns, Mover, carried, read_columns
 from metrosep.controllers.gcode_corrections import Lookup, PathCorrection
 from metrosep.controllers.gcode_dense import chord_errors, part_counts
 from metrosep.controllers.gcode_split import split_block
 from metrosep.controllers.gcode_state import ModalState
 from metrosep.controllers.gcode_tally import Tally
-from metrosep.controllers.gcode_words import format_number, refuse_block
+from metrosep.controllers.gcode_words import (
+    Token,
+    decimals_of,
+    format_number,
+    refuse_block,
+    tokenize,
+)
 from metrosep.core.errors import DataError, InvalidSamplesError, TableError
 
-__all__ = ["Outside", "Rewriter", "Settings"]
+__all__ = ["Rewriter"]
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
-Outside = Literal["refuse", "zero", "hold"]
 
-_X = re.compile(r"[Xx][ \t]*([+-]?(?:\d+\.?\d*|\.\d+))")
 _ROUNDING = 1e-6
 """Share of half a digit that binary numbers add to a rounding."""
-
-
-@dataclass(frozen=True, slots=True)
-class Settings:
-    """How a path is rewritten; see `metrosep.controllers.gcode_paths.rewrite_path`.
-
-    Parameters
-    ----------
-    axes : tuple of str
-        Words that may change.
-    decimals : int or None
-        Digits after the point.
-    resolution : float, m
-        Finest step, without `decimals`.
-    tolerance : float or None, m
-        Largest deviation from chords.
-    outside : {"refuse", "zero", "hold"}
-        Beyond the map.
-    stroke : float, m
-        Largest correction.
-    blocks_per_s : float or None, 1/s
-        Most blocks per second.
-    """
-
-    axes: tuple[str, ...]
-    decimals: int | None
-    resolution: float
-    tolerance: float | None
-    outside: Outside
-    stroke: float
-    blocks_per_s: float | None
 
 
 @dataclass(slots=True)
@@ -78,6 +57,7 @@ class _Carry:
     z_out: float = math.nan
     x_out: float = math.nan
     digits: float = 0.0
+    x_digits: float = 0.0
 
 
 @dataclass(slots=True)
@@ -119,11 +99,20 @@ class Rewriter:
             raise DataError(
                 "the correction says nothing of X; give one with a slope and move_x=True, or axes=('Z',)"
             )
+        if "X" not in settings.axes and correction.x is not None:
+            raise DataError(
+                "the correction moves X and Z together, along the normal, so Z alone would fall short; "
+                "say axes=('Z', 'X'), or make it without move_x for Z alone"
+            )
         self.correction, self.settings = correction, settings
         self.state = state
         self.tally = Tally()
         self._readers: tuple[dict[str, Mover | None], dict[str, Mover | None]] = ({}, {})
-        self._again = ModalState(scale=state.scale, diameter=state.diameter)
+        self._again = ModalState(
+            scale=state.scale, diameter=state.diameter, harmless_m=state.harmless_m
+        )
+        self._turned = False
+        self._edge = (0.0, False, math.nan, math.nan)
         self._carry, self._seen = _Carry(), _Carry()
         self._line = 1
         self._line_out = 1
@@ -156,7 +145,8 @@ class Rewriter:
         self._line += len(lines)
         self.tally.blocks += len(lines)
         if not columns.row:
-            self._read_back(lines, [], [], [], [])
+            self._lose(columns)
+            self._read_back(lines, [], [], [], [], [])
             return lines
         piece = self._looked_up(columns)
         return self._changed(lines, piece)
@@ -172,13 +162,65 @@ class Rewriter:
             return self.settings.decimals
         return max(1, math.ceil(-math.log10(self.settings.resolution / self.state.unit) - 1e-9))
 
+    def _lose(self, columns: Columns) -> None:
+        """Forget places in a piece that has no move."""
+        for name in ("x", "c", "z"):
+            if columns.lost_at(name.upper()):
+                setattr(self._carry, name, math.nan)
+                if name != "c":
+                    setattr(self._carry, f"{name}_out", math.nan)
+
+    def finish(self) -> None:
+        """Check what only the whole program can tell.
+
+        Raises
+        ------
+        UnsupportedFeatureError
+            If the spindle turns while it cuts, C never changes, and the correction depends on C.
+        """
+        if self.correction.needs_c and self.state.spun and not self._turned:
+            raise refuse_block(
+                self.state.spun,
+                "M3 or M4",
+                "the spindle turns and no block moves C, so the angle of the part is not in the text",
+                "use a correction over X alone, or a program that moves C",
+            )
+
+    def _places(self, columns: Columns) -> tuple[list[FloatArray], FloatArray]:
+        """Return X, C, Z after each move, and before it, NaN where they are not known."""
+        carry, after, before = self._carry, [], []
+        for name in ("x", "c", "z"):
+            lost = columns.lost_at(name.upper())
+            read = np.array(getattr(columns, name))
+            check_size(read, name.upper(), columns)
+            found = carried(read, getattr(carry, name), lost)
+            start = np.r_[getattr(carry, name), found[:-1]]
+            start[[i for i in lost if i < found.size]] = np.nan
+            setattr(carry, name, np.nan if found.size in lost else float(found[-1]))
+            after.append(found)
+            before.append(start)
+        return after, np.array(before)
+
+    def _along_c(self, columns: Columns, before: FloatArray, c: FloatArray) -> None:
+        """Put the beginning of a move over the roll-over of C where the shortest way begins."""
+        way = c - before[1]
+        with np.errstate(invalid="ignore"):
+            self._turned |= bool((np.abs(way) > 0.0).any())
+            long = np.flatnonzero((np.abs(way) > 180.0) & (np.array(columns.motion) == 1))
+        if not long.size or not self.correction.needs_c:
+            return
+        if self.settings.c_rollover:
+            before[1, long] = c[long] - (way[long] - 360.0 * np.rint(way[long] / 360.0))
+        elif self.settings.c_rollover is None:
+            self.state.note(
+                "C moves by more than half a turn in one block; the way between is taken along its "
+                "numbers, but some controllers take the shortest way: say c_rollover",
+                columns.line_of(int(long[0])),
+            )
+
     def _looked_up(self, columns: Columns) -> _Piece:
-        carry = self._carry
-        x, c, z = (
-            carried(np.array(getattr(columns, a)), getattr(carry, a)) for a in ("x", "c", "z")
-        )
-        before = np.array([np.r_[carry.x, x[:-1]], np.r_[carry.c, c[:-1]], np.r_[carry.z, z[:-1]]])
-        carry.x, carry.c, carry.z = x[-1], c[-1], z[-1]
+        (x, c, z), before = self._places(columns)
+        self._along_c(columns, before, c)
         known = np.isfinite(x)
         if self.correction.needs_c:
             known &= np.isfinite(c)
@@ -192,7 +234,30 @@ class Rewriter:
         if "X" in self.settings.axes and self.correction.x is not None:
             dx[known] = self._valued(self.correction.x, places, columns, known)
         self.tally.look(columns, dz, known, self.settings.stroke)
+        self._border(columns, dz, known, x * self.half_x, np.deg2rad(np.nan_to_num(c)))
         return _Piece(columns, x, c, z, before, known, dz, dx)
+
+    def _border(
+        self, columns: Columns, dz: FloatArray, known: BoolArray, x: FloatArray, c: FloatArray
+    ) -> None:
+        """Keep the largest step at the border of the map where nothing is corrected beyond it."""
+        if self.settings.outside != "zero" or not known.any():
+            return
+        beyond = np.isinf(np.asarray(self.correction.z(x[known], c[known]), dtype=np.float64))
+        u, v = (x * np.cos(c))[known], (x * np.sin(c))[known]
+        rows = np.flatnonzero(known)
+        dz_0, beyond_0, u_0, v_0 = self._edge
+        step = np.abs(np.diff(np.r_[dz_0, dz[known]]))
+        crossed = np.diff(np.r_[beyond_0, beyond].astype(int)) != 0
+        crossed[0] &= not math.isnan(u_0)
+        way = np.hypot(np.diff(np.r_[u_0, u]), np.diff(np.r_[v_0, v]))
+        self._edge = (float(dz[known][-1]), bool(beyond[-1]), float(u[-1]), float(v[-1]))
+        if crossed.any():
+            i = int(np.argmax(np.where(crossed, step, -1.0)))
+            if step[i] > self.tally.border:
+                self.tally.border = float(step[i])
+                self.tally.border_way = float(way[i])
+                self.tally.border_line = columns.line_of(int(rows[i]))
 
     def _lookup(self, x: FloatArray, c: FloatArray) -> FloatArray:
         """Return the correction with the wanted behaviour outside; NaN where there is none."""
@@ -265,7 +330,8 @@ class Rewriter:
         return refuse_block(
             columns.line_of(i),
             "a feed move",
-            f"no {letter} word was given so far, so the position is not known",
+            f"no {letter} word was given so far, or none since the last home move, tool change or start of "
+            "the spindle, so the position is not known",
             f"begin with a rapid move to a stated {letter}"
             + (", or use a correction over X alone" if letter == "C" else ""),
         )
@@ -279,12 +345,11 @@ class Rewriter:
         rounded = np.rint(target * power) / power
         has_z = np.array(columns.end) > np.array(columns.start)
         keep = has_z & (np.abs(piece.dz / unit) * power <= 0.5)
-        with np.errstate(invalid="ignore"):
-            z_out = np.where(keep | ~piece.known, piece.z, rounded)
-            same = np.r_[self._carry.z_out, z_out[:-1]] == z_out
+        z_out = np.where(keep | ~piece.known, piece.z, rounded)
+        same = self._in_force(columns, "Z", self._carry.z_out, z_out) == z_out
         insert = ~has_z & piece.known & np.isfinite(piece.z) & ~same
         edit = (has_z & piece.known & ~keep) | insert
-        self._carry.z_out = float(z_out[-1])
+        self._carry.z_out = _last(columns, "Z", z_out)
         out = list(lines)
         rows, starts, ends = columns.row, columns.start, columns.end
         values, places = z_out.tolist(), digits.astype(int).tolist()
@@ -299,12 +364,20 @@ class Rewriter:
             out[rows[i]] = block[:a] + text + block[ends[i] :]
         away = (z_out - target)[piece.known & np.isfinite(piece.z)] * unit
         self.tally.count(columns, edit, insert, away, unit / float(power.min()))
-        x_want = piece.x
+        x_want, x_digits = piece.x, digits
         if "X" in self.settings.axes:
-            x_want = self._moved(out, lines, piece, digits, edit)
+            x_want, x_digits = self._moved(out, lines, piece, digits, edit)
         feeds = carried(np.array(columns.f), self._carry.f)
         self._carry.f = float(feeds[-1])
-        return self._finished(out, lines, piece, target, x_want, feeds, digits)
+        wanted = [target, x_want, piece.c, digits, x_digits]
+        return self._finished(out, lines, piece, wanted, feeds)
+
+    @staticmethod
+    def _in_force(columns: Columns, letter: str, before: float, values: FloatArray) -> FloatArray:
+        """Return what the machine holds before each move, NaN where that is not known."""
+        found = np.concatenate([[before], values[:-1]])
+        found[[i for i in columns.lost_at(letter) if i < values.size]] = np.nan
+        return found
 
     def _digits(self, columns: Columns) -> FloatArray:
         """Return the digits after the point of each Z; never fewer than the path has."""
@@ -316,47 +389,59 @@ class Rewriter:
                 f"line {columns.line_of(i)}: Z has {int(own[i])} digits after the point, decimals="
                 f"{wanted} would cut them; ask for {int(own[i])} or more"
             )
+        check_digits(own, "Z", columns)
         digits = np.maximum.accumulate(np.r_[self._carry.digits, np.maximum(own, wanted)])[1:]
         self._carry.digits = float(digits[-1])
         return digits
 
     def _moved(
         self, out: list[str], lines: list[str], piece: _Piece, digits: FloatArray, edit: BoolArray
-    ) -> FloatArray:
-        """Change X words too; returns the wanted X in units of the file."""
+    ) -> tuple[FloatArray, FloatArray]:
+        """Change X words too; returns the wanted X in units of the file and its digits."""
         columns = piece.columns
         want = piece.x + piece.dx / self.half_x
+        has_x = ~np.isnan(np.array(columns.x))
+        digits = self._x_digits(lines, columns, digits, has_x)
         power = 10.0**digits
         rounded = np.rint(want * power) / power
-        has_x = ~np.isnan(np.array(columns.x))
         keep = has_x & (np.abs(piece.dx / self.half_x) * power <= 0.5)
-        with np.errstate(invalid="ignore"):
-            x_out = np.where(keep | ~piece.known, piece.x, rounded)
-            same = np.r_[self._carry.x_out, x_out[:-1]] == x_out
-        self._carry.x_out = float(x_out[-1])
+        x_out = np.where(keep | ~piece.known, piece.x, rounded)
+        same = self._in_force(columns, "X", self._carry.x_out, x_out) == x_out
+        self._carry.x_out = _last(columns, "X", x_out)
         change = piece.known & ~np.where(has_x, keep, same)
         for i in np.flatnonzero(change).tolist():
             row = columns.row[i]
             block, text = out[row], format_number(x_out[i], int(digits[i]))
-            found = _X.search(re.sub(r"\([^()]*\)", lambda m: "(" * len(m.group()), block))
-            if found is None:
+            word = _word_x(block, columns.line_of(i))
+            if word is None:
                 at = columns.end[i] + len(block) - len(lines[row])
                 out[row] = block[:at] + _inserted("X", text, block, at) + block[at:]
                 self.tally.inserted += 1
             else:
-                out[row] = block[: found.start(1)] + text + block[found.end(1) :]
+                out[row] = block[: word.end - len(word.number)] + text + block[word.end :]
         self.tally.changed += int(np.count_nonzero(change & ~edit))
-        return np.where(piece.known, want, piece.x)
+        return np.where(piece.known, want, piece.x), digits
+
+    def _x_digits(
+        self, lines: list[str], columns: Columns, digits: FloatArray, has_x: BoolArray
+    ) -> FloatArray:
+        """Return the digits after the point of each X; never fewer than the path has."""
+        own = np.array(digits)
+        for i in np.flatnonzero(has_x).tolist():
+            word = _word_x(lines[columns.row[i]], columns.line_of(i))
+            own[i] = max(own[i], 0 if word is None else decimals_of(word.number))
+        check_digits(own, "X", columns)
+        found = np.maximum.accumulate(np.r_[self._carry.x_digits, own])[1:]
+        self._carry.x_digits = float(found[-1])
+        return np.asarray(found)
 
     def _finished(
         self,
         out: list[str],
         lines: list[str],
         piece: _Piece,
-        target: FloatArray,
-        x_want: FloatArray,
+        wanted: list[FloatArray],
         feeds: FloatArray,
-        digits: FloatArray,
     ) -> list[str]:
         """Split blocks where the correction bends, check the rate, read back."""
         columns = piece.columns
@@ -366,7 +451,6 @@ class Rewriter:
         points = piece.before * turn, np.array([piece.x, piece.c, piece.z]) * turn
         limit = self.settings.blocks_per_s
         self.tally.rate(columns, points, piece.dz / self.state.unit, feeds, parts, limit)
-        wanted = [target, x_want, piece.c, digits]
         for i in np.flatnonzero(parts > 1)[::-1].tolist():
             text, more = split_block(
                 lines[columns.row[i]],
@@ -374,15 +458,16 @@ class Rewriter:
                 start=piece.before[:, i],
                 end=np.array([piece.x[i], piece.c[i], piece.z[i]]),
                 parts=int(parts[i]),
-                digits=int(digits[i]),
+                digits=int(wanted[3][i]),
                 inverse_time=columns.feed_mode[i] == "G93",
                 correct=lambda x, c: (
                     self._lookup(x * self.half_x, np.deg2rad(c)) / self.state.unit
                 ),
                 line=columns.line_of(i),
+                rollover=bool(self.settings.c_rollover),
             )
             out[columns.row[i]] = text
-            for k, extra in enumerate(more):
+            for k, extra in enumerate((*more, more[3])):
                 wanted[k] = np.insert(wanted[k], i, extra)
             self.tally.added += int(parts[i]) - 1
         self._read_back(out, *wanted)
@@ -402,39 +487,61 @@ class Rewriter:
             return parts
         ends = np.array([piece.before[0], piece.before[1], piece.x, piece.c])[:, where]
         ends[[0, 2]] *= self.half_x
-        ends[[1, 3]] = np.deg2rad(ends[[1, 3]])
-        if self.settings.tolerance is None:
-            left = chord_errors(self._lookup, ends)
+        ends[[1, 3]] = np.deg2rad(ends[[1, 3]]) if self.correction.needs_c else 0.0
+        pitch, tolerance = self.correction.pitch, self.settings.tolerance
+        if tolerance is None:
+            left = chord_errors(self._lookup, ends, pitch)
         else:
-            parts[where], left = part_counts(
-                self._lookup, ends, self.settings.tolerance, self.correction.pitch
-            )
-        if np.isfinite(left).any():
-            self.tally.chord = max(self.tally.chord, float(np.nanmax(left)))
+            parts[where], left = part_counts(self._lookup, ends, tolerance, pitch)
+        note = check_way(piece.columns, where, left, tolerance)
+        if note is not None:
+            self.state.note(*note)
+        if self.settings.c_rollover is None and self.correction.needs_c:
+            check_turns(piece.columns, piece.c - piece.before[1], parts)
+        self.tally.chord = max(self.tally.chord, float(left[np.isfinite(left)].max(initial=0.0)))
         return parts
 
-    def _read_back(self, out: list[str], z: object, x: object, c: object, digits: object) -> None:
+    def _read_back(
+        self, out: list[str], z: object, x: object, c: object, digits: object, x_digits: object
+    ) -> None:
         """Parse what was written and compare it with what was meant."""
         lines = _lines(out) if self.tally.added else out
         columns = read_columns(lines, self._again, self._readers[1], self._line_out)
         self._line_out += len(lines)
-        if not columns.row:
-            return
         seen = self._seen
-        found = [carried(np.array(getattr(columns, a)), getattr(seen, a)) for a in "zxc"]
-        seen.z, seen.x, seen.c = (float(f[-1]) for f in found)
+        if not columns.row:
+            for name in "zxc":
+                if columns.lost_at(name.upper()):
+                    setattr(seen, name, math.nan)
+            return
+        found = []
+        for name in "zxc":
+            lost = columns.lost_at(name.upper())
+            found.append(carried(np.array(getattr(columns, name)), getattr(seen, name), lost))
+            setattr(seen, name, _last(columns, name.upper(), found[-1]))
         wanted = [np.asarray(v, dtype=np.float64) for v in (z, x, c)]
         if any(f.shape != w.shape for f, w in zip(found, wanted, strict=True)):
             raise _bug("the number of moves changed")
-        half = 0.5 * 10.0 ** -np.asarray(digits, dtype=np.float64)
+        half, half_x = (0.5 * 10.0 ** -np.asarray(d, dtype=np.float64) for d in (digits, x_digits))
         away = [np.nan_to_num(np.abs(f - w)) for f, w in zip(found, wanted, strict=True)]
         limits = [half * (1 + _ROUNDING) + 1e-12]
-        limits.append(limits[0] if "X" in self.settings.axes else np.zeros(half.size))
+        limits.append(
+            half_x * (1 + _ROUNDING) + 1e-12 if "X" in self.settings.axes else np.zeros(half.size)
+        )
         limits.append(np.zeros(half.size))
         for letter, a, limit, f, w in zip("ZXC", away, limits, found, wanted, strict=True):
             if (a > limit).any() or (np.isnan(f) != np.isnan(w)).any():
                 raise _bug(f"{letter} is not what was meant")
         self.tally.read_back = max(self.tally.read_back, float(away[0].max()) * self.state.unit)
+
+
+def _last(columns: Columns, letter: str, values: FloatArray) -> float:
+    """Return what is in force after the last move, NaN if it was lost since."""
+    return math.nan if values.size in columns.lost_at(letter) else float(values[-1])
+
+
+def _word_x(block: str, line: int) -> Token | None:
+    return next((t for t in tokenize(block, line) if t.letter == "X"), None)
 
 
 def _lines(texts: list[str]) -> list[str]:

@@ -19,6 +19,7 @@ from metrosep.controllers.gcode_words import (
     refuse_block,
     tokenize,
 )
+from metrosep.core.errors import InvalidSamplesError
 
 __all__ = ["split_block"]
 
@@ -39,6 +40,7 @@ def split_block(
     inverse_time: bool,
     correct: Callable[[FloatArray, FloatArray], FloatArray],
     line: int,
+    rollover: bool = False,
 ) -> tuple[str, tuple[FloatArray, FloatArray, FloatArray, FloatArray]]:
     """Return the blocks that replace one, and the points that were added.
 
@@ -58,6 +60,8 @@ def split_block(
         Correction in units of the file from X in units of the file and C in degrees.
     line : int
         Number of the line, for messages.
+    rollover : bool, optional
+        Write C within one turn, from 0 to 360.
 
     Returns
     -------
@@ -70,6 +74,8 @@ def split_block(
     ------
     UnsupportedFeatureError
         If the block does more than move, or G93 has no F word.
+    InvalidSamplesError
+        If a point between was not measured.
     """
     tokens = tokenize(original, line)
     _require_plain(tokens, line)
@@ -82,10 +88,16 @@ def split_block(
     x_digits = max(digits, decimals_of(words["X"].number) if "X" in words else 0)
     c_digits = max(_DEGREE_DIGITS, decimals_of(words["C"].number) if "C" in words else 0)
     x_text = [format_number(v, x_digits) for v in x]
+    c = [v % 360.0 for v in c] if rollover else c
     c_text = [format_number(v, c_digits) for v in c] if "C" in words else []
     x = np.array([float(t) for t in x_text]) if "X" in words else np.full(parts - 1, end[0])
     c = np.array([float(t) for t in c_text]) if "C" in words else np.full(parts - 1, end[1])
     z = np.array(z) + correct(x, c)
+    if not np.isfinite(z).all():
+        raise InvalidSamplesError(
+            f"line {line}: between its ends the move crosses what was not measured (NaN), or leaves the "
+            "map; measure it there or shorten the path"
+        )
     z_text = [format_number(v, digits) for v in z]
     feed = format_number(words["F"].value * parts, _FEED_DIGITS) if inverse_time else ""
     eol = original[len(original.rstrip("\r\n")) :] or "\n"

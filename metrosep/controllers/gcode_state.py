@@ -8,13 +8,14 @@ refused too: nobody can say what it does to the position.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 from metrosep.controllers.gcode_words import Token, refuse_block
 from metrosep.core.errors import UnitError
 
-__all__ = ["INCH", "MM", "ModalState"]
+__all__ = ["INCH", "MM", "SAFE_M", "ModalState"]
 
 MM, INCH = 1e-3, 25.4e-3
 
@@ -58,12 +59,31 @@ _REFUSED: dict[int, tuple[str, str]] = {
 )
 _M_REFUSED: dict[int, tuple[str, str]] = {
     **dict.fromkeys(
-        (97, 98, 99), ("a subprogram is not in the text", "expand the program into one file")
+        (17, 97, 98, 99, 198),
+        ("a subprogram is not in the text", "expand the program into one file"),
     ),
+    60: ("a pallet change moves the part", "correct one part at a time"),
+    61: ("another tool brings another offset", "correct one tool's path at a time"),
     **dict.fromkeys(
         (70, 71, 72, 73), ("it restores states the text does not show", "take it out")
     ),
 }
+SAFE_M = frozenset({0, 1, 2, 30, 3, 4, 5, 6, 7, 8, 9, 19, *range(48, 54), *range(62, 69)})
+"""M codes that are understood: stops, spindle, tool, coolant, overrides, inputs and outputs."""
+
+_OPTIONAL_M = frozenset({0, 1, 7, 8, 9, *range(48, 54), *range(62, 69)})
+"""Those that a switch on the machine may leave out without a change of the path."""
+
+_UNKNOWN = "nobody can say what it does to the position"
+_BELONGS: dict[str, tuple[frozenset[int], frozenset[int]]] = {
+    "P": (frozenset({40, 50, 51, 80, 640}), frozenset({62, 63, 64, 65, 66})),
+    "Q": (frozenset({50, 51, 640}), frozenset({66, 67, 68})),
+    "L": (frozenset(), frozenset({66})),
+    "E": (frozenset(), frozenset({66, 67, 68})),
+    "D": (frozenset({410, 420, 960}), frozenset()),
+}
+"""Words that mean something only beside one of these G (tenths) or M codes."""
+
 _AXES = "XCZ"
 _OTHER_AXES = "YABUVW"
 
@@ -88,6 +108,18 @@ class ModalState:
         Whether there was a move, a feed move, a Z word.
     away : int
         Line of the last home move, 0 if there was none.
+    lost : str
+        Axes whose place the text no longer tells since the last move; taken by the reader.
+    feed : float
+        F of a block that is no move, NaN once a move has taken it.
+    spindle : int
+        Line of the last M3 or M4, 0 if the spindle stands.
+    spun : int
+        Line of the first M3 or M4 that was in force in a feed move.
+    begun : bool
+        After the first block that is more than ``%``.
+    harmless_m : frozenset of int
+        M codes of this machine that neither move nor change the coordinates.
     ended : bool
         After M2 or M30.
     messages : dict of str to int
@@ -105,6 +137,12 @@ class ModalState:
     cut: bool = False
     z_known: bool = False
     away: int = 0
+    lost: str = ""
+    feed: float = math.nan
+    spindle: int = 0
+    spun: int = 0
+    begun: bool = False
+    harmless_m: frozenset[int] = frozenset()
     ended: bool = False
     messages: dict[str, int] = field(default_factory=dict)
 
@@ -115,12 +153,12 @@ class ModalState:
             raise UnitError("the unit of the path is not known; give unit='mm' or 'inch'")
         return self.scale
 
-    def apply(self, tokens: Iterable[Token], line: int) -> bool:
+    def apply(self, tokens: Sequence[Token], line: int) -> bool:
         """Take a block into account.
 
         Parameters
         ----------
-        tokens : iterable of Token
+        tokens : sequence of Token
             Of the block.
         line : int
             Its number, from 1.
@@ -138,11 +176,17 @@ class ModalState:
         if self.ended:
             return False
         words = [t for t in tokens if t.kind == "word"]
-        optional = any(t.kind == "slash" for t in tokens)
+        if any(t.kind == "percent" for t in tokens):
+            self.ended |= self.begun  # the second % of a tape: what follows is not carried out
+            if self.ended:
+                return False
+        self.begun |= any(t.kind not in ("space", "percent") for t in tokens)
         self._calls(tokens, line)
         axes = {w.letter for w in words if w.letter in _AXES}
         codes = {_code(w, line) for w in words if w.letter == "G"}
-        if optional and (axes or codes):
+        if any(t.kind == "slash" for t in tokens) and not all(
+            w.letter == "N" or (w.letter == "M" and w.value in _OPTIONAL_M) for w in words
+        ):
             raise refuse_block(
                 line,
                 "'/'",
@@ -153,8 +197,9 @@ class ModalState:
             self._g(code, axes, words, line)
         for word in words:
             self._word(word, words, codes, line)
+        self._take_feed(words, axes, codes, line)
         if codes & _HOMES:
-            self.away = line
+            self.away, self.lost = line, _AXES
             return False
         return bool(axes) and self._move(axes, codes, line)
 
@@ -170,6 +215,16 @@ class ModalState:
         """
         self.messages.setdefault(message, line)
 
+    def _take_feed(self, words: list[Token], axes: set[str], codes: set[int], line: int) -> None:
+        feeds = [w for w in words if w.letter == "F"]
+        if not feeds:
+            return
+        if 40 in codes:
+            why = "beside G4 it is a time on some controllers, a feed on others"
+            raise refuse_block(line, feeds[0].text, why, "write the dwell in a block of its own")
+        if not axes or codes & _HOMES:
+            self.feed = feeds[-1].value
+
     def _calls(self, tokens: Iterable[Token], line: int) -> None:
         for token in tokens:
             if token.kind == "call":
@@ -179,17 +234,12 @@ class ModalState:
 
     def _word(self, word: Token, words: list[Token], codes: set[int], line: int) -> None:
         letter = word.letter
-        if letter in "XZCGFNST" or (letter == "D" and not codes & {410, 420}):
-            if letter == "T" and self.cut:
-                raise refuse_block(
-                    line,
-                    word.text,
-                    "a tool change brings another offset into the path",
-                    "correct one tool's path at a time",
-                )
+        if letter in "XZCGFNST":
+            if letter == "T":
+                self._tool(word, words, line)
             return
         if letter == "M":
-            self._m(word, line)
+            self._m(word, words, line)
         elif letter == "O":
             self._program_number(word, words, line)
         elif letter in _OTHER_AXES:
@@ -205,23 +255,49 @@ class ModalState:
         elif letter == "H" and not codes & _LENGTHS:
             why = "without G43 it is an incremental C on some lathes"
             raise refuse_block(line, word.text, why, "write C absolute, or G43 beside H")
-        elif letter not in "HPQELR":
-            why = "nobody can say what it does to the position"
-            raise refuse_block(line, word.text, why, "take it out of the path")
+        elif letter != "H" and not self._belongs(letter, words, codes):
+            raise refuse_block(line, word.text, _UNKNOWN, "take it out of the path")
 
-    def _m(self, word: Token, line: int) -> None:
+    @staticmethod
+    def _belongs(letter: str, words: list[Token], codes: set[int]) -> bool:
+        """Return whether a word stands beside the code that it is a number of."""
+        g, m = _BELONGS.get(letter, (frozenset(), frozenset()))
+        return bool(codes & g) or any(w.letter == "M" and w.value in m for w in words)
+
+    def _m(self, word: Token, words: list[Token], line: int) -> None:
         number = int(word.value)
+        if number != word.value or number < 0:
+            raise refuse_block(line, word.text, _UNKNOWN, "take it out of the path")
         if number in _M_REFUSED:
             raise refuse_block(line, word.text, *_M_REFUSED[number])
-        if number == 6 and self.cut:
+        if number not in SAFE_M and number not in self.harmless_m:
+            way = (
+                f"take it out, or say harmless_m=[{number}] if it neither moves an axis nor changes "
+                "the coordinates on your machine"
+            )
+            raise refuse_block(line, word.text, _UNKNOWN, way)
+        if number == 6:
+            self._tool(word, words, line)
+        elif number in (3, 4, 5, 19):
+            if number != 5 or self.spindle:
+                self.lost = self.lost or "C"
+            self.spindle = line if number in (3, 4) else 0
+        elif number in (2, 30):
+            self.ended = True
+
+    def _tool(self, word: Token, words: list[Token], line: int) -> None:
+        """Take another tool: the machine goes where it is changed, and its offset is another."""
+        if self.cut:
             raise refuse_block(
                 line,
                 word.text,
                 "a tool change brings another offset into the path",
                 "correct one tool's path at a time",
             )
-        if number in (2, 30):
-            self.ended = True
+        if any(w.letter in _AXES for w in words):
+            why = "nobody can say whether the tool changes before the move or after it"
+            raise refuse_block(line, word.text, why, "put it into a block of its own")
+        self.lost = _AXES
 
     def _program_number(self, word: Token, words: list[Token], line: int) -> None:
         if self.moved or len(words) > 1:
@@ -261,8 +337,7 @@ class ModalState:
         elif code in _REFUSED:
             raise refuse_block(line, name, *_REFUSED[code])
         elif code not in _NEUTRAL:
-            why = "nobody can say what it does to the position"
-            raise refuse_block(line, name, why, "take it out of the path")
+            raise refuse_block(line, name, _UNKNOWN, "take it out of the path")
 
     def _units(self, scale: float, name: str, line: int) -> None:
         if self.scale is not None and self.scale != scale:
@@ -353,6 +428,8 @@ class ModalState:
             )
         self.moved = True
         self.cut |= self.motion == 1
+        if self.motion == 1 and self.spindle and not self.spun:
+            self.spun = self.spindle
 
 
 def _smoothing(text: str) -> str:
@@ -365,6 +442,5 @@ def _smoothing(text: str) -> str:
 def _code(word: Token, line: int) -> int:
     code = round(word.value * 10)
     if code < 0 or abs(word.value * 10 - code) > 1e-6:
-        why = "nobody can say what it does to the position"
-        raise refuse_block(line, word.text, why, "take it out of the path")
+        raise refuse_block(line, word.text, _UNKNOWN, "take it out of the path")
     return code

@@ -43,6 +43,11 @@ class Tally:
         Relative change of the time of a block in G94 with C moving.
     per_turn : bool
         Whether there is feed per turn.
+    border, border_way : float
+        Largest step of the correction from a move within the map to one beyond it, and the length
+        of that move on the part.
+    border_line : int
+        Its line.
     """
 
     blocks: int = 0
@@ -68,6 +73,9 @@ class Tally:
     feed_change: float = 0.0
     feed_line: int = 0
     per_turn: bool = False
+    border: float = 0.0
+    border_way: float = 0.0
+    border_line: int = 0
 
     def look(
         self, columns: Columns, dz: FloatArray, known: NDArray[np.bool_], stroke: float

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -18,17 +19,18 @@ from numpy.typing import NDArray
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.rounding import round_entries
 from metrosep.compensation.table import CompensationTable
+from metrosep.controllers._agreement import fact, require_agreement
 from metrosep.controllers._increments import (
     Resampling,
     ascii_lines,
     carry,
-    fact,
     fixed,
     mm_value,
     require_linear,
+    require_sizes,
     uniform_positions,
 )
-from metrosep.controllers.base import DialectInfo, Encoded, identity
+from metrosep.controllers.base import DialectInfo, Encoded, identity, load_sidecar
 from metrosep.controllers.options import Option
 from metrosep.core.errors import CorruptFileError, DataError, LimitError, TableError
 from metrosep.core.units import format_length
@@ -43,8 +45,8 @@ _STEEPEST = 1.0 / 64.0
 """Largest difference of neighbours over their spacing in the 64-point form of older controls."""
 _DIGIT = 1e-7
 """Positions have four decimals of a mm at least, m."""
-_LARGEST = 9.0
-"""Largest entry that fits its column, m."""
+_FARTHEST, _LARGEST = 1e3, 9.0
+"""Largest position and entry that fit their columns, m."""
 
 _COLUMNS = (6, 16, 16, 16)
 """Width of the columns NR, AXISPOS, BACKLASH and that of the dependent axis."""
@@ -71,6 +73,10 @@ class Heidenhain(Resampling):
             "enter its name in the .CMA file (config.cma) in the column of the axis that is looked up",
             "mark that line as active (column ACTIVE, soft key, or PLC module 9095)",
             (
+                "one table for each axis that is looked up is active: X -> X and X -> Z in two files "
+                "exclude each other; put them as two columns into one file on the control"
+            ),
+            (
                 "iTNC 530: set the bit of the axis in MP730 to nonlinear; MP4070 limits the change of a "
                 "cycle; newer controls: the table is active with its line"
             ),
@@ -87,7 +93,13 @@ class Heidenhain(Resampling):
     )
 
     options = (
-        Option("interval", "spacing; that of the table if omitted", "length", positive=True),
+        Option(
+            "interval",
+            "spacing; that of the table if omitted",
+            "length",
+            positive=True,
+            highest=100.0,
+        ),
         Option(
             "resolution",
             "last digit of an entry, a power of ten of mm",
@@ -97,6 +109,9 @@ class Heidenhain(Resampling):
             highest=1e-6,
         ),
         Option("entry_sign", "k in entry = k e", "choice", default=1, choices=(-1, 1)),
+        Option(
+            "looked_up_axis", "axis that is looked up, to read tables that do not name it", "text"
+        ),
     )
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
@@ -126,7 +141,8 @@ class Heidenhain(Resampling):
             If the resolution is no power of ten of a millimetre.
         """
         require_linear((table.axis, table.compensates), _TITLE)
-        _require_axes(table)
+        _require_axes(table, options["looked_up_axis"])
+        require_sizes(table, _TITLE, farthest=_FARTHEST, largest=_LARGEST)
         unit = options["resolution"]
         decimals = _decimals(unit)
         digit = min(unit, _DIGIT)
@@ -144,13 +160,9 @@ class Heidenhain(Resampling):
         forward = round_entries(k * made.forward, unit)
         reverse = None if made.reverse is None else round_entries(k * made.reverse, unit)
         rounded = [forward] if reverse is None else [forward, reverse]
-        largest = max(float(np.abs(r.values).max()) for r in rounded)
-        if largest > _LARGEST:
-            raise LimitError(
-                f"an entry of {format_length(largest)} fits no column; check the units"
-            )
         texts = [[fixed(float(v) * 1e3, decimals) for v in r.values] for r in rounded]
         places = [fixed(float(p) * 1e3, max(decimals, 4)) for p in positions]
+        _require_width([*places, *(t for c in texts for t in c)])
         backlash = [""] * len(places) if reverse is None else texts[1]
         lines = [
             f"BEGIN {table.axis}_{table.compensates}.COM MM",
@@ -167,7 +179,7 @@ class Heidenhain(Resampling):
             step=unit,
             carried=made,
             resampling_error=carried.error,
-            findings=_steep(made),
+            findings=(*_steep(made), *_alone(table)),
         )
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
@@ -226,23 +238,104 @@ class Heidenhain(Resampling):
             )
         reverse = -sign * np.array([r[1] for r in rows]) + 0.0 if all(filled) else None
         fields = {**identity(path, first=float(p[0])), "compensates": target}
-        named = _NAME.fullmatch(begin[1])
-        if named is not None:
-            if named[2] != target:
-                raise CorruptFileError(
-                    path,
-                    "name and column say another axis",
-                    expected=named[2],
-                    found=target,
-                    hint="write the table again",
-                )
-            fields["axis"] = named[1]
-        return CompensationTable(
+        fields["axis"] = _looked_up(begin[1], target, options, path, both=reverse is not None)
+        made = CompensationTable(
             positions=p, forward=forward, reverse=reverse, is_exact_inverse=True, **fields
+        )
+        _require_sign(made, path)
+        return made
+
+
+def _looked_up(
+    name: str, target: str, options: Mapping[str, Any], path: Path, *, both: bool
+) -> str:
+    """Return the axis that is looked up: of the name of the table, the sidecar, BACKLASH or user."""
+    named = _NAME.fullmatch(name)
+    if named is not None and named[2] != target:
+        raise CorruptFileError(
+            path,
+            "name and column say another axis",
+            expected=named[2],
+            found=target,
+            hint="write the table again",
+        )
+    beside: Any = load_sidecar(path).get("table")
+    beside = beside if isinstance(beside, dict) else {}
+    told = {
+        "the file": named[1] if named else None,
+        "its sidecar": beside.get("axis"),
+        "its column BACKLASH": target if both else None,
+        "you": options.get("looked_up_axis"),
+    }
+    known = [(who, axis) for who, axis in told.items() if axis is not None]
+    for one in known:
+        require_agreement(path, "the axis that is looked up", known[0], one)
+    require_agreement(
+        path,
+        "the corrected axis",
+        ("the file", target),
+        ("its sidecar", beside.get("compensates")),
+    )
+    if not known:
+        raise DataError(
+            f"{path}: the table corrects {target}, but its name {name} does not tell over which axis; "
+            f"give looked_up_axis= ({target} if the axis corrects itself)"
+        )
+    return str(known[0][1])
+
+
+def _require_sign(made: CompensationTable, path: Path) -> None:
+    """Refuse a sidecar whose sign contradicts the corrections that it holds itself."""
+    stored: Any = load_sidecar(path).get("table")
+    if not isinstance(stored, dict):
+        return
+    both = made.reverse is not None and stored.get("reverse_m") is not None
+    columns = [("forward_m", made.forward), ("reverse_m", made.reverse)][: 2 if both else 1]
+    agreement = 0.0
+    for key, found in columns:
+        p, c = stored.get("positions_m"), stored.get(key)
+        if not isinstance(p, list) or not isinstance(c, list) or len(p) != len(c) or len(p) < 2:
+            return
+        try:
+            wanted = np.interp(made.positions, np.array(p, float), np.array(c, float))
+        except (TypeError, ValueError):
+            return
+        agreement += float(wanted @ np.asarray(found))
+    if agreement < 0.0:
+        raise CorruptFileError(
+            path,
+            "the sign of entries in its sidecar contradicts the corrections in its sidecar",
+            field="entry_sign",
+            hint="the sidecar was changed: write the table again",
         )
 
 
-def _require_axes(table: CompensationTable) -> None:
+def _require_width(texts: list[str]) -> None:
+    longest = max(texts, key=len)
+    if len(longest) >= _COLUMNS[1]:
+        raise LimitError(
+            f"{longest} leaves no gap in a column of {_COLUMNS[1]} characters; use a coarser "
+            "resolution, or check the units"
+        )
+
+
+def _alone(table: CompensationTable) -> tuple[Finding, ...]:
+    if table.is_on_axis:
+        return ()
+    return (
+        Finding(
+            "warning",
+            f"one table over {table.axis} is active at a time: this one, {table.axis} -> "
+            f"{table.compensates}, switches off a table {table.axis} -> {table.axis}",
+            "if there is one, put both as two columns into one file on the control",
+            "active",
+        ),
+    )
+
+
+def _require_axes(table: CompensationTable, said: str | None) -> None:
+    if said not in (None, table.axis):
+        raise TableError(f"looked_up_axis={said!r}, but the table is looked up over {table.axis}")
     for name in (table.axis, table.compensates):
         if not _AXIS.fullmatch(name):
             raise TableError(f"axis {name!r} is no HEIDENHAIN axis: a capital and perhaps a digit")
@@ -297,7 +390,8 @@ def _target(line: str, path: Path) -> str:
         raise CorruptFileError(
             path,
             f"the columns are not NR, AXISPOS, BACKLASH and one axis but {line[:60]!r}",
-            hint="tables with several dependent axes are not read: one file for each",
+            hint="tables with several dependent axes are not read: keep one of their columns (on the "
+            "control all stay in one file, only one table over an axis is active)",
         )
     return cells[3]
 

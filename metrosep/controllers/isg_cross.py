@@ -7,42 +7,54 @@ master axis; "relative compensation values", so k = -1. Both signs must be tried
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from metrosep.compensation.table import CompensationTable
+from metrosep.controllers._agreement import fact, named_axes, require_agreement
 from metrosep.controllers._increments import (
     Resampling,
-    fact,
-    require_capacity,
     require_linear,
     require_one_direction,
+    require_sizes,
 )
 from metrosep.controllers._isg_lists import (
     AXIS_NUMBER,
+    FARTHEST,
+    INTERVAL,
     NUMBER_TYPE,
     UNIT,
-    column,
     encoded,
     head_lines,
+    placed,
+    spacing,
+    to_units,
+)
+from metrosep.controllers._isg_reading import (
+    capacity_of,
+    column,
     header,
     no_more,
-    placed,
     read_list,
     real,
     require_rising,
+    require_room,
     require_value,
-    spacing,
-    to_units,
     whole,
 )
-from metrosep.controllers.base import DialectInfo, Encoded, identity
+from metrosep.controllers.base import DialectInfo, Encoded, identity, load_sidecar
 from metrosep.controllers.options import Option
-from metrosep.core.errors import CorruptFileError, TableError
+from metrosep.core.errors import CorruptFileError, DataError, TableError
 
 __all__ = ["IsgAxis", "IsgCross"]
+
+_AXIS_POINTS = 1499
+"""Default of kw.ssfk.max_points less one: kw_nr_max must be smaller."""
+_CROSS_POINTS = 1001
+"""Default of kw.crosscomp.max_points: last_index must be smaller."""
 
 
 class IsgAxis(Resampling):
@@ -53,7 +65,7 @@ class IsgAxis(Resampling):
         title="TwinCAT CNC / ISG leadscrew error compensation (kw.ssfk)",
         entry="error +e in 0.1 um, one column for each direction",
         units="0.1 um; whole numbers before V3.1.3132 / V4.29, decimals from there on",
-        max_points=1500,
+        max_points=_AXIS_POINTS,
         outside="value of the end of the table",
         sign_status="the documents calculate actual minus setpoint (+e), but their example has the "
         "setpoint on the other side of zero: dry-run first",
@@ -64,7 +76,8 @@ class IsgAxis(Resampling):
                 "read the object 'LSEC::sum epsilon' at the bump of a trial table: it must have the sign "
                 "that was meant, else say entry_sign=-1"
             ),
-            "mind warnings 70182 to 70184: a wrong list is deselected without a stop",
+            "mind the messages of the start-up: a list that the kernel does not take is switched off",
+            "where the list has max_points: restart the controller, it is read at start-up only",
         ),
         sign="unconfirmed",
         resolution="0.1 um, or 0.1 pm with REAL64",
@@ -77,8 +90,15 @@ class IsgAxis(Resampling):
     options = (
         AXIS_NUMBER,
         NUMBER_TYPE,
-        Option("capacity", "P-COMP-00059", "integer", default=1500, lowest=2, highest=1_000_000),
-        Option("interval", "equal spacing; as the table if omitted", "length", positive=True),
+        Option(
+            "capacity",
+            "most points; kw.ssfk.max_points (P-COMP-00059) less one",
+            "integer",
+            default=_AXIS_POINTS,
+            lowest=2,
+            highest=1_000_000,
+        ),
+        INTERVAL,
         Option("entry_sign", "k in entry = k e", "choice", default=1, choices=(-1, 1)),
     )
 
@@ -100,12 +120,13 @@ class IsgAxis(Resampling):
         Raises
         ------
         TableError
-            If an axis turns, the table corrects another axis, its name has characters that a list has not, or
-            positions fall together when rounded.
+            If an axis turns, the table corrects another axis, its name has characters that a list
+            has not, or positions fall together when rounded.
         LimitError
             If a number leaves 32 bits.
         """
         require_linear((table.axis, table.compensates), "kw.ssfk")
+        require_sizes(table, "kw.ssfk", farthest=FARTHEST, largest=FARTHEST)
         if not table.is_on_axis:
             raise TableError(
                 f"kw.ssfk corrects the axis itself, this table is {table.axis} -> "
@@ -119,7 +140,9 @@ class IsgAxis(Resampling):
         reverse = made.forward if made.reverse is None else made.reverse
         columns = [to_units(k * c, kind) for c in (made.forward, reverse)]
         step = spacing(p, kind)
+        more = options["capacity"] > _AXIS_POINTS
         body = [
+            *([f"kw.ssfk.max_points {options['capacity'] + 1}"] if more else []),
             f"kw.ssfk.interval {step}",
             f"kw.ssfk.kw_startpos {p[0]}",
             f"kw.ssfk.kw_nr_max {len(p)}",
@@ -162,11 +185,12 @@ class IsgAxis(Resampling):
         """
         entries, comment = read_list(data, path, options)
         sign = fact(self, "entry_sign", options, comment, path)
-        name = header(entries, options, path)
+        _, name = header(entries, options, path)
         require_value(entries, "kw.ssfk.unit", {"1"}, path)
         require_value(entries, "kw.ssfk.bilateral", {"1"}, path)
         n = whole(entries, "kw.ssfk.kw_nr_max", path)
-        require_capacity(self, n, options, path)
+        room = capacity_of(entries, "kw.ssfk", _AXIS_POINTS + 1, _plus_one(options), path) - 1
+        require_room(n, room, "kw.ssfk.max_points (P-COMP-00059) less one", path)
         interval = real(entries, "kw.ssfk.interval", path)
         start = real(entries, "kw.ssfk.kw_startpos", path)
         if interval == 0.0:
@@ -184,7 +208,7 @@ class IsgAxis(Resampling):
             forward=forward,
             reverse=None if np.array_equal(forward, reverse) else reverse,
             is_exact_inverse=True,
-            **{**fields, "axis": name, "compensates": name},
+            **named_axes(fields, (name, name), path),
         )
 
 
@@ -196,7 +220,7 @@ class IsgCross(Resampling):
         title="TwinCAT CNC / ISG cross compensation (kw.crosscomp)",
         entry="correction -e of the slave axis in 0.1 um at a setpoint of the master axis",
         units="0.1 um; whole numbers before V3.1.3132 / V4.29, decimals from there on",
-        max_points=1001,
+        max_points=_CROSS_POINTS,
         outside="not documented; taken as the value of the end, as for kw.ssfk",
         sign_status="not documented (relative compensation values): dry-run first",
         activation=(
@@ -207,7 +231,8 @@ class IsgCross(Resampling):
                 "move the master over the bump of a trial table and gauge the slave: where it moves the "
                 "wrong way, say entry_sign=1"
             ),
-            "mind warnings 70182 to 70184: a wrong list is deselected without a stop",
+            "mind the messages of the start-up: a list that the kernel does not take is switched off",
+            "where the list has max_points: restart the controller, it is read at start-up only",
         ),
         sign="unconfirmed",
         directions="one",
@@ -228,9 +253,17 @@ class IsgCross(Resampling):
             lowest=1,
             highest=999,
         ),
+        Option("master_name", "name of that axis, to read a list without a sidecar", "text"),
         NUMBER_TYPE,
-        Option("capacity", "P-COMP-00060", "integer", default=1001, lowest=2, highest=1_000_000),
-        Option("interval", "equal spacing; as the table if omitted", "length", positive=True),
+        Option(
+            "capacity",
+            "most points; kw.crosscomp.max_points (P-COMP-00060)",
+            "integer",
+            default=_CROSS_POINTS,
+            lowest=2,
+            highest=1_000_000,
+        ),
+        INTERVAL,
         Option("cycles", "n_cycles of smooth switching", "integer", 10, lowest=0, highest=1000),
         Option("entry_sign", "k in entry = k e", "choice", default=-1, choices=(-1, 1)),
     )
@@ -254,23 +287,23 @@ class IsgCross(Resampling):
         Raises
         ------
         TableError
-            If an axis turns, the table has two directions, both axes have the same number, an axis name has
-            characters that a list has not, or positions fall together when rounded.
+            If an axis turns, the table corrects the axis that it looks up, has two directions, both
+            axes have the same number, an axis name has characters that a list has not, or
+            positions fall together when rounded.
         LimitError
             If a number leaves 32 bits.
         """
         require_linear((table.axis, table.compensates), "kw.crosscomp")
         require_one_direction(table, "kw.crosscomp", "as backlash of the slave or into kw.ssfk")
-        if options["axis_number"] == options["master_number"]:
-            raise TableError(
-                "axis_number and master_number are the same; an axis that corrects itself goes into "
-                "controller='isg-axis'"
-            )
+        require_sizes(table, "kw.crosscomp", farthest=FARTHEST, largest=FARTHEST)
+        _require_two_axes(table, options)
         carried = placed(table, options, "kw.crosscomp")
         kind = options["number_type"]
         k = -options["entry_sign"]
+        room = options["capacity"]
         p, c = to_units(carried.table.positions, kind), to_units(k * carried.table.forward, kind)
         body = [
+            *([f"kw.crosscomp.max_points {room}"] if room > _CROSS_POINTS else []),
             "kw.crosscomp.unit 1",
             f"kw.crosscomp.last_index {len(p) - 1}",
             f"kw.crosscomp.master_ax_nr {options['master_number']}",
@@ -312,10 +345,11 @@ class IsgCross(Resampling):
         """
         entries, comment = read_list(data, path, options)
         sign = fact(self, "entry_sign", options, comment, path)
-        name = header(entries, options, path)
+        number, name = header(entries, options, path)
         require_value(entries, "kw.crosscomp.unit", {"1"}, path)
         n = whole(entries, "kw.crosscomp.last_index", path) + 1
-        require_capacity(self, n, options, path)
+        room = capacity_of(entries, "kw.crosscomp", _CROSS_POINTS, options, path)
+        require_room(n, room, "kw.crosscomp.max_points (P-COMP-00060)", path)
         master = whole(entries, "kw.crosscomp.master_ax_nr", path)
         if options.get("master_number") not in (None, master):
             raise CorruptFileError(
@@ -325,16 +359,63 @@ class IsgCross(Resampling):
                 found=master,
                 hint="choose the list of this axis",
             )
-        whole(entries, "kw.crosscomp.n_cycles", path)
+        if master == number:
+            raise CorruptFileError(
+                path,
+                f"axis {name} has number {number}, and so has its master",
+                hint="an axis that corrects itself has a list kw.ssfk",
+            )
+        cycles = whole(entries, "kw.crosscomp.n_cycles", path)
+        require_agreement(path, "cycles", ("the file", cycles), ("you", options.get("cycles")))
         p = column(entries, "kw.crosscomp.table", "setpoint", n, path)
         c = column(entries, "kw.crosscomp.table", "correction", n, path)
         no_more(entries, path)
         require_rising(p, path)
-        fields = identity(path, first=float(p[0] * UNIT))
         return CompensationTable(
             positions=p * UNIT,
             forward=-sign * UNIT * c + 0.0,
             reverse=None,
             is_exact_inverse=True,
-            **{**fields, "compensates": name},
+            **_fields(path, float(p[0] * UNIT), name, options),
         )
+
+
+def _require_two_axes(table: CompensationTable, options: Mapping[str, Any]) -> None:
+    if table.is_on_axis:
+        raise TableError(
+            f"kw.crosscomp corrects another axis than its master, this table is {table.axis} -> "
+            f"{table.compensates}; write controller='isg-axis'"
+        )
+    if options["axis_number"] == options["master_number"]:
+        raise TableError(
+            f"the table is {table.axis} -> {table.compensates}, but axis_number and master_number are "
+            f"the same ({options['axis_number']}); give those of two axes"
+        )
+    if options["master_name"] not in (None, table.axis):
+        raise TableError(
+            f"master_name={options['master_name']!r}, but the table is looked up over {table.axis}"
+        )
+
+
+def _plus_one(options: Mapping[str, Any]) -> dict[str, Any]:
+    capacity = options.get("capacity")
+    return {} if capacity is None else {"capacity": capacity + 1}
+
+
+def _fields(path: Path, first: float, slave: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what the list cannot hold: the name of the master is that of sidecar or user."""
+    told = bool(load_sidecar(path))
+    fields = identity(path, first=first)
+    master = options.get("master_name")
+    if told:
+        require_agreement(path, "master_name", ("its sidecar", fields["axis"]), ("you", master))
+        require_agreement(
+            path, "the corrected axis", ("the file", slave), ("its sidecar", fields["compensates"])
+        )
+    master = fields["axis"] if master is None else master
+    if master == slave:
+        raise DataError(
+            f"{path}: the list corrects {slave} over another axis, and nothing tells its name; give "
+            "master_name="
+        )
+    return {**fields, "axis": master, "compensates": slave}

@@ -17,28 +17,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.compensation.maps import CompensationMap
+from metrosep.controllers._agreement import fact, require_agreement
 from metrosep.controllers._increments import (
     Carried,
     Resampling,
-    fact,
-    require_capacity,
+    require_interval,
     require_linear,
 )
 from metrosep.controllers._isg_lists import (
     AXIS_NUMBER,
+    FARTHEST,
     NUMBER_TYPE,
     UNIT,
     encoded,
     head_lines,
+    to_units,
+)
+from metrosep.controllers._isg_reading import (
+    capacity_of,
     header,
     no_more,
     read_list,
     real,
+    require_room,
     require_value,
-    to_units,
     whole,
 )
 from metrosep.controllers.base import DialectInfo, Encoded, load_sidecar
+from metrosep.controllers.neutral_map import map_fields
 from metrosep.controllers.options import Option
 from metrosep.core.errors import CorruptFileError, LimitError, TableError
 from metrosep.core.units import format_length
@@ -47,6 +53,8 @@ __all__ = ["IsgPlane"]
 
 FloatArray = NDArray[np.float64]
 
+_POINTS, _PER_AXIS = 10201, 101
+"""Room where max_points is not given: both last indices up to 100."""
 _SAME = 1e-6
 """Share of the interval within which a position lies on the grid."""
 
@@ -59,8 +67,8 @@ class IsgPlane(Resampling):
         title="TwinCAT CNC / ISG plane compensation (kw.crosscomp2)",
         entry="correction -e of the slave axis in 0.1 um over two master axes",
         units="0.1 um; whole numbers before V3.1.3132 / V4.29, decimals from there on",
-        max_points=10201,
-        outside="not documented; taken as the value of the edge, as for kw.ssfk",
+        max_points=_POINTS,
+        outside="value of the edge: the last one stays valid",
         sign_status="not documented (relative compensation values): dry-run first",
         activation=(
             "put the list (achskw*.lis) of the slave axis into the start-up file or load it again",
@@ -70,7 +78,11 @@ class IsgPlane(Resampling):
                 "move to the bump of a trial map and gauge the slave: where it moves the wrong way, say "
                 "entry_sign=1; go to two corners too, the indices must not be swapped"
             ),
-            "mind warnings 70182 to 70184: a wrong list is deselected without a stop",
+            (
+                "70182 and 70183 stop the axis (no such master, no list), 70184 is a master that is "
+                "not linear: the compensation is off in all three"
+            ),
+            "where the list has max_points: restart the controller, it is read at start-up only",
         ),
         sign="unconfirmed",
         carries="map",
@@ -97,8 +109,21 @@ class IsgPlane(Resampling):
             for i, which in ((1, "first (columns)"), (2, "second (rows)"))
         ),
         NUMBER_TYPE,
-        Option("capacity", "P-COMP-00061", "integer", default=10201, lowest=4, highest=10_000_000),
-        Option("interval", "spacing of both axes; the finest if omitted", "length", positive=True),
+        Option(
+            "capacity",
+            "room for points, written as kw.crosscomp2.max_points (P-COMP-00061, builds from "
+            "V3.1.3079.06 on); without it 101 along each axis",
+            "integer",
+            lowest=4,
+            highest=9_999_999,
+        ),
+        Option(
+            "interval",
+            "spacing of both axes; the finest if omitted",
+            "length",
+            positive=True,
+            highest=100.0,
+        ),
         Option("cycles", "n_cycles of smooth switching", "integer", 10, lowest=0, highest=1000),
         Option("entry_sign", "k in entry = k e", "choice", default=-1, choices=(-1, 1)),
     )
@@ -124,24 +149,20 @@ class IsgPlane(Resampling):
             If an axis turns, two axes have the same number, or a name has characters that a list
             has not.
         LimitError
-            If there are too many points or a number leaves 32 bits.
+            If there are too many points, the interval exceeds the map, or a number leaves 32 bits.
         """
         _require_axes(table, options)
         kind = options["number_type"]
         quantum = UNIT if kind == "integer" else UNIT * 1e-6
         step = _interval(table, options["interval"], quantum)
         x, y = (_grid(p, step, quantum) for p in (table.x, table.y))
-        if x.size * y.size > options["capacity"]:
-            raise LimitError(
-                f"{x.size} x {y.size} points at {format_length(step)}, kw.crosscomp2 takes "
-                f"{options['capacity']}; give a larger interval= (one for both axes), or raise "
-                "P-COMP-00061 and say capacity="
-            )
+        reserved = _reserved(x.size, y.size, step, options["capacity"])
         carried = _carried(table, x, y)
         k = -options["entry_sign"]
         wanted = k * carried.table.values
         entries = to_units(wanted.ravel(), kind)
         body = [
+            *([f"kw.crosscomp2.max_points {reserved}"] if reserved else []),
             "kw.crosscomp2.unit 1",
             f"kw.crosscomp2.interval {to_units(np.array([step]), kind)[0]}",
             f"kw.crosscomp2.last_index_master1 {x.size - 1}",
@@ -187,12 +208,15 @@ class IsgPlane(Resampling):
         """
         entries, comment = read_list(data, path, options)
         sign = fact(self, "entry_sign", options, comment, path)
-        name = header(entries, options, path)
+        number, name = header(entries, options, path)
         key = "kw.crosscomp2."
         require_value(entries, f"{key}unit", {"1"}, path)
         step = real(entries, f"{key}interval", path)
         n, m = (whole(entries, f"{key}last_index_master{i}", path) + 1 for i in (1, 2))
-        require_capacity(self, n * m, options, path)
+        room = capacity_of(entries, "kw.crosscomp2", 0, options, path)
+        require_room(n * m, room or _POINTS, "kw.crosscomp2.max_points (P-COMP-00061)", path)
+        if not room:
+            require_room(max(n, m), _PER_AXIS, "along an axis without max_points", path)
         starts = [real(entries, f"{key}start_position_master{i}", path) for i in (1, 2)]
         masters = [whole(entries, f"{key}master{i}_ax_nr", path) for i in (1, 2)]
         for i in (1, 2):
@@ -204,7 +228,8 @@ class IsgPlane(Resampling):
                     found=masters[i - 1],
                     hint="choose the list of these axes; the two must not be swapped",
                 )
-        whole(entries, f"{key}n_cycles", path)
+        cycles = whole(entries, f"{key}n_cycles", path)
+        require_agreement(path, "cycles", ("the file", cycles), ("you", options.get("cycles")))
         if step <= 0.0 or n < 2 or m < 2 or n * m > len(entries):
             raise CorruptFileError(
                 path,
@@ -218,17 +243,32 @@ class IsgPlane(Resampling):
             ]
         )
         no_more(entries, path)
+        x, y = (
+            np.asarray((start + step * np.arange(k)) * UNIT, dtype=np.float64)
+            for start, k in zip(starts, (n, m), strict=True)
+        )
+        fields = map_fields(path, x, y)
+        if load_sidecar(path):
+            told = ("its sidecar", fields["compensates"])
+            require_agreement(path, "the corrected axis", ("the file", name), told)
+        _require_numbers(path, fields["axes"], name, masters, number)
         return CompensationMap(
-            np.asarray((starts[0] + step * np.arange(n)) * UNIT, dtype=np.float64),
-            np.asarray((starts[1] + step * np.arange(m)) * UNIT, dtype=np.float64),
+            x,
+            y,
             -sign * UNIT * values + 0.0,
             is_exact_inverse=True,
-            **{**_fields(path), "compensates": name},
+            **{**fields, "compensates": name},
         )
 
 
 def _require_axes(table: CompensationMap, options: Mapping[str, Any]) -> None:
     require_linear((*table.axes, table.compensates), "kw.crosscomp2")
+    farthest = max(float(np.abs(v).max()) for v in (table.x, table.y, table.values))
+    if farthest > FARTHEST:
+        raise LimitError(
+            f"kw.crosscomp2: {format_length(farthest)} is beyond the 32 bits of a list in 0.1 um "
+            "(214 m); check the units of the map"
+        )
     numbers = [options[n] for n in ("axis_number", "master1_number", "master2_number")]
     if numbers[1] == numbers[2]:
         raise TableError(f"both master axes have the number {numbers[1]}; give those of two axes")
@@ -240,6 +280,33 @@ def _require_axes(table: CompensationMap, options: Mapping[str, Any]) -> None:
             )
 
 
+def _require_numbers(
+    path: Path, axes: tuple[str, str], name: str, masters: list[int], number: int
+) -> None:
+    if masters[0] == masters[1] or any(
+        (a == name) != (m == number) for a, m in zip(axes, masters, strict=True)
+    ):
+        raise CorruptFileError(
+            path,
+            f"numbers and names of the axes do not fit: {masters[0]}, {masters[1]} -> {number} and "
+            f"{axes[0]}, {axes[1]} -> {name}",
+            hint="an axis has one number: write the table again",
+        )
+
+
+def _reserved(n: int, m: int, step: float, capacity: int | None) -> int:
+    """Return max_points of the list, 0 if what every kernel has is enough."""
+    if n * m > (capacity or _POINTS) or (capacity is None and max(n, m) > _PER_AXIS):
+        room = str(capacity or f"{_PER_AXIS} along each axis as it comes")
+        raise LimitError(
+            f"{n} x {m} points at {format_length(step)}, kw.crosscomp2 takes {room}; give a larger "
+            f"interval= (one for both axes), or, from V3.1.3079.06 on, say capacity={n * m}: it is "
+            "written as max_points (P-COMP-00061)"
+        )
+    needed = capacity is not None and (capacity > _POINTS or max(n, m) > _PER_AXIS)
+    return capacity or 0 if needed else 0
+
+
 def _interval(table: CompensationMap, wanted: float | None, quantum: float) -> float:
     step = min(float(np.diff(p).min()) for p in (table.x, table.y)) if wanted is None else wanted
     counts = round(step / quantum)
@@ -248,6 +315,8 @@ def _interval(table: CompensationMap, wanted: float | None, quantum: float) -> f
             f"the interval {format_length(step, digits=9)} is no multiple of {format_length(quantum)}, "
             "the step of a position in the list; give interval= a multiple of it"
         )
+    for p in (table.x, table.y):
+        require_interval(counts * quantum, float(p[-1] - p[0]), "kw.crosscomp2")
     return counts * quantum
 
 
@@ -270,21 +339,3 @@ def _carried(table: CompensationMap, x: FloatArray, y: FloatArray) -> Carried:
     px, py = np.union1d(x, table.x), np.union1d(y, table.y)[:, None]
     error = float(np.abs(made.correction(px, py) - table.correction(px, py)).max())
     return Carried(made, error, True)
-
-
-def _fields(path: Path) -> dict[str, Any]:
-    """Return what the list cannot hold, from its sidecar."""
-    stored: Any = load_sidecar(path).get("table")
-    if not isinstance(stored, dict):
-        return {}
-    axes: Any = stored.get("axes")
-    reference: Any = stored.get("reference_si")
-    lists = isinstance(axes, list) and isinstance(reference, list)
-    if not lists or len(axes) != 2 or not all(isinstance(a, str) for a in axes):
-        raise CorruptFileError(
-            path.with_name(path.name + ".json"),
-            "this is not the sidecar of a map",
-            hint="move it away or write the map again",
-        )
-    removed = "plane" if stored.get("not_in_map") == "plane" else "offset"
-    return {"axes": tuple(axes), "reference": tuple(reference), "removed": removed}

@@ -22,9 +22,9 @@ from metrosep.compensation.maps import CompensationMap
 from metrosep.controllers._even import even_map
 from metrosep.controllers._plain_text import ascii_lines, decimal
 from metrosep.controllers.base import Dialect, DialectInfo, Encoded
-from metrosep.controllers.neutral_map import map_fields
+from metrosep.controllers.neutral_map import map_fields, require_last_end
 from metrosep.controllers.options import Option
-from metrosep.core.errors import CorruptFileError, TableError
+from metrosep.core.errors import CorruptFileError, LimitError, TableError
 from metrosep.core.units import format_length
 
 __all__ = ["SPACINGS", "Klipper", "require_bed"]
@@ -32,6 +32,8 @@ __all__ = ["SPACINGS", "Klipper", "require_bed"]
 FloatArray = NDArray[np.float64]
 
 _MM = 1e-3
+_FARTHEST, _LARGEST = 1e3, 1.0
+"""Position and correction beyond which units are mistaken, m."""
 _PLACES = 9
 """Decimals of a position in mm; Klipper keeps doubles."""
 _KEYS = (
@@ -51,6 +53,8 @@ _KEYS = (
 _FIXED = {"version": "1", "mesh_x_pps": "0", "mesh_y_pps": "0", "algo": "direct"}
 _NUMBER = re.compile(r"-?\d+(\.\d+)?")
 _SECTION = re.compile(r"\[bed_mesh ([^\]\s]+)\]")
+_PROFILE = re.compile(r"[A-Za-z0-9_.-]{1,60}")
+"""Klipper cuts a line at # and ;, and takes no blanks here."""
 
 SPACINGS = (
     Option(
@@ -120,13 +124,14 @@ class Klipper(Dialect):
             If it is not Z over X and Y, its positions are not even and no spacing is given, or the
             name of the profile cannot stand in a section.
         LimitError
-            If a spacing gives more nodes than make sense.
+            If a spacing gives more nodes than make sense, or units are mistaken.
         """
         require_bed(table, "Klipper")
         name = options["profile"]
-        if _SECTION.fullmatch(f"[bed_mesh {name}]") is None or not name.isascii():
+        if _PROFILE.fullmatch(name) is None:
             raise TableError(
-                f"profile={name!r} cannot be the name of a mesh; use letters and digits"
+                f"profile={name[:60]!r} cannot be the name of a mesh; use letters, digits and _ . - "
+                "(60 at most)"
             )
         carried, error = even_map(
             table, (options["x_spacing"], options["y_spacing"]), ("x_spacing", "y_spacing")
@@ -228,12 +233,25 @@ def require_bed(table: CompensationMap, controller: str) -> None:
     ------
     TableError
         If it looks up or corrects other axes.
+    LimitError
+        If no such machine has its positions or corrections.
     """
     if table.axes != ("X", "Y") or table.compensates != "Z":
         raise TableError(
             f"{controller} corrects Z over X (columns) and Y (rows), this map is "
             f"{table.axes[0]}, {table.axes[1]} -> {table.compensates}; write controller='csv-map'"
         )
+    for what, values, most in (
+        ("position", table.x, _FARTHEST),
+        ("position", table.y, _FARTHEST),
+        ("correction", table.values, _LARGEST),
+    ):
+        worst = float(np.abs(values).max())
+        if worst > most:
+            raise LimitError(
+                f"{controller}: a {what} of {format_length(worst)} exceeds {format_length(most)}; check "
+                "the units of the map"
+            )
 
 
 def _height(value: float, places: int) -> str:
@@ -276,11 +294,13 @@ def _parsed(data: bytes, path: Path) -> tuple[dict[str, str], list[tuple[int, li
     keys: dict[str, str] = {}
     rows: list[tuple[int, list[float]]] = []
     section, last = False, ""
+    require_last_end(data, path)
     for number, line in enumerate(ascii_lines(data, path, "Klipper configuration"), start=1):
         if not line.strip() or line.startswith("#"):
             continue
         if line.startswith("["):
-            if section or _SECTION.fullmatch(line) is None:
+            found = _SECTION.fullmatch(line)
+            if section or found is None or _PROFILE.fullmatch(found[1]) is None:
                 raise _wrong(path, number, "one section [bed_mesh NAME]", line)
             section = True
         elif line[0] in " \t" and last == "points":

@@ -4,11 +4,12 @@ Each line is ``nominal forward reverse``: the position that is commanded and the
 the axis really reaches moving in + and - direction. The entry for an error e is therefore
 ``p + e``, and LinuxCNC adds ``nominal - entry`` = -e to the motor command. Confirmed by running the
 controller (tests/acceptance/linuxcnc). The file holds bare triples and nothing else: LinuxCNC
-stops at the first other line without a word.
+stops at the first other line without a word. Of a joint that turns all three are degrees.
 """
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import Path
 from typing import Any
@@ -16,10 +17,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers.base import Dialect, DialectInfo, Encoded, identity
+from metrosep.controllers.base import (
+    Dialect,
+    DialectInfo,
+    Encoded,
+    identity,
+    sidecar_options,
+    sidecar_path,
+)
 from metrosep.controllers.options import Option
-from metrosep.core.errors import CorruptFileError, LimitError, TableError
+from metrosep.core.errors import CorruptFileError, DataError, LimitError, TableError
 
 __all__ = ["MAX_POINTS", "LinuxCNC"]
 
@@ -28,9 +37,10 @@ FloatArray = NDArray[np.float64]
 MAX_POINTS = 256
 """Entries per joint (motion.h of LinuxCNC 2.9); the 257th is ignored with an error."""
 
-_MM = 1e-3
+_UNITS = {"linear": (1e-3, "mm"), "angular": (math.pi / 180.0, "degrees")}
+"""Unit of a joint in SI, and its name, by TYPE of the joint."""
 _DECIMALS = 10
-"""Decimals of a position in mm: 0.1 pm; the trim itself is kept as float32 by LinuxCNC."""
+"""Decimals of a position: 0.1 pm, or 1.7e-12 rad; LinuxCNC keeps the trim itself as float32."""
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 """What C reads as a decimal number; Python's float would also take 1_0 and nan."""
@@ -43,13 +53,14 @@ class LinuxCNC(Dialect):
         id="linuxcnc",
         title="LinuxCNC screw compensation, type 0",
         entry="position actually reached: p + e, so that nominal - entry = -e is added",
-        units="mm (machine units of the configuration)",
+        units="mm (machine units of the configuration); of a joint that turns degrees",
         max_points=MAX_POINTS,
         outside="constant beyond both ends",
         sign_status="confirmed by running LinuxCNC 2.9",
         activation=(
             "copy the file beside the INI file",
             "in [JOINT_n] of the axis set COMP_FILE_TYPE = 0 and COMP_FILE = <name of the file>",
+            "its TYPE must be the joint_type of the table: LINEAR (mm) or ANGULAR (degrees)",
             "BACKLASH of that joint is ignored from now on: the reverse column holds lost motion",
             "restart LinuxCNC, home, move, and read the applied correction in joint.n.backlash-filt",
         ),
@@ -69,10 +80,22 @@ class LinuxCNC(Dialect):
             default="refuse",
             choices=("refuse", "hal"),
         ),
+        Option(
+            "joint_type",
+            "TYPE of the joint in the INI file; a table of A, B or C needs angular: degrees",
+            "choice",
+            default="linear",
+            choices=("linear", "angular"),
+        ),
     )
 
     def encode(
-        self, table: CompensationTable, *, cross_axis: str = "refuse", **options: Any
+        self,
+        table: CompensationTable,
+        *,
+        cross_axis: str = "refuse",
+        joint_type: str = "linear",
+        **options: Any,
     ) -> Encoded:
         """Return bare triples.
 
@@ -83,18 +106,22 @@ class LinuxCNC(Dialect):
         cross_axis : {"refuse", "hal"}, optional
             A table that corrects another axis than it looks up is refused, unless HAL routes it;
             the sidecar then holds the wiring.
+        joint_type : {"linear", "angular"}, optional
+            TYPE of the joint: millimetres or degrees.
         **options
             None other.
 
         Returns
         -------
         Encoded
-            ASCII, LF, ten decimals of a millimetre.
+            ASCII, LF, ten decimals of a millimetre or degree.
 
         Raises
         ------
         TableError
             If the table corrects another axis than the one it looks up.
+        DataError
+            If `joint_type` contradicts the axis of the table.
         LimitError
             If there are more than 256 points.
         """
@@ -105,20 +132,22 @@ class LinuxCNC(Dialect):
                 "cross_axis='hal' to carry it through the joint of "
                 f"{table.axis} and route it to {table.compensates} in HAL, or write controller='csv'"
             )
+        _check_type(table, joint_type)
+        unit, name = _UNITS[joint_type]
         n = table.positions.size
         if n > MAX_POINTS:
             raise LimitError(
                 f"{n} points, LinuxCNC takes {MAX_POINTS} per joint; use a spacing of at least "
-                f"{(table.span[1] - table.span[0]) / (MAX_POINTS - 1) * 1e3:.4g} mm"
+                f"{(table.span[1] - table.span[0]) / (MAX_POINTS - 1) / unit:.4g} {name}"
             )
         reverse = table.forward if table.reverse is None else table.reverse
         columns = np.column_stack(
             [table.positions, table.positions - table.forward, table.positions - reverse]
         )
-        printed = [[f"{v / _MM:.{_DECIMALS}f}" for v in row] for row in columns]
-        back = np.array([[float(v) for v in row] for row in printed]) * _MM
+        printed = [[f"{v / unit:.{_DECIMALS}f}" for v in row] for row in columns]
+        back = np.array([[float(v) for v in row] for row in printed]) * unit
         if (np.diff(back[:, 0]) <= 0).any():
-            raise TableError(f"positions closer than 1e-{_DECIMALS} mm cannot be written")
+            raise TableError(f"positions closer than 1e-{_DECIMALS} {name} cannot be written")
         trims = back[:, :1] - back[:, 1:]
         wanted = np.column_stack([table.forward, reverse])
         text = "".join(" ".join(row) + "\n" for row in printed)
@@ -126,7 +155,11 @@ class LinuxCNC(Dialect):
             data=text.encode("ascii"),
             quantisation=float(np.abs(trims - wanted).max()),
             notes={
-                "ini": ["COMP_FILE_TYPE = 0", "COMP_FILE = <this file>"],
+                "ini": [
+                    f"TYPE = {joint_type.upper()}",
+                    "COMP_FILE_TYPE = 0",
+                    "COMP_FILE = <this file>",
+                ],
                 **({} if table.is_on_axis else {"hal_routing": _routing(table)}),
             },
         )
@@ -141,7 +174,7 @@ class LinuxCNC(Dialect):
         path : Path
             Its name, for messages and the sidecar.
         **options
-            Not used by the format.
+            `joint_type`, where there is no sidecar: linear (mm) if it is not told.
 
         Returns
         -------
@@ -154,6 +187,8 @@ class LinuxCNC(Dialect):
             If a line is not three finite numbers or positions do not rise.
         LimitError
             If there are more than 256 lines.
+        DataError
+            If `joint_type` contradicts the axis that the sidecar names.
         """
         rows = [
             _triple(line, number, path)
@@ -174,14 +209,53 @@ class LinuxCNC(Dialect):
             )
         if len(rows) < 2:
             raise CorruptFileError(path, "a table needs at least 2 lines", found=len(rows))
-        forward, reverse = (table[:, 0] - table[:, 1]) * _MM, (table[:, 0] - table[:, 2]) * _MM
+        joint_type = {"joint_type": "linear", **sidecar_options(path, self.options), **options}[
+            "joint_type"
+        ]
+        unit = _UNITS[joint_type][0]
+        forward, reverse = (table[:, 0] - table[:, 1]) * unit, (table[:, 0] - table[:, 2]) * unit
         return CompensationTable(
-            positions=table[:, 0] * _MM,
+            positions=table[:, 0] * unit,
             forward=forward,
             reverse=None if np.array_equal(forward, reverse) else reverse,
             is_exact_inverse=True,
-            **identity(path, first=float(table[0, 0] * _MM)),
+            **_axes(path, joint_type, first=float(table[0, 0] * unit)),
         )
+
+
+def _check_type(table: CompensationTable, joint_type: str) -> None:
+    """Refuse degrees for a joint in mm, and the other way round."""
+    turns = [a for a in (table.axis, table.compensates) if is_rotary(a)]
+    if turns and not table.is_on_axis:
+        raise TableError(
+            f"the table is {table.axis} -> {table.compensates}, and {turns[0]} turns: a compensation "
+            "file has one unit for positions and corrections; write controller='linuxcnc-lincurve' "
+            "(one direction), which has one for each"
+        )
+    if bool(turns) != (joint_type == "angular"):
+        wanted = "angular" if turns else "linear"
+        raise DataError(
+            f"the axis of the table is {table.axis}, but joint_type={joint_type!r}: LinuxCNC counts a "
+            f"{wanted} joint in {_UNITS[wanted][1]}; say joint_type={wanted!r}, and set TYPE = "
+            f"{wanted.upper()} in its [JOINT_n]"
+        )
+
+
+def _axes(path: Path, joint_type: str, *, first: float) -> dict[str, Any]:
+    """Return what the sidecar says; without one an angular joint is that of C."""
+    known = identity(path, first=first)
+    if not sidecar_path(path).is_file():
+        return (
+            {**known, **dict.fromkeys(("axis", "compensates"), "C")}
+            if joint_type == "angular"
+            else known
+        )
+    if is_rotary(known["axis"]) != (joint_type == "angular"):
+        raise DataError(
+            f"{path}: its sidecar says axis {known['axis']}, but joint_type={joint_type!r}: one of the "
+            "two is wrong"
+        )
+    return known
 
 
 def _routing(table: CompensationTable) -> list[str]:

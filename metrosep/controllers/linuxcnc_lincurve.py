@@ -4,12 +4,14 @@ A lincurve interpolates at most 16 points and is constant outside them. A longer
 pieces that share their end points; every piece but the first starts at zero, so that at any position
 the pieces before it have run to their ends, those behind it are still zero, and the sum is f. The
 sum is added to the motor command of the corrected joint and taken out of its feedback again.
+Of an axis that turns the numbers are degrees, and the first comment of the file says so.
 Confirmed by running the controller (tests/acceptance/linuxcnc).
 """
 
 from __future__ import annotations
 
 import itertools
+import math
 import re
 from pathlib import Path
 from typing import Any
@@ -17,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.table import CompensationTable
 from metrosep.controllers._lincurve_chain import (
     DECIMALS,
@@ -39,13 +42,20 @@ from metrosep.controllers.base import (
     sidecar_path,
 )
 from metrosep.controllers.options import Option
-from metrosep.core.errors import DataError, LimitError, TableError
+from metrosep.core.errors import CorruptFileError, DataError, LimitError, TableError
 
 __all__ = ["MAX_CURVES", "MAX_POINTS", "POINTS_PER_CURVE", "LinuxCNCLincurve"]
 
 FloatArray = NDArray[np.float64]
 
 _MM = 1e-3
+_DEGREE = math.pi / 180.0
+
+_NAME = re.compile(r"[!-'*-\[\]-~]{1,40}( [!-'*-\[\]-~]{1,40}){0,3}")
+"""A name that a comment of HAL holds as it is: printable ASCII, without backslash and parentheses."""
+_COMMENT = re.compile(
+    r"# metrosep: (.+?) \(joint \d+(, degrees)?\) -> (.+?) \(joint \d+(, degrees)?\), \d+ points"
+)
 
 
 class LinuxCNCLincurve(Dialect):
@@ -55,7 +65,7 @@ class LinuxCNCLincurve(Dialect):
         id="linuxcnc-lincurve",
         title="LinuxCNC table across axes, chained lincurves in HAL",
         entry="correction added to the motor command: -e; of curve 2 and on, less its first point",
-        units="mm (machine units of the configuration)",
+        units="mm (machine units of the configuration); of an axis that turns degrees",
         max_points=MAX_POINTS,
         outside="constant beyond both ends",
         sign_status="confirmed by running LinuxCNC 2.9",
@@ -66,6 +76,7 @@ class LinuxCNCLincurve(Dialect):
             "add the functions that write the drives to the thread after this file",
             "connect signal comp-drive to the drive and comp-encoder to the encoder of that joint",
             "HAL loads lincurve and sum2 once: if you use them elsewhere, put all names into one line",
+            "the TYPE of a joint that turns must be ANGULAR: its numbers are degrees",
             "restart LinuxCNC, move the looked-up axis, read pin comp-cmd.in1: the correction in mm",
         ),
         sign="confirmed",
@@ -123,13 +134,13 @@ class LinuxCNCLincurve(Dialect):
         Returns
         -------
         Encoded
-            ASCII, LF, ten decimals of a millimetre.
+            ASCII, LF, ten decimals of a millimetre or degree.
 
         Raises
         ------
         TableError
-            If the directions differ, positions fall together when printed, or joints and axes
-            contradict each other.
+            If the directions differ, positions fall together when printed, joints and axes
+            contradict each other, or the name of an axis does not fit into a comment.
         LimitError
             If there are more points than 64 curves hold.
         DataError
@@ -138,15 +149,16 @@ class LinuxCNCLincurve(Dialect):
         _check_table(table, source_joint, target_joint)
         if not THREAD.fullmatch(thread):
             raise DataError(f"linuxcnc-lincurve: thread={thread!r} is no name of a thread in HAL")
-        x = [round(v / _MM * UNIT) for v in table.positions.tolist()]
-        y = [round(v / _MM * UNIT) for v in table.forward.tolist()]
+        (unit, name), (unit_c, name_c) = _unit(table.axis), _unit(table.compensates)
+        x = [round(v / unit * UNIT) for v in table.positions.tolist()]
+        y = [round(v / unit_c * UNIT) for v in table.forward.tolist()]
         if any(b <= a for a, b in itertools.pairwise(x)):
-            raise TableError(f"positions closer than 1e-{DECIMALS} mm cannot be written")
+            raise TableError(f"positions closer than 1e-{DECIMALS} {name} cannot be written")
         chain = Chain(cut(x, y), source_joint, target_joint, thread)
-        carried = [float(v) * _MM for _, v in chain.knots()]
+        carried = [float(v) * unit_c for _, v in chain.knots()]
         lines = [
             _comment(table, source_joint, target_joint),
-            "# adds the correction -e (mm) to the motor command and takes it out of the feedback",
+            f"# adds the correction -e ({name_c}) to the motor command and takes it out of the feedback",
             *hal_lines(chain),
         ]
         return Encoded(
@@ -178,9 +190,15 @@ class LinuxCNCLincurve(Dialect):
         Raises
         ------
         CorruptFileError
-            If a line is missing, double, changed or unknown, or the curves do not chain.
+            If a line is missing, double, changed or unknown, the curves do not chain, or file and
+            sidecar contradict each other on an axis that turns.
         DataError
             If an option says otherwise than the file.
+
+        Notes
+        -----
+        Without the comment that names the axes and without a sidecar nothing tells degrees: the numbers are
+        taken as millimetres, and the axes are called after their joints.
         """
         chain = parsed(data, path)
         for name, found in (
@@ -191,16 +209,15 @@ class LinuxCNCLincurve(Dialect):
             if options.get(name) is not None and options[name] != found:
                 raise DataError(f"{path}: {name} is {found} in the file, not {options[name]}")
         knots = chain.knots()
-        positions = [float(x) * _MM for x, _ in knots]
-        known = identity(path, first=positions[0])
-        if not sidecar_path(path).is_file():
-            known |= _axes(data, chain)
+        axes = _axes(data, chain, path)
+        unit, unit_c = _unit(axes["axis"])[0], _unit(axes["compensates"])[0]
+        positions = [float(x) * unit for x, _ in knots]
         return CompensationTable(
             positions=np.array(positions),
-            forward=np.array([float(y) * _MM for _, y in knots]),
+            forward=np.array([float(y) * unit_c for _, y in knots]),
             reverse=None,
             is_exact_inverse=True,
-            **known,
+            **{**identity(path, first=positions[0]), **axes},
         )
 
     def lookup(self, data: bytes, path: Path, **options: Any) -> Simulator:
@@ -218,7 +235,7 @@ class LinuxCNCLincurve(Dialect):
         Returns
         -------
         callable
-            ``(position, direction=1)`` to the correction in m.
+            ``(position, direction=1)`` to the correction in m (or rad).
 
         Raises
         ------
@@ -228,7 +245,8 @@ class LinuxCNCLincurve(Dialect):
             If an option says otherwise than the file, or, of the function returned, if the
             direction is neither 1 nor -1.
         """
-        self.decode(data, path, **options)
+        table = self.decode(data, path, **options)
+        unit, unit_c = _unit(table.axis)[0], _unit(table.compensates)[0]
         curves = [np.array(c, dtype=np.float64).T for c in parsed(data, path).curves]
 
         def along(position: ArrayLike, direction: ArrayLike = 1) -> FloatArray:
@@ -237,11 +255,11 @@ class LinuxCNCLincurve(Dialect):
             )
             if not np.isin(d, (-1, 1)).all():
                 raise DataError("direction is +1 or -1")
-            parts = [np.interp(p / _MM, x, y) for x, y in curves]
+            parts = [np.interp(p / unit, x, y) for x, y in curves]
             total = parts[0]
             for part in parts[1:]:
                 total = total + part
-            return np.asarray(total * _MM)
+            return np.asarray(total * unit_c)
 
         return along
 
@@ -257,24 +275,64 @@ def _check_table(table: CompensationTable, source: int, target: int) -> None:
             f"the table is {table.axis} -> {table.compensates}, the joints are {source} -> {target}: "
             "one of the two is wrong"
         )
+    for axis in (table.axis, table.compensates):
+        if not _NAME.fullmatch(axis):
+            raise TableError(
+                f"the axis name {axis!r} cannot stand in a comment of HAL: use printable ASCII without "
+                "backslash and parentheses, such as 'X'"
+            )
     n = table.positions.size
+    unit, name = _unit(table.axis)
     if n > MAX_POINTS:
         raise LimitError(
             f"{n} points, {MAX_CURVES} lincurves take {MAX_POINTS}; use a spacing of at least "
-            f"{(table.span[1] - table.span[0]) / (MAX_POINTS - 1) * 1e3:.4g} mm"
+            f"{(table.span[1] - table.span[0]) / (MAX_POINTS - 1) / unit:.4g} {name}"
         )
 
 
+def _unit(axis: str) -> tuple[float, str]:
+    """Return the unit of an axis in SI, and its name."""
+    return (_DEGREE, "degrees") if is_rotary(axis) else (_MM, "mm")
+
+
 def _comment(table: CompensationTable, source: int, target: int) -> str:
-    return (
-        f"# metrosep: {table.axis} (joint {source}) -> {table.compensates} (joint {target}), "
-        f"{table.positions.size} points"
-    )
+    ends = [
+        f"{axis} (joint {joint}{', degrees' if is_rotary(axis) else ''})"
+        for axis, joint in ((table.axis, source), (table.compensates, target))
+    ]
+    return f"# metrosep: {ends[0]} -> {ends[1]}, {table.positions.size} points"
 
 
-def _axes(data: bytes, chain: Chain) -> dict[str, Any]:
-    """Return the names in the file's first comment, or those of the joints."""
-    first = data.decode("ascii").partition("\n")[0]
-    match = re.match(r"# metrosep: (\S+) \(joint \d+\) -> (\S+) \(joint \d+\)", first)
-    names = (match[1], match[2]) if match else (f"joint {chain.source}", f"joint {chain.target}")
+def _axes(data: bytes, chain: Chain, path: Path) -> dict[str, str]:
+    """Return the names in the sidecar, in a comment of the file, or those of the joints."""
+    lines = {line.strip() for line in data.decode("ascii").split("\n")}
+    found = [m for m in map(_COMMENT.fullmatch, sorted(lines)) if m]
+    if len(found) > 1:
+        raise CorruptFileError(
+            path,
+            f"{len(found)} comments that name the axes contradict each other",
+            found=repr([m[0][:60] for m in found[:2]]),
+            hint="keep the one that was written",
+        )
+    match = found[0] if found else None
+    names = (match[1], match[3]) if match else (f"joint {chain.source}", f"joint {chain.target}")
+    said = tuple(map(is_rotary, names))
+    if match and said != (match[2] is not None, match[4] is not None):
+        raise CorruptFileError(
+            path,
+            "a comment does not say of every axis that turns, and of no other, that it is in degrees",
+            found=repr(match[0][:80]),
+            hint="write the table again; earlier versions wrote thousandths of a radian",
+        )
+    if sidecar_path(path).is_file():
+        known = identity(path, first=0.0)
+        names = known["axis"], known["compensates"]
+        if tuple(map(is_rotary, names)) != said:
+            raise CorruptFileError(
+                path,
+                "file and sidecar contradict each other on what is in degrees",
+                expected=" -> ".join(names),
+                found=repr(match[0][:80]) if match else "no comment that names the axes",
+                hint="write the table again",
+            )
     return {"axis": names[0], "compensates": names[1]}

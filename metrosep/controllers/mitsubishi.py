@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
@@ -17,15 +18,16 @@ from numpy.typing import NDArray
 
 from metrosep.compensation.rounding import round_increments
 from metrosep.compensation.table import CompensationTable
+from metrosep.controllers._agreement import fact, named_axes, require_agreement
 from metrosep.controllers._increments import (
     Resampling,
     ascii_lines,
     carry,
-    fact,
     mm_text,
     mm_value,
     require_linear,
     require_one_direction,
+    require_sizes,
     require_zero,
     uniform_positions,
 )
@@ -42,6 +44,8 @@ IntArray = NDArray[np.int64]
 _TITLE = "Mitsubishi machine error compensation"
 _FIRST, _LAST = 4101, 5124
 _LOW, _HIGH = -128, 127
+_FARTHEST, _LARGEST = 1e3, 1.0
+"""Position and correction beyond which units are mistaken, m."""
 _CAPACITY = _LAST - _FIRST + 1
 
 _FACTS = re.compile(
@@ -51,7 +55,7 @@ _FACTS = re.compile(
 _LINE = re.compile(r"#(\d{4}) (\S+)")
 _AXIS = re.compile(r"[A-Z]\d?")
 _INTEGER = re.compile(r"-?\d{1,5}")
-_DECIMAL = re.compile(r"\d{1,6}\.?\d{0,6}")
+_DECIMAL = re.compile(r"\d{1,6}\.?\d{0,12}")
 
 
 class Mitsubishi(Resampling):
@@ -87,7 +91,12 @@ class Mitsubishi(Resampling):
 
     options = (
         Option(
-            "output_unit", "unit of output of the control", "length", required=True, positive=True
+            "output_unit",
+            "unit of output of the control",
+            "length",
+            required=True,
+            lowest=1e-12,
+            highest=1e-3,
         ),
         Option("scale", "parameter #4006", "integer", default=1, lowest=1, highest=99),
         Option("set_number", "set of parameters, 1 for #4001", "integer", 1, lowest=1, highest=10),
@@ -100,9 +109,20 @@ class Mitsubishi(Resampling):
         ),
         Option("reference_position", "machine coordinate of the reference point", "length"),
         Option(
-            "interval", "parameter #4007; that of the table if omitted", "length", positive=True
+            "interval",
+            "parameter #4007; that of the table if omitted",
+            "length",
+            positive=True,
+            highest=100.0,
         ),
-        Option("increment", "unit of parameter #4007", "length", default=1e-6, positive=True),
+        Option(
+            "increment",
+            "unit of parameter #4007",
+            "length",
+            default=1e-6,
+            lowest=1e-9,
+            highest=1e-3,
+        ),
         Option(
             "cross_axis",
             "a table that corrects another axis than it looks up: its sign is not documented",
@@ -139,6 +159,7 @@ class Mitsubishi(Resampling):
         require_linear((table.axis, table.compensates), _TITLE)
         require_one_direction(table, _TITLE, "into #2011 and #2012 (backlash)")
         _require_axes(table, options["cross_axis"])
+        require_sizes(table, _TITLE, farthest=_FARTHEST, largest=_LARGEST)
         zero = options["reference_position"]
         zero = table.reference if zero is None else zero
         require_zero(table, zero, _TITLE)
@@ -205,6 +226,8 @@ class Mitsubishi(Resampling):
         numbers, words = _parameters(lines, path)
         base = 4000 + 10 * ((min(words) - 4001) // 10) if words else 0
         axes, (number, first, last, scale), interval = _settings(words, base, path)
+        for name, value in (("reference_number", number), ("scale", scale)):
+            require_agreement(path, name, ("the file", value), ("you", options.get(name)))
         wanted = options.get("set_number")
         if wanted is not None and base != 4000 + 10 * (wanted - 1):
             raise CorruptFileError(
@@ -226,13 +249,13 @@ class Mitsubishi(Resampling):
         below = number + 1 - first
         curve = np.concatenate([[0], np.cumsum(entries)])
         curve = curve - curve[below]
-        fields = {**identity(path, first=zero), "reference": zero}
+        fields = {**named_axes(identity(path, first=zero), axes, path), "reference": zero}
         return CompensationTable(
             positions=zero + interval * np.arange(-below, curve.size - below),
             forward=curve * (0.5 * unit * scale) + 0.0,
             reverse=None,
             is_exact_inverse=True,
-            **{**fields, "axis": axes[0], "compensates": axes[1]},
+            **fields,
         )
 
 
@@ -273,7 +296,7 @@ def _text(
         table.compensates,
         *numbers,
         options["scale"],
-        mm_text(steps * options["increment"]),
+        mm_text(steps * Decimal(repr(options["increment"]))),
     )
     lines = [
         (

@@ -1,7 +1,7 @@
 """Neutral map: CSV in long form with declared units, and the JSON sidecar.
 
-Columns ``x_mm,y_mm,correction_um``, one line a node, x fastest; an axis that turns has ``_rad``. The
-entry is the correction c = -e that is added to the command. Decimals are full: the very numbers of
+Columns ``x_mm,y_mm,correction_um``, one line a node, x fastest; an axis that turns has ``_rad``, a
+corrected one that turns ``correction_urad``. The entry is the correction c = -e that is added to the command. Decimals are full: the very numbers of
 the map read back.
 """
 
@@ -23,15 +23,18 @@ from metrosep.controllers._plain_text import scaled
 from metrosep.controllers.base import Dialect, DialectInfo, Encoded, load_sidecar, sidecar_path
 from metrosep.core.errors import CorruptFileError
 
-__all__ = ["NeutralMap", "map_fields"]
+__all__ = ["NUMBER", "NeutralMap", "map_fields", "require_last_end"]
 
 FloatArray = NDArray[np.float64]
 
-_ENTRY = "correction_um"
+_ENTRIES = {False: "correction_um", True: "correction_urad"}
+"""By whether the corrected axis turns."""
+_CORRECTED = {False: "Z", True: "C"}
+"""Its name, where no sidecar tells it."""
 _UNITS = {"mm": 3, "rad": 0}
 """Power of ten of a column over SI."""
 _UM = 6
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?")
+NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?", re.ASCII)
 """A decimal as other programs write it, too; Python would also take 1_0 and nan."""
 _NAMES = {(False, False): ("X", "Y"), (True, False): ("C", "Y"), (False, True): ("X", "C")}
 """Axes by whether they turn, where no sidecar names them."""
@@ -44,7 +47,7 @@ class NeutralMap(Dialect):
         id="csv-map",
         title="Neutral CSV of a map with JSON sidecar",
         entry="correction c = -e that is added to the command",
-        units="positions in mm (rad of an axis that turns), correction in um, by the column names",
+        units="positions in mm, correction in um; rad and urad of axes that turn; by the column names",
         max_points=None,
         outside="that of the nearest edge",
         sign_status="by definition",
@@ -80,7 +83,7 @@ class NeutralMap(Dialect):
             [scaled(v, _UNITS[u]) for v in p]
             for p, u in zip((table.x, table.y), units, strict=True)
         )
-        lines = [f"x_{units[0]},y_{units[1]},{_ENTRY}"]
+        lines = [f"x_{units[0]},y_{units[1]},{_ENTRIES[is_rotary(table.compensates)]}"]
         lines += [
             f"{x},{y},{scaled(c, _UM)}"
             for y, values in zip(rows, table.values, strict=True)
@@ -108,10 +111,12 @@ class NeutralMap(Dialect):
         Raises
         ------
         CorruptFileError
-            If header or numbers are not those of the format, or nodes are missing.
+            If header or numbers are not those of the format, nodes are missing, the last line has
+            no end, or the sidecar names axes of other units.
         """
         rows = _rows(data, path)
-        turns, scales = _header(rows, path)
+        turns, scales, angle = _header(rows, path)
+        require_last_end(data, path)
         values = np.array([_numbers(row, line, scales, path) for line, row in rows[1:]])
         x, y = _grid(values, rows, path)
         return CompensationMap(
@@ -119,7 +124,45 @@ class NeutralMap(Dialect):
             y=y,
             values=values[:, 2].reshape(y.size, x.size),
             is_exact_inverse=True,
-            **map_fields(path, x, y, turns),
+            **_all_fields(path, x, y, turns, angle=angle),
+        )
+
+
+def _all_fields(
+    path: Path, x: FloatArray, y: FloatArray, turns: tuple[bool, bool], *, angle: bool
+) -> dict[str, Any]:
+    fields = map_fields(path, x, y, turns)
+    if "compensates" not in (load_sidecar(path).get("table") or {}):
+        return {**fields, "compensates": _CORRECTED[angle]}
+    if angle and not is_rotary(fields["compensates"]):
+        raise CorruptFileError(
+            path,
+            f"its corrections are in urad, its sidecar says {fields['compensates']}, which does not turn",
+            hint="write the map again",
+        )
+    return fields
+
+
+def require_last_end(data: bytes, path: Path) -> None:
+    """Refuse a text whose last line has no end: it may have been cut within a number.
+
+    Parameters
+    ----------
+    data : bytes
+        Content of the file.
+    path : Path
+        For the message.
+
+    Raises
+    ------
+    CorruptFileError
+        If it does not end with a line feed.
+    """
+    if not data.endswith((b"\n", b"\r")):
+        raise CorruptFileError(
+            path,
+            "the last line has no end: the file was cut short",
+            hint="write it again; if you typed it yourself, end the last line",
         )
 
 
@@ -190,27 +233,27 @@ def _rows(data: bytes, path: Path) -> list[tuple[int, list[str]]]:
 
 def _header(
     rows: list[tuple[int, list[str]]], path: Path
-) -> tuple[tuple[bool, bool], tuple[int, ...]]:
-    """Return which axes turn, and the powers of ten of the columns."""
+) -> tuple[tuple[bool, bool], tuple[int, ...], bool]:
+    """Return which axes turn, the powers of ten of the columns, and whether corrections are angles."""
     header = rows[0][1] if rows else []
     units = [h[2:] for h in header[:2] if h[:2] in ("x_", "y_")]
-    if len(header) != 3 or [h[:2] for h in header[:2]] != ["x_", "y_"] or header[2] != _ENTRY or (
-        any(u not in _UNITS for u in units)
-    ):  # fmt: skip
+    good = len(header) == 3 and [h[:2] for h in header[:2]] == ["x_", "y_"]
+    if not good or header[2] not in _ENTRIES.values() or any(u not in _UNITS for u in units):
         raise CorruptFileError(
             path,
             "not a neutral map",
             field="header",
-            expected=f"x_mm,y_mm,{_ENTRY}",
+            expected=f"x_mm,y_mm,{_ENTRIES[False]}",
             found=",".join(header)[:80],
         )
     if len(rows) < 5:
         raise CorruptFileError(path, "a map needs at least 4 nodes", found=len(rows) - 1)
-    return (units[0] == "rad", units[1] == "rad"), (*(-_UNITS[u] for u in units), -_UM)
+    scales = (*(-_UNITS[u] for u in units), -_UM)
+    return (units[0] == "rad", units[1] == "rad"), scales, header[2] == _ENTRIES[True]
 
 
 def _numbers(row: list[str], line: int, scales: tuple[int, ...], path: Path) -> list[float]:
-    if len(row) != 3 or not all(map(_NUMBER.fullmatch, row)):
+    if len(row) != 3 or not all(map(NUMBER.fullmatch, row)):
         raise CorruptFileError(
             path, f"line {line} does not hold 3 finite numbers but {','.join(row)[:60]!r}"
         )

@@ -15,13 +15,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.compensation.limits import Limits
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers._plain_text import ascii_lines, decimal
+from metrosep.controllers._plain_text import ascii_lines, decimal, known_options
 from metrosep.controllers._playback import (
     PLAYBACK_OPTIONS,
+    TOLD,
     Playback,
+    chosen,
+    dropped,
     facts,
-    known_options,
     plan,
     rebuilt,
     require_travel,
@@ -53,7 +56,7 @@ class NV200(Dialect):
         title="piezosystem jena NV200 arbitrary waveform",
         entry="displacement of the stage: offset + polarity x correction = d_off + polarity x (-e)",
         units="um, closed loop",
-        max_points=None,
+        max_points=MAX_POINTS,
         outside="first and last point are held before and after a pass; a turn repeats",
         sign_status="the stage moves to the value sent; which way it moves the tool is yours to "
         "state (polarity)",
@@ -123,7 +126,29 @@ class NV200(Dialect):
             step=10.0**-places * _UM,
             carried=rebuilt(play, values, table),
             resampling_error=resampling_error(play, values, table),
+            options=chosen(play, options),
+            findings=dropped(play, table),
         )
+
+    def limits(self, **machine: Any) -> Limits:
+        """Return the limits of the machine; points are counted in `encode`, of the wave.
+
+        Parameters
+        ----------
+        **machine
+            Fields of `metrosep.compensation.limits.Limits`.
+
+        Returns
+        -------
+        Limits
+            Without a number of points: a table of more entries is sampled to fewer.
+
+        Raises
+        ------
+        DataError
+            If a keyword is unknown.
+        """
+        return super().limits(**{"max_points": None, **machine})
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
         """Return the corrections that the commands carry.
@@ -195,7 +220,8 @@ class NV200(Dialect):
         self, data: bytes, path: Path, options: dict[str, Any]
     ) -> tuple[Playback, FloatArray]:
         points, stated = _parsed(data, path)
-        known = known_options(options, path, self.options, ("polarity", "travel"))
+        motion = "pass" if stated["gcarb"] else "turn"
+        known = known_options(options, path, self.options, ("travel", "offset", *TOLD[motion]))
         if options.get("rate") is not None and options["rate"] != stated["gtarb"]:
             raise DataError(
                 f"{path}: gtarb says rate={stated['gtarb']}, not {options['rate']}; leave rate= away"
@@ -211,6 +237,14 @@ class NV200(Dialect):
         known["rate"] = stated["gtarb"]
         play = plan(known, period=_PERIOD, interpolates=False, n=len(points))
         stage = np.array(points) * _UM
+        slack = 2.0 * 10.0 ** -known["decimals"] * _UM
+        worst = int(np.argmax(np.maximum(-stage, stage - known["travel"])))
+        if not -slack <= stage[worst] <= known["travel"] + slack:
+            raise CorruptFileError(
+                path, f"point {worst} is beyond the travel of the stage", field="gparb",
+                expected=f"0 ... {known['travel'] / _UM:.9g} um", found=f"{points[worst]:.9g} um",
+                hint="the file was edited, or travel= is that of another stage",
+            )  # fmt: skip
         return play, np.asarray(known["polarity"] * (stage - rest_position(known)))
 
 

@@ -18,12 +18,14 @@ from numpy.typing import NDArray
 
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers._plain_text import ascii_lines, decimal
+from metrosep.controllers._plain_text import ascii_lines, decimal, is_described, known_options
 from metrosep.controllers._playback import (
     PLAYBACK_OPTIONS,
+    TOLD,
     Playback,
+    chosen,
+    dropped,
     facts,
-    known_options,
     plan,
     rebuilt,
     require_travel,
@@ -78,7 +80,12 @@ class PiGcs(Dialect):
         reference_rule="none: the offset may stand anywhere in the travel",
         proof="command strings of PIPython 2.11 on a fake controller; own strict parser",
         suffix=".gcs",
-        example={"polarity": 1, "travel": "15 um", "speed": "60 mm/min", "rate": 200},
+        example={
+            "polarity": 1,
+            "travel": "15 um",
+            "speed": "60 mm/min",
+            "rate": 200,
+        },
         page="pi",
     )
     options = (
@@ -152,7 +159,8 @@ class PiGcs(Dialect):
             step=10.0**-places * _UM,
             carried=rebuilt(play, values, table),
             resampling_error=resampling_error(play, values, table),
-            findings=_findings(play, stage, options),
+            options=chosen(play, options),
+            findings=(*dropped(play, table), *_findings(play, stage, options)),
         )
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
@@ -222,7 +230,8 @@ class PiGcs(Dialect):
         self, data: bytes, path: Path, options: dict[str, Any]
     ) -> tuple[Playback, FloatArray]:
         points, stated = _parsed(data, path)
-        known = known_options(options, path, self.options, ("polarity",))
+        motion = "pass" if stated["cycles"] else "turn"
+        known = known_options(options, path, self.options, ("travel", *TOLD[motion]))
         for name, command in _FROM_FILE.items():
             if options.get(name) is not None and options[name] != stated[name]:
                 raise DataError(
@@ -244,7 +253,30 @@ class PiGcs(Dialect):
             interpolates=stated["interpolation"] == 1,
             n=len(points),
         )
+        _require_reachable(points, stated["offset_um"], known, path)
         return play, known["polarity"] * np.array(points) * _UM
+
+
+def _require_reachable(
+    points: list[float], offset_um: float, known: dict[str, Any], path: Path
+) -> None:
+    """Refuse an offset that is not the one stated, and points beyond the travel."""
+    travel, slack = known["travel"] / _UM, 10.0 ** -known["decimals"]
+    if known["offset"] is not None or is_described(path):
+        rest = rest_position(known) / _UM
+        if abs(offset_um - rest) > slack:
+            raise CorruptFileError(
+                path, "WOS is not the offset that is stated", field="WOS", expected=f"{rest:.9g} um",
+                found=f"{offset_um:.9g} um", hint="leave offset= away, or look for the right file",
+            )  # fmt: skip
+    stage = offset_um + np.array(points)
+    worst = int(np.argmax(np.maximum(-stage, stage - travel)))
+    if not -2 * slack <= stage[worst] <= travel + 2 * slack:
+        raise CorruptFileError(
+            path, f"point {worst + 1} is beyond the travel of the stage", field="WAV, WOS",
+            expected=f"0 ... {travel:.9g} um", found=f"{stage[worst]:.9g} um",
+            hint="the file was edited, or travel= is that of another stage",
+        )  # fmt: skip
 
 
 def _points(printed: list[str], table: int, bunch: int) -> list[str]:
@@ -318,7 +350,7 @@ def _parsed(data: bytes, path: Path) -> tuple[list[float], dict[str, Any]]:
 def _stated(
     numbers: list[list[float]], table: int, tail: list[tuple[int, list[str]]], path: Path
 ) -> dict[str, Any]:
-    select, rate, _offset, cycles, start = numbers
+    select, rate, offset, cycles, start = numbers
     for row, found in zip(tail, numbers, strict=False):
         if found[0] != select[0]:
             raise _wrong(path, row[0], f"generator {select[0]:.0f} as in WSL", row[1])
@@ -340,6 +372,7 @@ def _stated(
         "wave_table": table,
         "rate": int(rate[1]),
         "interpolation": int(rate[2]),
+        "offset_um": offset[1],
         "cycles": int(cycles[1]),
         "start_mode": int(start[1]),
     }

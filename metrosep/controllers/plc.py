@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.polynomial import PolynomialFit
 from metrosep.controllers._horner import UNSIGNED, Printed, horner, parsed_horner
+from metrosep.controllers._iec_names import IDENTIFIER, RESERVED
 from metrosep.controllers._plain_text import (
     ascii_lines,
     decimal,
@@ -50,20 +51,22 @@ _PLACES = {"m": 0, "mm": 3, "um": 6, "nm": 9}
 _FEMTOMETRE = 15
 """Decimals of the domain's ends in m."""
 
+_FARTHEST = 1e6
+"""No axis is as long, in m."""
+
+_LARGEST = 1e30
+"""Of a term in m: terms may cancel, but beyond this nothing is left of a double's digits."""
+
+_SHORTEST = 1e-9
+"""Share of the position that a range must have."""
+
+_AGAIN = "the file was edited: write it again"
+
 _POINTS = 2001
 _COARSE = 0.1
 """Digits that cost more than this share of the corrections' span are refused."""
 
-_IDENTIFIER = r"[A-Za-z][A-Za-z0-9_]{0,30}"
-_RESERVED = {
-    *("X", "H", "AND", "BY", "CASE", "DO", "ELSE", "ELSIF", "END_FUNCTION", "END_IF", "END_VAR"),
-    *("EXIT", "FALSE", "FOR", "FUNCTION", "IF", "LIMIT", "LREAL", "MOD", "NOT", "OF", "OR"),
-    *("PROGRAM", "REAL", "REPEAT", "RETURN", "THEN", "TO", "TRUE", "UNTIL", "VAR", "VAR_INPUT"),
-    *("WHILE", "XOR"),
-}
-"""Names that a function of structured text cannot have."""
-
-_TOLD = ("x_unit", "y_unit", "actuator_sign")
+_TOLD = ("x_unit", "y_unit", "actuator_sign", "offset")
 """Options that are never guessed when a file is read."""
 
 _LINE = 200
@@ -75,7 +78,7 @@ _COMMON = (
         "actuator_sign",
         "-1 if a positive y moves the tool against the corrected axis (a piezo opposite to Z)",
         "choice",
-        default=1,
+        required=True,
         choices=(1, -1),
     ),
     Option("stroke", "largest y that the actuator can do", "length", positive=True),
@@ -256,16 +259,35 @@ class _Polynomial(Dialect):
             (i, re.sub(r"\s+", " ", pattern.sub("", line)).strip())
             for i, line in enumerate(lines, start=1)
         ]
-        known = resolved(options, facts_of(comments), path, self.options, _TOLD)
+        known = resolved(options, facts_of(comments, path), path, self.options, _TOLD)
         printed = self._parsed([(i, text) for i, text in code if text], path)
-        if not printed.high > printed.low:
-            raise CorruptFileError(
-                path,
-                "the range of the position is empty",
-                field="limits of x",
-                found=f"{printed.low:g} ... {printed.high:g}",
-            )
+        _require_usable(printed, known, path)
         return printed, known
+
+
+def _require_usable(printed: Printed, known: Mapping[str, Any], path: Path) -> None:
+    """Refuse a range that no axis has, and terms that no controller can hold."""
+    far = max(abs(printed.low), abs(printed.high))
+    within = far / 10.0 ** _PLACES[known["x_unit"]] <= _FARTHEST
+    if not (within and printed.high - printed.low > _SHORTEST * far):
+        raise CorruptFileError(
+            path,
+            "the range of the position is empty, or longer than any axis",
+            field="limits of x",
+            expected=f"rising, within {_FARTHEST:g} m",
+            found=f"{printed.low:g} ... {printed.high:g}",
+            hint=_AGAIN,
+        )
+    largest = printed.largest_term / 10.0 ** _PLACES[known["y_unit"]]
+    if not largest <= _LARGEST:
+        raise CorruptFileError(
+            path,
+            "a term of the polynomial is larger than any axis allows",
+            field="coefficients",
+            expected=f"terms within {_LARGEST:g} m",
+            found=f"{largest:g} m",
+            hint=_AGAIN,
+        )
 
 
 def _metres(value: float, places: int) -> float:
@@ -375,6 +397,7 @@ def _polynomial(text: str, x: str, path: Path) -> FloatArray:
             field="expression",
             expected=f"a0+{x}*(a1+{x}*(a2))",
             found=repr(text[:60]),
+            hint=_AGAIN,
         )
     return found
 
@@ -389,7 +412,7 @@ class PLCStructuredText(_Polynomial):
         units="x in mm, y in um unless said otherwise; named in a comment",
         max_points=None,
         outside="held at the ends of the domain (LIMIT)",
-        sign_status="stated by the user: actuator_sign; y is added by your program",
+        sign_status="stated by the user: actuator_sign, no default; y is added by your program",
         activation=(
             "import the file as a function; no library is needed",
             (
@@ -421,9 +444,10 @@ class PLCStructuredText(_Polynomial):
     def _body(self, numbers: Sequence[str], **options: Any) -> list[str]:
         """Return a function of one LREAL."""
         function = options["function"]
-        if not re.fullmatch(_IDENTIFIER, function) or function.upper() in _RESERVED:
+        if not re.fullmatch(IDENTIFIER, function) or function.upper() in RESERVED:
             raise DataError(
-                f"plc-st: function={function!r} is no identifier: letters, digits and _"
+                f"plc-st: function={function!r} is no identifier that is free: letters, digits and _, no word, "
+                "type or function of IEC 61131-3"
             )
         low, high, *coefficients = (n if "." in n else f"{n}.0" for n in numbers)
         return [
@@ -441,7 +465,7 @@ class PLCStructuredText(_Polynomial):
 
     def _parsed(self, code: list[tuple[int, str]], path: Path) -> Printed:
         """Return the polynomial of a function that was written here."""
-        name = f"({_IDENTIFIER})"
+        name = f"({IDENTIFIER})"
         rows = [
             (rf"FUNCTION {name} ?: ?LREAL", "FUNCTION name : LREAL"),
             ("VAR_INPUT", "VAR_INPUT"),
@@ -460,7 +484,9 @@ class PLCStructuredText(_Polynomial):
         found = _matched(code, rows, path)
         if found[0][1].lower() != found[8][1].lower():
             raise CorruptFileError(
-                path, f"the function {found[0][1]} assigns to {found[8][1]}: it returns nothing"
+                path,
+                f"the function {found[0][1]} assigns to {found[8][1]}: it returns nothing",
+                hint=_AGAIN,
             )
         return Printed(_polynomial(found[8][2], "h", path), float(found[7][1]), float(found[7][2]))
 
@@ -475,7 +501,7 @@ class PLCTurboPMAC(_Polynomial):
         units="x in mm, y in um unless said otherwise; named in a comment",
         max_points=None,
         outside="held at the ends of the domain",
-        sign_status="stated by the user: actuator_sign; y is added by your program",
+        sign_status="stated by the user: actuator_sign, no default; y is added by your program",
         activation=(
             (
                 "have another program write the position of the axis into the variable of x, in the unit "
@@ -557,9 +583,17 @@ class PLCTurboPMAC(_Polynomial):
         if any(found[i][1].upper() != held for i in (2, 3, 5, 6)) or (
             len({held, found[1][2].upper(), found[8][1].upper()}) < 3
         ):
-            raise CorruptFileError(path, f"position, {held} and y are mixed up in the program")
+            raise CorruptFileError(
+                path,
+                f"position, {held} and y are mixed up in the program",
+                hint=_AGAIN,
+            )
         if float(found[2][2]) != float(found[3][2]) or float(found[5][2]) != float(found[6][2]):
-            raise CorruptFileError(path, "a limit of the position differs from what it is set to")
+            raise CorruptFileError(
+                path,
+                "a limit of the position differs from what it is set to",
+                hint=_AGAIN,
+            )
         return Printed(
             _polynomial(found[8][2].upper(), held, path), float(found[2][2]), float(found[5][2])
         )

@@ -23,16 +23,20 @@ from numpy.typing import NDArray
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.table import CompensationTable
 from metrosep.compensation.uniform import resampling_error
-from metrosep.controllers._plain_text import one_way, printable, resolved
+from metrosep.controllers._plain_text import agreed, one_way, printable, resolved
 from metrosep.controllers._pmac_text import (
     ACTIVATION,
+    AGAIN,
     MOTORS,
     SCALE,
     Program,
     entry_lines,
     length_facts,
+    motor_facts,
+    motors_of,
     named_axes,
     read_program,
+    refuse_turning,
     require_short_span,
     rounded_entries,
     signed,
@@ -51,6 +55,9 @@ from metrosep.core.units import format_length
 __all__ = ["PMAC", "motor_range"]
 
 FloatArray = NDArray[np.float64]
+
+_TOLD = ("source_sign", "motor_zero")
+"""Options that are never guessed when a file is read."""
 
 _DEFINE = re.compile(
     r"#(?P<owner>\d{1,2})\s*DEFINE\s+COMP\s+(?P<entries>\d{1,6})\s*,\s*"
@@ -115,6 +122,7 @@ def motor_range(options: Mapping[str, Any], n: int, step: float, path: Path) -> 
             field="first, last",
             expected=f"at most {format_length(n * step)} with the zero of the motor",
             found=f"{format_length(first)} ... {format_length(last)}",
+            hint=AGAIN,
         )
     nodes = enclosing_nodes(step, ends[0], ends[1])
     return int(nodes[0]), int(nodes[-1])
@@ -243,11 +251,12 @@ class PMAC(Dialect):
         Raises
         ------
         TableError
-            If the table has two directions, is not zero at the zero of the motor, the span is
-            shorter than the travel, or motors, counts and signs contradict the axes.
+            If an axis turns, the table has two directions, is not zero at the zero of the motor, the
+            span is shorter than the travel, or motors, counts and signs contradict the axes.
         LimitError
             If an entry or the span is too large, or there are too many entries.
         """
+        refuse_turning(table.axis, table.compensates)
         require_one_way(table)
         given = _checked_motors(table, options)
         count, s, t = given["count"], given["source_sign"], given["target_sign"]
@@ -309,6 +318,7 @@ class PMAC(Dialect):
             ),
             f"; source_sign = {given['source_sign']}",
             f"; target_sign = {given['target_sign']}",
+            *motor_facts(given, "source_motor", "target_motor", "owner"),
             "DELETE GATHER",
             f"#{owner} DELETE COMP",
             (
@@ -343,7 +353,7 @@ class PMAC(Dialect):
         CorruptFileError
             If anything is not as PMAC would take it, or it would jump at the roll-over.
         DataError
-            If no one tells the length of a count.
+            If no one tells the length of a count or a sign, or file and options contradict each other.
         """
         nodes, step, known, program = self._read(data, path, options)
         n = nodes.size - 1
@@ -354,7 +364,12 @@ class PMAC(Dialect):
             **columns,
             reverse=None,
             is_exact_inverse=True,
-            **named_axes(path, program.facts, float(columns["positions"][0])),
+            **named_axes(
+                path,
+                program.facts,
+                float(columns["positions"][0]),
+                same_motor=known["source_motor"] == known["target_motor"],
+            ),
         )
 
     def lookup(self, data: bytes, path: Path, **options: Any) -> Simulator:
@@ -391,22 +406,62 @@ class PMAC(Dialect):
 
         return one_way(at)
 
+    def facts(self, data: bytes, path: Path, **options: Any) -> dict[str, Any]:
+        """Return what a file says of its machine.
+
+        Parameters
+        ----------
+        data : bytes
+            Content of the file.
+        path : Path
+            Its name, for messages and the sidecar.
+        **options
+            As for `decode`.
+
+        Returns
+        -------
+        dict
+            Every option, the motors of the DEFINE line and the axes.
+
+        Raises
+        ------
+        CorruptFileError
+            If anything is not as the controller would take it.
+        DataError
+            If an option that is needed is told nowhere.
+        """
+        _, _, known, program = self._read(data, path, options)
+        same = known["source_motor"] == known["target_motor"]
+        return {**known, **named_axes(path, program.facts, 0.0, same_motor=same)}
+
     def _read(
         self, data: bytes, path: Path, options: Mapping[str, Any]
     ) -> tuple[FloatArray, float, dict[str, Any], Program]:
         """Return corrections of the motor at nodes 0 ... n in m, the spacing, options, the file."""
         program = read_program(data, path, _DEFINE, lambda m: int(m["entries"]))
-        known = resolved(options, program.facts, path, self.options)
-        if known["source_count"] is None:
-            known["source_count"] = known["count"]
-        if known["target_sign"] is None:
-            owner = program.define["owner"]
-            own = int(program.define["source"] or owner) == int(program.define["target"] or owner)
-            known["target_sign"] = known["source_sign"] if own else 1
+        define, owner = program.define, int(program.define["owner"])
+        motors = {k: int(define[k] or owner) for k in ("source", "target")}
+        same = motors["source"] == motors["target"]
+        told = _TOLD if same else (*_TOLD, "source_count", "target_sign")
+        known = motors_of(
+            {**{f"{k}_motor": v for k, v in motors.items()}, "owner": owner},
+            resolved(options, program.facts, path, self.options, told),
+            path,
+        )
+        if same:
+            for name, own in (("source_count", "count"), ("target_sign", "source_sign")):
+                known[name] = agreed(
+                    name,
+                    {f"{own} of the one motor": known[own], "the file or user": known[name]},
+                    path,
+                )
         n, counts = program.entries.size, int(program.define["span"])
         if n == 0 or counts < n:
             raise CorruptFileError(
-                path, f"{n} entries over {counts} counts are no table", field="DEFINE COMP"
+                path,
+                f"{n} entries over {counts} counts are no table",
+                field="DEFINE COMP",
+                hint=AGAIN,
             )
         if program.entries[-1] != 0:
             raise CorruptFileError(
@@ -416,6 +471,7 @@ class PMAC(Dialect):
                 field="last entry",
                 expected=0,
                 found=int(program.entries[-1]),
+                hint=AGAIN,
             )
         nodes = np.concatenate([[0.0], program.entries * known["count"] / SCALE])
         return nodes, counts * known["source_count"] / n, known, program

@@ -13,6 +13,8 @@ User Manual, backlash compensation.
 
 from __future__ import annotations
 
+import hashlib
+import os
 import re
 from collections.abc import Mapping
 from dataclasses import replace
@@ -23,28 +25,47 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.compensation.limits import Finding
+from metrosep.compensation.measured import measured_error
 from metrosep.compensation.table import CompensationTable
 from metrosep.compensation.uniform import resampling_error
-from metrosep.controllers._plain_text import printable, resolved
+from metrosep.controllers._plain_text import is_same, printable, resolved
 from metrosep.controllers._pmac_text import (
     ACTIVATION,
+    AGAIN,
     LARGEST,
     MOTORS,
     SCALE,
     Program,
     entry_lines,
     length_facts,
+    motor_facts,
+    motors_of,
     named_axes,
     read_program,
+    refuse_turning,
     require_short_span,
     rounded_entries,
     signed,
 )
 from metrosep.controllers._uniform import enclosing_nodes, rolled_values, rolling_grid
-from metrosep.controllers.base import Dialect, DialectInfo, Encoded, Simulator, load_bytes
+from metrosep.controllers.base import (
+    Dialect,
+    DialectInfo,
+    Encoded,
+    Simulator,
+    load_bytes,
+    load_sidecar,
+    require_unchanged,
+)
 from metrosep.controllers.options import Option
 from metrosep.controllers.pmac import PMAC, motor_range
-from metrosep.core.errors import CorruptFileError, DataError, LimitError, TableError
+from metrosep.core.errors import (
+    CorruptFileError,
+    DataError,
+    LimitError,
+    SignCheckFailedError,
+    TableError,
+)
 from metrosep.core.units import format_length
 
 __all__ = ["PMACBacklash"]
@@ -57,6 +78,12 @@ _DEFINE = re.compile(
 )
 _SIZE, _RATE = 86, 85
 """Ixx86: backlash at the zero of the motor; Ixx85: how fast it is taken up."""
+
+_TOLD = ("source_sign", "motor_zero")
+"""Options that are never guessed when a file is read."""
+
+_POINTS = 2001
+"""Positions at which the lost motion is judged."""
 
 _CLOSE = 0.1
 """Difference of the table besides from the forward column, over its span, that is worth a word."""
@@ -114,6 +141,13 @@ class PMACBacklash(Dialect):
             "text",
         ),
         Option(
+            "forward_active",
+            "the forward direction was compensated already while the runs were measured: only the "
+            "lost motion is judged, without comp=",
+            "flag",
+            default=False,
+        ),
+        Option(
             "rate",
             "Ixx85, sixteenths of a count taken up per background cycle; set elsewhere if omitted",
             "integer",
@@ -150,12 +184,15 @@ class PMACBacklash(Dialect):
         Raises
         ------
         TableError
-            If the table has one direction or corrects another axis, or the span is shorter than the
-            travel.
+            If the axis turns, the table has one direction or corrects another axis, the span is
+            shorter than the travel, or comp is the table of another motor, axis, sign, zero or count.
+        SignCheckFailedError
+            If forward_active is said and the lost motion does not shrink.
         LimitError
             If the lost motion at the zero of the motor is negative, or an entry or the span too
             large.
         """
+        refuse_turning(table.axis, table.compensates)
         _check(table, options)
         count, s, motor = (
             float(options["count"]),
@@ -191,15 +228,45 @@ class PMACBacklash(Dialect):
             u=None,
         )
         alone = replace(table, **_both(lost, s))
+        data = _text(table, options, motor, base, (grid.n, grid.counts), np.roll(entries, -1))
         return Encoded(
-            data=_text(table, options, motor, base, (grid.n, grid.counts), np.roll(entries, -1)),
+            data=data,
             quantisation=float(np.abs(entries * count / SCALE - values).max()),
             step=count / SCALE,
             carried=carried,
             resampling_error=resampling_error(alone, carried),
             findings=_doubts(table, options, lost),
-            notes={"span_counts": grid.counts, "entries": grid.n, f"I{motor}{_SIZE}": base},
+            notes={
+                "span_counts": grid.counts,
+                "entries": grid.n,
+                f"I{motor}{_SIZE}": base,
+                "comp_sha256": _digest(options["comp"]),
+            },
+            verification=self._judged_alone(table, data, options),
         )
+
+    def _judged_alone(
+        self, table: CompensationTable, data: bytes, options: Mapping[str, Any]
+    ) -> dict[str, Any] | None:
+        """Return the difference of the directions before and after, and refuse if it grows."""
+        if not options["forward_active"]:
+            return None
+        x = np.linspace(*table.span, _POINTS)
+        known = {k: v for k, v in options.items() if v is not None}
+        lookup = self.lookup(data, Path(os.devnull), **known)
+        before, added = _measured_difference(table, x), lookup(x, -1) - lookup(x, 1)
+        sizes = [float(np.abs(before + sign * added).max()) for sign in (0, 1, -1)]
+        if not sizes[1] < sizes[0]:
+            raise SignCheckFailedError(
+                f"the dry-run does not shrink the lost motion: {format_length(sizes[0])} -> "
+                f"{format_length(sizes[1])}, with the reversed sign {format_length(sizes[2])}; nothing "
+                "was written"
+            )
+        names = ("before_m", "after_m", "wrong_sign_m")
+        return {
+            "definition": "largest absolute reverse minus forward",
+            **dict(zip(names, sizes, strict=True)),
+        }
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
         """Return the difference of the directions: zero while moving positive.
@@ -233,7 +300,7 @@ class PMACBacklash(Dialect):
         return CompensationTable(
             **columns,
             is_exact_inverse=True,
-            **named_axes(path, program.facts, float(columns["positions"][0])),
+            **named_axes(path, program.facts, float(columns["positions"][0]), same_motor=True),
         )
 
     def lookup(self, data: bytes, path: Path, **options: Any) -> Simulator:
@@ -260,9 +327,12 @@ class PMACBacklash(Dialect):
         DataError
             If an option that is needed is told nowhere.
         """
-        nodes, step, known, _ = self._read(data, path, options)
+        nodes, step, known, program = self._read(data, path, options)
         n = nodes.size - 1
-        besides = _besides(options)
+        axis = named_axes(path, program.facts, 0.0, same_motor=True)["axis"]
+        besides = None
+        if known.get("comp") is not None:
+            besides = _besides(known["comp"], {**known, "axis": axis}, _hash_of_comp(path))
 
         def added(position: ArrayLike, direction: ArrayLike = 1) -> FloatArray:
             p, d = np.broadcast_arrays(np.asarray(position, dtype=np.float64), direction)
@@ -290,11 +360,16 @@ class PMACBacklash(Dialect):
             lambda m: int(m["entries"]),
             (51, size, 100 * motor + _RATE),
         )
-        known = resolved(options, program.facts, path, self.options)
+        known = motors_of(
+            {"motor": motor}, resolved(options, program.facts, path, self.options, _TOLD), path
+        )
         n, counts = program.entries.size, int(program.define["span"])
         if n == 0 or counts < n:
             raise CorruptFileError(
-                path, f"{n} entries over {counts} counts are no table", field="DEFINE BLCOMP"
+                path,
+                f"{n} entries over {counts} counts are no table",
+                field="DEFINE BLCOMP",
+                hint=AGAIN,
             )
         if program.entries[-1] != 0:
             raise CorruptFileError(
@@ -304,6 +379,7 @@ class PMACBacklash(Dialect):
                 field="last entry",
                 expected=0,
                 found=int(program.entries[-1]),
+                hint=AGAIN,
             )
         if program.settings.get(size, -1) not in range(LARGEST + 1):
             raise CorruptFileError(
@@ -316,7 +392,10 @@ class PMACBacklash(Dialect):
             )
         if program.settings.get(100 * motor + _RATE) == 0:
             raise CorruptFileError(
-                path, "the rate is 0: PMAC would take up nothing", field=f"I{100 * motor + _RATE}"
+                path,
+                "the rate is 0: PMAC would take up nothing",
+                field=f"I{100 * motor + _RATE}",
+                hint=AGAIN,
             )
         sixteenths = np.concatenate([[0], program.entries]) + program.settings[size]
         return sixteenths * known["count"] / SCALE, counts * known["count"] / n, known, program
@@ -329,6 +408,16 @@ def _column(table: CompensationTable, direction: int) -> FloatArray:
 def _lost_motion(table: CompensationTable) -> FloatArray:
     """Return e_rev - e_fwd, which is c_fwd - c_rev."""
     return np.asarray(_column(table, 1) - _column(table, -1))
+
+
+def _measured_difference(table: CompensationTable, x: FloatArray) -> FloatArray:
+    """Return reverse minus forward of the runs that the table was made of, else of the table."""
+    if table.source is not None:
+        measured = measured_error(table.source, table.span)
+        if measured.knows_lost_motion:
+            rev, fwd = (np.mean([f(x) for f in measured.curves[d]], axis=0) for d in (-1, 1))
+            return np.asarray(rev - fwd)
+    return np.asarray(table.correction(x, 1) - table.correction(x, -1))
 
 
 def _both(lost: FloatArray, sign: int) -> dict[str, Any]:
@@ -356,6 +445,11 @@ def _check(table: CompensationTable, options: Mapping[str, Any]) -> None:
         raise TableError(
             "a backlash table needs forward and reverse corrections, this table has one for both; "
             "make it with direction='split', or write controller='pmac'"
+        )
+    if options["forward_active"] and options["comp"] is not None:
+        raise TableError(
+            "forward_active= says that the forward corrections acted while the runs were measured, "
+            "comp= names forward corrections that are new: say one of them"
         )
     low, high = table.span
     for name, end in (("first", low), ("last", high)):
@@ -385,6 +479,7 @@ def _text(
             count=options["count"], motor_zero=options["motor_zero"], first=low, last=high
         ),
         f"; source_sign = {options['source_sign']}",
+        *motor_facts({"motor": motor}, "motor"),
         "DELETE GATHER",
         f"#{motor} DELETE BLCOMP",
         f"#{motor} DEFINE BLCOMP {size[0]},{size[1]}",
@@ -397,19 +492,53 @@ def _text(
     return ("\n".join(lines) + "\n").encode("ascii")
 
 
-def _besides(options: Mapping[str, Any]) -> Simulator | None:
-    if options.get("comp") is None:
-        return None
-    path = Path(options["comp"])
-    return PMAC().lookup(load_bytes(path), path)
+def _besides(name: str, known: Mapping[str, Any], written_with: object = None) -> Simulator:
+    """Return the lookup of the forward corrections, which must be those of this very motor."""
+    path = Path(name)
+    data = load_bytes(path)
+    require_unchanged(path, data)
+    if written_with is not None and written_with != hashlib.sha256(data).hexdigest():
+        raise CorruptFileError(
+            path, "it is not the table that the backlash table was written with", field="comp",
+            hint="write the backlash table again, with comp= of the file that is in use",
+        )  # fmt: skip
+    other = PMAC().facts(data, path)
+    motor = known["motor"] or 1
+    wanted = {
+        "owner": motor,
+        "source_motor": motor,
+        "target_motor": motor,
+        "axis": known["axis"],
+        "source_sign": known["source_sign"],
+        "motor_zero": known["motor_zero"],
+        "count": known["count"],
+    }
+    for key, value in wanted.items():
+        if not is_same(value, other[key], exact=key == "count"):
+            raise TableError(
+                f"comp={name}: its {key} is {other[key]}, that of the backlash table is {value} (SI units); "
+                "it is the table of another motor or axis: name the file of the forward corrections of "
+                f"{known['axis']} itself, motor #{motor}"
+            )
+    return PMAC().lookup(data, path)
+
+
+def _digest(name: str | None) -> str | None:
+    return None if name is None else hashlib.sha256(load_bytes(Path(name))).hexdigest()
+
+
+def _hash_of_comp(path: Path) -> object:
+    return load_sidecar(path).get("comp_sha256")
 
 
 def _doubts(
     table: CompensationTable, options: Mapping[str, Any], lost: FloatArray
 ) -> tuple[Finding, ...]:
     found = []
-    besides = _besides(options)
-    if besides is None:
+    besides = None
+    if options["comp"] is not None:
+        besides = _besides(options["comp"], {**options, "axis": table.axis})
+    if besides is None and not options["forward_active"]:
         found.append(
             Finding(
                 "warning",
@@ -419,7 +548,7 @@ def _doubts(
                 "comp",
             )
         )
-    else:
+    elif besides is not None:
         way = 1 if options["source_sign"] > 0 else -1
         apart = float(np.abs(besides(table.positions) - _column(table, way)).max())
         if apart > _CLOSE * float(np.ptp(table.forward)):

@@ -21,18 +21,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.compensation.area_errors import bilinear, is_rotary
+from metrosep.compensation.area_errors import bilinear
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.maps import CompensationMap
 from metrosep.controllers._plain_text import one_way, printable, resolved
 from metrosep.controllers._pmac_text import (
     ACTIVATION,
+    AGAIN,
     MOTORS,
     SCALE,
     Program,
     entry_lines,
     length_facts,
+    motor_facts,
+    motors_of,
     read_program,
+    refuse_turning,
     require_short_span,
     rounded_entries,
     signed,
@@ -40,6 +44,7 @@ from metrosep.controllers._pmac_text import (
 from metrosep.controllers._uniform import (
     RollingGrid,
     enclosing_nodes,
+    holds_zero,
     rolled_weights,
     rolling_grid,
 )
@@ -55,6 +60,9 @@ FloatArray = NDArray[np.float64]
 
 _FINEST = 200
 """Intervals of an axis that are chosen without asking, where positions are not uniform."""
+
+_TOLD = ("x_count", "y_count", "x_sign", "y_sign", "target_sign", "x_zero", "y_zero")
+"""Options that are never guessed when a file is read."""
 
 _DEFINE = re.compile(
     r"#(?P<owner>\d{1,2})\s*DEFINE\s+COMP\s+(?P<rows>\d{1,6})\.(?P<columns>\d{1,6})\s*,\s*"
@@ -305,7 +313,9 @@ class PMACPlane(Dialect):
         )
         motors = {f"{k}_motor": program.define[k] for k in ("x", "y", "target")}
         lines = {k: int(v or program.define["owner"]) for k, v in motors.items()}
-        known = _filled({**resolved(options, program.facts, path, self.options), **lines})
+        lines["owner"] = int(program.define["owner"])
+        told = resolved(options, program.facts, path, self.options, _TOLD)
+        known = _filled(motors_of(lines, told, path))
         rows, columns = int(program.define["rows"]), int(program.define["columns"])
         spans = int(program.define["row_span"]), int(program.define["column_span"])
         if rows < 1 or columns < 1 or spans[0] < columns or spans[1] < rows:
@@ -313,6 +323,7 @@ class PMACPlane(Dialect):
                 path,
                 f"{rows} rows and {columns} columns over {spans[1]} and {spans[0]} counts are no table",
                 field="DEFINE COMP",
+                hint=AGAIN,
             )
         entries = np.concatenate([[0], program.entries]).reshape(rows + 1, columns + 1)
         if (entries[:, 0] != entries[:, -1]).any() or (entries[0] != entries[-1]).any():
@@ -322,6 +333,7 @@ class PMACPlane(Dialect):
                 "axis would jump there",
                 field="last column and row",
                 expected="those of column 0 and row 0",
+                hint=AGAIN,
             )
         steps = (
             spans[0] * known["x_count"] / columns,  # columns lie along the row motor
@@ -360,6 +372,7 @@ def _text(
         f"; x_sign = {sides[0].sign}",
         f"; y_sign = {sides[1].sign}",
         f"; target_sign = {given['target_sign']}",
+        *motor_facts(given, "x_motor", "y_motor", "target_motor"),
         "DELETE GATHER",
         f"#{given['owner']} DELETE COMP",
         (
@@ -385,7 +398,7 @@ def _node_values(
                 f"the travel fills the span of {format_length(grid.span)}, so its ends are one place, "
                 "but the corrections differ there; give a longer span"
             )
-    if x[0] <= 0.0 <= x[-1] and y[0] <= 0.0 <= y[-1]:
+    if holds_zero(x) and holds_zero(y):
         there = float(np.ravel(bilinear(x, y, values, 0.0, 0.0))[0])
         if abs(there) > step:
             raise TableError(
@@ -459,12 +472,7 @@ def _filled(options: Mapping[str, Any]) -> dict[str, Any]:
 
 def _checked(table: CompensationMap, options: Mapping[str, Any]) -> dict[str, Any]:
     """Return the options with what follows from axes and others filled in; refuse contradictions."""
-    for axis in table.axes:
-        if is_rotary(axis):
-            raise TableError(
-                f"the axis {axis} turns; this writer takes two linear axes, because spans and counts "
-                "are lengths here"
-            )
+    refuse_turning(*table.axes, table.compensates)
     own = {table.axes[0]: "x", table.axes[1]: "y"}.get(table.compensates)
     motors = {"x": options["x_motor"] or 1, "y": options["y_motor"] or 2}
     expected = 3 if own is None else motors[own]
@@ -509,14 +517,18 @@ def _doubts(options: Mapping[str, Any]) -> tuple[Finding, ...]:
 
 def _named(path: Path, facts: Mapping[str, str]) -> dict[str, Any]:
     """Return axes, compensated axis, reference and what is not in the map."""
+    names = ("x_axis", "y_axis", "compensates")
+    told = {n: facts[n] for n in names if n in facts}
     beside = load_sidecar(path).get("table", {})
+    if told and len(told) < len(names):
+        missing = next(n for n in names if n not in told)
+        raise CorruptFileError(path, f"the comment that names {missing} is missing", hint=AGAIN)
     if not isinstance(beside, dict) or "axes" not in beside:
-        return {
-            "axes": (facts.get("x_axis", "X"), facts.get("y_axis", "Y")),
-            "compensates": facts.get("compensates", "Z"),
-        }
+        found = {"x_axis": "X", "y_axis": "Y", "compensates": "Z", **told}
+        return {"axes": (found["x_axis"], found["y_axis"]), "compensates": found["compensates"]}
+    stated: dict[str, Any]
     try:
-        return {
+        stated = {
             "axes": tuple(str(a) for a in beside["axes"]),
             "compensates": str(beside["compensates"]),
             "reference": tuple(float(r) for r in beside["reference_si"]),
@@ -524,3 +536,12 @@ def _named(path: Path, facts: Mapping[str, str]) -> dict[str, Any]:
         }
     except (KeyError, TypeError, ValueError) as exc:
         raise DataError(f"{path}: its sidecar does not describe a map ({exc!r})") from None
+    if told and (*stated["axes"], stated["compensates"]) != tuple(told.values()):
+        raise CorruptFileError(
+            path,
+            "comments and sidecar name other axes",
+            expected=", ".join(told.values()),
+            found=f"{', '.join(stated['axes'])}, {stated['compensates']}",
+            hint=AGAIN,
+        )
+    return stated

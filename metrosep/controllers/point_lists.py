@@ -23,8 +23,13 @@ from metrosep._version import __version__
 from metrosep.controllers.base import sidecar_path
 from metrosep.controllers.gcode_columns import open_program, pieces
 from metrosep.controllers.gcode_corrections import PathCorrection, as_path_correction
+from metrosep.controllers.gcode_files import (
+    check_files,
+    paired_stream,
+    require_hash,
+    require_uncorrected,
+)
 from metrosep.controllers.gcode_words import decimals_of, format_number
-from metrosep.core.atomic import atomic_stream, atomic_write
 from metrosep.core.errors import (
     CorruptFileError,
     DataError,
@@ -32,7 +37,6 @@ from metrosep.core.errors import (
     LimitError,
     TableError,
     UnitError,
-    WriteError,
 )
 
 __all__ = ["PointResult", "rewrite_points"]
@@ -44,9 +48,16 @@ _LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "nm": 1e-9, "inch": 25.4e-3, "in":
 _ANGLES = {"rad": 1.0, "deg": math.pi / 180.0, "turn": 2.0 * math.pi, "rev": 2.0 * math.pi}
 _TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0}
 _KINDS = {"X": _LENGTHS, "Z": _LENGTHS, "C": _ANGLES, "T": _TIMES, "VZ": {}}
+_SIGNS = {"\xc2\xb0": "deg", "\xb0": "deg", "\xc2\xb5": "u", "\xb5": "u", "\xce\xbc": "u"}
+"""Degree and micro signs, as UTF-8 and Latin-1 look when bytes are read as Latin-1."""
+
+_MARK = "\xef\xbb\xbf"
 _NAME = re.compile(r'\s*"?\s*([A-Za-z]+)\s*(?:[_ \[(]\s*([A-Za-z_/]+)\s*[\])]?)?\s*"?\s*')
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
+_BLANKS = r"[ \t]+"
 _STROKE = 100e-6
+_MOST_DIGITS = 12
+_LARGEST = 1e9
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,6 +107,7 @@ class _Rows:
     row: list[int]
     values: dict[str, FloatArray]
     digits: list[int]
+    half_x: float = 1.0
 
 
 def rewrite_points(
@@ -106,11 +118,13 @@ def rewrite_points(
     columns: Mapping[str, int | str] | None = None,
     units: Mapping[str, str] | None = None,
     separator: str | None = None,
+    diameter: bool = False,
     resolution: float = 1e-9,
     decimals: int | None = None,
     stroke: float = _STROKE,
-    c_sense: int = 1,
-    c_zero: float = 0.0,
+    c_sense: int | None = None,
+    c_zero: float | None = None,
+    again: bool = False,
     overwrite: bool = False,
 ) -> PointResult:
     r"""Write a list of points with its Z corrected, all other columns byte for byte as they were.
@@ -124,10 +138,13 @@ def rewrite_points(
     columns : mapping of {"X", "C", "Z", "T", "VZ"} to int or str, optional
         Columns by number from 0 or by name in the header; by their names X, C, Z if omitted. C may
         be missing where the correction does not depend on it. With "VZ", the speed of Z of a PVT
-        list, "T" (time since the start) is needed, and the speed gets dc/dt.
+        list, "T" (time since the start) is needed, and the speed gets dc/dt; columns of these names in
+        the header are taken if both are there.
     units : mapping of str to str, optional
         Units of the columns, where the header does not state them: ``{"X": "mm", "C": "deg", "Z":
         "mm"}``.
+    diameter : bool, optional
+        Whether X is a diameter: it is halved for the lookup and stays as it is.
     separator : str, optional
         Between columns; a tab, semicolon, comma or white space, as found in the first row.
     resolution : float, m, optional
@@ -137,7 +154,9 @@ def rewrite_points(
     stroke : float, m, optional
         Largest correction.
     c_sense, c_zero : int and float (rad), optional
-        For a map with ``correction(x, y)``.
+        For a map with ``correction(x, y)`` only.
+    again : bool, optional
+        Correct a list that holds a correction already, for what was measured on a part cut with it.
     overwrite : bool, optional
         Replace an existing file.
 
@@ -149,11 +168,13 @@ def rewrite_points(
     Raises
     ------
     UnitError
-        If a unit is missing, unknown or of the wrong kind.
+        If a unit is missing, unknown, of the wrong kind, or another one than the header states.
     DataError
-        If a column is missing, or an argument of the wrong kind.
+        If a column is missing or there twice, an argument of the wrong kind, the correction moves X
+        too, or the list holds a correction already.
     CorruptFileError
-        If a row has another number of columns or no number where one is needed.
+        If a row has another number of columns than the header or the rows before it, or no number
+        where one is needed.
     InvalidSamplesError
         If a point lies beyond the map or where it was not measured.
     LimitError
@@ -185,42 +206,44 @@ def rewrite_points(
     for name, value in (("resolution", resolution), ("stroke", stroke)):
         if not (math.isfinite(value) and value > 0.0):
             raise DataError(f"{name} is {value}; it must be positive and finite")
-    if decimals is not None and not 1 <= decimals <= 12:
-        raise DataError(f"decimals is {decimals}; 1 to 12 digits can be written")
+    if decimals is not None and not (int(decimals) == decimals and 1 <= decimals <= _MOST_DIGITS):
+        raise DataError(f"decimals is {decimals}; 1 to 12 digits, a whole number, can be written")
     made = as_path_correction(correction, c_sense=c_sense, c_zero=c_zero)
+    if made.x is not None:
+        raise DataError(
+            "the correction moves X and Z together, along the normal, and lists get Z alone; make it "
+            "without move_x"
+        )
     start, end = Path(source), Path(target)
-    _check_files(start, end, overwrite=overwrite)
+    check_files(start, end, overwrite=overwrite)
+    if not again:
+        require_uncorrected(start)
     with open_program(start) as stream:
-        lines = [line for piece in pieces(stream, start) for line in piece]
+        lines = [line for piece in pieces(stream, start, mark=True) for line in piece]
     head, sep = _layout(lines, start, separator)
     found = _columns(lines, head, sep, columns or {}, units or {}, start, needs_c=made.needs_c)
     rows = _rows(lines, head, sep, found, start)
+    rows.half_x = 0.5 if diameter else 1.0
     dz = _correction(made, rows, found, stroke, start)
     scale = found["Z"].scale
-    wanted = decimals or max(1, math.ceil(-math.log10(resolution / scale) - 1e-9))
+    wanted = int(decimals or 0) or max(1, math.ceil(-math.log10(resolution / scale) - 1e-9))
     changed = _written(rows, found, dz, wanted, sep)
     data = "".join(rows.lines).encode("latin-1")
     written = [part.decode("latin-1") for part in data.splitlines(keepends=True)]
-    again = _rows(written, head, sep, found, end)
+    reread = _rows(written, head, sep, found, end)
     step = 10.0**-wanted * scale
-    left = np.abs((again.values["Z"] - rows.values["Z"]) * scale - dz)
+    left = np.abs((reread.values["Z"] - rows.values["Z"]) * scale - dz)
     if left.size and (left > 0.5 * step * (1 + 1e-6) + 1e-14).any():
         raise TableError("Z does not read back as meant; this is a bug in metrosep")
     source_hash = hashlib.sha256("".join(lines).encode("latin-1")).hexdigest()
     return _finish(
-        made, found, (start, end), (source_hash, data), (dz, changed, step, float(left.max()))
+        made,
+        found,
+        (start, end),
+        (source_hash, data),
+        (dz, changed, step, float(left.max())),
+        diameter=diameter,
     )
-
-
-def _check_files(start: Path, end: Path, *, overwrite: bool) -> None:
-    if start.resolve() == end.resolve():
-        raise WriteError(f"{end}: is the list itself; give another name")
-    for path in (end, sidecar_path(end)):
-        if path.exists() and not overwrite:
-            raise WriteError(
-                f"{path}: exists already and a machine may be using it; choose another name or say "
-                "overwrite"
-            )
 
 
 def _is_comment(line: str) -> bool:
@@ -231,14 +254,32 @@ def _layout(lines: list[str], path: Path, separator: str | None) -> tuple[int | 
     """Return the header's line, None if there is none, and the expression between columns."""
     first = next((i for i, line in enumerate(lines) if not _is_comment(line)), None)
     if first is None:
-        raise DataError(f"{path}: holds no point")
-    text = lines[first]
+        raise _no_point(path)
+    text = _bare(lines[first])
     if separator is None:
         separator = next((s for s in ("\t", ";", ",") if s in text), " ")
-    pattern = r"[ \t]+" if not separator.strip() and separator != "\t" else re.escape(separator)
-    fields = re.split(pattern, text.strip())
+    pattern = _BLANKS if not separator.strip() and separator != "\t" else re.escape(separator)
+    fields = _fields(text, pattern)
     header = not any(_NUMBER.fullmatch(f.strip()) for f in fields)
     return (first if header else None), pattern
+
+
+def _no_point(path: Path) -> DataError:
+    return DataError(
+        f"{path}: holds no point; a list has a header such as X_mm,C_deg,Z_mm and a row of numbers for "
+        "each point"
+    )
+
+
+def _bare(line: str) -> str:
+    """Return a line without byte order mark and line end, and where blanks separate without theirs."""
+    return line.removeprefix(_MARK).rstrip("\r\n")
+
+
+def _fields(line: str, sep: str) -> list[str]:
+    """Return the fields of a line; an empty first or last one counts unless blanks separate."""
+    text = _bare(line)
+    return re.split(sep, text.strip() if sep == _BLANKS else text)
 
 
 def _columns(
@@ -253,27 +294,51 @@ def _columns(
 ) -> dict[str, _Column]:
     names: dict[str, int] = {}
     stated: dict[str, str] = {}
-    for index, field in enumerate(re.split(sep, lines[head].strip()) if head is not None else ()):
-        match = _NAME.fullmatch(field)
+    twice: dict[str, list[str]] = {}
+    for index, field in enumerate(_fields(lines[head], sep) if head is not None else ()):
+        plain = field
+        for sign, word in _SIGNS.items():
+            plain = plain.replace(sign, word)
+        match = _NAME.fullmatch(plain)
         names[field.strip().strip('"')] = index
         if match is not None:
-            names.setdefault(match.group(1).upper(), index)
+            letter = match.group(1).upper()
+            names.setdefault(letter, index)
+            twice.setdefault(letter, []).append(field.strip())
             stated[str(index)] = (match.group(2) or "").replace("_", "/")
     found: dict[str, _Column] = {}
     for unknown in {*columns, *units} - _KINDS.keys():
         raise DataError(f"there is no column {unknown!r} to name; there are {', '.join(_KINDS)}")
-    for letter in ("X", "Z", *(["C"] if needs_c or "C" in columns else []), *("T", "VZ")):
-        given = columns.get(letter, names.get(letter) if letter not in ("T", "VZ") else None)
+    timed = "T" in columns or "VZ" in columns or {"T", "VZ"} <= names.keys()
+    speeds = ("T", "VZ") if timed else ()
+    for letter in ("X", "Z", *(["C"] if needs_c or "C" in columns else []), *speeds):
+        given = columns.get(letter, names.get(letter) if letter not in columns else None)
+        if letter not in columns and len(twice.get(letter, ())) > 1:
+            raise DataError(
+                f"{path}: the header has {letter} twice ({', '.join(twice[letter])}); say which one with "
+                "columns="
+            )
         where: int | None = names.get(given) if isinstance(given, str) else given
         if where is None:
-            if letter in ("T", "VZ") and letter not in columns:
+            if letter in speeds and letter not in columns:
                 continue
             raise DataError(
                 f"{path}: no column {given or letter!r}; there are {', '.join(names) or 'no names'}; "
                 "say columns= by number or name"
             )
-        unit = units.get(letter) or stated.get(str(where), "")
+        header = stated.get(str(where), "")
+        unit = units.get(letter) or header
+        if header in _KINDS[letter] and _scale(letter, unit, path) != _KINDS[letter][header]:
+            raise UnitError(
+                f"{path}: the header says {header} for column {letter}, units= says {unit}; which one "
+                "is right?"
+            )
         found[letter] = _Column(int(where), _scale(letter, unit, path))
+    places = [column.index for column in found.values()]
+    if len(set(places)) < len(places):
+        raise DataError(
+            f"{path}: two of {', '.join(found)} are the same column; name each its own"
+        )
     if ("VZ" in found) != ("T" in found):
         raise DataError(
             f"{path}: the speed of Z needs the time and the other way round; name T and VZ"
@@ -300,15 +365,18 @@ def _rows(
 ) -> _Rows:
     out = _Rows(list(lines), [], {}, [])
     values: dict[str, list[float]] = {letter: [] for letter in columns}
-    width = 0
+    width = 0 if head is None else len(_fields(lines[head], sep))
     for number, line in enumerate(lines):
         if number == head or _is_comment(line):
             continue
-        fields = re.split(sep, line.strip())
+        fields = _fields(line, sep)
         width = width or len(fields)
         if len(fields) != width:
             raise CorruptFileError(
-                path, f"line {number + 1} has {len(fields)} columns, those before {width}"
+                path,
+                f"line {number + 1} has {len(fields)} columns, "
+                + ("those before" if head is None else "the header")
+                + f" {width}",
             )
         out.row.append(number)
         for letter, column in columns.items():
@@ -317,11 +385,18 @@ def _rows(
                 raise CorruptFileError(
                     path, f"line {number + 1}: {text!r} in column {letter} is no number"
                 )
-            values[letter].append(float(text))
+            value = float(text)
+            digits = decimals_of(text) if "e" not in text.lower() else 0
+            if abs(value) > _LARGEST or digits > 3 * _MOST_DIGITS:
+                raise CorruptFileError(
+                    path,
+                    f"line {number + 1}: {text[:40]!r} in column {letter}: no machine goes there",
+                )
+            values[letter].append(value)
             if letter == "Z":
-                out.digits.append(decimals_of(text) if "e" not in text.lower() else 0)
+                out.digits.append(digits)
     if not out.row:
-        raise DataError(f"{path}: holds no point")
+        raise _no_point(path)
     out.values = {letter: np.array(v) for letter, v in values.items()}
     return out
 
@@ -333,9 +408,14 @@ def _correction(
     stroke: float,
     path: Path,
 ) -> FloatArray:
-    x = rows.values["X"] * columns["X"].scale
+    x = rows.values["X"] * columns["X"].scale * rows.half_x
     c = rows.values["C"] * columns["C"].scale if "C" in columns else np.zeros(x.size)
     dz = np.asarray(made.z(x, c), dtype=np.float64)
+    if dz.shape != x.shape:
+        raise DataError(
+            f"the correction returned shape {dz.shape} for {x.shape} positions; it must return one value "
+            "for each"
+        )
     for bad, why in (
         (np.isnan(dz), "the map was not measured (NaN); measure it there or shorten the list"),
         (np.isinf(dz), "is beyond the map; measure a larger area or shorten the list"),
@@ -388,10 +468,13 @@ def _speeds(rows: _Rows, columns: Mapping[str, _Column], dz: FloatArray) -> Floa
 
 def _edited(line: str, sep: str, edits: list[tuple[int, str]]) -> str:
     """Return a line with numbers of some columns replaced, blanks around them kept."""
-    lead = len(line) - len(line.lstrip())
+    text = line.rstrip("\r\n")
+    lead = 0
+    if sep == _BLANKS:
+        text = text.rstrip()
+        lead = len(line) - len(line.lstrip())
     spans = []
     at = lead
-    text = line.rstrip()
     for match in re.finditer(sep, text[lead:]):
         spans.append((at, lead + match.start()))
         at = lead + match.end()
@@ -410,6 +493,8 @@ def _finish(
     files: tuple[Path, Path],
     content: tuple[str, bytes],
     numbers: tuple[FloatArray, int, float, float],
+    *,
+    diameter: bool,
 ) -> PointResult:
     start, end = files
     dz, changed, step, left = numbers
@@ -425,6 +510,7 @@ def _finish(
         "correction": dict(made.audit),
         "sign": "correction c = -e is added to the commanded Z; e = actual - nominal",
         "columns": {k: v.index for k, v in columns.items()},
+        "x_is_diameter": diameter,
         "n_points": int(dz.size),
         "n_changed": changed,
         "correction_min_m": float(dz.min()),
@@ -433,13 +519,17 @@ def _finish(
         "read_back_error_m": left,
         "messages": messages,
     }
-    beside = sidecar_path(end)
     text = json.dumps(audit, indent=1, sort_keys=True, allow_nan=False) + "\n"
-    with atomic_stream(end, check=lambda _: _beside(beside, text)) as out:
+
+    def said(written: Path) -> str:
+        require_hash(written, str(audit["file_sha256"]))
+        return text
+
+    with paired_stream(end, said) as out:
         out.write(content[1])
     return PointResult(
         target=end,
-        sidecar=beside,
+        sidecar=sidecar_path(end),
         n_points=int(dz.size),
         n_changed=changed,
         correction=(float(dz.min()), float(dz.max())),
@@ -448,7 +538,3 @@ def _finish(
         messages=tuple(messages),
         audit=audit,
     )
-
-
-def _beside(path: Path, text: str) -> None:
-    atomic_write(path, text.encode("utf-8"))

@@ -22,7 +22,7 @@ from metrosep.controllers._even import even_map
 from metrosep.controllers._plain_text import ascii_lines, decimal
 from metrosep.controllers.base import Dialect, DialectInfo, Encoded, Simulator
 from metrosep.controllers.klipper import SPACINGS, require_bed
-from metrosep.controllers.neutral_map import map_fields
+from metrosep.controllers.neutral_map import map_fields, require_last_end
 from metrosep.controllers.options import Option
 from metrosep.core.errors import CorruptFileError, DataError, LimitError
 from metrosep.core.units import format_length
@@ -307,6 +307,7 @@ def _single(carried: CompensationMap, back: FloatArray) -> float:
 def _parsed(data: bytes, path: Path, most: int) -> tuple[list[float], FloatArray]:
     """Return min0, max0, min1, max1, spacings in mm, and the heights in mm."""
     lines = ascii_lines(data, path, "height map")
+    require_last_end(data, path)
     long = [i for i, line in enumerate(lines, start=1) if len(line) > MAX_LINE]
     if long:
         raise _wrong(

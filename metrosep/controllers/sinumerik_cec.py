@@ -19,21 +19,25 @@ from metrosep.compensation.limits import Finding
 from metrosep.compensation.maps import CompensationMap
 from metrosep.compensation.products import ProductTables, rank_one
 from metrosep.compensation.table import CompensationTable
+from metrosep.controllers._along import AlongOption, along_axis
 from metrosep.controllers._cec_file import (
-    CecTable,
+    axis_names,
     check_count,
     check_turns,
     check_values,
-    read_tables,
+    factors,
+    opened,
+    pair,
+    require_same_axes,
     table_lines,
 )
 from metrosep.controllers._even import even_map, even_table, map_identity
 from metrosep.controllers._sinumerik_file import (
-    check_modulo,
+    checked_modulo,
     checked_name,
     folded,
     number_text,
-    read_assignments,
+    turning,
     units,
     write_program,
 )
@@ -44,16 +48,13 @@ from metrosep.controllers.base import (
     Simulator,
     identity,
     load_sidecar,
-    sidecar_options,
     table_lookup,
 )
 from metrosep.controllers.options import Option
 from metrosep.core.errors import (
-    CorruptFileError,
     DataError,
     LimitError,
     TableError,
-    UnsupportedFeatureError,
 )
 from metrosep.core.units import format_length
 
@@ -69,7 +70,6 @@ _RESIDUAL = 0.1
 """Share of the map's span that a product of two tables may miss."""
 
 _DRY_RUN = "sign not documented: dry-run on the machine first"
-_NOTE = "metrosep: entry_sign="
 
 _SIGN = Option(
     "entry_sign",
@@ -86,7 +86,9 @@ _SHARED = (
     _SIGN,
     Option("channel", "number in CHANDATA", "integer", default=1, lowest=1),
     Option("points_limit", "MD18342 of a table; 200 on 828D", "integer", lowest=2),
-    Option("value_limit", "MD32720, the most the control adds", "length", positive=True),
+    AlongOption(
+        "value_limit", "MD32720, the most the control adds", "length or angle", positive=True
+    ),
     Option("decimals", "of an entry", "integer", default=9, lowest=1, highest=12),
 )
 
@@ -129,7 +131,9 @@ class SinumerikCec(Dialect):
         Option("modulo", "the table repeats, for an axis that turns on", "flag", default=False),
         Option("input_turns", "the input axis turns: degrees", "flag", default=False),
         Option("output_turns", "the output axis turns: degrees", "flag", default=False),
-        Option("spacing", "spacing of the entries, to resample", "length", positive=True),
+        AlongOption(
+            "spacing", "spacing of the entries, to resample", "length or angle", positive=True
+        ),
     )
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
@@ -150,7 +154,8 @@ class SinumerikCec(Dialect):
         Raises
         ------
         TableError
-            If the spacing is not uniform and none is given, or a repeating table has a step.
+            If the spacing is not uniform and none is given, or a repeating table has a step or
+            another period than a turn of its axis.
         LimitError
             If there are too many entries, or a correction is above `value_limit`.
         DataError
@@ -165,7 +170,8 @@ class SinumerikCec(Dialect):
             )
         for axis, key in ((table.axis, "input_turns"), (table.compensates, "output_turns")):
             check_turns(axis, key, o[key])
-        carried, error = even_table(table, o["spacing"])
+        carried, error = even_table(table, along_axis(o["spacing"], table.axis, "spacing"))
+        most = along_axis(o["value_limit"], table.compensates, "value_limit")
         check_count(carried.positions, o, table.axis)
         columns = [carried.forward]
         if carried.reverse is not None and not np.array_equal(carried.reverse, carried.forward):
@@ -174,20 +180,24 @@ class SinumerikCec(Dialect):
         lines: list[str] = []
         rounding = 0.0
         for k, column in enumerate(columns):
-            check_values(column, carried.positions, o, table.axis)
-            if o["modulo"]:
-                check_modulo(float(column[0]), float(column[-1]), "the table")
+            check_values(column, carried.positions, most, table.axis, table.compensates)
             words = _words(o["entry_sign"] * -column / unit, o["decimals"])
+            if o["modulo"]:
+                checked_modulo(words, column, carried.span, table.axis)
             back = -o["entry_sign"] * np.array(words, dtype=np.float64) * unit
             rounding = max(rounding, float(np.abs(back - column).max()))
             direction = 0 if len(columns) == 1 else 1 - 2 * k
             span = [v / units(turns=o["input_turns"]) for v in carried.span]
             facts = {"DIRECTION": direction, "MULT_BY_TABLE": 0, "IS_MODULO": int(o["modulo"])}
             lines += table_lines(o["table_index"] + k, words, span, (names[0], names[1]), facts)
+        told = _facts(
+            o,
+            (table.axis, table.compensates),
+            input_turns=int(o["input_turns"]),
+            output_turns=int(o["output_turns"]),
+        )
         return Encoded(
-            data=write_program(
-                "NC_CEC_INI", o["channel"], _comments(o, (table.axis, table.compensates)), lines
-            ),
+            data=write_program("NC_CEC_INI", o["channel"], _comments(o), lines, told),
             quantisation=rounding,
             notes={"MD18342_at_least": carried.positions.size, "tables": len(columns)},
             step=10.0 ** -o["decimals"] * unit,
@@ -220,7 +230,8 @@ class SinumerikCec(Dialect):
         UnsupportedFeatureError
             If there are several tables and none is chosen, or they multiply.
         DataError
-            If the sign is told by nothing, or options contradict the file.
+            If the sign, or whether an axis turns, is told by nothing, or options contradict the
+            file.
         """
         return self._read(data, path, options)[0]
 
@@ -253,12 +264,22 @@ class SinumerikCec(Dialect):
     def _read(
         self, data: bytes, path: Path, options: Mapping[str, Any]
     ) -> tuple[CompensationTable, bool]:
-        tables, o = _opened(data, path, self.options, options, self.info.id)
-        first, second = _pair(tables, path, o)
+        tables, o, noted = opened(data, path, self.options, options, self.info.id)
+        first, second = pair(tables, path, o)
         for name in ("input_axis", "output_axis"):
             if o.get(name, getattr(first, name)) != getattr(first, name):
                 raise DataError(f"{path}: you say {name}={o[name]}, it is {getattr(first, name)}")
-        unit = -o["entry_sign"] * units(turns=o.get("output_turns", False))
+        own = first.input_axis == first.output_axis
+        turns_in, turns_out = (
+            turning(
+                getattr(first, f"{k}_axis"),
+                o.get(f"{k}_turns", o.get(f"{other}_turns") if own else None),
+                f"{k}_turns=True or {k}_turns=False",
+                path,
+            )
+            for k, other in (("input", "output"), ("output", "input"))
+        )
+        unit = -o["entry_sign"] * units(turns=turns_out)
         columns = {t.direction: 0.0 + t.grid.entries * unit for t in (first, second) if t}
         forward = columns.get(0, columns.get(1))
         reverse = None if 0 in columns else columns.get(-1)
@@ -266,53 +287,20 @@ class SinumerikCec(Dialect):
             forward = np.zeros(first.grid.entries.size)
         elif reverse is None and 0 not in columns:
             reverse = np.zeros(first.grid.entries.size)
-        positions = first.grid.positions * units(turns=o.get("input_turns", False))
+        positions = first.grid.positions * units(turns=turns_in)
         fields = identity(path, first=float(positions[0]))
-        if not load_sidecar(path):
-            same = first.input_axis == first.output_axis
-            names = o.get("axes", ())
-            names = names if len(names) == 2 else ("X", "X" if same else "Z")
-            fields |= {"axis": names[0], "compensates": names[1]}
+        if not load_sidecar(path).get("table"):
+            machine = (first.input_axis, first.output_axis)
+            names = axis_names(noted, machine, (turns_in, turns_out), ("X", "Z"))
+            fields |= dict(zip(("axis", "compensates"), names, strict=True))
+        named = (fields["axis"], fields["compensates"])
+        require_same_axes(named, (first.input_axis, first.output_axis), path)
+        check_turns(named[0], "input_turns", turns_in)
+        check_turns(named[1], "output_turns", turns_out)
         table = CompensationTable(
             positions=positions, forward=forward, reverse=reverse, is_exact_inverse=True, **fields
         )
         return table, first.grid.modulo
-
-
-def _pair(
-    tables: Mapping[int, CecTable], path: Path, options: Mapping[str, Any]
-) -> tuple[CecTable, CecTable | None]:
-    """Return the chosen table, and that of the other direction."""
-    if any(t.multiplied_by for t in tables.values()):
-        raise UnsupportedFeatureError(
-            f"{path}: tables multiply (MULT_BY_TABLE): read it as 'sinumerik-cec-product'"
-        )
-    index = options.get("table_index", min(tables))
-    if index not in tables:
-        raise DataError(f"{path}: no table {index}; there are {', '.join(map(str, tables))}")
-    first = tables[index]
-    others = [
-        t
-        for t in tables.values()
-        if t.index != index
-        and (t.input_axis, t.output_axis) == (first.input_axis, first.output_axis)
-        and (t.direction == -first.direction or not t.direction or not first.direction)
-    ]
-    if len(tables) > 1 + len(others) and "table_index" not in options:
-        raise UnsupportedFeatureError(
-            f"{path}: it holds the tables {', '.join(map(str, tables))}; choose with table_index="
-        )
-    if not others:
-        return first, None
-    same = len(others) == 1 and first.direction and others[0].direction
-    if not same or not np.array_equal(others[0].grid.positions, first.grid.positions):
-        raise UnsupportedFeatureError(
-            f"{path}: the tables {first.index} and {others[0].index} act on the same axes and add up, "
-            "or stand at other positions: metrosep reads one for each direction"
-        )
-    if others[0].grid.modulo != first.grid.modulo:
-        raise UnsupportedFeatureError(f"{path}: only one of two directions repeats")
-    return first, others[0]
 
 
 class SinumerikCecProduct(Dialect):
@@ -357,8 +345,21 @@ class SinumerikCecProduct(Dialect):
             "flag",
             default=False,
         ),
-        Option("first_spacing", "spacing of the columns, to resample", "length", positive=True),
-        Option("second_spacing", "spacing of the rows, to resample", "length", positive=True),
+        AlongOption(
+            "first_spacing",
+            "spacing of the columns, to resample",
+            "length or angle",
+            positive=True,
+        ),
+        AlongOption(
+            "second_spacing", "spacing of the rows, to resample", "length or angle", positive=True
+        ),
+        Option(
+            "turning",
+            "to read files that do not tell: which input axes turn",
+            "choice",
+            choices=("none", "1", "2", "12"),
+        ),
     )
 
     def encode(self, table: CompensationMap, **options: Any) -> Encoded:
@@ -399,17 +400,21 @@ class SinumerikCecProduct(Dialect):
             )
         if is_rotary(table.compensates):
             raise TableError(f"{table.compensates} turns: a map corrects a linear axis")
-        even, error = even_map(
-            table,
-            (o["first_spacing"], o["second_spacing"]),
-            ("first_spacing", "second_spacing"),
-        )
+        if o["turning"] not in (None, _turning(table)):
+            raise DataError(
+                f"turning={o['turning']}, but by the axes of the map it is {_turning(table)}"
+            )
+        keys = ("first_spacing", "second_spacing")
+        spacings = tuple(along_axis(o[k], a, k) for k, a in zip(keys, table.axes, strict=True))
+        even, error = even_map(table, (spacings[0], spacings[1]), (keys[0], keys[1]))
         product = rank_one(even)
         missed = _missed(product, o)
         carried = product.as_map()
         for positions, axis in ((even.x, even.axes[0]), (even.y, even.axes[1])):
             check_count(positions, o, axis)
-        check_values(carried.values.ravel(), np.tile(even.x, even.y.size), o, even.axes[0])
+        most = along_axis(o["value_limit"], even.compensates, "value_limit")
+        places = np.tile(even.x, even.y.size)
+        check_values(carried.values.ravel(), places, most, even.axes[0], even.compensates)
         unit = units(turns=False)
         first = _words(-o["entry_sign"] * product.first.forward / unit, o["decimals"])
         second = _words(product.second.forward, _FACTOR_DECIMALS)
@@ -422,13 +427,9 @@ class SinumerikCecProduct(Dialect):
             facts = {"DIRECTION": 0, "MULT_BY_TABLE": 0 if k else t + 2, "IS_MODULO": 0}
             span = [float(positions[0]) / scale, float(positions[-1]) / scale]
             lines += table_lines(t + k, words, span, (names[k], names[2]), facts)
+        told = _facts(o, (*even.axes, even.compensates), turning=_turning(even))
         return Encoded(
-            data=write_program(
-                "NC_CEC_INI",
-                o["channel"],
-                _comments(o, (*even.axes, even.compensates), _turning(even)),
-                lines,
-            ),
+            data=write_program("NC_CEC_INI", o["channel"], _comments(o), lines, told),
             quantisation=float(np.abs(back - carried.values).max()),
             notes={
                 "tables": 2,
@@ -470,60 +471,42 @@ class SinumerikCecProduct(Dialect):
         UnsupportedFeatureError
             If there are other tables too, or they repeat or depend on the direction.
         DataError
-            If the sign is told by nothing, or options contradict the file.
+            If the sign, or whether an axis turns, is told by nothing, or options contradict the
+            file.
         """
-        tables, o = _opened(data, path, self.options, options, self.info.id)
-        first, second = _factors(tables, path)
+        tables, o, noted = opened(data, path, self.options, options, self.info.id)
+        first, second = factors(tables, path)
         found = (first.input_axis, second.input_axis, first.output_axis)
         keys = ("first_input_axis", "second_input_axis", "output_axis")
         for name, value in zip(keys, found, strict=True):
             if o.get(name, value) != value:
                 raise DataError(f"{path}: you say {name}={o[name]}, it is {value}")
-        turning = o.get("turning", "")
-        noted = o.get("axes", ())
-        noted = noted if len(noted) == 3 else ("X", "Y", "Z")
+        told = o.get("turning")
+        turns = [
+            turning(t.input_axis, None if told is None else str(k) in told, "turning=...", path)
+            for k, t in ((1, first), (2, second))
+        ]
         x, y = (
-            t.grid.positions * units(turns=str(k) in turning) for k, t in ((1, first), (2, second))
+            t.grid.positions * units(turns=k) for t, k in zip((first, second), turns, strict=True)
         )
+        names = axis_names(noted, found, (*turns, False), ("X", "Y", "Z"))
+        fields = map_identity(
+            path,
+            axes=(names[0], names[1]),
+            compensates=names[2],
+            first=(float(x[0]), float(y[0])),
+        )
+        require_same_axes((*fields["axes"], fields["compensates"]), found, path)
+        for axis, turned in zip(fields["axes"], turns, strict=True):
+            check_turns(axis, "turning", turned)
         unit = -o["entry_sign"] * units(turns=False)
         return CompensationMap(
             x=x,
             y=y,
             values=0.0 + unit * first.grid.entries * second.grid.entries[:, None],
             is_exact_inverse=True,
-            **map_identity(
-                path,
-                axes=(noted[0], noted[1]),
-                compensates=noted[2],
-                first=(float(x[0]), float(y[0])),
-            ),
+            **fields,
         )
-
-
-def _factors(tables: Mapping[int, CecTable], path: Path) -> tuple[CecTable, CecTable]:
-    """Return the table that is multiplied, and the one it is multiplied by."""
-    linked = [t for t in tables.values() if t.multiplied_by]
-    if len(linked) != 1 or len(tables) != 2:
-        raise UnsupportedFeatureError(
-            f"{path}: it holds {len(tables)} tables of which {len(linked)} multiply; metrosep reads two "
-            "tables, one multiplied by the other"
-        )
-    first = linked[0]
-    other = first.multiplied_by - 1
-    if other not in tables or other == first.index:
-        raise CorruptFileError(
-            path,
-            f"table {first.index} is multiplied by table index {other}, which is not in the file",
-            field="MULT_BY_TABLE",
-        )
-    second = tables[other]
-    plain = not (first.direction or second.direction or first.grid.modulo or second.grid.modulo)
-    if not plain or second.output_axis != first.output_axis:
-        raise UnsupportedFeatureError(
-            f"{path}: tables that multiply and repeat, depend on the direction or differ in the "
-            "output axis are not read"
-        )
-    return first, second
 
 
 def _missed(product: ProductTables, o: Mapping[str, Any]) -> float:
@@ -548,42 +531,21 @@ def _findings(product: ProductTables, missed: float) -> tuple[Finding, ...]:
     )
 
 
-def _comments(o: Mapping[str, Any], axes: Sequence[str], turning: str = "") -> list[str]:
-    sign = "+" if o["entry_sign"] > 0 else "-"
-    more = f" turning={turning}" if turning else ""
+def _comments(o: Mapping[str, Any]) -> list[str]:
+    return [f"entry = {'+' if o['entry_sign'] > 0 else '-'}e, {_DRY_RUN}"]
+
+
+def _facts(o: Mapping[str, Any], axes: Sequence[str], **more: object) -> dict[str, object]:
+    facts: dict[str, object] = {"entry_sign": o["entry_sign"], **more}
     if all(a.isascii() and a.isalnum() for a in axes):
-        more += f" axes={','.join(axes)}"
-    return [f"entry = {sign}e, {_DRY_RUN}", f"{_NOTE}{o['entry_sign']}{more}"]
+        facts["axes"] = ",".join(axes)
+    return facts
 
 
 def _turning(corrections: CompensationMap) -> str:
-    return "".join(str(k) for k, a in enumerate(corrections.axes, start=1) if is_rotary(a))
+    found = "".join(str(k) for k, a in enumerate(corrections.axes, start=1) if is_rotary(a))
+    return found or "none"
 
 
 def _words(values: FloatArray, decimals: int) -> list[str]:
     return [number_text(float(v), decimals=decimals) for v in values]
-
-
-def _opened(
-    data: bytes,
-    path: Path,
-    known: tuple[Option, ...],
-    options: Mapping[str, Any],
-    controller: str,
-) -> tuple[dict[int, CecTable], dict[str, Any]]:
-    """Return the tables of a file by index, and what is known about them."""
-    assignments, comments = read_assignments(data, path)
-    noted: dict[str, Any] = {}
-    for comment in comments:
-        if comment.startswith(_NOTE):
-            words = dict(w.partition("=")[::2] for w in comment.split()[1:])
-            noted["entry_sign"] = _SIGN.checked(words["entry_sign"], "comment in the file")
-            noted["turning"] = words.get("turning", "")
-            noted["axes"] = tuple(words["axes"].split(",")) if "axes" in words else ()
-    o = {**noted, **sidecar_options(path, known), **options}
-    if "entry_sign" not in o:
-        raise DataError(
-            f"{path}: neither the file nor a sidecar tells the sign of its entries; give entry_sign=1 "
-            f"(entry = +e) or -1 to read it as {controller}"
-        )
-    return read_tables(assignments, path), o

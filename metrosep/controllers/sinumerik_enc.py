@@ -14,16 +14,20 @@ from numpy.typing import NDArray
 
 from metrosep.compensation.area_errors import format_position, is_rotary
 from metrosep.compensation.table import CompensationTable
+from metrosep.controllers._along import AlongOption, along_axis, format_amount, format_span
 from metrosep.controllers._even import even_table
+from metrosep.controllers._notes import agreed
 from metrosep.controllers._sinumerik_file import (
     Assignment,
     Grid,
-    check_modulo,
+    axis_letter,
+    checked_modulo,
     checked_name,
     folded,
     grid_of,
     number_text,
     read_assignments,
+    turning,
     units,
     write_program,
 )
@@ -33,6 +37,7 @@ from metrosep.controllers.base import (
     Encoded,
     Simulator,
     identity,
+    load_sidecar,
     sidecar_options,
     table_lookup,
 )
@@ -94,8 +99,12 @@ class SinumerikEnc(Dialect):
         Option("modulo", "the table repeats, for an axis that turns on", "flag", default=False),
         Option("turns", "the axis turns: rad in the table, degrees here", "flag", default=False),
         Option("points_limit", "MD38000 of the axis; 200 on 808D and 828D", "integer", lowest=2),
-        Option("reference_point", "machine position of the reference point", "length"),
-        Option("spacing", "spacing of the entries, to resample", "length", positive=True),
+        AlongOption(
+            "reference_point", "machine position of the reference point", "length or angle"
+        ),
+        AlongOption(
+            "spacing", "spacing of the entries, to resample", "length or angle", positive=True
+        ),
         Option("decimals", "of an entry", "integer", default=9, lowest=1, highest=12),
     )
 
@@ -118,11 +127,13 @@ class SinumerikEnc(Dialect):
         ------
         TableError
             If it corrects another axis, the directions differ, the correction at the reference
-            point is not zero, or the spacing is not uniform and none is given.
+            point is not zero in the file, the spacing is not uniform and none is given, or a
+            repeating table has a step or another period than a turn.
         LimitError
             If there are more entries than `points_limit`.
         DataError
-            If the name of the axis is none, or `turns` contradicts the axis of the table.
+            If the name of the axis is none, `turns` contradicts the axis of the table, or a length
+            is given where an angle is needed.
         """
         o = {**{x.name: x.default for x in self.options}, **options}
         axis = checked_name(o["machine_axis"], "machine_axis")
@@ -142,25 +153,28 @@ class SinumerikEnc(Dialect):
                 f"the axis of the table is {table.axis}, but turns={o['turns']}: a turning axis is "
                 "written in degrees"
             )
-        _require_zero(table, o)
-        carried, error = even_table(table, o["spacing"])
+        carried, error = even_table(table, along_axis(o["spacing"], table.axis, "spacing"))
+        _require_zero(carried, o)
         n = carried.positions.size
         if o["points_limit"] is not None and n > o["points_limit"]:
+            needed = (table.span[1] - table.span[0]) / (o["points_limit"] - 1)
             raise LimitError(
                 f"{n} entries, the control holds {o['points_limit']} for this axis; use a spacing of "
-                f"at least {(table.span[1] - table.span[0]) / (o['points_limit'] - 1) * 1e3:.4g} mm "
-                "(spacing='...'), or raise MD38000"
+                f"at least {format_span(table.axis, needed)} (spacing='...'), or raise MD38000"
             )
-        if o["modulo"]:
-            check_modulo(float(carried.forward[0]), float(carried.forward[-1]), "the table")
         unit = units(turns=o["turns"])
         words = [
             number_text(-c / unit, decimals=o["decimals"], at_least=1) for c in carried.forward
         ]
+        if o["modulo"]:
+            checked_modulo(words, carried.forward, carried.span, table.axis)
         back = -np.array(words, dtype=np.float64) * unit
+        facts: dict[str, object] = {"turns": int(o["turns"])}
+        if table.axis.isascii() and table.axis.isalnum():
+            facts["axis"] = table.axis
         return Encoded(
             data=write_program(
-                "AX_EEC_INI", o["channel"], (), _lines(words, carried, unit, axis, o)
+                "AX_EEC_INI", o["channel"], (), _lines(words, carried, unit, axis, o), facts
             ),
             quantisation=float(np.abs(back - carried.forward).max()),
             notes={"MD38000_at_least": n},
@@ -194,22 +208,44 @@ class SinumerikEnc(Dialect):
         UnsupportedFeatureError
             If there are several tables and none is chosen.
         DataError
-            If the chosen table is not in the file.
+            If the chosen table is not in the file, nothing tells whether the axis turns, or options
+            contradict the file.
         """
-        o = {**sidecar_options(path, self.options), **options}
-        grid = _chosen(data, path, o)
-        unit = units(turns=o.get("turns", False))
+        return self._read(data, path, options)[0]
+
+    def _read(
+        self, data: bytes, path: Path, options: dict[str, Any]
+    ) -> tuple[CompensationTable, bool]:
+        assignments, noted = read_assignments(data, path)
+        o = agreed(noted, self.options, {**sidecar_options(path, self.options), **options}, path)
+        grid, name = _chosen(assignments, path, o)
+        turns = turning(name, o.get("turns"), "turns=True or turns=False", path)
+        unit = units(turns=turns)
         positions = grid.positions * unit
         fields = identity(path, first=float(positions[0]))
-        if o.get("turns", False) and not is_rotary(fields["axis"]):
-            fields["axis"] = fields["compensates"] = "C"
-        return CompensationTable(
+        if not load_sidecar(path).get("table"):
+            letter = noted.get("axis", axis_letter(name, turns=turns, otherwise="X"))
+            fields["axis"] = fields["compensates"] = letter
+        if fields["axis"] != fields["compensates"]:
+            raise CorruptFileError(
+                path,
+                f"it is said to correct {fields['compensates']} over {fields['axis']}, but the table "
+                "corrects an axis over its own position",
+                hint="use the sidecar that fits, or write the table again",
+            )
+        if is_rotary(fields["axis"]) != turns:
+            raise DataError(
+                f"{path}: turns={turns}, but the axis is said to be {fields['axis']}; leave turns out, "
+                "or use the sidecar that fits"
+            )
+        table = CompensationTable(
             positions=positions,
             forward=0.0 - grid.entries * unit,
             reverse=None,
             is_exact_inverse=True,
             **fields,
         )
+        return table, grid.modulo
 
     def lookup(self, data: bytes, path: Path, **options: Any) -> Simulator:
         """Return what the control makes of the file: linear, end values hold, or it repeats.
@@ -233,20 +269,23 @@ class SinumerikEnc(Dialect):
         CorruptFileError, UnsupportedFeatureError, DataError
             As for `decode`.
         """
-        table = self.decode(data, path, **options)
+        table, modulo = self._read(data, path, options)
         simulator = table_lookup(table)
-        o = {**sidecar_options(path, self.options), **options}
-        return folded(simulator, *table.span) if _chosen(data, path, o).modulo else simulator
+        return folded(simulator, *table.span) if modulo else simulator
 
 
 def _require_zero(table: CompensationTable, o: dict[str, Any]) -> None:
-    place = table.reference if o["reference_point"] is None else o["reference_point"]
-    there = float(table.correction(place)[0])
+    """Refuse entries, as the file carries them, that are not zero at the reference point."""
+    told = along_axis(o["reference_point"], table.axis, "reference_point", positive=False)
+    place = table.reference if told is None else told
+    lookup = table_lookup(table)
+    there = float((folded(lookup, *table.span) if o["modulo"] else lookup)(place))
     if abs(there) > 0.5 * 10.0 ** -o["decimals"] * units(turns=o["turns"]):
         raise TableError(
             f"the correction at the reference point {format_position(table.axis, place)} is "
-            f"{there * 1e9:.6g} nm: the axis would jump by it when it is referenced; make the table "
-            "with CompensationTable.from_error(..., reference=<reference point>), or give "
+            f"{format_amount(table.axis, there)} in the file: the axis would jump by it when it is referenced; "
+            "make the table with CompensationTable.from_error(..., reference=<reference point>), with "
+            "the reference point among its positions (and a spacing= that keeps it one), or give "
             "reference_point="
         )
 
@@ -271,9 +310,8 @@ def _lines(
     ]
 
 
-def _chosen(data: bytes, path: Path, o: dict[str, Any]) -> Grid:
+def _chosen(assignments: list[Assignment], path: Path, o: dict[str, Any]) -> tuple[Grid, str]:
     """Return the one table of the file, or that of the axis and encoder that the user named."""
-    assignments, _ = read_assignments(data, path)
     values: dict[tuple[str, str], dict[int, Assignment]] = {}
     facts: dict[tuple[str, str], dict[str, Assignment]] = {}
     for a in assignments:
@@ -304,6 +342,7 @@ def _chosen(data: bytes, path: Path, o: dict[str, Any]) -> Grid:
             "measuring_system="
         )
     key = wanted[0]
-    return grid_of(
+    grid = grid_of(
         values.get(key, {}), facts.get(key, {}), path, f"axis {key[1]} encoder {key[0]}"
     )
+    return grid, key[1]

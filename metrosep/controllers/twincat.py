@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.compensation.table import CompensationTable
+from metrosep.controllers._agreement import own_axis
 from metrosep.controllers._increments import (
     Resampling,
     ascii_lines,
@@ -22,7 +23,9 @@ from metrosep.controllers._increments import (
     fixed,
     mm_value,
     require_linear,
+    require_on_axis,
     require_one_direction,
+    require_sizes,
     uniform_positions,
 )
 from metrosep.controllers.base import DialectInfo, Encoded, identity
@@ -36,12 +39,29 @@ FloatArray = NDArray[np.float64]
 _TITLE = "TwinCAT 3 Tc2_MC2 position compensation table"
 _CAPACITY = 100_000
 """No limit is documented; a table beyond this is a mistake of units."""
+_FARTHEST, _LARGEST = 1e3, 1.0
+"""Position and correction beyond which units are mistaken, m."""
 _DECIMALS = 9
 """Decimals of a mm: 1 pm; LREAL holds them."""
 _UNIFORM = 1e-8
 """Deviation of printed positions from equal spacing in mm: rounding of the last decimal."""
 
 _NAME = re.compile(r"[A-Za-z]\w{0,59}", re.ASCII)
+_KEYWORDS = (
+    " ABS ACTION ADD ADR AND AND_THEN ANY ARRAY AT BIT BOOL BY BYTE CAL CASE CLASS CONFIGURATION "
+    "CONSTANT CONTINUE DATE DATE_AND_TIME DINT DIV DO DT DWORD ELSE ELSIF END_ACTION END_CASE "
+    "END_CLASS END_CONFIGURATION END_FOR END_FUNCTION END_FUNCTION_BLOCK END_IF END_INTERFACE "
+    "END_METHOD END_NAMESPACE END_PROGRAM END_PROPERTY END_REPEAT END_RESOURCE END_STEP END_STRUCT "
+    "END_TRANSITION END_TYPE END_UNION END_VAR END_WHILE EQ EXIT EXTENDS EXTERNAL FALSE FINAL FOR "
+    "FROM FUNCTION FUNCTION_BLOCK GE GT IF IMPLEMENTS INITIAL_STEP INT INTERFACE INTERNAL JMP LDATE "
+    "LE LIMIT LINT LREAL LT LTIME LTOD LWORD MAX METHOD MIN MOD MOVE MUL MUX NAMESPACE NE NOT OF ON "
+    "OR OR_ELSE OVERRIDE PERSISTENT POINTER PRIVATE PROGRAM PROPERTY PROTECTED PUBLIC READ_ONLY "
+    "READ_WRITE REAL REFERENCE REPEAT RESOURCE RET RETAIN RETURN SEL SINGLE SINT SIZEOF STEP STRING "
+    "STRUCT SUB SUPER TASK THEN THIS TIME TIME_OF_DAY TO TOD TRANSITION TRUE TRUNC TYPE UDINT UINT "
+    "ULINT UNION UNTIL USING USINT VAR VAR_ACCESS VAR_CONFIG VAR_EXTERNAL VAR_GLOBAL VAR_INPUT "
+    "VAR_INST VAR_IN_OUT VAR_OUTPUT VAR_STAT VAR_TEMP WCHAR WHILE WITH WORD WSTRING XOR "
+)
+"""Words of ST (IEC 61131-3 with the additions of TwinCAT); capitals do not matter."""
 _VALUE = r"(-?\d{1,9}\.\d{1,12})"
 _TYPE = "ST_PositionCompensationTableElement"
 _OPEN = re.compile(rf"(\w+) : ARRAY\[1\.\.(\d{{1,7}})\] OF {_TYPE} := \[", re.ASCII)
@@ -87,7 +107,13 @@ class TwinCAT(Resampling):
     )
 
     options = (
-        Option("interval", "spacing; that of the table if omitted", "length", positive=True),
+        Option(
+            "interval",
+            "spacing; that of the table if omitted",
+            "length",
+            positive=True,
+            highest=100.0,
+        ),
         Option("name", "name of the variable", "text", default="CompTable"),
     )
 
@@ -109,18 +135,21 @@ class TwinCAT(Resampling):
         Raises
         ------
         TableError
-            If an axis turns, the table has two directions, the name is no identifier, or positions are closer than
-            the last decimal.
+            If an axis turns, the table corrects another axis than it looks up, has two directions,
+            the name is no identifier, or positions are closer than the last decimal.
         LimitError
             If there are more points than any axis needs.
         """
         require_linear((table.axis, table.compensates), _TITLE)
+        require_on_axis(
+            table, _TITLE, "'isg-cross' (TwinCAT CNC), or 'csv' for a program of your own"
+        )
         require_one_direction(
             table, _TITLE, "as backlash of the axis, or write a table for each direction"
         )
+        require_sizes(table, _TITLE, farthest=_FARTHEST, largest=_LARGEST)
         name = options["name"]
-        if not _NAME.fullmatch(name):
-            raise TableError(f"name={name!r} is no ST identifier: letters, digits, underscores")
+        _require_name(name)
         positions = uniform_positions(
             table, interval=options["interval"], max_points=_CAPACITY, title=_TITLE
         )
@@ -188,7 +217,17 @@ class TwinCAT(Resampling):
             forward=table[:, 1],
             reverse=None,
             is_exact_inverse=True,
-            **identity(path, first=float(table[0, 0])),
+            **own_axis(identity(path, first=float(table[0, 0])), path),
+        )
+
+
+def _require_name(name: str) -> None:
+    """Refuse what IEC 61131-3 does not take as the name of a variable."""
+    is_word = f" {name.upper()} " in _KEYWORDS
+    if not _NAME.fullmatch(name) or "__" in name or name.endswith("_") or is_word:
+        raise TableError(
+            f"name={name[:60]!r} is no ST identifier: letters, digits and single underscores, up to 60, "
+            "and no word of the language"
         )
 
 

@@ -20,12 +20,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.compensation.area_errors import is_rotary
+from metrosep.compensation.limits import Finding
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers._plain_text import scaled
+from metrosep.controllers._plain_text import known_options, scaled
 from metrosep.controllers._playback import (
     PLAYBACK_OPTIONS,
+    TOLD,
     Playback,
-    known_options,
+    chosen,
+    dropped,
     plan,
     rebuilt,
     resampling_error,
@@ -39,9 +42,11 @@ from metrosep.controllers.base import (
     Simulator,
     identity,
     load_sidecar,
+    sidecar_options,
 )
 from metrosep.controllers.options import Option
 from metrosep.core.errors import CorruptFileError, DataError, LimitError, TableError
+from metrosep.core.units import format_length
 
 __all__ = ["Voltage"]
 
@@ -55,6 +60,10 @@ _HEADERS = {
     ("time_s", "voltage_V"): 1,
 }
 _NUMBER = re.compile(r"-?\d+(\.\d+)?")
+_PRINTED = re.compile(rf"-?\d+\.\d{{{_DECIMALS}}}")
+"""A voltage as it is written: with fewer decimals it was cut."""
+_ROUGH = 2.0
+"""Steps of the DAC that rounding and the branches of the hysteresis may cost without a word."""
 _SHARED = {"polarity", "motion", "speed", "start", "direction", "start_angle", "points", "rotation", "closing"}  # fmt: skip
 _UNIFORM = 1e-6
 """Times may differ from a uniform clock by this part of its period: they are printed decimals."""
@@ -90,7 +99,8 @@ class Voltage(Dialect):
         *(o for o in PLAYBACK_OPTIONS if o.name in _SHARED),
         Option(
             "calibration",
-            "FlexureCalibration, its stored form, or the sensitivity such as '1.66 um/V'",
+            "FlexureCalibration, its stored form (a mapping, or its JSON text on the command line), or "
+            "the sensitivity such as '1.66 um/V'",
             "object",
             required=True,
         ),
@@ -172,11 +182,13 @@ class Voltage(Dialect):
         wanted = [c for c, _ in columns]
         error = float(np.max(np.abs(np.array(back) - np.array(wanted))))
         data = _text(header, rows)
+        step = _step(curves, options["bits"])
         return Encoded(
             data=data,
+            findings=_doubts(error, step),
             quantisation=error,
             notes=_notes(curves, rest, rates, volts),
-            step=_step(curves, options["bits"]),
+            step=step,
             carried=replace(table, reverse=None if len(wanted) == 1 else wanted[1]),
             resampling_error=self._between(data, table, options),
         )
@@ -296,8 +308,20 @@ class Voltage(Dialect):
         given = dict(options)
         if given.get("calibration") is None:
             given["calibration"] = load_sidecar(path).get("calibration")
-        known = known_options(given, path, self.options, ("polarity", "calibration"))
         header, rows = _parsed(data, path)
+        told: tuple[str, ...] = ("polarity", "calibration", "offset")
+        if header[0] == "time_s":
+            given.setdefault("over", "time")
+            motion = given.get("motion") or sidecar_options(path, self.options).get(
+                "motion", "pass"
+            )
+            told += TOLD[motion]
+        known = known_options(given, path, self.options, told)
+        if known["over"] != header[0].split("_")[0]:
+            raise DataError(
+                f"{path}: over={known['over']!r} is said, the file is over {header[0].split('_')[0]}; leave "
+                "over= away, or look for the file that fits"
+            )
         outside = (rows[:, 1:] < known["v_min"] - 1e-8) | (rows[:, 1:] > known["v_max"] + 1e-8)
         if outside.any():
             i = int(np.argmax(outside.any(axis=1)))
@@ -338,13 +362,16 @@ def _over_time(
     times = period * np.arange(play.n)
     rates = _rates(times, [volts], {**options, "speed": 1.0})
     rows = zip((scaled(round(t, 12), 0) for t in times), map(_volt, volts), strict=True)
+    error, step = float(np.abs(back - values).max()), _step(curves, options["bits"])
     return Encoded(
         data=_text(("time_s", "voltage_V"), rows),
-        quantisation=float(np.abs(back - values).max()),
+        findings=(*dropped(play, table), *_doubts(error, step)),
+        quantisation=error,
         notes=_notes(curves, rest, rates, [volts]),
-        step=_step(curves, options["bits"]),
+        step=step,
         carried=rebuilt(play, values, table),
         resampling_error=resampling_error(play, values, table),
+        options=chosen(play, options),
     )
 
 
@@ -436,7 +463,22 @@ def _notes(
 
 
 def _mm(value: float) -> str:
-    return scaled(float(value), 3)
+    return scaled(round(float(value), 15), 3)
+
+
+def _doubts(quantisation: float, step: float) -> tuple[Finding, ...]:
+    """Return a warning if the voltages miss the corrections by more than rounding can."""
+    if quantisation <= _ROUGH * step:
+        return ()
+    return (
+        Finding(
+            "warning",
+            f"the voltages miss the corrections by up to {format_length(quantisation, digits=3)}, a step of "
+            f"the DAC is {format_length(step, digits=3)}: the branches of the calibration do not fit",
+            "check which sweep is up and which is down, use more positions, or branch='mean'",
+            "quantisation",
+        ),
+    )
 
 
 def _volt(value: float) -> str:
@@ -464,13 +506,22 @@ def _parsed(data: bytes, path: Path) -> tuple[tuple[str, ...], FloatArray]:
             found=",".join(header)[:80],
         )
     for i, row in enumerate(rows[1:], start=2):
-        if len(row) != len(header) or not all(map(_NUMBER.fullmatch, row)):
+        if (
+            len(row) != len(header)
+            or not _NUMBER.fullmatch(row[0])
+            or not all(map(_PRINTED.fullmatch, row[1:]))
+        ):
             raise CorruptFileError(
                 path,
-                f"line {i} does not hold {len(header)} decimal numbers",
+                f"line {i} does not hold {len(header)} decimal numbers, voltages with {_DECIMALS} decimals",
                 found=",".join(row)[:60] or "nothing",
-                hint="no exponent, no blank line, a point as the decimal sign",
+                hint="no exponent, no blank line, a point as the decimal sign; cut or edited: write it "
+                "again",
             )
+    if not data.endswith(b"\n"):
+        raise CorruptFileError(
+            path, "its last line has no end: it was cut short", hint="write it again"
+        )
     if len(rows) < 3:
         raise CorruptFileError(path, "a table needs at least 2 lines", found=len(rows) - 1)
     numbers = np.array([[float(v) for v in row] for row in rows[1:]])

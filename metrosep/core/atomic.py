@@ -8,7 +8,10 @@ many to hold, writes them piece by piece into an `atomic_stream`.
 from __future__ import annotations
 
 import contextlib
+import glob
+import hashlib
 import os
+import platform
 import secrets
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -44,7 +47,8 @@ def atomic_write(path: str | os.PathLike[str], data: bytes) -> Path:
     Notes
     -----
     The bytes go to a temporary file in the same folder, are flushed to the disk (fsync) and
-    renamed over the target, which POSIX and Windows both do in one step.
+    renamed over the target, which POSIX and Windows both do in one step. A killed process leaves its
+    temporary file; the next write to the same target removes it (POSIX).
     """
     with _beside(path) as (temporary, target):
         _write_then_rename(temporary, target, data)
@@ -116,13 +120,37 @@ def _beside(path: str | os.PathLike[str]) -> Iterator[tuple[Path, Path]]:
     try:
         target = target.resolve()
         _check_folder(target)
-        yield target.with_name(f".{target.name[:100]}.{secrets.token_hex(6)}.tmp"), target
+        _remove_stale(target)
+        yield (
+            target.with_name(f"{_prefix(target)}{os.getpid():x}-{secrets.token_hex(4)}.tmp"),
+            target,
+        )
     except OSError as exc:
         reason = exc.strerror or str(exc)
         raise WriteError(
             f"{path}: cannot be written ({reason}); choose a folder that you may write to and that "
             "has room, or free the file if another program holds it"
         ) from None
+
+
+def _prefix(target: Path) -> str:
+    """Return how temporary files of this machine for a target begin."""
+    host = hashlib.sha256(platform.node().encode()).hexdigest()[:6]
+    return f".{target.name[:100]}.{host}-"
+
+
+def _remove_stale(target: Path) -> None:
+    """Remove what a killed process of this machine left of an earlier attempt at the same target."""
+    if os.name != "posix":  # elsewhere asking for a process may end it
+        return
+    prefix = _prefix(target)
+    for found in target.parent.glob(glob.escape(prefix) + "*-*.tmp"):
+        with contextlib.suppress(ValueError, OSError):
+            number = int(found.name[len(prefix) :].split("-")[0], 16)
+            try:
+                os.kill(number, 0)
+            except ProcessLookupError:
+                found.unlink()
 
 
 def _check_folder(target: Path) -> None:

@@ -14,6 +14,7 @@ from metrosep.plot.style import COLOURS, DASHED, DOTTED, axes_or_new, house_styl
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.tri import Triangulation
 
     from metrosep.compensation.closed_loop import LoopCut, LoopHistory, LoopResult
     from metrosep.compensation.knots import Knots
@@ -90,7 +91,8 @@ def closed_loop_maps(result: LoopResult) -> Figure:
     Returns
     -------
     matplotlib Figure
-        Three maps on one colour scale.
+        Three maps on one colour scale. Nothing is drawn inside the last turn of the tool where it
+        ended before the centre, nor outside the first one.
 
     Raises
     ------
@@ -111,12 +113,11 @@ def closed_loop_maps(result: LoopResult) -> Figure:
         figure = Figure(figsize=(9.0, 3.3), layout="constrained")
         FigureCanvasAgg(figure)
         panels = figure.subplots(1, 3, sharex=True, sharey=True)
-        x, y = (result.places * 1e3).T
+        mesh_of = _mesh(result.places * 1e3)
         drawn = []
         for axes, name in zip(panels, order, strict=True):
             mesh = axes.tripcolor(
-                x,
-                y,
+                mesh_of,
                 cuts[name].left * 1e9 * scale,
                 shading="gouraud",
                 cmap=_COLOUR_MAP,
@@ -217,6 +218,32 @@ def knots_plot(x: ArrayLike, c: ArrayLike, knots: Knots, ax: Axes | None = None)
         axes.set_ylabel(f"correction in {unit}")
         _legend_below(axes, 3)
     return axes
+
+
+def _mesh(places: FloatArray) -> Triangulation:
+    """Return triangles between the turns of a spiral that goes inwards, those not cut masked."""
+    from matplotlib.path import Path
+    from matplotlib.tri import Triangulation
+
+    mesh = Triangulation(*places.T)
+    radius = np.hypot(*places.T)
+    x, y = places.T
+    steps = np.angle(np.exp(1j * np.diff(np.arctan2(y, x))))
+    angle = np.abs(np.concatenate([[0.0], np.cumsum(steps)]))
+    turn = 2.0 * np.pi * (1.0 + 1e-9)
+    first = angle <= turn
+    # at the centre itself the angle is lost; the point belongs to the last turn in any case
+    last = angle >= angle.max() - turn
+    last[-1] = True
+    centres = places[mesh.triangles].mean(axis=1)
+    masked = ~Path(places[first]).contains_points(centres)
+    masked |= np.hypot(*centres.T) < radius[-1]
+    pitch = float(radius[last][0] - radius[-1])
+    if radius[-1] > pitch:
+        masked |= Path(places[last]).contains_points(centres)
+    if not masked.all():
+        mesh.set_mask(masked)
+    return mesh
 
 
 def _label(name: str, cut: LoopCut) -> str:

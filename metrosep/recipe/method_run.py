@@ -25,7 +25,7 @@ from metrosep.recipe.staging import staged
 if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe
 
-__all__ = ["run_method"]
+__all__ = ["judged", "run_method"]
 
 
 def run_method(
@@ -120,13 +120,31 @@ def _document(
             "recipe": {"name": recipe.name, "text": recipe.text, "sha256": recipe.sha256},
             "versions": versions(),
             "decision_rule": DECISION_RULE,
-            **_judged(recipe, described.quantities),
+            **judged(recipe, described.quantities),
         }
     )
 
 
-def _judged(recipe: Recipe, found: Mapping[str, Quantity]) -> dict[str, Any]:
-    """Return what was measured, and the verdict of each check."""
+def judged(recipe: Recipe, found: Mapping[str, Quantity]) -> dict[str, Any]:
+    """Return what was measured, and the verdict of each check.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        With its checks.
+    found : mapping of str to Quantity
+        By metric.
+
+    Returns
+    -------
+    dict
+        ``characteristics`` and ``verdict`` of a result document.
+
+    Raises
+    ------
+    RecipeError
+        If a check names a metric that is not there, or its uncertainty is not known.
+    """
     entries = []
     verdicts = []
     for i, check in enumerate(recipe.checks):

@@ -13,12 +13,15 @@ from typing import Any
 from metrosep.core.errors import RecipeError, UnsupportedFeatureError
 from metrosep.core.provenance import freeze_mapping
 from metrosep.recipe.methods import METHODS, input_fields
+from metrosep.recipe.pipeline import measuring_steps
 from metrosep.recipe.preflight import check_recipe
 from metrosep.recipe.result import Result
 from metrosep.recipe.schema import Field, Place, checked_table
 from metrosep.recipe.steps import (
     CHECK,
     INPUT,
+    MEASURING,
+    MEASURING_INPUT,
     METHOD_CHECK,
     METHOD_OUTPUTS,
     OUTPUTS,
@@ -63,13 +66,19 @@ class Recipe:
 
     @property
     def is_method(self) -> bool:
-        """Whether the step is one of the named separations, not that of repeated runs."""
-        return self.steps[0]["op"] in METHODS
+        """Whether it is not the separation of repeated runs: a named one, or steps that measure."""
+        return self.is_pipeline or self.steps[0]["op"] in METHODS
+
+    @property
+    def is_pipeline(self) -> bool:
+        """Whether it measures one map or profile, step by step (`metrosep.recipe.pipeline`)."""
+        return self.steps[0]["op"] in MEASURING
 
     @property
     def reads_nothing(self) -> bool:
         """Whether the keys of its step say all, and no input is read."""
-        return self.is_method and METHODS[self.steps[0]["op"]].reads == "nothing"
+        op = self.steps[0]["op"]
+        return op in METHODS and METHODS[op].reads == "nothing"
 
     @property
     def sha256(self) -> str:
@@ -142,14 +151,22 @@ class Recipe:
         steps = _several(data.get("step"), ops, "op", "[[step]]", top)
         named = [s["op"] for s in steps]
         method = METHODS.get(named[0]) if named else None
+        pipeline = bool(named) and named[0] in MEASURING
         wanted = named.count("separate") if method is None else len(named)
-        if wanted != 1:
+        if pipeline:
+            steps = measuring_steps(steps, lambda i: Place(name, text, "[[step]]", i))
+        elif wanted != 1:
             raise top.error(
-                'a recipe needs exactly one [[step]] that separates: op = "separate", or one of '
-                + ", ".join(METHODS),
+                'a recipe needs exactly one [[step]] that separates: op = "separate", one of '
+                + ", ".join(METHODS)
+                + "; or steps that measure: "
+                + ", ".join(MEASURING),
                 "step",
             )
         fields = INPUT if method is None else input_fields(method)
+        if pipeline:
+            fields = MEASURING_INPUT
+        plain = method is None and not pipeline
         if "input" not in data and not (method is not None and method.reads == "nothing"):
             raise top.error('the recipe needs the key "input"')
         recipe = cls(
@@ -165,14 +182,14 @@ class Recipe:
             steps=steps,
             checks=_several(
                 data.get("check", []),
-                {"": CHECK if method is None else METHOD_CHECK},
+                {"": CHECK if plain else METHOD_CHECK},
                 "",
                 "[[check]]",
                 top,
             ),
             outputs=_several(
                 data.get("output", []),
-                OUTPUTS if method is None else METHOD_OUTPUTS,
+                OUTPUTS if plain else METHOD_OUTPUTS,
                 "kind",
                 "[[output]]",
                 top,

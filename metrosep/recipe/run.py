@@ -68,6 +68,10 @@ def run_recipe(
     """
     tell = progress or _silent
     files = input_files(recipe, inputs)
+    if recipe.is_pipeline:
+        from metrosep.recipe.pipeline_run import run_pipeline
+
+        return run_pipeline(recipe, files, out=None if out is None else Path(out), tell=tell)
     if recipe.is_method:
         from metrosep.recipe.method_run import run_method
 

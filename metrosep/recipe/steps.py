@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from metrosep.recipe.pipeline import STEPS as MEASURING
 from metrosep.recipe.plan import PLAN
 from metrosep.recipe.schema import Field
 
 __all__ = [
     "CHECK",
     "INPUT",
+    "MEASURING",
+    "MEASURING_INPUT",
     "METHOD_CHECK",
     "METHOD_OUTPUTS",
     "METRICS",
@@ -40,6 +43,14 @@ INPUT = {
     "separator": Field("text"),
     "decimal": Field("text"),
     "encoding": Field("text"),
+}
+
+MEASURING_INPUT = {
+    "files": Field("texts"),
+    "unit": Field("text"),
+    "lateral_step": Field("size"),
+    "channel": Field("text"),
+    "format": Field("text"),
 }
 
 STEPS = {
@@ -83,12 +94,14 @@ STEPS = {
         "quantity": Field("text", required=True, choices=("error", "compensation")),
     },
     "plan_feedrates": PLAN,
+    **{name: op.fields for name, op in MEASURING.items()},
 }
 
 WHAT = {
     "separate": "error of an axis from repeated runs (joint, kono, mean)",
     "polynomial": "polynomial of the error or the compensation over position, after separate",
     "plan_feedrates": "feedrates for the next runs from the disturbance, after separate",
+    **{name: op.what for name, op in MEASURING.items()},
 }
 
 METRICS = {

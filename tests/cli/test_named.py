@@ -7,6 +7,7 @@ import pytest
 
 from metrosep.cli.main import main
 from metrosep.recipe.methods import METHODS
+from metrosep.recipe.pipeline import STEPS as PIPELINE
 
 N = 24
 ANGLE = 2 * np.pi * np.arange(N) / N
@@ -109,7 +110,7 @@ def test_ops_lists_every_step(metrosep):
     code, out, _ = metrosep("ops")
     assert code == 0
     listed = {line.split(":")[0] for line in out.splitlines() if not line.startswith(" ")}
-    assert listed == {"separate", "polynomial", "plan_feedrates", *METHODS}
+    assert listed == {"separate", "polynomial", "plan_feedrates", *METHODS, *PIPELINE}
 
     code, out, _ = metrosep("ops", "--json")
     rows = {row["op"]: row for row in json.loads(out)}

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 
 import click
 import numpy as np
@@ -81,10 +84,18 @@ def test_sense_zero_and_json(call, tmp_path):
     assert "Z0.9998800" in found
 
 
-def test_a_map_needs_its_sense_and_the_right_middle(call, tmp_path):
-    code, _, err = call("in.nc", "--error", "error.x3p", "-o", "out.nc")
-    assert code == 2
-    assert "--c-sense" in err
+def test_the_sense_of_c_is_plus_one_and_said_where_it_is_not_given(call, tmp_path):
+    words = ("--error", "error.x3p", "--centre", "middle")
+
+    code, _, err = call("in.nc", *words, "-o", "assumed.nc")
+    assert code == 0
+    assert "--c-sense is not given, +1 is taken" in err
+    code, _, err = call("in.nc", *words, "-o", "stated.nc", "--c-sense", "+1")
+    assert "not given" not in err
+    assert (tmp_path / "assumed.nc").read_bytes() == (tmp_path / "stated.nc").read_bytes()
+
+
+def test_a_map_needs_the_right_middle(call, tmp_path):
 
     code, _, err = call(
         "in.nc",
@@ -181,3 +192,77 @@ def test_profile_needs_no_sense(call, tmp_path):
 
     assert code == 0, err
     assert z_words((tmp_path / "out.nc").read_text()) == [0.996]
+
+
+WORDS = ("--error", "error.x3p", "--centre", "middle")
+
+
+def test_sense_may_be_written_as_1(call, tmp_path):
+    assert call("in.nc", *WORDS, "-o", "a.nc", "--c-sense", "1")[0] == 0
+    assert call("in.nc", *WORDS, "-o", "b.nc", "--c-sense", "+1")[0] == 0
+    assert (tmp_path / "a.nc").read_bytes() == (tmp_path / "b.nc").read_bytes()
+
+
+def test_a_line_break_in_the_name_is_refused(call, tmp_path):
+    code, _, err = call("in.nc", *WORDS, "-o", "out\n.nc", "--c-sense", "+1")
+    assert code == 2
+    assert "line break" in err
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["error.x3p", "in.nc"]
+
+
+def test_ways_out_are_options(call, tmp_path):
+    words = (*WORDS, "--c-sense", "+1")
+    assert call("in.nc", *words, "-o", "out.nc")[0] == 0
+    code, _, err = call("out.nc", *words, "-o", "twice.nc")
+    assert code == 2
+    assert "say --again if" in err
+    assert call("out.nc", *words, "-o", "twice.nc", "--again")[0] == 0
+
+    turned = PROGRAM.replace("C180.0", "C300.0")
+    (tmp_path / "in.nc").write_text(turned)
+    code, _, err = call("in.nc", *words, "-o", "o2.nc", "--tolerance", "1 nm")
+    assert code == 4
+    assert "--c-linear" in err
+    (tmp_path / "in.nc").write_text(turned.replace("M30", "M428\nM30"))
+    code, _, err = call("in.nc", *words, "-o", "o2.nc", "--tolerance", "1 nm", "--c-linear")
+    assert code == 4
+    assert "--harmless-m 428 if" in err
+    code, _, err = call(
+        "in.nc", *words, "-o", "o2.nc", "--tolerance", "1 nm", "--c-linear", "--harmless-m", "428"
+    )
+    assert code == 0, err
+    code, _, err = call("in.nc", *words, "-o", "o.csv", "--points", "--c-linear")
+    assert code == 2
+    assert "--points" in err
+
+
+def test_diameters_of_lists(call, tmp_path):
+    (tmp_path / "in.csv").write_text("X_mm,C_deg,Z_mm\n8.0,0,1.0\n")
+    code, _, err = call(
+        "in.csv", "--points", *WORDS, "-o", "out.csv", "--c-sense", "+1", "--diameter"
+    )
+    assert code == 0, err
+    assert (tmp_path / "out.csv").read_text() == "X_mm,C_deg,Z_mm\n8.0,0,0.999600\n"
+
+
+SLOW_MAP = """
+import sys, os, signal
+from metrosep.controllers import gcode_paths
+old = gcode_paths.Rewriter.rewrite
+def rewrite(self, lines):
+    os.kill(os.getpid(), signal.SIGTERM)
+    return old(self, lines)
+gcode_paths.Rewriter.rewrite = rewrite
+from metrosep.cli.paths import path
+path.main(sys.argv[1:])
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+def test_sigterm_leaves_nothing(call, tmp_path):
+    words = ("in.nc", *WORDS, "-o", "out.nc", "--c-sense", "+1")
+    done = subprocess.run(
+        [sys.executable, "-c", SLOW_MAP, *words], check=False, cwd=tmp_path, capture_output=True
+    )
+    assert done.returncode == 143, done.stderr
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["error.x3p", "in.nc"]

@@ -376,3 +376,71 @@ def test_bad_loops_are_refused():
         iterate_loop(axis, 1, gain=float("nan"))
     with pytest.raises(DataError, match="rise strictly"):
         iterate_loop(axis, 1, positions=[1.0, 0.0])
+
+
+def both_ways(x, d):
+    """A lopsided error that stands 0.5 um further in - direction."""
+    return lopsided(x) + (0.5e-6 if d < 0 else 0.0)
+
+
+@pytest.mark.parametrize("on_axis", [True, False])
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        lambda x, d: -both_ways(x, -d),  # columns exchanged
+        lambda x, d: -lopsided(x) + (0.5e-6 if d < 0 else 0.0),  # sign of the reverse offset
+    ],
+    ids=["exchanged", "reversed"],
+)
+def test_an_offset_between_the_directions_that_grows_does_not_pass(on_axis, wrong):
+    axis = AxisMachine(both_ways, TRAVEL, on_axis=on_axis, n_points=401)
+    right = run_closed_loop(axis, lambda x, d: -both_ways(x, d))
+    assert right.passed
+    assert right.lost_motion[1] == pytest.approx(0.0, abs=2e-9)
+    # one column for both directions cannot take the offset, and does no harm
+    assert run_closed_loop(axis, lambda x, d: -lopsided(x)).passed
+
+    done = run_closed_loop(axis, wrong)
+    assert all(p.passed for p in done.passes)
+    assert done.lost_motion[1] == pytest.approx(
+        1e-6 if done.lost_motion[0] > 0 else -1e-6, abs=2e-9
+    )
+    assert not done.passed
+    assert not done.audit["passed"]
+    with pytest.raises(SignCheckFailedError, match="offset between the directions grows"):
+        done.require("table")
+
+
+def test_offsets_of_noise_alone_are_no_fault():
+    axis = AxisMachine(lopsided, TRAVEL, on_axis=False, repeatability=0.2e-6, n_points=101)
+    for seed in range(20):
+        assert not run_closed_loop(axis, lambda x, d: -lopsided(x), seed=seed).offset_grows
+
+
+def test_exchanged_axes_of_a_map_do_not_pass():
+    def wedge(x, y):
+        return 0.09e-3 * np.sin(300 * x) + 1e-3 * x + 1e-4 * y
+
+    face = FaceMachine(wedge, 8e-3)
+    done = run_closed_loop(face, lambda x, y: -(0.7 * wedge(x, y)))
+    assert done.passes[0].after.rms.value == pytest.approx(
+        0.3 * done.passes[0].before.rms.value, abs=1e-12
+    )
+    assert not done.passed  # 30 % left
+    assert run_closed_loop(face, lambda x, y: -(0.7 * wedge(x, y)), rest=0.31).passed
+    with pytest.raises(SignCheckFailedError, match="more than 25% of it is left"):
+        done.require()
+
+    tilted = FaceMachine(lambda x, y: 1e-4 * x + 3e-5 * y + 6e-5 * (x + y), 8e-3)
+    swapped = run_closed_loop(tilted, lambda x, y: -(1e-4 * y + 3e-5 * x + 6e-5 * (x + y)))
+    only = swapped.passes[0]
+    assert only.after.rms.value < only.before.rms.value < only.wrong_sign.rms.value
+    assert not swapped.passed
+    for wrong in (0.0, 1.5, float("nan")):
+        with pytest.raises(DataError, match="rest"):
+            run_closed_loop(face, wedge, rest=wrong)
+
+
+def test_ratios_after_nothing_are_not_known():
+    still = AxisMachine(lambda x, d: 0 * x, TRAVEL, on_axis=False, n_points=11)
+    assert np.isnan(iterate_loop(still, 2).ratios).all()

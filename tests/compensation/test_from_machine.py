@@ -436,3 +436,27 @@ def test_gap_of_a_measured_map_is_refused():
             positions=([0, 40e-3], [0, 40e-3]),
             at={"Z": 0.0},
         )
+
+
+def test_a_reference_that_is_no_node_is_told_with_its_amount():
+    """EXX = 1e-3 x^2 over nodes each 10 mm: halfway the chord is h^2/8 * 2e-3 = 25 nm off."""
+    mill = presets("mill_xyz")
+    grid = np.linspace(0.0, 80e-3, 9)
+
+    def tables(reference):
+        return tables_from_machine(
+            mill,
+            {"EXX": lambda x: 1e-3 * x**2},
+            over="X",
+            positions=grid,
+            at={"Y": 0.0, "Z": 0.0},
+            reference=reference,
+        )
+
+    told = [m for m in tables(45e-3).messages if "no node" in m]
+    there = abs(float(tables(45e-3)["X"].correction(45e-3)[0]))
+    assert there == pytest.approx(25e-9, abs=0.1e-9)  # times 1 + 2e-3 x
+    assert len(told) == 1
+    assert "X = 45 mm, which is no node, X is corrected by " in told[0]
+    assert "25 nm" in told[0]
+    assert not [m for m in tables(40e-3).messages if "no node" in m]

@@ -1,6 +1,7 @@
 """Knots by error: closed forms of the parabola, an exhaustive search, references, bad input."""
 
 import itertools
+import time
 
 import numpy as np
 import pytest
@@ -277,3 +278,146 @@ def test_knots_on_a_grid_are_as_good_as_the_exhaustive_search(twist):
 
     assert found.positions.size == 4
     assert found.residual == pytest.approx(best, rel=1e-4, abs=0.0)
+
+
+ROUNDED = 1e-9  # what rounding leaves of a height of 1
+
+
+def test_two_knots_on_the_curve_cannot_hold_a_reference_between_them():
+    x = np.linspace(0.0, 1.0, 11)
+    c = 1e-6 * (x**2 - 0.25)
+
+    with pytest.raises(TableError, match="n=3 at least"):
+        choose_knots(x, c, 2, values="on curve", reference=0.5)
+    free = choose_knots(x, c, 2, reference=0.5)
+    assert abs(free(0.5)) < 1e-20
+    on = choose_knots(x, c, 3, values="on curve", reference=0.5)
+    assert 0.5 in on.positions
+
+
+@pytest.mark.parametrize("kind", ["free", "on curve"])
+@pytest.mark.parametrize("n", [3, 4, 7])
+def test_an_exact_answer_with_a_reference_is_found(n, kind):
+    found = choose_knots([0, 0.15, 0.3], [1e-6, 0, 1e-6], n, reference=0.15, values=kind)
+
+    assert found.positions.size == n
+    assert found(np.array([0.0, 0.06, 0.15, 0.3])) == pytest.approx(
+        [1e-6, 6e-7, 0, 1e-6], abs=1e-21
+    )
+
+
+@pytest.mark.parametrize("kind", ["free", "on curve"])
+@pytest.mark.parametrize("n", [3, 5, 8, 12])
+@pytest.mark.parametrize("seed", [0, 6, 12, 13])
+def test_a_polyline_between_the_samples_of_a_v_is_exact(seed, n, kind):
+    x = np.sort(np.random.default_rng(seed).uniform(0, 0.3, 27))
+    x = np.union1d(x, [0.05]) if n == 3 else x
+    c = 1e-6 * np.abs(x - 0.05)
+
+    found = choose_knots(x, c, n, values=kind)
+
+    assert found.positions.size == n
+    assert found.residual < ROUNDED * np.ptp(c)
+    assert (np.diff(found.positions) > 0).all()
+    assert deviation(x, c, found.positions, found.values) < ROUNDED * np.ptp(c)
+
+
+# 14 samples of a V whose search ended with two knots in one place
+V14 = [-0.25887667, -0.20, -0.162, -0.1001, -0.07, -0.02494025, 0.0181, 0.05, 0.0917]
+V14 += [0.1409, 0.2, 0.24886349, 0.3001, 0.3997509]
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-15, 1e-13, 1e-12, 1e-11, 1e-10, 1e-8])
+@pytest.mark.parametrize("n", [3, 4, 6, 8])
+def test_knots_rise_strictly_however_little_is_left(n, noise):
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        x = np.array(V14) + rng.uniform(-5e-3, 5e-3, 14)
+        c = 1e-7 * (np.abs(x - 0.05) + noise * rng.normal(size=14))
+        found = choose_knots(x, c, n)
+        assert found.positions.size == n
+        assert (np.diff(found.positions) > 0).all()
+        # the polyline through the samples next to the corner is as near as the noise
+        if n >= 4:
+            assert found.residual < 1e-7 * (8 * noise + ROUNDED)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("reference", [None, 0.2])
+def test_many_samples_are_as_good_as_few_and_quick(reference):
+    """exp(3 x) in um: equal residuals a h^2 / 16 make 16 r links^2 the square of the mean of sqrt(a)."""
+    x = np.linspace(0, 1, 20_001)
+    c = 1e-6 * (np.exp(3 * x) - np.exp(0.6))
+    started = time.process_time()
+    found = choose_knots(x, c, 40, reference=reference)
+    took = time.process_time() - started
+
+    expected = (3e-3 * (np.exp(1.5) - 1) / 1.5) ** 2 / 16 / 39**2
+    # the polyline passes the reference exactly, where it would be off by the residual
+    room = 0.003 if reference is None else 0.06
+    assert found.residual == pytest.approx(expected, rel=room, abs=0.0)
+    assert found.residual == pytest.approx(
+        deviation(x, c, found.positions, found.values), rel=0, abs=1e-15
+    )
+    few = choose_knots(x[::25], c[::25], 40, reference=reference)
+    # 801 samples are off the curve by a h^2 / 8 = 35 pm
+    assert abs(found.residual - few.residual) < 0.07e-9
+    assert took < 15.0  # it was 34 s; about 4 s on a machine that is not busy
+
+
+def test_thousands_of_samples_with_noise_are_searched_to_their_tolerance():
+    x = np.linspace(0, 1, 2_001)
+    c = 1e-6 * (np.sin(7 * x) + 0.05 * np.random.default_rng(8).normal(size=x.size))
+
+    found = choose_knots(x, c, 6)
+
+    assert found.residual == pytest.approx(
+        deviation(x, c, found.positions, found.values), rel=0, abs=1e-15
+    )
+    # optimal: the greedy tunnel needs more knots for a little less
+    assert knots_for_tolerance(x, c, found.residual * (1 - 5e-4)).positions.size > 6
+    assert knots_for_tolerance(x, c, found.residual * (1 + 1e-5)).positions.size <= 6
+
+
+def test_a_thinned_curve_stays_within_its_tolerance():
+    from metrosep.compensation._knot_search import thinned
+
+    rng = np.random.default_rng(3)
+    x = np.sort(rng.uniform(0, 1, 3000))
+    for c in (np.sin(9 * x), np.cumsum(rng.normal(size=x.size)), np.abs(x - x[777])):
+        for tolerance in (1e-12, 1e-3, 0.3, 50.0):
+            kept = thinned(x, c, tolerance, float(x[777]))
+            assert kept[0] == 0
+            assert kept[-1] == x.size - 1
+            assert 777 in kept
+            assert (np.diff(kept) > 0).all()
+            assert np.abs(np.interp(x, x[kept], c[kept]) - c).max() <= tolerance * (1 + 1e-9)
+    assert thinned(x, np.abs(x - x[777]), 1e-12, None).tolist() == [0, 777, 2999]
+
+
+def test_knots_do_not_fall_together_at_the_end():
+    """The samples of a V for which the first two knots once were one."""
+    x = np.array(
+        [
+            -0.25887666810584703,
+            -0.2452602688796026,
+            -0.24494459479016256,
+            -0.20192204366113126,
+            -0.15111705110041485,
+            -0.0977671684735279,
+            -0.024940246665278554,
+            0.09797608557950044,
+            0.30263973763150015,
+            0.33979401807969795,
+            0.3711308564568811,
+            0.39362359610744685,
+            0.3950819471391727,
+            0.3997509015893778,
+        ]
+    )
+    c = 1e-08 * np.abs(x - 0.05)
+
+    found = choose_knots(x, c, 8)
+
+    assert (np.diff(found.positions) > 1e-3).all()
+    assert found.residual < ROUNDED * np.ptp(c)

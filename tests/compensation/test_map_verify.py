@@ -155,3 +155,12 @@ def test_a_map_of_zeros_proves_nothing():
     grid = np.linspace(0, 1, 5)
     with pytest.raises(SignCheckFailedError):
         CompensationMap(grid, grid, np.zeros((5, 5))).verify(twisted)
+
+
+@pytest.mark.parametrize("height", [0.0, 3e-6])
+def test_a_map_that_changes_nothing_is_not_called_mirrored(height):
+    flat = CompensationMap(np.linspace(0, 1, 5), np.linspace(0, 1, 4), np.full((4, 5), height))
+
+    with pytest.raises(SignCheckFailedError, match="changes nothing there") as caught:
+        flat.verify(twisted)
+    assert "mirrored" not in str(caught.value)

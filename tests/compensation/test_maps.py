@@ -354,3 +354,39 @@ def test_repr_for_people():
     assert "9 columns x 7 rows" in repr(made())
     assert "added to the command" in made()._repr_html_()
     assert "not measured" in repr(made().source)
+
+
+def parabola(x, y):
+    return 1e-3 * x**2 + 0 * y
+
+
+def test_a_reference_that_is_no_node_is_zero_where_a_third_axis_is_corrected():
+    assert made(parabola, reference=(45e-3, 0.0)).correction(45e-3, 0.0)[0] == pytest.approx(
+        0.0, abs=ROUND
+    )
+
+
+def test_a_reference_that_is_no_node_of_an_inverted_map_is_reported_with_its_amount():
+    """0.1 x^2 at 40 and 50 mm is -+45 um about the chord at 45 mm, slopes 8e-3 and 1e-2.
+
+    To second order c = -E + E E', so halfway (-45 um * 8e-3 + 45 um * 1e-2)/2 = 45 nm are left.
+    """
+    steep = lambda x, y: 100 * parabola(x, y)  # noqa: E731
+    between = made(steep, compensates="X", reference=(45e-3, 0.0))
+    node = made(steep, compensates="X", reference=(40e-3, 0.0))
+
+    there = between.correction(45e-3, 0.0)[0]
+    assert there == pytest.approx(45e-9, abs=1.5e-9)  # third order: E E' times 2 %
+    (finding,) = (f for f in between.limits() if f.check == "reference")
+    assert finding.level == "warning"
+    assert f"X = 45 mm, Y = 0 mm is {there * 1e9:.3g} nm, not zero" in finding.problem
+    assert "make the reference a node" in finding.fix
+    assert "reference" not in [f.check for f in node.limits()]
+
+
+@pytest.mark.parametrize("name", ["X\nM30", "X\x00", " ", ""])
+def test_axes_that_cannot_be_printed_are_refused(name):
+    with pytest.raises(TableError, match="axes are the names"):
+        CompensationMap([0, 1], [0, 1], np.zeros((2, 2)), axes=(name, "Y"))
+    with pytest.raises(TableError, match="compensates must name an axis"):
+        CompensationMap([0, 1], [0, 1], np.zeros((2, 2)), compensates=name)

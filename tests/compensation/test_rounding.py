@@ -149,3 +149,39 @@ def test_bad_magnification_and_positions():
         round_increments([0.0], 1e-6)
     with pytest.raises(DataError, match="1 positions"):
         round_increments([0.0, 1.0], 1e-6, positions=[0.0])
+
+
+def test_the_worst_is_the_one_that_is_out_of_range():
+    """-128 is allowed, +128 is not, and they are as large."""
+    (finding,) = round_increments([0, -128e-6, 0], 1e-6).findings
+
+    assert "interval 1 needs an increment of 128" in finding.problem
+    assert "the worst is 128" in finding.problem
+    assert "magnification of 2" in finding.fix
+    assert round_increments([0, -128e-6, 0], 1e-6, 2).findings == ()
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_the_magnification_that_is_named_is_enough_and_the_smallest(seed):
+    rng = np.random.default_rng(seed)
+    c = rng.normal(0, 30e-6, 50)
+    limits = [(-7, 7), (-128, 127), (-3, 9)][seed % 3]
+    now = int(rng.integers(1, 4))
+    found = [f for f in round_increments(c, 0.1e-6, now, limits).findings if "needs" in f.problem]
+    if not found:
+        return
+    named = int(found[0].fix.split("magnification of ")[1].split()[0])
+
+    def in_range(magnification):
+        more = round_increments(c, 0.1e-6, magnification, limits).findings
+        return not any("needs" in f.problem for f in more)
+
+    assert in_range(named)
+    # one of the next smaller may do by luck of rounding, half of it never
+    assert not in_range(max(now, named // 2))
+
+
+def test_no_magnification_is_named_where_none_would_do():
+    (finding,) = round_increments([0, 50e-6], 1e-6, limits=(-5, 0)).findings
+
+    assert "a larger magnification" in finding.fix

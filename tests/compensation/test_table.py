@@ -229,3 +229,21 @@ def test_repr_says_axes_span_and_stroke():
         "zero at 0 m)"
     )
     assert "c = −e" in table._repr_html_()
+
+
+@pytest.mark.parametrize("field", ["axis", "compensates"])
+@pytest.mark.parametrize("name", ["X\nM30", "X\x00", " ", ""])
+def test_axes_that_cannot_be_printed_are_refused(field, name):
+    with pytest.raises(TableError, match=f"{field} must name an axis"):
+        CompensationTable(
+            [0, 1],
+            [0, 0],
+            None,
+            **{"axis": "X", "compensates": "X", "reference": 0.0, field: name},
+        )
+
+
+@pytest.mark.parametrize("reference", [float("nan"), float("inf")])
+def test_reference_that_is_no_position_is_refused(reference):
+    with pytest.raises(TableError, match="must be a finite position"):
+        CompensationTable([0.0, 1e-3], [0.0, 1e-6], None, "X", "Z", reference)

@@ -56,11 +56,11 @@ def test_slope_limit():
     assert np.abs(np.diff(c.forward) / np.diff(c.positions)).max() <= 1e-3
 
 
-def test_reverse_column_is_half_as_high():
+def test_reverse_column_is_lower():
     trial = trial_table(real(reverse=True), 4e-6)
-    assert trial.table.reverse == pytest.approx(0.5 * trial.table.forward, abs=1e-20)
-    assert trial.amplitude_reverse == 2e-6
-    assert "half of it" in trial.if_right
+    assert trial.table.reverse == pytest.approx(0.3 * trial.table.forward, abs=1e-20)
+    assert trial.amplitude_reverse == pytest.approx(1.2e-6, abs=1e-20)
+    assert "0.3 of it" in trial.if_right
     assert trial_table(real(), 4e-6).table.reverse is None
 
 
@@ -68,7 +68,7 @@ def test_verdict():
     trial = trial_table(real(), 4e-6)
     assert trial.judge(3.9e-6, 0.1e-6) == "right"
     assert trial.judge(-4.2e-6, 0.1e-6) == "wrong"
-    for nothing in (0.0, 1e-6, 9e-6, -0.5e-6):
+    for nothing in (0.0, 1e-6, 13e-6, -0.3e-6):
         with pytest.raises(DataError, match="not active"):
             trial.judge(nothing, 0.1e-6)
     with pytest.raises(DataError, match="average more"):
@@ -116,3 +116,54 @@ def test_bad_input_is_refused():
         trial_table(real(30e-3), 1e-6, third="middle")
     with pytest.raises(TableError, match="no entry"):
         trial_table(real(n=2), 1e-6)
+
+
+def shown(table, position, *, scale=1.0, mirrored=False, swapped=False):
+    """What an indicator sees at a place, moving in + direction, from a controller that errs so."""
+    p = table.positions
+    at = p[0] + p[-1] - position if mirrored else position
+    column = table.reverse if swapped else table.forward
+    return scale * float(np.interp(at, p, column))
+
+
+@pytest.mark.parametrize("third", ["first", "middle", "last", "auto"])
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        ({"swapped": True}, "columns are swapped"),
+        ({"scale": 0.5}, "scaled by half"),
+        ({"scale": 2.0}, "scaled by two"),
+        ({"mirrored": True}, "mirrored"),
+    ],
+)
+def test_each_fault_of_a_controller_is_told_from_a_sign(third, sign, fault, words):
+    trial = trial_table(real(60e-3, reverse=True), 3e-6, third=third)
+    reading = sign * shown(trial.table, trial.position, **fault)
+
+    with pytest.raises(DataError, match=words) as caught:
+        trial.judge(reading, 0.05e-6)
+    assert ("sign is wrong" in str(caught.value)) == (sign < 0 and "mirrored" not in fault)
+
+
+@pytest.mark.parametrize("third", ["first", "middle", "last"])
+def test_a_mirrored_table_is_flat_at_the_peak_and_seen_at_its_mirror(third):
+    trial = trial_table(real(), 2e-6, third=third)
+    t = trial.table
+    assert shown(t, trial.position, mirrored=True) == 0.0
+    assert shown(t, trial.mirror) == 0.0
+    assert trial.judge(shown(t, trial.position), at_mirror=shown(t, trial.mirror)) == "right"
+    with pytest.raises(DataError, match="mirrored or shifted"):
+        trial.judge(0.0, at_mirror=shown(t, trial.mirror, mirrored=True))
+    with pytest.raises(DataError, match="at_mirror"):
+        trial.judge(2e-6, at_mirror=float("nan"))
+
+
+def test_few_entries_never_make_a_bump_that_is_its_own_mirror():
+    five = real(n=5)  # one entry of the middle third: 30 mm, the middle itself
+    with pytest.raises(TableError, match="another third"):
+        trial_table(five, 1e-6, third="middle")
+    assert trial_table(five, 1e-6).position == pytest.approx(45e-3, abs=1e-12)
+    for reference in (0.0, 30e-3):
+        with pytest.raises(TableError, match="more entries"):
+            trial_table(real(reference, n=4), 1e-6)

@@ -467,3 +467,123 @@ def test_sidecar_of_something_else_is_refused(tmp_path, table):
 
     with pytest.raises(CorruptFileError, match="not the sidecar of a map"):
         Aerotech().decode(HAND.encode(), path, corrected_sign=1)
+
+
+@pytest.mark.parametrize(
+    ("axis", "number"), [("X", 2), ("Y", 1), ("X", 4), ("Y", 4), ("Z", 1), ("Z", 2)]
+)
+def test_corrected_axis_must_be_the_number_of_the_axis_the_map_corrects(area, axis, number):
+    """X runs along the columns (axis 1), Y along the rows (axis 2)."""
+    made = CompensationMap(area.x, area.y, area.values, compensates=axis)
+
+    with pytest.raises(DataError, match=rf"X, Y -> {axis}.*corrected_axis={number}"):
+        Aerotech().encode(made, **options(corrected_axis=number))
+
+
+def test_corrected_axis_is_that_of_the_output_and_not_of_a_comment(area):
+    made = CompensationMap(area.x, area.y, area.values, compensates="Y")
+    text = Aerotech().encode(made, **options(corrected_axis=2)).data.decode()
+    bare = "\n".join(s for s in text.splitlines() if not s.startswith(";")) + "\n"
+
+    back = Aerotech().decode(bare.encode(), NOWHERE, corrected_sign=1)
+    assert (back.axes, back.compensates) == (("X", "Y"), "Y")
+    with pytest.raises(CorruptFileError, match=r"correct X, but its entries act on axis 2.*Y"):
+        Aerotech().decode(bare.encode(), NOWHERE, corrected_sign=1, names="X, Y, X")
+    column = bare.replace(":START2D 2   1   1    2", ":START2D 2   1   2    1")
+    assert Aerotech().decode(column.encode(), NOWHERE, corrected_sign=1).compensates == "X"
+
+
+def test_user_and_comment_must_not_contradict(area):
+    data = Aerotech().encode(area, **options(corrected_sign=-1)).data
+
+    for told in ({"corrected_sign": 1}, {"offset_follows": "axis"}, {"corrected_axis": 3}):
+        with pytest.raises(DataError, match=rf"{next(iter(told))}="):
+            Aerotech().lookup(data, NOWHERE, **told)
+    with pytest.raises(DataError, match="names"):
+        Aerotech().decode(data, NOWHERE, names="X, Y, W")
+
+
+def test_two_comments_must_not_contradict(area):
+    text = Aerotech().encode(area, **options(corrected_sign=-1)).data.decode()
+    later = text.replace(":END", ":END\n; metrosep: corrected_sign=1")
+
+    with pytest.raises(CorruptFileError, match="contradict each other: corrected_sign"):
+        Aerotech().decode(later.encode(), NOWHERE)
+
+
+def test_every_changed_line_is_found_without_a_sidecar(area):
+    lines = Aerotech().encode(area, **UP).data.decode().splitlines()
+    attempts = []
+    for i in range(2, len(lines)):
+        attempts.append([*lines[:i], *lines[i + 1 :]])  # lost
+        attempts.append([*lines[: i + 1], *lines[i:]])  # doubled
+        attempts.append([*lines[:i], lines[i][:-2], *lines[i + 1 :]])  # cut
+        if i + 1 < len(lines):
+            attempts.append([*lines[:i], lines[i + 1], lines[i], *lines[i + 2 :]])  # exchanged
+    attempts.append([lines[0].replace("corrected_sign=1", "corrected_sign=-1"), *lines[1:]])
+    attempts.append([lines[0][:-2], *lines[1:]])
+
+    for changed in attempts:
+        with pytest.raises((CorruptFileError, UnsupportedFeatureError)):
+            Aerotech().decode("\n".join(changed).encode(), NOWHERE)
+    assert len(attempts) > 60
+    spaced = "\r\n".join(s.replace("   ", "  ") for s in lines)  # blanks are not content
+    assert Aerotech().decode(spaced.encode(), NOWHERE).values.shape == area.values.shape
+
+
+NEGATIVE = HAND.replace("5.000 5.000 3", "5.000 -5.000 3")
+
+
+def test_foreign_file_with_a_negative_distance_and_an_offset_is_ambiguous():
+    with pytest.raises(DataError, match=r"column distance.*offset_follows="):
+        Aerotech().decode(NEGATIVE.encode(), NOWHERE, corrected_sign=1)
+    with pytest.raises(DataError, match="offset_follows="):
+        AerotechLine().decode(NEGATIVE.encode(), NOWHERE, corrected_sign=1, names="X, Z")
+
+    back = Aerotech().decode(
+        NEGATIVE.encode(), NOWHERE, corrected_sign=1, offset_follows="encoder"
+    )
+    np.testing.assert_allclose(back.x, [10e-3, 15e-3, 20e-3], atol=1e-15, rtol=0)
+    zero = NEGATIVE.replace("OFFSETCOL=10.000", "OFFSETCOL=0.000")
+    assert Aerotech().decode(zero.encode(), NOWHERE, corrected_sign=1).x[0] == 0.0
+
+
+def test_foreign_line_over_another_axis_asks_for_names():
+    with pytest.raises(DataError, match=r"axis 4 is corrected over axis 1.*names="):
+        AerotechLine().decode(HAND.encode(), NOWHERE, corrected_sign=1)
+    back = AerotechLine().decode(HAND.encode(), NOWHERE, corrected_sign=1, names="Y, W")
+    assert (back.axis, back.compensates) == ("Y", "W")
+    with pytest.raises(CorruptFileError, match="act on axis 4"):
+        AerotechLine().decode(HAND.encode(), NOWHERE, corrected_sign=1, names="X, X")
+    with pytest.raises(DataError, match="2 names"):
+        AerotechLine().decode(HAND.encode(), NOWHERE, corrected_sign=1, names="X")
+
+
+HUGE = "9" * 400
+LONG = "9" * 5000
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("OUTAXIS3=4", "OUTAXIS3=\N{SUPERSCRIPT TWO}"),
+        ("OUTAXIS3=4", "OUTAXIS3=" + LONG),
+        ("5.000 3\n", f"5.000 {HUGE}\n"),
+        ("5.000 3\n", f"5.000 {LONG}\n"),
+        ("5.000 5.000 3", f"{HUGE} 5.000 3"),
+        ("5.000 5.000 3", f"5.000 0.{'0' * 330}1 3"),
+        ("5.000 5.000 3", f"5.000 0.{'0' * 30}1 3"),
+        ("METRIC/1000", "METRIC/" + HUGE),
+        ("METRIC/1000", "METRIC/" + LONG),
+        ("OFFSETCOL=10.000", "OFFSETCOL=" + HUGE),
+        ("0.4000\n:END", f"{HUGE}\n:END"),
+        ("0.4000\n:END", "\N{ARABIC-INDIC DIGIT FOUR}.0\n:END"),
+        ("START2D 2 ", "START2D \N{ARABIC-INDIC DIGIT TWO} "),
+    ],
+)
+def test_numbers_beyond_all_bounds_are_refused(old, new):
+    assert old in HAND
+
+    with pytest.raises((CorruptFileError, UnsupportedFeatureError)) as caught:
+        Aerotech().decode(HAND.replace(old, new, 1).encode(), NOWHERE, corrected_sign=1)
+    assert len(str(caught.value)) < 400

@@ -80,9 +80,9 @@ def test_the_same_file_is_written_after_its_comments():
 
     comments, _, rest = text.partition("[")
     assert "[" + rest == HAND
-    assert comments == (
+    assert comments.startswith(
         "// entry = +e, sign not documented: dry-run on the machine first\n"
-        "// metrosep: entry_sign=1\n"
+        "// metrosep: entry_sign=1 parameter=EXY rows=3 check="
     )
 
 
@@ -247,3 +247,84 @@ def test_cut_file_is_refused(end):
 def test_other_content_is_refused(data):
     with pytest.raises(CorruptFileError):
         Etalon().decode(data, NOWHERE, entry_sign=1)
+
+
+@pytest.mark.parametrize("parameter", ["EXY", "EZY", "EXX", "EYX"])
+def test_parameter_must_be_that_of_the_axes(parameter):
+    """X -> Z is EZX: an error in Z over X."""
+    made = CompensationTable([0, 1e-3], [0, 1e-9], None, "X", "Z", 0.0)
+
+    with pytest.raises(DataError, match=rf"{parameter} is the error in .*X -> Z, which is EZX"):
+        Etalon().encode(made, parameter=parameter)
+    assert Etalon().encode(made, parameter="EZX")
+
+
+def test_machine_axes_are_lengths():
+    made = CompensationTable([0, 1e-3], [0, 1e-9], None, "AX1", "AX3", 0.0)
+    turns = CompensationTable([0, 1], [0, 1e-9], None, "C1", "AX3", 0.0)
+
+    assert b"[EZX]" in Etalon().encode(made, parameter="EZX").data
+    with pytest.raises(DataError, match="AX1 -> AX3 mix"):
+        Etalon().encode(made, parameter="EAA")
+    assert b"[EZC]" in Etalon().encode(turns, parameter="EZC").data
+    with pytest.raises(DataError, match="mix lengths and angles"):
+        Etalon().encode(turns, parameter="EZX")
+
+
+def written(axis, sign):
+    made = CompensationTable([0, 1e-3, 3e-3], [0, 1e-6, -2e-6], None, axis, axis, 0.0)
+    return Etalon().encode(made, entry_sign=sign).data
+
+
+@pytest.mark.parametrize("signs", [(1, -1), (-1, 1)])
+def test_comment_with_the_sign_belongs_to_its_own_section(signs):
+    both = (
+        written("X", signs[0]) + written("Y", signs[1]) + b"[C0B]\nVALUE = 1.0\n" + HAND.encode()
+    )
+
+    for parameter in ("EXX", "EYY"):
+        back = Etalon().decode(both, NOWHERE, parameter=parameter)
+        np.testing.assert_allclose(back.forward, [0, 1e-6, -2e-6], atol=FLOAT, rtol=0)
+    with pytest.raises(DataError, match="entry_sign=1"):  # of others, without a comment
+        Etalon().decode(both, NOWHERE, parameter="EXY")
+
+
+def test_contradicting_signs_are_refused():
+    data = written("X", -1)
+
+    with pytest.raises(DataError, match="entry_sign=1, the comment in the file says -1"):
+        Etalon().lookup(data, NOWHERE, entry_sign=1)
+    for more in (b"// metrosep: entry_sign=1\n" + data, data + b"// metrosep: entry_sign=1\n"):
+        with pytest.raises(CorruptFileError, match="contradict each other: entry_sign"):
+            Etalon().decode(more, NOWHERE)
+    with pytest.raises(CorruptFileError, match="entry_sign='x'"):
+        Etalon().decode(
+            HAND.replace("[EXY]", "// metrosep: entry_sign=x\n[EXY]").encode(), NOWHERE
+        )
+
+
+def test_every_changed_line_is_found_without_a_sidecar(bump):
+    made = CompensationTable.from_error(bump, positions=np.linspace(0.0, 50e-3, 26), axis="X")
+    lines = Etalon().encode(made).data.decode().splitlines()
+    for i in range(4, len(lines)):
+        tries = [[*lines[:i], *lines[i + 1 :]], [*lines[: i + 1], *lines[i:]]]
+        if i < len(lines) - 1:
+            tries.append([*lines[:i], lines[i][:-2], *lines[i + 1 :]])
+        for changed in tries:
+            with pytest.raises(CorruptFileError):
+                Etalon().decode("\n".join(changed).encode(), NOWHERE)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("15.5 ", "9" * 400 + " "),
+        ("0.000400000000", "9" * 5000),
+        ("15.5 ", "\N{ARABIC-INDIC DIGIT NINE}9.0 "),
+        ("0.000400000000", "\N{ARABIC-INDIC DIGIT ZERO}.0"),
+    ],
+)
+def test_numbers_beyond_all_bounds_are_refused(old, new):
+    with pytest.raises(CorruptFileError, match="line 5") as caught:
+        Etalon().decode(HAND.replace(old, new, 1).encode(), NOWHERE, entry_sign=1)
+    assert len(str(caught.value)) < 400

@@ -1,5 +1,7 @@
 """Fanuc pitch error data: the parameter manual's example, a walk in pulses, drift, what is refused."""
 
+import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -403,3 +405,90 @@ def test_facts_of_the_dialect():
 def test_axis_that_turns_is_refused():
     with pytest.raises(TableError, match="axis C turns"):
         encode(CompensationTable([0.0, 1e-3], [0, 0], None, "C", "C", 0.0))
+
+
+def test_table_of_another_axis_is_refused(tmp_path):
+    """Pitch error shifts the axis it looks up: X -> Z would shift X by what Z needs."""
+    cross = CompensationTable([0.0, 1e-3], [0, 1e-6], None, "X", "Z", 0.0)
+
+    with pytest.raises(TableError, match=r"X -> Z.*controller='fanuc-straightness'"):
+        encode(cross)
+    path = tmp_path / "x.txt"
+    path.write_text(HAND)
+    path.with_name("x.txt.json").write_text('{"table": {"axis": "X", "compensates": "Z"}}')
+    with pytest.raises(CorruptFileError, match="X -> Z"):
+        controllers.read(path, "fanuc")
+
+
+@pytest.mark.parametrize(
+    "option",
+    [
+        {"entry_sign": 1},
+        {"detection_unit": 1e-5},
+        {"increment": 1e-5},
+        {"reference_position": 1e-3},
+        {"magnification": 2},
+        {"reference_number": 41},
+    ],
+)
+def test_option_that_contradicts_the_file_is_refused(tmp_path, option):
+    (name,) = option
+    with pytest.raises(DataError, match=rf"the file says {name}=.*you say"):
+        decode(HAND.encode(), **option)
+    path = tmp_path / "x.txt"
+    path.write_text(HAND)
+    path.with_name("x.txt.json").write_text(json.dumps({"options": option}))
+    with pytest.raises(DataError, match=rf"the file says {name}="):
+        controllers.read(path, "fanuc")
+
+
+def test_option_that_agrees_with_the_file_is_taken():
+    same = {"entry_sign": -1, "detection_unit": 0.001 * 1e-3, "reference_number": 40}
+
+    np.testing.assert_array_equal(
+        decode(HAND.encode(), **same).forward, decode(HAND.encode()).forward
+    )
+
+
+def test_interval_beyond_the_table_is_refused():
+    for interval in (1.0, 100.0):
+        with pytest.raises(LimitError, match=r"larger than the table, which spans 800 mm"):
+            encode(manual_table(), interval=interval)
+
+
+def test_way_out_of_a_reference_that_is_no_position_works():
+    """Between -3 and 4 mm the chord of 0.1 x^2 misses the zero; a position there is exact."""
+
+    def error(x):
+        return 0.1 * np.asarray(x) ** 2
+
+    p = np.array([-20, -7, -3, 4, 9, 15, 30]) * 1e-3
+    with pytest.raises(TableError, match="make the reference one of the positions"):
+        encode(CompensationTable.from_error(error, positions=p, axis="X", reference=0.0))
+
+    more = CompensationTable.from_error(
+        error, positions=np.union1d(p, 0.0), axis="X", reference=0.0
+    )
+    assert encode(more, largest=127).carried.positions.size > 7
+
+
+@pytest.mark.parametrize(("x", "c"), [(1e5, 1e-6), (1e-3, 1e6), (1e-3, 1e300)])
+def test_numbers_that_no_word_holds_are_refused_with_their_entry(x, c):
+    with pytest.raises(LimitError, match=r"of entry 1 exceeds") as caught:
+        encode(CompensationTable([0.0, x], [0, c], None, "X", "X", 0.0))
+    assert len(str(caught.value)) < 200
+
+
+@pytest.mark.parametrize("unit", [1e-300, 1e300])
+def test_detection_unit_that_no_machine_has_is_refused(unit):
+    with pytest.raises(DataError, match="detection_unit"):
+        encode(manual_table(), detection_unit=unit)
+
+
+def test_file_on_the_page_is_whole(repository):
+    page = (repository / "docs" / "controllers" / "fanuc.md").read_text("utf-8")
+    block = re.search(r"```text\n(.*?)```", page, re.DOTALL)[1]
+    x = np.array([-10, 0, 10, 20]) * 1e-3
+    table = CompensationTable(x, np.array([1, 0, -2, 0]) * 1e-6, None, "X", "X", 0.0)
+
+    assert encode(table).data.decode() == block

@@ -325,3 +325,19 @@ def test_parameters_of_another_axis_are_refused():
 def test_axis_that_turns_is_refused():
     with pytest.raises(TableError, match="axis B turns"):
         encode(CompensationTable(np.arange(9) * 5e-3, np.zeros(9), None, "B", "Y", 0.0))
+
+
+@pytest.mark.parametrize(
+    ("name", "other"),
+    [("entry_sign", 1), ("detection_unit", 1e-5), ("interval", 1e-2), ("reference_number", 7)],
+)
+def test_option_that_contradicts_the_file_is_refused(name, other):
+    with pytest.raises(DataError, match=f"the file says {name}=.*you say"):
+        decode(HAND.encode(), **{name: other})
+
+
+@pytest.mark.parametrize(("x", "c"), [(1e5, 1e-6), (0.06, 1e6), (0.06, 1e300)])
+def test_numbers_that_no_word_holds_are_refused_with_their_entry(x, c):
+    with pytest.raises(LimitError, match=r"of entry 1 exceeds") as caught:
+        encode(CompensationTable([0.0, x], [0, c], None, "X", "Z", 0.0))
+    assert len(str(caught.value)) < 200

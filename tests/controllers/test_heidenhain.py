@@ -217,7 +217,7 @@ def test_what_cannot_be_carried_is_refused(table):
         encode(table, resolution=2e-7)
     with pytest.raises(TableError, match="not a multiple"):
         encode(table, interval=0.25e-7)
-    with pytest.raises(LimitError, match="fits no column"):
+    with pytest.raises(LimitError, match="of entry 1 exceeds 9 m"):
         encode(CompensationTable(x, [0, 10.0], None, "X", "X", 0.0))
 
 
@@ -270,3 +270,70 @@ def test_name_without_axes_keeps_the_axis_of_the_sidecar():
     text = HAND.replace("BEGIN Y_Y", "BEGIN AXY")
 
     assert decode(text.encode()).compensates == "Y"
+
+
+UNNAMED = SAG.replace("BEGIN Y_Z", "BEGIN AXISY")
+
+
+def test_name_that_does_not_tell_the_axis_is_asked_for():
+    """A column Z in AXISY.COM is the sag of Z over Y, and not of Z over X."""
+    with pytest.raises(DataError, match=r"does not tell over which axis.*looked_up_axis="):
+        decode(UNNAMED.encode())
+    made = decode(UNNAMED.encode(), looked_up_axis="Y")
+    assert (made.axis, made.compensates) == ("Y", "Z")
+
+
+def test_backlash_tells_that_the_axis_is_its_own():
+    text = HAND.replace("BEGIN Y_Y", "BEGIN AXISY").encode()
+
+    assert decode(text).axis == "Y"
+    with pytest.raises(DataError, match="BACKLASH says"):
+        decode(text, looked_up_axis="X")
+
+
+def test_axis_that_contradicts_the_name_is_refused():
+    with pytest.raises(DataError, match="the file says"):
+        decode(SAG.encode(), looked_up_axis="X")
+    with pytest.raises(TableError, match="looked_up_axis"):
+        encode(CompensationTable([0.0, 1e-3], [0, 0], None, "X", "X", 0.0), looked_up_axis="Y")
+
+
+def test_sign_that_contradicts_the_sidecar_is_refused(tmp_path, table):
+    path = tmp_path / "x.com"
+    controllers.write(table, path, "heidenhain", sign_confirmed=True)
+
+    with pytest.raises(DataError, match=r"its sidecar says entry_sign=1, you say entry_sign=-1"):
+        controllers.read(path, "heidenhain", entry_sign=-1)
+    sidecar = path.with_name("x.com.json")
+    changed = sidecar.read_text().replace('"entry_sign": 1', '"entry_sign": -1')
+    assert changed != sidecar.read_text()
+    sidecar.write_text(changed)
+    with pytest.raises(CorruptFileError, match="contradicts the corrections in its sidecar"):
+        controllers.read(path, "heidenhain")
+
+
+def test_table_of_another_axis_warns_that_only_one_is_active():
+    sag = CompensationTable([0.0, 1e-3], [0, 1e-6], None, "X", "Z", 0.0)
+
+    (finding,) = encode(sag).findings
+    assert "switches off a table X -> X" in finding.problem
+    assert any("exclude each other" in step for step in Heidenhain.info.activation)
+    with pytest.raises(CorruptFileError, match="only one table over an axis is active"):
+        decode(HAND.replace("        Y\r", "        Y               Z\r").encode())
+
+
+def test_interval_beyond_the_table_is_refused():
+    table = CompensationTable([0.0, 1e-3, 2e-3], [0, 1e-6, 0], None, "X", "X", 0.0)
+
+    with pytest.raises(LimitError, match=r"larger than the table, which spans 2 mm"):
+        encode(table, interval=3e-3)
+
+
+def test_columns_that_would_touch_are_refused():
+    far = CompensationTable([-20.0, -10.0], [0, 1e-6], None, "X", "X", -20.0)
+
+    assert encode(far, resolution=1e-9).data
+    with pytest.raises(LimitError, match=r"-20000\.000000000 leaves no gap"):
+        encode(far, resolution=1e-12)
+    with pytest.raises(LimitError, match="of entry 1 exceeds"):
+        encode(CompensationTable([0.0, 1e6], [0, 1e-6], None, "X", "X", 0.0))

@@ -1,6 +1,8 @@
 """ISG lists over one axis: examples of the documents, a small list reader of its own, refusals."""
 
+import json
 import re
+import time
 from pathlib import Path
 
 import numpy as np
@@ -363,7 +365,7 @@ def test_what_cannot_be_carried_is_refused(table):
         axis(CompensationTable(x, [0, 0], None, "C", "C", 0.0))
     with pytest.raises(TableError, match="fall together"):
         cross(CompensationTable([0.0, 2e-8], [0, 0], None, "X", "Z", 0.0))
-    with pytest.raises(LimitError, match="32 bits"):
+    with pytest.raises(LimitError, match="position 300 m of entry 1 exceeds 214 m"):
         cross(CompensationTable([0.0, 300.0], [0, 0], None, "X", "Z", 0.0))
 
 
@@ -436,3 +438,108 @@ def test_list_of_more_points_than_the_kernel_takes_is_refused():
         read_cross(text.encode())
     with pytest.raises(LimitError, match="takes 2"):
         read_axis(AXIS.encode(), capacity=2)
+
+
+def test_table_of_the_axis_itself_is_no_cross_compensation():
+    """Names say X -> X, numbers 1 -> 3: one of them is wrong."""
+    own = CompensationTable([0.0, 1e-3], [0, 1e-6], None, "X", "X", 0.0)
+
+    with pytest.raises(TableError, match="X -> X; write controller='isg-axis'"):
+        cross(own)
+
+
+def test_name_of_the_master_must_fit(tmp_path):
+    text = (CROSS_COMMENT + CROSS).replace("log_achs_name Z", "log_achs_name X")
+    with pytest.raises(DataError, match=r"corrects X over another axis.*master_name="):
+        read_cross(text.encode())
+    made = read_cross(text.encode(), master_name="Y")
+    assert (made.axis, made.compensates) == ("Y", "X")
+    with pytest.raises(CorruptFileError, match="so has its master"):
+        read_cross((CROSS_COMMENT + CROSS).replace("achs_nr 3", "achs_nr 1").encode())
+    table = CompensationTable([0.0, 1e-3], [0, 1e-6], None, "Y", "Z", 0.0)
+    with pytest.raises(TableError, match="looked up over Y"):
+        cross(table, master_name="X")
+    path = tmp_path / "a.lis"
+    path.write_text(CROSS_COMMENT + CROSS)
+    beside = path.with_name("a.lis.json")
+    beside.write_text(json.dumps({"table": {"axis": "Y", "compensates": "Z"}}))
+    assert controllers.read(path, "isg-cross").axis == "Y"
+    with pytest.raises(DataError, match="its sidecar says master_name='Y', you say"):
+        controllers.read(path, "isg-cross", master_name="X")
+    beside.write_text(json.dumps({"table": {"axis": "Y", "compensates": "W"}}))
+    with pytest.raises(DataError, match="the file says the corrected axis='Z', its sidecar"):
+        controllers.read(path, "isg-cross")
+
+
+@pytest.mark.parametrize("option", [{"entry_sign": 1}, {"cycles": 11}])
+def test_option_that_contradicts_the_list_is_refused(tmp_path, option):
+    with pytest.raises(DataError, match=r"the file says .*you say"):
+        read_cross((CROSS_COMMENT + CROSS).encode(), **option)
+    path = tmp_path / "a.lis"
+    path.write_text(CROSS_COMMENT + CROSS)
+    path.with_name("a.lis.json").write_text(json.dumps({"options": option}))
+    with pytest.raises(DataError, match="the file says"):
+        controllers.read(path, "isg-cross")
+
+
+def test_two_comments_that_contradict_each_other_are_refused():
+    other = CROSS_COMMENT.replace("-e", "+e")
+
+    with pytest.raises(CorruptFileError, match="two comments contradict each other"):
+        read_cross((CROSS_COMMENT + other + CROSS).encode())
+    assert read_cross((CROSS_COMMENT + CROSS_COMMENT + CROSS).encode()).forward[1] == 3e-6
+
+
+def test_room_for_more_points_is_reserved_in_the_list():
+    """last_index < max_points (P-COMP-00060); kw_nr_max < max_points (P-COMP-00020)."""
+    x = np.arange(1502) * 1e-4
+    slave = CompensationTable(x, 1e-6 * np.sin(x * 40), None, "X", "Z", 0.0)
+    own = CompensationTable(x, 1e-6 * np.sin(x * 40), None, "X", "X", 0.0)
+
+    for encoded, structure in (
+        (cross(slave, capacity=1502), "crosscomp"),
+        (axis(own, capacity=1502), "ssfk"),
+    ):
+        words = entries_of(encoded.data)
+        reserved = int(words[f"kw.{structure}.max_points"])
+        used = int(words.get("kw.ssfk.kw_nr_max", words.get("kw.crosscomp.last_index")))
+        assert used < reserved == (1502 if structure == "crosscomp" else 1503)
+        back = (read_cross if structure == "crosscomp" else read_axis)(encoded.data)
+        assert back.positions.size == 1502
+    assert "max_points" not in cross(slave, capacity=20, interval=10e-3).data.decode()
+    both = CompensationTable(x, own.forward, 0.5 * own.forward, "X", "X", 0.0)
+    assert int(entries_of(axis(both).data)["kw.ssfk.kw_nr_max"]) == 1499
+
+
+def test_reserved_room_of_the_list_counts():
+    small = (CROSS_COMMENT + CROSS).replace("unit 1", "max_points 2\nkw.crosscomp.unit 1")
+    with pytest.raises(LimitError, match="3 points, the kernel takes 2"):
+        read_cross(small.encode())
+    usual = (CROSS_COMMENT + CROSS).replace("unit 1", "max_points 0\nkw.crosscomp.unit 1")
+    assert read_cross(usual.encode()).positions.size == 3
+
+
+def test_comments_that_are_not_closed_cost_no_time():
+    start = time.perf_counter()
+    with pytest.raises(CorruptFileError, match="line 1: the comment /\\* is not closed"):
+        read_cross(b"/*\n" * 200_000, entry_sign=-1)
+    assert time.perf_counter() - start < 2.0  # quadratic it took minutes
+
+
+def test_sign_within_another_comment_and_blocks_with_hashes_are_passed_over():
+    text = "/* # metrosep: old */\n" + CROSS_COMMENT + CROSS.replace("10\n", "10 # /* open\n", 1)
+
+    assert read_cross(text.encode()).forward[1] == pytest.approx(3e-6, abs=ROUNDING)
+
+
+def test_interval_beyond_the_table_is_refused():
+    table = CompensationTable([0.0, 1e-3, 2e-3], [0, 1e-6, 0], None, "X", "Z", 0.0)
+
+    with pytest.raises(LimitError, match=r"larger than the table, which spans 2 mm"):
+        cross(table, interval=3e-3)
+
+
+def test_list_on_the_page_is_whole(repository):
+    page = (repository / "docs" / "controllers" / "twincat.md").read_text("utf-8")
+
+    assert f"```text\n{CROSS}```" in page

@@ -1,5 +1,6 @@
 """ISG plane lists: a hand-made one whose corners all differ, a reader of its own, refusals."""
 
+import json
 import re
 from pathlib import Path
 
@@ -270,3 +271,84 @@ def test_no_exponents():
 def test_list_of_more_points_than_the_kernel_takes_is_refused():
     with pytest.raises(LimitError, match=r"takes 10201.*capacity="):
         decode(HAND.replace("last_index_master2 1", "last_index_master2 9999").encode())
+
+
+def test_room_along_an_axis():
+    """Both last indices up to 100 where max_points is not given: 101 x 101 = 10201 points."""
+    x, y = np.arange(201) * 1e-3, np.arange(21) * 1e-3
+    values = 1e-6 * np.sin(40 * x) * (1 + y[:, None])
+    long = CompensationMap(x, y, values)
+
+    with pytest.raises(LimitError, match=r"201 x 21 points.*101 along each axis.*capacity=4221"):
+        encode(long)
+    data = encode(long, capacity=4221).data
+    assert b"kw.crosscomp2.max_points 4221\n" in data
+    assert decode(data).values.shape == (21, 201)
+    bare = data.replace(b"kw.crosscomp2.max_points 4221\n", b"")
+    with pytest.raises(LimitError, match="201 points, the kernel takes 101, along an axis"):
+        decode(bare)
+    square = CompensationMap(x[:101], y, values[:, :101])
+    assert b"max_points" not in encode(square).data
+    assert b"max_points" not in encode(square, capacity=5000).data
+
+
+def test_interval_beyond_the_map_is_refused():
+    """x spans 10 mm, y 5 mm: 6 mm would hold one row."""
+    made = CompensationMap(*GRID, VALUES)
+
+    for interval in (6e-3, 100.0):
+        with pytest.raises(LimitError, match=r"larger than the table, which spans"):
+            encode(made, interval=interval)
+
+
+def test_border_of_a_map_is_kept(tmp_path):
+    values = np.zeros((4, 5))
+    values[1:-1, 1:-1] = 2e-6
+    x, y = np.arange(5) * 1e-3, np.arange(4) * 1e-3
+    made = CompensationMap(x, y, values, border="zero")
+
+    controllers.write(
+        made,
+        tmp_path / "a.lis",
+        "isg-plane",
+        sign_confirmed=True,
+        allow_unverified=True,
+        **NUMBERS,
+    )
+
+    assert controllers.read(tmp_path / "a.lis", "isg-plane").border == "zero"
+
+
+@pytest.mark.parametrize(
+    "table",
+    [None, 5, {"axes": ["C", "X"], "reference_si": [0, 0]}, {"axes": ["X", "X"]}, {"axes": ["X"]}],
+)
+def test_sidecar_of_something_else_is_refused(tmp_path, table):
+    path = tmp_path / "a.lis"
+    path.write_text(HAND)
+    path.with_name("a.lis.json").write_text(json.dumps({"table": table}))
+
+    with pytest.raises(CorruptFileError, match="sidecar"):
+        controllers.read(path, "isg-plane")
+
+
+def test_numbers_and_names_of_the_axes_must_fit():
+    with pytest.raises(CorruptFileError, match="numbers and names"):
+        decode(HAND.replace("log_achs_name Z", "log_achs_name X").encode())
+    with pytest.raises(CorruptFileError, match="numbers and names"):
+        decode(HAND.replace("kopf.achs_nr 3", "kopf.achs_nr 2").encode())
+    with pytest.raises(CorruptFileError, match="numbers and names"):
+        decode(HAND.replace("master2_ax_nr 2", "master2_ax_nr 1").encode())
+
+
+def test_option_that_contradicts_the_list_is_refused():
+    for option in ({"entry_sign": 1}, {"cycles": 11}):
+        with pytest.raises(DataError, match=r"the file says .*you say"):
+            decode(HAND.encode(), **option)
+
+
+def test_errors_of_the_plane_compensation_are_told_right():
+    """70182 and 70183 are reactions of class 7 and 3: the axis stops."""
+    text = " ".join(IsgPlane.info.activation)
+    assert "70182 and 70183 stop the axis" in text
+    assert "without a stop" not in text

@@ -14,7 +14,7 @@ from metrosep.compensation.maps import CompensationMap
 from metrosep.controllers import registry
 from metrosep.controllers.klipper import Klipper
 from metrosep.controllers.options import checked_options
-from metrosep.errors import CorruptFileError, DataError, TableError
+from metrosep.errors import CorruptFileError, DataError, LimitError, TableError
 
 NOWHERE = Path(os.devnull)
 ROUNDING = 1e-15
@@ -239,3 +239,23 @@ def test_damaged_section_is_refused(old, new):
 def test_sign_is_confirmed():
     assert Klipper.info.sign == "confirmed"
     assert Klipper.info.entry.endswith("-e")
+
+
+@pytest.mark.parametrize("name", ["a#b", "a;b", "a=b", "x" * 61, "sch\u00f6n"])
+def test_name_that_klipper_would_cut_is_refused(name):
+    """Its parser ends a line at # and ;, so the section would lose its bracket."""
+    with pytest.raises(TableError, match="cannot be the name of a mesh"):
+        encode(hand_map(), profile=name)
+
+
+def test_file_cut_in_its_last_number_is_refused():
+    """max_y = 20.5 without its end could have been 20.55."""
+    for cut in (1, 2, 3):
+        with pytest.raises(CorruptFileError):
+            Klipper().decode(HAND[:-cut].encode(), NOWHERE)
+
+
+@pytest.mark.parametrize(("x", "c"), [(1e300, 1e-6), (0.1, 1e6)])
+def test_units_that_are_mistaken_are_refused(x, c):
+    with pytest.raises(LimitError, match=r"exceeds 1(000)? m; check the units"):
+        encode(CompensationMap([0.0, x], [0.0, 0.1], [[0, 0], [0, c]]))

@@ -269,3 +269,72 @@ def test_missing_file_and_folder_are_refused(tmp_path):
         controllers.read(tmp_path / "x.comp")
     with pytest.raises(ReadError, match="is a folder"):
         controllers.read(tmp_path)
+
+
+def turning(compensates="C"):
+    degree = np.pi / 180
+    return CompensationTable(
+        np.array([0.0, 90.0, 270.0]) * degree,
+        np.array([0.0, 0.001, -0.002]) * degree,
+        None,
+        "C",
+        compensates,
+        0.0,
+    )
+
+
+def test_table_of_a_joint_that_turns_is_in_degrees(tmp_path):
+    path = tmp_path / "c.comp"
+    controllers.write(turning(), path, allow_unverified=True, joint_type="angular")
+
+    assert path.read_text() == (
+        "0.0000000000 0.0000000000 0.0000000000\n"
+        "90.0000000000 89.9990000000 89.9990000000\n"
+        "270.0000000000 270.0020000000 270.0020000000\n"
+    )
+    back = controllers.read(path)
+    assert (back.axis, back.compensates) == ("C", "C")
+    np.testing.assert_allclose(back.positions, turning().positions, atol=ROUNDING, rtol=0)
+    np.testing.assert_allclose(back.forward, turning().forward, atol=2e-12, rtol=0)
+    lookup = controllers.simulate(path)
+    assert lookup(np.pi / 4) == pytest.approx(0.0005 * np.pi / 180, abs=2e-12)
+    assert "TYPE = ANGULAR" in json.loads((tmp_path / "c.comp.json").read_text())["ini"]
+
+
+def test_degrees_without_a_sidecar_are_read_by_the_option(tmp_path):
+    path = tmp_path / "c.comp"
+    path.write_text("0 0 0\n180 180.002 180.002\n")
+
+    back = controllers.read(path, "linuxcnc", joint_type="angular")
+
+    assert back.axis == "C"
+    assert back.positions[1] == pytest.approx(np.pi, abs=1e-15)
+    assert back.forward[1] == pytest.approx(-0.002 * np.pi / 180, abs=ROUNDING)
+    assert controllers.read(path, "linuxcnc").positions[1] == 0.18  # mm, where nothing tells
+
+
+def test_type_of_the_joint_must_fit_the_axis(tmp_path):
+    path = tmp_path / "c.comp"
+    with pytest.raises(DataError, match=r"axis of the table is C.*joint_type='angular'"):
+        controllers.write(turning(), path, allow_unverified=True)
+    with pytest.raises(DataError, match=r"axis of the table is X.*joint_type='linear'"):
+        controllers.write(evenly(3), path, allow_unverified=True, joint_type="angular")
+    for cross in (turning("Z"), CompensationTable([0.0, 1e-3], [0, 0], None, "X", "C", 0.0)):
+        for kind in ("linear", "angular"):
+            with pytest.raises(TableError, match=r"C turns.*linuxcnc-lincurve"):
+                LinuxCNC().encode(cross, cross_axis="hal", joint_type=kind)
+    assert list(tmp_path.iterdir()) == []
+    controllers.write(turning(), path, allow_unverified=True, joint_type="angular")
+    with pytest.raises(DataError, match="sidecar says axis C"):
+        controllers.read(path, "linuxcnc", joint_type="linear")
+    many = CompensationTable(np.arange(257) * 1e-3, np.zeros(257), None, "C", "C", 0.0)
+    with pytest.raises(LimitError, match=r"spacing of at least 0\.05752 degrees"):
+        LinuxCNC().encode(many, joint_type="angular")
+
+
+def test_a_name_that_breaks_a_line_of_hal_is_refused():
+    with pytest.raises(TableError, match="name"):
+        LinuxCNC().encode(
+            CompensationTable([0.0, 1e-3], [0, 0], None, "X", "Z\nsetp comp-fb-a.gain1 1", 0.0),
+            cross_axis="hal",
+        )

@@ -1,6 +1,7 @@
 """External offset from a map: a hand-made program, LinuxCNC's book-keeping, what is refused."""
 
 import ast
+import hashlib
 import re
 import sys
 import types
@@ -134,6 +135,12 @@ def test_lookup_is_bilinear_and_holds_the_edge(x_mm, y_mm, c_um, program, dialec
     assert dialect.lookup(program.encode(), NOWHERE)(*place) == expected
     assert namespace(program)["correction"](x_mm, y_mm) * COUNT == expected
     assert applied(program, *(np.array([p]) for p in place))[0] == expected
+
+
+def signed(text):
+    """The program with the checksum of what it holds now."""
+    zeros = re.sub(r'(?<=CHECKSUM = ")[0-9a-f]{64}', "0" * 64, text)
+    return zeros.replace("0" * 64, hashlib.sha256(zeros.encode()).hexdigest())
 
 
 def namespace(program):
@@ -399,7 +406,7 @@ def test_damage_is_named(old, new, message, program, dialect):
 
 def test_an_entry_beyond_32_bits_is_not_read(program, dialect):
     with pytest.raises(LimitError, match="32 bits"):
-        dialect.decode(program.replace("30000", "2147483648").encode(), NOWHERE)
+        dialect.decode(signed(program.replace("30000", "2147483648")).encode(), NOWHERE)
 
 
 def test_sidecar_of_something_else_is_refused(program, dialect, tmp_path):
@@ -422,3 +429,48 @@ def test_lookup_broadcasts_and_leaves_its_arguments_alone(program, dialect):
     assert lookup(x, y).shape == (2, 3)
     assert x.tolist() == [0, 1, 2]
     assert np.isnan(lookup(np.nan, 0.0)).all()
+
+
+ROW = "    (0, 10000, -20000),\n"
+OTHER_ROW = "    (5000, 30000, 0),\n"
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        (ROW + OTHER_ROW, OTHER_ROW + ROW),
+        ("(5000, 30000, 0)", "(30000, 5000, 0)"),
+        ("(5000, 30000, 0)", "(5000, -30000, 0)"),
+        ("    -5,\n", "    -4,\n"),
+        ("COUNT_MM = 0.0000001", "COUNT_MM = 0.000001"),
+        ("PERIOD_S = 0.002", "PERIOD_S = 0.02"),
+    ],
+)
+def test_numbers_that_were_changed_or_exchanged_are_noticed(old, new, program, dialect):
+    assert old in program
+
+    with pytest.raises(CorruptFileError, match="changed or exchanged"):
+        dialect.decode(program.replace(old, new).encode(), NOWHERE)
+
+
+def test_checksum_is_that_of_the_file_with_zeros_in_its_place(program):
+    found = re.search(r'^CHECKSUM = "([0-9a-f]{64})"$', program, re.MULTILINE)[1]
+    data = program.replace(found, "0" * 64).encode()
+
+    assert hashlib.sha256(data).hexdigest() == found
+
+
+@pytest.mark.parametrize("digits", [16, 400, 5000])
+@pytest.mark.parametrize("old", ["30000", "    10,\n", "COUNT_MM = 0.0000001"])
+def test_endless_numbers_are_no_entries(digits, old, program, dialect):
+    new = re.sub(r"[\d.]+", "9" * digits, old)
+
+    with pytest.raises(CorruptFileError):
+        dialect.decode(program.replace(old, new).encode(), NOWHERE)
+
+
+@pytest.mark.parametrize("name", ["X\nimport os", '"', "Z\\", "\u0416"])
+def test_names_that_would_break_the_program_are_refused(name, dialect):
+    for more in ({"axes": (name, "Y")}, {"compensates": name}):
+        with pytest.raises(TableError, match=r"no linear axis|name"):
+            dialect.encode(map_of(**more))

@@ -423,3 +423,103 @@ def test_lookup_takes_arrays_and_integers_and_leaves_them_alone(dialect, tmp_pat
     assert lookup(places, -1).shape == (2, 2)
     assert places.tolist() == [[0, 1], [-1, 0]]
     assert np.isnan(lookup(np.nan)).all()
+
+
+DEGREE = np.pi / 180
+
+
+@pytest.mark.parametrize(
+    ("axis", "compensates", "unit", "unit_c", "comment"),
+    [
+        ("C", "Z", DEGREE, 1e-3, "C (joint 3, degrees) -> Z (joint 2)"),
+        ("Z", "C1", 1e-3, DEGREE, "Z (joint 3) -> C1 (joint 2, degrees)"),
+        ("B", "C", DEGREE, DEGREE, "B (joint 3, degrees) -> C (joint 2, degrees)"),
+    ],
+)
+@pytest.mark.parametrize("beside", [True, False])
+def test_axes_that_turn_are_in_degrees(axis, compensates, unit, unit_c, comment, beside, tmp_path):
+    path = tmp_path / "c.hal"
+    table = CompensationTable(
+        np.array([0.0, 30.0, 90.0]) * unit,
+        np.array([0.0, 0.002, -0.001]) * unit_c,
+        None,
+        axis,
+        compensates,
+        0.0,
+    )
+    where = {"source_joint": 3, "target_joint": 2}
+    controllers.write(table, path, "linuxcnc-lincurve", allow_unverified=True, **where)
+    text = path.read_text()
+    if not beside:
+        path.with_name("c.hal.json").unlink()
+
+    assert text.startswith(f"# metrosep: {comment}, 3 points\n")
+    hal = Hal(text)
+    hal.period({"joint.3.pos-cmd": 60.0, "joint.2.motor-pos-cmd": 5.0})
+    assert hal.get("comp-cmd.out") == pytest.approx(5.0005, abs=1e-12)
+    back = controllers.read(path, "linuxcnc-lincurve")
+    assert (back.axis, back.compensates) == (axis, compensates)
+    assert back.positions == pytest.approx(table.positions, abs=2e-12)
+    assert back.forward == pytest.approx(table.forward, abs=2e-12)
+    lookup = controllers.simulate(path, "linuxcnc-lincurve")
+    assert lookup(60.0 * unit) == pytest.approx(0.0005 * unit_c, abs=2e-12)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("X (joint 0)", "C (joint 0)"),  # as earlier versions wrote it, in thousandths of a radian
+        ("X (joint 0)", "X (joint 0, degrees)"),
+        ("Z (joint 1)", "B2 (joint 1)"),
+    ],
+)
+def test_a_comment_that_leaves_degrees_open_is_refused(old, new, dialect, tmp_path):
+    with pytest.raises(CorruptFileError, match="degrees"):
+        dialect.decode(hand_text().replace(old, new, 1).encode(), tmp_path / "x.hal")
+
+
+def test_comment_and_sidecar_must_agree_on_degrees(dialect, tmp_path):
+    path = tmp_path / "x.hal"
+    path.with_name("x.hal.json").write_text('{"table": {"axis": "C", "compensates": "Z"}}')
+
+    with pytest.raises(CorruptFileError, match="contradict each other"):
+        dialect.decode(hand_text().encode(), path)
+
+
+def test_a_backslash_would_swallow_the_next_line(dialect, tmp_path):
+    """HAL joins a line that ends in a backslash with the next one, also in a comment."""
+    text = hand_text().replace("# adds", "# mine \\\n# adds")
+    with pytest.raises(CorruptFileError, match="line 2 holds a backslash"):
+        dialect.decode(text.encode(), tmp_path / "x.hal")
+    last = hand_text().replace("addf comp-0", "# path c:\\x\naddf comp-0")
+    with pytest.raises(CorruptFileError, match="backslash"):
+        dialect.decode(last.encode(), tmp_path / "x.hal")
+
+
+@pytest.mark.parametrize(
+    "name", ["X\nsetp comp-fb.gain1 1", "X\\", "X\t", "\u03a7", "X (joint 7)"]
+)
+@pytest.mark.parametrize("field", ["axis", "compensates"])
+def test_a_name_that_does_not_fit_into_a_comment_is_refused(name, field, dialect):
+    with pytest.raises(TableError, match="name"):
+        dialect.encode(replace(hand_table(), **{field: name}), source_joint=0, target_joint=1)
+
+
+def test_the_comment_with_the_axes_is_found_wherever_it_stands(dialect, tmp_path):
+    path = tmp_path / "x.hal"
+    turned = hand_text().replace("X (joint 0)", "C (joint 0, degrees)")
+    first, rest = turned.split("\n", 1)
+
+    moved = dialect.decode(f"\n# mine\n{rest}  {first} \n".encode(), path)
+
+    assert (moved.axis, moved.positions[-1]) == ("C", pytest.approx(21 * DEGREE, abs=1e-15))
+    with pytest.raises(CorruptFileError, match="2 comments that name the axes"):
+        dialect.decode((turned + hand_text().split("\n", 1)[0] + "\n").encode(), path)
+
+
+@pytest.mark.parametrize("number", ["9" * 13, "1" * 5000, "0." + "1" * 5000])
+def test_endless_numbers_are_refused(number, dialect, tmp_path):
+    text = hand_text().replace("comp-0.y-val-04 -0.0002000000", f"comp-0.y-val-04 {number}")
+
+    with pytest.raises(CorruptFileError, match="once"):
+        dialect.decode(text.encode(), tmp_path / "x.hal")

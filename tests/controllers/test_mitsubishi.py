@@ -318,3 +318,54 @@ def test_list_without_facts_needs_them():
 def test_axis_that_turns_is_refused():
     with pytest.raises(TableError, match="axis A turns"):
         encode(CompensationTable([0.0, 1e-3], [0, 0], None, "A", "A", 0.0))
+
+
+@pytest.mark.parametrize(
+    "mm", [0.1, 0.2, 0.5, 1.1, 2.5, 3.5, 7, 10, 12.5, 14, 20, 25, 28, 30, 50, 0.007, 1.234]
+)
+def test_every_ordinary_interval_is_written(tmp_path, mm):
+    """In double 14000 * 1e-6 * 1e3 is 14.000000000000002: the file says 14."""
+    h = mm * 1e-3
+    x = np.arange(-5, 20) * h
+    table = CompensationTable(x, 1e-6 * np.sin(x / h / 3), None, "X", "X", 0.0)
+
+    encoded = encode(table, output_unit=1e-7)
+
+    assert f"#4007 {mm:g}\n" in encoded.data.decode()
+    assert np.abs(decode(encoded.data).positions - x).max() < 1e-12
+
+
+@pytest.mark.parametrize(
+    "option",
+    [
+        {"output_unit": 1e-5},
+        {"reference_position": 1e-3},
+        {"scale": 2},
+        {"reference_number": 4101},
+    ],
+)
+def test_option_that_contradicts_the_file_is_refused(option):
+    (name,) = option
+    with pytest.raises(DataError, match=rf"the file says {name}=.*you say"):
+        decode(HAND.encode(), **option)
+
+
+def test_interval_beyond_the_table_is_refused():
+    with pytest.raises(LimitError, match=r"larger than the table, which spans 40 mm"):
+        encode(error_table(), interval=0.1)
+
+
+@pytest.mark.parametrize(("x", "c"), [(1e5, 1e-6), (1e-3, 1e6), (1e-3, 1e300)])
+def test_numbers_that_no_line_holds_are_refused_with_their_entry(x, c):
+    with pytest.raises(LimitError, match=r"of entry 1 exceeds") as caught:
+        encode(CompensationTable([0.0, x], [0, c], None, "X", "X", 0.0))
+    assert len(str(caught.value)) < 200
+
+
+def test_sidecar_of_other_axes_is_refused(tmp_path):
+    path = tmp_path / "x.txt"
+    path.write_text(HAND)
+    path.with_name("x.txt.json").write_text('{"table": {"axis": "Y", "compensates": "Y"}}')
+
+    with pytest.raises(DataError, match="the file says the axes="):
+        controllers.read(path, "mitsubishi")

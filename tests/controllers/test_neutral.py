@@ -1,6 +1,8 @@
 """Neutral CSV: exact round trip, its header, and what is refused."""
 
 import csv
+import json
+import math
 from pathlib import Path
 
 import numpy as np
@@ -91,6 +93,10 @@ HEADER = "position_mm,correction_forward_um\n"
 @pytest.mark.parametrize(
     ("text", "message"),
     [
+        (HEADER + "0,0\n1,2.5", "last line has no end"),
+        (HEADER + "0,0\n1,\u0661\n", "line 3"),
+        (HEADER + "0,0\n1,\uff11\n", "line 3"),
+        (HEADER + "0,0\n1,0x1\n", "line 3"),
         ("0,0\n1,1\n", "not a neutral table.*position_mm"),
         ("position,correction\n0,0\n1,1\n", "not a neutral table"),
         ("position_in,correction_forward_um\n0,0\n1,1\n", "not a neutral table"),
@@ -110,7 +116,7 @@ HEADER = "position_mm,correction_forward_um\n"
 )
 def test_damaged_files_are_refused_with_their_line(tmp_path, text, message):
     path = tmp_path / "x.csv"
-    path.write_text(text)
+    path.write_text(text, encoding="utf-8")
 
     with pytest.raises(CorruptFileError, match=message) as caught:
         controllers.read(path, "csv")
@@ -139,3 +145,60 @@ def test_byte_order_mark_and_spaces_are_accepted(tmp_path):
     path.write_bytes("\ufeffposition_mm, correction_forward_um\r\n0, 0\r\n1, 2\r\n".encode())
 
     np.testing.assert_array_equal(controllers.read(path, "csv").forward, [0.0, 2e-6])
+
+
+@pytest.mark.parametrize(
+    ("axes", "header"),
+    [
+        (("C", "Z"), "position_rad,correction_forward_um,correction_reverse_um"),
+        (("C", "C"), "position_rad,correction_forward_urad,correction_reverse_urad"),
+        (("X", "C"), "position_mm,correction_forward_urad,correction_reverse_urad"),
+        (("X", "Z"), "position_mm,correction_forward_um,correction_reverse_um"),
+    ],
+)
+def test_columns_of_axes_that_turn_are_angles(tmp_path, axes, header):
+    """90 degrees and 2 urad at C, not 1570.8 mm and 2 um."""
+    at = [0.0, math.pi / 2, 3.0] if axes[0] == "C" else [0.0, 7e-3, 9e-3]
+    table = CompensationTable(at, [0.0, 2e-6, -1e-6], [1e-7, 2e-6, 0.0], *axes, 0.0)
+    path = tmp_path / "x.csv"
+
+    controllers.write(table, path, "csv", allow_unverified=True)
+
+    with path.open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert ",".join(rows[0]) == header
+    names = header.split(",")
+    assert float(rows[1][names[0]]) == (math.pi / 2 if axes[0] == "C" else 7.0)
+    assert float(rows[1][names[1]]) == 2.0
+    back = controllers.read(path, "csv")
+    np.testing.assert_array_equal(back.positions, table.positions)
+    np.testing.assert_array_equal(back.forward, table.forward)
+    np.testing.assert_array_equal(back.reverse, table.reverse)
+    assert (back.axis, back.compensates) == axes
+    path.with_name("x.csv.json").unlink()
+    alone = controllers.read(path, "csv")
+    assert (alone.axis, alone.compensates) == (("X", "X") if axes == ("X", "Z") else axes)
+
+
+def test_file_of_old_with_an_axis_that_turns_reads_as_it_was_written(tmp_path):
+    """Before, rad were printed times 1000 under position_mm: the same number comes back."""
+    path = tmp_path / "x.csv"
+    path.write_text("position_mm,correction_forward_um\n0,0\n1570.5,-2\n")
+    table = {"axis": "C", "compensates": "C", "reference_m": 0.0}
+    path.with_name("x.csv.json").write_text(json.dumps({"table": table}))
+
+    back = controllers.read(path, "csv")
+
+    assert (back.axis, back.positions[1], back.forward[1]) == ("C", 1.5705, -2e-6)
+
+
+@pytest.mark.parametrize(
+    "header", ["position_rad,correction_forward_um", "position_mm,correction_forward_urad"]
+)
+def test_sidecar_of_axes_that_do_not_turn_is_refused(tmp_path, header):
+    path = tmp_path / "x.csv"
+    path.write_text(header + "\n0,0\n1,-2\n")
+    path.with_name("x.csv.json").write_text('{"table": {"axis": "X", "compensates": "Z"}}')
+
+    with pytest.raises(CorruptFileError, match="does not turn"):
+        controllers.read(path, "csv")

@@ -160,6 +160,9 @@ def test_file_without_a_line_is_refused(gone):
         ("0,0,-1.5", "0,0,-1,5"),
         ("0,0,-1.5", "0,0"),
         ("0,0,-1.5", "0,0,1e999"),
+        ("0,0,-1.5", "0,0,\u0661"),
+        ("25.4,5,-0.25\n", "25.4,5,-0.25"),
+        ("25.4,5,-0.25\n", "25.4,5,-0.2"),
         ("0,0,-1.5", "0,0.1,-1.5"),
         ("0,0,-1.5", "-10,0,-1.5"),
         ("25.4,5", "25.5,5"),
@@ -185,3 +188,31 @@ def test_binary_and_latin_text_are_refused():
 def test_sign_is_by_definition():
     assert NeutralMap.info.sign == "confirmed"
     assert "c = -e" in NeutralMap.info.entry
+
+
+def test_corrected_axis_that_turns_is_in_urad(tmp_path):
+    made = CompensationMap(X, Y, VALUES, compensates="C")
+    path = tmp_path / "m.csv"
+
+    controllers.write(made, path, "csv-map", allow_unverified=True)
+
+    assert path.read_text() == HAND.replace("correction_um", "correction_urad")
+    assert controllers.read(path, "csv-map").compensates == "C"
+    sidecar = sidecar_path(path)
+    sidecar.write_text(sidecar.read_text().replace('"compensates": "C"', '"compensates": "Z"'))
+    with pytest.raises(CorruptFileError, match="does not turn"):
+        controllers.read(path, "csv-map")
+    sidecar.unlink()
+    alone = controllers.read(path, "csv-map")
+    assert alone.compensates == "C"
+    assert alone.values.tolist() == VALUES
+
+
+def test_file_of_old_with_a_corrected_axis_that_turns_reads_as_it_was_written(tmp_path):
+    path = tmp_path / "m.csv"
+    path.write_text(HAND)
+    sidecar_path(path).write_text('{"table": {"axes": ["X", "Y"], "compensates": "C"}}')
+
+    found = controllers.read(path, "csv-map")
+
+    assert (found.compensates, found.values.tolist()) == ("C", VALUES)

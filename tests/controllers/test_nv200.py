@@ -32,7 +32,14 @@ gcarb,1
 gtarb,100
 grun,1
 """
-HAND_OPTIONS = {"polarity": 1, "travel": 5e-6, "offset": 2e-6, "speed": 1e-3}
+HAND_OPTIONS = {
+    "polarity": 1,
+    "travel": 5e-6,
+    "offset": 2e-6,
+    "speed": 1e-3,
+    "start": 0.0,
+    "direction": 1,
+}
 
 
 @pytest.fixture(autouse=True)
@@ -50,6 +57,8 @@ def one_way(measured):
 
 
 def encode(table, **options):
+    if options.get("motion") != "turn":
+        options = {"start": 0.0, **options}
     dialect = NV200()
     return dialect.encode(table, **checked_options(options, dialect.options, "nv200"))
 
@@ -104,8 +113,8 @@ def test_turn_is_endless_and_closes():
     angle = np.linspace(0, 2 * math.pi, 361)
     c = 1e-6 * np.sin(angle) + 0.2e-6 * (np.cos(2 * angle) - 1)
     table = CompensationTable(angle, c, None, "C", "Z", 0.0)
-    given = {"polarity": 1, "travel": 10e-6, "motion": "turn", "rate": 20}
-    made = encode(table, **given, points=360)
+    given = {"polarity": 1, "travel": 10e-6, "motion": "turn", "rate": 20, "points": 360}
+    made = encode(table, **given)
     dwell, held = play(made.data, cycles=3)
 
     assert b"gcarb,0\n" in made.data
@@ -138,7 +147,7 @@ def test_round_trip(seed, n, polarity):
 
 def test_write_read_simulate(tmp_path, one_way, measured):
     path = tmp_path / "z.txt"
-    given = {"polarity": 1, "travel": "15 um", "speed": "60 mm/min", "rate": 1000}
+    given = {"polarity": 1, "travel": "15 um", "speed": "60 mm/min", "rate": 1000, "start": 0.0}
 
     result = controllers.write(one_way, path, "nv200", verified_against=measured, **given)
 
@@ -215,3 +224,52 @@ def test_what_the_file_cannot_say_is_asked(tmp_path):
 def test_sign_is_stated_by_the_user():
     assert NV200.info.sign == "stated"
     assert "d_off + polarity x (-e)" in NV200.info.entry
+
+
+def test_nothing_is_guessed_without_a_sidecar(tmp_path):
+    path = tmp_path / "a.txt"
+    path.write_text(HAND)
+
+    for name in HAND_OPTIONS:
+        with pytest.raises(DataError, match=f"does not say {name} "):
+            controllers.read(path, "nv200", **{k: v for k, v in HAND_OPTIONS.items() if k != name})
+    assert controllers.read(path, "nv200", **HAND_OPTIONS).positions.size == 4
+
+
+@pytest.mark.parametrize("value", ["93.2", "5.1", "-0.1"])
+def test_point_beyond_the_travel_is_refused(value):
+    with pytest.raises(CorruptFileError, match="point 1 is beyond the travel"):
+        NV200().decode(HAND.replace("3.234567", value).encode(), NOWHERE, **HAND_OPTIONS)
+
+
+def test_cut_turn_is_refused(tmp_path):
+    angle = np.linspace(0, 2 * math.pi, 361)
+    table = CompensationTable(angle, 1e-6 * np.sin(angle), None, "C", "Z", 0.0)
+    given = {"polarity": 1, "travel": 10e-6, "offset": 5e-6, "motion": "turn", "points": 360}
+    text = encode(table, **given, rate=20).data.decode()
+    cut = "".join(x for x in text.splitlines(True) if "gparb,359," not in x)
+    path = tmp_path / "t.txt"
+    path.write_text(cut.replace("gearb,359", "gearb,358"))
+
+    with pytest.raises(DataError, match="holds 359 points"):
+        controllers.read(path, "nv200", **given, start_angle=0.0, direction=1)
+
+
+def test_buffer_is_declared_and_longer_tables_are_sampled(tmp_path, measured):
+    assert NV200.info.max_points == 1024
+    long = CompensationTable.from_error(
+        measured, positions=np.linspace(0, 50e-3, 3001), axis="X", compensates="Z"
+    )
+    path = tmp_path / "a.txt"
+
+    controllers.write(
+        long, path, "nv200", polarity=1, travel="15 um", speed="60 mm/min", rate=1000, start=0.0
+    )
+
+    assert path.read_text().count("gparb") == 1001
+
+
+def test_part_of_a_table_is_an_error(one_way):
+    made = encode(one_way, polarity=1, travel=15e-6, speed=1e-3, rate=1000, start=8e-3)
+
+    assert [(f.level, f.check) for f in made.findings] == [("error", "coverage")]

@@ -32,9 +32,19 @@ WGC 2 1
 WGO 2 1
 """
 """1 mm/s, 100 periods of 50 us a point: a point every 5 um."""
-HAND_OPTIONS = {"polarity": 1, "travel": 5e-6, "speed": 1e-3, "servo_time": 50e-6}
+HAND_OPTIONS = {
+    "polarity": 1, "travel": 5e-6, "offset": 2e-6, "speed": 1e-3, "servo_time": 50e-6, "start": 0.0,
+    "direction": 1,
+}  # fmt: skip
 
-PASS = {"polarity": 1, "travel": "15 um", "speed": "60 mm/min", "rate": 200, "memory": 262144}
+PASS = {
+    "polarity": 1,
+    "travel": "15 um",
+    "speed": "60 mm/min",
+    "rate": 200,
+    "memory": 262144,
+    "start": 0.0,
+}
 
 
 @pytest.fixture(autouse=True)
@@ -52,6 +62,8 @@ def one_way(bump, measured):
 
 
 def encode(table, **options):
+    if options.get("motion") != "turn":
+        options = {"start": 0.0, **options}
     dialect = PiGcs()
     return dialect.encode(table, **checked_options(options, dialect.options, "pi-gcs"))
 
@@ -112,7 +124,7 @@ def test_hand_written_file_is_written_byte_for_byte():
 
 def test_opposed_piezo_turns_the_sign_of_the_points_only():
     table = CompensationTable(np.arange(3) * 5e-6, [0, 1e-6, -2e-6], None, "X", "Z", 0.0)
-    common = {"travel": 10e-6, "offset": 4e-6, "speed": 1e-3, "rate": 100}
+    common = {"travel": 10e-6, "offset": 4e-6, "speed": 1e-3, "rate": 100, "start": 0.0}
 
     made = encode(table, polarity=-1, **common).data.decode().splitlines()
 
@@ -210,7 +222,7 @@ TURN = {"polarity": 1, "travel": 10e-6, "motion": "turn", "rate": 20}
 def test_turn_repeats_without_a_doubled_point():
     table = turn_table()
     made = encode(table, **TURN, points=720, interpolation=0)
-    lookup = PiGcs().lookup(made.data, NOWHERE, **TURN)
+    lookup = PiGcs().lookup(made.data, NOWHERE, **TURN, points=720)
     angle = np.arange(720) * 2 * math.pi / 720
 
     assert b"PNT 711 10" in made.data
@@ -223,7 +235,7 @@ def test_turn_repeats_without_a_doubled_point():
 
 def test_turn_is_read_back_closed():
     made = encode(turn_table(), **TURN, points=360)
-    table = PiGcs().decode(made.data, NOWHERE, **TURN)
+    table = PiGcs().decode(made.data, NOWHERE, **TURN, points=360)
 
     assert table.positions.size == 361
     assert table.positions[-1] == pytest.approx(2 * math.pi, abs=1e-12)
@@ -454,8 +466,12 @@ def test_reading_without_what_the_file_cannot_say(tmp_path):
 
     with pytest.raises(DataError, match="does not say polarity"):
         controllers.read(path, "pi-gcs")
-    with pytest.raises(DataError, match="needs speed="):
-        controllers.read(path, "pi-gcs", polarity=1)
+    told = {k: v for k, v in HAND_OPTIONS.items() if k not in ("offset", "servo_time")}
+    for name in told:
+        with pytest.raises(DataError, match=f"does not say {name} "):
+            controllers.read(path, "pi-gcs", **{k: v for k, v in told.items() if k != name})
+    table = controllers.read(path, "pi-gcs", **{**told, "start": 7e-3, "direction": -1})
+    assert table.positions == pytest.approx(7e-3 - np.arange(4, -1, -1) * 5e-6, abs=1e-15)
 
 
 def test_sign_is_stated_by_the_user():
@@ -471,3 +487,84 @@ def test_integer_positions_and_inputs_are_left_alone():
 
     assert np.array_equal(table.forward, before)
     assert Profile([0.0, 1.0], [0.0, 1.0]).z.size == 2
+
+
+# -- what was dropped, contradicted or guessed -------------------------------------------------
+
+
+@pytest.mark.parametrize(("direction", "begin"), [(1, "-0.03"), (-1, "0.05")])
+def test_a_pass_starts_at_the_end_of_the_table_where_it_comes_from(direction, begin):
+    """start was 0 by default: of -30 ... 50 mm the first 30 mm were not played, without a word."""
+    table = CompensationTable([-30e-3, 0.0, 50e-3], [1e-6, 0.0, 2e-6], None, "X", "Z", 0.0)
+    given = {"polarity": 1, "travel": 15e-6, "speed": 1e-3, "rate": 2000, "direction": direction}
+
+    chosen = encode(table, **given, start=None)
+    whole = encode(table, **given, start=float(begin))
+    assert chosen.data == whole.data
+    assert chosen.options == {"start": pytest.approx(float(begin), abs=1e-15)}
+    assert not [f for f in whole.findings if f.check == "coverage"]
+    part = encode(table, **given, start=0.0)
+    found = [f for f in part.findings if f.check == "coverage"]
+    assert [f.level for f in found] == ["error"]
+    assert "not played" in found[0].problem
+
+
+def test_part_of_a_table_is_written_only_if_that_is_waived(tmp_path, one_way, measured):
+    given = {**PASS, "start": "3 mm", "verified_against": measured}
+
+    with pytest.raises(LimitError, match=r"not played.*waive='coverage'"):
+        controllers.write(one_way, tmp_path / "a.gcs", "pi-gcs", **given)
+    controllers.write(one_way, tmp_path / "a.gcs", "pi-gcs", waive="coverage", **given)
+
+
+def test_cut_turn_is_refused_by_points_and_by_rotation(tmp_path):
+    """Without its last line 350 points were taken for a turn: 0.48 um off."""
+    whole = encode(turn_table(), **TURN, points=360).data.decode()
+    lines = [x for x in whole.splitlines() if not x.startswith("WAV 1 & PNT 351 ")]
+    path = tmp_path / "t.gcs"
+    path.write_text("\n".join(lines) + "\n")
+    known = {**TURN, "start_angle": 0.0, "direction": 1}
+
+    for told in ({"points": 360}, {"rotation": 1 / 0.36}):
+        with pytest.raises(DataError, match=r"holds 350 points.*360.*cut"):
+            controllers.read(path, "pi-gcs", **known, **told)
+    with pytest.raises(DataError, match="needs points="):
+        controllers.read(path, "pi-gcs", **known)
+    path.write_text(whole)
+    assert controllers.read(path, "pi-gcs", **known, points=360).positions.size == 361
+
+
+def test_offset_and_points_beyond_the_travel_are_refused(tmp_path):
+    path = tmp_path / "a.gcs"
+    told = {k: v for k, v in HAND_OPTIONS.items() if k != "servo_time"}
+
+    for old, new, text in (
+        ("WOS 2 2", "WOS 2 750", "WOS is not the offset"),
+        ("1.234567", "900", "point 2 is beyond the travel"),
+        ("1.5", "3.1", "point 5 is beyond the travel"),
+        ("-0.5", "-2.1", "point 3 is beyond the travel"),
+    ):
+        path.write_text(HAND.replace(old, new))
+        with pytest.raises(CorruptFileError, match=text):
+            controllers.read(path, "pi-gcs", **told)
+    path.write_text(HAND.replace("WOS 2 2", "WOS 2 750"))
+    with pytest.raises(CorruptFileError, match="beyond the travel"):
+        controllers.read(path, "pi-gcs", **{k: v for k, v in told.items() if k != "offset"})
+
+
+def test_option_that_contradicts_the_sidecar_is_refused(tmp_path, one_way, measured):
+    path = tmp_path / "a.gcs"
+    controllers.write(one_way, path, "pi-gcs", verified_against=measured, **PASS)
+
+    with pytest.raises(DataError, match=r"polarity=-1.*polarity=1"):
+        controllers.simulate(path, "pi-gcs", polarity=-1)
+
+
+def test_motion_must_be_that_of_the_axis():
+    """60 mm/min of C was 0.001 rad/s; a table of 6.28 m was played as a turn."""
+    turning = turn_table()
+    with pytest.raises(TableError, match="C turns, and speed= of a pass is a length"):
+        encode(turning, polarity=1, travel=15e-6, speed="60 mm/min", rate=2000)
+    linear = CompensationTable(turning.positions, turning.forward, None, "X", "Z", 0.0)
+    with pytest.raises(TableError, match="X does not"):
+        encode(linear, **TURN, points=360)

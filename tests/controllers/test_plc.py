@@ -37,6 +37,7 @@ PAPER_UM = [0.3389, 0.48246, -0.00605]
 HAND_ST = """(* x_unit = mm *)
 (* y_unit = um *)
 (* actuator_sign = 1 *)
+(* offset = 0 nm *)
 FUNCTION Axis_Z : LREAL
 VAR_INPUT
   x : LREAL; (* mm *)
@@ -51,6 +52,7 @@ END_FUNCTION
 HAND_PMAC = """; x_unit = mm
 ; y_unit = um
 ; actuator_sign = 1
+; offset = 0 nm
 OPEN PLC 10 CLEAR
 P102=P100
 IF (P102<0)
@@ -113,6 +115,7 @@ def paper(quantity="compensation"):
 
 
 def encode(name, fit, **options):
+    options = {"actuator_sign": 1, **options}
     dialect = DIALECTS[name]()
     return dialect.encode(fit, **checked_options(options, dialect.options, name))
 
@@ -180,7 +183,7 @@ def test_written_with_dry_run(name, tmp_path):
     fit = fit_polynomial(measured, degree=3)
     path = tmp_path / "x.plc"
 
-    result = controllers.write(fit, path, name, verified_against=measured)
+    result = controllers.write(fit, path, name, verified_against=measured, actuator_sign=1)
 
     assert result.passed
     assert result.after_pv < 60e-9  # the ripple of 40 nm P-V and its share in the fit
@@ -192,7 +195,9 @@ def test_written_with_dry_run(name, tmp_path):
     seen = [evaluate(name, path.read_text(), v) for v in x[::40] * 1e3]
     np.testing.assert_allclose(look(x[::40], -1), np.array(seen) * 1e-6, atol=ROUNDING, rtol=0)
     with pytest.raises(SignCheckFailedError):
-        controllers.write(fit, tmp_path / "y.plc", name, verified_against=Profile(x, -error))
+        controllers.write(
+            fit, tmp_path / "y.plc", name, verified_against=Profile(x, -error), actuator_sign=1
+        )
     assert "quantity_of_the_fit" in json.loads((tmp_path / "x.plc.json").read_text())
 
 
@@ -268,7 +273,14 @@ def test_stroke_refuses_to_write(name, tmp_path):
     measured = Profile(x, -paper().evaluate(x))
 
     with pytest.raises(LimitError, match=r"stroke is 9 um.*waive='stroke'"):
-        controllers.write(paper(), tmp_path / "x", name, stroke="9 um", verified_against=measured)
+        controllers.write(
+            paper(),
+            tmp_path / "x",
+            name,
+            stroke="9 um",
+            verified_against=measured,
+            actuator_sign=1,
+        )
     assert list(tmp_path.iterdir()) == []
 
 
@@ -323,7 +335,7 @@ def test_fit_must_state_what_it_is():
 
 
 def test_units_are_never_guessed():
-    for line in ("x_unit = mm", "y_unit = um", "actuator_sign = 1"):
+    for line in ("x_unit = mm", "y_unit = um", "offset = 0 nm", "actuator_sign = 1"):
         text = HAND_ST.replace(f"(* {line} *)\n", "")
         with pytest.raises(DataError, match=line.split()[0]):
             PLCStructuredText().decode(text.encode(), NOWHERE)
@@ -380,3 +392,65 @@ def test_every_cut_file_is_refused(name):
     for length in range(len(whole)):
         with pytest.raises((CorruptFileError, DataError)):
             DIALECTS[name]().decode(whole[:length].encode(), NOWHERE)
+
+
+@pytest.mark.parametrize("name", DIALECTS)
+def test_sign_of_the_actuator_is_asked_for(name, tmp_path):
+    """It was 1 by default: of a piezo opposed to the axis the error doubled."""
+    x = np.linspace(0.0, 40e-3, 101)
+    measured = Profile(x, -paper().evaluate(x))
+
+    with pytest.raises(DataError, match="cannot be written without actuator_sign="):
+        controllers.write(paper(), tmp_path / "x", name, verified_against=measured)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", DIALECTS)
+def test_comment_of_the_offset_that_was_dropped_is_asked_for(name):
+    text = encode(name, paper(), offset="5 um").data.decode()
+    text = "".join(x for x in text.splitlines(True) if "offset =" not in x)
+
+    with pytest.raises(DataError, match=r"tells offset \("):
+        DIALECTS[name]().lookup(text.encode(), NOWHERE)
+
+
+@pytest.mark.parametrize("name", DIALECTS)
+def test_comments_that_are_contradicted_or_doubled_are_refused(name):
+    data = encode(name, paper(), offset="5 um").data
+
+    for key, value in (("actuator_sign", -1), ("y_unit", "nm"), ("offset", 0.0)):
+        with pytest.raises(DataError, match=rf"{key}=.*{key}="):
+            DIALECTS[name]().decode(data, NOWHERE, **{key: value})
+    line = next(x for x in data.splitlines(True) if b"y_unit =" in x)
+    with pytest.raises(CorruptFileError, match="two comments state y_unit"):
+        DIALECTS[name]().decode(line + data, NOWHERE)
+
+
+@pytest.mark.parametrize(
+    "words", ["SIN", "INT", "Real", "bool", "Abs", "LIMIT", "while", "TON", "MIN", "string", "_x"]
+)
+def test_names_that_the_language_takes_are_refused(words):
+    with pytest.raises(DataError, match="no identifier"):
+        encode("plc-st", paper(), function=words)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("LIMIT(0.0", "LIMIT(-" + "9" * 280 + ".0"),
+        ("40.0)", "9" * 280 + ".0)"),
+        ("40.0)", "9" * 12 + ".0)"),
+        ("40.0)", "0.0)"),
+        ("LIMIT(0.0, x, 40.0)", "LIMIT(40.0, x, 40.00000001)"),
+        ("0.00605", "9" * 280 + ".0"),
+        ("0.00605", "9" * 60 + ".0"),
+    ],
+)
+def test_numbers_that_no_machine_has_are_refused(old, new):
+    """They ended in a TypeError of NumPy, or in warnings."""
+    assert old in HAND_ST
+    data = HAND_ST.replace(old, new, 1).encode()
+
+    for reader in (PLCStructuredText().decode, PLCStructuredText().lookup):
+        with pytest.raises(CorruptFileError, match="any axis"):
+            reader(data, NOWHERE)

@@ -1,5 +1,6 @@
 """Turbo PMAC, one motor: the specification's file, an interpreter of its grammar, what is refused."""
 
+import json
 import re
 from pathlib import Path
 
@@ -34,6 +35,10 @@ SPEC = """DELETE GATHER
 I51=1
 SAVE
 """
+TOLD = {
+    "count": COUNT, "source_count": COUNT, "source_sign": 1, "target_sign": 1, "motor_zero": 0.0
+}  # fmt: skip
+"""What the file of the specification does not say of the machine."""
 SPEC_ERROR_UM = [0, 0.5, 0.8, 0.6, 0.2, -0.2, -0.4, -0.2, 0]
 """Controllers notes, section 3.1: straightness of X to Z, 10 nm a count, every 5 mm."""
 
@@ -93,7 +98,7 @@ def test_file_of_the_specification_is_written_to_the_byte():
 
 
 def test_file_of_the_specification_reads_as_corrections():
-    table = PMAC().decode(SPEC.encode(), NOWHERE, count=10e-9)
+    table = PMAC().decode(SPEC.encode(), NOWHERE, **TOLD)
 
     np.testing.assert_allclose(table.positions, np.arange(9) * 5e-3, atol=1e-12, rtol=0)
     np.testing.assert_allclose(
@@ -138,7 +143,7 @@ def test_negative_travel_is_read_at_the_top():
 
 
 def test_lookup_rolls_over_and_ignores_the_direction():
-    look = PMAC().lookup(SPEC.encode(), NOWHERE, count=10e-9)
+    look = PMAC().lookup(SPEC.encode(), NOWHERE, **TOLD)
 
     np.testing.assert_allclose(
         look([5e-3, 45e-3, -35e-3, -5e-3, 2.5e-3, 40e-3], [1, -1, 1, -1, 1, 1]),
@@ -245,7 +250,8 @@ def test_round_trip_is_within_quantisation_and_resampling(start, steps, even, se
     gaps = np.full(len(steps), steps[0]) if even else np.array(steps)
     p = start + np.concatenate([[0.0], np.cumsum(gaps)])
     c = size * rng.uniform(-1, 1, p.size)
-    c = c - (np.interp(0.0, p, c) if p[0] <= 0.0 <= p[-1] else 0.0)
+    near = 1e-3 * np.diff(p).min()  # a motor's zero so close to an end is that end
+    c = c - (np.interp(0.0, p, c) if p[0] <= near and p[-1] >= -near else 0.0)
     table = CompensationTable(p, c, None, "X", "X", float(p[0]))
 
     encoded = encode(table, count=count, long_span=True)
@@ -357,10 +363,9 @@ def test_entry_of_more_than_24_bits_is_refused_with_its_place():
 
 
 def test_axis_name_cannot_smuggle_a_command():
-    table = CompensationTable([0.0, 1e-3], [0.0, 1e-6], None, "X\nI51=0", "X\nI51=0", 0.0)
-
-    with pytest.raises(TableError, match="plain letters"):
-        encode(table, count=COUNT)
+    name = "X\nI51=0"
+    with pytest.raises(TableError, match=r"plain letters|name an axis"):
+        encode(CompensationTable([0.0, 1e-3], [0.0, 1e-6], None, name, name, 0.0), count=COUNT)
 
 
 @pytest.mark.parametrize(
@@ -395,14 +400,14 @@ def test_every_damage_is_named(old, new, text):
     assert old in SPEC
 
     with pytest.raises(CorruptFileError, match=text):
-        PMAC().decode(SPEC.replace(old, new).encode(), NOWHERE, count=10e-9)
+        PMAC().decode(SPEC.replace(old, new).encode(), NOWHERE, **TOLD)
 
 
 def test_every_cut_file_is_refused():
     whole = SPEC.removesuffix("SAVE\n")  # without SAVE it is used until the power goes
     for length in range(len(whole) - 1):
         with pytest.raises(CorruptFileError):
-            PMAC().decode(whole[:length].encode(), NOWHERE, count=10e-9)
+            PMAC().decode(whole[:length].encode(), NOWHERE, **TOLD)
 
 
 def test_count_that_nothing_tells_is_asked_for(tmp_path):
@@ -411,7 +416,10 @@ def test_count_that_nothing_tells_is_asked_for(tmp_path):
 
     with pytest.raises(DataError, match="count"):
         controllers.read(path, "pmac")
-    assert controllers.read(path, "pmac", count="10 nm").stroke == pytest.approx(8e-7, abs=1e-15)
+    for name in ("source_count", "source_sign", "target_sign", "motor_zero"):
+        with pytest.raises(DataError, match=name):
+            controllers.read(path, "pmac", **{k: v for k, v in TOLD.items() if k != name})
+    assert controllers.read(path, "pmac", **TOLD).stroke == pytest.approx(8e-7, abs=1e-15)
 
 
 def test_damaged_fact_is_refused():
@@ -427,7 +435,7 @@ def test_motors_may_be_left_away_in_a_file():
     """The Software Reference: source and target are then the motor the table belongs to."""
     text = SPEC.replace("8,#1D,#2,", "8,")
 
-    assert PMAC().decode(text.encode(), NOWHERE, count=10e-9).positions.size == 9
+    assert PMAC().decode(text.encode(), NOWHERE, **TOLD).positions.size == 9
 
 
 def test_unlike_counts_of_source_and_target():
@@ -437,3 +445,147 @@ def test_unlike_counts_of_source_and_target():
     ).data
 
     assert "#2 DEFINE COMP 8,#1D,#2,2000000\n-8000 -12800" in without_comments(data)
+
+
+@pytest.mark.parametrize(("axis", "other"), [("C", "Z"), ("X", "A"), ("C", "C")])
+def test_axis_that_turns_is_refused(axis, other):
+    """A count of 1 um was taken as 1 urad: 4.4 um of a spindle became 5.5 um."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 73)
+    table = CompensationTable(angle, 2e-6 * np.sin(angle), None, axis, other, 0.0)
+    target = 1 if axis == other else 2
+
+    with pytest.raises(TableError, match=r"turns.*motion='turn'"):
+        encode(table, count="1 um", target_motor=target)
+
+
+def opposed(tmp_path):
+    """A file of motors that both count against their axes, without its sidecar."""
+    table = CompensationTable(
+        np.arange(5) * 1e-3, np.array([0.0, 1.0, 4.0, 2.0, 1.0]) * 1e-6, None, "X", "Z", 0.0
+    )
+    path = tmp_path / "x.pmc"
+    data = encode(
+        table, count=COUNT, source_count="5 nm", target_motor=3, source_sign=-1, target_sign=-1,
+        motor_zero=0.0,
+    ).data  # fmt: skip
+    path.write_bytes(data)
+    return path
+
+
+@pytest.mark.parametrize(
+    "name", ["count", "source_count", "source_sign", "target_sign", "motor_zero"]
+)
+def test_comment_that_was_dropped_is_asked_for(tmp_path, name):
+    """Without target_sign the table was read with the other sign: 6 um of 3."""
+    path = opposed(tmp_path)
+    lines = path.read_text().splitlines(keepends=True)
+    path.write_text("".join(line for line in lines if not line.startswith(f"; {name} =")))
+
+    with pytest.raises(DataError, match=rf"tells {name} \("):
+        controllers.simulate(path, "pmac")
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("count", "1 nm"),
+        ("source_count", "10 nm"),
+        ("target_sign", 1),
+        ("source_sign", 1),
+        ("motor_zero", "1 mm"),
+        ("target_motor", 5),
+        ("source_motor", 2),
+        ("owner", 1),
+        ("last", "5 mm"),
+    ],
+)
+def test_option_that_contradicts_the_file_is_refused(tmp_path, name, value):
+    path = opposed(tmp_path)
+
+    controllers.read(path, "pmac", count="10 nm", target_sign=-1, target_motor=3)
+    with pytest.raises(DataError, match=rf"{name}=.*{name}="):
+        controllers.read(path, "pmac", **{name: value})
+
+
+def test_comments_come_before_an_edited_sidecar(tmp_path):
+    path = tmp_path / "x.pmc"
+    table = CompensationTable.from_error(
+        lambda x: 1e-3 * x, positions=np.linspace(0, 5e-3, 6), axis="X", compensates="Z"
+    )
+    controllers.write(table, path, "pmac", count="10 nm", target_motor=2, waive=("uncertainty",))
+    beside = tmp_path / "x.pmc.json"
+    whole = beside.read_text()
+
+    for change in ({"target_sign": -1}, {"count": 1e-9}):
+        edited = json.loads(whole)
+        edited["options"] |= change
+        beside.write_text(json.dumps(edited))
+        with pytest.raises(DataError, match="comment in the file says"):
+            controllers.read(path, "pmac")
+
+
+def test_fact_stated_twice_is_refused(tmp_path):
+    path = opposed(tmp_path)
+    path.write_text(
+        path.read_text().replace("; count = 10 nm\n", "; count = 10 nm\n; count = 1 nm\n")
+    )
+
+    with pytest.raises(CorruptFileError, match="two comments state count: 10 nm and 1 nm"):
+        controllers.read(path, "pmac")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "text"),
+    [
+        ("#3 DELETE COMP", "#5 DELETE COMP", "another table"),
+        ("#3 DELETE COMP", "#3 DELETE BLCOMP", "another table"),
+        ("#3 DEFINE", "#4 DEFINE", "another table"),
+        (",#3,", ",#1,", "target_motor"),
+        ("#1D,", "#2D,", "source_motor"),
+        ("; compensates = Z", "; compensates = X", "contradict"),
+        ("; axis = X\n", "", "axes is missing"),
+        ("; compensates = Z\n", "", "axes is missing"),
+    ],
+)
+def test_motors_and_axes_that_contradict_each_other_are_refused(tmp_path, old, new, text):
+    path = opposed(tmp_path)
+    assert old in path.read_text()
+    path.write_text(path.read_text().replace(old, new))
+
+    with pytest.raises((CorruptFileError, DataError), match=text):
+        controllers.read(path, "pmac")
+
+
+def test_both_deletes_and_the_define_of_another_owner_contradict_the_comment(tmp_path):
+    path = opposed(tmp_path)
+    path.write_text(path.read_text().replace("#3 DE", "#4 DE"))
+
+    with pytest.raises(DataError, match=r"owner=4.*owner=3"):
+        controllers.read(path, "pmac")
+
+
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize("apart", [0.0, 1e-12, 1e-10, 2e-9, 1e-7])
+def test_zero_of_the_motor_a_hair_beside_the_table_is_its_end(side, apart):
+    """The entry at 1 mm became 0 instead of -300 nm."""
+    p = 1e-3 + 0.5e-3 * np.arange(11)
+    end = p[0] if side > 0 else p[-1]
+    table = CompensationTable(p, -0.3e-6 - 2e-3 * (p - p[0]), None, "X", "Z", float(p[0]))
+
+    with pytest.raises(TableError, match="must be 0 by definition"):
+        encode(table, count=COUNT, target_motor=2, motor_zero=end - side * apart)
+
+
+def test_no_advice_of_instruments_for_a_file_of_a_controller():
+    with pytest.raises(CorruptFileError) as caught:
+        PMAC().decode(SPEC.replace("SAVE", "SAV").encode(), NOWHERE, **TOLD)
+    assert "instrument" not in str(caught.value)
+    with pytest.raises(CorruptFileError) as caught:
+        PMAC().decode(SPEC.replace("4000000", "0").encode(), NOWHERE, **TOLD)
+    assert "instrument" not in str(caught.value)
+
+
+def test_ends_are_printed_without_the_rounding_of_binary():
+    table = CompensationTable([-0.009000000000000001, 0.0], [1e-6, 0.0], None, "X", "X", 0.0)
+
+    assert b"; first = -9 mm\n" in encode(table, count=COUNT).data

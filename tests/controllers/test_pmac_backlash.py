@@ -1,5 +1,7 @@
 """Turbo PMAC BLCOMP: sign, Ixx86, pairs of files, an interpreter of the manual's rule."""
 
+import dataclasses
+import json
 import re
 from pathlib import Path
 
@@ -34,6 +36,8 @@ I186=1120
 I51=1
 SAVE
 """
+TOLD = {"count": COUNT, "source_sign": 1, "motor_zero": 0.0}
+"""What that file does not say of the machine."""
 HAND_LOST_UM = [0.7, 0.8, 0.5, 1.0, 0.7]
 """e_rev - e_fwd at 0, 10, 20, 30, 40 mm: 1120 sixteenths of 10 nm are 0.7 um."""
 
@@ -92,7 +96,7 @@ def test_hand_made_file_is_written_to_the_byte():
 
 
 def test_hand_made_file_reads_as_the_difference():
-    table = PMACBacklash().decode(HAND.encode(), NOWHERE, count=COUNT)
+    table = PMACBacklash().decode(HAND.encode(), NOWHERE, **TOLD)
 
     assert not table.forward.any()
     np.testing.assert_allclose(
@@ -101,7 +105,7 @@ def test_hand_made_file_reads_as_the_difference():
 
 
 def test_simulator_subtracts_while_moving_negative():
-    look = PMACBacklash().lookup(HAND.encode(), NOWHERE, count=COUNT)
+    look = PMACBacklash().lookup(HAND.encode(), NOWHERE, **TOLD)
 
     seen = look(np.array([10e-3, 10e-3, -10e-3, 15e-3, 0.0]), np.array([1, -1, -1, -1, -1]))
 
@@ -212,7 +216,8 @@ def test_round_trip_is_within_quantisation_and_resampling(start, steps, seed, si
     encoded = encode(table, count=COUNT, long_span=True)
 
     x = np.linspace(p[0], p[-1], 301)
-    bound = encoded.quantisation + encoded.resampling_error + 1e-9 * size + 1e-15
+    # a position within 1e-6 of a step of a node is that node
+    bound = encoded.quantisation + encoded.resampling_error + 2e-6 * size + 1e-15
     wanted = np.interp(x, p, lost)
     assert encoded.quantisation <= 1.52 * COUNT / 32 + 1e-15  # Ixx86 at zero is rounded, too
     assert np.abs(interpret(encoded.data.decode(), COUNT)(x) - wanted).max() <= bound
@@ -267,11 +272,134 @@ def test_every_damage_is_named(old, new, text):
     assert old in HAND
 
     with pytest.raises(CorruptFileError, match=text):
-        PMACBacklash().decode(HAND.replace(old, new).encode(), NOWHERE, count=COUNT)
+        PMACBacklash().decode(HAND.replace(old, new).encode(), NOWHERE, **TOLD)
 
 
 def test_every_cut_file_is_refused():
     whole = HAND.removesuffix("SAVE\n")
     for length in range(len(whole) - 1):
         with pytest.raises(CorruptFileError):
-            PMACBacklash().decode(whole[:length].encode(), NOWHERE, count=COUNT)
+            PMACBacklash().decode(whole[:length].encode(), NOWHERE, **TOLD)
+
+
+def pair(tmp_path, bump, **forward):
+    """The table of both directions, and a file of forward corrections beside it."""
+    p = np.linspace(0.0, 50e-3, 101)
+    both = CompensationTable.from_error(
+        bump, reverse=lambda x: bump(x) + 0.7e-6 + 20e-6 * x, positions=p, axis="X"
+    )
+    names = {k: forward.pop(k) for k in ("axis", "compensates") if k in forward}
+    one = CompensationTable.from_error(
+        bump, positions=p, reference=forward.pop("reference", 0.0), **{"axis": "X", **names}
+    )
+    path = tmp_path / "comp.pmc"
+    controllers.write(one, path, "pmac", **{"count": "10 nm", "source_motor": 1, **forward})
+    return both, path
+
+
+@pytest.mark.parametrize(
+    ("forward", "text"),
+    [
+        ({"axis": "Y"}, "its axis is Y"),
+        ({"source_motor": 2}, "its owner is 2"),
+        ({"owner": 4}, "its owner is 4"),
+        (
+            {"axis": "X", "compensates": "Z", "target_motor": 3, "owner": 1},
+            "its target_motor is 3",
+        ),
+        ({"source_sign": -1}, "its source_sign is -1"),
+        ({"motor_zero": "50 mm", "reference": 50e-3}, "its motor_zero is 0.05"),
+        ({"count": "20 nm"}, "its count is 2e-08"),
+    ],
+)
+def test_table_besides_must_be_that_of_the_motor(tmp_path, bump, forward, text):
+    """A file of motor 2 of Y passed the dry-run of motor 1 of X."""
+    both, path = pair(tmp_path, bump, **forward)
+
+    with pytest.raises(TableError, match=text):
+        controllers.write(
+            both, tmp_path / "b.pmc", "pmac-backlash", count="10 nm", motor=1, comp=str(path)
+        )
+    assert not (tmp_path / "b.pmc").exists()
+
+
+def test_table_besides_that_was_edited_or_exchanged_is_refused(tmp_path, bump):
+    both, path = pair(tmp_path, bump)
+    back = tmp_path / "b.pmc"
+    controllers.write(both, back, "pmac-backlash", count="10 nm", motor=1, comp=str(path))
+    controllers.simulate(back, "pmac-backlash")
+
+    whole = path.read_bytes()
+    path.write_bytes(whole.replace(b"DEFINE COMP", b"DEFINE  COMP"))
+    with pytest.raises(CorruptFileError, match="cut short, edited"):
+        controllers.simulate(back, "pmac-backlash")
+    path.with_name(path.name + ".json").unlink()
+    with pytest.raises(CorruptFileError, match="written with"):
+        controllers.simulate(back, "pmac-backlash")
+
+
+def test_axis_that_turns_is_refused():
+    angle = np.linspace(0.0, 6.0, 7)
+    table = CompensationTable(angle, 0 * angle, 0 * angle - 1e-6, "C", "C", 0.0)
+
+    with pytest.raises(TableError, match="C turns"):
+        encode(table, count="1 um")
+
+
+@pytest.mark.parametrize("name", ["source_sign", "motor_zero"])
+def test_comment_that_was_dropped_is_asked_for(name):
+    data = encode(hand_table(), count=COUNT, source_sign=-1, motor_zero=40e-3).data
+    lines = data.splitlines(keepends=True)
+    data = b"".join(line for line in lines if not line.startswith(f"; {name} =".encode()))
+
+    with pytest.raises(DataError, match=rf"tells {name} \("):
+        PMACBacklash().lookup(data, NOWHERE)
+
+
+@pytest.mark.parametrize(("name", "value"), [("count", 1e-9), ("source_sign", -1), ("motor", 2)])
+def test_option_that_contradicts_the_file_is_refused(name, value):
+    data = encode(hand_table(), count=COUNT).data
+
+    with pytest.raises(DataError, match=rf"{name}=.*{name}="):
+        PMACBacklash().decode(data, NOWHERE, **{name: value})
+
+
+def already_forward():
+    """Forward is compensated to nm, the reverse direction is 1 um and a slope off."""
+    p = np.linspace(0.0, 50e-3, 51)
+    left = np.random.default_rng(1).normal(0.0, 5e-9, 51)
+
+    def forward(x):
+        return np.interp(x, p, left)
+
+    return CompensationTable.from_error(
+        forward, reverse=lambda x: forward(x) + 1e-6 + 2e-5 * x, positions=p, axis="X"
+    )
+
+
+def test_where_forward_is_compensated_the_lost_motion_alone_is_judged(tmp_path):
+    table, path = already_forward(), tmp_path / "b.pmc"
+    with pytest.raises(SignCheckFailedError, match="forward"):
+        controllers.write(table, path, "pmac-backlash", count="10 nm", motor=1)
+
+    controllers.write(table, path, "pmac-backlash", count="10 nm", motor=1, forward_active=True)
+
+    judged = json.loads(path.with_name("b.pmc.json").read_text())["verification"]
+    assert judged["before_m"] == pytest.approx(2e-6, abs=1e-8)
+    assert judged["after_m"] <= COUNT / 8
+    assert judged["wrong_sign_m"] == pytest.approx(4e-6, abs=2e-8)
+
+
+def test_lost_motion_that_would_grow_is_refused():
+    table = already_forward()
+    other = dataclasses.replace(table.negated(), source=table.source)  # e_rev - e_fwd as -1 um
+
+    with pytest.raises((LimitError, SignCheckFailedError), match=r"lost motion|Ixx86"):
+        encode(other, count=COUNT, forward_active=True)
+    flat = CompensationTable(
+        table.positions, table.forward, table.forward - 8e-6, "X", "X", 0.0, source=table.source
+    )
+    with pytest.raises(SignCheckFailedError, match="lost motion: 2 um -> 7 um"):
+        encode(flat, count=COUNT, forward_active=True)
+    with pytest.raises(TableError, match="say one of them"):
+        encode(table, count=COUNT, forward_active=True, comp="x.pmc")

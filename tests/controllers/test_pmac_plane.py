@@ -29,6 +29,11 @@ DELETE GATHER
 I51=1
 SAVE
 """
+TOLD = {
+    "count": COUNT, "x_count": COUNT, "y_count": COUNT, "x_sign": 1, "y_sign": 1, "target_sign": 1,
+    "x_zero": 0.0, "y_zero": 0.0,
+}  # fmt: skip
+"""What that file does not say of the machine."""
 HAND_UM = [[0.0, 1.0, -0.5, 0.0], [0.2, 0.4, 0.6, 0.2], [0.0, 1.0, -0.5, 0.0]]
 """Corrections in um at 10 nm a count: 1600 sixteenths are 1 um; rows Y, columns X."""
 
@@ -94,7 +99,7 @@ def test_hand_made_file_is_written_to_the_byte():
 
 
 def test_hand_made_file_reads_as_corrections():
-    table = PMACPlane().decode(HAND.encode(), NOWHERE, count=COUNT)
+    table = PMACPlane().decode(HAND.encode(), NOWHERE, **TOLD)
 
     np.testing.assert_allclose(table.x, np.arange(4) * 10e-3, atol=1e-12, rtol=0)
     np.testing.assert_allclose(table.y, np.arange(3) * 20e-3, atol=1e-12, rtol=0)
@@ -115,7 +120,7 @@ def test_hand_made_file_reads_as_corrections():
     ],
 )
 def test_lookup_by_hand(x_mm, y_mm, um):
-    look = PMACPlane().lookup(HAND.encode(), NOWHERE, count=COUNT)
+    look = PMACPlane().lookup(HAND.encode(), NOWHERE, **TOLD)
 
     for direction in (1, -1):
         seen = look(x_mm * 1e-3, y_mm * 1e-3, direction)
@@ -123,7 +128,7 @@ def test_lookup_by_hand(x_mm, y_mm, um):
 
 
 def test_lookup_refuses_a_third_direction():
-    look = PMACPlane().lookup(HAND.encode(), NOWHERE, count=COUNT)
+    look = PMACPlane().lookup(HAND.encode(), NOWHERE, **TOLD)
 
     with pytest.raises(DataError, match="direction"):
         look(0.0, 0.0, 0)
@@ -183,7 +188,9 @@ def test_round_trip_is_within_quantisation_and_resampling(origin, gaps, seed, si
     rng = np.random.default_rng(seed)
     x, y = (o + np.concatenate([[0.0], np.cumsum(g)]) for o, g in zip(origin, gaps, strict=True))
     rough = CompensationMap(x, y, size * rng.uniform(-1, 1, (y.size, x.size)))
-    inside = x[0] <= 0 <= x[-1] and y[0] <= 0 <= y[-1]
+    # a motor's zero within a thousandth of a step of an end is that end
+    near = [1e-3 * np.diff(a).min() for a in (x, y)]
+    inside = all(a[0] <= d and a[-1] >= -d for a, d in zip((x, y), near, strict=True))
     offset = float(rough.correction(0.0, 0.0).item()) if inside else 0.0
     table = CompensationMap(x, y, rough.values - offset)
 
@@ -260,11 +267,50 @@ def test_bad_options(options, kind, text):
         encode(hand_map(), **{"count": COUNT, **options})
 
 
-def test_axis_that_turns_is_refused():
-    turning = CompensationMap([0.0, 1.0], [0.0, 1.0], np.zeros((2, 2)), ("X", "C"))
+@pytest.mark.parametrize(("axes", "other"), [(("X", "C"), "Z"), (("X", "Y"), "C")])
+def test_axis_that_turns_is_refused(axes, other):
+    turning = CompensationMap([0.0, 1.0], [0.0, 1.0], np.zeros((2, 2)), axes, other)
 
     with pytest.raises(TableError, match="C turns"):
         encode(turning, count=COUNT)
+
+
+def opposed():
+    return encode(hand_map(), count=COUNT, x_sign=-1, y_sign=-1, target_sign=-1).data
+
+
+@pytest.mark.parametrize("name", [n for n in TOLD if n != "count"])
+def test_comment_that_was_dropped_is_asked_for(name):
+    lines = opposed().splitlines(keepends=True)
+    data = b"".join(line for line in lines if not line.startswith(f"; {name} =".encode()))
+
+    with pytest.raises(DataError, match=rf"tells {name} \("):
+        PMACPlane().lookup(data, NOWHERE)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("count", 1e-9), ("x_sign", 1), ("target_sign", 1), ("target_motor", 5)]
+)
+def test_option_that_contradicts_the_file_is_refused(name, value):
+    with pytest.raises(DataError, match=rf"{name}=.*{name}="):
+        PMACPlane().decode(opposed(), NOWHERE, **{name: value})
+
+
+def test_delete_of_another_motor_and_doubled_facts_are_refused():
+    data = opposed()
+
+    with pytest.raises(CorruptFileError, match="another table"):
+        PMACPlane().decode(data.replace(b"#3 DELETE", b"#5 DELETE"), NOWHERE)
+    with pytest.raises(CorruptFileError, match="two comments state x_sign"):
+        PMACPlane().decode(b"; x_sign = 1\n" + data, NOWHERE)
+
+
+def test_zero_of_the_motors_a_hair_beside_the_map_is_its_corner():
+    x, y = 1e-3 + np.arange(4) * 10e-3, np.arange(3) * 20e-3
+    table = CompensationMap(x, y, np.array(HAND_UM) * 1e-6 - 0.3e-6, ("X", "Y"), "Z")
+
+    with pytest.raises(TableError, match="must be 0 by definition"):
+        encode(table, count=COUNT, x_zero=1e-3 - 1e-10)
 
 
 @pytest.mark.parametrize(
@@ -287,11 +333,11 @@ def test_every_damage_is_named(old, new, text):
     assert old in HAND
 
     with pytest.raises(CorruptFileError, match=text):
-        PMACPlane().decode(HAND.replace(old, new).encode(), NOWHERE, count=COUNT)
+        PMACPlane().decode(HAND.replace(old, new).encode(), NOWHERE, **TOLD)
 
 
 def test_every_cut_file_is_refused():
     whole = HAND.removesuffix("SAVE\n")
     for length in range(len(whole) - 1):
         with pytest.raises(CorruptFileError):
-            PMACPlane().decode(whole[:length].encode(), NOWHERE, count=COUNT)
+            PMACPlane().decode(whole[:length].encode(), NOWHERE, **TOLD)

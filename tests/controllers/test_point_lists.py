@@ -171,6 +171,70 @@ def test_beyond_the_map_and_gaps_are_refused(tmp_path):
         rewritten(tmp_path, HEAD + "0.7,45,0\n", made)
 
 
+def test_empty_fields_are_columns_too(tmp_path):
+    text = "note\tX_mm\tC_deg\tZ_mm\ttag\n\t10\t90\t1.5\t\n\t11\t90\t1.5\t7\n"
+    out, _ = rewritten(tmp_path, text, lambda x, c: 1e-3 * x)
+
+    assert out == text.replace("90\t1.5\t\n", "90\t1.510000\t\n").replace(
+        "90\t1.5\t7", "90\t1.511000\t7"
+    )
+
+
+@pytest.mark.parametrize("head", ["i,X_mm,C_deg,Z_mm", "X_mm,Z_mm"])
+def test_rows_as_wide_as_the_header_or_refused(tmp_path, head):
+    made = error_correction(Profile([0.0, 20e-3], [0.0, 1e-6]))
+    with pytest.raises(CorruptFileError, match=r"line 2 has 3 columns, the header \d"):
+        rewritten(tmp_path, head + "\n10,90,1.5\n", made)
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "kind", "part"),
+    [
+        ("X_mm,C_deg,Z_mm\n1,90,1\n", {"units": {"X": "um"}}, UnitError, "header says mm"),
+        ("X_mm,X_um,C_deg,Z_mm\n1,1000,90,1\n", {}, DataError, "X twice"),
+        ("X_mm,C_deg,Z_mm\n1,2,3\n", {"columns": {"Z": 0}}, DataError, "same column"),
+        ("X_mm,C_deg,Z_mm\n1,2,1e300\n", {}, CorruptFileError, "no machine goes there"),
+        ("X_mm,C_deg,Z_mm\n1,2,3\n", {"decimals": 5.5}, DataError, "whole number"),
+        ("\n# nothing\n", {}, DataError, "a list has a header such as"),
+        ("t_s,X_mm,C_deg,Z_mm,VZ\n0,1,2,3,4\n", {}, UnitError, "column VZ"),
+    ],
+)
+def test_contradictions_are_refused(tmp_path, text, options, kind, part):
+    with pytest.raises(kind, match=part):
+        rewritten(tmp_path, text, lambda x, c: 1e-6 + 0 * x, **options)
+    assert [p.name for p in tmp_path.iterdir()] == ["in.csv"]
+
+
+@pytest.mark.parametrize("found", [1e-6, np.zeros(1), np.zeros((2, 1))], ids=["one", "1", "2x1"])
+def test_one_value_a_point(tmp_path, found):
+    with pytest.raises(DataError, match="one value"):
+        rewritten(tmp_path, HEAD + "1,2,3\n2,2,3\n", lambda x, c: found)
+
+
+def test_units_in_signs_and_a_byte_order_mark(tmp_path):
+    for sign in ("\xb0", "\xc2\xb0"):
+        text = f"\xef\xbb\xbfX [mm],C [{sign}],Z [\xc2\xb5m]\n1,90,1\n"
+        out, _ = rewritten(tmp_path, text, lambda x, c: 2e-6 * np.sin(c), overwrite=True)
+        assert out == text.replace(",1\n", ",3.000\n")
+
+
+def test_diameters_are_halved_for_the_lookup(tmp_path):
+    out, result = rewritten(tmp_path, HEAD + "8,0,1\n", lambda x, c: 1e-3 * x, diameter=True)
+    assert out == HEAD + "8,0,1.004000\n"
+    assert result.audit["x_is_diameter"] is True
+
+
+def test_time_and_speed_of_the_header_are_used(tmp_path):
+    out, result = rewritten(
+        tmp_path,
+        "t_s,X_mm,C_deg,Z_mm,VZ_mm_s\n0,1,0,0.0,1.0\n1,2,0,0.0,1.0\n",
+        lambda x, c: 1e-3 * x,
+    )
+    # c rises by 1 um in 1 s
+    assert out.splitlines()[1:] == ["0,1,0,0.001000,1.001000", "1,2,0,0.002000,1.001000"]
+    assert not any("speed" in m for m in result.messages)
+
+
 def test_sidecar_and_existing_files(tmp_path):
     _, result = rewritten(tmp_path, HEAD + "1,2,3\n", lambda x, c: 1e-6 + 0 * x)
     assert json.loads((tmp_path / "out.csv.json").read_text()) == result.audit
@@ -178,7 +242,7 @@ def test_sidecar_and_existing_files(tmp_path):
 
     with pytest.raises(WriteError, match="exists already"):
         rewritten(tmp_path, HEAD + "1,2,3\n", lambda x, c: 0 * x)
-    with pytest.raises(WriteError, match="the list itself"):
+    with pytest.raises(WriteError, match="the source itself"):
         rewrite_points(
             tmp_path / "in.csv", tmp_path / "in.csv", lambda x, c: 0 * x, overwrite=True
         )

@@ -294,3 +294,15 @@ def test_not_probed_is_named():
 def test_sign_is_documented():
     assert RepRap.info.sign == "documented"
     assert RepRap.info.entry.endswith("-e")
+
+
+def test_file_cut_in_its_last_number_is_refused():
+    for cut in range(1, 8):
+        with pytest.raises(CorruptFileError):
+            RepRap().decode(HAND[:-cut].encode(), NOWHERE)
+
+
+@pytest.mark.parametrize(("x", "c"), [(1e300, 1e-6), (0.1, 1e6)])
+def test_units_that_are_mistaken_are_refused(x, c):
+    with pytest.raises(LimitError, match=r"exceeds 1(000)? m; check the units"):
+        encode(CompensationMap([0.0, x], [0.0, 0.1], [[0, 0], [0, c]]))

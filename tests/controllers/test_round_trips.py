@@ -18,7 +18,7 @@ BY_KIND = {
     for kind in ("table", "map", "polynomial")
 }
 
-OTHER_AXIS = {"linuxcnc-lincurve", "sinumerik-cec", "fanuc-straightness"}
+OTHER_AXIS = {"linuxcnc-lincurve", "sinumerik-cec", "fanuc-straightness", "isg-cross"}
 """Dialects that correct another axis than the one they look up."""
 
 ONLY_REVERSAL = {"pmac-backlash"}

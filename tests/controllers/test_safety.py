@@ -210,9 +210,21 @@ def test_a_polynomial_covers_the_travel_too(tmp_path):
 
     with pytest.raises(LimitError, match=r"cover 0 m \.\.\. 50 mm, the travel"):
         controllers.write(
-            fit, tmp_path / "x.st", "plc-st", verified_against=error, travel_high="60 mm"
+            fit,
+            tmp_path / "x.st",
+            "plc-st",
+            verified_against=error,
+            travel_high="60 mm",
+            actuator_sign=1,
         )
-    controllers.write(fit, tmp_path / "x.st", "plc-st", verified_against=error, travel_high=50e-3)
+    controllers.write(
+        fit,
+        tmp_path / "x.st",
+        "plc-st",
+        verified_against=error,
+        travel_high=50e-3,
+        actuator_sign=1,
+    )
 
 
 def test_a_limit_of_one_axis_is_refused_for_a_map(tmp_path):
@@ -299,9 +311,9 @@ def test_a_trial_is_written_without_a_confirmed_sign_and_marked(tmp_path):
         lambda x: 1e-4 * x, positions=x, axis="X", compensates="Z", exact=False
     )
     bed = CompensationMap(x, x[:11], np.zeros((11, 21)))
-    for made, name, machine in (
-        (trial_table(across, 2e-6), "sinumerik-cec", {}),
-        (trial_map(bed, 2e-6), "isg-plane", {}),
+    for made, name in (
+        (trial_table(across, 2e-6), "sinumerik-cec"),
+        (trial_map(bed, 2e-6), "isg-plane"),
     ):
         path = tmp_path / name
         machine = registry.find(name).info.example

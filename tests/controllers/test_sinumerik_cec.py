@@ -32,6 +32,9 @@ CROSS = {"input_axis": "AX1", "output_axis": "AX3"}
 OWN = {"input_axis": "AX1", "output_axis": "AX1"}
 OVER = SinumerikCecProduct.info.example
 
+PLAIN = {"entry_sign": 1, "input_turns": False, "output_turns": False}
+"""What a file of others does not tell."""
+
 HAND = """%_N_NC_CEC_INI
 CHANDATA(1)
 $AN_CEC[0,0]=0
@@ -113,8 +116,8 @@ def cross(bump):
 
 
 def test_hand_made_file_reads_as_corrections():
-    plus = SinumerikCec().decode(HAND.encode(), NOWHERE, entry_sign=1)
-    minus = SinumerikCec().decode(HAND.encode(), NOWHERE, entry_sign=-1)
+    plus = SinumerikCec().decode(HAND.encode(), NOWHERE, **PLAIN)
+    minus = SinumerikCec().decode(HAND.encode(), NOWHERE, **{**PLAIN, "entry_sign": -1})
 
     np.testing.assert_allclose(plus.positions, [0, 5e-3, 10e-3], atol=FLOAT, rtol=0)
     np.testing.assert_allclose(plus.forward, [0, -3e-6, 0], atol=FLOAT, rtol=0)
@@ -195,7 +198,7 @@ def test_two_directions_are_two_tables(table, bump):
 def test_a_table_for_one_direction_is_zero_in_the_other():
     text = HAND.replace("DIRECTION[0]=0", "DIRECTION[0]=-1")
 
-    back = SinumerikCec().decode(text.encode(), NOWHERE, entry_sign=1)
+    back = SinumerikCec().decode(text.encode(), NOWHERE, **PLAIN)
 
     assert back.forward.tolist() == [0.0, 0.0, 0.0]
     assert back.reverse[1] == pytest.approx(-3e-6, abs=FLOAT)
@@ -298,12 +301,16 @@ def shift(text, index, **changes):
 
 
 def test_several_tables():
-    other = shift(HAND, 4, INPUT_AXIS="(AX2)")
+    other = shift(HAND, 4, OUTPUT_AXIS="(AX2)")
     same = shift(HAND, 4)
 
     with pytest.raises(UnsupportedFeatureError, match="tables 0, 4; choose"):
         SinumerikCec().decode(other.encode(), NOWHERE, entry_sign=1)
-    assert SinumerikCec().decode(other.encode(), NOWHERE, entry_sign=1, table_index=4)
+    assert SinumerikCec().decode(other.encode(), NOWHERE, **PLAIN, table_index=4)
+    added = shift(HAND, 4, INPUT_AXIS="(AX2)")
+    for index in (0, 4):
+        with pytest.raises(UnsupportedFeatureError, match=r"add up on AX3"):
+            SinumerikCec().decode(added.encode(), NOWHERE, **PLAIN, table_index=index)
     with pytest.raises(DataError, match="no table 1"):
         SinumerikCec().decode(other.encode(), NOWHERE, entry_sign=1, table_index=1)
     with pytest.raises(UnsupportedFeatureError, match="add up"):
@@ -486,3 +493,142 @@ def test_product_round_trip(seed, n, m):
 
     assert encoded.quantisation <= 2 * QUANTUM  # the factor is at most one
     np.testing.assert_allclose(back.values, made.values, atol=2 * QUANTUM + FLOAT, rtol=0)
+
+
+def test_repeating_turning_input_repeats_after_a_turn():
+    p = np.radians(np.arange(0.0, 351.0, 10.0))
+    c = -3e-6 * np.sin(p * 360.0 / 350.0) ** 2
+    c[-1] = c[0]
+    made = CompensationTable(p, c, None, "C", "Z", 0.0)
+    turns = {**CROSS, "input_turns": True, "modulo": True}
+
+    with pytest.raises(TableError, match=r"after 350 deg.*append the position 360 deg"):
+        SinumerikCec().encode(made, **turns)
+    ends = c.copy()
+    ends[-1] += 9e-13
+    whole = CompensationTable(np.linspace(0, 2 * np.pi, p.size), ends, None, "C", "Z", 0.0)
+    back = SinumerikCec().decode(SinumerikCec().encode(whole, **turns).data, NOWHERE)
+    assert back.forward[0] == back.forward[-1]
+
+
+def test_degrees_stay_degrees_without_a_sidecar():
+    p = np.radians(np.arange(0.0, 361.0, 10.0))
+    made = CompensationTable(p, 1e-6 * np.sin(p), None, "C", "Z", 0.0)
+
+    data = SinumerikCec().encode(made, **CROSS, input_turns=True).data
+
+    back = SinumerikCec().decode(data, NOWHERE)
+    assert (back.axis, back.compensates) == ("C", "Z")
+    np.testing.assert_allclose(back.positions, p, atol=1e-12, rtol=0)
+    with pytest.raises(DataError, match="input_turns=False"):
+        SinumerikCec().decode(data, NOWHERE, input_turns=False)
+
+
+def test_foreign_file_is_read_by_its_axes_or_refused():
+    def read(first, second, **told):
+        text = HAND.replace("AX1", first).replace("AX3", second)
+        return SinumerikCec().decode(text.encode(), NOWHERE, entry_sign=1, **told)
+
+    back = read("C1", "Y1")
+    assert (back.axis, back.compensates) == ("C", "Y")
+    assert back.positions[-1] == pytest.approx(np.radians(10.0), abs=1e-15)
+    assert back.forward[1] == pytest.approx(-3e-6, abs=FLOAT)
+    with pytest.raises(DataError, match=r"AX1 is in mm or in degrees.*input_turns=True"):
+        read("AX1", "AX3")
+    with pytest.raises(DataError, match=r"AX3 is in mm or in degrees.*output_turns=True"):
+        read("X1", "AX3")
+    assert read("AX1", "AX3", input_turns=True, output_turns=True).axis == "C"
+    assert read("AX1", "AX1", input_turns=True).compensates == "C"
+    both = read("X1", "X2")
+    assert both.axis != both.compensates
+
+
+def test_user_and_comment_must_not_contradict(cross, twisted):
+    data = SinumerikCec().encode(cross, **CROSS, entry_sign=-1).data
+    over = SinumerikCecProduct().encode(twisted, **OVER, entry_sign=-1).data
+
+    with pytest.raises(DataError, match="entry_sign=1, the comment in the file says -1"):
+        SinumerikCec().lookup(data, NOWHERE, entry_sign=1)
+    with pytest.raises(DataError, match="entry_sign=1"):
+        SinumerikCecProduct().decode(over, NOWHERE, entry_sign=1)
+    with pytest.raises(DataError, match="turning=1"):
+        SinumerikCecProduct().decode(over, NOWHERE, turning="1")
+    later = data.replace(b"M17", b"; metrosep: entry_sign=1\nM17")
+    with pytest.raises(CorruptFileError, match="contradict each other: entry_sign"):
+        SinumerikCec().decode(later, NOWHERE)
+
+
+def test_every_changed_line_is_found_without_a_sidecar(cross, twisted):
+    for dialect, data in (
+        (SinumerikCec(), SinumerikCec().encode(cross, **CROSS).data),
+        (SinumerikCecProduct(), SinumerikCecProduct().encode(twisted, **OVER).data),
+    ):
+        lines = data.decode().splitlines()
+        for i in range(4, len(lines), 9):
+            for changed in (lines[i][:-1], lines[i] + "1", ""):
+                if changed != lines[i]:
+                    text = "\n".join([*lines[:i], changed, *lines[i + 1 :]])
+                    with pytest.raises(CorruptFileError):
+                        dialect.decode(text.encode(), NOWHERE)
+
+
+def test_names_that_contradict_the_axes_of_the_file_are_refused(tmp_path):
+    path = tmp_path / "x.INI"
+    path.write_text(HAND)
+    (tmp_path / "x.INI.json").write_text('{"table": {"axis": "X", "compensates": "X"}}')
+
+    with pytest.raises(CorruptFileError, match=r"said to correct X over X.*AX3 over AX1"):
+        SinumerikCec().decode(HAND.encode(), path, **PLAIN)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("MAX[0]=10.0", "MAX[0]=5000000000.0"),
+        ("MAX[0]=10.0", "MAX[0]=" + "9" * 400),
+        ("STEP[0]=5.0", "STEP[0]=0.000000005"),
+        ("STEP[0]=5.0", f"STEP[0]=0.{'0' * 308}1"),
+        ("TABLE[0]=0", "TABLE[0]=" + "1" * 5000),
+        ("$AN_CEC[0,1]", f"$AN_CEC[{'1' * 5000},1]"),
+        ("$AN_CEC[0,1]", f"$AN_CEC[0,{'1' * 5000}]"),
+    ],
+)
+def test_numbers_beyond_all_bounds_are_refused(old, new):
+    assert old in HAND
+
+    with pytest.raises(CorruptFileError) as caught:
+        SinumerikCec().decode(HAND.replace(old, new, 1).encode(), NOWHERE, **PLAIN)
+    assert len(str(caught.value)) < 400
+
+
+def test_limits_of_axes_that_turn_are_angles():
+    p = np.radians(np.arange(0.0, 361.0, 10.0))
+    made = CompensationTable(p, np.radians(0.002) * np.sin(p), None, "C", "C", 0.0)
+    turns = {"input_axis": "C1", "output_axis": "C1", "input_turns": True, "output_turns": True}
+
+    with pytest.raises(LimitError, match=r"C = 90 deg is 34.9 urad.*at most 17.45 urad"):
+        SinumerikCec().encode(made, **turns, value_limit="0.001 deg")
+    with pytest.raises(LimitError, match=r"at least 18.95 deg"):
+        SinumerikCec().encode(made, **turns, points_limit=20)
+    with pytest.raises(DataError, match=r"value_limit='1 um'.*C turns"):
+        SinumerikCec().encode(made, **turns, value_limit="1 um")
+    finer = SinumerikCec().encode(made, **turns, spacing="5 deg", value_limit="0.01 deg")
+    assert b"$AN_CEC_STEP[0]=5.0\n" in finer.data
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_only_the_first_table_of_a_product_takes_the_sign(twisted, sign):
+    """The factor is printed the same for both signs; its peak is +1, so the product turns once."""
+    text = SinumerikCecProduct().encode(twisted, **OVER, entry_sign=sign).data.decode()
+    other = SinumerikCecProduct().encode(twisted, **OVER, entry_sign=-sign).data.decode()
+
+    entries = [re.findall(rf"^\$AN_CEC\[{t},\d+\]=(\S+)", text, re.MULTILINE) for t in (0, 1)]
+    others = [re.findall(rf"^\$AN_CEC\[{t},\d+\]=(\S+)", other, re.MULTILINE) for t in (0, 1)]
+    first, opposite = (np.array(v[0], dtype=float) for v in (entries, others))
+    np.testing.assert_array_equal(first, -opposite)
+    assert entries[1] == others[1]
+    assert np.array(entries[1], dtype=float).max() == 1.0
+    middle, top = 5, 12  # y = 0, x = 12 mm: the error is +3 um, so the entry is +sign * 3 um
+    product = first[top] * float(entries[1][middle]) * 1e-3
+    assert product * sign == pytest.approx(-twisted.values[middle, top], abs=1e-12)
+    assert product * sign > 2.9e-6

@@ -94,7 +94,10 @@ def test_the_same_file_is_written():
     """The axis is 3 um too far at 5 mm: the entry is +0.003, that of the error itself."""
     made = CompensationTable([0, 5e-3, 10e-3], [0, -3e-6, 0], None, "X", "X", 0.0)
 
-    assert SinumerikEnc().encode(made, **X1).data.decode() == HAND
+    text = SinumerikEnc().encode(made, **X1).data.decode()
+
+    assert "".join(s for s in text.splitlines(True) if not s.startswith(";")) == HAND
+    assert "\n; metrosep: turns=0 axis=X check=" in text
 
 
 def test_positive_entry_moves_the_axis_in_negative_direction():
@@ -328,3 +331,167 @@ def test_repeating_file_with_a_step_is_refused():
 def test_cut_file_is_refused(end):
     with pytest.raises(CorruptFileError):
         SinumerikEnc().decode(HAND[:end].encode(), NOWHERE)
+
+
+def turning_table(degrees, peak=100.0):
+    """Error of 3e-5 rad at `peak` degrees of C, zero at both ends."""
+    p = np.radians(degrees)
+    e = 3e-5 * np.exp(-(((p - np.radians(peak)) / np.radians(8.0)) ** 2))
+    e[0] = e[-1] = 0.0
+    return CompensationTable(p, -e, None, "C", "C", float(p[0]), is_exact_inverse=True)
+
+
+@pytest.mark.parametrize(
+    ("last", "fits"),
+    [(350.0, False), (360.0, True), (180.0, True), (720.0, False), (200.0, False)],
+)
+def test_repeating_turning_axis_repeats_after_a_turn(last, fits):
+    made = turning_table(np.arange(0.0, last + 1.0, 2.0))
+    turns = {"machine_axis": "C1", "turns": True, "modulo": True}
+
+    if not fits:
+        with pytest.raises(TableError, match=rf"after {last:g} deg.*append the position 360 deg"):
+            SinumerikEnc().encode(made, **turns)
+        return
+    lookup = SinumerikEnc().lookup(SinumerikEnc().encode(made, **turns).data, NOWHERE)
+    for k in (0, 1, -3):
+        assert lookup(np.radians(100.0 + 360.0 * k)) == pytest.approx(-3e-5, abs=1e-11)
+
+
+def test_ends_that_are_equal_but_for_rounding_are_printed_equal():
+    """0.9 pm apart, and half an entry of 1 pm between them: 0 and 0.000000001 mm if rounded alone."""
+    c = np.array([0.0, 1e-6, 2e-6, 1e-6, 5e-7, 9e-13])
+    made = CompensationTable(np.linspace(0, 50e-3, 6), c, None, "X", "X", 0.0)
+
+    encoded = SinumerikEnc().encode(made, **X1, modulo=True)
+
+    back = SinumerikEnc().decode(encoded.data, NOWHERE)
+    assert back.forward[0] == back.forward[-1]
+    assert encoded.quantisation == pytest.approx(9e-13, abs=1e-16)
+
+
+def test_reference_point_is_judged_by_what_the_file_carries():
+    """Zero at 20 mm in the table; with entries each 0.7 mm it is between two that are not zero."""
+    made = CompensationTable.from_error(
+        lambda x: 3e-6 * (1 - np.cos(2 * np.pi * np.asarray(x) / 20e-3)),
+        positions=np.linspace(0.0, 50e-3, 501),
+        axis="X",
+        exact=False,
+    )
+    assert abs(made.correction(20e-3)[0]) < FLOAT
+
+    with pytest.raises(TableError, match=r"X = 20 mm is -.* nm in the file.*among its positions"):
+        SinumerikEnc().encode(made, **X1, reference_point="20 mm", spacing="0.7 mm")
+    kept = SinumerikEnc().encode(made, **X1, reference_point=20e-3, spacing="0.5 mm")
+    assert abs(SinumerikEnc().lookup(kept.data, NOWHERE)(20e-3)) <= QUANTUM
+
+
+def test_reference_point_of_a_repeating_table_is_folded():
+    made = turning_table(np.arange(0.0, 361.0, 2.0))
+    turns = {"machine_axis": "C1", "turns": True, "modulo": True}
+
+    with pytest.raises(TableError, match=r"C = 460 deg is -30 urad"):
+        SinumerikEnc().encode(made, **turns, reference_point="460 deg")
+    assert SinumerikEnc().encode(made, **turns, reference_point="-360 deg")
+
+
+@pytest.mark.parametrize("axis", ["X1", "AX4", "C1"])
+def test_degrees_stay_degrees_without_a_sidecar(axis):
+    made = turning_table(np.arange(0.0, 361.0, 2.0))
+    straight = CompensationTable([0, 1e-3], [0, -1e-6], None, "Y", "Y", 0.0)
+
+    data = SinumerikEnc().encode(made, machine_axis=axis, turns=True).data
+    back = SinumerikEnc().decode(data, NOWHERE)
+    assert (back.axis, back.positions[-1]) == ("C", pytest.approx(2 * np.pi, abs=1e-12))
+    with pytest.raises(DataError, match="turns=False"):
+        SinumerikEnc().decode(data, NOWHERE, turns=False)
+    data = SinumerikEnc().encode(straight, machine_axis=axis).data
+    back = SinumerikEnc().decode(data, NOWHERE)
+    assert (back.axis, back.positions[-1]) == ("Y", pytest.approx(1e-3, abs=1e-15))
+
+
+def test_foreign_file_is_read_by_its_axis_or_refused():
+    def read(name, **told):
+        return SinumerikEnc().decode(HAND.replace("X1", name).encode(), NOWHERE, **told)
+
+    assert (read("Z1").axis, read("Z1").positions[-1]) == ("Z", pytest.approx(10e-3, abs=1e-15))
+    assert (read("B2").axis, read("B2").positions[-1]) == (
+        "B",
+        pytest.approx(np.radians(10.0), abs=1e-15),
+    )
+    with pytest.raises(DataError, match=r"AX3 is in mm or in degrees.*turns=True or turns=False"):
+        read("AX3")
+    assert read("AX3", turns=True).axis == "C"
+    assert read("AX3", turns=False).axis == "X"
+
+
+def test_lengths_and_angles_of_options():
+    p = np.radians(np.r_[0.0:100.0:7.0, 100.0:351.0:2.0, 360.0])
+    made = CompensationTable(p, 1e-6 * np.sin(p), None, "C", "C", 0.0)
+    turns = {"machine_axis": "C1", "turns": True}
+
+    encoded = SinumerikEnc().encode(made, **turns, spacing="2 deg")
+    assert b"STEP[0,C1]=2.0\n" in encoded.data
+    with pytest.raises(DataError, match=r"spacing='20 mm'.*C turns"):
+        SinumerikEnc().encode(made, **turns, spacing="20 mm")
+    with pytest.raises(TableError, match=r"these lie 2 deg to 10 deg apart"):
+        SinumerikEnc().encode(made, **turns)
+    with pytest.raises(LimitError, match=r"holds 200.*at least 1.809 deg"):
+        SinumerikEnc().encode(made, **turns, spacing="1 deg", points_limit=200)
+    straight = CompensationTable([0, 1e-3, 4e-3], [0, -1e-6, 0], None, "X", "X", 0.0)
+    with pytest.raises(DataError, match=r"spacing='2 deg'.*X does not turn"):
+        SinumerikEnc().encode(straight, **X1, spacing="2 deg")
+
+
+@pytest.mark.parametrize(
+    "value", ["2", "2 s", "0 mm", "-1 deg", "nan mm", True, [1], 0.0, 10**400]
+)
+def test_spacing_that_is_no_length_is_refused_by_name(both, tmp_path, value):
+    with pytest.raises(DataError, match="spacing"):
+        controllers.write(both, tmp_path / "x.INI", "sinumerik-enc", spacing=value, **X1)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_positions_uneven_by_a_tenth_of_a_nanometre_say_so():
+    p = np.linspace(0.0, 50e-3, 51)
+    p[7] += 1e-10
+
+    with pytest.raises(TableError, match=r"0.9999999 mm to 1.0000001 mm apart \(200 pm between"):
+        SinumerikEnc().encode(CompensationTable(p, 0 * p, None, "X", "X", 0.0), **X1)
+
+
+def test_every_changed_line_is_found_without_a_sidecar(both):
+    lines = SinumerikEnc().encode(both, **X1).data.decode().splitlines()
+    for i in (*range(3, len(lines), 7), len(lines) - 2):
+        for changed in (lines[i][:-2], lines[i] + "1", ""):
+            data = "\n".join([*lines[:i], changed, *lines[i + 1 :]]).encode()
+            with pytest.raises(CorruptFileError):
+                SinumerikEnc().decode(data, NOWHERE)
+
+
+def test_sidecar_of_a_table_across_axes_is_refused(tmp_path):
+    path = tmp_path / "x.INI"
+    (tmp_path / "x.INI.json").write_text('{"table": {"axis": "Y", "compensates": "Z"}}')
+
+    with pytest.raises(CorruptFileError, match="said to correct Z over Y"):
+        SinumerikEnc().decode(HAND.encode(), path)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("MAX[0,X1]=10.0", "MAX[0,X1]=5000000000.0"),
+        ("MAX[0,X1]=10.0", "MAX[0,X1]=" + "9" * 400),
+        ("MAX[0,X1]=10.0", "MAX[0,X1]=" + "9" * 5000),
+        ("STEP[0,X1]=5.0", "STEP[0,X1]=0.000000005"),
+        ("STEP[0,X1]=5.0", f"STEP[0,X1]=0.{'0' * 308}1"),
+        ("[0,1,X1]", f"[0,{'1' * 5000},X1]"),
+        ("=0.003", "=" + "9" * 400),
+    ],
+)
+def test_numbers_beyond_all_bounds_are_refused(old, new):
+    assert old in HAND
+
+    with pytest.raises(CorruptFileError) as caught:
+        SinumerikEnc().decode(HAND.replace(old, new, 1).encode(), NOWHERE)
+    assert len(str(caught.value)) < 400

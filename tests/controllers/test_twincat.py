@@ -178,7 +178,7 @@ def test_negated_table_is_refused(tmp_path, one_way, measured):
 
 
 def test_table_shorter_than_the_travel_is_refused(tmp_path, one_way):
-    with pytest.raises(LimitError, match="covers"):
+    with pytest.raises(LimitError, match="corrections cover"):
         controllers.write(one_way, tmp_path / "x.txt", "twincat", travel_high="60 mm")
 
 
@@ -187,7 +187,9 @@ def test_two_directions_are_refused(table):
         encode(table)
 
 
-@pytest.mark.parametrize("name", ["1st", "a b", "a;", "\u00e4x", "x" * 61])
+@pytest.mark.parametrize(
+    "name", ["1st", "a b", "a;", "\u00e4x", "x" * 61, "END_VAR", "if", "a__b", "Table_"]
+)
 def test_name_that_is_no_identifier_is_refused(name):
     table = CompensationTable([0.0, 1e-3], [0, 0], None, "X", "X", 0.0)
 
@@ -207,7 +209,7 @@ def test_name_is_written_and_checked():
 
 def test_uneven_positions_are_resampled_and_the_cost_is_told():
     x = np.array([0.0, 1.0, 4.0]) * 1e-3
-    table = CompensationTable(x, [0, 1e-6, 0], None, "X", "Z", 0.0)
+    table = CompensationTable(x, [0, 1e-6, 0], None, "X", "X", 0.0)
 
     encoded = encode(table, interval="2 mm")
 
@@ -283,3 +285,33 @@ def test_binary_is_refused():
 def test_axis_that_turns_is_refused():
     with pytest.raises(TableError, match="axis C1 turns"):
         encode(CompensationTable([0.0, 1e-3], [0, 0], None, "C1", "X", 0.0))
+
+
+def test_table_of_another_axis_is_refused(tmp_path):
+    """The function block takes one Axis: X -> Z would shift X by what Z needs."""
+    cross = CompensationTable([0.0, 1e-3], [0, 1e-6], None, "X", "Z", 0.0)
+
+    with pytest.raises(TableError, match=r"X -> Z.*would move X instead of Z.*'isg-cross'"):
+        encode(cross)
+    path = tmp_path / "x.txt"
+    path.write_text(HAND)
+    path.with_name("x.txt.json").write_text('{"table": {"axis": "X", "compensates": "Z"}}')
+    with pytest.raises(CorruptFileError, match="X -> Z"):
+        controllers.read(path, "twincat")
+
+
+def test_interval_beyond_the_table_is_refused():
+    table = CompensationTable([0.0, 1e-3, 2e-3], [0, 1e-6, 0], None, "X", "X", 0.0)
+
+    for interval in (3e-3, 10.0):
+        with pytest.raises(LimitError, match=r"larger than the table, which spans 2 mm.*units"):
+            encode(table, interval=interval)
+    with pytest.raises(DataError, match="interval"):
+        encode(table, interval="60000 m")
+
+
+@pytest.mark.parametrize(("x", "c"), [(1e6, 1e-6), (1e-3, 1e6), (1e-3, 1e300)])
+def test_numbers_that_no_line_holds_are_refused_with_their_entry(x, c):
+    with pytest.raises(LimitError, match=r"of entry 1 exceeds") as caught:
+        encode(CompensationTable([0.0, x], [0, c], None, "X", "X", 0.0))
+    assert len(str(caught.value)) < 200

@@ -1,5 +1,6 @@
 """Voltage tables: closed forms of a sensitivity, hysteresis, DAC and amplifier, what is refused."""
 
+import json
 import math
 import os
 from pathlib import Path
@@ -34,6 +35,8 @@ def _registered(monkeypatch):
 
 
 def encode(table, **options):
+    if options.get("over") == "time" and options.get("motion") != "turn":
+        options = {"start": 0.0, **options}
     dialect = Voltage()
     return dialect.encode(table, **checked_options(options, dialect.options, "voltage"))
 
@@ -241,6 +244,7 @@ def test_stage_on_its_curve_removes_the_error(calibration, bump, one_way):
 def test_over_time_each_entry_is_held_for_a_period(bump, one_way):
     given = {
         "polarity": 1, "calibration": SENSITIVITY, "over": "time", "speed": 1e-3, "sample_time": 10e-3,
+        "start": 0.0,
     }  # fmt: skip
     made = encode(one_way, **given)
     rows = np.array([[float(v) for v in x.split(",")] for x in made.data.decode().split()[1:]])
@@ -260,8 +264,14 @@ def test_turn_over_time():
     angle = np.linspace(0, 2 * math.pi, 361)
     c = 1e-6 * np.sin(angle) + 0.2e-6 * (np.cos(2 * angle) - 1)
     table = CompensationTable(angle, c, None, "C", "Z", 0.0)
-    given = {"polarity": 1, "calibration": SENSITIVITY, "over": "time", "motion": "turn"}
-    made = encode(table, **given, points=360)
+    given = {
+        "polarity": 1,
+        "calibration": SENSITIVITY,
+        "over": "time",
+        "motion": "turn",
+        "points": 360,
+    }
+    made = encode(table, **given)
 
     lookup = Voltage().lookup(made.data, NOWHERE, **given)
     assert lookup(angle[:-1] + 2 * math.pi + 1e-4) == pytest.approx(c[:-1], abs=0.2e-9)
@@ -327,7 +337,7 @@ def test_write_read_simulate(tmp_path, calibration, one_way, measured):
 # -- bad input --------------------------------------------------------------------------------
 
 
-HAND = "position_mm,voltage_V\n0,2.0\n1,3.0\n2,0.5\n"
+HAND = "position_mm,voltage_V\n0,2.000000000\n1,3.000000000\n2,0.500000000\n"
 
 
 @pytest.mark.parametrize(
@@ -339,11 +349,11 @@ HAND = "position_mm,voltage_V\n0,2.0\n1,3.0\n2,0.5\n"
         ("1,3.0", "1,3,0"),
         ("1,3.0", "1,3e0"),
         ("1,3.0", "1,nan"),
-        ("1,3.0", ""),
+        ("1,3.000000000", ""),
         ("1,3.0", "0,3.0"),
         ("1,3.0", "1,-0.1"),
         ("1,3.0", "1,10.1"),
-        ("1,3.0\n2,0.5\n", ""),
+        ("1,3.000000000\n2,0.500000000\n", ""),
         ("3.0", "3.0µ"),
     ],
 )
@@ -373,6 +383,10 @@ def test_missing_line_of_a_time_table_is_refused(one_way):
         ({"voltage_V": [0, 1], "mean_um": [0]}, "equal length"),
         ({"voltage_V": [1, 0], "mean_um": [0, 1]}, "rising"),
         ({"voltage_V": [0, 1], "mean_um": [0, None]}, "gaps"),
+        ({"voltage_V": [0, 1, 2], "mean_um": [0, math.inf, 7]}, "mean_um .* infinite at 1 V"),
+        ({"voltage_V": [0, 1], "mean_um": [0, 1], "up_um": [0, -math.inf]}, "equal|infinite"),
+        ('{"voltage_V": [0, 1], "mean_um": [0]}', "equal length"),
+        ('{"voltage_V": [0, 1', "no JSON"),
     ],
 )
 def test_what_is_no_calibration(value, words):
@@ -414,3 +428,109 @@ def test_stored_calibration_without_branches():
 def test_sign_is_stated_by_the_user():
     assert Voltage.info.sign == "stated"
     assert "-e is added" in Voltage.info.entry
+
+
+def test_every_cut_file_is_refused():
+    for length in range(1, len(HAND)):
+        if HAND[:length].endswith("\n") and HAND[:length].count("\n") > 2:
+            continue  # whole lines: a shorter table, which only the sidecar tells
+        with pytest.raises(CorruptFileError):
+            Voltage().decode(HAND[:length].encode(), NOWHERE, polarity=1, calibration=1e-6)
+    Voltage().decode(HAND.encode(), NOWHERE, polarity=1, calibration=1e-6, offset=2e-6)
+
+
+def branches(n=201):
+    """A rising stage of 1.66 um/V: behind while the voltage rises, ahead while it falls."""
+    v = np.linspace(0.0, 10.0, n)
+    lag = 0.2 * np.sin(np.pi * v / 10.0)
+    return v, 1.66 * v, 1.66 * v - lag, 1.66 * v + lag
+
+
+@pytest.mark.parametrize("sense", [1, -1])
+def test_branches_that_are_exchanged_are_refused(one_way, sense):
+    """Written as they were, 0.7 um of 4 um were left on the machine."""
+    v, mean, up, down = branches()
+    stored = {"voltage_V": v.tolist(), "mean_um": (sense * mean).tolist()}
+    right = {**stored, "up_um": (sense * up).tolist(), "down_um": (sense * down).tolist()}
+    swapped = {**stored, "up_um": (sense * down).tolist(), "down_um": (sense * up).tolist()}
+
+    made = encode(one_way, polarity=1, calibration=right, branch="sweep")
+    assert made.quantisation <= 2 * made.step
+    assert not [f for f in made.findings if f.check == "quantisation"]
+    with pytest.raises(DataError, match="exchanged"):
+        encode(one_way, polarity=1, calibration=swapped, branch="sweep")
+    encode(one_way, polarity=1, calibration=swapped, branch="mean")
+
+
+def test_voltages_that_miss_by_more_than_rounding_are_reported(one_way):
+    """Up and down differ by 40 nm against the sense of hysteresis, within what noise may be."""
+    v, mean, _, _ = branches()
+    lead = 0.015 * np.sin(np.pi * v / 10.0)
+    stored = {
+        "voltage_V": v.tolist(), "mean_um": mean.tolist(), "up_um": (mean + lead / 2).tolist(),
+        "down_um": (mean - lead / 2).tolist(),
+    }  # fmt: skip
+
+    made = encode(one_way, polarity=1, calibration=stored, branch="sweep")
+
+    assert made.quantisation > 2 * made.step
+    assert [f.check for f in made.findings] == ["quantisation"]
+
+
+def test_stored_calibration_as_text_of_the_command_line(tmp_path, one_way, measured):
+    text = '{"voltage_V": [0, 5, 10], "mean_um": [0, 8.3, 16.6]}'
+
+    made = encode(one_way, polarity=1, calibration=text)
+    same = encode(one_way, polarity=1, calibration=json.loads(text))
+    controllers.write(
+        one_way,
+        tmp_path / "z.csv",
+        "voltage",
+        verified_against=measured,
+        polarity=1,
+        calibration=text,
+    )
+
+    assert made.data == same.data
+    assert controllers.read(tmp_path / "z.csv", "voltage").stroke == pytest.approx(
+        one_way.stroke, abs=DAC_STEP
+    )
+
+
+def test_offset_is_asked_for_without_a_sidecar(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text(HAND)
+
+    with pytest.raises(DataError, match="does not say offset"):
+        controllers.read(path, "voltage", polarity=1, calibration="1 um/V")
+    table = controllers.read(path, "voltage", polarity=1, calibration="1 um/V", offset="2 um")
+    assert table.forward == pytest.approx([0.0, 1e-6, -1.5e-6], abs=ROUNDING)
+
+
+def test_pass_over_time_names_its_start(one_way):
+    given = {"polarity": 1, "calibration": SENSITIVITY, "over": "time", "speed": 1e-3}
+
+    whole = encode(one_way, **given, start=None, direction=-1, sample_time=0.1)
+    assert whole.options == {"start": pytest.approx(50e-3, abs=1e-15)}
+    part = encode(one_way, **given, start=20e-3, sample_time=0.1)
+    assert [(f.level, f.check) for f in part.findings] == [("error", "coverage")]
+    with pytest.raises(DataError, match="the file is over time"):
+        Voltage().decode(
+            part.data, NOWHERE, polarity=1, calibration=SENSITIVITY, over="position", start=0.0
+        )
+
+
+def test_axis_that_turns_is_no_pass():
+    angle = np.linspace(0.0, 2.0 * math.pi, 73)
+    table = CompensationTable(angle, 1e-6 * np.sin(angle), None, "C", "Z", 0.0)
+
+    with pytest.raises(TableError, match="C turns, and speed= of a pass is a length"):
+        encode(table, polarity=1, calibration=SENSITIVITY, over="time", speed=1e-3)
+
+
+def test_positions_are_printed_without_the_rounding_of_binary():
+    table = CompensationTable([-0.009000000000000001, 0.1 + 0.2], [0, 1e-6], None, "X", "Z", 0.0)
+
+    lines = encode(table, polarity=1, calibration=SENSITIVITY).data.decode().splitlines()
+
+    assert [x.split(",")[0] for x in lines[1:]] == ["-9", "300"]

@@ -87,3 +87,35 @@ def test_wrong_chart_is_refused(axis):
     face = run_closed_loop(FaceMachine(face_error, 1e-2), lambda x, y: -face_error(x, y))
     with pytest.raises(DataError, match="closed_loop_maps"):
         closed_loop_plot(face)
+
+
+def drawn_triangles(figure):
+    """Corners of what is painted in the first map, mm, shape (n, 3, 2)."""
+    panel = next(a for a in figure.axes if a.get_xlabel() == "x in mm")
+    mesh = panel.collections[0]
+    triangles = mesh._triangulation
+    corners = np.stack([triangles.x, triangles.y], axis=-1)
+    return corners[triangles.get_masked_triangles()]
+
+
+def covered(triangles):
+    """Their area, mm^2."""
+    (ax, ay), (bx, by), (cx, cy) = (triangles[:, i].T for i in range(3))
+    return 0.5 * np.abs((bx - ax) * (cy - ay) - (cx - ax) * (by - ay)).sum()
+
+
+@pytest.mark.parametrize("inner_mm", [0.0, 0.4, 8.0])
+def test_what_was_not_cut_is_not_painted(inner_mm):
+    face = FaceMachine(
+        face_error, 20e-3, inner_radius=inner_mm * 1e-3, revolutions=12, points_per_turn=72
+    )
+    result = run_closed_loop(face, lambda x, y: -0.8 * face_error(x, y))
+    figure = closed_loop_maps(result)
+
+    triangles = drawn_triangles(figure)
+    radii = np.hypot(*triangles.mean(axis=1).T)
+    pitch = (20.0 - inner_mm) / 12
+    assert radii.min() >= inner_mm
+    # between the first and the last turn of the spiral, each half a pitch from its circle
+    outer, inner = 20.0 - pitch / 2, inner_mm + pitch / 2 if inner_mm > pitch else 0.0
+    assert covered(triangles) == pytest.approx(np.pi * (outer**2 - inner**2), rel=0, abs=9.0)

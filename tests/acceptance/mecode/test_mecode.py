@@ -11,6 +11,7 @@ import pytest
 
 from metrosep.compensation.maps import CompensationMap
 from metrosep.controllers.aerotech import Aerotech
+from metrosep.errors import DataError
 
 FLOAT = 1e-15
 """Rounding of millimetres in double, in m."""
@@ -86,8 +87,14 @@ def test_offset_of_a_counter_that_runs_down_differs(written):
         written.read_bytes(), written, corrected_sign=1, primary_unit=1e-3, offset_follows="axis"
     )
     along_encoder = Aerotech().decode(
-        written.read_bytes(), written, corrected_sign=1, primary_unit=1e-3
+        written.read_bytes(),
+        written,
+        corrected_sign=1,
+        primary_unit=1e-3,
+        offset_follows="encoder",
     )
+    with pytest.raises(DataError, match="offset_follows="):
+        Aerotech().decode(written.read_bytes(), written, corrected_sign=1, primary_unit=1e-3)
 
     assert along_axis.x[0] == pytest.approx(-6e-3, abs=FLOAT)
     assert along_encoder.x[0] == pytest.approx(6e-3, abs=FLOAT)
@@ -111,5 +118,9 @@ def _words(text: str) -> dict[str, object]:
 
 def test_path_is_not_needed(written):
     assert Aerotech().decode(
-        written.read_bytes(), Path("elsewhere.cal"), corrected_sign=1, primary_unit=1e-3
+        written.read_bytes(),
+        Path("elsewhere.cal"),
+        corrected_sign=1,
+        primary_unit=1e-3,
+        offset_follows="axis",
     )

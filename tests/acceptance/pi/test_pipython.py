@@ -16,7 +16,9 @@ pytestmark = pytest.mark.peer
 pipython = pytest.importorskip("pipython", reason="PIPython is not installed")
 
 POINTS = 23
-OPTIONS = {"polarity": 1, "travel": "12 um", "offset": "2 um", "speed": "1 mm/s", "rate": 100}
+OPTIONS = {
+    "polarity": 1, "travel": "12 um", "offset": "2 um", "speed": "1 mm/s", "rate": 100, "start": 0.0
+}  # fmt: skip
 
 
 def _device():

@@ -1,0 +1,234 @@
+"""What the steps of a recipe make of a measurement, at three sizes, each step computed once.
+
+Pictures come from a coarse copy while a hand moves and from a finer one when it rests; P-V,
+verdicts and files come from the full data only. A change of a step keeps what the steps before it
+gave.
+"""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from metrosep.app.pyramid import MapPyramid, build_pyramid
+from metrosep.core.errors import DataError, MetrosepError
+from metrosep.core.profile import Profile
+from metrosep.core.surface import Surface
+from metrosep.recipe.pipeline import Stage, run_steps
+
+__all__ = ["LEVELS", "Evaluations", "Level", "Outcome"]
+
+Level = Literal["drag", "idle", "full"]
+LEVELS: Mapping[str, int] = {"drag": 512, "idle": 1024}
+"""Largest side of a preview in pixels."""
+
+_SMALL = 200_000
+"""Samples up to which a preview would save nothing: the full data serve for all sizes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """Stages of a recipe as far as it could be carried out.
+
+    Parameters
+    ----------
+    source : Surface or Profile
+        What the first step got.
+    stages : tuple of Stage
+        One for each step that was carried out.
+    failed : int or None
+        Number of the step that was not.
+    error : MetrosepError or None
+        Why.
+    is_preview : bool
+        Whether it is of a coarse copy.
+    """
+
+    source: Surface | Profile
+    stages: tuple[Stage, ...]
+    failed: int | None = None
+    error: MetrosepError | None = None
+    is_preview: bool = False
+
+    def after(self, stage: int) -> Surface | Profile:
+        """Return the measurement after a step.
+
+        Parameters
+        ----------
+        stage : int
+            Its number; -1 for the last that was carried out, -2 for what was measured.
+
+        Returns
+        -------
+        Surface or Profile
+            As it was then.
+
+        Raises
+        ------
+        DataError
+            If there is no such step.
+        MetrosepError
+            If the step failed: its own error.
+        """
+        if stage == -2 or (stage == -1 and not self.stages):
+            return self.source
+        if stage == -1:
+            return self.stages[-1].obj
+        if 0 <= stage < len(self.stages):
+            return self.stages[stage].obj
+        if self.error is not None and self.failed is not None and stage >= self.failed:
+            raise self.error
+        raise DataError(f"there is no step {stage + 1}, the recipe has {len(self.stages)}")
+
+
+@dataclass(slots=True)
+class _Kept:
+    keys: list[str] = field(default_factory=list)
+    stages: list[Stage] = field(default_factory=list)
+
+
+class Evaluations:
+    """The stages of one measurement, remembered.
+
+    Parameters
+    ----------
+    obj : Surface or Profile
+        The full data.
+    """
+
+    def __init__(self, obj: Surface | Profile) -> None:
+        self.obj = obj
+        self._pyramid: MapPyramid | None = None
+        self._sources: dict[str, Surface | Profile] = {}
+        self._kept: dict[str, _Kept] = {}
+        self._lock = threading.Lock()
+        self._busy = {level: threading.Lock() for level in ("drag", "idle", "full")}
+
+    @property
+    def pyramid(self) -> MapPyramid | None:
+        """Coarser copies of a map; None of a profile."""
+        if self._pyramid is None and isinstance(self.obj, Surface):
+            with self._lock:
+                if self._pyramid is None:
+                    self._pyramid = build_pyramid(self.obj)
+        return self._pyramid
+
+    def source(self, level: Level) -> tuple[Surface | Profile, bool]:
+        """Return the data of a size, and whether they are a preview.
+
+        Parameters
+        ----------
+        level : {"drag", "idle", "full"}
+            Size.
+
+        Returns
+        -------
+        Surface or Profile
+            The data, or a map of means over cells that are at least half measured.
+        bool
+            Whether it is coarser than the data.
+
+        Raises
+        ------
+        DataError
+            If there is no such size.
+        """
+        if level not in ("drag", "idle", "full"):
+            raise DataError(f"level is drag, idle or full, got {level!r}")
+        obj = self.obj
+        if level == "full" or not isinstance(obj, Surface) or obj.z.size <= _SMALL:
+            return obj, False
+        if level not in self._sources:
+            self._sources[level] = _coarse(obj, self.pyramid, LEVELS[level])
+        made = self._sources[level]
+        return made, made is not obj
+
+    def outcome(
+        self,
+        steps: Sequence[Mapping[str, Any]],
+        level: Level,
+        *,
+        cancel: Callable[[], bool] | None = None,
+        tell: Callable[[str], None] | None = None,
+    ) -> Outcome:
+        """Return what the steps make of the data of a size.
+
+        Parameters
+        ----------
+        steps : sequence of mapping
+            Of the recipe, in SI.
+        level : {"drag", "idle", "full"}
+            Size of the data.
+        cancel : callable, optional
+            Asked before each step; true stops with `CancelledError`.
+        tell : callable, optional
+            Told what is being done.
+
+        Returns
+        -------
+        Outcome
+            Up to the first step that fails.
+
+        Raises
+        ------
+        DataError
+            If there is no such size.
+        CancelledError
+            If `cancel` says so.
+        """
+        from metrosep.recipe.pipeline import CancelledError
+
+        source, is_preview = self.source(level)
+        name = level if is_preview else "full"
+        keys = [_key(step) for step in steps]
+        with self._busy[name]:
+            kept = self._kept.setdefault(name, _Kept())
+            same = 0
+            while same < min(len(keys), len(kept.keys)) and keys[same] == kept.keys[same]:
+                same += 1
+            del kept.keys[same:], kept.stages[same:]
+            for i in range(same, len(keys)):
+                obj = kept.stages[-1].obj if kept.stages else source
+                try:
+                    (stage,) = run_steps(obj, [steps[i]], first=i, cancel=cancel, tell=tell)
+                except CancelledError:
+                    raise
+                except MetrosepError as exc:
+                    return Outcome(source, tuple(kept.stages), i, exc, is_preview)
+                kept.keys.append(keys[i])
+                kept.stages.append(stage)
+            return Outcome(source, tuple(kept.stages), is_preview=is_preview)
+
+
+def _key(step: Mapping[str, Any]) -> str:
+    return json.dumps(_plain(step), sort_keys=True, default=str)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(k): _plain(v) for k, v in value.items()}
+    return [_plain(v) for v in value] if isinstance(value, list | tuple) else value
+
+
+def _coarse(obj: Surface, pyramid: MapPyramid | None, side: int) -> Surface:
+    """Return the finest level of a map that fits, as a map of its own with square corners."""
+    if pyramid is None or max(obj.z.shape) <= side:
+        return obj
+    for level in pyramid.levels:
+        if max(level.z.shape) <= side:
+            rows, columns = _whole(level.pixels_y), _whole(level.pixels_x)
+            return Surface(
+                level.shown()[:rows, :columns],
+                None if obj.dx is None else obj.dx * level.factor[1],
+                None if obj.dy is None else obj.dy * level.factor[0],
+                origin=(float(level.x[0]), float(level.y[0])),
+            )
+    return obj
+
+
+def _whole(pixels: Any) -> int:
+    """Return the number of whole cells: the last may be smaller, its centre off the grid."""
+    return int(pixels.size if pixels[-1] == pixels[0] else pixels.size - 1)

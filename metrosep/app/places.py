@@ -1,0 +1,147 @@
+"""Which files the workbench may touch: those under folders that the user opened, and uploads."""
+
+from __future__ import annotations
+
+import os
+import re
+import secrets
+import shutil
+import tempfile
+from pathlib import Path
+
+from metrosep.core.errors import ReadError, WriteError
+
+__all__ = ["Places"]
+
+_NAME = re.compile(r"[^/\\\0]{1,200}")
+
+
+class Places:
+    """Folders that were opened, and a folder for uploads that goes with the session.
+
+    Parameters
+    ----------
+    folders : iterable of path
+        Opened on the command line.
+    largest_upload : int, bytes, optional
+        Larger uploads are refused.
+    """
+
+    def __init__(self, folders: list[Path], largest_upload: int = 4_000_000_000) -> None:
+        self._roots = [Path(os.path.realpath(f)) for f in folders]
+        self.largest_upload = largest_upload
+        self._uploads: Path | None = None
+
+    @property
+    def roots(self) -> tuple[Path, ...]:
+        """Folders that may be read and written."""
+        own = () if self._uploads is None else (self._uploads,)
+        return (*self._roots, *own)
+
+    def add(self, folder: Path) -> None:
+        """Open another folder.
+
+        Parameters
+        ----------
+        folder : Path
+            Its files may be read and written from now on.
+        """
+        self._roots.append(Path(os.path.realpath(folder)))
+
+    def readable(self, path: str) -> Path:
+        """Return a file inside the opened folders.
+
+        Parameters
+        ----------
+        path : str
+            As the page names it: absolute, or relative to the first folder.
+
+        Returns
+        -------
+        Path
+            Without symbolic links.
+
+        Raises
+        ------
+        ReadError
+            If it lies elsewhere, or is no file.
+        """
+        found = self._inside(path)
+        if found is None:
+            raise ReadError(
+                f"{path}: lies outside the folders that were opened ({self._words()}); open it with "
+                "'metrosep ui FILE' or drop it onto the page"
+            )
+        if not found.is_file():
+            raise ReadError(f"{path}: there is no such file")
+        return found
+
+    def writable(self, path: str) -> Path:
+        """Return where a file may be written.
+
+        Parameters
+        ----------
+        path : str
+            As the page names it.
+
+        Returns
+        -------
+        Path
+            Inside the opened folders.
+
+        Raises
+        ------
+        WriteError
+            If it lies elsewhere, or its folder does not exist.
+        """
+        found = self._inside(path)
+        if found is None:
+            raise WriteError(
+                f"{path}: lies outside the folders that were opened ({self._words()}); choose a name "
+                "inside them"
+            )
+        if not found.parent.is_dir():
+            raise WriteError(f"{path}: its folder does not exist; make it first")
+        return found
+
+    def _inside(self, path: str) -> Path | None:
+        if not path or "\0" in path or not self.roots:
+            return None
+        found = Path(os.path.realpath(self.roots[0] / path))
+        return found if any(found.is_relative_to(root) for root in self.roots) else None
+
+    def _words(self) -> str:
+        return ", ".join(map(str, self.roots)) or "none"
+
+    def upload(self, name: str) -> Path:
+        """Return a new place for an uploaded file.
+
+        Parameters
+        ----------
+        name : str
+            As the browser names it; only its last part counts.
+
+        Returns
+        -------
+        Path
+            In a folder of its own, so that names never collide.
+
+        Raises
+        ------
+        WriteError
+            If the name is none.
+        """
+        last = name.replace("\\", "/").rpartition("/")[2].strip()
+        if not _NAME.fullmatch(last) or last in (".", "..") or not last.isprintable():
+            raise WriteError(f"{name[:60]!r} is no file name")
+        if self._uploads is None:
+            self._uploads = Path(os.path.realpath(tempfile.mkdtemp(prefix="metrosep-ui-")))
+        folder = self._uploads / secrets.token_hex(4)
+        folder.mkdir()
+        return folder / last
+
+    def close(self) -> None:
+        """Remove the uploads."""
+        if self._uploads is not None:
+            shutil.rmtree(self._uploads, ignore_errors=True)
+            self._uploads = None

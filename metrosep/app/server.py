@@ -1,0 +1,262 @@
+"""The server of the workbench: one page, one session, loopback only."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import secrets
+import threading
+from collections.abc import AsyncIterator, Mapping
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import HTTPConnection, Request
+from starlette.responses import JSONResponse, PlainTextResponse, Response
+from starlette.routing import Mount, Route, WebSocketRoute
+from starlette.staticfiles import StaticFiles
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from metrosep.app.answers import Answers
+from metrosep.app.guards import COOKIE, Guard
+from metrosep.app.places import Places
+from metrosep.app.sessions import Ask, Session
+from metrosep.app.wire import error_header, pack
+from metrosep.core.errors import MetrosepError, WriteError
+from metrosep.recipe.pipeline import CancelledError
+
+__all__ = ["STATIC", "make_app", "new_token"]
+
+STATIC = Path(__file__).parent / "static"
+_LARGEST_MESSAGE = 4_000_000
+_POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: "
+    "blob:; connect-src 'self' ws://127.0.0.1:* ws://localhost:*; form-action 'none'; "
+    "base-uri 'none'; frame-ancestors 'none'"
+)
+
+
+def new_token() -> str:
+    """Return a token for one start of the server.
+
+    Returns
+    -------
+    str
+        256 random bits, for an address.
+    """
+    return secrets.token_urlsafe(32)
+
+
+def make_app(
+    places: Places, *, port: int, token: str, first: str | None = None, exit_code: Any = None
+) -> Starlette:
+    """Return the application.
+
+    Parameters
+    ----------
+    places : Places
+        Files it may touch.
+    port : int
+        Where it will listen: requests for another host are refused.
+    token : str
+        Of this start.
+    first : str, optional
+        File to open.
+    exit_code : callable, optional
+        Code of an error, as the command line has it; 2 if omitted.
+
+    Returns
+    -------
+    Starlette
+        Page, uploads and the WebSocket.
+    """
+    guard = Guard(token, port)
+    code_of = exit_code or (lambda error: 2)
+    session = Session(places)
+    answers = Answers(session)
+    waiting: dict[str, Any] = {"error": None}
+    if first is not None:
+        try:
+            session.open(first)
+        except MetrosepError as exc:
+            waiting["error"] = _failed(exc, code_of, None, "open")
+
+    async def page(request: Request) -> Response:
+        refused = _refused(guard, request)
+        if refused is not None:
+            return refused
+        text = (STATIC / "index.html").read_text(encoding="utf-8")
+        response = Response(text, media_type="text/html")
+        response.headers["Content-Security-Policy"] = _POLICY
+        response.headers["Referrer-Policy"] = "no-referrer"
+        response.headers["X-Content-Type-Options"] = "nosniff"
+        response.set_cookie(COOKIE, token, httponly=True, samesite="strict", path="/")
+        return response
+
+    async def upload(request: Request) -> Response:
+        refused = _refused(guard, request)
+        if refused is not None:
+            return refused
+        try:
+            target = await _received(request, places)
+        except MetrosepError as exc:
+            return JSONResponse(_failed(exc, code_of, None, "upload"), status_code=400)
+        return JSONResponse({"ok": True, "path": str(target)})
+
+    async def socket(websocket: WebSocket) -> None:
+        if _reason(guard, websocket) is not None:
+            await websocket.close(code=4403)
+            return
+        await websocket.accept()
+        await _Talk(websocket, answers, code_of, waiting).run()
+
+    @contextlib.asynccontextmanager
+    async def lifespan(app: Starlette) -> AsyncIterator[None]:
+        yield
+        session.close()
+
+    return Starlette(
+        routes=[
+            Route("/", page),
+            Route("/upload", upload, methods=["POST"]),
+            WebSocketRoute("/ws", socket),
+            Mount("/static", _Guarded(guard, StaticFiles(directory=STATIC))),
+        ],
+        lifespan=lifespan,
+    )
+
+
+def _reason(guard: Guard, connection: HTTPConnection) -> str | None:
+    return guard.refusal(
+        {k.lower(): v for k, v in connection.headers.items()},
+        token=connection.query_params.get("token"),
+        cookies=connection.cookies,
+    )
+
+
+def _refused(guard: Guard, request: Request) -> Response | None:
+    reason = _reason(guard, request)
+    return None if reason is None else PlainTextResponse(f"403: {reason}", status_code=403)
+
+
+class _Guarded:
+    """An application behind the guard."""
+
+    def __init__(self, guard: Guard, app: Any) -> None:
+        self.guard, self.app = guard, app
+
+    async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
+        reason = _reason(self.guard, HTTPConnection(scope))
+        if reason is None:
+            await self.app(scope, receive, send)
+        else:
+            await PlainTextResponse(f"403: {reason}", status_code=403)(scope, receive, send)
+
+
+async def _received(request: Request, places: Places) -> Path:
+    """Write an upload to its place, piece by piece."""
+    stated = request.headers.get("content-length", "")
+    if stated.isdecimal() and int(stated) > places.largest_upload:
+        raise WriteError(f"the file has {stated} bytes, at most {places.largest_upload} are taken")
+    target = places.upload(unquote(request.headers.get("x-file-name", "")))
+    size = 0
+    try:
+        with target.open("wb") as file:
+            async for piece in request.stream():
+                size += len(piece)
+                if size > places.largest_upload:
+                    raise WriteError(f"the file is larger than {places.largest_upload} bytes")
+                await run_in_threadpool(file.write, piece)
+    except OSError as exc:
+        raise WriteError(f"the upload cannot be kept ({exc.strerror or exc})") from None
+    return target
+
+
+def _failed(error: MetrosepError, code_of: Any, number: Any, kind: Any) -> dict[str, Any]:
+    ask = {"name": error.name, "kind": "text"} if isinstance(error, Ask) else None
+    return error_header(str(error), code=code_of(error), request=number, k=kind, ask=ask)
+
+
+class _Talk:
+    """One page: its requests side by side, one at a time of each kind."""
+
+    def __init__(
+        self, websocket: WebSocket, answers: Answers, code_of: Any, waiting: dict[str, Any]
+    ) -> None:
+        self.websocket, self.answers, self.code_of = websocket, answers, code_of
+        self.waiting = waiting
+        self.cancelled: dict[int, threading.Event] = {}
+        self.turns: dict[str, asyncio.Lock] = {}
+        self.sending = asyncio.Lock()
+        self.tasks: set[asyncio.Task[None]] = set()
+
+    async def run(self) -> None:
+        if self.waiting["error"] is not None:
+            await self.send(self.waiting["error"])
+            self.waiting["error"] = None
+        try:
+            while True:
+                await self.take(await self.websocket.receive_text())
+        except WebSocketDisconnect:
+            pass
+        finally:
+            for event in self.cancelled.values():
+                event.set()
+            for task in self.tasks:
+                task.cancel()
+
+    async def take(self, text: str) -> None:
+        try:
+            message = json.loads(text) if len(text) <= _LARGEST_MESSAGE else None
+        except ValueError:
+            message = None
+        if not isinstance(message, dict) or not isinstance(message.get("k"), str):
+            await self.send(error_header("a request is an object with id and k", code=2))
+            return
+        number = message.get("id")
+        number = number if isinstance(number, int) and not isinstance(number, bool) else None
+        if message["k"] == "cancel":
+            event = self.cancelled.get(message.get("of", -1))
+            if event is not None:
+                event.set()
+            return
+        task = asyncio.create_task(self.work(message, number))
+        self.tasks.add(task)
+        task.add_done_callback(self.tasks.discard)
+
+    async def work(self, message: Mapping[str, Any], number: int | None) -> None:
+        kind = str(message["k"])
+        event = threading.Event()
+        if number is not None:
+            self.cancelled[number] = event
+        try:
+            async with self.turns.setdefault(kind, asyncio.Lock()):
+                header, arrays = await run_in_threadpool(self.answer, message, number, event)
+            await self.send(header, arrays)
+        finally:
+            if number is not None:
+                self.cancelled.pop(number, None)
+
+    def answer(
+        self, message: Mapping[str, Any], number: int | None, event: threading.Event
+    ) -> Any:
+        kind = message.get("k")
+        try:
+            header, arrays = self.answers.answer(message, event.is_set)
+        except CancelledError:
+            return {**error_header("cancelled", code=130, request=number, k=kind)}, {}
+        except MetrosepError as exc:
+            return _failed(exc, self.code_of, number, kind), {}
+        except (KeyError, TypeError, ValueError) as exc:
+            words = f"the request {kind} is not as it should be ({type(exc).__name__}: {exc})"
+            return error_header(words, code=2, request=number, k=kind), {}
+        return ({"id": number, **header} if number is not None else header), arrays
+
+    async def send(self, header: Mapping[str, Any], arrays: Any = None) -> None:
+        frame = pack(header, arrays or {})
+        async with self.sending:
+            with contextlib.suppress(WebSocketDisconnect, RuntimeError):
+                await self.websocket.send_bytes(frame)

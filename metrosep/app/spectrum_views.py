@@ -1,0 +1,449 @@
+"""Amplitude against wavelength, with a band that moves under the pointer.
+
+The transform is made once for a profile; moving the limits only adds up the powers of the bins
+between them. Amplitudes and powers are those of `metrosep.spectral.amplitude_spectrum`: periodic
+Hann, corrected for its gain (amplitude) and its noise bandwidth (power).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.app.profile_views import find_holes
+from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
+from metrosep.core.profile import Profile
+from metrosep.core.runset import Run
+from metrosep.core.units import format_length
+from metrosep.separation.base import ErrorEstimate
+from metrosep.spectral.band import Band
+from metrosep.spectral.density import amplitude_spectrum
+from metrosep.spectral.hann import hann_weights, noise_bandwidth
+
+__all__ = ["ProfileSpectrum", "SpectrumView", "estimate_view", "profile_spectrum", "spectrum_view"]
+
+FloatArray = NDArray[np.float64]
+ByteArray = NDArray[np.uint8]
+
+_ON_LIMIT = 1e-9
+"""Relative distance within which a wavelength lies on a limit of the band, and so inside."""
+
+_LEAST_SAMPLES = 4
+_REPEATABILITY_K = 2.0
+"""The repeatability band is the amplitude plus and minus this many standard uncertainties."""
+
+_MM, _NM = 1e-3, 1e-9
+_WAYS = {1: "forward", -1: "reverse"}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ProfileSpectrum:
+    """The transform of a profile, kept while the limits move; made by `profile_spectrum`.
+
+    Parameters
+    ----------
+    frequency : ndarray, shape (n // 2 + 1,), 1/m
+        From 0.
+    amplitude : ndarray, shape (n // 2 + 1,), m
+        Of the waves; at 0 what the window leaves of the mean.
+    power : ndarray, shape (n // 2 + 1,), m^2
+        Share of each bin in the mean square; they add up to that of the windowed heights.
+    start, stop : float, m
+        Part of the profile that was transformed.
+    n_samples : int
+        Its samples.
+    share_used : float, dimensionless
+        Its length over that of the profile.
+    messages : tuple of str
+        What was left out or resampled.
+    """
+
+    frequency: FloatArray
+    amplitude: FloatArray
+    power: FloatArray
+    start: float
+    stop: float
+    n_samples: int
+    share_used: float
+    messages: tuple[str, ...] = ()
+
+    def band_rms(self, band: Band) -> tuple[float, float]:
+        """Return the RMS of the waves in a band, and of all the rest.
+
+        Parameters
+        ----------
+        band : Band
+            Wavelengths, limits included; an open side has none.
+
+        Returns
+        -------
+        tuple of (float, float), m
+            Inside and outside; their squares add up to the mean square of the windowed heights.
+            Zero frequency lies outside. The first is 0 where the band holds no bin.
+        """
+        first, last = self.bins(band)
+        inside = float(self.power[first:last].sum())
+        outside = float(self.power[:first].sum() + self.power[last:].sum())
+        return math.sqrt(inside), math.sqrt(outside)
+
+    def bins(self, band: Band) -> tuple[int, int]:
+        """Return the bins of a band as a range ``first <= k < last``.
+
+        Parameters
+        ----------
+        band : Band
+            Wavelengths, limits included.
+
+        Returns
+        -------
+        tuple of (int, int)
+            First and last; equal where no bin lies in the band; never bin 0.
+        """
+        first, last = 1, self.frequency.size
+        if band.longest is not None:
+            first += int(
+                np.searchsorted(self.frequency[1:] * band.longest, 1.0 - _ON_LIMIT, side="left")
+            )
+        if band.shortest is not None:
+            last = 1 + int(
+                np.searchsorted(self.frequency[1:] * band.shortest, 1.0 + _ON_LIMIT, side="right")
+            )
+        return first, max(first, last)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SpectrumView:
+    """A spectrum as the screen shows it.
+
+    Parameters
+    ----------
+    wavelength : ndarray, shape (n,), m
+        Falling.
+    amplitude : ndarray, shape (n,), m
+        Of each wave; where a pixel column holds several, the greatest, at its own wavelength.
+    in_band : ndarray of uint8, shape (n,)
+        1 between the limits.
+    inside, outside : float, m
+        RMS of the waves in the band, and of the rest, of all bins and not only those shown.
+    selected : ndarray of uint8, shape (n,), or None
+        1 where a separation took the wave for repeatable.
+    low, high : ndarray, shape (n,), m, or None
+        Repeatability band of a separation: amplitude -+ 2 standard uncertainties, from 0 on; NaN
+        where the uncertainty is not known.
+    messages : tuple of str
+        In plain words.
+    """
+
+    wavelength: FloatArray
+    amplitude: FloatArray
+    in_band: ByteArray
+    inside: float
+    outside: float
+    selected: ByteArray | None = None
+    low: FloatArray | None = None
+    high: FloatArray | None = None
+    messages: tuple[str, ...] = ()
+
+
+def profile_spectrum(
+    profile: Profile | Run,
+    *,
+    gaps: Literal["longest", "refuse"] = "longest",
+    detrend: Literal["line", "mean"] | None = "line",
+) -> ProfileSpectrum:
+    """Return the amplitudes and powers of the waves in a profile or section.
+
+    Parameters
+    ----------
+    profile : Profile or Run
+        Heights over positions.
+    gaps : {"longest", "refuse"}, optional
+        What to do where samples are missing: take the longest part without a gap, or raise.
+    detrend : {"line", "mean"} or None, optional
+        What is taken off before the window.
+
+    Returns
+    -------
+    ProfileSpectrum
+        Transform of the part, with what was done in its messages.
+
+    Raises
+    ------
+    InvalidSamplesError
+        If there is a gap and `gaps` is "refuse".
+    TooFewSamplesError
+        If the part has fewer than 4 samples.
+    DataError
+        If an option is unknown, or it is no profile.
+
+    Notes
+    -----
+    Nothing is filled: a gap ends the part, and so does a hole in the positions (`find_holes`).
+    Uneven positions are resampled: as many samples at even steps, each on the straight line
+    between its two neighbours, which damps waves of a few samples (a wave of 4 samples by up to
+    30 %). That is done for the picture only.
+
+    With the periodic Hann window a wave of amplitude A that divides the record reads A in its bin,
+    and the powers of its three bins add up to A^2/2. The mean square that is split into inside and
+    outside is weighted by the square of the window: what lies in the middle counts more than what
+    lies at the ends. It is not the RMS of the profile.
+
+    Examples
+    --------
+    >>> i = np.arange(4000)
+    >>> wave = Profile(i * 1e-6, 50e-9 * np.cos(2 * np.pi * 40 * i / 4000))
+    >>> spectrum = profile_spectrum(wave, detrend="mean")
+    >>> [round(v * 1e9 * 2**0.5, 6) for v in spectrum.band_rms(Band(50e-6, 200e-6))]
+    [50.0, 0.0]
+    """
+    if gaps not in ("longest", "refuse"):
+        raise DataError(f'gaps must be "longest" or "refuse", got {gaps!r}')
+    if not isinstance(profile, Profile | Run):
+        raise DataError(f"the spectrum is that of a Profile, got {type(profile).__name__}")
+    whole = profile.to_profile() if isinstance(profile, Run) else profile
+    part, messages = _longest_part(whole, gaps)
+    if len(part) < _LEAST_SAMPLES:
+        raise TooFewSamplesError(
+            f"the longest part without a gap has {len(part)} of {len(whole)} samples; a spectrum "
+            f"needs {_LEAST_SAMPLES}"
+        )
+    if not part.is_uniform:
+        part, said = _resampled(part)
+        messages.append(said)
+    lines = amplitude_spectrum(part, window="hann", detrend=detrend)
+    n = len(part)
+    power = lines.amplitude**2 / noise_bandwidth(hann_weights(n))
+    power[1 : (n + 1) // 2] /= 2.0  # a wave is cut in two: frequencies above and below zero
+    power.setflags(write=False)
+    start, stop = float(part.x[0]), float(part.x[-1])
+    return ProfileSpectrum(
+        frequency=lines.frequency,
+        amplitude=lines.amplitude,
+        power=power,
+        start=start,
+        stop=stop,
+        n_samples=n,
+        share_used=(stop - start) / float(whole.x[-1] - whole.x[0]),
+        messages=tuple(messages),
+    )
+
+
+def _longest_part(profile: Profile, gaps: str) -> tuple[Profile, list[str]]:
+    """Return the longest stretch of x without NaN and without a hole."""
+    valid = ~np.isnan(profile.z)
+    holes = find_holes(profile.x)
+    if valid.all() and not holes.size:
+        return profile, []
+    if gaps == "refuse":
+        first = holes[0] if valid.all() else np.flatnonzero(~valid)[0]
+        raise InvalidSamplesError(
+            f"{int((~valid).sum())} of {len(profile)} samples were not measured and {holes.size} "
+            f"steps are holes, the first at {format_length(float(profile.x[first]))}; a spectrum "
+            "needs a part without gaps: crop to one, or let it take the longest"
+        )
+    starts_new = np.zeros(len(profile), dtype=np.bool_)
+    starts_new[holes + 1] = True
+    starts_new[1:] |= ~valid[:-1]
+    index = np.flatnonzero(valid)
+    if index.size == 0:
+        raise TooFewSamplesError(f"none of the {len(profile)} samples was measured")
+    first = np.flatnonzero(starts_new[index] | (np.arange(index.size) == 0))
+    last = np.append(first[1:], index.size) - 1
+    length = profile.x[index[last]] - profile.x[index[first]]
+    k = int(np.argmax(length))
+    a, b = int(index[first[k]]), int(index[last[k]])
+    whole = float(profile.x[-1] - profile.x[0])
+    share = f"{100.0 * float(length[k]) / whole:.1f} %" if whole > 0.0 else "all"
+    said = (
+        f"spectrum of the longest part without a gap: {format_length(float(profile.x[a]))} ... "
+        f"{format_length(float(profile.x[b]))}, {share} of the length"
+    )
+    return Profile(profile.x[a : b + 1], profile.z[a : b + 1]), [said]
+
+
+def _resampled(part: Profile) -> tuple[Profile, str]:
+    steps = np.diff(part.x)
+    x = np.linspace(part.x[0], part.x[-1], len(part))
+    said = (
+        f"positions are not even (steps {format_length(float(steps.min()))} ... "
+        f"{format_length(float(steps.max()))}): resampled on straight lines every "
+        f"{format_length(float(x[1] - x[0]))}; waves shorter than "
+        f"{format_length(4.0 * float(steps.max()))} are damped"
+    )
+    return Profile(x, np.interp(x, part.x, part.z)), said
+
+
+def spectrum_view(
+    spectrum: ProfileSpectrum, *, band: Band | None = None, columns: int = 1000
+) -> SpectrumView:
+    """Return the spectrum of a profile for the screen.
+
+    Parameters
+    ----------
+    spectrum : ProfileSpectrum
+        The transform.
+    band : Band, optional
+        The limits; all wavelengths if omitted.
+    columns : int, optional
+        Pixel columns of the logarithmic wavelength axis, 1 to 100 000.
+
+    Returns
+    -------
+    SpectrumView
+        One point for each column that holds bins: its greatest amplitude.
+
+    Raises
+    ------
+    DataError
+        If there is no transform, no band, or the number of columns is wrong.
+
+    Examples
+    --------
+    >>> wave = Profile(np.arange(64.0), np.cos(2 * np.pi * np.arange(64.0) / 8))
+    >>> view = spectrum_view(profile_spectrum(wave, detrend=None), band=Band(7.0, 10.0))
+    >>> view.wavelength[view.amplitude.argmax()].item(), int(view.in_band.sum())
+    (8.0, 3)
+    """
+    if not isinstance(spectrum, ProfileSpectrum):
+        raise DataError(f"a transform is needed, got {type(spectrum).__name__}")
+    limits = _checked_band(band)
+    wide: Any = columns
+    if isinstance(wide, bool) or not isinstance(wide, int | np.integer) or not 1 <= wide <= 10**5:
+        raise DataError(f"columns must be a whole number from 1 to 100 000, got {columns!r}")
+    shown = _peaks(spectrum.frequency, spectrum.amplitude, int(wide))
+    first, last = spectrum.bins(limits)
+    inside, outside = spectrum.band_rms(limits)
+    return SpectrumView(
+        wavelength=_frozen(1.0 / spectrum.frequency[shown]),
+        amplitude=_frozen(spectrum.amplitude[shown]),
+        in_band=_flags((shown >= first) & (shown < last)),
+        inside=inside,
+        outside=outside,
+        messages=spectrum.messages,
+    )
+
+
+def _peaks(frequency: FloatArray, amplitude: FloatArray, columns: int) -> NDArray[np.intp]:
+    """Return the bin of the greatest amplitude in each column of a logarithmic axis."""
+    k = np.arange(1, frequency.size)
+    if k.size <= columns:
+        return k
+    edges = np.unique(np.ceil(np.geomspace(1.0, frequency.size, columns + 1)).astype(np.intp))
+    first, last = edges[:-1], np.minimum(edges[1:], frequency.size)
+    greatest = np.maximum.reduceat(amplitude, first)
+    # the first bin of each column that reaches the greatest amplitude of its column
+    reaches = np.flatnonzero(amplitude[1:] >= np.repeat(greatest, last - first)) + 1
+    column = np.searchsorted(first, reaches, side="right") - 1
+    return np.asarray(reaches[np.unique(column, return_index=True)[1]])
+
+
+def estimate_view(
+    estimate: ErrorEstimate, *, band: Band | None = None, direction: int | None = None
+) -> SpectrumView:
+    """Return the wavelengths of a separation for the screen.
+
+    Parameters
+    ----------
+    estimate : ErrorEstimate
+        Result of a separation.
+    band : Band, optional
+        The limits; all wavelengths if omitted.
+    direction : {1, -1}, optional
+        Forward or reverse where both were estimated; the forward one if omitted, which a message
+        says.
+
+    Returns
+    -------
+    SpectrumView
+        Its spectrum table with ``selected`` and, where the scatter is known, the repeatability
+        band. `inside` and `outside` are the RMS over the basis period of the *selected* waves,
+        which make up the estimate.
+
+    Raises
+    ------
+    DataError
+        If it is no estimate, has no spectrum, or not this direction.
+
+    Notes
+    -----
+    A wave of amplitude A has the mean square A^2/2. The waves are orthogonal over the basis
+    period, not over the evaluation range, so their RMS is not that of the estimate there.
+    """
+    if not isinstance(estimate, ErrorEstimate):
+        raise DataError(f"an ErrorEstimate is needed, got {type(estimate).__name__}")
+    limits = _checked_band(band)
+    rows, messages = _rows(estimate, direction)
+    table = estimate.spectrum_data
+    columns = [np.asarray(table[k], dtype=np.float64)[rows] for k in _COLUMNS]
+    wavelength, amplitude, sd = (
+        v * unit for v, unit in zip(columns, (_MM, _NM, _NM), strict=True)
+    )
+    selected = np.asarray(table["selected"], dtype=np.bool_)[rows]
+    order = np.argsort(-wavelength, kind="stable")
+    wavelength, amplitude, sd = wavelength[order], amplitude[order], sd[order]
+    selected = selected[order]
+    within = np.ones(wavelength.size, dtype=np.bool_)
+    if limits.shortest is not None:
+        within &= wavelength >= limits.shortest * (1.0 - _ON_LIMIT)
+    if limits.longest is not None:
+        within &= wavelength <= limits.longest * (1.0 + _ON_LIMIT)
+    squares = np.where(selected, amplitude**2 / 2.0, 0.0)
+    known = not np.isnan(sd).all()
+    return SpectrumView(
+        wavelength=_frozen(wavelength),
+        amplitude=_frozen(amplitude),
+        in_band=_flags(within),
+        inside=math.sqrt(float(squares[within].sum())),
+        outside=math.sqrt(float(squares[~within].sum())),
+        selected=_flags(selected),
+        low=_frozen(np.maximum(amplitude - _REPEATABILITY_K * sd, 0.0)) if known else None,
+        high=_frozen(amplitude + _REPEATABILITY_K * sd) if known else None,
+        messages=messages,
+    )
+
+
+_COLUMNS = ("wavelength_mm", "amplitude_nm", "sd_nm")
+
+
+def _rows(
+    estimate: ErrorEstimate, direction: int | None
+) -> tuple[NDArray[np.bool_], tuple[str, ...]]:
+    """Return the rows of the spectrum table of one direction."""
+    table = estimate.spectrum_data
+    n = len(table.get("wavelength_mm", ()))
+    if n == 0:
+        raise DataError(
+            f'the method "{estimate.method}" tells no wavelengths apart: it has no spectrum'
+        )
+    ways = np.asarray(table.get("direction", [""] * n))
+    if direction is not None and direction not in _WAYS:
+        raise DataError(f"direction is +1 (forward), -1 (reverse) or None, got {direction!r}")
+    if "direction" not in table:
+        if direction is not None and direction not in estimate.directions:
+            raise DataError(f"the estimate has no {_WAYS[direction]} direction of its own")
+        return np.ones(n, dtype=np.bool_), ()
+    messages = () if direction is not None else ("both directions were estimated: forward shown",)
+    return np.asarray(ways == _WAYS[direction or 1]), messages
+
+
+def _checked_band(band: Band | None) -> Band:
+    if band is None:
+        return Band()
+    if not isinstance(band, Band):
+        raise DataError(f"the limits are a Band of wavelengths, got {type(band).__name__}")
+    return band
+
+
+def _flags(values: NDArray[np.bool_]) -> ByteArray:
+    flags = values.astype(np.uint8)
+    flags.setflags(write=False)
+    return flags
+
+
+def _frozen(array: FloatArray) -> FloatArray:
+    array.setflags(write=False)
+    return array

@@ -1,0 +1,281 @@
+"""Frames between server and page: a header in JSON and arrays as they lie in memory.
+
+See `docs/reference/workbench-protocol.md`: four bytes with the length of the header (unsigned,
+little endian), the header in UTF-8 padded with blanks so that what follows starts at a multiple
+of 8 bytes, then the arrays that `header["arrays"]` names, each padded with zeros to 8 bytes.
+
+JSON knows no NaN: in the header it is null. In the arrays NaN stays NaN, as not measured.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.core.errors import DataError
+
+__all__ = ["error_header", "pack", "unpack"]
+
+_DTYPES = {name: np.dtype("<" + name) for name in ("u1", "i4", "f4", "f8")}
+_ALIGNMENT = 8
+_MOST_HEADER = 64 * 1024 * 1024
+"""Longest header that is read; the arrays are what may be large."""
+
+
+def pack(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]] | None = None) -> bytes:
+    """Return one frame.
+
+    Parameters
+    ----------
+    header : mapping
+        Plain values for JSON; NaN becomes null. Without ``arrays``: that key is written here.
+    arrays : mapping of str to ndarray, optional
+        uint8, int32, float32 or float64, any shape, in this order; booleans go as uint8.
+
+    Returns
+    -------
+    bytes
+        The frame.
+
+    Raises
+    ------
+    DataError
+        If the header holds what JSON cannot say (infinities, other objects, keys that are not
+        text) or ``arrays``, or an array has another dtype.
+
+    Notes
+    -----
+    The frame is made in one piece: beyond the arrays it takes their size once. Same input, same
+    bytes.
+
+    Examples
+    --------
+    >>> frame = pack({"id": 7, "ok": True}, {"low": np.array([1.0, np.nan])})
+    >>> header, arrays = unpack(frame)
+    >>> header["id"], arrays["low"].tolist()
+    (7, [1.0, nan])
+    """
+    if "arrays" in header:
+        raise DataError('the key "arrays" of a header is written by pack: leave it out')
+    parts: list[NDArray[Any]] = []
+    table = []
+    for name, values in (arrays or {}).items():
+        array = _on_the_wire(name, values)
+        table.append({"name": name, "dtype": array.dtype.str[1:], "shape": list(array.shape)})
+        parts.append(array)
+    text = _json({**header, "arrays": table})
+    text += b" " * (-(4 + len(text)) % _ALIGNMENT)
+    pieces: list[bytes | memoryview] = [len(text).to_bytes(4, "little"), text]
+    for array in parts:
+        pieces += [array.reshape(-1).view(np.uint8).data, b"\0" * (-array.nbytes % _ALIGNMENT)]
+    return b"".join(pieces)
+
+
+def unpack(
+    frame: bytes | bytearray | memoryview,
+) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    """Return header and arrays of a frame.
+
+    Parameters
+    ----------
+    frame : bytes
+        A whole frame.
+
+    Returns
+    -------
+    header : dict
+        Without ``arrays``.
+    arrays : dict of str to ndarray
+        Views of the frame, not writeable, little endian.
+
+    Raises
+    ------
+    DataError
+        If the frame is cut, has bytes over, or says anything that `pack` would not have written.
+
+    Notes
+    -----
+    The padding is checked too: a frame is either the one that was packed or refused. What comes
+    after `unpack` is copied nowhere, so a hostile shape costs no memory.
+
+    Examples
+    --------
+    >>> unpack(pack({"k": "saved"}))
+    ({'k': 'saved'}, {})
+    """
+    try:
+        data = memoryview(frame).cast("B")
+    except TypeError as error:
+        raise DataError(f"a frame is bytes, got {type(frame).__name__}: {error}") from None
+    if data.nbytes < 8:
+        raise DataError(f"a frame has at least 8 bytes, got {data.nbytes}")
+    end = 4 + int.from_bytes(data[:4], "little")
+    if end > data.nbytes or end > _MOST_HEADER:
+        raise DataError(
+            f"the frame says its header ends at byte {end}, but it has {data.nbytes} bytes: it was "
+            "cut, or is no frame"
+        )
+    if end % _ALIGNMENT:
+        raise DataError(f"the header ends at byte {end}, which is no multiple of {_ALIGNMENT}")
+    header = _header(bytes(data[4:end]))
+    arrays: dict[str, NDArray[Any]] = {}
+    for k, entry in enumerate(header.pop("arrays")):
+        name, dtype, shape = _entry(entry, k)
+        if name in arrays:
+            raise DataError(f"two arrays of the frame are named {name!r}")
+        stop = end + math.prod(shape) * dtype.itemsize
+        after = stop + -stop % _ALIGNMENT
+        if after > data.nbytes:
+            raise DataError(
+                f"array {name!r} of shape {list(shape)} ends at byte {after}, but the frame has "
+                f"{data.nbytes} bytes"
+            )
+        if any(data[stop:after]):
+            raise DataError(f"the padding after array {name!r} is not zero")
+        values = np.frombuffer(data[end:stop], dtype=dtype).reshape(shape)
+        values.setflags(write=False)
+        arrays[name] = values
+        end = after
+    if end != data.nbytes:
+        raise DataError(f"{data.nbytes - end} bytes follow the last array of the frame")
+    return header, arrays
+
+
+def error_header(
+    message: str, *, code: int, request: int | None = None, k: str | None = None, ask: Any = None
+) -> dict[str, Any]:
+    """Return the header of an answer that failed.
+
+    Parameters
+    ----------
+    message : str
+        The text that the command line prints.
+    code : int
+        Exit code of the command line.
+    request : int, optional
+        The ``id`` of the request; none for news.
+    k : str, optional
+        Its kind.
+    ask : mapping, optional
+        What the user has to say before the file can be read: name, kind, choices.
+
+    Returns
+    -------
+    dict
+        ``{"id", "k", "ok": False, "error": {"code", "message"}}``, for `pack`.
+
+    Examples
+    --------
+    >>> error_header("no such file", code=3, request=7, k="open")["error"]
+    {'code': 3, 'message': 'no such file'}
+    """
+    error: dict[str, Any] = {"code": int(code), "message": str(message)}
+    if ask is not None:
+        error["ask"] = ask
+    named = {key: value for key, value in (("id", request), ("k", k)) if value is not None}
+    return {**named, "ok": False, "error": error}
+
+
+def _on_the_wire(name: object, values: object) -> NDArray[Any]:
+    if not isinstance(name, str) or not name:
+        raise DataError(f"the name of an array must be a text, got {name!r}")
+    if not isinstance(values, np.ndarray) or isinstance(values, np.ma.MaskedArray):
+        raise DataError(f"array {name!r} must be a plain ndarray, got {type(values).__name__}")
+    array = values.astype(np.uint8) if values.dtype == np.bool_ else values
+    code = array.dtype.newbyteorder("<").str[1:]
+    if code not in _DTYPES:
+        raise DataError(
+            f"array {name!r} has dtype {values.dtype}; a frame carries u1, i4, f4 and f8: convert "
+            "it, and see whether it fits"
+        )
+    return np.asarray(array, dtype=_DTYPES[code], order="C")
+
+
+def _json(header: Mapping[str, Any]) -> bytes:
+    try:
+        text = json.dumps(_plain(header, "header"), allow_nan=False, ensure_ascii=False)
+        return text.encode("utf-8")
+    except (ValueError, TypeError, RecursionError) as error:
+        if isinstance(error, DataError):
+            raise
+        raise DataError(f"the header cannot be written as JSON: {error}") from None
+
+
+def _plain(value: Any, where: str) -> Any:
+    """Return plain values: NaN as None, numpy scalars and tuples as what JSON knows."""
+    if isinstance(value, np.generic):
+        value = value.item()
+    if value is None or isinstance(value, str | bool | int):
+        return value
+    if isinstance(value, float):
+        if math.isinf(value):
+            raise DataError(f"{where} is infinite, which JSON cannot say")
+        return None if math.isnan(value) else value
+    if isinstance(value, Mapping):
+        for key in value:
+            if not isinstance(key, str):
+                raise DataError(f"{where} has the key {key!r}; keys must be text")
+        return {key: _plain(v, f"{where}.{key}") for key, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(v, f"{where}[{i}]") for i, v in enumerate(value)]
+    raise DataError(f"{where} is a {type(value).__name__}, which JSON cannot say")
+
+
+def _refuse_constant(name: str) -> Any:
+    raise DataError(f"the header says {name}, which is no JSON; not measured is null")
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if math.isinf(value):
+        raise DataError(f"the header says {text}, which is beyond what a number can hold")
+    return value
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        raise DataError("a key stands twice in the header of a frame")
+    return found
+
+
+def _header(text: bytes) -> dict[str, Any]:
+    try:
+        header = json.loads(
+            text.decode("utf-8"),
+            parse_constant=_refuse_constant,
+            parse_float=_finite,
+            object_pairs_hook=_once,
+        )
+    except (ValueError, RecursionError) as error:
+        if isinstance(error, DataError):
+            raise
+        raise DataError(f"the header of the frame is no JSON in UTF-8: {error}") from None
+    if not isinstance(header, dict):
+        raise DataError(f"the header of a frame is an object, got {type(header).__name__}")
+    if not isinstance(header.get("arrays"), list):
+        raise DataError('the header of a frame lacks its list "arrays"')
+    return header
+
+
+def _entry(entry: object, k: int) -> tuple[str, np.dtype[Any], tuple[int, ...]]:
+    where = f"arrays[{k}] of the header"
+    if not isinstance(entry, dict) or set(entry) != {"name", "dtype", "shape"}:
+        raise DataError(f"{where} must have name, dtype and shape, got {entry!r}")
+    name, dtype, shape = entry["name"], entry["dtype"], entry["shape"]
+    if not isinstance(name, str) or not name:
+        raise DataError(f"{where}: the name must be a text, got {name!r}")
+    if not isinstance(dtype, str) or dtype not in _DTYPES:
+        raise DataError(f"{where}: dtype must be u1, i4, f4 or f8, got {dtype!r}")
+    whole = isinstance(shape, list) and all(type(n) is int and 0 <= n < 2**31 for n in shape)
+    if not whole or len(shape) > 8 or math.prod(n for n in shape if n) >= 2**48:
+        raise DataError(
+            f"{where}: shape must be a list of up to 8 whole numbers of reasonable size, got "
+            f"{str(shape)[:80]}"
+        )
+    return name, _DTYPES[dtype], tuple(shape)

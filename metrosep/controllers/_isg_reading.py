@@ -1,0 +1,406 @@
+"""Shared by the readers of the ISG dialects: entries of a list, taken one by one until none is left."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.controllers._increments import ascii_lines
+from metrosep.controllers._isg_lists import NAME, SGN32
+from metrosep.core.errors import CorruptFileError, LimitError
+
+__all__ = [
+    "capacity_of",
+    "column",
+    "header",
+    "no_more",
+    "read_list",
+    "real",
+    "require_rising",
+    "require_room",
+    "require_value",
+    "whole",
+]
+
+FloatArray = NDArray[np.float64]
+Entries = dict[str, tuple[str, int]]
+
+_LINE = re.compile(r"([a-z]\w*(?:\.\w+(?:\[\d{1,7}\])*)+)\s+(\S+)", re.ASCII)
+_NUMBER = re.compile(r"-?\d{1,10}(?:\.\d{1,12})?")
+_COMMENT = re.compile(r"#|/\*")
+_WHOLE = re.compile(r"\d{1,7}")
+_SIGN = re.compile(r"# metrosep: entry = ([+-])e in 0\.1 um, sign not documented.*")
+
+
+def read_list(
+    data: bytes, path: Path, options: Mapping[str, Any]
+) -> tuple[Entries, dict[str, Any]]:
+    """Return the entries of a list, and what its comment tells.
+
+    Parameters
+    ----------
+    data : bytes
+        Content.
+    path : Path
+        Name of the file.
+    options : mapping
+        Type of numbers, if it is known.
+
+    Returns
+    -------
+    entries : dict
+        Word and line by key; consumed by `column` and the others.
+    comment : dict
+        Sign of entries.
+
+    Raises
+    ------
+    CorruptFileError
+        If a line is no entry, a key stands twice, a comment is not closed, or two comments
+        contradict each other.
+    """
+    text, comments = _without_comments(
+        "\n".join(ascii_lines(data, path, "compensation value list")), path
+    )
+    comment = _told(comments, path)
+    entries: Entries = {}
+    for i, line in enumerate(text.split("\n"), start=1):
+        if not line.strip():
+            continue
+        found = _LINE.fullmatch(line.strip())
+        if found is None or found[1] in entries:
+            raise CorruptFileError(
+                path,
+                f"line {i} is no entry, or one that stands twice: {line.strip()[:60]!r}",
+                hint="one 'key value' a line; comments behind # or in /* */",
+            )
+        entries[found[1]] = (found[2], i)
+    if options.get("number_type") == "integer":
+        _require_whole(entries, path)
+    return entries, comment
+
+
+def _without_comments(text: str, path: Path) -> tuple[str, list[str]]:
+    """Return the text with its lines as they were, and the comments behind #; one pass."""
+    kept: list[str] = []
+    comments: list[str] = []
+    at = 0
+    while (found := _COMMENT.search(text, at)) is not None:
+        kept.append(text[at : found.start()])
+        end = text.find("\n" if found[0] == "#" else "*/", found.end())
+        if end < 0 and found[0] != "#":
+            line = text.count("\n", 0, found.start()) + 1
+            raise CorruptFileError(
+                path,
+                f"line {line}: the comment /* is not closed",
+                hint="close it with */, or write the table again",
+            )
+        end = len(text) if end < 0 else end
+        if found[0] == "#":
+            comments.append(text[found.start() : end].strip())
+            at = end
+        else:
+            kept.append("\n" * text.count("\n", found.start(), end))
+            at = end + 2
+    return "".join([*kept, text[at:]]), comments
+
+
+def _told(comments: list[str], path: Path) -> dict[str, Any]:
+    told: dict[str, Any] = {}
+    for line in comments:
+        found = _SIGN.fullmatch(line)
+        if not found and line.startswith("# metrosep"):
+            raise CorruptFileError(
+                path, "the comment of the sign is damaged", hint="write it again"
+            )
+        if found and told.setdefault("entry_sign", 1 if found[1] == "+" else -1) != (
+            1 if found[1] == "+" else -1
+        ):
+            raise CorruptFileError(
+                path,
+                "two comments contradict each other about the sign of entries",
+                hint="lists were put together: take them apart, or write the table again",
+            )
+    return told
+
+
+def _require_whole(entries: Entries, path: Path) -> None:
+    for key, (word, line) in entries.items():
+        if "." in word:
+            raise CorruptFileError(
+                path,
+                f"line {line}: {key} {word} is no whole number",
+                hint="builds before V3.1.3132 / V4.29 cut it: write it with number_type='integer'",
+            )
+
+
+def _taken(entries: Entries, key: str, pattern: re.Pattern[str], path: Path) -> str:
+    if key not in entries:
+        raise CorruptFileError(
+            path, f"{key} is missing", hint="the kernel would use 0: write the table again"
+        )
+    word, line = entries.pop(key)
+    if not pattern.fullmatch(word):
+        raise CorruptFileError(path, f"line {line}: {key} cannot be {word[:30]!r}", hint="mend it")
+    return word
+
+
+def header(entries: Entries, options: Mapping[str, Any], path: Path) -> tuple[int, str]:
+    """Return number and name of the corrected axis.
+
+    Parameters
+    ----------
+    entries : dict
+        Of the list.
+    options : mapping
+        Number of the axis, if it is known.
+    path : Path
+        The file.
+
+    Returns
+    -------
+    number : int
+        Logical.
+    name : str
+        Name.
+
+    Raises
+    ------
+    CorruptFileError
+        If it is missing or the list is that of another axis.
+    """
+    number = int(_taken(entries, "kopf.achs_nr", _WHOLE, path))
+    if options.get("axis_number") not in (None, number):
+        raise CorruptFileError(
+            path,
+            "the list of another axis",
+            expected=options["axis_number"],
+            found=number,
+            hint="choose the list of this axis",
+        )
+    return number, _taken(entries, "kopf.log_achs_name", NAME, path)
+
+
+def require_value(entries: Entries, key: str, allowed: set[str], path: Path) -> None:
+    """Refuse an entry that is not one of some words.
+
+    Parameters
+    ----------
+    entries : dict
+        Of the list.
+    key : str
+        Name.
+    allowed : set of str
+        Words.
+    path : Path
+        The file.
+
+    Raises
+    ------
+    CorruptFileError
+        If it is another.
+    """
+    word = _taken(entries, key, _WHOLE, path)
+    if word not in allowed:
+        raise CorruptFileError(
+            path,
+            f"{key} is {word}",
+            expected=" or ".join(sorted(allowed)),
+            found=word,
+            hint="only lists in 0.1 um, and of leadscrews only bilateral ones, are read",
+        )
+
+
+def capacity_of(
+    entries: Entries, structure: str, usual: int, given: Mapping[str, Any], path: Path
+) -> int:
+    """Return how many numbers a kernel has reserved for a list.
+
+    Parameters
+    ----------
+    entries : dict
+        Of the list; ``max_points`` is consumed.
+    structure : str
+        Such as ``kw.ssfk``.
+    usual : int
+        What is reserved where nobody says it.
+    given : mapping
+        Options: capacity, if it is known.
+    path : Path
+        The file.
+
+    Returns
+    -------
+    int
+        Of ``max_points`` in the list, else the capacity that was said, else the usual one.
+
+    Raises
+    ------
+    CorruptFileError
+        If ``max_points`` is no such number.
+    """
+    key = f"{structure}.max_points"
+    reserved = whole(entries, key, path) if key in entries else 0
+    return reserved or given.get("capacity") or usual
+
+
+def require_room(n: int, room: int, what: str, path: Path) -> None:
+    """Refuse a list of more points than the kernel takes.
+
+    Parameters
+    ----------
+    n, room : int
+        Points of the list; most of them.
+    what : str
+        Where that number comes from.
+    path : Path
+        The file.
+
+    Raises
+    ------
+    LimitError
+        If there are more: the kernel would switch the list off.
+    """
+    if n > room:
+        raise LimitError(
+            f"{path}: {n} points, the kernel takes {room}, {what}; if yours has room for more, say "
+            "capacity="
+        )
+
+
+def whole(entries: Entries, key: str, path: Path) -> int:
+    """Return a count.
+
+    Parameters
+    ----------
+    entries : dict
+        Of the list.
+    key : str
+        Name.
+    path : Path
+        The file.
+
+    Returns
+    -------
+    int
+        Zero or more.
+
+    Raises
+    ------
+    CorruptFileError
+        If it is missing or no such number.
+    """
+    return int(_taken(entries, key, _WHOLE, path))
+
+
+def real(entries: Entries, key: str, path: Path) -> float:
+    """Return a number.
+
+    Parameters
+    ----------
+    entries : dict
+        Of the list.
+    key : str
+        Name.
+    path : Path
+        The file.
+
+    Returns
+    -------
+    float
+        In 0.1 um.
+
+    Raises
+    ------
+    CorruptFileError
+        If it is missing, no number, or beyond 32 bits.
+    """
+    value = float(_taken(entries, key, _NUMBER, path))
+    if abs(value) > SGN32:
+        raise CorruptFileError(path, f"{key} leaves 32 bits", found=value, hint="mend it")
+    return value
+
+
+def column(entries: Entries, table: str, field: str, n: int, path: Path) -> FloatArray:
+    """Return one field of all points.
+
+    Parameters
+    ----------
+    entries : dict
+        Of the list.
+    table : str
+        Such as ``kw.ssfk.table``.
+    field : str
+        Such as ``pos``.
+    n : int
+        Number of points.
+    path : Path
+        The file.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        In 0.1 um.
+
+    Raises
+    ------
+    CorruptFileError
+        If one is missing, no number, or there are fewer than two.
+    """
+    if n < 2 or n > len(entries):
+        raise CorruptFileError(
+            path, f"{n} points are announced, the list does not hold them", hint="write it again"
+        )
+    return np.array([real(entries, f"{table}[{i}].{field}", path) for i in range(n)])
+
+
+def no_more(entries: Entries, path: Path) -> None:
+    """Refuse entries that nobody asked for.
+
+    Parameters
+    ----------
+    entries : dict
+        What is left.
+    path : Path
+        The file.
+
+    Raises
+    ------
+    CorruptFileError
+        If something is left.
+    """
+    for key, (_, line) in entries.items():
+        raise CorruptFileError(
+            path,
+            f"line {line}: {key} is not expected here",
+            hint="it changes what the kernel does and is not read; remove it or correct the count",
+        )
+
+
+def require_rising(positions: FloatArray, path: Path) -> None:
+    """Refuse positions that do not rise.
+
+    Parameters
+    ----------
+    positions : ndarray, shape (n,)
+        In 0.1 um.
+    path : Path
+        The file.
+
+    Raises
+    ------
+    CorruptFileError
+        If one does not.
+    """
+    falling = np.flatnonzero(np.diff(positions) <= 0)
+    if falling.size:
+        raise CorruptFileError(
+            path,
+            f"point {int(falling[0]) + 1}: the setpoint does not rise",
+            hint="sort the points; the kernel deselects such a list",
+        )

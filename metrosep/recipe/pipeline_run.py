@@ -1,0 +1,320 @@
+"""Carrying out a recipe that measures one map or profile: read, step by step, judge, write."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from metrosep._version import __version__
+from metrosep.core.errors import (
+    DataError,
+    InvalidSamplesError,
+    MetrosepError,
+    NotUniformError,
+    TooFewSamplesError,
+)
+from metrosep.core.profile import Profile
+from metrosep.core.provenance import Step, history_as_dicts
+from metrosep.core.quantity import Quantity
+from metrosep.core.surface import Surface
+from metrosep.recipe.pipeline import Stage, StepError, run_step
+from metrosep.recipe.pipeline_mask import Measured
+
+if TYPE_CHECKING:
+    from metrosep.recipe.description import Description
+    from metrosep.recipe.recipe import Recipe
+    from metrosep.recipe.result import Result
+
+__all__ = ["Measurement", "judge_measurement", "measure_object", "run_pipeline"]
+
+Tell = Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Measurement:
+    """What a recipe made of one map or profile.
+
+    Parameters
+    ----------
+    source : Surface or Profile
+        As read.
+    stages : tuple of Stage
+        One for each step.
+    """
+
+    source: Measured
+    stages: tuple[Stage, ...]
+
+    @property
+    def obj(self) -> Measured:
+        """What is left after the last step."""
+        return self.stages[-1].obj if self.stages else self.source
+
+    @property
+    def found(self) -> dict[str, Quantity]:
+        """Everything that was found, by metric; what occurs again is called ``Sa#2``."""
+        found: dict[str, Quantity] = {}
+        for stage in self.stages:
+            for name, quantity in stage.found.items():
+                n = 1
+                while (key := name if n == 1 else f"{name}#{n}") in found:
+                    n += 1
+                found[key] = quantity
+        return found
+
+    @property
+    def messages(self) -> tuple[str, ...]:
+        """What the user should know, once each."""
+        return tuple(dict.fromkeys(m for s in self.stages for m in s.messages))
+
+    @property
+    def history(self) -> tuple[Step, ...]:
+        """The source and every step that was carried out, evaluations too."""
+        return (*self.source.history, *(step for s in self.stages for step in s.history))
+
+    @property
+    def audit(self) -> dict[str, Any]:
+        """What each step did, by its number and name."""
+        return {f"step {s.index + 1}, {s.op}": dict(s.audit) for s in self.stages if s.enabled}
+
+    def metric(self, name: str) -> str:
+        """Return the metric that a check means.
+
+        Parameters
+        ----------
+        name : str
+            Symbol, also in the spelling of the other edition.
+
+        Returns
+        -------
+        str
+            A key of `found`, or the name itself where there is none.
+
+        Raises
+        ------
+        DataError
+            If the parameter could not be evaluated, with the reason.
+        """
+        known = self.found
+        if name in known:
+            return name
+        for table in (t for s in self.stages if s.op == "parameters" for t in s.detail or ()):
+            own = table.own_symbol(name)
+            if own in known:
+                return str(own)
+            if own in table.unavailable:
+                raise DataError(f"{name} could not be evaluated: {table.unavailable[own]}")
+        return name
+
+
+def measure_object(recipe: Recipe, obj: Any, *, tell: Tell | None = None) -> Measurement:
+    """Return what a recipe makes of a map or profile in memory.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        Of steps that measure.
+    obj : Surface or Profile
+        Measurement.
+    tell : callable, optional
+        Told what is being done.
+
+    Returns
+    -------
+    Measurement
+        Each step.
+
+    Raises
+    ------
+    RecipeError
+        With file and line, if a step does not apply to this kind of object.
+    MetrosepError
+        Of a filter, a fit or an evaluation; the message names file, line and step.
+    """
+    stages: list[Stage] = []
+    for i, step in enumerate(recipe.steps):
+        if tell is not None and step.get("enabled", True):
+            tell(f"step {i + 1}: {step['op']}")
+        try:
+            stages.append(run_step(stages[-1].obj if stages else obj, step, index=i))
+        except MetrosepError as exc:
+            raise _placed(exc, recipe, i) from None
+    return Measurement(obj, tuple(stages))
+
+
+_OF_DATA = (InvalidSamplesError, NotUniformError, TooFewSamplesError)
+
+
+def _placed(exc: MetrosepError, recipe: Recipe, number: int) -> MetrosepError:
+    """Return an error with file, line and step: what the recipe asks wrongly is of the recipe."""
+    place, op = recipe.place("[[step]]", number), recipe.steps[number]["op"]
+    words = str(exc).replace("nesting_index", "cutoff") if op == "filter" else str(exc)
+    text = f"step {number + 1} ({op}): {words}"
+    if isinstance(exc, DataError) and not isinstance(exc, _OF_DATA):
+        return place.error(
+            text, exc.key if isinstance(exc, StepError) else _key_in(exc, recipe, number)
+        )
+    exc.args = (str(place.error(text, "op")), *exc.args[1:])
+    return exc
+
+
+def _key_in(exc: MetrosepError, recipe: Recipe, number: int) -> str:
+    """Return the key of a step that a message of the library names first."""
+    message = str(exc)
+    given = [
+        k for k in recipe.steps[number] if k not in ("op", "enabled", "kind") and k in message
+    ]
+    if given:
+        return min(given, key=message.index)
+    usual = ("aperture", "form", "cutoff", "lambda_c", "lambda_s", "names")
+    return next((k for k in usual if k in recipe.steps[number]), "op")
+
+
+def run_pipeline(recipe: Recipe, files: list[Path], *, out: Path | None, tell: Tell) -> Result:
+    """Read one file, carry the steps out, judge and write.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        Of steps that measure.
+    files : list of Path
+        One file.
+    out : Path or None
+        Folder for the results.
+    tell : callable
+        Told what is being done.
+
+    Returns
+    -------
+    Result
+        Document, `Measurement`, files.
+
+    Raises
+    ------
+    RecipeError
+        If there are several files, or a step or a check does not fit.
+    MetrosepError
+        Of any kind of its tree; nothing is left in `out` then.
+    """
+    from metrosep.recipe.describe_measure import measurement_of
+    from metrosep.recipe.outputs import write_reports
+    from metrosep.recipe.parts import write_parts
+    from metrosep.recipe.preflight import RESULT_NAME
+    from metrosep.recipe.result import Result
+    from metrosep.recipe.staging import staged
+
+    obj = _read(recipe, files, tell)
+    measured = measure_object(recipe, obj, tell=tell)
+    described = measurement_of(measured)
+    document = _document(recipe, measured, described)
+    if out is None:
+        return Result(document, measured)
+    with staged(out) as stage:
+        names = write_parts(recipe, described, stage, tell)
+        names += write_reports(recipe, document, stage, tell)
+        Result(document, measured).write(stage / RESULT_NAME)
+    return Result(document, measured, tuple(out / n for n in (*names, RESULT_NAME)))
+
+
+def _read(recipe: Recipe, files: list[Path], tell: Tell) -> Measured:
+    from metrosep.io.read import read
+
+    if len(files) != 1:
+        shown = ", ".join(f.name for f in files[:4]) + (" ..." if len(files) > 4 else "")
+        raise recipe.place("[input]").error(
+            f"steps that measure take one file at a time, got {len(files)} ({shown}); name one, or "
+            "run the recipe on each",
+            "files",
+        )
+    tell(f"reading {files[0].name}")
+    obj = read(files[0], **{k: v for k, v in recipe.input.items() if k != "files"})
+    if not isinstance(obj, Surface | Profile):
+        raise InvalidSamplesError(
+            f"{files[0]}: holds a {type(obj).__name__}, and the steps need a profile or a map; name "
+            "a channel in [input], or separate it first"
+        )
+    return obj
+
+
+def _document(recipe: Recipe, measured: Measurement, described: Description) -> dict[str, Any]:
+    from metrosep.recipe.characteristics import DECISION_RULE
+    from metrosep.recipe.result import SCHEMA, clean
+    from metrosep.recipe.run import input_records, versions
+    from metrosep.recipe.step_words import step_words
+
+    messages = [step_words(m, s.op) for s in measured.stages for m in s.messages]
+    messages = list(dict.fromkeys(messages))
+    warnings = [str(w) for w in measured.source.metadata.get("warnings", ())]
+    kind = type(measured.source).__name__
+    return clean(  # type: ignore[no-any-return]
+        {
+            "schema": SCHEMA,
+            "metrosep": __version__,
+            "title": recipe.title or f"Measurement of a {_WORDS[kind]}",
+            "inputs": input_records(measured.history),
+            "estimate": None,
+            "separation": {
+                "op": "measure",
+                "what": f"one {_WORDS[kind]}, step by step: {', '.join(_carried_out(measured))}",
+                "result": "Measurement",
+                "audit": described.audit,
+                "messages": messages,
+                **described.document,
+                "charts": list(described.charts),
+            },
+            "plots": None,
+            "table": None,
+            "more_tables": [],
+            "polynomial": None,
+            "messages": [*warnings, *messages],
+            "provenance": history_as_dicts(measured.history),
+            "recipe": {"name": recipe.name, "text": recipe.text, "sha256": recipe.sha256},
+            "versions": versions(),
+            "decision_rule": DECISION_RULE,
+            **judge_measurement(recipe, measured),
+        }
+    )
+
+
+_WORDS = {"Surface": "map", "Profile": "profile"}
+
+
+def _carried_out(measured: Measurement) -> Iterator[str]:
+    for stage in measured.stages:
+        if stage.enabled:
+            yield stage.op
+
+
+def judge_measurement(recipe: Recipe, measured: Measurement) -> Mapping[str, Any]:
+    """Return characteristics and verdict; checks may use the spelling of the other edition.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        With its checks.
+    measured : Measurement
+        What its steps gave.
+
+    Returns
+    -------
+    mapping
+        ``characteristics`` and ``verdict`` of a result document.
+
+    Raises
+    ------
+    RecipeError
+        If a check names a metric that is not there, or its uncertainty is not known.
+    """
+    from dataclasses import replace
+
+    from metrosep.recipe.method_run import judged
+
+    checks = []
+    for i, check in enumerate(recipe.checks):
+        try:
+            checks.append({**check, "metric": measured.metric(check["metric"])})
+        except DataError as exc:
+            raise recipe.place("[[check]]", i).error(str(exc), "metric") from None
+    return judged(replace(recipe, checks=tuple(checks)), measured.found)

@@ -1,0 +1,172 @@
+"""Sections at full resolution: where they run, what a gap does to them, their numbers."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+
+from metrosep.app.section_views import section_profile, section_view
+from metrosep.core.errors import DataError
+from metrosep.core.surface import Surface
+
+MM, UM = 1e-3, 1e-6
+ORIGIN = (2 * MM, -5 * MM)
+STEP = 0.1 * MM
+SHAPE = (520, 300)
+
+ROUNDING = 1e-15
+"""Heights of some um read with weights that round by 1e-10 (indices up to 500, 16 digits)."""
+
+
+def grid() -> tuple[np.ndarray, np.ndarray]:
+    row, column = np.mgrid[: SHAPE[0], : SHAPE[1]]
+    return ORIGIN[0] + STEP * column, ORIGIN[1] + STEP * row
+
+
+def bumped(height: float = 3 * UM) -> Surface:
+    """A cone, base radius 1 mm, at x = 12 mm, y = 30 mm of a map that is not square."""
+    x, y = grid()
+    r = np.hypot(x - 12 * MM, y - 30 * MM)
+    return Surface(height * np.maximum(0.0, 1.0 - r / MM), STEP, STEP, origin=ORIGIN)
+
+
+def test_along_x_and_along_y_the_summit_comes_where_it_was_planted():
+    along_x = section_profile(bumped(), (4 * MM, 30 * MM), (24 * MM, 30 * MM))
+    along_y = section_profile(bumped(), (12 * MM, 0.0), (12 * MM, 40 * MM))
+    assert along_x.x[np.argmax(along_x.z)] == pytest.approx(8 * MM, abs=1e-12)
+    assert along_y.x[np.argmax(along_y.z)] == pytest.approx(30 * MM, abs=1e-12)
+    assert along_x.z.max() == pytest.approx(3 * UM, abs=ROUNDING)
+    back = section_profile(bumped(), (24 * MM, 30 * MM), (4 * MM, 30 * MM))
+    np.testing.assert_allclose(back.z, along_x.z[::-1], rtol=0, atol=ROUNDING)
+    beside = section_view(bumped(), (12 * MM, 0.0), (12 * MM, 28.8 * MM))
+    assert beside.pv == 0.0
+
+
+def test_a_plane_and_a_saddle_are_exact_on_a_slanting_line():
+    x, y = grid()
+    dy = 2 * STEP  # pixels that are not square
+    y = ORIGIN[1] + 2 * (y - ORIGIN[1])
+    z = 3e-3 * x - 5e-3 * y + 0.7 * (x - ORIGIN[0]) * y  # bilinear in each cell
+    surface = Surface(z, STEP, dy, origin=ORIGIN)
+    a, b = np.array([3.03 * MM, 90 * MM]), np.array([29.9 * MM, 3.3 * MM])
+    cut = section_profile(surface, a, b)
+    length = np.hypot(*(b - a))
+    assert cut.x[-1] == pytest.approx(length, abs=1e-15)
+    assert cut.dx <= STEP * (1 + 1e-9)
+    px, py = (a + cut.x[:, None] / length * (b - a)).T
+    expected = 3e-3 * px - 5e-3 * py + 0.7 * (px - ORIGIN[0]) * py
+    np.testing.assert_allclose(cut.z, expected, rtol=0, atol=1e-13)
+
+
+def test_at_pixels_it_reads_the_pixels():
+    z = np.random.default_rng(4).normal(size=(5, 9))
+    surface = Surface(z, 0.1, 0.3, origin=(1.7, -0.4))
+    for method in ("bilinear", "nearest"):
+        row = section_profile(surface, (1.7, 0.2), (2.5, 0.2), method=method)
+        np.testing.assert_allclose(row.z, z[2], rtol=0, atol=1e-7)
+        column = section_profile(surface, (2.0, -0.4), (2.0, 0.8), method=method)
+        np.testing.assert_allclose(column.z[::3], z[:, 3], rtol=0, atol=1e-7)
+
+
+def test_one_invalid_neighbour_is_enough_for_a_gap_and_only_those_with_weight_count():
+    z = np.zeros((5, 7))
+    z[2, 3] = np.nan
+    surface = Surface(z, 1.0, 1.0)
+    slanting = section_profile(surface, (0.25, 1.5), (5.75, 1.5))
+    inside = (slanting.x + 0.25 > 2) & (slanting.x + 0.25 < 4)
+    np.testing.assert_array_equal(np.isnan(slanting.z), inside)
+    on_a_row = section_profile(surface, (0.0, 1.0), (6.0, 1.0))  # the gap is in the next row
+    assert on_a_row.n_invalid == 0
+    near = section_profile(surface, (0.0, 2.2), (6.0, 2.2), method="nearest")
+    assert np.flatnonzero(np.isnan(near.z)).tolist() == [3]
+
+
+def test_outside_the_map_nothing_is_measured():
+    surface = Surface(np.ones((4, 4)), 1.0, 1.0)
+    cut = section_profile(surface, (-2.0, 1.0), (5.0, 1.0))
+    assert np.flatnonzero(~np.isnan(cut.z)).tolist() == [2, 3, 4, 5]
+    fine = section_profile(surface, (-0.5, 1.0), (3.5, 1.0), method="nearest")
+    assert fine.n_invalid == 0  # a pixel reaches half a step beyond its centre
+    away = section_view(surface, (10.0, 10.0), (12.0, 12.0))
+    assert np.isnan([away.pv, away.sq]).all()
+    assert away.share_valid == 0.0
+    assert np.isnan(away.low).all()
+
+
+def test_numbers_of_a_sine():
+    n, amplitude = 400, 5 * UM
+    column = np.arange(n)
+    z = np.tile(amplitude * np.sin(2 * np.pi * column / 40), (3, 1))
+    z[:, 360:] = np.nan  # one wave of ten is not measured
+    view = section_view(Surface(z, STEP, STEP), (0.0, STEP), ((n - 1) * STEP, STEP), columns=50)
+    assert view.pv == pytest.approx(2 * amplitude, abs=ROUNDING)
+    assert view.sq == pytest.approx(amplitude / np.sqrt(2), abs=ROUNDING)
+    assert view.share_valid == pytest.approx(0.9, abs=1e-12)
+    assert view.n_samples == n
+    assert view.length == pytest.approx(399 * STEP, abs=1e-15)
+
+
+def test_columns_hold_every_spike_and_the_gaps():
+    z = np.zeros((3, 4000))
+    z[1, 1234], z[1, 2345], z[1, 3000:3100] = 7.0, -6.0, np.nan
+    surface = Surface(z, 1.0, 1.0)
+    view = section_view(surface, (0.0, 1.0), (3999.0, 1.0), columns=100)
+    assert view.low.size == view.high.size == view.distance.size == 100
+    assert np.nanargmax(view.high) == 1234 // 40
+    assert np.nanargmin(view.low) == 2345 // 40
+    assert np.nanmax(view.high) == 7.0
+    assert np.flatnonzero(np.isnan(view.low)).tolist() == [75, 76]
+    np.testing.assert_allclose(view.distance, 19.5 + 40 * np.arange(100), rtol=0, atol=1e-9)
+    fine = section_view(surface, (0.0, 1.0), (9.0, 1.0), columns=500)
+    assert fine.distance.tolist() == pytest.approx(list(range(10)), abs=1e-12)
+
+
+def test_bilinear_reading_averages_noise_as_stated():
+    noise = np.random.default_rng(7).normal(size=(1500, 1500))
+    surface = Surface(noise, 1.0, 1.0)
+    ends = (0.3, 0.7), (1490.0, 1203.0)
+    slanting = section_view(surface, *ends)
+    nearest = section_view(surface, *ends, method="nearest")
+    # mean of (1 - u)^2 + u^2 over u is 2/3 in each direction; about 1500 samples, 4 sigma = 0.08
+    assert slanting.sq == pytest.approx(2 / 3, abs=0.06)
+    assert nearest.sq == pytest.approx(1.0, abs=0.08)
+
+
+def test_uncalibrated_maps_are_cut_in_pixels():
+    z = np.arange(12.0).reshape(3, 4)
+    view = section_view(Surface(z, None, 1e-6, origin=(5.0, 5.0)), (0, 0), (0, 2))
+    assert view.unit == "px"
+    assert view.high.tolist() == [0.0, 4.0, 8.0]
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "options", "words"),
+    [
+        ((0, 0), (0, 0), {}, "must differ"),
+        ((0, np.nan), (1, 1), {}, "two finite numbers"),
+        ((0, 0, 0), (1, 1), {}, "two finite numbers"),
+        (None, (1, 1), {}, "two finite numbers"),
+        ((0, 0), (1e9, 0), {}, "are they in m"),
+        ((0, 0), (1e308, -1e308), {}, "are they in m"),
+        ((0, 0), (1, 1), {"columns": 0}, "columns must be"),
+        ((0, 0), (1, 1), {"columns": 2.5}, "columns must be"),
+        ((0, 0), (1, 1), {"method": "cubic"}, '"bilinear" or "nearest"'),
+    ],
+)
+def test_bad_sections(a, b, options, words):
+    with pytest.raises(DataError, match=words):
+        section_view(Surface(np.zeros((3, 3)), 1.0, 1.0), a, b, **options)
+    with pytest.raises(DataError, match="through a Surface"):
+        section_view(np.zeros((3, 3)), (0, 0), (1, 1))
+
+
+def test_forty_sections_of_a_large_map():
+    z = np.random.default_rng(0).normal(size=(4096, 4096))
+    z[100:400] = np.nan
+    surface = Surface(z, UM, UM)
+    start = time.perf_counter()
+    for k in range(40):
+        section_view(surface, (k * 1e-5, 0.0), (4.09 * MM, 4.09 * MM - k * 1e-5), columns=800)
+    assert time.perf_counter() - start < 0.5  # stated
