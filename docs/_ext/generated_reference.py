@@ -208,7 +208,15 @@ def formats_page() -> str:
 def controllers_page() -> str:
     """Table of the controllers, from what their dialects state."""
     registry = importlib.import_module("metrosep.controllers.registry")
-    header = ["name", "controller", "holds", "one entry, for the error e", "points", "sign", "proof"]
+    header = [
+        "name",
+        "controller",
+        "holds",
+        "one entry, for the error e",
+        "points",
+        "sign",
+        "proof",
+    ]
     rows = [
         [
             f"``{d.id}``",

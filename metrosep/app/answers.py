@@ -17,7 +17,7 @@ from metrosep.app.profile_views import Extremes, profile_view
 from metrosep.app.pyramid import MapPyramid, build_pyramid
 from metrosep.app.section_views import section_profile, section_view
 from metrosep.app.sessions import Session, is_extreme
-from metrosep.core.errors import DataError, UnsupportedFeatureError
+from metrosep.core.errors import DataError, MetrosepError, UnsupportedFeatureError
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
 
@@ -273,9 +273,13 @@ class Answers:
         if outcome.error is not None:
             header["failed"] = {"index": outcome.failed, "message": str(outcome.error)}
         elif not outcome.is_preview and document.recipe.checks:
-            judged = judge_measurement(document.recipe, measured)
-            header["verdict"] = judged["verdict"]
-            header["checks"] = _plain(judged["characteristics"])
+            try:
+                judged = judge_measurement(document.recipe, measured)
+            except MetrosepError as exc:  # a limit of what is not there: the numbers are still shown
+                header["refused"] = str(exc)
+            else:
+                header["verdict"] = judged["verdict"]
+                header["checks"] = _plain(judged["characteristics"])
         return header, {}
 
     def _export(self, message: Message, cancel: Cancel) -> Answer:

@@ -197,8 +197,12 @@ class Dialect(ABC):
 
         Parameters
         ----------
-        data, path, options
-            As for `decode`.
+        data : bytes
+            Content of the file.
+        path : Path
+            Its name, for messages and the sidecar.
+        **options
+            Declared options that the user gave.
 
         Returns
         -------

@@ -1,7 +1,7 @@
 """Where a correction bends between two points of a path, and the points in between that it needs.
 
 A controller moves on straight lines between points, so between two blocks the correction that acts
-is the chord of c, off by up to |c''| d^2 / 8 at a distance d. Where that exceeds a tolerance the
+is the chord of c, off by up to ``|c''|`` d^2 / 8 at a distance d. Where that exceeds a tolerance the
 block is split into 2, 4, 8 ... parts along the same line in X, C and Z.
 
 A move is looked at on an even grid and on the same grid shifted by an irrational share of a step,

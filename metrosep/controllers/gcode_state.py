@@ -148,7 +148,13 @@ class ModalState:
 
     @property
     def unit(self) -> float:
-        """Length of one unit of the file in m; UnitError while it is unknown."""
+        """Length of one unit of the file in m.
+
+        Raises
+        ------
+        UnitError
+            While it is unknown.
+        """
         if self.scale is None:
             raise UnitError("the unit of the path is not known; give unit='mm' or 'inch'")
         return self.scale

@@ -178,8 +178,10 @@ def split_machine(
 
     Returns
     -------
-    options, limits : dict
-        Both unchecked.
+    options : dict
+        For the dialect, unchecked.
+    limits : dict
+        Of the machine, unchecked.
 
     Raises
     ------

@@ -192,6 +192,8 @@ class RepRap(Dialect):
         ------
         CorruptFileError
             As `decode`.
+        DataError
+            The lookup, if the direction is neither 1 nor -1.
         """
         grid, values = _parsed(data, path, int(options.get("max_nodes") or 441))
         heights = values.astype(np.float32)

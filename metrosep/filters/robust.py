@@ -31,7 +31,7 @@ __all__ = ["regression_constant", "robust_gaussian"]
 FloatArray = NDArray[np.float64]
 
 _BIWEIGHT = 4.4478
-"""c over median|r|: three standard deviations of Gaussian residuals (3 / 0.6745)."""
+"""c over the median of abs(r): three standard deviations of Gaussian residuals (3 / 0.6745)."""
 
 _EXACT = 1e-13
 """Residuals below this part of the largest height are rounding: the sample lies on the line."""

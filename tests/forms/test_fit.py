@@ -416,10 +416,10 @@ def test_robust_fit_is_not_moved_by_dust(rng):
 @pytest.mark.parametrize(
     ("form", "rule", "share"),
     [
-        (Plane(), "tukey", 0.0),
+        pytest.param(Plane(), "tukey", 0.0, marks=pytest.mark.slow),
         (Plane(), "tukey", 0.2),
-        (Plane(), "huber", 0.1),
-        (Polynomial(1), "tukey", 0.1),
+        pytest.param(Plane(), "huber", 0.1, marks=pytest.mark.slow),
+        pytest.param(Polynomial(1), "tukey", 0.1, marks=pytest.mark.slow),
         (Polynomial(1), "huber", 0.0),
     ],
 )

@@ -6,11 +6,11 @@ comment ``# exit code N`` at their end names a code other than 0. Calls of ``mak
 target.
 """
 
+import contextlib
 import doctest
+import io
 import re
 import shlex
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +19,6 @@ import pytest
 REPOSITORY = Path(__file__).resolve().parents[2]
 
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
-
-COMMAND = "import sys; from metrosep.cli.main import main; sys.argv[0] = 'metrosep'; main()"
 
 SESSION_FLAGS = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
 
@@ -100,7 +98,18 @@ def _run_commands(code: str, where: str) -> None:
             continue
         expected = int(found.group(1)) if (found := re.search(r"# exit code (\d+)$", line)) else 0
         words = shlex.split(line, comments=True)[1:]
-        run = subprocess.run(
-            [sys.executable, "-c", COMMAND, *words], capture_output=True, text=True, check=False
-        )
-        assert run.returncode == expected, f"{where}: {line}\n{run.stdout}\n{run.stderr}"
+        code, said = _called(words)
+        assert code == expected, f"{where}: {line}\n{said}"
+
+
+def _called(words: list[str]) -> tuple[int, str]:
+    """Run a command line in this process, which has the libraries loaded."""
+    from metrosep.cli.main import main
+
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+        try:
+            main(words)
+        except SystemExit as stop:
+            return (stop.code if isinstance(stop.code, int) else 1), said.getvalue()
+    return 0, said.getvalue()

@@ -1,0 +1,335 @@
+// @ts-check
+// The workbench: one session of the server, shown. What the user does becomes an edit of the recipe;
+// what is shown comes from the library.
+
+import { COLOUR_NAMES } from "./colours.js";
+import { alertText, askFile, askForm, clearAlerts, download, showHelp, showText } from "./dialogs.js";
+import { listenToDrops, openPath, upload } from "./files.js";
+import { ago } from "./format.js";
+import { KEYS, listenToKeys } from "./keys.js";
+import { makeLadder } from "./ladder.js";
+import { makeMetrics } from "./metrics.js";
+import { makeTree } from "./tree.js";
+import { makeViews } from "./views.js";
+import { Refusal, Superseded, Wire } from "./wire.js";
+
+/** @typedef {Record<string, any>} Dict */
+
+const el = (/** @type {string} */ id) => /** @type {any} */ (document.getElementById(id));
+
+// The token moves from the address to this tab, so that it is in no history and no picture.
+const address = new URL(location.href);
+const token = address.searchParams.get("token") ?? sessionStorage.getItem("token") ?? "";
+sessionStorage.setItem("token", token);
+if (address.searchParams.has("token")) history.replaceState(null, "", "/");
+
+/** @type {Dict} */
+let session = { recipe: null, steps: [], files: [], kind: null, messages: [] };
+/** @type {Dict[]} */
+let schema = [];
+let version = "";
+let notes = /** @type {string[]} */ ([]);
+let started = 0;
+
+const wire = new Wire(`ws://${location.host}/ws?token=${encodeURIComponent(token)}`);
+const ladder = makeLadder(show, stop);
+const metrics = makeMetrics(el("metrics"), el("verdict"), edit);
+const tree = makeTree(el("steps"), {
+  edit,
+  choose() {
+    views.newRange();
+    drawStage();
+    views.show();
+  },
+  size: () => views.size(),
+});
+const views = makeViews({
+  wire, level: () => ladder.level, stage: () => tree.chosen, kind: () => session.kind ?? "none", failed: fail,
+});
+
+function fail(/** @type {unknown} */ error) {
+  if (error instanceof Superseded) return;
+  alertText(error instanceof Error ? error.message : String(error));
+  if (!(error instanceof Refusal)) console.error(error);
+}
+
+// ---- what is shown -----------------------------------------------------------------------------
+
+function show(/** @type {import("./ladder.js").Level} */ level) {
+  if (!session.kind) return;
+  if (level === "full") full();
+  else {
+    views.show(level);
+    askMetrics(level).catch(fail);
+  }
+}
+
+function stop() {
+  for (const slot of ["metrics full", "map full"]) wire.cancel(slot);
+}
+
+async function full() {
+  const of = session.hash;
+  started = performance.now();
+  drawFull("busy", "full resolution…");
+  try {
+    const header = await askMetrics("full");
+    if (!header) return;
+    ladder.reached();
+    if (header.failed) drawFull("stopped", `stopped at step ${header.failed.index + 1}`);
+    else drawFull("done", `full resolution, ${((performance.now() - started) / 1000).toFixed(1)}\u2009s`);
+    document.body.dataset.full = of;
+    views.show("full");
+  } catch (error) {
+    if (!(error instanceof Superseded)) drawFull("", "full resolution failed");
+    fail(error);
+  }
+}
+
+async function askMetrics(/** @type {import("./ladder.js").Level} */ level) {
+  const of = session.hash;
+  let header;
+  try {
+    ({ header } = await wire.ask("metrics", { level }, level === "full" ? "metrics full" : "metrics"));
+  } catch (error) {
+    if (error instanceof Superseded) throw error;
+    if (session.hash === of && error instanceof Refusal) metrics.put({ rows: [], refused: error.message, is_preview: false });
+    throw error;
+  }
+  if (session.hash !== of) return null;
+  if (level !== "full" && ladder.level === "full") return null;
+  metrics.put(header);
+  const said = new Map((header.stages ?? []).map((/** @type {Dict} */ stage) => [stage.index, stage.messages]));
+  tree.tell(header.failed ?? null, said);
+  notes = [...(header.refused ? [header.refused] : []), ...(header.failed ? [`step ${header.failed.index + 1}: ${header.failed.message}`] : []), ...(header.messages ?? [])];
+  drawMessages();
+  return header;
+}
+
+function take(/** @type {Dict} */ next, isNewFile = false) {
+  const changed = next.hash !== session.hash || isNewFile;
+  session = next;
+  document.body.dataset.kind = session.kind ?? "none";
+  if (isNewFile) {
+    tree.reset();
+    views.reset();
+    notes = [];
+  }
+  drawSession();
+  tree.show(session, schema);
+  if (changed) metrics.stale();
+  metrics.show(session);
+  drawStage();
+  if (changed && session.kind) ladder.climb();
+}
+
+function drawSession() {
+  const name = (session.files?.[0] ?? "").split(/[\\/]/).pop();
+  el("title").textContent = name || "no file";
+  el("title").title = session.files?.[0] ?? "";
+  el("subtitle").textContent = session.title && !name?.startsWith(session.title) ? session.title : "";
+  document.title = name ? `${name} · metrosep` : "metrosep";
+  for (const which of ["undo", "redo"]) {
+    el(which).disabled = !session[`can_${which}`];
+    const label = session[`${which}_label`];
+    el(which).title = `${which === "undo" ? "Undo (Z)" : "Redo (Shift+Z)"}${label ? `: ${label}` : ""}`;
+  }
+  for (const id of ["recipe", "save", "export"]) el(id).disabled = !session.recipe;
+  drawSaved();
+  drawMessages();
+}
+
+function drawStage() {
+  const i = tree.chosen;
+  const step = session.steps?.[i];
+  const words = i === -2 ? "as measured" : step ? `after step ${i + 1}, ${step.op}` : "after all steps";
+  el("map-stage").textContent = words;
+  el("profile-stage").textContent = words;
+}
+
+function drawFull(/** @type {string} */ state, /** @type {string} */ words) {
+  el("status-full").className = state;
+  el("status-full").textContent = words;
+}
+
+function drawSaved() {
+  el("status-saved").textContent = session.recipe ? `recipe ${ago(session.saved_at)}` : "";
+}
+
+function drawMessages() {
+  const all = [...(session.messages ?? []), ...notes];
+  el("messages").hidden = all.length === 0;
+  el("messages").textContent = all.length === 1 ? all[0].slice(0, 110) : `${all.length} messages`;
+  el("messages").title = all.join("\n");
+}
+
+// ---- what is done ------------------------------------------------------------------------------
+
+async function edit(/** @type {import("./recipe.js").Edit[]} */ edits, /** @type {string} */ label) {
+  if (!edits.length) return;
+  try {
+    // Edits never replace each other: each has its own slot.
+    const { header } = await wire.ask("edit", { edits, label }, `edit ${wire.next}`);
+    clearAlerts();
+    take(header.session);
+  } catch (error) {
+    fail(error);
+    tree.show(session, schema); // what was typed and refused goes back
+    metrics.show(session);
+  }
+}
+
+async function again(/** @type {"undo" | "redo"} */ which) {
+  if (!session[`can_${which}`]) return;
+  try {
+    const { header } = await wire.ask(which, {}, `${which} ${wire.next}`);
+    clearAlerts();
+    take(header.session);
+  } catch (error) {
+    fail(error);
+  }
+}
+
+async function open(/** @type {string} */ path) {
+  drawFull("busy", "reading…");
+  try {
+    const answer = await openPath(wire, path);
+    drawFull("", "");
+    if (!answer) return;
+    clearAlerts();
+    take(answer.header.session, true);
+  } catch (error) {
+    drawFull("", "");
+    fail(error);
+  }
+}
+
+async function receive(/** @type {File} */ file) {
+  drawFull("busy", `taking ${file.name}…`);
+  try {
+    await open(await upload(file, token));
+  } catch (error) {
+    drawFull("", "");
+    fail(error);
+  }
+}
+
+async function choose() {
+  const given = await askFile(session.files?.[0] ?? "");
+  if (given?.file) receive(given.file);
+  else if (given?.path) open(given.path);
+}
+
+async function save() {
+  if (!session.recipe) return;
+  const get = document.createElement("button");
+  get.type = "button";
+  get.textContent = "Download it instead";
+  get.style.justifySelf = "start";
+  get.addEventListener("click", () => {
+    download(session.recipe ?? "", `${(session.files[0] ?? "recipe").split(/[\\/]/).pop()?.replace(/\.[^.]*$/, "")}.toml`);
+    get.closest("dialog")?.close("");
+  });
+  const given = await askForm({
+    title: "Save the recipe", ok: "Save", extra: [get],
+    text: `It gives the same numbers with: metrosep run RECIPE FILE${isUpload()
+      ? "\nThe file is a copy that goes when metrosep ends: a recipe saved beside it goes too." : ""}`,
+    fields: [{ name: "path", label: "File", value: `${(session.files[0] ?? "").replace(/\.[^./\\]*$/, "")}.toml` }],
+  });
+  if (given?.path) await exported("recipe", given.path);
+}
+
+/** Whether the file came through the browser: its folder goes with the session. */
+function isUpload() {
+  return /metrosep-ui-/.test(session.files[0] ?? "");
+}
+
+async function exportResult() {
+  if (!session.recipe) return;
+  const given = await askForm({
+    title: "Export the result", ok: "Run and write",
+    text: "Runs the recipe on the full data and writes its result into a folder.",
+    fields: [{ name: "path", label: "Folder", value: `${(session.files[0] ?? "").replace(/\.[^./\\]*$/, "")}_result` }],
+  });
+  if (given?.path) await exported("result", given.path);
+}
+
+async function exported(/** @type {string} */ what, /** @type {string} */ path, overwrite = false) {
+  el("status-link").textContent = what === "result" ? "running…" : "";
+  try {
+    const { header } = await wire.ask("export", { what, path, overwrite });
+    clearAlerts();
+    el("status-link").textContent = `written: ${header.files.map((/** @type {string} */ f) => f.split(/[\\/]/).pop()).join(", ")}`;
+    el("status-link").title = header.files.join("\n");
+  } catch (error) {
+    el("status-link").textContent = "";
+    if (error instanceof Refusal && /exists already/.test(error.message) && !overwrite) {
+      const sure = await askForm({ title: "Overwrite?", text: error.message, fields: [], ok: "Overwrite" });
+      if (sure) await exported(what, path, true);
+    } else {
+      fail(error);
+    }
+  }
+}
+
+async function hello() {
+  try {
+    const { header } = await wire.ask("hello");
+    schema = header.schema.steps;
+    version = header.version;
+    const other = String(header.session.files) !== String(session.files);
+    take(header.session, other);
+  } catch (error) {
+    fail(error);
+  }
+}
+
+// ---- wiring ------------------------------------------------------------------------------------
+
+wire.onState = (connected) => {
+  const link = el("status-link");
+  link.className = connected ? "" : "lost";
+  link.textContent = connected ? "" : wire.tries > 3
+    ? "no connection: is metrosep still running? After a new start open the address that it prints"
+    : "connection lost, trying again…";
+  if (connected) hello();
+};
+wire.onNews = (header) => {
+  if (header.ok === false) {
+    // The first file may not say its unit: its name begins the message and lies in the first folder.
+    if (header.error.ask) open(header.path ?? header.error.message.split(":")[0]);
+    else alertText(header.error.message);
+  } else if (header.session) {
+    take(header.session);
+  }
+};
+document.addEventListener("visibilitychange", () => {
+  if (!document.hidden && wire.connected) hello(); // another tab may have edited
+});
+
+for (const name of COLOUR_NAMES) el("colours").add(new Option(name, name));
+el("colours").value = views.map.get("colours");
+el("colours").addEventListener("change", () => views.colours(el("colours").value));
+el("shade").addEventListener("change", () => views.shade(el("shade").checked));
+for (const one of document.querySelectorAll("input[name=shown]")) {
+  one.addEventListener("change", () => views.profile.put({ shown: /** @type {HTMLInputElement} */ (one).value }));
+}
+const acts = {
+  open: choose, "open-empty": choose, undo: () => again("undo"), redo: () => again("redo"), save, export: exportResult,
+  recipe: () => showText("Recipe", session.recipe ?? ""), help: () => showHelp(KEYS, version),
+  fit: () => views.fit(), "profile-fit": () => views.fit(),
+  messages: () => showText("Messages", [...(session.messages ?? []), ...notes].join("\n\n")),
+};
+for (const [id, act] of Object.entries(acts)) el(id).addEventListener("click", act);
+listenToKeys({
+  z: acts.undo, "shift+z": acts.redo, "?": acts.help, o: choose, s: save, e: exportResult, f: acts.fit,
+  h: () => el("shade").click(),
+}, (panel) => {
+  const profile = session.kind === "profile";
+  const ids = ["panel-steps", profile ? "panel-profile" : "panel-map", profile ? "panel-profile" : "panel-section",
+    "panel-spectrum", "panel-metrics", "status"];
+  el(ids[panel - 1]).focus();
+});
+listenToDrops(receive);
+setInterval(drawSaved, 5000);
+wire.connect();

@@ -1,0 +1,148 @@
+// @ts-check
+// Dialogs: they wait for an answer and give the focus back. Errors stay until they are read.
+
+/** @typedef {Record<string, any>} Dict */
+
+/**
+ * @param {string} tag
+ * @param {Dict} properties
+ * @param {(Node | string)[]} children
+ */
+function make(tag, properties = {}, ...children) {
+  const el = /** @type {any} */ (Object.assign(document.createElement(tag), properties));
+  el.append(...children);
+  return el;
+}
+
+/**
+ * Ask for some values.
+ * @param {object} options
+ * @param {string} options.title
+ * @param {string} [options.text]
+ * @param {{ name: string, label: string, value?: string, hint?: string, choices?: string[] }[]} options.fields
+ * @param {string} options.ok
+ * @param {Node[]} [options.extra]
+ * @returns {Promise<Record<string, string> | null>} null: given up
+ */
+export function askForm({ title, text = "", fields, ok, extra = [] }) {
+  const inputs = fields.map(({ name, value = "", hint = "", choices }) => {
+    if (!choices?.length) return make("input", { name, value, placeholder: hint, spellcheck: false, autocomplete: "off" });
+    const list = `list-${name}`;
+    return make("span", {}, make("input", { name, value, placeholder: hint, spellcheck: false, style: "width:100%" }),
+      make("datalist", { id: list }, ...choices.map((one) => make("option", { value: one }))));
+  });
+  const labels = fields.map(({ label }, i) => make("label", {}, label, inputs[i]));
+  for (const label of labels) {
+    const list = label.querySelector("datalist");
+    if (list) label.querySelector("input").setAttribute("list", list.id);
+  }
+  const form = make("form", { method: "dialog" }, make("h2", { textContent: title }),
+    ...(text ? [make("p", { className: "ask", textContent: text })] : []), ...labels, ...extra,
+    make("div", { className: "buttons" }, make("button", { type: "button", textContent: "Cancel", value: "no" }),
+      make("button", { className: "main", textContent: ok, value: "yes" })));
+  return shown(form, "", (dialog) => {
+    form.querySelector("[value=no]").addEventListener("click", () => dialog.close(""));
+    form.querySelector("input")?.select();
+  }).then((answer) => (answer === "yes"
+    ? Object.fromEntries(fields.map(({ name }) => [name, form.querySelector(`[name="${name}"]`).value.trim()]))
+    : null));
+}
+
+/**
+ * @param {HTMLElement} form
+ * @param {string} className
+ * @param {(dialog: HTMLDialogElement) => void} [ready]
+ * @returns {Promise<string>}
+ */
+function shown(form, className, ready) {
+  const dialog = /** @type {HTMLDialogElement} */ (make("dialog", { className }, form));
+  document.body.append(dialog);
+  const title = form.querySelector("h2");
+  if (title) dialog.setAttribute("aria-label", title.textContent ?? "");
+  dialog.showModal();
+  ready?.(dialog);
+  return new Promise((resolve) => {
+    dialog.addEventListener("close", () => {
+      dialog.remove();
+      resolve(dialog.returnValue);
+    });
+  });
+}
+
+/**
+ * Choose a file: a path on this computer, or one that is handed over by the browser.
+ * @param {string} path shown to begin with
+ * @returns {Promise<{ path?: string, file?: File } | null>}
+ */
+export async function askFile(path) {
+  /** @type {File | null} */
+  let chosen = null;
+  const picker = make("input", { type: "file" });
+  const label = make("label", {}, "or choose one; a copy is worked on", picker);
+  picker.addEventListener("change", () => {
+    chosen = picker.files?.[0] ?? null;
+    if (chosen) picker.closest("dialog")?.close("file");
+  });
+  const promise = askForm({
+    title: "Open a measurement or a recipe",
+    fields: [{ name: "path", label: "File on this computer, inside the folders that metrosep was started with", value: path }],
+    ok: "Open",
+    extra: [label],
+  });
+  const given = await promise;
+  if (chosen) return { file: chosen };
+  return given?.path ? { path: given.path } : null;
+}
+
+/**
+ * Hand a text over as a download.
+ * @param {string} text
+ * @param {string} name of the file
+ */
+export function download(text, name) {
+  const link = make("a", { href: URL.createObjectURL(new Blob([text], { type: "application/toml" })), download: name });
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 10000);
+}
+
+/**
+ * Show a text that may be long.
+ * @param {string} title
+ * @param {string} text
+ */
+export function showText(title, text) {
+  const pre = make("pre", { textContent: text, tabIndex: 0 });
+  return shown(make("form", { method: "dialog" }, make("h2", { textContent: title }), pre,
+    make("div", { className: "buttons" }, make("button", { className: "main", textContent: "Close" }))), "wide");
+}
+
+/**
+ * Show the keys.
+ * @param {[string, string][]} keys
+ * @param {string} version
+ */
+export function showHelp(keys, version) {
+  const list = make("dl", { className: "keys" }, ...keys.flatMap(([key, what]) =>
+    [make("dt", {}, ...key.split(" ").map((one) => make("kbd", { textContent: one }))), make("dd", { textContent: what })]));
+  return shown(make("form", { method: "dialog" }, make("h2", { textContent: "Keys" }), list,
+    make("p", { className: "soft", textContent: `metrosep ${version}` }),
+    make("div", { className: "buttons" }, make("button", { className: "main", textContent: "Close" }))), "");
+}
+
+/**
+ * Show an error at the top of the page until it is read.
+ * @param {string} text of the server
+ */
+export function alertText(text) {
+  const place = document.getElementById("alerts");
+  if (!place || [...place.querySelectorAll("p")].some((p) => p.textContent === text)) return;
+  const close = make("button", { type: "button", className: "small", textContent: "Close" });
+  const el = make("div", { className: "alert" }, make("p", { textContent: text }), close);
+  close.addEventListener("click", () => el.remove());
+  place.append(el);
+}
+
+/** Take errors away: what was wrong has been put right. */
+export function clearAlerts() {
+  document.getElementById("alerts")?.replaceChildren();
+}

@@ -1,0 +1,117 @@
+// @ts-check
+// Numbers for people: SI prefixes, a thin space before the unit, a point as decimal sign. Nothing
+// here asks the locale of the browser: 1000 is never "1,000".
+
+const THIN = "\u2009";
+const MINUS = "\u2212";
+const SUPER = "⁰¹²³⁴⁵⁶⁷⁸⁹";
+
+/** Units that take a prefix. */
+const SCALED = new Set(["m", "rad", "s", "Hz", "V", "m/s", "N", "px"]);
+/** @type {[number, string][]} */
+const PREFIXES = [
+  [1e-15, "f"], [1e-12, "p"], [1e-9, "n"], [1e-6, "µ"], [1e-3, "m"], [1, ""], [1e3, "k"], [1e6, "M"],
+];
+
+/**
+ * Return a plain number with a real minus sign.
+ * @param {string} text
+ */
+function signed(text) {
+  return text.replace(/^-/, MINUS);
+}
+
+/**
+ * Return digits of a number without a unit.
+ * @param {number} value
+ * @param {number} [digits] significant ones
+ * @returns {string}
+ */
+export function plain(value, digits = 4) {
+  if (!Number.isFinite(value)) return "–";
+  if (value === 0) return "0";
+  const size = Math.abs(value);
+  if (size >= 1e-3 && size < 1e6) {
+    const text = value.toPrecision(digits);
+    return signed(text.includes("e") ? String(Number(text)) : text);
+  }
+  const [mantissa, power] = value.toExponential(digits - 1).split("e");
+  const raised = power.replace("+", "").replace(/\d/g, (d) => SUPER[Number(d)]).replace("-", "⁻");
+  return `${signed(mantissa)}${THIN}×${THIN}10${raised}`;
+}
+
+/**
+ * Return the factor and name of the prefix that suits a size.
+ * @param {number} size
+ * @param {string} unit
+ * @returns {[number, string]}
+ */
+export function scaleFor(size, unit) {
+  if (unit === "px" || !SCALED.has(unit)) return [1, unit];
+  const value = Math.abs(size);
+  if (!(value > 0) || !Number.isFinite(value)) return [1, unit];
+  let found = PREFIXES[0];
+  for (const entry of PREFIXES) if (value * (1 + 5e-5) >= entry[0]) found = entry;
+  if (unit === "rad" && found[0] > 1) found = [1, ""];
+  return [found[0], found[1] + unit];
+}
+
+/**
+ * Return a value with its unit, such as "9.130 nm".
+ * @param {number | null | undefined} value
+ * @param {string} [unit]
+ * @param {number} [digits]
+ * @returns {string}
+ */
+export function si(value, unit = "m", digits = 4) {
+  if (value === null || value === undefined || !Number.isFinite(value)) return "–";
+  if (value === 0) return unit === "1" || unit === "" ? "0" : `0${THIN}${unit}`;
+  const [factor, name] = scaleFor(value, unit);
+  const text = plain(value / factor, digits);
+  return name === "1" || name === "" ? text : `${text}${THIN}${powers(name)}`;
+}
+
+/**
+ * Return a unit with raised powers: m^2 becomes m².
+ * @param {string} unit
+ */
+export function powers(unit) {
+  return unit.replace(/\^(-?\d+)/g, (_, n) => n.replace(/\d/g, (/** @type {string} */ d) => SUPER[Number(d)]).replace("-", "⁻"));
+}
+
+/**
+ * Return labels of ticks, one unit for the axis if all are near each other.
+ * @param {(number | null)[]} splits
+ * @param {number} factor
+ * @returns {string[]}
+ */
+export function ticks(splits, factor) {
+  const values = splits.map((v) => (v === null ? NaN : v / factor));
+  const finite = values.filter(Number.isFinite);
+  const gap = finite.length > 1 ? Math.abs(finite[1] - finite[0]) : 1;
+  const decimals = Math.max(0, Math.min(6, -Math.floor(Math.log10(gap || 1) + 1e-9)));
+  return values.map((v) => (Number.isFinite(v) ? signed((Math.abs(v) < gap * 1e-6 ? 0 : v).toFixed(decimals)) : ""));
+}
+
+/**
+ * Return the label of a tick of a logarithmic axis: "50 µm".
+ * @param {number | null} value
+ * @param {string} [unit]
+ */
+export function logTick(value, unit = "m") {
+  if (value === null || !(value > 0)) return "";
+  const [factor, name] = scaleFor(value, unit);
+  return `${signed(String(Number((value / factor).toPrecision(3))))}${THIN}${name}`;
+}
+
+/**
+ * Return how long ago a moment was.
+ * @param {number | null | undefined} seconds since 1970
+ */
+export function ago(seconds) {
+  if (!seconds) return "not yet saved";
+  const passed = Math.max(0, Date.now() / 1000 - seconds);
+  if (passed < 60) return `saved ${Math.round(passed)}${THIN}s ago`;
+  if (passed < 3600) return `saved ${Math.round(passed / 60)}${THIN}min ago`;
+  return `saved ${Math.round(passed / 3600)}${THIN}h ago`;
+}

@@ -1,0 +1,40 @@
+// @ts-check
+// Keys of the page. They rest while somebody types or a dialog is open.
+
+/** @type {[string, string][]} */
+export const KEYS = [
+  ["1 2 3 4 5 6", "steps, map or profile, section, spectrum, metrics, status"],
+  ["Tab", "to the next control or handle"],
+  ["← → ↑ ↓", "move the focused handle by 1 pixel, with Shift by 10; pan the focused map"],
+  ["+ -", "zoom the focused map; also the wheel"],
+  ["F", "show all of the map or profile"],
+  ["H", "hill-shade"],
+  ["Z", "undo; with Shift redo"],
+  ["O", "open"],
+  ["S", "save the recipe"],
+  ["E", "export the result"],
+  ["Esc", "leave a field without a change, close a dialog"],
+  ["?", "this help"],
+];
+
+/**
+ * Listen to keys.
+ * @param {Record<string, () => void>} acts by key; Shift+Z is "shift+z"
+ * @param {(panel: number) => void} goTo
+ */
+export function listenToKeys(acts, goTo) {
+  document.addEventListener("keydown", (event) => {
+    const target = /** @type {HTMLElement} */ (event.target);
+    if (event.defaultPrevented || event.altKey || document.querySelector("dialog[open]")) return;
+    const control = event.ctrlKey || event.metaKey;
+    const typing = target.matches("input:not([type=checkbox]):not([type=radio]), textarea, select");
+    if (typing) return;
+    const key = event.key.toLowerCase();
+    const name = event.shiftKey && key === "z" ? "shift+z" : key;
+    if (control && key !== "z") return;
+    if (!control && /^[1-6]$/.test(key)) goTo(Number(key));
+    else if (name in acts) acts[name]();
+    else return;
+    event.preventDefault();
+  });
+}

@@ -1,0 +1,197 @@
+// @ts-check
+// Lines by uPlot with what a measurement needs: gaps stay gaps, axes in SI units, colours of the page,
+// upright handles on the x axis.
+
+import { logTick, scaleFor, ticks } from "./format.js";
+import { makeHandle } from "./handles.js";
+import Lines from "./vendor/uPlot.esm.js";
+
+/** @type {any} */
+const uPlot = Lines;
+
+/** @typedef {import("./handles.js").Grip} Grip */
+
+/**
+ * Return a colour of the page.
+ * @param {string} name of a custom property
+ */
+export function ink(name) {
+  return getComputedStyle(document.documentElement).getPropertyValue(name).trim() || "#888";
+}
+
+/**
+ * Return plain values with null where nothing was measured: uPlot draws straight through NaN.
+ * @param {ArrayLike<number> | null | undefined} values
+ * @param {boolean} [positive] also drop what a logarithm cannot show
+ * @param {boolean} [reversed]
+ * @returns {(number | null)[]}
+ */
+export function gapped(values, positive = false, reversed = false) {
+  if (!values) return [];
+  const n = values.length;
+  const out = new Array(n);
+  for (let i = 0; i < n; i += 1) {
+    const v = values[reversed ? n - 1 - i : i];
+    out[i] = Number.isNaN(v) || (positive && !(v > 0)) ? null : v;
+  }
+  return out;
+}
+
+/**
+ * @typedef {object} Plot
+ * @property {any} u the uPlot
+ * @property {(data: any[][]) => void} put
+ * @property {() => void} redraw
+ * @property {() => void} destroy
+ */
+
+/**
+ * Return a plot that fills its element.
+ * @param {HTMLElement} el
+ * @param {object} options
+ * @param {any[]} options.series as uPlot has them, without the first
+ * @param {any[]} [options.bands]
+ * @param {boolean} [options.log] both axes logarithmic
+ * @param {() => string} [options.xUnit]
+ * @param {() => string} [options.yUnit]
+ * @param {string} options.title for screen readers
+ * @param {(u: any) => void} [options.behind] draws under the lines
+ * @param {(u: any) => void} [options.placed] after each drawing: places handles
+ * @param {(u: any) => void} [options.pointed] the pointer moved; u.cursor.idx
+ * @param {(low: number, high: number) => void} [options.zoomed] a part was marked
+ * @param {() => void} [options.whole] double click
+ * @returns {Plot}
+ */
+export function makePlot(el, options) {
+  const { series, bands = [], log = false, title } = options;
+  const xUnit = options.xUnit ?? (() => "m");
+  const yUnit = options.yUnit ?? (() => "m");
+  const corner = document.createElement("div");
+  corner.className = "plot-unit";
+  const foot = document.createElement("div");
+  foot.className = "plot-unit plot-unit-x";
+  const holder = document.createElement("div");
+  holder.className = "plot-holder";
+  holder.setAttribute("role", "img");
+  holder.setAttribute("aria-label", title);
+  el.append(holder, corner, foot);
+
+  const font = "12px system-ui, sans-serif";
+  const axis = (/** @type {any} */ more) => ({
+    stroke: () => ink("--soft"), font, grid: { stroke: () => ink("--grid"), width: 1 },
+    ticks: { stroke: () => ink("--grid"), width: 1, size: 5 }, ...more,
+  });
+  const linear = (/** @type {HTMLElement} */ label, /** @type {string} */ key, /** @type {() => string} */ unit) =>
+    (/** @type {any} */ u, /** @type {number[]} */ splits) => {
+      const { min, max } = u.scales[key];
+      const [factor, name] = scaleFor(Math.max(Math.abs(min ?? 0), Math.abs(max ?? 0)), unit());
+      label.textContent = name;
+      return ticks(splits, factor);
+    };
+  const logarithmic = (/** @type {() => string} */ unit) =>
+    (/** @type {any} */ _, /** @type {(number | null)[]} */ splits) => splits.map((v) => logTick(v, unit()));
+  // Ticks 1 to 9 of each decade; those with labels stand as close as `room` pixels for a decade allow.
+  const decimal = (/** @type {number} */ room) => ({
+    splits(/** @type {any} */ _, /** @type {number} */ __, /** @type {number} */ min, /** @type {number} */ max) {
+      const out = [];
+      for (let k = Math.floor(Math.log10(min)); 10 ** k <= max; k += 1) {
+        for (let d = 1; d < 10; d += 1) {
+          const v = Number(`${d}e${k}`);
+          if (v >= min * (1 - 1e-9) && v <= max * (1 + 1e-9)) out.push(v);
+        }
+      }
+      return out;
+    },
+    filter(/** @type {any} */ self, /** @type {number[]} */ splits, /** @type {number} */ index) {
+      const { min, max } = self.scales[index === 0 ? "x" : "y"];
+      const side = index === 0 ? self.over.clientWidth : self.over.clientHeight;
+      const each = side / Math.max(0.3, Math.log10(max / min));
+      const digits = each > room ? [1, 2, 5] : [1];
+      return splits.map((v) => (digits.includes(Number(v.toExponential()[0])) ? v : null));
+    },
+  });
+  const decades = (/** @type {any} */ u, /** @type {number} */ min, /** @type {number} */ max) => {
+    if (!(min > 0) || !(max > 0)) return [1, 10];
+    return min === max ? [min / 3, max * 3] : [min, max];
+  };
+
+  const u = new uPlot({
+    width: 300, height: 150, legend: { show: false }, padding: [24, 24, 0, 0],
+    cursor: {
+      drag: { x: Boolean(options.zoomed), y: false, setScale: false, dist: 6 },
+      points: { show: false }, bind: { dblclick: () => () => (options.whole?.(), null) },
+    },
+    scales: log
+      ? { x: { time: false, distr: 3, range: decades }, y: { distr: 3, range: (/** @type {any} */ _u, /** @type {number} */ a, /** @type {number} */ b) => decades(_u, a / 1.5, b * 1.5) } }
+      : { x: { time: false, range: (/** @type {any} */ _u, /** @type {number} */ a, /** @type {number} */ b) => (a === b ? [a - 1, b + 1] : [a, b]) } },
+    axes: log
+      ? [axis({ values: logarithmic(xUnit), size: 34, ...decimal(150) }), axis({ values: logarithmic(yUnit), size: 62, ...decimal(60) })]
+      : [axis({ values: linear(foot, "x", xUnit), size: 34, space: 60 }), axis({ values: linear(corner, "y", yUnit), size: 56, space: 30 })],
+    series: [{}, ...series.map((one) => ({ points: { show: false }, spanGaps: false, ...one }))],
+    bands,
+    hooks: {
+      drawClear: [(/** @type {any} */ self) => options.behind?.(self)],
+      draw: [(/** @type {any} */ self) => options.placed?.(self)],
+      setCursor: [(/** @type {any} */ self) => options.pointed?.(self)],
+      setSelect: [(/** @type {any} */ self) => {
+        const { left, width } = self.select;
+        if (width < 4 || !options.zoomed) return;
+        const ends = [self.posToVal(left, "x"), self.posToVal(left + width, "x")];
+        self.setSelect({ left: 0, width: 0, top: 0, height: 0 }, false);
+        options.zoomed(ends[0], ends[1]);
+      }],
+    },
+  }, [[], ...series.map(() => [])], holder);
+
+  const watcher = new ResizeObserver(() => {
+    const box = holder.getBoundingClientRect();
+    if (box.width > 40 && box.height > 40) u.setSize({ width: Math.floor(box.width), height: Math.floor(box.height) });
+  });
+  watcher.observe(holder);
+  const scheme = matchMedia("(prefers-color-scheme: dark)");
+  const recolour = () => u.redraw(false, true);
+  scheme.addEventListener("change", recolour);
+  return {
+    u,
+    put: (data) => u.setData(data),
+    redraw: () => u.redraw(false, false),
+    destroy() {
+      watcher.disconnect();
+      scheme.removeEventListener("change", recolour);
+      u.destroy();
+    },
+  };
+}
+
+/**
+ * Return an upright handle on a plot.
+ * @param {any} u
+ * @param {object} options
+ * @param {string} options.label
+ * @param {string} [options.text]
+ * @param {() => number} options.value where it stands
+ * @param {(value: number) => void} options.put
+ * @param {(held: boolean) => void} [options.held]
+ * @returns {Grip & { follow: (words: string) => void }}
+ */
+export function uprightHandle(u, { label, text, value, put, held }) {
+  const within = (/** @type {number} */ x) => Math.max(0, Math.min(u.over.clientWidth, x));
+  const grip = makeHandle(u.over, {
+    label, text, kind: "upright", held,
+    moved: (x) => put(u.posToVal(within(x), "x")),
+    stepped: (dx, dy) => put(u.posToVal(within(u.valToPos(value(), "x") + dx - dy), "x")),
+    ended: (end) => put(end === "Home" ? u.scales.x.min : u.scales.x.max),
+  });
+  grip.el.addEventListener("mousedown", (event) => event.stopPropagation());
+  return {
+    ...grip,
+    follow(words) {
+      const x = u.valToPos(value(), "x");
+      const shown = Number.isFinite(x) && u.data[0].length > 0;
+      grip.show(shown);
+      if (!shown) return;
+      grip.place(within(x), 0);
+      grip.describe(words);
+    },
+  };
+}

@@ -1,0 +1,202 @@
+// @ts-check
+// The pictures of the page: models of the widgets, and what they ask the server for.
+
+import colourbarWidget from "./colourbar.js";
+import { si } from "./format.js";
+import mapWidget from "./map.js";
+import profileWidget from "./profile.js";
+import sectionWidget from "./section.js";
+import spectrumWidget from "./spectrum.js";
+import { makeModel, Refusal, Superseded } from "./wire.js";
+
+/** @typedef {import("./ladder.js").Level} Level */
+/** @typedef {Record<string, any>} Dict */
+
+/**
+ * Return the pictures.
+ * @param {object} options
+ * @param {import("./wire.js").Wire} options.wire
+ * @param {() => Level} options.level
+ * @param {() => number} options.stage
+ * @param {() => string} options.kind
+ * @param {(error: unknown) => void} options.failed
+ */
+export function makeViews({ wire, level, stage, kind, failed }) {
+  const el = (/** @type {string} */ id) => /** @type {HTMLElement} */ (document.getElementById(id));
+  let shade = false;
+  let placed = false;
+  const counts = { section: 0, spectrum: 0, map: 0 };
+  const counted = (/** @type {"section" | "spectrum" | "map"} */ what) => {
+    counts[what] += 1;
+    document.body.dataset[`${what}s`] = String(counts[what]);
+  };
+
+  const map = makeModel({ colours: localStorage.getItem("colours") ?? "viridis" }, (changes) => {
+    if ("view" in changes || "limits" in changes) askMap();
+    if ("a" in changes || "b" in changes) {
+      askSection();
+      askSpectrum();
+    }
+  });
+  const section = makeModel({ cursors: [0.25, 0.75] });
+  const spectrum = makeModel({ band: null }, (changes) => {
+    if ("band" in changes) askSpectrum();
+  });
+  const profile = makeModel({ shown: "residual", window: null }, (changes) => {
+    if ("window" in changes) askProfile();
+  });
+  mapWidget.render({ model: map, el: el("map") });
+  colourbarWidget.render({ model: map, el: el("colourbar") });
+  sectionWidget.render({ model: section, el: el("section") });
+  spectrumWidget.render({ model: spectrum, el: el("spectrum") });
+  profileWidget.render({ model: profile, el: el("profile") });
+
+  /** Errors of a picture are shown in it; the rest of the page goes on. */
+  function refused(/** @type {unknown} */ error, /** @type {(text: string) => void} */ show) {
+    if (error instanceof Superseded) return;
+    if (error instanceof Refusal) show(error.message);
+    else failed(error);
+  }
+
+  async function askMap(/** @type {Level} */ at = level()) {
+    if (kind() !== "map") return;
+    const view = map.get("view");
+    const message = el("map-message");
+    try {
+      const { header, arrays } = await wire.ask("map", {
+        stage: stage(), level: at, window: placed ? view?.window ?? null : null,
+        pixels: view?.pixels ?? [512, 512], range: map.get("limits") ?? null, shade,
+      }, at === "full" && level() !== "full" ? "map full" : "map");
+      message.hidden = true;
+      const first = !placed;
+      placed = true;
+      if (first) beginSection(header.extent);
+      map.put({
+        shape: arrays.index.shape, window: header.window, unit: header.unit, range: header.range,
+        ...(map.get("limits") ? {} : { auto_range: header.range }),
+        shade: arrays.shade ?? null, index: arrays.index, is_preview: header.is_preview, coverage: header.coverage,
+      });
+      if (String(map.get("extent")) !== String(header.extent)) map.put({ extent: header.extent });
+      counted("map");
+    } catch (error) {
+      refused(error, (text) => {
+        message.textContent = text;
+        message.hidden = false;
+        map.put({ index: null, shape: null, range: null, auto_range: null });
+      });
+    }
+  }
+
+  function beginSection(/** @type {number[]} */ [x0, y0, x1, y1]) {
+    const y = (y0 + y1) / 2;
+    map.put({ a: [x0 + 0.08 * (x1 - x0), y], b: [x1 - 0.08 * (x1 - x0), y] });
+    askSection();
+    askSpectrum();
+  }
+
+  async function askSection(/** @type {Level} */ at = level()) {
+    if (kind() !== "map" || !map.get("a")) return;
+    try {
+      const { header, arrays } = await wire.ask("section", {
+        stage: stage(), level: at, a: map.get("a"), b: map.get("b"), columns: Math.max(100, el("section").clientWidth - 70),
+      });
+      section.put({
+        low: arrays.low, high: arrays.high, length: header.length, pv: header.pv, sq: header.sq, unit: header.unit,
+        share_valid: header.share_valid, is_preview: header.is_preview, message: "", distance: arrays.distance,
+      });
+      const share = header.share_valid < 1 ? `, ${(100 * header.share_valid).toFixed(1)}\u2009% measured` : "";
+      el("section-of").textContent = `${si(header.length, header.unit)}${share}`;
+      counted("section");
+    } catch (error) {
+      refused(error, (text) => section.put({ low: null, high: null, length: null, message: text, distance: null }));
+    }
+  }
+
+  async function askSpectrum(/** @type {Level} */ at = level()) {
+    const of = kind();
+    if (of !== "profile" && !map.get("a")) return;
+    try {
+      const { header, arrays } = await wire.ask("spectrum", {
+        stage: stage(), level: at, of: of === "profile" ? "profile" : "section",
+        a: map.get("a") ?? null, b: map.get("b") ?? null, band: spectrum.get("band"),
+      });
+      spectrum.put({
+        amplitude: arrays.amplitude, low: arrays.low ?? null, high: arrays.high ?? null, selected: arrays.selected ?? null,
+        outside: header.outside, notes: header.messages, is_preview: header.is_preview, message: "",
+      });
+      spectrum.put({ inside: header.inside, wavelength: arrays.wavelength });
+      if (!spectrum.get("band")) beginBand(arrays.wavelength);
+      el("spectrum-of").textContent = header.messages?.length ? header.messages.join("; ") : of === "profile" ? "of the profile" : "of the section";
+      counted("spectrum");
+    } catch (error) {
+      refused(error, (text) => spectrum.put({ wavelength: null, amplitude: null, message: text }));
+    }
+  }
+
+  /** The band begins with the middle third, so that RMS inside and outside belong to it at once. */
+  function beginBand(/** @type {Float64Array} */ wavelength) {
+    const n = wavelength?.length ?? 0;
+    if (n < 2) return;
+    const [long, short] = [Math.log(wavelength[0]), Math.log(wavelength[n - 1])];
+    spectrum.set("band", [Math.exp(short + (long - short) / 3), Math.exp(short + (2 * (long - short)) / 3)]);
+    spectrum.save_changes();
+  }
+
+  async function askProfile(/** @type {Level} */ at = level()) {
+    if (kind() !== "profile") return;
+    try {
+      const { header, arrays } = await wire.ask("profile", {
+        stage: stage(), level: at, series: ["measured", "residual"], window: profile.get("window"),
+        columns: Math.max(200, el("profile").clientWidth - 70),
+      });
+      const one = (/** @type {string} */ name) => ({ x: arrays[`${name}_x`], low: arrays[`${name}_low`], high: arrays[`${name}_high`] });
+      profile.put({ is_preview: header.is_preview, message: "", series: { measured: one("measured"), residual: one("residual") } });
+    } catch (error) {
+      refused(error, (text) => profile.put({ series: {}, message: text }));
+    }
+  }
+
+  return {
+    map, section, spectrum, profile,
+    /** @param {Level} [at] */
+    show(at) {
+      askMap(at);
+      askSection(at);
+      askSpectrum(at);
+      askProfile(at);
+    },
+    /** Another file: begin anew. */
+    reset() {
+      placed = false;
+      map.put({ index: null, shape: null, extent: null, limits: null, auto_range: null, a: null, b: null, view: map.get("view") });
+      section.put({ distance: null, length: null, message: "" });
+      spectrum.put({ wavelength: null, band: null, message: "" });
+      profile.put({ series: {}, window: null, message: "" });
+    },
+    /** Another stage is shown: its heights have another range. */
+    newRange() {
+      map.put({ limits: null });
+    },
+    fit() {
+      if (kind() === "map") map.put({ fit: 1 });
+      else profile.set("window", null), profile.save_changes();
+    },
+    /** @param {boolean} on */
+    shade(on) {
+      shade = on;
+      askMap();
+    },
+    /** @param {string} name */
+    colours(name) {
+      localStorage.setItem("colours", name);
+      map.put({ colours: name });
+    },
+    /** Largest side of what was measured, m. */
+    size() {
+      const extent = map.get("extent");
+      if (extent) return Math.min(extent[2] - extent[0], extent[3] - extent[1]);
+      const x = profile.get("series")?.measured?.x;
+      return x?.length ? x[x.length - 1] - x[0] : 0;
+    },
+  };
+}
