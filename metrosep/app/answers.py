@@ -275,7 +275,9 @@ class Answers:
         elif not outcome.is_preview and document.recipe.checks:
             try:
                 judged = judge_measurement(document.recipe, measured)
-            except MetrosepError as exc:  # a limit of what is not there: the numbers are still shown
+            except (
+                MetrosepError
+            ) as exc:  # a limit of what is not there: the numbers are still shown
                 header["refused"] = str(exc)
             else:
                 header["verdict"] = judged["verdict"]
