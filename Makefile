@@ -4,6 +4,7 @@
 #   make check            lint, format, types, layers, docstrings, documentation
 #   make test-controller  the table on a real LinuxCNC (skipped by name where it cannot be installed)
 #   make test-clients     files against other makers' clients (mecode, PIPython), likewise
+#   make test-browser     the workbench in headless Chromium (skipped by name where there is none)
 #   make docs | bench | constraints | clean
 # Another interpreter: make PYTHON=python3.12 test
 
@@ -25,7 +26,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 export MKL_NUM_THREADS ?= 1
 
 .DELETE_ON_ERROR:
-.PHONY: help install groups demo test test-slow test-controller test-clients check lint docs bench constraints clean
+.PHONY: help install groups demo test test-slow test-controller test-clients test-browser check lint docs bench constraints clean
 
 help:
 	@sed -n 's/^#   //p' Makefile
@@ -73,7 +74,7 @@ test: $(VENV)/.installed-test
 # ---- what a developer calls --------------------------------------------------------------------
 
 test-slow: $(VENV)/.installed-test
-	$(PYTEST) -m "(slow or peer) and not controller" $(PYTEST_FLAGS)
+	$(PYTEST) -m "(slow or peer) and not controller and not browser" $(PYTEST_FLAGS)
 
 # install.sh ends with 75 where the package cannot be had; everything else is a failure.
 test-controller: $(VENV)/.installed-test
@@ -100,6 +101,12 @@ test-clients: $(VENV)/.installed-test
 	    echo "SKIPPED clients: mecode and PIPython cannot be installed here"; exit 0; \
 	fi; \
 	PYTHONPATH=$(CLIENTS) $(PYTEST) -m peer tests/acceptance/mecode tests/acceptance/pi $(PYTEST_FLAGS)
+
+test-browser: $(VENV)/.installed-test
+	@if ! $(BIN)/python tools/chromium.py; then \
+	    echo "SKIPPED browser: no Chromium is installed (Debian: apt-get install chromium)"; exit 0; \
+	fi; \
+	$(PYTEST) -m browser tests/browser $(PYTEST_FLAGS)
 
 check: lint docs
 

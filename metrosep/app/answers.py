@@ -63,6 +63,7 @@ class Answers:
         self._pyramids: dict[int, tuple[Surface, MapPyramid]] = {}
         self._extremes: dict[int, tuple[Profile, Extremes]] = {}
         self._transform: Any = None
+        self._moved: dict[int, tuple[Surface, Surface]] = {}
 
     def answer(self, message: Message, cancel: Cancel = _never) -> Answer:
         """Return the answer to a request.
@@ -135,7 +136,19 @@ class Answers:
         stage = message.get("stage", -1)
         if isinstance(stage, bool) or not isinstance(stage, int):
             raise DataError(f"stage is the number of a step, got {stage!r}")
-        return outcome, outcome.after(stage)
+        obj = outcome.after(stage)
+        if isinstance(obj, Surface) and outcome.shift != (0.0, 0.0):
+            obj = self._placed(obj, outcome.shift)
+        return outcome, obj
+
+    def _placed(self, obj: Surface, shift: tuple[float, float]) -> Surface:
+        """Return a preview where the map itself lies: its cells begin half a cell later."""
+        if id(obj) not in self._moved:
+            if len(self._moved) > 16:
+                self._moved.clear()
+            place = (obj.origin[0] + shift[0], obj.origin[1] + shift[1])
+            self._moved[id(obj)] = (obj, Surface(obj.z, obj.dx, obj.dy, origin=place))
+        return self._moved[id(obj)][1]
 
     def _map(self, message: Message, cancel: Cancel) -> Answer:
         outcome, obj = self._stage(message, cancel)
@@ -275,9 +288,8 @@ class Answers:
         elif not outcome.is_preview and document.recipe.checks:
             try:
                 judged = judge_measurement(document.recipe, measured)
-            except (
-                MetrosepError
-            ) as exc:  # a limit of what is not there: the numbers are still shown
+            except MetrosepError as exc:
+                # a limit of what is not there: the numbers are still shown
                 header["refused"] = str(exc)
             else:
                 header["verdict"] = judged["verdict"]

@@ -45,6 +45,9 @@ class Outcome:
         Why.
     is_preview : bool
         Whether it is of a coarse copy.
+    shift : tuple of (float, float), m
+        What is to be added to positions of a preview: the middle of its first cell, where the map
+        has no origin of its own.
     """
 
     source: Surface | Profile
@@ -52,6 +55,7 @@ class Outcome:
     failed: int | None = None
     error: MetrosepError | None = None
     is_preview: bool = False
+    shift: tuple[float, float] = (0.0, 0.0)
 
     def after(self, stage: int) -> Surface | Profile:
         """Return the measurement after a step.
@@ -146,6 +150,11 @@ class Evaluations:
         made = self._sources[level]
         return made, made is not obj
 
+    def _shift(self, source: Surface | Profile) -> tuple[float, float]:
+        if not isinstance(source, Surface) or not isinstance(self.obj, Surface):
+            return 0.0, 0.0
+        return _shift_of(self.obj, source) if self.obj.origin == (0.0, 0.0) else (0.0, 0.0)
+
     def outcome(
         self,
         steps: Sequence[Mapping[str, Any]],
@@ -182,6 +191,7 @@ class Evaluations:
         from metrosep.recipe.pipeline import CancelledError
 
         source, is_preview = self.source(level)
+        shift = self._shift(source) if is_preview else (0.0, 0.0)
         name = level if is_preview else "full"
         keys = [_key(step) for step in steps]
         with self._busy[name]:
@@ -197,10 +207,16 @@ class Evaluations:
                 except CancelledError:
                     raise
                 except MetrosepError as exc:
-                    return Outcome(source, tuple(kept.stages), i, exc, is_preview)
+                    return Outcome(source, tuple(kept.stages), i, exc, is_preview, shift)
                 kept.keys.append(keys[i])
                 kept.stages.append(stage)
-            return Outcome(source, tuple(kept.stages), is_preview=is_preview)
+            return Outcome(source, tuple(kept.stages), is_preview=is_preview, shift=shift)
+
+
+def _shift_of(obj: Surface, coarse: Surface) -> tuple[float, float]:
+    steps = ((obj.dx, coarse.dx), (obj.dy, coarse.dy))
+    x, y = (0.0 if a is None or b is None else (b - a) / 2.0 for a, b in steps)
+    return x, y
 
 
 def _key(step: Mapping[str, Any]) -> str:
@@ -224,7 +240,10 @@ def _coarse(obj: Surface, pyramid: MapPyramid | None, side: int) -> Surface:
                 level.shown()[:rows, :columns],
                 None if obj.dx is None else obj.dx * level.factor[1],
                 None if obj.dy is None else obj.dy * level.factor[0],
-                origin=(float(level.x[0]), float(level.y[0])),
+                # a map without an origin has its forms about the middle: its preview too
+                origin=(0.0, 0.0)
+                if obj.origin == (0.0, 0.0)
+                else (float(level.x[0]), float(level.y[0])),
             )
     return obj
 

@@ -31,6 +31,11 @@ class Guard:
     token: str
     port: int
 
+    @property
+    def cookie(self) -> str:
+        """Name of the cookie: cookies are shared by all ports of a host."""
+        return f"{COOKIE}-{self.port}"
+
     def refusal(
         self, headers: Mapping[str, str], *, token: str | None, cookies: Mapping[str, str]
     ) -> str | None:
@@ -63,7 +68,7 @@ class Guard:
         origin = headers.get("origin")
         if origin is not None and origin not in {f"http://{n}:{self.port}" for n in _LOOPBACK}:
             return "the request comes from another site"
-        given = token if token is not None else cookies.get(COOKIE, "")
+        given = token if token is not None else cookies.get(self.cookie, "")
         if not hmac.compare_digest(given.encode(), self.token.encode()):
             return (
                 "the token is missing or of another start; open the address that metrosep printed"

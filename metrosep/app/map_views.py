@@ -143,7 +143,7 @@ def map_view(
     heights = _checked_limits(limits) if limits is not None else pyramid.robust_range
     return MapView(
         index=_frozen(_indices(z, heights)),
-        shade=_frozen(_hill_shade(z)) if shade else None,
+        shade=_frozen(_shaded(cells, rows, columns)) if shade else None,
         range=heights,
         window=box,
         scale=scale,
@@ -242,6 +242,25 @@ def _indices(z: FloatArray, heights: tuple[float, float] | None) -> ByteArray:
     if high > low:  # a level map has no range: all of it gets the middle index
         part = np.clip((np.where(valid, z, low) - low) / (high - low), 0.0, 1.0)
     return np.where(valid, np.rint(1.0 + _STEPS * part), 0.0).astype(np.uint8)
+
+
+def _shaded(cells: PyramidLevel, rows: NDArray[np.intp], columns: NDArray[np.intp]) -> ByteArray:
+    """Return the brightness of a picture: that of the cells under it, not of its own pixels.
+
+    Pixels that show one cell twice would have no slope there: a grid that is not on the part.
+    """
+    inside_y, inside_x = rows[rows >= 0], columns[columns >= 0]
+    out = np.zeros((rows.size, columns.size), dtype=np.uint8)
+    if inside_y.size == 0 or inside_x.size == 0:
+        return out
+    first_y, first_x = max(int(inside_y[0]) - 1, 0), max(int(inside_x[0]) - 1, 0)
+    last_y = min(int(inside_y[-1]) + 2, cells.y.size)
+    last_x = min(int(inside_x[-1]) + 2, cells.x.size)
+    z = cells.shown(np.arange(first_y, last_y), np.arange(first_x, last_x))
+    lit = _hill_shade(z[::-1])[::-1]
+    picked = lit[np.maximum(rows - first_y, 0)][:, np.maximum(columns - first_x, 0)]
+    shown = np.outer(rows >= 0, columns >= 0)
+    return np.where(shown, picked, 0).astype(np.uint8)[::-1]
 
 
 def _hill_shade(z: FloatArray) -> ByteArray:

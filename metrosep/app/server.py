@@ -21,7 +21,7 @@ from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from metrosep.app.answers import Answers
-from metrosep.app.guards import COOKIE, Guard
+from metrosep.app.guards import Guard
 from metrosep.app.places import Places
 from metrosep.app.sessions import Ask, Session
 from metrosep.app.wire import error_header, pack
@@ -93,7 +93,7 @@ def make_app(
         response.headers["Content-Security-Policy"] = _POLICY
         response.headers["Referrer-Policy"] = "no-referrer"
         response.headers["X-Content-Type-Options"] = "nosniff"
-        response.set_cookie(COOKIE, token, httponly=True, samesite="strict", path="/")
+        response.set_cookie(guard.cookie, token, httponly=True, samesite="strict", path="/")
         return response
 
     async def upload(request: Request) -> Response:
@@ -176,7 +176,11 @@ async def _received(request: Request, places: Places) -> Path:
 
 
 def _failed(error: MetrosepError, code_of: Any, number: Any, kind: Any) -> dict[str, Any]:
-    ask = {"name": error.name, "kind": "text"} if isinstance(error, Ask) else None
+    ask = (
+        {"name": error.name, "kind": "text", "path": error.path}
+        if isinstance(error, Ask)
+        else None
+    )
     return error_header(str(error), code=code_of(error), request=number, k=kind, ask=ask)
 
 

@@ -43,11 +43,13 @@ class Ask(DataError):  # noqa: N818
         As the command line would say it.
     name : str
         Option of the reader.
+    path : str
+        The file.
     """
 
-    def __init__(self, message: str, name: str) -> None:
+    def __init__(self, message: str, name: str, path: str) -> None:
         super().__init__(message)
-        self.name = name
+        self.name, self.path = name, path
 
 
 def autosave_path(file: Path) -> Path:
@@ -173,7 +175,7 @@ class Session:
                 f"{file.name}: too large for the memory of this computer; cut it, or open it elsewhere"
             ) from None
         except UnitError as exc:
-            raise Ask(str(exc), "unit") from None
+            raise Ask(str(exc), "unit", str(file)) from None
         except CorruptFileError:
             raise
         if isinstance(obj, Surface | Profile):
@@ -343,6 +345,7 @@ def _steps(document: RecipeDocument) -> list[dict[str, Any]]:
             "op": step["op"],
             "enabled": step.get("enabled", True),
             "keys": {k: v for k, v in step.items() if k not in ("op", "enabled")},
+            "stored": step,
         }
         for i, step in enumerate(_tables(document, "step"))
     ]

@@ -62,7 +62,9 @@ def ui(file: str | None, port: int, no_browser: bool, folders: tuple[str, ...]) 
         import webbrowser
 
         webbrowser.open(address)
-    settings = uvicorn.Config(app, log_level="warning", ws="websockets", server_header=False)
+    settings = uvicorn.Config(
+        app, log_level="warning", ws="websockets-sansio", server_header=False
+    )
     with contextlib.closing(listener):
         uvicorn.Server(settings).run(sockets=[listener])
     return 0

@@ -2,7 +2,7 @@
 
 At each point a polynomial of degree 0, 1 or 2 is fitted with weights g * delta; its value there is
 the mean line. g is the Gaussian of the cut-off and delta Tukey's biweight
-``(1 - (r/c)^2)^2`` for |r| < c, else 0, of the residual r, with ``c = 4.4478 ``median|r|````. That is
+``(1 - (r/c)^2)^2`` for ``|r| < c``, else 0, of the residual r, with ``c = 4.4478 median|r|``. That is
 repeated until c stands still.
 
 The width constant a in ``g = exp(-pi (x / (a Lc))^2)`` makes the transmission 1/2 at the cut-off:

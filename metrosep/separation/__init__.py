@@ -103,6 +103,9 @@ if TYPE_CHECKING:
         JointDrift as JointDrift,
         joint_drift as joint_drift,
     )
+    from metrosep.separation.joint_method import (
+        JointSeparation as JointSeparation,
+    )
     from metrosep.separation.lateral_shifts import (
         shift_rotation as shift_rotation,
     )
@@ -230,6 +233,9 @@ if TYPE_CHECKING:
         SpeedFit as SpeedFit,
         fit_values as fit_values,
     )
+    from metrosep.separation.speed_method import (
+        SpeedGrowth as SpeedGrowth,
+    )
     from metrosep.separation.speed_sweep import (
         SpeedSweep as SpeedSweep,
         fit_speed_sweep as fit_speed_sweep,
@@ -347,6 +353,7 @@ _HOMES = {
         "JointDrift",
         "joint_drift",
     ),
+    "joint_method": ("JointSeparation",),
     "lateral_shifts": ("shift_rotation",),
     "lattice_calibration": (
         "GridView",
@@ -457,6 +464,7 @@ _HOMES = {
         "SpeedFit",
         "fit_values",
     ),
+    "speed_method": ("SpeedGrowth",),
     "speed_sweep": (
         "SpeedSweep",
         "fit_speed_sweep",

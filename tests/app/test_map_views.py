@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
@@ -228,15 +226,3 @@ def test_coverage_is_the_valid_share():
 def test_bad_wishes(options, words):
     with pytest.raises(DataError, match=words):
         map_view(PYRAMID, **options)
-
-
-def test_a_view_is_quick():
-    z = np.random.default_rng(0).normal(size=(4096, 4096))
-    z[1000:1200] = np.nan
-    pyramid = build_pyramid(Surface(z, UM, UM))
-    elapsed = []
-    for k in range(12):
-        start = time.perf_counter()
-        map_view(pyramid, window=(k * UM, 0, 4096 * UM / (1 + k), 4096 * UM), shade=k % 2 == 0)
-        elapsed.append(time.perf_counter() - start)
-    assert sorted(elapsed)[6] < BUDGET_S * 2  # level "idle": up to 512 x 512 here

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 import pytest
 
@@ -160,13 +158,3 @@ def test_bad_sections(a, b, options, words):
         section_view(Surface(np.zeros((3, 3)), 1.0, 1.0), a, b, **options)
     with pytest.raises(DataError, match="through a Surface"):
         section_view(np.zeros((3, 3)), (0, 0), (1, 1))
-
-
-def test_forty_sections_of_a_large_map():
-    z = np.random.default_rng(0).normal(size=(4096, 4096))
-    z[100:400] = np.nan
-    surface = Surface(z, UM, UM)
-    start = time.perf_counter()
-    for k in range(40):
-        section_view(surface, (k * 1e-5, 0.0), (4.09 * MM, 4.09 * MM - k * 1e-5), columns=800)
-    assert time.perf_counter() - start < 0.5  # stated

@@ -582,7 +582,7 @@ def test_hundred_revolutions_are_quick():
         pytest.param(360, 20, 0.0, marks=pytest.mark.slow),
         (36, 20, 0.0),
         pytest.param(257, 31, 0.0, marks=pytest.mark.slow),
-        (90, 20, 1.0),
+        pytest.param(90, 20, 1.0, marks=pytest.mark.slow),
     ],
 )
 def test_total_scatters_as_stated(n, m, offset):

@@ -55,17 +55,18 @@ function fail(/** @type {unknown} */ error) {
 
 // ---- what is shown -----------------------------------------------------------------------------
 
-function show(/** @type {import("./ladder.js").Level} */ level) {
+async function show(/** @type {import("./ladder.js").Level} */ level) {
   if (!session.kind) return;
-  if (level === "full") full();
-  else {
-    views.show(level);
-    askMetrics(level).catch(fail);
+  if (level === "full") {
+    await full();
+  } else {
+    await views.show(level); // the picture first
+    await askMetrics(level).catch(fail);
   }
 }
 
 function stop() {
-  for (const slot of ["metrics full", "map full"]) wire.cancel(slot);
+  wire.cancel("metrics full");
 }
 
 async function full() {

@@ -194,7 +194,7 @@ function render({ model, el }) {
     const box = canvas.getBoundingClientRect();
     return /** @type {[number, number]} */ ([event.clientX - box.left, event.clientY - box.top]);
   };
-  canvas.addEventListener("wheel", (event) => {
+  el.addEventListener("wheel", (event) => {
     event.preventDefault();
     zoom(Math.exp(Math.max(-0.5, Math.min(0.5, event.deltaY * 0.0015))), ...at(event));
   }, { passive: false });

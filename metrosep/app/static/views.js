@@ -25,6 +25,7 @@ export function makeViews({ wire, level, stage, kind, failed }) {
   const el = (/** @type {string} */ id) => /** @type {HTMLElement} */ (document.getElementById(id));
   let shade = false;
   let placed = false;
+  let epoch = 0; // rises with each file: answers about another file are dropped
   const counts = { section: 0, spectrum: 0, map: 0 };
   const counted = (/** @type {"section" | "spectrum" | "map"} */ what) => {
     counts[what] += 1;
@@ -62,11 +63,13 @@ export function makeViews({ wire, level, stage, kind, failed }) {
     if (kind() !== "map") return;
     const view = map.get("view");
     const message = el("map-message");
+    const mine = epoch;
     try {
       const { header, arrays } = await wire.ask("map", {
         stage: stage(), level: at, window: placed ? view?.window ?? null : null,
         pixels: view?.pixels ?? [512, 512], range: map.get("limits") ?? null, shade,
-      }, at === "full" && level() !== "full" ? "map full" : "map");
+      });
+      if (mine !== epoch) return;
       message.hidden = true;
       const first = !placed;
       placed = true;
@@ -96,10 +99,12 @@ export function makeViews({ wire, level, stage, kind, failed }) {
 
   async function askSection(/** @type {Level} */ at = level()) {
     if (kind() !== "map" || !map.get("a")) return;
+    const mine = epoch;
     try {
       const { header, arrays } = await wire.ask("section", {
         stage: stage(), level: at, a: map.get("a"), b: map.get("b"), columns: Math.max(100, el("section").clientWidth - 70),
       });
+      if (mine !== epoch) return;
       section.put({
         low: arrays.low, high: arrays.high, length: header.length, pv: header.pv, sq: header.sq, unit: header.unit,
         share_valid: header.share_valid, is_preview: header.is_preview, message: "", distance: arrays.distance,
@@ -115,11 +120,13 @@ export function makeViews({ wire, level, stage, kind, failed }) {
   async function askSpectrum(/** @type {Level} */ at = level()) {
     const of = kind();
     if (of !== "profile" && !map.get("a")) return;
+    const mine = epoch;
     try {
       const { header, arrays } = await wire.ask("spectrum", {
         stage: stage(), level: at, of: of === "profile" ? "profile" : "section",
         a: map.get("a") ?? null, b: map.get("b") ?? null, band: spectrum.get("band"),
       });
+      if (mine !== epoch) return;
       spectrum.put({
         amplitude: arrays.amplitude, low: arrays.low ?? null, high: arrays.high ?? null, selected: arrays.selected ?? null,
         outside: header.outside, notes: header.messages, is_preview: header.is_preview, message: "",
@@ -144,11 +151,13 @@ export function makeViews({ wire, level, stage, kind, failed }) {
 
   async function askProfile(/** @type {Level} */ at = level()) {
     if (kind() !== "profile") return;
+    const mine = epoch;
     try {
       const { header, arrays } = await wire.ask("profile", {
         stage: stage(), level: at, series: ["measured", "residual"], window: profile.get("window"),
         columns: Math.max(200, el("profile").clientWidth - 70),
       });
+      if (mine !== epoch) return;
       const one = (/** @type {string} */ name) => ({ x: arrays[`${name}_x`], low: arrays[`${name}_low`], high: arrays[`${name}_high`] });
       profile.put({ is_preview: header.is_preview, message: "", series: { measured: one("measured"), residual: one("residual") } });
     } catch (error) {
@@ -159,15 +168,14 @@ export function makeViews({ wire, level, stage, kind, failed }) {
   return {
     map, section, spectrum, profile,
     /** @param {Level} [at] */
-    show(at) {
-      askMap(at);
-      askSection(at);
-      askSpectrum(at);
-      askProfile(at);
+    async show(at) {
+      await Promise.all([askMap(at), askProfile(at)]);
+      await Promise.all([askSection(at), askSpectrum(at)]);
     },
     /** Another file: begin anew. */
     reset() {
       placed = false;
+      epoch += 1;
       map.put({ index: null, shape: null, extent: null, limits: null, auto_range: null, a: null, b: null, view: map.get("view") });
       section.put({ distance: null, length: null, message: "" });
       spectrum.put({ wavelength: null, band: null, message: "" });
