@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DegenerateFitError, InvalidSamplesError
-from metrosep.core.threads import in_threads
 from metrosep.forms._orthogonal import linearisation
 
 __all__ = [
@@ -29,9 +28,6 @@ UnsignedArray = NDArray[np.unsignedinteger[Any]]
 
 _BLOCK = 49152
 """Pixels of a block: heights, residuals and weights together stay in the second-level cache."""
-
-_FEW = 1 << 18
-"""Pixels below which starting a thread costs more than it saves."""
 
 _EDGE = 16
 """Rows or columns that are looked at together when the measured part is sought from the edges."""
@@ -134,38 +130,31 @@ def residual_sums(grid: Grid, c: FloatArray, degree: int, *, with_weights: bool 
     low = np.ascontiguousarray(right[:, :n])
     left, across = c.T @ grid.px[: c.shape[0]], np.ascontiguousarray(grid.py[: c.shape[1]].T)
     row_weights, row_heights = np.zeros((rows, m)), np.zeros((rows, n))
+    squares, n_valid = 0.0, 0
     height = max(1, _BLOCK // max(n_columns, 1))
-    blocks = list(_blocks(grid, height))
-    counts, energies = [0] * len(blocks), [0.0] * len(blocks)
-
-    def work(numbers: Iterator[int]) -> None:
-        room = np.empty((2, height * n_columns))
-        marks = np.empty(height * n_columns, dtype=np.bool_)
-        with np.errstate(invalid="ignore", over="ignore"):
-            for number in numbers:
-                block = blocks[number]
-                part, columns = block.rows, block.columns
-                shape = (part.stop - part.start, columns.stop - columns.start)
-                n_block = shape[0] * shape[1]
-                if n_block == 0:
-                    continue
-                r, w = (line[:n_block].reshape(shape) for line in room)
-                valid = marks[:n_block].reshape(shape)
-                n_here, energy = _fill(grid, block, across[part], left[:, columns], r, w, valid)
-                if grid.weights is not None:
-                    w *= grid.weights[part, columns]
-                    energy = float(np.vdot(r * w, r))
-                    r *= w
-                counts[number], energies[number] = n_here, energy
-                if with_weights:
-                    these = right[columns]
-                    whole = n_here == n_block and grid.weights is None
-                    row_weights[part] = these.sum(axis=0) if whole else w @ these
-                np.matmul(r, low[columns], out=row_heights[part])
-
-    in_threads(work, range(len(blocks)), threads=1 if grid.z.size < _FEW else None)
-    n_valid, squares = sum(counts), sum(energies)
+    room = np.empty((2, height * n_columns))
+    marks = np.empty(height * n_columns, dtype=np.bool_)
     with np.errstate(invalid="ignore", over="ignore"):
+        for block in _blocks(grid, height):
+            part, columns = block.rows, block.columns
+            shape = (part.stop - part.start, columns.stop - columns.start)
+            n_block = shape[0] * shape[1]
+            if n_block == 0:
+                continue
+            r, w = (line[:n_block].reshape(shape) for line in room)
+            valid = marks[:n_block].reshape(shape)
+            n_here, energy = _fill(grid, block, across[part], left[:, columns], r, w, valid)
+            n_valid += n_here
+            if grid.weights is not None:
+                w *= grid.weights[part, columns]
+                energy = float(np.vdot(r * w, r))
+                r *= w
+            squares += energy
+            if with_weights:
+                these = right[columns]
+                whole = n_here == n_block and grid.weights is None
+                row_weights[part] = these.sum(axis=0) if whole else w @ these
+            np.matmul(r, low[columns], out=row_heights[part])
         sums = row_heights.T @ grid.py[:n].T
     if not np.isfinite(sums).all() or not np.isfinite(squares):
         raise InvalidSamplesError(
@@ -262,15 +251,11 @@ def grid_values(
     left, across = c.T @ px[:n], np.ascontiguousarray(py[:n].T)
     out = np.empty((py.shape[1], px.shape[1]))
     height = max(1, _BLOCK // max(out.shape[1], 1))
-
-    def work(starts: Iterator[int]) -> None:
-        for start in starts:
-            part = slice(start, start + height)
-            block = np.matmul(across[part], left, out=out[part])
-            if minus_from is not None:
-                np.subtract(minus_from[part], block, out=block)
-
-    in_threads(work, range(0, out.shape[0], height), threads=1 if out.size < _FEW else None)
+    for start in range(0, out.shape[0], height):
+        part = slice(start, start + height)
+        block = np.matmul(across[part], left, out=out[part])
+        if minus_from is not None:
+            np.subtract(minus_from[part], block, out=block)
     return out
 
 

@@ -106,7 +106,7 @@ def flips(data, n_positions):
 @pytest.mark.usefixtures("little_memory")
 @pytest.mark.parametrize("sample", INDIRECT, indirect=True)
 def test_flipped_bytes(sample):
-    results = {sample.outcome(data) is None for data in flips(sample.data, 150)}
+    results = {sample.outcome(data) is None for data in flips(sample.data, 100)}
 
     assert True in results or sample.is_text
 
