@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import threading
 import time
@@ -16,7 +15,6 @@ from metrosep.app.places import Places
 from metrosep.core.errors import (
     CorruptFileError,
     DataError,
-    MetrosepError,
     ReadError,
     RecipeError,
     UnitError,
@@ -323,8 +321,6 @@ class Session:
 
     def close(self) -> None:
         """Forget the measurement; the recipe was kept with each edit."""
-        with contextlib.suppress(MetrosepError):
-            self._keep()
         self.places.close()
 
 

@@ -198,6 +198,16 @@ def test_an_edit_changes_the_recipe_and_undo_takes_it_back(page, part):
     assert page.ok("redo")[0]["session"]["recipe"] == kept
 
 
+def test_looking_leaves_no_file(part):
+    with (
+        client(part.parent, str(part)) as http,
+        http.websocket_connect(f"/ws?token={TOKEN}", headers=HOST) as socket,
+    ):
+        Page(socket).ok("metrics", level="full")
+
+    assert [f.name for f in part.parent.iterdir()] == [part.name]
+
+
 def test_an_autosaved_session_reopens(part):
     for _ in range(2):
         with (
