@@ -15,6 +15,7 @@ from metrosep.app.evaluations import Level, Outcome
 from metrosep.app.map_views import map_view
 from metrosep.app.profile_views import Extremes, profile_view
 from metrosep.app.pyramid import MapPyramid, build_pyramid
+from metrosep.app.remembered import Remembered
 from metrosep.app.section_views import section_profile, section_view
 from metrosep.app.sessions import Session, is_extreme
 from metrosep.core.errors import DataError, MetrosepError, UnsupportedFeatureError
@@ -60,10 +61,10 @@ class Answers:
 
     def __init__(self, session: Session) -> None:
         self.session = session
-        self._pyramids: dict[int, tuple[Surface, MapPyramid]] = {}
-        self._extremes: dict[int, tuple[Profile, Extremes]] = {}
+        self._pyramids = Remembered(build_pyramid)
+        self._extremes = Remembered(Extremes)
+        self._moved = Remembered(_moved, most=17)
         self._transform: Any = None
-        self._moved: dict[int, tuple[Surface, Surface]] = {}
 
     def answer(self, message: Message, cancel: Cancel = _never) -> Answer:
         """Return the answer to a request.
@@ -107,8 +108,7 @@ class Answers:
         if not isinstance(reading, Mapping):
             raise DataError("reading is an object of options")
         self.session.open(_text(message, "path"), reading)
-        self._pyramids.clear()
-        self._extremes.clear()
+        self._forget()
         return {"session": self.session.state()}, {}
 
     def _edit(self, message: Message, cancel: Cancel) -> Answer:
@@ -138,17 +138,13 @@ class Answers:
             raise DataError(f"stage is the number of a step, got {stage!r}")
         obj = outcome.after(stage)
         if isinstance(obj, Surface) and outcome.shift != (0.0, 0.0):
-            obj = self._placed(obj, outcome.shift)
+            obj = self._moved.of(obj, outcome.shift)
         return outcome, obj
 
-    def _placed(self, obj: Surface, shift: tuple[float, float]) -> Surface:
-        """Return a preview where the map itself lies: its cells begin half a cell later."""
-        if id(obj) not in self._moved:
-            if len(self._moved) > 16:
-                self._moved.clear()
-            place = (obj.origin[0] + shift[0], obj.origin[1] + shift[1])
-            self._moved[id(obj)] = (obj, Surface(obj.z, obj.dx, obj.dy, origin=place))
-        return self._moved[id(obj)][1]
+    def _forget(self) -> None:
+        for kept in (self._pyramids, self._extremes, self._moved):
+            kept.clear()
+        self._transform = None
 
     def _map(self, message: Message, cancel: Cancel) -> Answer:
         outcome, obj = self._stage(message, cancel)
@@ -180,11 +176,7 @@ class Answers:
         evaluations = self.session.evaluations
         if evaluations is not None and obj is evaluations.obj and evaluations.pyramid is not None:
             return evaluations.pyramid
-        if id(obj) not in self._pyramids:
-            if len(self._pyramids) > 8:
-                self._pyramids.clear()
-            self._pyramids[id(obj)] = (obj, build_pyramid(obj))  # keeps obj, so that ids stay
-        return self._pyramids[id(obj)][1]
+        return self._pyramids.of(obj)
 
     def _section(self, message: Message, cancel: Cancel) -> Answer:
         outcome, obj = self._stage(message, cancel)
@@ -216,7 +208,7 @@ class Answers:
             if name not in (message.get("series") or ["residual"]):
                 continue
             view = profile_view(
-                self._extremes_of(cast(Profile, shown)),
+                self._extremes.of(shown),
                 window=message.get("window"),
                 columns=message.get("columns") or 1000,
             )
@@ -226,13 +218,6 @@ class Answers:
                 f"{name}_high": view.high,
             }
         return {"is_preview": outcome.is_preview}, arrays
-
-    def _extremes_of(self, profile: Profile) -> Extremes:
-        if id(profile) not in self._extremes:
-            if len(self._extremes) > 8:
-                self._extremes.clear()
-            self._extremes[id(profile)] = (profile, Extremes(profile))
-        return self._extremes[id(profile)][1]
 
     def _spectrum(self, message: Message, cancel: Cancel) -> Answer:
         from metrosep.app.spectrum_views import profile_spectrum, spectrum_view
@@ -315,6 +300,12 @@ class Answers:
         raise UnsupportedFeatureError(
             f"export of {what!r} is not in this version: recipe or result"
         )
+
+
+def _moved(obj: Surface, shift: tuple[float, float]) -> Surface:
+    """Return a preview where the map itself lies: its cells begin half a cell later."""
+    place = (obj.origin[0] + shift[0], obj.origin[1] + shift[1])
+    return Surface(obj.z, obj.dx, obj.dy, origin=place)
 
 
 def _level(message: Message) -> Level:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from metrosep.core.atomic import atomic_write
-from metrosep.core.errors import DataError, RecipeError
+from metrosep.core.errors import DataError
 from metrosep.recipe.recipe import Recipe
 
 __all__ = ["Edit", "RecipeDocument", "start_text"]
@@ -188,14 +188,15 @@ class RecipeDocument:
         text = str(tomlkit.dumps(made))
         if text == self._text:
             return
+        before = self._text
         self._replace(text)
-        self._done.append((label or _label(edits[0]), self._before))
+        self._done.append((label or _label(edits[0]), before))
         del self._done[:-_DEEPEST]
         self._undone.clear()
 
     def _replace(self, text: str) -> None:
         recipe = Recipe.parse(text, name=self.name, folder=self.folder)
-        self._before, self._text, self._recipe = self._text, text, recipe
+        self._text, self._recipe = text, recipe
 
     def undo(self) -> None:
         """Take the last edit back.
@@ -336,28 +337,3 @@ def _words(path: tuple[str | int, ...]) -> str:
 def _label(edit: Edit) -> str:
     verb = "remove" if edit.new is None else "add" if edit.old is None else "change"
     return f"{verb} {_words(edit.path)}"
-
-
-def checked_text(text: str, folder: Path) -> Recipe:
-    """Return the recipe of a text, or refuse it.
-
-    Parameters
-    ----------
-    text : str
-        TOML.
-    folder : Path
-        Where relative file names start.
-
-    Returns
-    -------
-    Recipe
-        Checked.
-
-    Raises
-    ------
-    RecipeError
-        If it is none.
-    """
-    if len(text) > 1_000_000:
-        raise RecipeError("a recipe of more than a million characters is none")
-    return Recipe.parse(text, folder=folder)

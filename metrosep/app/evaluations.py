@@ -17,7 +17,7 @@ from metrosep.app.pyramid import MapPyramid, build_pyramid
 from metrosep.core.errors import DataError, MetrosepError
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
-from metrosep.recipe.pipeline import Stage, run_steps
+from metrosep.recipe.pipeline import CancelledError, Stage, run_steps
 
 __all__ = ["LEVELS", "Evaluations", "Level", "Outcome"]
 
@@ -151,9 +151,16 @@ class Evaluations:
         return made, made is not obj
 
     def _shift(self, source: Surface | Profile) -> tuple[float, float]:
-        if not isinstance(source, Surface) or not isinstance(self.obj, Surface):
+        obj = self.obj
+        if (
+            not isinstance(source, Surface)
+            or not isinstance(obj, Surface)
+            or obj.origin != (0.0, 0.0)
+        ):
             return 0.0, 0.0
-        return _shift_of(self.obj, source) if self.obj.origin == (0.0, 0.0) else (0.0, 0.0)
+        steps = ((obj.dx, source.dx), (obj.dy, source.dy))
+        x, y = (0.0 if a is None or b is None else (b - a) / 2.0 for a, b in steps)
+        return x, y
 
     def outcome(
         self,
@@ -188,10 +195,8 @@ class Evaluations:
         CancelledError
             If `cancel` says so.
         """
-        from metrosep.recipe.pipeline import CancelledError
-
         source, is_preview = self.source(level)
-        shift = self._shift(source) if is_preview else (0.0, 0.0)
+        shift = self._shift(source)  # of the map itself: none
         name = level if is_preview else "full"
         keys = [_key(step) for step in steps]
         with self._busy[name]:
@@ -211,12 +216,6 @@ class Evaluations:
                 kept.keys.append(keys[i])
                 kept.stages.append(stage)
             return Outcome(source, tuple(kept.stages), is_preview=is_preview, shift=shift)
-
-
-def _shift_of(obj: Surface, coarse: Surface) -> tuple[float, float]:
-    steps = ((obj.dx, coarse.dx), (obj.dy, coarse.dy))
-    x, y = (0.0 if a is None or b is None else (b - a) / 2.0 for a, b in steps)
-    return x, y
 
 
 def _key(step: Mapping[str, Any]) -> str:

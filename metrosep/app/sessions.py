@@ -13,7 +13,6 @@ from metrosep.app.documents import Edit, RecipeDocument, start_text
 from metrosep.app.evaluations import Evaluations, Level, Outcome
 from metrosep.app.places import Places
 from metrosep.core.errors import (
-    CorruptFileError,
     DataError,
     ReadError,
     RecipeError,
@@ -23,7 +22,7 @@ from metrosep.core.errors import (
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
 
-__all__ = ["Ask", "Session", "autosave_path"]
+__all__ = ["Ask", "Session", "autosave_path", "is_extreme"]
 
 _READING = ("unit", "lateral_step", "channel", "format")
 """Options of a reader that a recipe keeps in ``[input]``."""
@@ -174,8 +173,6 @@ class Session:
             ) from None
         except UnitError as exc:
             raise Ask(str(exc), "unit", str(file)) from None
-        except CorruptFileError:
-            raise
         if isinstance(obj, Surface | Profile):
             return obj
         raise DataError(

@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from metrosep.controllers.base import Simulator, load_sidecar, sidecar_options
+from metrosep.controllers.base import load_sidecar, sidecar_options
 from metrosep.controllers.options import Option
 from metrosep.core.errors import CorruptFileError, DataError, TableError
 
@@ -29,7 +29,6 @@ __all__ = [
     "is_described",
     "is_same",
     "known_options",
-    "one_way",
     "printable",
     "resolved",
     "scaled",
@@ -379,37 +378,3 @@ def is_same(a: Any, b: Any, *, exact: bool) -> bool:
     if isinstance(a, float) and isinstance(b, float | int) and not isinstance(b, bool):
         return abs(a - b) <= max(_ROUNDED * abs(a), 0.0 if exact else _FEMTOMETRE)
     return bool(a == b)
-
-
-def one_way(function: Any, n_places: int = 1) -> Simulator:
-    """Return a lookup that is the same in both directions of motion.
-
-    Parameters
-    ----------
-    function : callable
-        Of one or two arrays in m.
-    n_places : int, optional
-        How many it takes.
-
-    Returns
-    -------
-    callable
-        ``(position, direction=1)`` or ``(x, y, direction=1)``; arguments are broadcast. It raises
-        DataError if the direction is neither 1 nor -1.
-    """
-
-    def looked_up(places: tuple[ArrayLike, ...], direction: ArrayLike) -> FloatArray:
-        arrays = np.broadcast_arrays(
-            *(np.asarray(p, dtype=np.float64) for p in places), np.asarray(direction)
-        )
-        if not np.isin(arrays[-1], (-1, 1)).all():
-            raise DataError("direction is +1 or -1")
-        return np.asarray(function(*arrays[:-1]))
-
-    def along(position: ArrayLike, direction: ArrayLike = 1) -> FloatArray:
-        return looked_up((position,), direction)
-
-    def over(x: ArrayLike, y: ArrayLike, direction: ArrayLike = 1) -> FloatArray:
-        return looked_up((x, y), direction)
-
-    return along if n_places == 1 else over

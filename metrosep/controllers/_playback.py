@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.table import CompensationTable
+from metrosep.controllers._lookups import one_way
 from metrosep.controllers.base import Simulator
 from metrosep.controllers.options import Option
 from metrosep.core.errors import DataError, LimitError, TableError
@@ -188,14 +189,7 @@ class Playback:
             wave is played in one of them only, and for the other another one is written. It raises
             DataError if the direction is neither 1 nor -1.
         """
-
-        def along(position: ArrayLike, direction: ArrayLike = 1) -> FloatArray:
-            p, d = np.broadcast_arrays(np.asarray(position, dtype=np.float64), direction)
-            if not np.isin(d, (-1, 1)).all():
-                raise DataError("direction is +1 or -1")
-            return self.played(values, p)
-
-        return along
+        return one_way(lambda position: self.played(values, position))
 
 
 def plan(

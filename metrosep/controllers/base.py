@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar, Literal
@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.compensation.limits import Finding, Limits
+from metrosep.controllers._lookups import Simulator, looked_up
 from metrosep.controllers.options import Option
 from metrosep.core.errors import CorruptFileError, DataError, ReadError
 
@@ -40,7 +41,6 @@ _FARTHEST = 1e6
 """No axis is as long, in m."""
 
 FloatArray = NDArray[np.float64]
-Simulator = Callable[..., FloatArray]
 Sign = Literal["confirmed", "documented", "stated", "unconfirmed"]
 """Run on the real controller or by definition; read in its documents; the user states the polarity;
 not known: to be tried on the machine."""
@@ -261,13 +261,8 @@ def table_lookup(table: Any) -> Simulator:
 
 
 def _both_ways(table: Any, places: tuple[ArrayLike, ...], direction: ArrayLike) -> FloatArray:
-    arrays = np.broadcast_arrays(
-        *(np.asarray(p, dtype=np.float64) for p in places), np.asarray(direction)
-    )
-    d = arrays[-1]
-    if not np.isin(d, (-1, 1)).all():
-        raise DataError("direction is +1 or -1")
-    flat = [a.ravel() for a in arrays[:-1]]
+    arrays, d = looked_up(places, direction)
+    flat = [a.ravel() for a in arrays]
     forward = np.asarray(table.correction(*flat, 1)).reshape(d.shape)
     if (d > 0).all():
         return forward

@@ -14,11 +14,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from metrosep.compensation.area_errors import bilinear
 from metrosep.compensation.maps import CompensationMap
 from metrosep.controllers._eoffset_component import LETTERS, Grid, grid_of, printed
+from metrosep.controllers._lookups import one_way
 from metrosep.controllers.base import Dialect, DialectInfo, Encoded, Simulator, load_sidecar
 from metrosep.controllers.options import Option
 from metrosep.core.errors import CorruptFileError, DataError, LimitError, TableError
@@ -234,18 +235,11 @@ class LinuxCNCEoffset(Dialect):
         x, y = (np.array([float(v) for v in p]) for p in (grid.x, grid.y))
         counts = np.array(grid.counts, dtype=np.float64)
 
-        def over(at_x: ArrayLike, at_y: ArrayLike, direction: ArrayLike = 1) -> FloatArray:
-            px, py, d = np.broadcast_arrays(
-                np.asarray(at_x, dtype=np.float64),
-                np.asarray(at_y, dtype=np.float64),
-                np.asarray(direction),
-            )
-            if not np.isin(d, (-1, 1)).all():
-                raise DataError("direction is +1 or -1")
-            looked_up = bilinear(x, y, counts, px / _MM, py / _MM).reshape(d.shape)
-            return np.asarray(np.rint(looked_up) * unit)
+        def over(px: FloatArray, py: FloatArray) -> FloatArray:
+            found = bilinear(x, y, counts, px / _MM, py / _MM).reshape(px.shape)
+            return np.asarray(np.rint(found) * unit)
 
-        return over
+        return one_way(over, 2)
 
 
 def _positions(values: FloatArray, axis: str) -> tuple[Decimal, ...]:

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.table import CompensationTable
@@ -33,6 +33,7 @@ from metrosep.controllers._lincurve_chain import (
     hal_lines,
     parsed,
 )
+from metrosep.controllers._lookups import one_way
 from metrosep.controllers.base import (
     Dialect,
     DialectInfo,
@@ -249,19 +250,14 @@ class LinuxCNCLincurve(Dialect):
         unit, unit_c = _unit(table.axis)[0], _unit(table.compensates)[0]
         curves = [np.array(c, dtype=np.float64).T for c in parsed(data, path).curves]
 
-        def along(position: ArrayLike, direction: ArrayLike = 1) -> FloatArray:
-            p, d = np.broadcast_arrays(
-                np.asarray(position, dtype=np.float64), np.asarray(direction)
-            )
-            if not np.isin(d, (-1, 1)).all():
-                raise DataError("direction is +1 or -1")
+        def along(p: FloatArray) -> FloatArray:
             parts = [np.interp(p / unit, x, y) for x, y in curves]
             total = parts[0]
             for part in parts[1:]:
                 total = total + part
             return np.asarray(total * unit_c)
 
-        return along
+        return one_way(along)
 
 
 def _check_table(table: CompensationTable, source: int, target: int) -> None:

@@ -28,11 +28,11 @@ from metrosep.compensation.limits import Finding
 from metrosep.compensation.polynomial import PolynomialFit
 from metrosep.controllers._horner import UNSIGNED, Printed, horner, parsed_horner
 from metrosep.controllers._iec_names import IDENTIFIER, RESERVED
+from metrosep.controllers._lookups import one_way
 from metrosep.controllers._plain_text import (
     ascii_lines,
     decimal,
     facts_of,
-    one_way,
     resolved,
     scaled,
 )

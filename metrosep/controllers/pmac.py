@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.table import CompensationTable
 from metrosep.compensation.uniform import resampling_error
-from metrosep.controllers._plain_text import agreed, one_way, printable, resolved
+from metrosep.controllers._lookups import one_way
+from metrosep.controllers._plain_text import agreed, printable, resolved
 from metrosep.controllers._pmac_text import (
     ACTIVATION,
     AGAIN,

@@ -28,6 +28,7 @@ from metrosep.compensation.limits import Finding
 from metrosep.compensation.measured import measured_error
 from metrosep.compensation.table import CompensationTable
 from metrosep.compensation.uniform import resampling_error
+from metrosep.controllers._lookups import looked_up
 from metrosep.controllers._plain_text import is_same, printable, resolved
 from metrosep.controllers._pmac_text import (
     ACTIVATION,
@@ -61,7 +62,6 @@ from metrosep.controllers.options import Option
 from metrosep.controllers.pmac import PMAC, motor_range
 from metrosep.core.errors import (
     CorruptFileError,
-    DataError,
     LimitError,
     SignCheckFailedError,
     TableError,
@@ -335,9 +335,7 @@ class PMACBacklash(Dialect):
             besides = _besides(known["comp"], {**known, "axis": axis}, _hash_of_comp(path))
 
         def added(position: ArrayLike, direction: ArrayLike = 1) -> FloatArray:
-            p, d = np.broadcast_arrays(np.asarray(position, dtype=np.float64), direction)
-            if not np.isin(d, (-1, 1)).all():
-                raise DataError("direction is +1 or -1")
+            (p,), d = looked_up((position,), direction)
             s = known["source_sign"]
             u = np.mod(s * (p - known["motor_zero"]) / step, n)
             subtracted = s * np.interp(u, np.arange(n + 1), nodes)

@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 from metrosep.compensation.area_errors import bilinear
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.maps import CompensationMap
-from metrosep.controllers._plain_text import one_way, printable, resolved
+from metrosep.controllers._lookups import one_way
+from metrosep.controllers._plain_text import printable, resolved
 from metrosep.controllers._pmac_text import (
     ACTIVATION,
     AGAIN,

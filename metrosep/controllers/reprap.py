@@ -14,17 +14,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.maps import CompensationMap
 from metrosep.controllers._even import even_map
+from metrosep.controllers._lookups import one_way
 from metrosep.controllers._plain_text import ascii_lines, decimal
 from metrosep.controllers.base import Dialect, DialectInfo, Encoded, Simulator
 from metrosep.controllers.klipper import SPACINGS, require_bed
 from metrosep.controllers.neutral_map import map_fields, require_last_end
 from metrosep.controllers.options import Option
-from metrosep.core.errors import CorruptFileError, DataError, LimitError
+from metrosep.core.errors import CorruptFileError, LimitError
 from metrosep.core.units import format_length
 
 __all__ = ["MAX_COLUMNS", "MAX_LINE", "RepRap"]
@@ -209,12 +210,7 @@ class RepRap(Dialect):
             k = np.minimum(np.floor(u).astype(np.intp), n - 2)
             return k, u - k.astype(np.float32)
 
-        def over(x: ArrayLike, y: ArrayLike, direction: ArrayLike = 1) -> FloatArray:
-            px, py, d = np.broadcast_arrays(
-                np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64), direction
-            )
-            if not np.isin(d, (-1, 1)).all():
-                raise DataError("direction is +1 or -1")
+        def over(px: FloatArray, py: FloatArray) -> FloatArray:
             (i, s), (j, t) = cells(px, 0), cells(py, 1)
             both = s * t
             z = (
@@ -225,7 +221,7 @@ class RepRap(Dialect):
             )
             return np.asarray(z.astype(np.float64) * _MM)
 
-        return over
+        return one_way(over, 2)
 
 
 def _pairs(ends: list[float], table: CompensationMap) -> list[tuple[list[float], FloatArray]]:

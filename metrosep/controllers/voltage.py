@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.table import CompensationTable
+from metrosep.controllers._lookups import looked_up
 from metrosep.controllers._plain_text import known_options, scaled
 from metrosep.controllers._playback import (
     PLAYBACK_OPTIONS,
@@ -287,9 +288,7 @@ class Voltage(Dialect):
         rising = {1: rising_parts(rows[:, 1]), -1: rising_parts(rows[::-1, -1])[::-1]}
 
         def along(position: ArrayLike, direction: ArrayLike = 1) -> FloatArray:
-            p, d = np.broadcast_arrays(np.asarray(position, dtype=np.float64), direction)
-            if not np.isin(d, (-1, 1)).all():
-                raise DataError("direction is +1 or -1")
+            (p,), d = looked_up((position,), direction)
             found = []
             for way, column in ((1, 1), (-1, rows.shape[1] - 1)):
                 v = np.interp(p.ravel(), at, rows[:, column])

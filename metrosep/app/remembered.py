@@ -1,0 +1,63 @@
+"""What was made of the latest objects, so that it is not made again for the next picture."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Any, Generic, TypeVar
+
+__all__ = ["Remembered"]
+
+Made = TypeVar("Made")
+
+
+class Remembered(Generic[Made]):
+    """A function of objects that keeps its latest results.
+
+    Parameters
+    ----------
+    make : callable
+        Of an object, and of what else it needs that follows from the object.
+    most : int, optional
+        How many results are kept; then all are forgotten.
+    """
+
+    def __init__(self, make: Callable[..., Made], most: int = 9) -> None:
+        self._make, self._most = make, most
+        self._kept: dict[int, tuple[Any, Made]] = {}
+        self._lock = threading.Lock()
+
+    def of(self, obj: Any, *rest: Any) -> Made:
+        """Return what is made of an object, made once.
+
+        Parameters
+        ----------
+        obj : object
+            Compared by identity; it is kept, so that its identity stays its own.
+        *rest
+            Passed on to the function.
+
+        Returns
+        -------
+        object
+            The result.
+
+        Examples
+        --------
+        >>> calls = []
+        >>> lengths = Remembered(lambda text: calls.append(text) or len(text))
+        >>> word = "step"
+        >>> lengths.of(word), lengths.of(word), calls
+        (4, 4, ['step'])
+        """
+        with self._lock:
+            if id(obj) not in self._kept:
+                if len(self._kept) >= self._most:
+                    self._kept.clear()
+                self._kept[id(obj)] = (obj, self._make(obj, *rest))
+            return self._kept[id(obj)][1]
+
+    def clear(self) -> None:
+        """Forget everything."""
+        with self._lock:
+            self._kept.clear()
