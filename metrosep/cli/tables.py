@@ -31,8 +31,6 @@ __all__ = [
     "write_table",
 ]
 
-_RESULTS = (".json",)
-
 
 @click.command()
 @click.argument("result", metavar="RESULT")
@@ -140,19 +138,13 @@ def _shape(options: dict[str, Any], controller: str) -> dict[str, Any]:
 def _map_of(file: str, options: dict[str, Any], reading: dict[str, Any]) -> Any:
     """Return the map of corrections of a measured error map."""
     from metrosep.compensation.maps import CompensationMap
-    from metrosep.core.errors import DataError
-    from metrosep.core.surface import Surface
     from metrosep.core.units import parse_quantity
-    from metrosep.io.read import read
 
-    if file.endswith(_RESULTS) or Path(file).is_dir():
+    if file.endswith(".json") or Path(file).is_dir():
         raise click.UsageError(
-            f"{options.get('format_') or 'this controller'} holds maps: give the measured map of the "
-            f"error, not {file}"
+            f"this controller holds maps: give the measured map of the error, not {file}"
         )
-    error = read(file, **reading)
-    if not isinstance(error, Surface):
-        raise DataError(f"{file}: a map is needed, it holds a {type(error).__name__}")
+    error = _read_map(file, reading)
     axes = tuple(a.strip() for a in (options.get("over") or "X,Y").split(","))
     if len(axes) != 2 or not all(axes):
         raise click.UsageError("--over names two axes, such as X,Y")
@@ -316,7 +308,10 @@ def verify(
     loaded = controllers.read(path, name, **known)
     lookup = controllers.simulate(path, name, **known)
     if controllers.find(name).info.carries == "map":
-        measured = _surface(files, options)
+        if len(files) != 1:
+            raise click.UsageError("a map is verified against one map: give --against once")
+        given = {k: options[k] for k in ("unit", "lateral_step") if options.get(k)}
+        measured: Any = _read_map(files[0], given)
     else:
         for column in ("x", "z"):
             if options.get(column) is None:
@@ -350,17 +345,14 @@ def _controller_of(path: Path, sidecar: dict[str, Any]) -> str:
     return found
 
 
-def _surface(files: Sequence[str], options: dict[str, Any]) -> Any:
+def _read_map(file: str, reading: dict[str, Any]) -> Any:
     from metrosep.core.errors import DataError
     from metrosep.core.surface import Surface
     from metrosep.io.read import read
 
-    if len(files) != 1:
-        raise click.UsageError("a map is verified against one map: give --against once")
-    given = {k: options[k] for k in ("unit", "lateral_step") if options.get(k)}
-    found = read(files[0], **given)
+    found = read(file, **reading)
     if not isinstance(found, Surface):
-        raise DataError(f"{files[0]}: a map is needed, it holds a {type(found).__name__}")
+        raise DataError(f"{file}: a map is needed, it holds a {type(found).__name__}")
     return found
 
 

@@ -12,9 +12,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core.errors import LimitError
 from metrosep.core.units import format_length
 
-__all__ = ["Finding", "Limits", "check_limits", "dead_zone"]
+__all__ = ["Finding", "Limits", "check_limits", "dead_zone", "require_findings"]
 
 FloatArray = NDArray[np.float64]
 
@@ -254,3 +255,34 @@ def _reversal(forward: FloatArray, reverse: FloatArray, limits: Limits) -> list[
                 )
             )
     return found
+
+
+def require_findings(findings: tuple[Finding, ...], *, waive: bool = False) -> tuple[Finding, ...]:
+    """Return findings, and refuse errors unless they are waived.
+
+    Parameters
+    ----------
+    findings : tuple of Finding
+        Of a table, a map or a rounding.
+    waive : bool, optional
+        Take the errors as they are; the caller records that.
+
+    Returns
+    -------
+    tuple of Finding
+        The same.
+
+    Raises
+    ------
+    LimitError
+        If there is an error that is not waived.
+
+    Examples
+    --------
+    >>> require_findings(())
+    ()
+    """
+    errors = [f for f in findings if f.level == "error"]
+    if errors and not waive:
+        raise LimitError("; ".join(f"{f.problem}: {f.fix}" for f in errors))
+    return findings

@@ -22,12 +22,12 @@ from metrosep.compensation.area_errors import (
     is_rotary,
     rising,
 )
-from metrosep.compensation.limits import Finding, Limits
+from metrosep.compensation.limits import Finding, Limits, require_findings
 from metrosep.compensation.map_limits import check_map_limits, reference_finding
 from metrosep.compensation.map_sampling import inverse_along, sample_area
 from metrosep.compensation.map_verify import MapRemoved, MapVerification, dry_run_map
 from metrosep.core._arrays import frozen_float
-from metrosep.core.errors import DataError, LimitError, TableError
+from metrosep.core.errors import DataError, TableError
 from metrosep.core.profile import html_table
 from metrosep.core.provenance import Step, history_as_dicts
 from metrosep.core.units import format_length
@@ -413,11 +413,7 @@ class CompensationMap:
         DataError
             If feeds name another axis.
         """
-        findings = self.limits(limits, feeds=feeds)
-        errors = [f for f in findings if f.level == "error"]
-        if errors:
-            raise LimitError("; ".join(f"{f.problem}: {f.fix}" for f in errors))
-        return findings
+        return require_findings(self.limits(limits, feeds=feeds))
 
     def verify(self, against: AreaSource | None = None) -> MapVerification:
         """Return the dry-run against a measured error, and refuse if it does not shrink.

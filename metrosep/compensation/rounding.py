@@ -16,10 +16,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.compensation.limits import Finding
 from metrosep.core._arrays import frozen_float
-from metrosep.core.errors import DataError, InvalidSamplesError, LimitError
+from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.core.units import format_length
 
-__all__ = ["Rounded", "require_findings", "round_entries", "round_increments"]
+__all__ = ["Rounded", "round_entries", "round_increments"]
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -190,37 +190,6 @@ def round_increments(
     if bad.size:
         findings.append(_out_of_range(entries, bad, (low, high), (unit, scale), positions, wanted))
     return _rounded(entries, float(step) * curve.astype(np.float64), wanted, step, findings)
-
-
-def require_findings(findings: tuple[Finding, ...], *, waive: bool = False) -> tuple[Finding, ...]:
-    """Return findings, and refuse errors unless they are waived.
-
-    Parameters
-    ----------
-    findings : tuple of Finding
-        Of `round_entries`, `round_increments` or a table.
-    waive : bool, optional
-        Take the errors as they are; the caller records that.
-
-    Returns
-    -------
-    tuple of Finding
-        The same.
-
-    Raises
-    ------
-    LimitError
-        If there is an error that is not waived.
-
-    Examples
-    --------
-    >>> require_findings(())
-    ()
-    """
-    errors = [f for f in findings if f.level == "error"]
-    if errors and not waive:
-        raise LimitError("; ".join(f"{f.problem}: {f.fix}" for f in errors))
-    return findings
 
 
 def _wanted(values: ArrayLike, unit: float, at_least: int = 1) -> FloatArray:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.compensation.inverse import exact_correction
-from metrosep.compensation.limits import Finding, Limits, check_limits
+from metrosep.compensation.limits import Finding, Limits, check_limits, require_findings
 from metrosep.compensation.sampling import (
     Direction,
     ErrorSource,
@@ -24,7 +24,7 @@ from metrosep.compensation.sampling import (
     significant_lost_motion,
 )
 from metrosep.compensation.verify import Against, Removed, Verification, dry_run
-from metrosep.core.errors import DataError, LimitError, TableError
+from metrosep.core.errors import DataError, TableError
 from metrosep.core.profile import html_table
 from metrosep.core.provenance import Step, history_as_dicts
 from metrosep.core.runset import Run, RunSet
@@ -328,11 +328,7 @@ class CompensationTable:
         LimitError
             If a limit is exceeded.
         """
-        findings = self.limits(limits)
-        errors = [f for f in findings if f.level == "error"]
-        if errors:
-            raise LimitError("; ".join(f"{f.problem}: {f.fix}" for f in errors))
-        return findings
+        return require_findings(self.limits(limits))
 
     def verify(self, against: Against) -> Verification:
         """Return the dry-run against a measured error, and refuse if it does not shrink.

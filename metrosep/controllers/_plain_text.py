@@ -239,7 +239,7 @@ def resolved(
         if value is None and (option.required or name in told):
             raise DataError(
                 f"{path}: neither the file nor a sidecar tells {name} ({option.help}); give "
-                f"{name}= as a keyword, or --set {name}=... on the command line"
+                f"{name}= as a keyword, or --machine {name}=... on the command line"
             )
         found[name] = value
     return found

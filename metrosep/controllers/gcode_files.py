@@ -5,15 +5,13 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
-from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import BinaryIO
 
+from metrosep.controllers._pairs import refuse_existing
 from metrosep.controllers.base import load_bytes, sidecar_path
-from metrosep.core.atomic import atomic_stream, atomic_write
 from metrosep.core.errors import DataError, WriteError
 
-__all__ = ["SCHEMAS", "check_files", "paired_stream", "require_hash", "require_uncorrected"]
+__all__ = ["SCHEMAS", "check_files", "require_hash", "require_uncorrected"]
 
 SCHEMAS = ("metrosep.path/1", "metrosep.points/1")
 """Of the sidecars of corrected programs and lists."""
@@ -36,7 +34,6 @@ def check_files(start: Path, end: Path, *, overwrite: bool) -> None:
     """
     try:
         same = end.exists() and start.exists() and end.samefile(start)
-        found = [p for p in (end, sidecar_path(end)) if p.exists()]
     except OSError as exc:
         raise WriteError(
             f"{end}: cannot be written ({exc.strerror or exc}); choose another name or folder"
@@ -45,11 +42,8 @@ def check_files(start: Path, end: Path, *, overwrite: bool) -> None:
         raise WriteError(
             f"{end}: is the source itself; a correction must not be added twice, so give another name"
         )
-    if found and not overwrite:
-        raise WriteError(
-            f"{found[0]}: exists already and a machine may be using it; choose another name or say "
-            "overwrite"
-        )
+    if not overwrite:
+        refuse_existing(end)
 
 
 def require_uncorrected(path: Path) -> None:
@@ -82,55 +76,6 @@ def require_uncorrected(path: Path) -> None:
             + f", as {beside.name} beside it says; a second one would be added to it: take the original "
             f"({found.get('source', 'unknown')}), or say again if what was measured is a part cut with it"
         )
-
-
-@contextlib.contextmanager
-def paired_stream(end: Path, text: Callable[[Path], str]) -> Iterator[BinaryIO]:
-    """Give a binary file to write into; file and sidecar appear together or not at all.
-
-    Parameters
-    ----------
-    end : Path
-        The target.
-    text : callable
-        Called with the complete temporary file; returns what the sidecar says.
-
-    Yields
-    ------
-    BinaryIO
-        To be written.
-
-    Raises
-    ------
-    WriteError
-        If something cannot be written.
-
-    Notes
-    -----
-    The sidecar is written first and put back if the file does not get its name. Between the two only
-    a killed process can stop; the sidecar then holds the hash of another file.
-    """
-    beside = sidecar_path(end)
-    before = load_bytes(beside) if beside.is_file() else None
-    wrote = False
-
-    def check(written: Path) -> None:
-        nonlocal wrote
-        said = text(written)
-        wrote = True
-        atomic_write(beside, said.encode("utf-8"))
-
-    try:
-        with atomic_stream(end, check=check) as out:
-            yield out
-    except BaseException:
-        if wrote:
-            with contextlib.suppress(WriteError, OSError):
-                if before is None:
-                    beside.unlink(missing_ok=True)
-                else:
-                    atomic_write(beside, before)
-        raise
 
 
 def require_hash(path: Path, wanted: str) -> None:

@@ -20,12 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep._version import __version__
+from metrosep.controllers._pairs import paired_stream
 from metrosep.controllers.base import sidecar_path
 from metrosep.controllers.gcode_columns import open_program, pieces
 from metrosep.controllers.gcode_corrections import PathCorrection, as_path_correction
 from metrosep.controllers.gcode_files import (
     check_files,
-    paired_stream,
     require_hash,
     require_uncorrected,
 )

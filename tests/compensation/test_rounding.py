@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from metrosep.compensation.limits import Finding
+from metrosep.compensation.limits import Finding, require_findings
 from metrosep.compensation.rounding import (
-    require_findings,
     round_entries,
     round_increments,
 )

@@ -12,6 +12,7 @@ from hypothesis import HealthCheck, given, settings, strategies as st
 from metrosep import Profile, controllers
 from metrosep.compensation import CompensationMap, CompensationTable, fit_polynomial
 from metrosep.controllers.registry import find
+from metrosep.errors import SignCheckFailedError
 
 BY_KIND = {
     kind: [d.id for d in controllers.describe() if d.carries == kind]
@@ -177,7 +178,7 @@ def test_the_flipped_table_is_refused_by_every_dialect(name, tmp_path):
 
     if name in ONLY_REVERSAL:
         pytest.skip("judged by its lost motion: tests/controllers/test_pmac_backlash.py")
-    with pytest.raises(controllers_error(), match="does not shrink"):
+    with pytest.raises(SignCheckFailedError, match="does not shrink"):
         controllers.write(
             flipped,
             tmp_path / "x",
@@ -188,9 +189,3 @@ def test_the_flipped_table_is_refused_by_every_dialect(name, tmp_path):
             **find(name).info.example,
         )
     assert list(tmp_path.iterdir()) == []
-
-
-def controllers_error():
-    from metrosep.errors import SignCheckFailedError
-
-    return SignCheckFailedError
