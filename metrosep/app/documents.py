@@ -16,7 +16,7 @@ from metrosep.core.atomic import atomic_write
 from metrosep.core.errors import DataError
 from metrosep.recipe.recipe import Recipe
 
-__all__ = ["Edit", "RecipeDocument", "start_text"]
+__all__ = ["Edit", "RecipeDocument", "start_runs_text", "start_text"]
 
 _DEEPEST = 200
 """Edits that can be undone."""
@@ -94,19 +94,49 @@ def start_text(file: str, kind: str, reading: Mapping[str, Any] | None = None) -
     >>> "[[step]]" in start_text("part.sdf", "map")
     True
     """
+    form = "plane" if kind == "map" else "polynomial: degree=1"
+    steps = ({"op": "form", "form": form}, {"op": "parameters"})
+    return _started([file], reading or {}, steps)
+
+
+def start_runs_text(files: Sequence[str], reading: Mapping[str, Any]) -> str:
+    """Return the recipe that a session starts with for repeated runs.
+
+    Parameters
+    ----------
+    files : sequence of str
+        Names of the files, beside the recipe.
+    reading : mapping
+        Which column is what, as ``[input]`` says it.
+
+    Returns
+    -------
+    str
+        TOML: the joint separation of the whole travel.
+
+    Examples
+    --------
+    >>> "joint" in start_runs_text(["runs.csv"], {"x": "x_mm", "z": "z_um"})
+    True
+    """
+    return _started(list(files), reading, ({"op": "separate", "method": "joint"},))
+
+
+def _started(
+    files: list[str], reading: Mapping[str, Any], chosen: Sequence[Mapping[str, Any]]
+) -> str:
     import tomlkit
 
     made = tomlkit.document()
     made.add("metrosep", tomlkit.item(1))
-    made.add("title", tomlkit.item(Path(file).stem))
+    made.add("title", tomlkit.item(Path(files[0]).stem))
     table = tomlkit.table()
-    table.add("files", [file])
-    for key, value in (reading or {}).items():
+    table.add("files", files)
+    for key, value in reading.items():
         table.add(key, value)
     made.add("input", table)
     steps = tomlkit.aot()
-    form = "plane" if kind == "map" else "polynomial: degree=1"
-    for step in ({"op": "form", "form": form}, {"op": "parameters"}):
+    for step in chosen:
         entry = tomlkit.table()
         for key, value in step.items():
             entry.add(key, value)
@@ -207,6 +237,16 @@ class RecipeDocument:
             If there is none.
         """
         self._swap(self._done, self._undone, "undo")
+
+    def withdraw(self) -> None:
+        """Take the last edit back as if it had not been made.
+
+        Raises
+        ------
+        DataError
+            If there is none.
+        """
+        self._swap(self._done, [], "take back")
 
     def redo(self) -> None:
         """Do the last edit again that was taken back.

@@ -13,6 +13,7 @@ from metrosep.core.errors import ReadError, WriteError
 
 __all__ = ["Places"]
 
+_SET = re.compile(r"[A-Za-z0-9]{1,40}")
 _NAME = re.compile(r"[^/\\\0]{1,200}")
 
 
@@ -113,31 +114,37 @@ class Places:
     def _words(self) -> str:
         return ", ".join(map(str, self.roots)) or "none"
 
-    def upload(self, name: str) -> Path:
+    def upload(self, name: str, together: str = "") -> Path:
         """Return a new place for an uploaded file.
 
         Parameters
         ----------
         name : str
             As the browser names it; only its last part counts.
+        together : str, optional
+            Name of a set, letters and digits: its files lie in one folder.
 
         Returns
         -------
         Path
-            In a folder of its own, so that names never collide.
+            In a folder of its own, or of its set, so that names never collide.
 
         Raises
         ------
         WriteError
-            If the name is none.
+            If the name is none, or the set has a file of that name already.
         """
         last = name.replace("\\", "/").rpartition("/")[2].strip()
         if not _NAME.fullmatch(last) or last in (".", "..") or not last.isprintable():
             raise WriteError(f"{name[:60]!r} is no file name")
         if self._uploads is None:
             self._uploads = Path(os.path.realpath(tempfile.mkdtemp(prefix="metrosep-ui-")))
-        folder = self._uploads / secrets.token_hex(4)
-        folder.mkdir()
+        if together and not _SET.fullmatch(together):
+            raise WriteError(f"{together[:60]!r} is no name of a set; it has letters and digits only")
+        folder = self._uploads / (f"set-{together}" if together else secrets.token_hex(4))
+        folder.mkdir(exist_ok=bool(together))
+        if (folder / last).exists():
+            raise WriteError(f"{last}: the set has a file of this name already; rename one of them")
         return folder / last
 
     def close(self) -> None:

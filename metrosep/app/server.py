@@ -7,7 +7,7 @@ import contextlib
 import json
 import secrets
 import threading
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -20,10 +20,12 @@ from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from metrosep.app.answers import Answers
+from metrosep.app.answers import CHANGING, Answers
+from metrosep.app.asking import Ask
 from metrosep.app.guards import Guard
+from metrosep.app.messages import Tell
 from metrosep.app.places import Places
-from metrosep.app.sessions import Ask, Session
+from metrosep.app.sessions import Session
 from metrosep.app.wire import error_header, pack
 from metrosep.core.errors import MetrosepError, WriteError
 from metrosep.recipe.pipeline import CancelledError
@@ -51,7 +53,7 @@ def new_token() -> str:
 
 
 def make_app(
-    places: Places, *, port: int, token: str, first: str | None = None, exit_code: Any = None
+    places: Places, *, port: int, token: str, first: Sequence[str] = (), exit_code: Any = None
 ) -> Starlette:
     """Return the application.
 
@@ -63,8 +65,8 @@ def make_app(
         Where it will listen: requests for another host are refused.
     token : str
         Of this start.
-    first : str, optional
-        File to open.
+    first : sequence of str, optional
+        Files to open: one, or several runs as a set.
     exit_code : callable, optional
         Code of an error, as the command line has it; 2 if omitted.
 
@@ -78,11 +80,12 @@ def make_app(
     session = Session(places)
     answers = Answers(session)
     waiting: dict[str, Any] = {"error": None}
-    if first is not None:
+    pages: set[_Talk] = set()
+    if first:
         try:
             session.open(first)
         except MetrosepError as exc:
-            waiting["error"] = _failed(exc, code_of, None, "open")
+            waiting["error"] = {**_failed(exc, code_of, None, "open"), "paths": list(first)}
 
     async def page(request: Request) -> Response:
         refused = _refused(guard, request)
@@ -111,7 +114,12 @@ def make_app(
             await websocket.close(code=4403)
             return
         await websocket.accept()
-        await _Talk(websocket, answers, code_of, waiting).run()
+        talk = _Talk(websocket, answers, code_of, waiting, pages)
+        pages.add(talk)
+        try:
+            await talk.run()
+        finally:
+            pages.discard(talk)
 
     @contextlib.asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
@@ -161,7 +169,8 @@ async def _received(request: Request, places: Places) -> Path:
     stated = request.headers.get("content-length", "")
     if stated.isdecimal() and int(stated) > places.largest_upload:
         raise WriteError(f"the file has {stated} bytes, at most {places.largest_upload} are taken")
-    target = places.upload(unquote(request.headers.get("x-file-name", "")))
+    headers = request.headers
+    target = places.upload(unquote(headers.get("x-file-name", "")), headers.get("x-set", ""))
     size = 0
     try:
         with target.open("wb") as file:
@@ -177,7 +186,7 @@ async def _received(request: Request, places: Places) -> Path:
 
 def _failed(error: MetrosepError, code_of: Any, number: Any, kind: Any) -> dict[str, Any]:
     ask = (
-        {"name": error.name, "kind": "text", "path": error.path}
+        {"name": error.name, "kind": "text", "path": error.path, "fields": list(error.fields)}
         if isinstance(error, Ask)
         else None
     )
@@ -188,10 +197,15 @@ class _Talk:
     """One page: its requests side by side, one at a time of each kind."""
 
     def __init__(
-        self, websocket: WebSocket, answers: Answers, code_of: Any, waiting: dict[str, Any]
+        self,
+        websocket: WebSocket,
+        answers: Answers,
+        code_of: Any,
+        waiting: dict[str, Any],
+        pages: set[_Talk],
     ) -> None:
         self.websocket, self.answers, self.code_of = websocket, answers, code_of
-        self.waiting = waiting
+        self.waiting, self.pages = waiting, pages
         self.cancelled: dict[int, threading.Event] = {}
         self.turns: dict[str, asyncio.Lock] = {}
         self.sending = asyncio.Lock()
@@ -238,18 +252,38 @@ class _Talk:
             self.cancelled[number] = event
         try:
             async with self.turns.setdefault(kind, asyncio.Lock()):
-                header, arrays = await run_in_threadpool(self.answer, message, number, event)
+                tell = self.teller(number, asyncio.get_running_loop())
+                header, arrays = await run_in_threadpool(self.answer, message, number, event, tell)
             await self.send(header, arrays)
+            if kind in CHANGING and header.get("ok"):
+                await self.tell_others({"k": "session", "session": header["session"]})
         finally:
             if number is not None:
                 self.cancelled.pop(number, None)
 
+    def teller(self, number: int | None, loop: asyncio.AbstractEventLoop) -> Tell:
+        """Return what sends news of a request from the thread that works on it."""
+
+        def tell(news: Mapping[str, Any]) -> None:
+            asyncio.run_coroutine_threadsafe(self.send({**news, "of": number}), loop)
+
+        return tell
+
+    async def tell_others(self, news: Mapping[str, Any]) -> None:
+        """Send news to the other pages: they show the same recipe."""
+        for page in [p for p in self.pages if p is not self]:
+            await page.send(news)
+
     def answer(
-        self, message: Mapping[str, Any], number: int | None, event: threading.Event
+        self,
+        message: Mapping[str, Any],
+        number: int | None,
+        event: threading.Event,
+        tell: Tell,
     ) -> Any:
         kind = message.get("k")
         try:
-            header, arrays = self.answers.answer(message, event.is_set)
+            header, arrays = self.answers.answer(message, event.is_set, tell)
         except CancelledError:
             return {**error_header("cancelled", code=130, request=number, k=kind)}, {}
         except MetrosepError as exc:

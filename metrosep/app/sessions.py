@@ -5,69 +5,20 @@ from __future__ import annotations
 import hashlib
 import threading
 import time
+import tomllib
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
-from metrosep.app.documents import Edit, RecipeDocument, start_text
+from metrosep.app.documents import Edit, RecipeDocument
 from metrosep.app.evaluations import Evaluations, Level, Outcome
+from metrosep.app.opening import Opened, autosave_path, open_files, read_again
 from metrosep.app.places import Places
-from metrosep.core.errors import (
-    DataError,
-    ReadError,
-    RecipeError,
-    UnitError,
-    WriteError,
-)
-from metrosep.core.profile import Profile
-from metrosep.core.surface import Surface
+from metrosep.core.errors import DataError, MetrosepError, WriteError
 
-__all__ = ["Ask", "Session", "autosave_path", "is_extreme"]
-
-_READING = ("unit", "lateral_step", "channel", "format")
-"""Options of a reader that a recipe keeps in ``[input]``."""
+__all__ = ["Session", "is_extreme"]
 
 _EXTREMES = ("PV", "PVr", "PVq", "Sz", "Sp", "Sv", "S10z", "Sxp")
 """Parameters of single points, besides all of a profile that end in t, z, p or v: they need all data."""
-
-
-class Ask(DataError):  # noqa: N818
-    """The file does not say something that the user must.
-
-    Parameters
-    ----------
-    message : str
-        As the command line would say it.
-    name : str
-        Option of the reader.
-    path : str
-        The file.
-    """
-
-    def __init__(self, message: str, name: str, path: str) -> None:
-        super().__init__(message)
-        self.name, self.path = name, path
-
-
-def autosave_path(file: Path) -> Path:
-    """Return where the session of a file is kept: beside it.
-
-    Parameters
-    ----------
-    file : Path
-        Measurement.
-
-    Returns
-    -------
-    Path
-        ``<name>.session.toml``.
-
-    Examples
-    --------
-    >>> autosave_path(Path("part.sdf")).name
-    'part.sdf.session.toml'
-    """
-    return file.with_name(f"{file.name}.session.toml")
 
 
 class Session:
@@ -85,107 +36,64 @@ class Session:
         self.places = places
         self._read = read
         self.lock = threading.RLock()
-        self.file: Path | None = None
+        self.opened: Opened | None = None
         self.document: RecipeDocument | None = None
-        self.evaluations: Evaluations | None = None
-        self.view: dict[str, Any] = {}
         self.saved_at: float | None = None
         self.messages: list[str] = []
 
     # ---- opening -----------------------------------------------------------------------------
 
-    def open(self, path: str, reading: Mapping[str, Any] | None = None) -> None:
-        """Open a measurement, or a recipe with its measurement.
+    def open(self, paths: str | Sequence[str], reading: Mapping[str, Any] | None = None) -> None:
+        """Open a measurement, several runs as a set, or a recipe with its files.
 
         Parameters
         ----------
-        path : str
-            As the page names it.
+        paths : str or sequence of str
+            As the page names them.
         reading : mapping, optional
             Options of the reader.
 
         Raises
         ------
         ReadError
-            If it cannot be read, or lies outside the opened folders.
+            If a file cannot be read, or lies outside the opened folders.
         Ask
-            If the file does not say its unit.
+            If the files do not say their unit or columns.
         DataError
-            If it holds something else than a map or profile.
+            If they hold something else.
         RecipeError
             If a recipe is wrong.
         """
-        file = self.places.readable(path)
-        given = {k: v for k, v in (reading or {}).items() if k in _READING and v not in (None, "")}
-        messages: list[str] = []
-        document = None
-        if file.suffix == ".toml":
-            document, file = self._of_recipe(file)
-        obj = self._obj(file, given or self._stored(document))
-        if document is None:
-            document = self._restored(file, messages) or RecipeDocument(
-                start_text(file.name, _kind(obj), given), file.parent
-            )
+        names = [paths] if isinstance(paths, str) else list(paths)
+        opened = open_files(self.places, names, reading, self._read)
         with self.lock:
-            self.file, self.document, self.evaluations = file, document, Evaluations(obj)
-            self.messages, self.view, self.saved_at = messages, {}, None
-
-    def _of_recipe(self, file: Path) -> tuple[RecipeDocument, Path]:
-        try:
-            text = file.read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as exc:
-            raise RecipeError(f"{file.name}: the recipe cannot be read ({exc})") from None
-        document = RecipeDocument(text, file.parent, file.name)
-        names = document.recipe.input.get("files") or ()
-        found = sorted(p for name in names for p in file.parent.glob(name))
-        if not found:
-            raise ReadError(
-                f"{file.name}: its [input] names no file that is there; open a measurement"
-            )
-        return document, self.places.readable(str(found[0]))
-
-    def _restored(self, file: Path, messages: list[str]) -> RecipeDocument | None:
-        kept = autosave_path(file)
-        if not kept.is_file():
-            return None
-        try:
-            made = RecipeDocument(kept.read_text(encoding="utf-8"), file.parent)
-        except (OSError, UnicodeDecodeError, RecipeError) as exc:
-            messages.append(f"{kept.name}: the session kept there is not used ({exc})")
-            return None
-        messages.append(f"the session of this file was taken up again ({kept.name})")
-        return made
-
-    def _stored(self, document: RecipeDocument | None) -> dict[str, Any]:
-        if document is None:
-            return {}
-        kept = document.recipe.input
-        return {k: kept[k] for k in _READING if k in kept}
-
-    def _obj(self, file: Path, reading: Mapping[str, Any]) -> Surface | Profile:
-        from metrosep.io.read import read
-
-        try:
-            obj = (self._read or read)(file, **reading)
-        except MemoryError:
-            raise ReadError(
-                f"{file.name}: too large for the memory of this computer; cut it, or open it elsewhere"
-            ) from None
-        except UnitError as exc:
-            raise Ask(str(exc), "unit", str(file)) from None
-        if isinstance(obj, Surface | Profile):
-            return obj
-        raise DataError(
-            f"{file.name}: holds a {type(obj).__name__}; the workbench works on maps and profiles, runs "
-            "are separated with 'metrosep separate'"
-        )
+            self.opened, self.document = opened, opened.document
+            self.messages, self.saved_at = list(opened.messages), None
 
     # ---- editing -----------------------------------------------------------------------------
 
+    def need(self) -> tuple[Opened, RecipeDocument]:
+        """Return what is open.
+
+        Returns
+        -------
+        opened : Opened
+            Files, kind, and what the recipe works on.
+        document : RecipeDocument
+            The recipe.
+
+        Raises
+        ------
+        DataError
+            If nothing is.
+        """
+        with self.lock:
+            if self.opened is None or self.document is None:
+                raise DataError("no file is open; open one, or drop it onto the page")
+            return self.opened, self.document
+
     def _need(self) -> RecipeDocument:
-        if self.document is None or self.evaluations is None or self.file is None:
-            raise DataError("no file is open; open one, or drop it onto the page")
-        return self.document
+        return self.need()[1]
 
     def edit(self, edits: Sequence[Edit], label: str | None = None) -> None:
         """Carry edits of the recipe out, and keep it.
@@ -205,8 +113,8 @@ class Session:
             If the recipe would no longer be one.
         """
         with self.lock:
-            self._need().edit(edits, label)
-            self._keep()
+            document = self._need()
+            self._carry_out(lambda: document.edit(edits, label), document.withdraw)
 
     def undo(self) -> None:
         """Take the last edit back.
@@ -217,8 +125,8 @@ class Session:
             If there is none, or nothing is open.
         """
         with self.lock:
-            self._need().undo()
-            self._keep()
+            document = self._need()
+            self._carry_out(document.undo, document.redo)
 
     def redo(self) -> None:
         """Do the last edit again that was taken back.
@@ -229,15 +137,26 @@ class Session:
             If there is none, or nothing is open.
         """
         with self.lock:
-            self._need().redo()
-            self._keep()
+            document = self._need()
+            self._carry_out(document.redo, document.undo)
+
+    def _carry_out(self, act: Callable[[], None], back: Callable[[], None]) -> None:
+        """Change the recipe, read again if it names other columns or units, and keep it."""
+        opened, document = self.need()
+        before = document.recipe.input
+        act()
+        if document.recipe.input != before:
+            try:
+                self.opened = read_again(opened, document.recipe, self._read)
+            except MetrosepError:
+                back()
+                raise
+        self._keep()
 
     def _keep(self) -> None:
-        document, file = self.document, self.file
-        if document is None or file is None:
-            return
+        opened, document = self.need()
         try:
-            document.save(autosave_path(file))
+            document.save(autosave_path(opened.home))
             self.saved_at = time.time()
         except WriteError as exc:
             words = f"the session is not kept: {exc}"
@@ -248,8 +167,14 @@ class Session:
 
     @property
     def kind(self) -> str | None:
-        """Kind of what is open: map, profile, or None."""
-        return None if self.evaluations is None else _kind(self.evaluations.obj)
+        """Kind of what is open: map, profile, runs, method, or None."""
+        return None if self.opened is None else self.opened.kind
+
+    @property
+    def evaluations(self) -> Evaluations | None:
+        """The stages of a map or profile; None where something else is open."""
+        material = None if self.opened is None else self.opened.material
+        return material if isinstance(material, Evaluations) else None
 
     def outcome(
         self,
@@ -283,7 +208,9 @@ class Session:
             steps = self._need().recipe.steps
             evaluations = self.evaluations
         if evaluations is None:
-            raise DataError("no file is open; open one, or drop it onto the page")
+            raise DataError(
+                f"this is a recipe of {self.kind}: it has no stages of one measurement"
+            )
         return evaluations.outcome(steps, level, cancel=cancel, tell=tell)
 
     def state(self) -> dict[str, Any]:
@@ -295,16 +222,22 @@ class Session:
             ``session`` of the protocol; plain values.
         """
         with self.lock:
-            document = self.document
-            if document is None or self.file is None:
+            document, opened = self.document, self.opened
+            if document is None or opened is None:
                 return {"recipe": None, "steps": [], "files": [], "kind": None, "can_undo": False,
                         "can_redo": False, "messages": list(self.messages), "view": {}}  # fmt: skip
+            data = tomllib.loads(document.text)
             return {
                 "recipe": document.text,
                 "title": document.recipe.title,
-                "steps": _steps(document),
-                "checks": _tables(document, "check"),
-                "files": [str(self.file)],
+                "name": document.name,
+                "steps": _steps(data),
+                "checks": data.get("check", []),
+                "outputs": data.get("output", []),
+                "input": data.get("input", {}),
+                "op": document.recipe.steps[0]["op"],
+                "files": [str(f) for f in opened.files],
+                "home": str(opened.home),
                 "kind": self.kind,
                 "can_undo": document.undo_label is not None,
                 "can_redo": document.redo_label is not None,
@@ -312,7 +245,7 @@ class Session:
                 "redo_label": document.redo_label,
                 "saved_at": self.saved_at,
                 "hash": hashlib.sha256(document.text.encode()).hexdigest(),
-                "view": dict(self.view),
+                "view": data.get("view", {}),
                 "messages": list(self.messages),
             }
 
@@ -321,17 +254,7 @@ class Session:
         self.places.close()
 
 
-def _kind(obj: Surface | Profile) -> str:
-    return "map" if isinstance(obj, Surface) else "profile"
-
-
-def _tables(document: RecipeDocument, name: str) -> list[dict[str, Any]]:
-    import tomllib
-
-    return list(tomllib.loads(document.text).get(name, []))
-
-
-def _steps(document: RecipeDocument) -> list[dict[str, Any]]:
+def _steps(data: Mapping[str, Any]) -> list[dict[str, Any]]:
     return [
         {
             "index": i,
@@ -340,7 +263,7 @@ def _steps(document: RecipeDocument) -> list[dict[str, Any]]:
             "keys": {k: v for k, v in step.items() if k not in ("op", "enabled")},
             "stored": step,
         }
-        for i, step in enumerate(_tables(document, "step"))
+        for i, step in enumerate(data.get("step", []))
     ]
 
 

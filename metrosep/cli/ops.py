@@ -13,6 +13,7 @@ import click
 from metrosep.cli.example_calls import example_call, shell_text
 from metrosep.cli.named import COLUMN_OPTIONS
 from metrosep.cli.options import json_option
+from metrosep.recipe.step_help import key_words, kind_words
 
 if TYPE_CHECKING:
     from metrosep.recipe.method import Method
@@ -100,14 +101,16 @@ def _explain(row: Mapping[str, Any], fields: Mapping[str, Field]) -> None:
     for key, field in fields.items():
         if key == "op":
             continue
-        words = _KEY_WORDS.get((str(row["op"]), key)) or _KEY_WORDS.get(("", key), "")
-        text = f"    {key}: {words or _KIND_WORDS.get(field.kind, field.kind)}"
+        words = key_words(str(row["op"]), key) or kind_words(field.kind)
+        text = f"    {key}: {words}"
         if row["op"] in MEASURING:
             text = f"    {key}: {MEASURING[str(row['op'])].help[key]}"
             if field.choices:
                 text += f"; one of {', '.join(str(c) for c in field.choices)}"
         elif field.choices:
             text = f"    {key}: one of {', '.join(str(c) for c in field.choices)}"
+            about = key_words(str(row["op"]), key)
+            text += f"; {about}" if about else ""
         text += ", needed" if field.required else ""
         click.echo(textwrap.fill(text, _WIDTH, subsequent_indent="        "))
         for name, inner in _inner_keys(str(row["op"]), key).items():
@@ -235,93 +238,6 @@ def _role_words(name: str, kind: str) -> str:
     if "*" in kind:
         text += ", one column or several"
     return text + ("" if "?" in kind else ", needed")
-
-
-_KIND_WORDS = {
-    "size": 'a length above zero with its unit, "25 mm"',
-    "length": 'a length with its unit, "-5 mm"',
-    "uncertainty": 'a length from zero with its unit, "2 nm"',
-    "angle": 'an angle with its unit, "0.1 deg"',
-    "angles": 'angles with their units, "0 deg, 45 deg"',
-    "lengths": 'lengths with their units, "0 mm, 10 mm"',
-    "time": 'a time with its unit, "2 ms"',
-    "speed": 'a feedrate with its unit, "4800 mm/min"',
-    "frequency": 'a frequency with its unit, "1 kHz"',
-    "integer": "a whole number",
-    "number": "a number",
-    "flag": "true or false",
-    "limit": "a length or an angle with its unit, or a plain number",
-    "text": "a text",
-    "file": "a file",
-    "table": "a table of TOML",
-    "texts": "texts, first,second",
-    "any": "numbers",
-    "numbers": "numbers, 1,2.5",
-    "integers": "whole numbers, 8,7",
-    "times": 'times with their units, "0 s, 30 s"',
-    "speeds": 'feedrates with their units, "4800 mm/min, 7200 mm/min"',
-    "frequencies": 'auto, or frequencies with their units, "50 Hz, 100 Hz"',
-    "windows": 'windows of time, "0 min..60 min, 180 min..240 min"',
-    "places": 'positions along a line, "0 mm, 10 mm", or in a plane, "0 mm..0 mm, 10 mm..0 mm"',
-    "pairs": "pairs of whole numbers, 0..0,1..0",
-    "range": 'lengths with their units, "10 mm, 5 mm"',
-    "waves": 'a number of waves, or their lengths with units, "10 mm"',
-    "lag": 'a time with its unit, "1 ms", or fit',
-    "degree": "a whole number, or auto",
-    "spacing": 'a length with its unit, "1 mm", or a number of points',
-}
-
-
-_KEY_WORDS: Mapping[tuple[str, str], str] = {
-    ("", "machine"): "a preset (five_axis, fts_lathe, mill_xyz, sts_lathe) or a file of TOML "
-    "(docs/how-to/describe-a-machine.md)",
-    ("rank", "radius"): 'of the part, from its axis to the rim, "20 mm"',
-    ("identify", "radius"): 'of the part, from its axis to the rim, "20 mm"',
-    ("predict", "radius"): 'of the part, from its axis to the rim, "20 mm"',
-    ("predict", "rpm"): "turns of the spindle per minute, 20",
-    ("follow_up", "rpm"): "turns of the spindle per minute, 20",
-    ("", "machine_radius"): "of the preset fts_lathe, where it is not that of the part",
-    (
-        "tool_setting",
-        "form",
-    ): 'the nominal surface, "sine_grid: amplitude=50 nm, wavelength=100 um"',
-    ("tool_setting", "free"): "what is fitted, piston,dx,dy,dR (tilt_x, tilt_y, shift_x, shift_y, "
-    "rotation too)",
-    ("tool_setting", "noise"): 'standard uncertainty of one height, "1 nm"',
-    ("tool_setting", "region"): 'radii between which points are used, "20 um, 220 um"',
-    ("identify", "terms"): "error terms that may be at work, EXX,EYX,B0Z",
-    ("identify", "exact"): "true: the surface is cut anew, not linear in the errors",
-    ("rank", "errors"): 'a table, { EXX = "1 um", B0Z = "0.2 arcsec" }',
-    ("rank", "all_lengths"): 'magnitude of every other term that is a length, "1 um"',
-    ("rank", "all_angles"): 'magnitude of every other term that is an angle, "1 arcsec"',
-    ("rank", "removed"): "none, piston, plane, plane+defocus, rigid, or names with commas",
-    ("follow_up", "terms"): "what the error may depend on, velocity,acceleration,jerk (position, "
-    "friction too)",
-    ("follow_up", "delay"): 'known lag of the logger, taken out first, "1 ms"',
-    ("follow_up", "spiral"): 'start radius and feed per turn, "500 um, 2 um"',
-    ("predict", "feed"): 'towards the centre per turn, "2 um"',
-    ("predict", "block_time"): 'that the controller needs for a block, "2 ms"',
-    ("predict", "tolerance"): 'P-V that the points of the program may add, "1 nm"',
-    ("predict", "core"): 'radius about the axis that is not judged, "4 um"',
-    ("predict", "dx"): 'tool further from the spindle axis than programmed, "-0.25 um"',
-    ("predict", "dy"): 'tool off the axis towards growing azimuth of the part, "0.1 um"',
-    ("predict", "dR"): 'nose radius larger than programmed, "10 um"',
-    ("predict", "follow_up"): "file with the log of the dry run of this part",
-    ("predict", "follow_up_pv"): 'P-V of the follow-up error, where there is no log, "5 nm"',
-    ("predict", "gain"): "share of a known error that the program makes up for, 1",
-    ("predict", "measured"): 'P-V of the part as cut, to compare, "8 nm"',
-    ("dual_servo", "sensitivity"): 'of the stage, where there is no sweep, "1.66 um/V"',
-    ("dual_servo", "calibration"): "file with a sweep of the stage: voltage and displacement",
-    ("dual_servo", "voltage"): "column of that file, voltage_V",
-    ("dual_servo", "displacement"): "column of that file, displacement_um",
-    ("dual_servo", "offset"): 'where the stage rests, within its travel, "2 um"',
-    ("dual_servo", "limits"): "voltages of the amplifier, 0,10",
-    ("dual_servo", "travel"): 'of the stage, from 0, "5 um"',
-    ("dual_servo", "against"): "what the straightness is measured against, a text",
-    ("dual_servo", "strict"): "true: a table beyond a limit is refused; false: it is written",
-    ("dual_servo", "slew"): "fastest change of the amplifier in V/s, 100",
-}
-"""What a key means, by step and key; by key alone where the step is empty."""
 
 
 def _read_by(row: Mapping[str, Any]) -> str:

@@ -19,14 +19,14 @@ _MISSING = (
 
 
 @click.command()
-@click.argument("file", required=False)
+@click.argument("files", nargs=-1, metavar="[FILE]...")
 @click.option("--port", type=click.IntRange(0, 65535), default=0, help="0: any that is free.")
 @click.option("--no-browser", is_flag=True, help="Only print the address.")
 @click.option(
     "--folder", "folders", multiple=True, metavar="DIR", help="Another folder that may be used."
 )
-def ui(file: str | None, port: int, no_browser: bool, folders: tuple[str, ...]) -> int:
-    """Open the workbench in the browser, with FILE (a map, a profile or a recipe).
+def ui(files: tuple[str, ...], port: int, no_browser: bool, folders: tuple[str, ...]) -> int:
+    """Open the workbench in the browser, with FILE: a map, a profile, a recipe, or several runs.
 
     It listens on this computer only, and asks for the token in the address that it prints. The
     recipe is kept beside FILE with every change; files outside FILE's folder, --folder and what is
@@ -43,17 +43,19 @@ def ui(file: str | None, port: int, no_browser: bool, folders: tuple[str, ...]) 
         if (exc.name or "").partition(".")[0] in ("starlette", "uvicorn", "websockets", "tomlkit"):
             raise UnsupportedFeatureError(_MISSING) from None
         raise
-    first = None if file is None else Path(file)
-    if first is not None and not first.is_file():
-        raise ReadError(f"{file}: there is no such file")
-    opened = [first.resolve().parent if first is not None else Path.cwd(), *map(Path, folders)]
+    first = [Path(f) for f in files]
+    for file in first:
+        if not file.is_file():
+            raise ReadError(f"{file}: there is no such file")
+    places = list(dict.fromkeys(f.resolve().parent for f in first)) or [Path.cwd()]
+    opened = [*places, *map(Path, folders)]
     listener = _listener(port)
     token, port = new_token(), listener.getsockname()[1]
     app = make_app(
         Places(opened),
         port=port,
         token=token,
-        first=None if first is None else str(first.resolve()),
+        first=[str(f.resolve()) for f in first],
         exit_code=_exit_code,
     )
     address = f"http://127.0.0.1:{port}/?token={token}"

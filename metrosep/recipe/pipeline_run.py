@@ -19,6 +19,7 @@ from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step, history_as_dicts
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
+from metrosep.recipe.input_options import reading_options
 from metrosep.recipe.pipeline import Stage, StepError, run_step
 from metrosep.recipe.pipeline_mask import Measured
 
@@ -229,7 +230,7 @@ def _read(recipe: Recipe, files: list[Path], tell: Tell) -> Measured:
             "files",
         )
     tell(f"reading {files[0].name}")
-    obj = read(files[0], **{k: v for k, v in recipe.input.items() if k != "files"})
+    obj = read(files[0], **reading_options(recipe.input))
     if not isinstance(obj, Surface | Profile):
         raise InvalidSamplesError(
             f"{files[0]}: holds a {type(obj).__name__}, and the steps need a profile or a map; name "

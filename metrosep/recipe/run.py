@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import platform
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +15,7 @@ from metrosep.core.errors import ReadError, RecipeError
 from metrosep.core.provenance import Step, history_as_dicts
 from metrosep.core.runset import RunSet
 from metrosep.recipe.characteristics import DECISION_RULE, characteristics
+from metrosep.recipe.input_options import reading_options
 from metrosep.recipe.outputs import (
     WrittenTable,
     dry_runs,
@@ -30,7 +31,15 @@ from metrosep.separation.base import ErrorEstimate
 if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe
 
-__all__ = ["input_files", "input_records", "run_recipe", "versions"]
+__all__ = [
+    "input_files",
+    "input_records",
+    "read_inputs",
+    "run_recipe",
+    "separate_inputs",
+    "separated_result",
+    "versions",
+]
 
 PathLike = str | os.PathLike[str]
 Progress = Callable[[str], None]
@@ -77,21 +86,45 @@ def run_recipe(
 
         return run_method(recipe, files, out=None if out is None else Path(out), tell=tell)
     tell(f"reading {len(files)} file(s)")
-    runs = _read(recipe, files)
+    runs = read_inputs(recipe, files)
     if out is None:
-        estimate = _separate(recipe, runs, tell)
-        document, _ = _document(recipe, runs, estimate, dry_runs(recipe, runs, estimate))
-        return Result(document, estimate)
+        return separated_result(recipe, runs, separate_inputs(recipe, runs, tell))
     folder = Path(out)
     refuse_foreign(recipe, folder)
     with staged(folder) as stage:
-        estimate = _separate(recipe, runs, tell)
+        estimate = separate_inputs(recipe, runs, tell)
         tables = write_tables(recipe, runs, estimate, stage, tell)
         document, names = _document(recipe, runs, estimate, tables)
         result = Result(document, estimate)
         names += write_reports(recipe, document, stage, tell)
         result.write(stage / RESULT_NAME)
     return Result(document, estimate, tuple(folder / n for n in (*names, RESULT_NAME)))
+
+
+def separated_result(recipe: Recipe, runs: RunSet, estimate: ErrorEstimate) -> Result:
+    """Return the result of runs that were separated already; nothing is written.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        With its tables, polynomial and checks.
+    runs : RunSet
+        Readings.
+    estimate : ErrorEstimate
+        What its first step made of them.
+
+    Returns
+    -------
+    Result
+        As `Recipe.run` gives it without an output folder.
+
+    Raises
+    ------
+    MetrosepError
+        If a table, the polynomial, the plan or a check cannot be made.
+    """
+    document, _ = _document(recipe, runs, estimate, dry_runs(recipe, runs, estimate))
+    return Result(document, estimate)
 
 
 def _document(
@@ -224,20 +257,53 @@ def _by_number(file: Path) -> list[tuple[int, int, str]]:
     return [(1, int(p), "") if p.isdecimal() else (0, 0, p) for p in pieces]
 
 
-def _read(recipe: Recipe, files: list[Path]) -> RunSet:
+def read_inputs(recipe: Recipe, files: list[Path]) -> RunSet:
+    """Return the runs that a recipe separates.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        With the columns of ``[input]``.
+    files : list of Path
+        As `input_files` finds them.
+
+    Returns
+    -------
+    RunSet
+        Readings.
+
+    Raises
+    ------
+    MetrosepError
+        If a file cannot be read as runs.
+    """
     from metrosep.io.runs import read_runs
 
-    options = {k: v for k, v in recipe.input.items() if k != "files"}
-    for key in ("x", "z", "feed", "time"):
-        value = options.get(key)
-        if isinstance(value, Mapping):
-            if "scale" in value:
-                options["scale"] = value["scale"]
-            options[key] = (value["column"], value["unit"]) if "unit" in value else value["column"]
-    return read_runs(files, **options)
+    return read_runs(files, **reading_options(recipe.input))
 
 
-def _separate(recipe: Recipe, runs: RunSet, tell: Progress) -> ErrorEstimate:
+def separate_inputs(recipe: Recipe, runs: RunSet, tell: Progress = _silent) -> ErrorEstimate:
+    """Return what the step ``separate`` of a recipe makes of runs.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        With that step.
+    runs : RunSet
+        Readings.
+    tell : callable, optional
+        Told what is being done.
+
+    Returns
+    -------
+    ErrorEstimate
+        Error of the axis.
+
+    Raises
+    ------
+    MetrosepError
+        If the runs cannot be separated.
+    """
     from metrosep.separation.entry import separate
 
     tell(f"separating {len(runs)} runs")

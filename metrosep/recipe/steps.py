@@ -23,10 +23,12 @@ __all__ = [
 TOP = {
     "metrosep": Field("integer", required=True),
     "title": Field("text"),
+    "extends": Field("text"),
     "input": Field("table"),
     "step": Field("any", required=True),
     "check": Field("any"),
     "output": Field("any"),
+    "batch": Field("table"),
     "view": Field("table"),
 }
 
@@ -51,6 +53,9 @@ MEASURING_INPUT = {
     "lateral_step": Field("size"),
     "channel": Field("text"),
     "format": Field("text"),
+    "x": Field("column"),
+    "z": Field("column"),
+    "scale": Field("text"),
 }
 
 STEPS = {

@@ -29,7 +29,7 @@ def part(tmp_path):
     return path
 
 
-def client(folder, first=None):
+def client(folder, first=()):
     app = make_app(Places([folder]), port=PORT, token=TOKEN, first=first)
     return TestClient(app, base_url=f"http://127.0.0.1:{PORT}")
 
@@ -38,12 +38,14 @@ class Page:
     """The page: sends JSON, unpacks frames."""
 
     def __init__(self, socket):
-        self.socket, self.number = socket, 0
+        self.socket, self.number, self.news = socket, 0, []
 
     def ask(self, k, **message):
         self.number += 1
         self.socket.send_text(json.dumps({"id": self.number, "k": k, **message}))
-        header, arrays = unpack(self.socket.receive_bytes())
+        while "of" in (frame := unpack(self.socket.receive_bytes()))[0]:
+            self.news.append(frame[0])
+        header, arrays = frame
         assert header.get("id") == self.number
         return header, arrays
 

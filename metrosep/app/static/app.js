@@ -4,11 +4,18 @@
 
 import { COLOUR_NAMES } from "./colours.js";
 import { alertText, askFile, askForm, clearAlerts, download, showHelp, showText } from "./dialogs.js";
-import { listenToDrops, openPath, upload } from "./files.js";
+import { listenToDrops, openPaths, upload } from "./files.js";
 import { ago } from "./format.js";
 import { KEYS, listenToKeys } from "./keys.js";
 import { makeLadder } from "./ladder.js";
 import { makeMetrics } from "./metrics.js";
+import { make as makeCompare } from "./tab_compare.js";
+import { make as makeFolder } from "./tab_folder.js";
+import { make as makeRanking } from "./tab_ranking.js";
+import { make as makeReport } from "./tab_report.js";
+import { make as makeRuns } from "./tab_runs.js";
+import { make as makeTable } from "./tab_table.js";
+import { makeTabs } from "./tabs.js";
 import { makeTree } from "./tree.js";
 import { makeViews } from "./views.js";
 import { Refusal, Superseded, Wire } from "./wire.js";
@@ -47,6 +54,23 @@ const views = makeViews({
   wire, level: () => ladder.level, stage: () => tree.chosen, kind: () => session.kind ?? "none", failed: fail,
 });
 
+const isOf = (/** @type {string[]} */ ...kinds) => (/** @type {Dict} */ one) => kinds.includes(one.kind);
+const tabs = makeTabs(el("tabs"), [
+  { id: "view", label: (one) => (one.kind === "map" ? "Map" : "Profile"), fits: isOf("map", "profile"), make: null },
+  { id: "runs", label: () => "Runs", fits: isOf("runs"), make: makeRuns },
+  { id: "ranking", label: () => "Ranking", fits: (one) => one.kind === "method" && one.op === "rank", make: makeRanking },
+  { id: "table", label: () => "Table", fits: isOf("runs"), make: makeTable },
+  { id: "report", label: () => "Report", fits: () => true, make: makeReport },
+  { id: "compare", label: () => "Compare", fits: () => true, make: makeCompare },
+  { id: "folder", label: () => "Run on folder", fits: isOf("map", "profile", "runs"), make: makeFolder },
+], {
+  wire, session: () => session, schema: () => schema, edit, fail,
+  written(text, files = []) {
+    el("status-link").textContent = text;
+    el("status-link").title = files.join("\n");
+  },
+});
+
 function fail(/** @type {unknown} */ error) {
   if (error instanceof Superseded) return;
   alertText(error instanceof Error ? error.message : String(error));
@@ -81,6 +105,7 @@ async function full() {
     else drawFull("done", `full resolution, ${((performance.now() - started) / 1000).toFixed(1)}\u2009s`);
     document.body.dataset.full = of;
     views.show("full");
+    tabs.reached(header);
   } catch (error) {
     if (!(error instanceof Superseded)) drawFull("", "full resolution failed");
     fail(error);
@@ -121,13 +146,16 @@ function take(/** @type {Dict} */ next, isNewFile = false) {
   if (changed) metrics.stale();
   metrics.show(session);
   drawStage();
+  tabs.changed(isNewFile);
   if (changed && session.kind) ladder.climb();
 }
 
 function drawSession() {
-  const name = (session.files?.[0] ?? "").split(/[\\/]/).pop();
+  const first = (session.files?.[0] ?? session.home ?? "").split(/[\\/]/).pop();
+  const more = (session.files?.length ?? 0) - 1;
+  const name = more > 0 ? `${first} and ${more} more` : first;
   el("title").textContent = name || "no file";
-  el("title").title = session.files?.[0] ?? "";
+  el("title").title = (session.files ?? []).join("\n");
   el("subtitle").textContent = session.title && !name?.startsWith(session.title) ? session.title : "";
   document.title = name ? `${name} · metrosep` : "metrosep";
   for (const which of ["undo", "redo"]) {
@@ -191,10 +219,10 @@ async function again(/** @type {"undo" | "redo"} */ which) {
   }
 }
 
-async function open(/** @type {string} */ path) {
+async function open(/** @type {string[]} */ paths) {
   drawFull("busy", "reading…");
   try {
-    const answer = await openPath(wire, path);
+    const answer = await openPaths(wire, paths);
     drawFull("", "");
     if (!answer) return;
     clearAlerts();
@@ -205,10 +233,16 @@ async function open(/** @type {string} */ path) {
   }
 }
 
-async function receive(/** @type {File} */ file) {
-  drawFull("busy", `taking ${file.name}…`);
+async function receive(/** @type {File[]} */ files) {
   try {
-    await open(await upload(file, token));
+    /** @type {string[]} */
+    const paths = [];
+    const set = files.length > 1 ? Math.random().toString(36).slice(2, 12) : "";
+    for (const file of files) {
+      drawFull("busy", `taking ${file.name}…`);
+      paths.push(await upload(file, token, set)); // those of a set lie in one folder
+    }
+    await open(paths);
   } catch (error) {
     drawFull("", "");
     fail(error);
@@ -216,9 +250,9 @@ async function receive(/** @type {File} */ file) {
 }
 
 async function choose() {
-  const given = await askFile(session.files?.[0] ?? "");
-  if (given?.file) receive(given.file);
-  else if (given?.path) open(given.path);
+  const given = await askFile(session.home ?? "");
+  if (given?.files?.length) receive(given.files);
+  else if (given?.paths?.length) open(given.paths);
 }
 
 async function save() {
@@ -228,21 +262,21 @@ async function save() {
   get.textContent = "Download it instead";
   get.style.justifySelf = "start";
   get.addEventListener("click", () => {
-    download(session.recipe ?? "", `${(session.files[0] ?? "recipe").split(/[\\/]/).pop()?.replace(/\.[^.]*$/, "")}.toml`);
+    download(session.recipe ?? "", `${session.name ?? "recipe.toml"}`);
     get.closest("dialog")?.close("");
   });
   const given = await askForm({
     title: "Save the recipe", ok: "Save", extra: [get],
-    text: `It gives the same numbers with: metrosep run RECIPE FILE${isUpload()
+    text: `It gives the same result with: metrosep run RECIPE${session.op && session.files.length ? " FILE" : ""}${isUpload()
       ? "\nThe file is a copy that goes when metrosep ends: a recipe saved beside it goes too." : ""}`,
-    fields: [{ name: "path", label: "File", value: `${(session.files[0] ?? "").replace(/\.[^./\\]*$/, "")}.toml` }],
+    fields: [{ name: "path", label: "File", value: `${(session.home ?? "").replace(/[^/\\]*$/, "")}${session.name ?? "recipe.toml"}` }],
   });
   if (given?.path) await exported("recipe", given.path);
 }
 
 /** Whether the file came through the browser: its folder goes with the session. */
 function isUpload() {
-  return /metrosep-ui-/.test(session.files[0] ?? "");
+  return /metrosep-ui-/.test(session.home ?? "");
 }
 
 async function exportResult() {
@@ -250,7 +284,7 @@ async function exportResult() {
   const given = await askForm({
     title: "Export the result", ok: "Run and write",
     text: "Runs the recipe on the full data and writes its result into a folder.",
-    fields: [{ name: "path", label: "Folder", value: `${(session.files[0] ?? "").replace(/\.[^./\\]*$/, "")}_result` }],
+    fields: [{ name: "path", label: "Folder", value: `${(session.home ?? "").replace(/\.[^./\\]*$/, "")}_result` }],
   });
   if (given?.path) await exported("result", given.path);
 }
@@ -260,6 +294,7 @@ async function exported(/** @type {string} */ what, /** @type {string} */ path, 
   try {
     const { header } = await wire.ask("export", { what, path, overwrite });
     clearAlerts();
+    if (header.session) take(header.session);
     el("status-link").textContent = `written: ${header.files.map((/** @type {string} */ f) => f.split(/[\\/]/).pop()).join(", ")}`;
     el("status-link").title = header.files.join("\n");
   } catch (error) {
@@ -298,10 +333,13 @@ wire.onState = (connected) => {
 wire.onNews = (header) => {
   if (header.ok === false) {
     // The first file may not say its unit: its name begins the message and lies in the first folder.
-    if (header.error.ask) open(header.path ?? header.error.message.split(":")[0]);
+    if (header.error.ask) open(header.paths ?? [header.error.ask.path]);
     else alertText(header.error.message);
-  } else if (header.session) {
-    take(header.session);
+  } else if (header.k === "session") {
+    take(header.session, String(header.session.files) !== String(session.files));
+  } else {
+    if (header.k === "progress" && header.text) drawFull("busy", header.text);
+    tabs.news(header);
   }
 };
 document.addEventListener("visibilitychange", () => {
@@ -327,9 +365,9 @@ listenToKeys({
   h: () => el("shade").click(),
 }, (panel) => {
   const profile = session.kind === "profile";
-  const ids = ["panel-steps", profile ? "panel-profile" : "panel-map", profile ? "panel-profile" : "panel-section",
-    "panel-spectrum", "panel-metrics", "status"];
-  el(ids[panel - 1]).focus();
+  const shown = tabs.chosen === "view" ? [profile ? "panel-profile" : "panel-map", profile ? "panel-profile" : "panel-section", "panel-spectrum"]
+    : [`panel-${tabs.chosen}`, `panel-${tabs.chosen}`, `panel-${tabs.chosen}`];
+  el(["panel-steps", ...shown, "panel-metrics", "status"][panel - 1])?.focus();
 });
 listenToDrops(receive);
 setInterval(drawSaved, 5000);

@@ -70,28 +70,28 @@ function shown(form, className, ready) {
 }
 
 /**
- * Choose a file: a path on this computer, or one that is handed over by the browser.
+ * Choose files: paths on this computer, or such as are handed over by the browser.
  * @param {string} path shown to begin with
- * @returns {Promise<{ path?: string, file?: File } | null>}
+ * @returns {Promise<{ paths?: string[], files?: File[] } | null>}
  */
 export async function askFile(path) {
-  /** @type {File | null} */
-  let chosen = null;
-  const picker = make("input", { type: "file" });
-  const label = make("label", {}, "or choose one; a copy is worked on", picker);
+  /** @type {File[]} */
+  let chosen = [];
+  const picker = make("input", { type: "file", multiple: true });
+  const label = make("label", {}, "or choose; copies are worked on (several: one set of runs)", picker);
   picker.addEventListener("change", () => {
-    chosen = picker.files?.[0] ?? null;
-    if (chosen) picker.closest("dialog")?.close("file");
+    chosen = [...picker.files ?? []];
+    if (chosen.length) picker.closest("dialog")?.close("file");
   });
-  const promise = askForm({
-    title: "Open a measurement or a recipe",
-    fields: [{ name: "path", label: "File on this computer, inside the folders that metrosep was started with", value: path }],
+  const given = await askForm({
+    title: "Open a measurement, runs or a recipe",
+    fields: [{ name: "path", label: "File on this computer, inside the folders that metrosep was started with; several runs: separated by ;", value: path }],
     ok: "Open",
     extra: [label],
   });
-  const given = await promise;
-  if (chosen) return { file: chosen };
-  return given?.path ? { path: given.path } : null;
+  if (chosen.length) return { files: chosen };
+  const paths = (given?.path ?? "").split(";").map((/** @type {string} */ one) => one.trim()).filter(Boolean);
+  return paths.length ? { paths } : null;
 }
 
 /**

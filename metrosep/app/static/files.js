@@ -10,13 +10,14 @@ import { Refusal } from "./wire.js";
  * Hand a file over; return where the server keeps it.
  * @param {File} file
  * @param {string} token
+ * @param {string} [set] name of a set: its files are kept in one folder
  * @returns {Promise<string>}
  */
-export async function upload(file, token) {
+export async function upload(file, token, set = "") {
   let answer;
   try {
     answer = await fetch(`/upload?token=${encodeURIComponent(token)}`, {
-      method: "POST", body: file, headers: { "X-File-Name": encodeURIComponent(file.name) },
+      method: "POST", body: file, headers: { "X-File-Name": encodeURIComponent(file.name), ...(set ? { "X-Set": set } : {}) },
     });
   } catch {
     throw new Error(`${file.name}: the server does not answer; is metrosep still running?`);
@@ -33,41 +34,49 @@ export async function upload(file, token) {
 }
 
 /**
- * Open a file; ask the user for what it does not say.
+ * Open a file, or several runs as a set; ask the user for what they do not say.
  * @param {Wire} wire
- * @param {string} path
+ * @param {string[]} paths
  * @param {Record<string, string>} [reading]
  * @returns {Promise<import("./wire.js").Answer | null>} null: given up
  */
-export async function openPath(wire, path, reading = {}) {
+export async function openPaths(wire, paths, reading = {}) {
   try {
-    return await wire.ask("open", { path, reading });
+    return await wire.ask("open", { paths, reading });
   } catch (error) {
     if (!(error instanceof Refusal) || !error.ask) throw error;
-    const { name, choices } = error.ask;
-    const unit = name === "unit";
-    const given = await askForm({
-      title: unit ? "In which unit are the numbers of this file?" : `The file does not say: ${name}`,
-      text: error.message,
-      fields: [{ name, label: unit ? "Unit" : name, value: reading[name] ?? "", hint: unit ? "such as um" : "",
-        choices: choices ?? (unit ? ["nm", "um", "mm", "m", "in"] : undefined) }],
-      ok: "Open",
-    });
-    if (!given?.[name]) return null;
-    return openPath(wire, path, { ...reading, ...given });
+    const given = await askForm(question(error, reading));
+    if (!given || !Object.values(given).some(Boolean)) return null;
+    return openPaths(wire, paths, { ...reading, ...given });
   }
+}
+
+/** @param {Refusal} error @param {Record<string, string>} reading */
+function question(error, reading) {
+  const { name, choices, fields } = error.ask;
+  if (fields?.length) {
+    return { title: "Which column is what?", text: error.message, fields, ok: "Open" };
+  }
+  const unit = name === "unit";
+  return {
+    title: unit ? "In which unit are the numbers of this file?" : `The file does not say: ${name}`,
+    text: error.message,
+    fields: [{ name, label: unit ? "Unit" : name, value: reading[name] ?? "", hint: unit ? "such as um" : "",
+      choices: choices ?? (unit ? ["nm", "um", "mm", "m", "in"] : undefined) }],
+    ok: "Open",
+  };
 }
 
 /**
  * Take files that are dropped anywhere on the page.
- * @param {(file: File) => void} dropped
+ * @param {(files: File[]) => void} dropped
  */
 export function listenToDrops(dropped) {
   const sign = /** @type {HTMLElement} */ (document.getElementById("dropping"));
   let depth = 0;
-  const files = (/** @type {DragEvent} */ event) => event.dataTransfer?.types.includes("Files");
+  const holds = (/** @type {DragEvent} */ event) => event.dataTransfer?.types.includes("Files");
   document.addEventListener("dragenter", (event) => {
-    if (!files(event)) return;
+    if (!holds(event)) return;
     depth += 1;
     sign.hidden = false;
   });
@@ -80,7 +89,7 @@ export function listenToDrops(dropped) {
     event.preventDefault();
     depth = 0;
     sign.hidden = true;
-    const file = event.dataTransfer?.files?.[0];
-    if (file) dropped(file);
+    const files = [...event.dataTransfer?.files ?? []];
+    if (files.length) dropped(files);
   });
 }

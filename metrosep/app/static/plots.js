@@ -11,12 +11,27 @@ const uPlot = Lines;
 
 /** @typedef {import("./handles.js").Grip} Grip */
 
+/** @type {HTMLElement[]} elements that have the colours, in a notebook where the page has none */
+let palettes = [];
+/** @type {Set<() => void>} */
+const drawn = new Set();
+
 /**
- * Return a colour of the page.
+ * Return a colour of the page, or of the widget in a notebook.
  * @param {string} name of a custom property
  */
 export function ink(name) {
-  return getComputedStyle(document.documentElement).getPropertyValue(name).trim() || "#888";
+  const from = palettes.find((el) => el.isConnected) ?? document.documentElement;
+  return getComputedStyle(from).getPropertyValue(name).trim() || "#888";
+}
+
+/**
+ * Take colours from an element as long as it is on the page, and draw all plots in them.
+ * @param {HTMLElement} el
+ */
+export function inkFrom(el) {
+  palettes = [el, ...palettes.filter((one) => one !== el && one.isConnected)];
+  drawn.forEach((recolour) => recolour());
 }
 
 /**
@@ -151,6 +166,7 @@ export function makePlot(el, options) {
   const scheme = matchMedia("(prefers-color-scheme: dark)");
   const recolour = () => u.redraw(false, true);
   scheme.addEventListener("change", recolour);
+  drawn.add(recolour);
   return {
     u,
     put: (data) => u.setData(data),
@@ -158,6 +174,7 @@ export function makePlot(el, options) {
     destroy() {
       watcher.disconnect();
       scheme.removeEventListener("change", recolour);
+      drawn.delete(recolour);
       u.destroy();
     },
   };

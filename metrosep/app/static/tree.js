@@ -153,7 +153,8 @@ export function makeTree(el, { edit, choose, size }) {
     select.setAttribute("aria-label", "Add a step");
     select.title = "Add a step after the chosen one";
     select.add(new Option("+ add step…", ""));
-    const fits = session?.kind === "map" ? "Surface" : "Profile";
+    const fits = { map: "Surface", profile: "Profile", runs: "runs" }[session?.kind ?? ""] ?? "";
+    if (!fits) return el_;
     for (const one of schema.filter((step) => step.applies.includes(fits))) select.add(new Option(`${one.op}: ${one.what}`, one.op));
     select.addEventListener("change", () => {
       const op = select.value;
@@ -177,7 +178,7 @@ export function makeTree(el, { edit, choose, size }) {
     const stored = storedSteps(session);
     const list = document.createElement("ol");
     list.className = "steps";
-    list.append(source(), ...session.steps.map((/** @type {Dict} */ step) => item(step, stored)));
+    list.append(...(["map", "profile"].includes(session.kind) ? [source()] : []), ...session.steps.map((/** @type {Dict} */ step) => item(step, stored)));
     el.replaceChildren(list, adder());
     const details = el.querySelector("details");
     if (details) details.open = opened;

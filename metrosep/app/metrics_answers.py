@@ -1,0 +1,118 @@
+"""The numbers of a session: parameters with uncertainty, limits, verdict."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from metrosep.app.evaluations import Evaluations
+from metrosep.app.messages import Answer, Cancel, Message, Tell, level_of, number_or_none, plain
+from metrosep.app.sessions import Session, is_extreme
+from metrosep.core.errors import MetrosepError
+from metrosep.recipe.result import Result
+
+__all__ = ["metrics"]
+
+
+def metrics(session: Session, message: Message, cancel: Cancel, tell: Tell) -> Answer:
+    """Answer a request ``metrics``.
+
+    Parameters
+    ----------
+    session : Session
+        What the page works on.
+    message : mapping
+        With ``level``.
+    cancel : callable
+        Asked between steps.
+    tell : callable
+        Told what is being done.
+
+    Returns
+    -------
+    header : dict
+        ``rows``, ``verdict``, ``checks``, ``is_preview``, ``messages``, ``stages``, and where a
+        step or a limit failed ``failed`` or ``refused``.
+    arrays : dict
+        None.
+
+    Raises
+    ------
+    MetrosepError
+        If nothing is open, or the request is wrong.
+    """
+    opened, document = session.need()
+    if isinstance(opened.material, Evaluations):
+        return _measured(session, message, cancel)
+    if level_of(message) != "full":
+        # a separation has no preview: its numbers come with the full pass
+        return {"is_preview": True, "verdict": None, "rows": [], "messages": [], "stages": []}, {}
+    tell({"k": "progress", "text": "separating" if opened.kind == "runs" else "computing"})
+    result: Result = opened.material.result(document.recipe, cancel)
+    return _of_document(result), {}
+
+
+def _of_document(result: Result) -> dict[str, Any]:
+    entries = result.document["characteristics"]
+    rows = [
+        {
+            "symbol": e["metric"],
+            "value": number_or_none(e["value"]),
+            "unit": e["unit"],
+            "u": number_or_none(e.get("u")),
+            "definition": e.get("definition") or e.get("name"),
+            "waits": False,
+        }
+        for e in entries
+    ]
+    checks = [e for e in entries if e.get("verdict") is not None]
+    header: dict[str, Any] = {
+        "is_preview": False,
+        "verdict": result.verdict,
+        "rows": list({row["symbol"]: row for row in rows}.values()),
+        "messages": [str(m) for m in result.document["messages"]],
+        "stages": [],
+    }
+    return header | ({"checks": plain(checks)} if checks else {})
+
+
+def _measured(session: Session, message: Message, cancel: Cancel) -> Answer:
+    from metrosep.recipe.pipeline_run import Measurement, judge_measurement
+
+    outcome = session.outcome(level_of(message), cancel=cancel)
+    _, document = session.need()
+    measured = Measurement(outcome.source, outcome.stages)
+    found = measured.found
+    header: dict[str, Any] = {
+        "is_preview": outcome.is_preview,
+        "verdict": None,
+        "rows": [_row(k, q, preview=outcome.is_preview) for k, q in found.items()],
+        "messages": list(measured.messages),
+        "stages": [
+            {"index": s.index, "seconds": s.seconds, "messages": list(s.messages)}
+            for s in outcome.stages
+        ],
+    }
+    if outcome.error is not None:
+        header["failed"] = {"index": outcome.failed, "message": str(outcome.error)}
+    elif not outcome.is_preview and document.recipe.checks:
+        try:
+            judged = judge_measurement(document.recipe, measured)
+        except MetrosepError as exc:
+            # a limit of what is not there: the numbers are still shown
+            header["refused"] = str(exc)
+        else:
+            header["verdict"] = judged["verdict"]
+            header["checks"] = plain(judged["characteristics"])
+    return header, {}
+
+
+def _row(symbol: str, quantity: Any, *, preview: bool) -> dict[str, Any]:
+    hidden = preview and is_extreme(symbol)
+    return {
+        "symbol": symbol,
+        "value": None if hidden else number_or_none(quantity.value),
+        "unit": quantity.unit,
+        "u": None if hidden else number_or_none(quantity.u),
+        "definition": quantity.definition,
+        "waits": hidden,
+    }

@@ -1,0 +1,251 @@
+"""Answers that are pictures of one map or profile: map, section, profile, spectrum."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from metrosep.app.evaluations import Outcome
+from metrosep.app.map_views import map_view
+from metrosep.app.messages import Answer, Arrays, Cancel, Message, level_of
+from metrosep.app.profile_views import Extremes, profile_view
+from metrosep.app.pyramid import MapPyramid, build_pyramid
+from metrosep.app.remembered import Remembered
+from metrosep.app.section_views import section_profile, section_view
+from metrosep.app.sessions import Session
+from metrosep.core.errors import DataError
+from metrosep.core.profile import Profile
+from metrosep.core.surface import Surface
+
+__all__ = ["PictureAnswers"]
+
+
+class PictureAnswers:
+    """Pictures of what one session evaluates.
+
+    Parameters
+    ----------
+    session : Session
+        What the page works on.
+    """
+
+    def __init__(self, session: Session) -> None:
+        self.session = session
+        self._pyramids = Remembered(build_pyramid)
+        self._extremes = Remembered(Extremes)
+        self._moved = Remembered(_moved, most=17)
+        self._transform: Any = None
+
+    def _stage(self, message: Message, cancel: Cancel) -> tuple[Outcome, Surface | Profile]:
+        outcome = self.session.outcome(level_of(message), cancel=cancel)
+        stage = message.get("stage", -1)
+        if isinstance(stage, bool) or not isinstance(stage, int):
+            raise DataError(f"stage is the number of a step, got {stage!r}")
+        obj = outcome.after(stage)
+        if isinstance(obj, Surface) and outcome.shift != (0.0, 0.0):
+            obj = self._moved.of(obj, outcome.shift)
+        return outcome, obj
+
+    def forget(self) -> None:
+        """Forget what was made of the file that was open before."""
+        for kept in (self._pyramids, self._extremes, self._moved):
+            kept.clear()
+        self._transform = None
+
+    def map(self, message: Message, cancel: Cancel) -> Answer:
+        """Answer a request ``map``.
+
+        Parameters
+        ----------
+        message : mapping
+            ``stage``, ``level``, ``window``, ``pixels``, ``range``, ``shade``.
+        cancel : callable
+            Asked between steps.
+
+        Returns
+        -------
+        header : dict
+            Range, window, scale, unit, coverage, whether it is a preview.
+        arrays : dict
+            ``index`` and, where asked, ``shade``.
+
+        Raises
+        ------
+        DataError
+            If what is open has no such picture, or a value of the request is wrong.
+        MetrosepError
+            Of the steps.
+        """
+        outcome, obj = self._stage(message, cancel)
+        if not isinstance(obj, Surface):
+            raise DataError("this measurement is a profile, it has no map")
+        view = map_view(
+            self._pyramid(obj),
+            window=message.get("window"),
+            pixels=message.get("pixels") or (512, 512),
+            level=level_of(message),
+            limits=message.get("range"),
+            shade=bool(message.get("shade")),
+        )
+        arrays: Arrays = {"index": view.index}
+        if view.shade is not None:
+            arrays["shade"] = view.shade
+        header = {
+            "range": view.range,
+            "window": view.window,
+            "scale": view.scale,
+            "unit": view.unit,
+            "coverage": view.coverage,
+            "is_preview": outcome.is_preview or view.is_preview,
+            "extent": self._pyramid(obj).window,
+        }
+        return header, arrays
+
+    def _pyramid(self, obj: Surface) -> MapPyramid:
+        evaluations = self.session.evaluations
+        if evaluations is not None and obj is evaluations.obj and evaluations.pyramid is not None:
+            return evaluations.pyramid
+        return self._pyramids.of(obj)
+
+    def section(self, message: Message, cancel: Cancel) -> Answer:
+        """Answer a request ``section``.
+
+        Parameters
+        ----------
+        message : mapping
+            ``stage``, ``level``, ``a``, ``b``, ``columns``.
+        cancel : callable
+            Asked between steps.
+
+        Returns
+        -------
+        header : dict
+            Length, P-V, RMS, valid share.
+        arrays : dict
+            ``distance``, ``low``, ``high``.
+
+        Raises
+        ------
+        DataError
+            If what is open has no such picture, or a value of the request is wrong.
+        MetrosepError
+            Of the steps.
+        """
+        outcome, obj = self._stage(message, cancel)
+        if not isinstance(obj, Surface):
+            raise DataError("this measurement is a profile, it has no sections")
+        view = section_view(
+            obj, message["a"], message["b"], columns=message.get("columns") or 1000
+        )
+        header = {
+            "length": view.length,
+            "pv": view.pv,
+            "sq": view.sq,
+            "share_valid": view.share_valid,
+            "unit": view.unit,
+            "is_preview": outcome.is_preview,
+        }
+        return header, {
+            "distance": view.distance,
+            "low": view.low,
+            "high": view.high,
+        }
+
+    def profile(self, message: Message, cancel: Cancel) -> Answer:
+        """Answer a request ``profile``.
+
+        Parameters
+        ----------
+        message : mapping
+            ``stage``, ``level``, ``series``, ``window``, ``columns``.
+        cancel : callable
+            Asked between steps.
+
+        Returns
+        -------
+        header : dict
+            Whether it is a preview.
+        arrays : dict
+            Of each series x, low and high.
+
+        Raises
+        ------
+        DataError
+            If what is open has no such picture, or a value of the request is wrong.
+        MetrosepError
+            Of the steps.
+        """
+        outcome, obj = self._stage(message, cancel)
+        if not isinstance(obj, Profile):
+            raise DataError("this measurement is a map: ask for a section")
+        arrays: Arrays = {}
+        for name, shown in (("measured", outcome.source), ("residual", obj)):
+            if name not in (message.get("series") or ["residual"]):
+                continue
+            view = profile_view(
+                self._extremes.of(shown),
+                window=message.get("window"),
+                columns=message.get("columns") or 1000,
+            )
+            arrays |= {
+                f"{name}_x": view.x,
+                f"{name}_low": view.low,
+                f"{name}_high": view.high,
+            }
+        return {"is_preview": outcome.is_preview}, arrays
+
+    def spectrum(self, message: Message, cancel: Cancel) -> Answer:
+        """Answer a request ``spectrum``.
+
+        Parameters
+        ----------
+        message : mapping
+            ``stage``, ``level``, ``a``, ``b``, ``band``.
+        cancel : callable
+            Asked between steps.
+
+        Returns
+        -------
+        header : dict
+            RMS in the band and outside, messages.
+        arrays : dict
+            ``wavelength``, ``amplitude``, ``in_band``.
+
+        Raises
+        ------
+        DataError
+            If what is open has no such picture, or a value of the request is wrong.
+        MetrosepError
+            Of the steps.
+        """
+        from metrosep.app.spectrum_views import profile_spectrum, spectrum_view
+        from metrosep.spectral.band import Band
+
+        outcome, obj = self._stage(message, cancel)
+        place = (tuple(message["a"]), tuple(message["b"])) if isinstance(obj, Surface) else ()
+        kept = self._transform
+        if kept is None or kept[0] is not obj or kept[1] != place:
+            line = section_profile(obj, *place) if isinstance(obj, Surface) else obj
+            kept = self._transform = (obj, place, profile_spectrum(line))
+        shortest, longest = message.get("band") or (None, None)
+        band = Band(
+            None if shortest is None else float(shortest),
+            None if longest is None else float(longest),
+        )
+        view = spectrum_view(kept[2], band=band)
+        header = {
+            "inside": view.inside,
+            "outside": view.outside,
+            "messages": list(view.messages),
+            "is_preview": outcome.is_preview,
+        }
+        return header, {
+            "wavelength": view.wavelength,
+            "amplitude": view.amplitude,
+            "in_band": view.in_band,
+        }
+
+
+def _moved(obj: Surface, shift: tuple[float, float]) -> Surface:
+    """Return a preview where the map itself lies: its cells begin half a cell later."""
+    place = (obj.origin[0] + shift[0], obj.origin[1] + shift[1])
+    return Surface(obj.z, obj.dx, obj.dy, origin=place)

@@ -1,0 +1,210 @@
+"""What a recipe makes of repeated runs, or of the readings of another method, each part made once.
+
+The readings are read again only where ``[input]`` changed, and separated again only where the step
+that separates changed: a new limit or table costs nothing of it.
+"""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from metrosep.core.errors import DataError
+from metrosep.core.runset import RunSet
+from metrosep.recipe.pipeline import CancelledError
+from metrosep.recipe.recipe import Recipe
+from metrosep.recipe.result import Result
+from metrosep.recipe.run import read_inputs, separate_inputs, separated_result
+from metrosep.separation.base import ErrorEstimate
+
+__all__ = ["MethodResults", "Separations"]
+
+_MOST = 8
+"""Separations that are remembered: undo and redo show them at once."""
+
+Cancel = Callable[[], bool]
+
+
+class _Latest:
+    """The latest results of a function, by a text that tells them apart."""
+
+    def __init__(self) -> None:
+        self._kept: dict[str, Any] = {}
+        self._lock = threading.Lock()
+
+    def of(self, key: str, make: Callable[[], Any], cancel: Cancel | None = None) -> Any:
+        """Return what was made for a key, or make it; one at a time."""
+        with self._lock:
+            if key in self._kept:
+                self._kept[key] = self._kept.pop(key)  # the latest stand last
+                return self._kept[key]
+            if cancel is not None and cancel():
+                raise CancelledError("stopped before it began")
+            made = make()
+            self._kept[key] = made
+            while len(self._kept) > _MOST:
+                self._kept.pop(next(iter(self._kept)))
+            return made
+
+
+class Separations:
+    """Repeated runs and what the step ``separate`` makes of them.
+
+    Parameters
+    ----------
+    files : sequence of Path
+        That hold the runs.
+    read : callable, optional
+        ``read(recipe, files)``; `metrosep.recipe.run.read_inputs` if omitted.
+    """
+
+    def __init__(
+        self,
+        files: Sequence[Path],
+        read: Callable[[Recipe, list[Path]], RunSet] = read_inputs,
+    ) -> None:
+        self.files = list(files)
+        self._read = read
+        self._runs, self._estimates, self._results = _Latest(), _Latest(), _Latest()
+
+    def runs(self, recipe: Recipe) -> RunSet:
+        """Return the readings.
+
+        Parameters
+        ----------
+        recipe : Recipe
+            With the columns of its ``[input]``.
+
+        Returns
+        -------
+        RunSet
+            As read.
+
+        Raises
+        ------
+        MetrosepError
+            If they cannot be read so.
+        """
+        found: RunSet = self._runs.of(
+            _input_key(recipe), lambda: self._read(recipe, list(self.files))
+        )
+        return found
+
+    def estimate(self, recipe: Recipe, cancel: Cancel | None = None) -> ErrorEstimate:
+        """Return the separated error.
+
+        Parameters
+        ----------
+        recipe : Recipe
+            With a step ``separate``.
+        cancel : callable, optional
+            Asked before the separation begins; true stops.
+
+        Returns
+        -------
+        ErrorEstimate
+            Of the runs.
+
+        Raises
+        ------
+        CancelledError
+            If `cancel` says so.
+        MetrosepError
+            If the runs cannot be read or separated.
+        """
+        runs = self.runs(recipe)
+        step = next(s for s in recipe.steps if s["op"] == "separate")
+        key = _input_key(recipe) + _text(step)
+        found: ErrorEstimate = self._estimates.of(
+            key, lambda: separate_inputs(recipe, runs), cancel
+        )
+        return found
+
+    def result(self, recipe: Recipe, cancel: Cancel | None = None) -> Result:
+        """Return everything that the recipe makes of the runs; nothing is written.
+
+        Parameters
+        ----------
+        recipe : Recipe
+            The whole of it.
+        cancel : callable, optional
+            See `estimate`.
+
+        Returns
+        -------
+        Result
+            As ``metrosep run`` has it.
+
+        Raises
+        ------
+        CancelledError
+            If `cancel` says so.
+        MetrosepError
+            Of any part.
+        """
+        estimate, runs = self.estimate(recipe, cancel), self.runs(recipe)
+        found: Result = self._results.of(
+            recipe.text, lambda: separated_result(recipe, runs, estimate)
+        )
+        return found
+
+
+class MethodResults:
+    """What a recipe with one of the named methods makes of its readings.
+
+    Parameters
+    ----------
+    files : sequence of Path
+        Readings in their order; empty where the keys of the recipe say all.
+    """
+
+    def __init__(self, files: Sequence[Path]) -> None:
+        self.files = list(files)
+        self._results = _Latest()
+
+    def result(self, recipe: Recipe, cancel: Cancel | None = None) -> Result:
+        """Return everything that the recipe makes of the readings; nothing is written.
+
+        Parameters
+        ----------
+        recipe : Recipe
+            The whole of it.
+        cancel : callable, optional
+            Asked before it begins; true stops.
+
+        Returns
+        -------
+        Result
+            As ``metrosep run`` has it.
+
+        Raises
+        ------
+        CancelledError
+            If `cancel` says so.
+        DataError
+            If the recipe is none of a named method.
+        MetrosepError
+            Of any part.
+        """
+        if not recipe.is_method or recipe.is_pipeline:
+            raise DataError(f"{recipe.name}: is no recipe of a named method")
+        files = None if recipe.reads_nothing else self.files
+        found: Result = self._results.of(recipe.text, lambda: recipe.run(files), cancel)
+        return found
+
+
+def _input_key(recipe: Recipe) -> str:
+    return _text({k: v for k, v in recipe.input.items() if k != "files"})
+
+
+def _text(value: Any) -> str:
+    return json.dumps(_plain(value), sort_keys=True, default=str)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(k): _plain(v) for k, v in value.items()}
+    return [_plain(v) for v in value] if isinstance(value, list | tuple) else value

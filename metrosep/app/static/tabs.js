@@ -1,0 +1,97 @@
+// @ts-check
+// The tabs of the right side: the pictures of what is open, and what else can be done with it.
+
+/** @typedef {Record<string, any>} Dict */
+
+/**
+ * @typedef {object} Context what a tab gets
+ * @property {HTMLElement} el its panel
+ * @property {import("./wire.js").Wire} wire
+ * @property {() => Dict} session
+ * @property {() => Dict[]} schema
+ * @property {(edits: import("./recipe.js").Edit[], label: string) => Promise<void>} edit
+ * @property {(error: unknown) => void} fail
+ * @property {(text: string, files?: string[]) => void} written tells of files in the status line
+ */
+
+/**
+ * @typedef {object} Tab
+ * @property {() => void} [show] it is the chosen tab: draw what is outdated
+ * @property {(session: Dict, isNewFile: boolean) => void} [changed] the recipe changed
+ * @property {(header: Dict) => void} [reached] the full data have been evaluated (answer of metrics)
+ * @property {(news: Dict) => void} [news] frames without id
+ */
+
+/** @typedef {{ id: string, label: (session: Dict) => string, fits: (session: Dict) => boolean, make: ((context: Context) => Tab) | null }} Entry */
+
+/**
+ * Return the tabs.
+ * @param {HTMLElement} strip
+ * @param {Entry[]} entries each has a panel `panel-<id>`; the first shows the pictures
+ * @param {Omit<Context, "el">} context
+ */
+export function makeTabs(strip, entries, context) {
+  /** @type {Map<string, Tab>} */
+  const made = new Map();
+  let chosen = "";
+  for (const { id, make } of entries) {
+    const el = document.getElementById(`panel-${id}`);
+    if (make && el) made.set(id, make({ ...context, el }));
+  }
+
+  const fitting = () => entries.filter((entry) => context.session().kind && entry.fits(context.session()));
+
+  function draw() {
+    const had = strip.contains(document.activeElement);
+    strip.replaceChildren(...fitting().map((entry) => {
+      const button = document.createElement("button");
+      button.type = "button";
+      button.id = `tab-${entry.id}`;
+      button.setAttribute("role", "tab");
+      button.setAttribute("aria-selected", String(entry.id === chosen));
+      button.tabIndex = entry.id === chosen ? 0 : -1;
+      button.textContent = entry.label(context.session());
+      button.addEventListener("click", () => choose(entry.id));
+      return button;
+    }));
+    document.body.dataset.tab = chosen;
+    if (had) document.getElementById(`tab-${chosen}`)?.focus();
+  }
+
+  function choose(/** @type {string} */ id) {
+    chosen = id;
+    draw();
+    made.get(id)?.show?.();
+  }
+
+  strip.addEventListener("keydown", (event) => {
+    const step = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
+    if (!step) return;
+    event.preventDefault();
+    const ids = fitting().map((entry) => entry.id);
+    choose(ids[(ids.indexOf(chosen) + step + ids.length) % ids.length]);
+  });
+
+  return {
+    /** The recipe changed. @param {boolean} isNewFile */
+    changed(isNewFile) {
+      const ids = fitting().map((entry) => entry.id);
+      if (isNewFile || !ids.includes(chosen)) chosen = ids[0] ?? "";
+      for (const tab of made.values()) tab.changed?.(context.session(), isNewFile);
+      draw();
+      made.get(chosen)?.show?.();
+    },
+    /** @param {Dict} header of metrics at full resolution */
+    reached(header) {
+      for (const tab of made.values()) tab.reached?.(header);
+    },
+    /** @param {Dict} news */
+    news(news) {
+      for (const tab of made.values()) tab.news?.(news);
+    },
+    choose,
+    get chosen() {
+      return chosen;
+    },
+  };
+}

@@ -1,0 +1,141 @@
+"""What the keys of steps are and do, in plain words, and what counts where they are left out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+__all__ = ["DEFAULTS", "HELP", "key_words", "kind_words"]
+
+HELP: Mapping[str, Mapping[str, str]] = {}
+"""By step and key: what it does."""
+
+DEFAULTS: Mapping[str, Mapping[str, Any]] = {}
+"""By step and key, as it is typed."""
+
+_KIND_WORDS = {
+    "size": 'a length above zero with its unit, "25 mm"',
+    "length": 'a length with its unit, "-5 mm"',
+    "uncertainty": 'a length from zero with its unit, "2 nm"',
+    "angle": 'an angle with its unit, "0.1 deg"',
+    "angles": 'angles with their units, "0 deg, 45 deg"',
+    "lengths": 'lengths with their units, "0 mm, 10 mm"',
+    "time": 'a time with its unit, "2 ms"',
+    "speed": 'a feedrate with its unit, "4800 mm/min"',
+    "frequency": 'a frequency with its unit, "1 kHz"',
+    "integer": "a whole number",
+    "number": "a number",
+    "flag": "true or false",
+    "limit": "a length or an angle with its unit, or a plain number",
+    "text": "a text",
+    "file": "a file",
+    "table": "a table of TOML",
+    "texts": "texts, first,second",
+    "any": "numbers",
+    "numbers": "numbers, 1,2.5",
+    "integers": "whole numbers, 8,7",
+    "times": 'times with their units, "0 s, 30 s"',
+    "speeds": 'feedrates with their units, "4800 mm/min, 7200 mm/min"',
+    "frequencies": 'auto, or frequencies with their units, "50 Hz, 100 Hz"',
+    "windows": 'windows of time, "0 min..60 min, 180 min..240 min"',
+    "places": 'positions along a line, "0 mm, 10 mm", or in a plane, "0 mm..0 mm, 10 mm..0 mm"',
+    "pairs": "pairs of whole numbers, 0..0,1..0",
+    "range": 'lengths with their units, "10 mm, 5 mm"',
+    "waves": 'a number of waves, or their lengths with units, "10 mm"',
+    "lag": 'a time with its unit, "1 ms", or fit',
+    "degree": "a whole number, or auto",
+    "spacing": 'a length with its unit, "1 mm", or a number of points',
+    "column": 'a column: its name, "name:unit", or { column = "X", unit = "mm" }',
+}
+
+
+_KEY_WORDS: Mapping[tuple[str, str], str] = {
+    ("", "machine"): "a preset (five_axis, fts_lathe, mill_xyz, sts_lathe) or a file of TOML "
+    "(docs/how-to/describe-a-machine.md)",
+    ("rank", "radius"): 'of the part, from its axis to the rim, "20 mm"',
+    ("identify", "radius"): 'of the part, from its axis to the rim, "20 mm"',
+    ("predict", "radius"): 'of the part, from its axis to the rim, "20 mm"',
+    ("predict", "rpm"): "turns of the spindle per minute, 20",
+    ("follow_up", "rpm"): "turns of the spindle per minute, 20",
+    ("", "machine_radius"): "of the preset fts_lathe, where it is not that of the part",
+    (
+        "tool_setting",
+        "form",
+    ): 'the nominal surface, "sine_grid: amplitude=50 nm, wavelength=100 um"',
+    ("tool_setting", "free"): "what is fitted, piston,dx,dy,dR (tilt_x, tilt_y, shift_x, shift_y, "
+    "rotation too)",
+    ("tool_setting", "noise"): 'standard uncertainty of one height, "1 nm"',
+    ("tool_setting", "region"): 'radii between which points are used, "20 um, 220 um"',
+    ("identify", "terms"): "error terms that may be at work, EXX,EYX,B0Z",
+    ("identify", "exact"): "true: the surface is cut anew, not linear in the errors",
+    ("rank", "errors"): 'a table, { EXX = "1 um", B0Z = "0.2 arcsec" }',
+    ("rank", "all_lengths"): 'magnitude of every other term that is a length, "1 um"',
+    ("rank", "all_angles"): 'magnitude of every other term that is an angle, "1 arcsec"',
+    ("rank", "removed"): "none, piston, plane, plane+defocus, rigid, or names with commas",
+    ("follow_up", "terms"): "what the error may depend on, velocity,acceleration,jerk (position, "
+    "friction too)",
+    ("follow_up", "delay"): 'known lag of the logger, taken out first, "1 ms"',
+    ("follow_up", "spiral"): 'start radius and feed per turn, "500 um, 2 um"',
+    ("predict", "feed"): 'towards the centre per turn, "2 um"',
+    ("predict", "block_time"): 'that the controller needs for a block, "2 ms"',
+    ("predict", "tolerance"): 'P-V that the points of the program may add, "1 nm"',
+    ("predict", "core"): 'radius about the axis that is not judged, "4 um"',
+    ("predict", "dx"): 'tool further from the spindle axis than programmed, "-0.25 um"',
+    ("predict", "dy"): 'tool off the axis towards growing azimuth of the part, "0.1 um"',
+    ("predict", "dR"): 'nose radius larger than programmed, "10 um"',
+    ("predict", "follow_up"): "file with the log of the dry run of this part",
+    ("predict", "follow_up_pv"): 'P-V of the follow-up error, where there is no log, "5 nm"',
+    ("predict", "gain"): "share of a known error that the program makes up for, 1",
+    ("predict", "measured"): 'P-V of the part as cut, to compare, "8 nm"',
+    ("dual_servo", "sensitivity"): 'of the stage, where there is no sweep, "1.66 um/V"',
+    ("dual_servo", "calibration"): "file with a sweep of the stage: voltage and displacement",
+    ("dual_servo", "voltage"): "column of that file, voltage_V",
+    ("dual_servo", "displacement"): "column of that file, displacement_um",
+    ("dual_servo", "offset"): 'where the stage rests, within its travel, "2 um"',
+    ("dual_servo", "limits"): "voltages of the amplifier, 0,10",
+    ("dual_servo", "travel"): 'of the stage, from 0, "5 um"',
+    ("dual_servo", "against"): "what the straightness is measured against, a text",
+    ("dual_servo", "strict"): "true: a table beyond a limit is refused; false: it is written",
+    ("dual_servo", "slew"): "fastest change of the amplifier in V/s, 100",
+}
+"""What a key means, by step and key; by key alone where the step is empty."""
+
+
+def kind_words(kind: str) -> str:
+    """Return what a value of a kind looks like.
+
+    Parameters
+    ----------
+    kind : str
+        Of a `Field`.
+
+    Returns
+    -------
+    str
+        In plain words, with an example.
+
+    Examples
+    --------
+    >>> kind_words("size")
+    'a length above zero with its unit, "25 mm"'
+    """
+    return _KIND_WORDS.get(kind, kind)
+
+
+def key_words(op: str, key: str) -> str:
+    """Return what a key of a step does.
+
+    Parameters
+    ----------
+    op : str
+        The step.
+    key : str
+        Its key.
+
+    Returns
+    -------
+    str
+        Empty where its name and kind say all.
+    """
+    own = HELP.get(op, {}).get(key) or _KEY_WORDS.get((op, key))
+    return own or _KEY_WORDS.get(("", key), "")
