@@ -67,11 +67,11 @@ class Places:
         ReadError
             If it lies elsewhere, or is no file.
         """
-        found = self._inside(path)
+        found = self.inside(path)
         if found is None:
             raise ReadError(
                 f"{path}: lies outside the folders that were opened ({self._words()}); open it with "
-                "'metrosep ui FILE' or drop it onto the page"
+                "'metrosep ui FILE', add its folder with --folder, or drop it onto the page"
             )
         if not found.is_file():
             raise ReadError(f"{path}: there is no such file")
@@ -95,7 +95,7 @@ class Places:
         WriteError
             If it lies elsewhere, or its folder does not exist.
         """
-        found = self._inside(path)
+        found = self.inside(path)
         if found is None:
             raise WriteError(
                 f"{path}: lies outside the folders that were opened ({self._words()}); choose a name "
@@ -105,7 +105,19 @@ class Places:
             raise WriteError(f"{path}: its folder does not exist; make it first")
         return found
 
-    def _inside(self, path: str) -> Path | None:
+    def inside(self, path: str) -> Path | None:
+        """Return a path without symbolic links, if it lies inside the opened folders.
+
+        Parameters
+        ----------
+        path : str
+            As the page names it: absolute, or relative to the first folder.
+
+        Returns
+        -------
+        Path or None
+            It need not exist; None where it lies elsewhere.
+        """
         if not path or "\0" in path or not self.roots:
             return None
         found = Path(os.path.realpath(self.roots[0] / path))
@@ -132,19 +144,30 @@ class Places:
         Raises
         ------
         WriteError
-            If the name is none, or the set has a file of that name already.
+            If the name is none, the set has a file of that name already, or there is no room.
         """
         last = name.replace("\\", "/").rpartition("/")[2].strip()
         if not _NAME.fullmatch(last) or last in (".", "..") or not last.isprintable():
             raise WriteError(f"{name[:60]!r} is no file name")
         if self._uploads is None:
-            self._uploads = Path(os.path.realpath(tempfile.mkdtemp(prefix="metrosep-ui-")))
+            try:
+                made = tempfile.mkdtemp(prefix="metrosep-ui-")
+            except OSError as exc:
+                raise WriteError(f"{last}: there is no room for a copy ({exc.strerror})") from None
+            self._uploads = Path(os.path.realpath(made))
         if together and not _SET.fullmatch(together):
-            raise WriteError(f"{together[:60]!r} is no name of a set; it has letters and digits only")
+            raise WriteError(
+                f"{together[:60]!r} is no name of a set; it has letters and digits only"
+            )
         folder = self._uploads / (f"set-{together}" if together else secrets.token_hex(4))
-        folder.mkdir(exist_ok=bool(together))
+        try:
+            folder.mkdir(exist_ok=bool(together))
+        except OSError as exc:
+            raise WriteError(f"{last}: there is no room for a copy ({exc.strerror})") from None
         if (folder / last).exists():
-            raise WriteError(f"{last}: the set has a file of this name already; rename one of them")
+            raise WriteError(
+                f"{last}: the set has a file of this name already; rename one of them"
+            )
         return folder / last
 
     def close(self) -> None:

@@ -39,6 +39,11 @@ if TYPE_CHECKING:
         profile_elements as profile_elements,
     )
     from metrosep.parameters.form_result import FormDeviation as FormDeviation, Support as Support
+    from metrosep.parameters.gauge import (
+        GaugeStudy as GaugeStudy,
+        VarianceRow as VarianceRow,
+        gauge_study as gauge_study,
+    )
     from metrosep.parameters.guard import (
         Decision as Decision,
         conformance_probability as conformance_probability,
@@ -85,6 +90,11 @@ if TYPE_CHECKING:
         from_repeats as from_repeats,
         noise_free_rms as noise_free_rms,
         type_a as type_a,
+    )
+    from metrosep.parameters.series import (
+        PartSeries as PartSeries,
+        TermSeries as TermSeries,
+        part_series as part_series,
     )
     from metrosep.parameters.settings import (
         SETTING_CLASSES as SETTING_CLASSES,
@@ -140,6 +150,11 @@ _HOMES = {
         "FormDeviation",
         "Support",
     ),
+    "gauge": (
+        "GaugeStudy",
+        "VarianceRow",
+        "gauge_study",
+    ),
     "guard": (
         "Decision",
         "conformance_probability",
@@ -186,6 +201,11 @@ _HOMES = {
         "from_repeats",
         "noise_free_rms",
         "type_a",
+    ),
+    "series": (
+        "PartSeries",
+        "TermSeries",
+        "part_series",
     ),
     "settings": (
         "SETTING_CLASSES",

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core.false_discovery import benjamini_hochberg
 from metrosep.core.runset import RunSet
-from metrosep.separation._false_discovery import benjamini_hochberg
 from metrosep.separation.design import PreparedRun
 from metrosep.separation.solver import Solution
 from metrosep.spectral.psd import pooled_periodogram

@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, NotSeparableError
+from metrosep.core.false_discovery import benjamini_hochberg
 from metrosep.core.runset import RunSet
-from metrosep.separation._false_discovery import benjamini_hochberg
 from metrosep.separation.design import evaluation_range
 from metrosep.separation.spectra import feed_spectra, n_wavelengths
 

@@ -21,11 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core.errors import DataError, NotSeparableError, UnitError
+from metrosep.core.false_discovery import benjamini_hochberg
 from metrosep.core.quantity import Quantity
 from metrosep.core.runset import RunSet
 from metrosep.core.units import format_length
 from metrosep.separation._checked_numbers import checked_count, checked_number
-from metrosep.separation._false_discovery import benjamini_hochberg
 from metrosep.separation._joint_curves import joint_curves
 from metrosep.separation._joint_evidence import evidence_of
 from metrosep.separation._joint_tables import joint_audit, residual_psd_columns, spectrum_columns

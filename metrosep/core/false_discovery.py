@@ -1,4 +1,4 @@
-"""Private to separation: which of many p-values are beyond chance."""
+"""Which of many p-values are beyond chance."""
 
 from __future__ import annotations
 

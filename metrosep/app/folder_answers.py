@@ -1,0 +1,135 @@
+"""The recipe on every file of a folder: progress, and the index of the batch."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from metrosep.app.documents import Edit, RecipeDocument
+from metrosep.app.messages import Answer, Cancel, Message, Tell, number_or_none, plain, text_of
+from metrosep.app.sessions import Session
+from metrosep.core.errors import DataError, ReadError
+from metrosep.recipe.recipe import Recipe
+
+__all__ = ["run_folder"]
+
+_SHOWN = (
+    "unit", "key", "status", "verdict", "reason", "link", "skipped", "seconds", "characteristics",
+)  # fmt: skip
+
+
+def run_folder(session: Session, message: Message, cancel: Cancel, tell: Tell) -> Answer:
+    """Answer a request ``run_folder``.
+
+    Parameters
+    ----------
+    session : Session
+        What the page works on.
+    message : mapping
+        ``folder``, ``out``, ``pattern`` (of the names of the files; the suffix of the open file if
+        omitted), ``workers``, ``fresh``, ``dry_run``.
+    cancel : callable
+        Asked often; what is done is kept.
+    tell : callable
+        Told ``done``, ``total``, ``unit``, ``status``, ``eta_s`` after each file.
+
+    Returns
+    -------
+    header : dict
+        ``rows``, ``counts``, ``summary``, ``files`` of the index, ``messages``, ``interrupted``.
+    arrays : dict
+        None.
+
+    Raises
+    ------
+    DataError
+        If the recipe reads no input, or a value of the request is wrong.
+    ReadError
+        If the folder lies outside the opened ones, or holds no such file.
+    WriteError
+        If the output folder lies outside, or cannot be written.
+    """
+    from metrosep.batch import run_batch
+
+    opened, document = session.need()
+    if not opened.files:
+        raise DataError("this recipe reads no input: there is no folder to run it on")
+    folder = _folder(session, text_of(message, "folder"))
+    out = session.places.writable(text_of(message, "out"))
+    recipe = recipe_of_folder(document, _pattern(message, opened.files[0]))
+    workers = message.get("workers")
+    if workers is not None and (isinstance(workers, bool) or not isinstance(workers, int)):
+        raise DataError(f"workers = {workers!r}: a whole number from 1 is needed")
+    report = run_batch(
+        recipe,
+        folder,
+        out=out,
+        workers=workers,
+        fresh=message.get("fresh") is True,
+        dry_run=message.get("dry_run") is True,
+        tell=lambda event: tell({"k": "progress", "batch": plain(event)}),
+        cancel=cancel,
+    )
+    return {
+        "rows": [_row(row) for row in report.rows],
+        "counts": dict(report.counts),
+        "summary": report.summary(),
+        "messages": list(report.messages),
+        "stopped": report.stopped,
+        "exit_code": report.exit_code,
+        "out": str(out),
+        "files": [] if report.out is None else sorted(str(f) for f in out.glob("index.*")),
+    }, {}
+
+
+def recipe_of_folder(document: RecipeDocument, pattern: str) -> Recipe:
+    """Return the recipe of a session for all files of a pattern; the session keeps its own.
+
+    Parameters
+    ----------
+    document : RecipeDocument
+        Whose ``[input] files`` names what is open.
+    pattern : str
+        Such as ``*.sdf``.
+
+    Returns
+    -------
+    Recipe
+        With that pattern.
+
+    Raises
+    ------
+    RecipeError
+        If the pattern is none.
+    """
+    made = RecipeDocument(document.text, document.folder, document.name)
+    files = list(document.recipe.input.get("files", ()))
+    made.edit([Edit(("input", "files"), files or None, [pattern])])
+    return made.recipe
+
+
+def _pattern(message: Message, file: Path) -> str:
+    given = message.get("pattern")
+    if given in (None, ""):
+        return f"*{file.suffix}" if file.suffix else "*"
+    if not isinstance(given, str) or "/" in given or "\\" in given:
+        raise DataError(f"pattern is of names of files, such as *.sdf; got {given!r}")
+    return given
+
+
+def _folder(session: Session, path: str) -> Path:
+    found = session.places.inside(path)
+    if found is None:
+        raise ReadError(
+            f"{path}: lies outside the folders that were opened; start metrosep with --folder"
+        )
+    if not found.is_dir():
+        raise ReadError(f"{path}: there is no such folder")
+    return found
+
+
+def _row(row: Mapping[str, Any]) -> dict[str, Any]:
+    shown: dict[str, Any] = {k: plain(row[k]) for k in _SHOWN if k in row}
+    shown["seconds"] = number_or_none(row.get("seconds"))
+    return shown

@@ -1,0 +1,338 @@
+"""Characteristics over a series of parts: control limits, which of them drift, which move together.
+
+One table, a row for each part in the order of making: terms such as parameters, Zernike
+coefficients or amplitudes of wavelengths. The question is not whether a part is good, but whether
+the process that makes the parts stays what it was.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from metrosep.core._arrays import FloatArray, frozen_float
+from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
+from metrosep.core.false_discovery import benjamini_hochberg
+
+__all__ = ["PartSeries", "TermSeries", "part_series"]
+
+_FEWEST = 5
+"""Parts below which a slope, its scatter and a correlation without it are not determined."""
+
+_D2 = 1.1283791670955126
+"""Mean range of two normal values over their standard deviation, 2 / sqrt(pi)."""
+
+_D4 = 3.267
+"""Upper limit of the moving range over its mean, for a false alarm of 3 standard deviations."""
+
+_RUN = 9
+"""So many values in a row on one side of the centre line are a signal (1 in 256 by chance)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TermSeries:
+    """One term over the parts; values in its own unit.
+
+    Parameters
+    ----------
+    name, unit : str
+        Of the term.
+    values : ndarray, shape (n_parts,)
+        NaN where it is missing.
+    mean, lower, upper : float
+        Centre line and control limits of single values, mean -+ 3 times mean moving range / 1.128.
+    range_upper : float
+        Upper control limit of the moving range.
+    beyond : tuple of int
+        Parts outside the limits, from 0.
+    runs : tuple of int
+        Parts that complete a run of nine or more on one side of the centre line.
+    slope, u_slope : float
+        Change per part and its standard uncertainty, from the scatter about the line.
+    drift, u_drift : float
+        Change from the first to the last part.
+    p : float
+        Probability of so large a slope by chance.
+    drifts : bool
+        Whether it is beyond chance among all terms (false discovery rate).
+    """
+
+    name: str
+    unit: str
+    values: FloatArray
+    mean: float
+    lower: float
+    upper: float
+    range_upper: float
+    beyond: tuple[int, ...]
+    runs: tuple[int, ...]
+    slope: float
+    u_slope: float
+    drift: float
+    u_drift: float
+    p: float
+    drifts: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PartSeries:
+    """What a series of parts tells of its process.
+
+    Parameters
+    ----------
+    terms : tuple of TermSeries
+        In the order they were given.
+    correlation : ndarray, shape (n_terms, n_terms)
+        Of the terms without their slopes, so that two drifts alone are no correlation; NaN where
+        fewer than five parts have both.
+    correlated : tuple of (str, str, float)
+        Pairs beyond chance, the strongest first.
+    n_parts : int
+        Length of the series.
+    rate : float
+        False discovery rate of both lists.
+    messages : tuple of str
+        In plain words.
+    """
+
+    terms: tuple[TermSeries, ...]
+    correlation: FloatArray
+    correlated: tuple[tuple[str, str, float], ...]
+    n_parts: int
+    rate: float
+    messages: tuple[str, ...] = field(default=())
+
+    @property
+    def drifting(self) -> tuple[TermSeries, ...]:
+        """Terms that drift, the surest first."""
+        return tuple(sorted((t for t in self.terms if t.drifts), key=lambda t: t.p))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return everything as plain values.
+
+        Returns
+        -------
+        dict
+            For JSON; NaN stays NaN.
+        """
+        return {
+            "n_parts": self.n_parts,
+            "rate": self.rate,
+            "terms": [
+                {
+                    **{k: getattr(t, k) for k in TermSeries.__dataclass_fields__ if k != "values"},
+                    "values": t.values.tolist(),
+                    "beyond": list(t.beyond),
+                    "runs": list(t.runs),
+                }
+                for t in self.terms
+            ],
+            "correlation": self.correlation.tolist(),
+            "correlated": [list(c) for c in self.correlated],
+            "messages": list(self.messages),
+        }
+
+
+def part_series(
+    table: Mapping[str, ArrayLike],
+    *,
+    units: Mapping[str, str] | None = None,
+    rate: float = 0.05,
+) -> PartSeries:
+    """Return control limits, drifts and correlations of terms over a series of parts.
+
+    Parameters
+    ----------
+    table : mapping of str to array_like, shape (n_parts,)
+        Values of each term in the order of making; NaN where a part has none.
+    units : mapping of str to str, optional
+        SI unit by term; ``"m"`` where it is not named.
+    rate : float, optional
+        False discovery rate, 0 < rate < 1.
+
+    Returns
+    -------
+    PartSeries
+        Terms with fewer than five values are left out, which a message says.
+
+    Raises
+    ------
+    DataError
+        If there is no term, or `rate` is out of range.
+    InvalidSamplesError
+        If terms differ in length, or a value is infinite.
+    TooFewSamplesError
+        If there are fewer than five parts.
+
+    Notes
+    -----
+    Control limits are those of single values with moving ranges (ISO 7870-2): mean -+ 2.660 times
+    the mean range of neighbours, 3.267 times it for the range. A range across a missing part is
+    not counted. The slope is that of the least-squares line over the number of the part; its test
+    takes the scatter about the line as independent from part to part. Correlation is that of the
+    remainders about both lines, tested with n - 3 degrees of freedom; over all pairs the false
+    discovery rate is held (Benjamini and Hochberg).
+
+    References
+    ----------
+    .. [1] ISO 7870-2:2013, Control charts - Shewhart control charts, 5.3.
+    .. [2] Benjamini and Hochberg, J. R. Stat. Soc. B 57 (1995) 289-300.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(1)
+    >>> wear = 2e-9 * np.arange(30) + 3e-9 * rng.standard_normal(30)
+    >>> found = part_series({"Z8": wear, "Z9": 3e-9 * rng.standard_normal(30)})
+    >>> [t.name for t in found.drifting]
+    ['Z8']
+    """
+    if not 0.0 < rate < 1.0:
+        raise DataError(f"the false discovery rate lies between 0 and 1, got {rate}")
+    columns = _columns(table)
+    known = {k: v for k, v in columns.items() if int((~np.isnan(v)).sum()) >= _FEWEST}
+    messages = [
+        f"{k}: only {int((~np.isnan(v)).sum())} parts have it; left out, {_FEWEST} are needed"
+        for k, v in columns.items()
+        if k not in known
+    ]
+    if not known:
+        raise TooFewSamplesError(f"no term has {_FEWEST} values; {'; '.join(messages)}")
+    terms = [_term(name, (units or {}).get(name, "m"), v) for name, v in known.items()]
+    tested = np.array([t.p for t in terms])
+    sure = np.zeros(len(terms), dtype=bool)
+    fine = ~np.isnan(tested)
+    sure[fine] = benjamini_hochberg(tested[fine], rate=rate)
+    terms = [_marked(t, is_drift=bool(s)) for t, s in zip(terms, sure, strict=True)]
+    correlation, pairs = _correlations(terms, rate)
+    n = len(next(iter(columns.values())))
+    return PartSeries(tuple(terms), correlation, pairs, n, rate, tuple(messages))
+
+
+def _columns(table: Mapping[str, ArrayLike]) -> dict[str, FloatArray]:
+    if not table:
+        raise DataError("there is no term; give a value of each part by the name of the term")
+    columns = {name: np.asarray(v, dtype=np.float64) for name, v in table.items()}
+    first = next(iter(columns))
+    n = columns[first].size
+    for name, v in columns.items():
+        if v.ndim != 1 or v.size != n:
+            raise InvalidSamplesError(
+                f"{name} has shape {v.shape}, {first} has ({n},): one value of each part is needed"
+            )
+        if np.isinf(v).any():
+            raise InvalidSamplesError(
+                f"{name}: part {int(np.flatnonzero(np.isinf(v))[0]) + 1} is infinite; write NaN "
+                "where it is missing"
+            )
+    if n < _FEWEST:
+        raise TooFewSamplesError(f"the series has {n} parts; at least {_FEWEST} are needed")
+    return columns
+
+
+def _term(name: str, unit: str, values: FloatArray) -> TermSeries:
+    from scipy.special import stdtr
+
+    index = np.flatnonzero(~np.isnan(values))
+    v = values[index]
+    neighbours = np.diff(index) == 1
+    ranges = np.abs(np.diff(v))[neighbours]
+    mean = float(v.mean())
+    mean_range = float(ranges.mean()) if ranges.size else math.nan
+    half = 3.0 * mean_range / _D2
+    x = index - index.mean()
+    slope = float(x @ v / (x @ x))
+    left = v - mean - slope * x
+    scatter = float(left @ left) / (v.size - 2)
+    u = math.sqrt(scatter / float(x @ x))
+    scale = float(np.abs(v).max()) * np.finfo(float).eps * v.size
+    if u * float(np.abs(x).max()) <= scale:  # on the line to within rounding
+        p = 1.0 if abs(slope) * float(np.abs(x).max()) <= scale else 0.0
+    else:
+        p = 2.0 * float(stdtr(v.size - 2, -abs(slope) / u))
+    span = float(index[-1] - index[0])
+    outside = (v < mean - half) | (v > mean + half)
+    return TermSeries(
+        name,
+        unit,
+        frozen_float(values, name=name, ndim=1),
+        mean,
+        mean - half,
+        mean + half,
+        _D4 * mean_range,
+        tuple(index[outside].tolist()),
+        _runs(v > mean, v < mean, index),
+        slope,
+        u,
+        slope * span,
+        u * span,
+        p,
+    )
+
+
+def _runs(
+    above: NDArray[np.bool_], below: NDArray[np.bool_], index: NDArray[Any]
+) -> tuple[int, ...]:
+    """Return the parts at which nine or more in a row lie on one side."""
+    found = []
+    length, side = 0, 0
+    for k, (up, down) in enumerate(zip(above, below, strict=True)):
+        now = int(up) - int(down)
+        length = length + 1 if now == side and now else int(now != 0)
+        side = now
+        if length >= _RUN:
+            found.append(int(index[k]))
+    return tuple(found)
+
+
+def _marked(term: TermSeries, *, is_drift: bool) -> TermSeries:
+    from dataclasses import replace
+
+    return replace(term, drifts=is_drift)
+
+
+def _correlations(
+    terms: Sequence[TermSeries], rate: float
+) -> tuple[FloatArray, tuple[tuple[str, str, float], ...]]:
+    from scipy.special import stdtr
+
+    n = len(terms)
+    matrix = np.full((n, n), np.nan)
+    pairs: list[tuple[int, int, float, float]] = []
+    for i in range(n):
+        matrix[i, i] = 1.0
+        for j in range(i + 1, n):
+            both = ~(np.isnan(terms[i].values) | np.isnan(terms[j].values))
+            if int(both.sum()) < _FEWEST:
+                continue
+            a, b = (_without_line(terms[k].values, both) for k in (i, j))
+            size = math.sqrt(float(a @ a) * float(b @ b))
+            if size == 0.0:
+                continue
+            r = max(-1.0, min(1.0, float(a @ b) / size))
+            matrix[i, j] = matrix[j, i] = r
+            dof = int(both.sum()) - 3
+            t = abs(r) * math.sqrt(dof / max(1.0 - r * r, np.finfo(float).tiny))
+            pairs.append((i, j, r, 2.0 * float(stdtr(dof, -t))))
+    matrix.setflags(write=False)
+    if not pairs:
+        return matrix, ()
+    sure = benjamini_hochberg(np.array([p for *_, p in pairs]), rate=rate)
+    kept = sorted(
+        (pair for pair, s in zip(pairs, sure, strict=True) if s), key=lambda pair: -abs(pair[2])
+    )
+    return matrix, tuple((terms[i].name, terms[j].name, r) for i, j, r, _ in kept)
+
+
+def _without_line(values: FloatArray, both: NDArray[np.bool_]) -> FloatArray:
+    """Return values less their line, zero where rounding is all that is left."""
+    index = np.flatnonzero(both)
+    v = values[index]
+    x = index - index.mean()
+    left = v - v.mean() - (float(x @ v) / float(x @ x)) * x
+    rounding = float(np.abs(v).max()) * np.finfo(float).eps * v.size
+    return np.zeros_like(left) if float(np.abs(left).max()) <= rounding else np.asarray(left)
