@@ -21,6 +21,7 @@ from metrosep.plot.maps import separation_maps
 from metrosep.plot.planning import plan_sd
 from metrosep.plot.polar import polar_plot
 from metrosep.plot.positioning import positioning_chart
+from metrosep.plot.series_chart import draw_part_series
 from metrosep.plot.style import BAND_FACTOR, COLOURS, DASHED, house_style
 
 if TYPE_CHECKING:
@@ -322,4 +323,5 @@ CHART_KINDS: Mapping[str, Callable[[Chart], Figure | Axes]] = {
     "polar": _polar,
     "plan": _plan,
     "bars": draw_bars,
+    "part_series": draw_part_series,
 }

@@ -31,6 +31,7 @@ from metrosep.recipe.describe_process import (
     prediction_of,
     setting_of,
 )
+from metrosep.recipe.describe_quality import gauge_of, series_of
 from metrosep.recipe.describe_separation import separation_of
 from metrosep.recipe.describe_tests import (
     diagonals_of,
@@ -71,6 +72,8 @@ _KINDS: Mapping[str, Any] = {
     "FlexureCalibration": calibration_of,
     "JobResult": prediction_of,
     "DualServoResult": dual_servo_of,
+    "GaugeStudy": gauge_of,
+    "PartSeries": series_of,
 }
 
 

@@ -19,6 +19,7 @@ from metrosep.recipe.ops_maps import MAPS_OF
 from metrosep.recipe.ops_planes import PLANES
 from metrosep.recipe.ops_positions import POSITIONS
 from metrosep.recipe.ops_process import PROCESSES
+from metrosep.recipe.ops_quality import QUALITY
 from metrosep.recipe.ops_results import RESULTS
 from metrosep.recipe.plan import PLANS
 
@@ -36,4 +37,5 @@ METHODS: Mapping[str, Method] = {
     **MACHINES,
     **PROCESSES,
     **DUAL_SERVO,
+    **QUALITY,
 }
