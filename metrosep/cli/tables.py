@@ -98,7 +98,7 @@ def _carried_of(result: str, info: DialectInfo, options: dict[str, Any]) -> tupl
 def _axes_of(document: dict[str, Any], options: dict[str, Any]) -> dict[str, str]:
     """Return the axes of a result's own tables, where the user states none; refuse others."""
     tables = [t for t in (document.get("table"), *document.get("more_tables", ())) if t]
-    known = [(str(t["axis"]), str(t["compensates"])) for t in tables]
+    known = [(str(t["axis"]), str(t["compensates"])) for t in tables if "axis" in t]
     if not known:
         return {"axis": options.get("axis") or "X"}
     fits = [

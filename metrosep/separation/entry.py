@@ -304,21 +304,29 @@ def _joined(parts: dict[int, ErrorEstimate], name: str) -> dict[str, list[Any]]:
 def _lost_motion(
     runs: RunSet, parts: dict[int, ErrorEstimate], probes: Mapping[int, list[str]]
 ) -> Quantity:
-    """Return mean offset of the reverse runs minus that of the forward runs."""
+    """Return mean offset of the reverse runs minus that of the forward runs, in the evaluation range.
+
+    Each direction has its own line taken off about the middle of the range: were it taken off
+    anywhere else, a difference of their slopes would turn into an offset.
+    """
     if "run_levels_nm" in parts[1].audit:
         return _lost_motion_from_levels(parts, probes)
     offsets: dict[int, list[float]] = {1: [], -1: []}
+    start, stop = parts[1].start, parts[1].stop
     for run in runs:
-        rest = run.z - parts[run.direction].evaluate(run.x)
-        rest = rest - parts[run.direction].slope.value * (run.x - runs.common_travel[0])
-        offsets[run.direction].append(float(np.nanmean(rest)))
+        within = (run.x >= start) & (run.x <= stop)
+        x, part = run.x[within], parts[run.direction]
+        rest = run.z[within] - part.evaluate(x) - part.slope.value * (x - 0.5 * (start + stop))
+        if np.isfinite(rest).any():
+            offsets[run.direction].append(float(np.nanmean(rest)))
     forward, reverse = np.array(offsets[1]), np.array(offsets[-1])
     value, u = _mean_difference(forward, reverse)
     return Quantity(
         value,
         "m",
-        "mean reading of the reverse runs minus that of the forward runs, estimates removed; it "
-        "holds lost motion only as far as the sensor did not drift between the runs",
+        "mean reading of the reverse runs minus that of the forward runs over the evaluation range, "
+        "estimates removed; it holds lost motion only as far as the sensor did not drift between the "
+        "runs",
         u=u,
     )
 

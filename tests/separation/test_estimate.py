@@ -228,3 +228,23 @@ def test_mean_leaves_a_common_gap_open():
 
     assert np.isnan(estimate.evaluate([22e-3])[0])
     assert np.isfinite(estimate.evaluate([10e-3])[0])
+
+
+def test_lost_motion_is_that_of_the_middle_where_the_directions_differ_in_slope():
+    # the reverse runs lie 500 nm higher at 10 mm and 4 um/m more at every position beyond
+    rng = np.random.default_rng(4)
+    x = np.arange(0.0, 50e-3, 20e-6)
+
+    def run(k, sign):
+        place = x[::sign]
+        z = 400e-9 * np.cos(2 * np.pi * place / 20e-3) + 2e-9 * rng.standard_normal(x.size)
+        if sign < 0:
+            z = z + 500e-9 + 4e-6 * (place - 10e-3)
+        return Run(place, z, t=np.arange(x.size) * 1e-3, feed=0.02, run_id=f"{k}{sign}")
+
+    runs = RunSet([run(k, sign) for k in range(3) for sign in (1, -1)])
+    estimate = separate(runs, method="mean")
+    middle = 0.5 * (estimate.start + estimate.stop)
+    planted = 500e-9 + 4e-6 * (middle - 10e-3)
+    # the wave does not end where it began, so its line is not quite that of the wave alone
+    assert estimate.lost_motion.value == pytest.approx(planted, abs=1e-9)

@@ -1,0 +1,195 @@
+"""Files of a table that the user asks for: the table, or a trial of its sign."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import Any
+
+from metrosep.app.messages import plain
+from metrosep.app.wanted_tables import Wanted
+from metrosep.compensation.table import CompensationTable
+from metrosep.compensation.trial import TrialTable, trial_table
+from metrosep.controllers.base import load_bytes, load_sidecar, sidecar_path
+from metrosep.core.errors import CorruptFileError, DataError, WriteError
+from metrosep.core.runset import RunSet
+from metrosep.core.units import parse_quantity
+from metrosep.separation.base import ErrorEstimate
+
+__all__ = ["trial_words", "write_file", "write_trial"]
+
+_SCHEMA = "metrosep.table/1"
+
+
+def write_file(
+    wanted: Wanted,
+    estimate: ErrorEstimate,
+    runs: RunSet,
+    target: Path,
+    *,
+    overwrite: bool,
+) -> dict[str, Any]:
+    """Write a table and its sidecar, as a run of the recipe does.
+
+    Parameters
+    ----------
+    wanted : Wanted
+        The table.
+    estimate : ErrorEstimate
+        Separated error.
+    runs : RunSet
+        Readings for the dry-run.
+    target : Path
+        The file.
+    overwrite : bool
+        Replace a table that metrosep wrote.
+
+    Returns
+    -------
+    dict
+        ``files``, ``sha256`` and the ``verification``.
+
+    Raises
+    ------
+    WriteError
+        If another file is there, or it cannot be written.
+    DataError
+        If a table of metrosep is there and `overwrite` is not said.
+    TableError
+        If the table is refused; nothing is written then.
+    """
+    replaces = _replaces(target, overwrite=overwrite)
+    verification = wanted.write(wanted.carried(estimate, runs), target, runs, overwrite=replaces)
+    said = None if verification is None else verification.to_dict()
+    return {**_files(target), "verification": plain(said)}
+
+
+def write_trial(
+    wanted: Wanted,
+    estimate: ErrorEstimate,
+    runs: RunSet,
+    target: Path,
+    height: object,
+    *,
+    overwrite: bool,
+) -> dict[str, Any]:
+    """Write one bump that tells the sign on the machine, as ``metrosep table --trial`` does.
+
+    Parameters
+    ----------
+    wanted : Wanted
+        The table in whose place it is tried.
+    estimate : ErrorEstimate
+        Separated error.
+    runs : RunSet
+        Readings.
+    target : Path
+        The file.
+    height : object
+        Text with a unit, "2 um".
+    overwrite : bool
+        Replace a table that metrosep wrote.
+
+    Returns
+    -------
+    dict
+        ``files``, ``sha256`` and the ``trial`` in words.
+
+    Raises
+    ------
+    WriteError
+        If another file is there, or it cannot be written.
+    DataError
+        If the height is no length, or the controller holds polynomials.
+    TableError
+        If it is refused; nothing is written then.
+    """
+    trial = _trial(wanted, estimate, runs, height)
+    replaces = _replaces(target, overwrite=overwrite)
+    wanted.write(trial, target, None, overwrite=replaces)
+    return {**_files(target), "trial": _words(trial)}
+
+
+def trial_words(
+    wanted: Wanted, estimate: ErrorEstimate, runs: RunSet, height: object
+) -> dict[str, Any]:
+    """Return what a trial of the sign asks for; nothing is written.
+
+    Parameters
+    ----------
+    wanted : Wanted
+        The table in whose place it is tried.
+    estimate : ErrorEstimate
+        Separated error.
+    runs : RunSet
+        Readings.
+    height : object
+        Text with a unit, "2 um".
+
+    Returns
+    -------
+    dict
+        ``instruction``, ``if_right``, ``if_wrong``.
+
+    Raises
+    ------
+    DataError
+        If the height is no length, or the controller holds polynomials.
+    TableError
+        If the table cannot be made, or has no room for a bump.
+    """
+    return _words(_trial(wanted, estimate, runs, height))
+
+
+def _trial(wanted: Wanted, estimate: ErrorEstimate, runs: RunSet, height: object) -> TrialTable:
+    if not isinstance(height, str):
+        raise DataError(f"trial is a height with its unit, such as 2 um; got {height!r}")
+    size = parse_quantity(height, dimension="length", name="trial")
+    made = wanted.carried(estimate, runs)
+    if not isinstance(made, CompensationTable):
+        raise DataError("a trial has no meaning for a polynomial: its sign is stated")
+    return trial_table(made, size)
+
+
+def _words(trial: TrialTable) -> dict[str, Any]:
+    return {
+        "instruction": trial.instruction,
+        "if_right": trial.if_right,
+        "if_wrong": trial.if_wrong,
+    }
+
+
+def _replaces(target: Path, *, overwrite: bool) -> bool:
+    """Return whether a table of metrosep is to be replaced; refuse any other file."""
+    if not target.exists():
+        return False
+    if target.is_dir():
+        raise WriteError(f"{target}: is a folder; name a file")
+    if not _is_ours(target):
+        raise WriteError(
+            f"{target}: exists already, not written by metrosep or changed since, and a machine may be "
+            "using it; choose another name"
+        )
+    if not overwrite:
+        raise DataError(
+            f"{target.name}: exists already and a machine may be using it; choose another name or "
+            "overwrite it"
+        )
+    return True
+
+
+def _is_ours(target: Path) -> bool:
+    try:
+        beside = load_sidecar(target)
+    except CorruptFileError:
+        return False
+    if beside.get("schema") != _SCHEMA:
+        return False
+    return beside.get("file_sha256") == hashlib.sha256(load_bytes(target)).hexdigest()
+
+
+def _files(target: Path) -> dict[str, Any]:
+    return {
+        "files": [str(target), str(sidecar_path(target))],
+        "sha256": hashlib.sha256(target.read_bytes()).hexdigest(),
+    }

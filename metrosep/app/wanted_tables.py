@@ -1,0 +1,99 @@
+"""A table of a recipe, ready to be made and written as a run of the recipe does."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from metrosep.controllers.files import write
+from metrosep.core.runset import RunSet
+from metrosep.recipe.outputs import make_carried
+from metrosep.separation.base import ErrorEstimate
+
+__all__ = ["Wanted"]
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """A table of a recipe, ready to be written.
+
+    Parameters
+    ----------
+    output : mapping
+        As the recipe has it, checked.
+    machine : mapping
+        Options and limits in SI, for `metrosep.controllers.write`.
+    degree : object
+        Of a polynomial where the output states none.
+    """
+
+    output: Mapping[str, Any]
+    machine: Mapping[str, Any]
+    degree: Any = "aicc"
+
+    @property
+    def controller(self) -> str:
+        """Name of the dialect."""
+        return str(self.output["controller"])
+
+    @property
+    def waive(self) -> tuple[str, ...]:
+        """Checks whose refusal the recipe accepts."""
+        return tuple(self.output.get("waive", ()))
+
+    def carried(self, estimate: ErrorEstimate, runs: RunSet) -> Any:
+        """Return what the controller will hold.
+
+        Parameters
+        ----------
+        estimate : ErrorEstimate
+            Separated error.
+        runs : RunSet
+            Readings.
+
+        Returns
+        -------
+        CompensationTable or PolynomialFit
+            Corrections.
+
+        Raises
+        ------
+        TableError
+            If it cannot be made.
+        """
+        return make_carried(estimate, self.output, runs, degree=self.degree)
+
+    def write(self, carried: Any, path: Path, against: RunSet | None, **more: Any) -> Any:
+        """Write it as a run of the recipe does.
+
+        Parameters
+        ----------
+        carried : object
+            Of `carried`, or a trial.
+        path : Path
+            The file.
+        against : RunSet or None
+            Readings for the dry-run.
+        **more
+            Other arguments of `metrosep.controllers.write`.
+
+        Returns
+        -------
+        Verification or None
+            The dry-run.
+
+        Raises
+        ------
+        MetrosepError
+            If it is refused.
+        """
+        said: dict[str, Any] = {
+            "waive": self.waive,
+            "sign_confirmed": bool(self.output.get("sign_confirmed", False)),
+            **more,
+        }
+        return write(
+            carried, path, self.controller, verified_against=against, **said, **self.machine
+        )
