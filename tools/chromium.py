@@ -229,9 +229,10 @@ def browser() -> Iterator[Page]:
 
 
 @contextlib.contextmanager
-def workbench(file: Path | None) -> Iterator[str]:
-    """Start `metrosep ui` for a file; give its address; end it."""
+def workbench(file: Path | None, folder: Path | None = None) -> Iterator[str]:
+    """Start `metrosep ui` for a file, with another folder open; give its address; end it."""
     command = [sys.executable, "-m", "metrosep", "ui", "--no-browser", "--port", "0"]
+    command += [] if folder is None else ["--folder", str(folder)]
     process = subprocess.Popen(
         [*command, *([] if file is None else [str(file)])],
         stdout=subprocess.PIPE,

@@ -9,23 +9,24 @@ from typing import Any
 
 from metrosep.core.errors import DataError, MetrosepError, ReadError
 
-__all__ = ["COLUMNS", "Ask", "ask_columns", "holds_columns"]
+__all__ = ["Ask", "answered", "ask_columns", "holds_columns"]
 
-COLUMNS = frozenset({"x", "z", "feed", "run", "direction", "time", "scale", "sampling_rate"})
-"""Options that choose columns of text; x and z alone choose those of one profile."""
+_LENGTHS = ("nm", "um", "mm", "m", "in")
 
 _LABELS = {
     "x": "Position",
-    "z": "Reading (+: towards + of the compensated axis)",
+    "x_unit": "Unit of the position, where its name does not say it",
+    "z": "Reading or height (+: towards + of the compensated axis)",
+    "z_unit": "Unit of the reading, where its name does not say it",
     "feed": "Feedrate: a column, or a value such as 7200 mm/min; empty where there is none",
     "run": "Column that tells the runs apart; empty where each file is one run",
     "time": "Time; empty where there is none",
     "scale": "Sensitivity where the reading is a voltage, such as 2.5 um/V",
 }
 _NAMES = {
-    "x": r"(x|y|z|pos(ition)?|encoder|distance|travel)",
+    "x": r"(x|pos(ition)?|encoder|distance|travel)",
     "z": r"(z|e|err(or)?|probe\w*|reading|height|straightness|dev(iation)?|sensor\w*|cap\w*)",
-    "feed": r"(feed\w*|f|speed|velocity)",
+    "feed": r"(feed\w*|speed|velocity)",
     "run": r"(run|repeat|pass|trace|no)",
     "time": r"(t|time|clock)",
 }
@@ -108,21 +109,70 @@ def ask_columns(files: Sequence[Path], given: Mapping[str, Any], why: str) -> As
     guessed: dict[str, str] = {}
     for role in ("time", "feed", "x", "z", "run"):
         guessed[role] = _guess(role, columns, taken=set(guessed.values()))
+    if len(names) == _FEWEST and not guessed["x"] and not guessed["z"]:
+        guessed["x"], guessed["z"] = names
+    roles = [role for role in _LABELS if _is_asked(role, columns, several=len(files) > 1)]
     fields = [
         {
             "name": role,
-            "label": label,
+            "label": _LABELS[role],
             "value": str(given.get(role, guessed.get(role, ""))),
-            "choices": [] if role == "scale" else names,
-            "hint": "name, or name:unit where the header does not say it"
-            if role in ("x", "z")
-            else "",
+            "choices": _choices(role, names),
+            "hint": "such as um" if role.endswith("_unit") else "",
         }
-        for role, label in _LABELS.items()
+        for role in roles
     ]
-    names_words = ", ".join(names)
-    message = f"{why}; which column is what? {files[0].name} holds {names_words}"
+    message = f"{why}; which column is what? {files[0].name} holds {', '.join(names)}"
     return Ask(message, "columns", str(files[0]), fields)
+
+
+def answered(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return answers as ``[input]`` of a recipe has them.
+
+    Parameters
+    ----------
+    given : mapping
+        Of the page: columns with ``x_unit`` and ``z_unit`` beside them; empty where there is none.
+
+    Returns
+    -------
+    dict
+        Units within their columns; nothing that is empty.
+
+    Raises
+    ------
+    DataError
+        If a unit is given without its column.
+
+    Examples
+    --------
+    >>> answered({"x": "pos", "x_unit": "mm", "z": "gap_um", "z_unit": "", "feed": ""})
+    {'x': {'column': 'pos', 'unit': 'mm'}, 'z': 'gap_um'}
+    """
+    plain = {k: v for k, v in given.items() if v not in (None, "")}
+    for role in ("x", "z"):
+        unit = plain.pop(f"{role}_unit", None)
+        if unit is None:
+            continue
+        if not isinstance(plain.get(role), str):
+            raise DataError(f"{role}_unit = {unit!r} needs the column {role}; name it")
+        plain[role] = {"column": plain[role], "unit": unit}
+    return plain
+
+
+def _is_asked(role: str, columns: Sequence[tuple[str, str | None]], *, several: bool) -> bool:
+    """Whether a question makes sense: only of what the columns can answer."""
+    if role.endswith("_unit"):
+        return any(dimension is None for _, dimension in columns)
+    if role == "scale":
+        return any(dimension in (None, "voltage") for _, dimension in columns)
+    return role in ("x", "z") or len(columns) > _FEWEST or (several and role == "feed")
+
+
+def _choices(role: str, names: list[str]) -> list[str]:
+    if role.endswith("_unit"):
+        return list(_LENGTHS)
+    return [] if role == "scale" else names
 
 
 def _numbers(file: Path) -> list[tuple[str, str | None]]:
@@ -140,16 +190,23 @@ _DIMENSIONS = {"x": ("length",), "z": ("length", "voltage"), "feed": ("speed",),
 def _guess(role: str, columns: Sequence[tuple[str, str | None]], *, taken: set[str]) -> str:
     """Return the column that is likely meant: by its unit first, then by its name."""
     free = [(name, dimension) for name, dimension in columns if name not in taken]
-    named = [name for name, _ in free if re.fullmatch(_NAMES[role], _bare(name), re.IGNORECASE)]
+    named = _named(_NAMES[role], free)
+    if role == "x" and not named:  # runs of Y or Z have their axis as position, beside a reading
+        readings = set(_named(_NAMES["z"], free))
+        named = [name for name in _named("[yz]", free) if readings - {name}]
     if role == "run":
         return named[0] if named else ""
     fits = [name for name, dimension in free if dimension in _DIMENSIONS[role]]
     both = [name for name in named if name in fits]
-    if both:
-        return both[0]
-    if role in ("x", "z"):
-        return (fits or named or [""])[0]
-    return (fits or [n for n in named if dict(free)[n] is None] or [""])[0]
+    unsaid = [name for name in named if dict(free)[name] is None]
+    if role in ("x", "z"):  # its unit alone makes a column neither: it may be the other
+        other = _named(_NAMES["z" if role == "x" else "x"], free)
+        fits = [name for name in fits if name not in other]
+    return (both or unsaid or fits or [""])[0]
+
+
+def _named(pattern: str, columns: Sequence[tuple[str, str | None]]) -> list[str]:
+    return [name for name, _ in columns if re.fullmatch(pattern, _bare(name), re.IGNORECASE)]
 
 
 def _bare(name: str) -> str:

@@ -238,15 +238,48 @@ class RecipeDocument:
         """
         self._swap(self._done, self._undone, "undo")
 
-    def withdraw(self) -> None:
-        """Take the last edit back as if it had not been made.
+    def copy(self) -> RecipeDocument:
+        """Return a document of its own with the same text and history.
+
+        Returns
+        -------
+        RecipeDocument
+            To try an edit on.
+        """
+        made = object.__new__(RecipeDocument)
+        made.folder, made.name = self.folder, self.name
+        made._take(self)
+        return made
+
+    def adopt(self, other: RecipeDocument) -> None:
+        """Take over text and history of a copy.
+
+        Parameters
+        ----------
+        other : RecipeDocument
+            A copy that was edited.
+        """
+        self._take(other)
+
+    def _take(self, other: RecipeDocument) -> None:
+        self._text, self._recipe = other._text, other._recipe
+        self._done, self._undone = list(other._done), list(other._undone)
+
+    def rename(self, name: str) -> None:
+        """Give the recipe the name of the file that it was saved as.
+
+        Parameters
+        ----------
+        name : str
+            For messages and results.
 
         Raises
         ------
-        DataError
-            If there is none.
+        RecipeError
+            Never for a document that was one.
         """
-        self._swap(self._done, [], "take back")
+        self.name = name
+        self._replace(self._text)
 
     def redo(self) -> None:
         """Do the last edit again that was taken back.

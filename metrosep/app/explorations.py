@@ -10,7 +10,6 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.app.map_views import map_view
@@ -59,6 +58,7 @@ class Exploration:
 
     Examples
     --------
+    >>> import numpy as np
     >>> from metrosep.app.wire import unpack
     >>> shown = Exploration(Surface([[0.0, 1.0], [np.nan, 2.0]], dx=1e-3, dy=1e-3))
     >>> header, arrays = unpack(shown.map({"pixels": [2, 2]}, (0.0, 2.0)))

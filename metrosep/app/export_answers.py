@@ -46,7 +46,7 @@ def export(session: Session, message: Message, cancel: Cancel, tell: Tell) -> An
         if target.exists() and not message.get("overwrite"):
             raise DataError(f"{target.name}: exists already; choose another name or overwrite it")
         document.save(target)
-        document.name = target.name
+        document.rename(target.name)
         return {"files": [str(target)], "session": session.state()}, {}
     if what == "result":
         inputs = None if document.recipe.reads_nothing else list(opened.files)

@@ -8,7 +8,9 @@ from metrosep.app.evaluations import Evaluations
 from metrosep.app.messages import Answer, Cancel, Message, Tell, level_of, number_or_none, plain
 from metrosep.app.sessions import Session, is_extreme
 from metrosep.core.errors import MetrosepError
+from metrosep.recipe.pipeline import Stage
 from metrosep.recipe.result import Result
+from metrosep.recipe.step_words import step_words
 
 __all__ = ["metrics"]
 
@@ -48,10 +50,10 @@ def metrics(session: Session, message: Message, cancel: Cancel, tell: Tell) -> A
         return {"is_preview": True, "verdict": None, "rows": [], "messages": [], "stages": []}, {}
     tell({"k": "progress", "text": "separating" if opened.kind == "runs" else "computing"})
     result: Result = opened.material.result(document.recipe, cancel)
-    return _of_document(result), {}
+    return _of_document(result, session), {}
 
 
-def _of_document(result: Result) -> dict[str, Any]:
+def _of_document(result: Result, session: Session) -> dict[str, Any]:
     entries = result.document["characteristics"]
     rows = [
         {
@@ -69,7 +71,7 @@ def _of_document(result: Result) -> dict[str, Any]:
         "is_preview": False,
         "verdict": result.verdict,
         "rows": list({row["symbol"]: row for row in rows}.values()),
-        "messages": [str(m) for m in result.document["messages"]],
+        "messages": [session.words(str(m)) for m in result.document["messages"]],
         "stages": [],
     }
     return header | ({"checks": plain(checks)} if checks else {})
@@ -86,10 +88,9 @@ def _measured(session: Session, message: Message, cancel: Cancel) -> Answer:
         "is_preview": outcome.is_preview,
         "verdict": None,
         "rows": [_row(k, q, preview=outcome.is_preview) for k, q in found.items()],
-        "messages": list(measured.messages),
+        "messages": list(dict.fromkeys(m for s in outcome.stages for m in _words(s))),
         "stages": [
-            {"index": s.index, "seconds": s.seconds, "messages": list(s.messages)}
-            for s in outcome.stages
+            {"index": s.index, "seconds": s.seconds, "messages": _words(s)} for s in outcome.stages
         ],
     }
     if outcome.error is not None:
@@ -104,6 +105,11 @@ def _measured(session: Session, message: Message, cancel: Cancel) -> Answer:
             header["verdict"] = judged["verdict"]
             header["checks"] = plain(judged["characteristics"])
     return header, {}
+
+
+def _words(stage: Stage) -> list[str]:
+    """Return the messages of a step in the words of its recipe, as the command line has them."""
+    return [step_words(m, stage.op) for m in stage.messages]
 
 
 def _row(symbol: str, quantity: Any, *, preview: bool) -> dict[str, Any]:

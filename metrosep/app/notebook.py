@@ -65,7 +65,7 @@ def explore(obj: Surface | Profile, **options: Any) -> Any:
     >>> import numpy as np
     >>> w = explore(Surface(np.eye(5), dx=1e-3, dy=1e-3), a=(0, 0), b=(4e-3, 4e-3))
     >>> w.section.z.round(6).tolist()[::2]
-    [1.0, 0.5, 1.0, 0.5]
+    [1.0, 0.555556, 0.555556, 1.0]
     """
     known = (*_OPTIONS[_kind(obj)], "colours", "height")
     for name in options:

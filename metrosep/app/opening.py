@@ -2,22 +2,32 @@
 
 from __future__ import annotations
 
+import hashlib
+import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
-from metrosep.app.asking import COLUMNS, Ask, ask_columns, holds_columns
-from metrosep.app.documents import RecipeDocument, start_runs_text, start_text
+from metrosep.app.asking import Ask, answered, ask_columns, holds_columns
+from metrosep.app.documents import Edit, RecipeDocument, start_runs_text, start_text
 from metrosep.app.evaluations import Evaluations
 from metrosep.app.places import Places
 from metrosep.app.separations import MethodResults, Separations
-from metrosep.core.errors import DataError, FormatMismatchError, ReadError, RecipeError, UnitError
+from metrosep.core.errors import (
+    DataError,
+    FormatMismatchError,
+    MetrosepError,
+    ReadError,
+    RecipeError,
+    UnitError,
+)
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
 from metrosep.recipe.input_options import reading_options
 from metrosep.recipe.recipe import Recipe
 from metrosep.recipe.run import input_files
+from metrosep.recipe.steps import INPUT
 
 __all__ = ["Kind", "Material", "Opened", "autosave_path", "open_files", "read_again"]
 
@@ -27,6 +37,12 @@ Read: TypeAlias = Callable[..., Any]
 
 READING = ("unit", "lateral_step", "channel", "format", "x", "z", "scale")
 """Options of a reader that a recipe of a map or profile keeps in ``[input]``."""
+
+_COLUMNS = tuple(key for key in INPUT if key != "files")
+"""Those of repeated runs."""
+
+_RUNS = {"feed", "run", "direction"}
+"""Options that make a set of runs of a single file."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,13 +56,17 @@ class Opened:
     files : tuple of Path
         That are read; empty where a recipe reads nothing.
     home : Path
-        File beside which the session is kept.
+        The recipe, or the first file.
     document : RecipeDocument
         The recipe.
     material : Evaluations, Separations or MethodResults
         What the recipe is carried out on.
     messages : tuple of str
         What the user should know.
+    kept : Path
+        Where the session is kept.
+    displaced : bool
+        Whether what is kept there is not used: it is put aside before it is written over.
     """
 
     kind: Kind
@@ -55,27 +75,35 @@ class Opened:
     document: RecipeDocument
     material: Material
     messages: tuple[str, ...] = ()
+    kept: Path = Path()
+    displaced: bool = False
 
 
-def autosave_path(file: Path) -> Path:
+def autosave_path(file: Path, others: Sequence[Path] = ()) -> Path:
     """Return where the session of a file is kept: beside it.
 
     Parameters
     ----------
     file : Path
-        Measurement.
+        Measurement or recipe.
+    others : sequence of Path, optional
+        Further files of the same set of runs: each set has a session of its own.
 
     Returns
     -------
     Path
-        ``<name>.session.toml``.
+        ``<name>.session.toml``; of a set with letters that tell it from other sets.
 
     Examples
     --------
     >>> autosave_path(Path("part.sdf")).name
     'part.sdf.session.toml'
     """
-    return file.with_name(f"{file.name}.session.toml")
+    which = ""
+    if others:
+        names = "\0".join(sorted(str(f) for f in (file, *others)))
+        which = f".set-{hashlib.sha256(names.encode()).hexdigest()[:8]}"
+    return file.with_name(f"{file.name}{which}.session.toml")
 
 
 def open_files(
@@ -115,28 +143,82 @@ def open_files(
     """
     if not paths:
         raise DataError("name a file to open")
-    files = [places.readable(p) for p in paths]
-    given = {k: v for k, v in (reading or {}).items() if v not in (None, "")}
-    if files[0].suffix == ".toml":
-        if len(files) > 1:
-            raise DataError("open a recipe by itself; it names its files")
-        return _of_recipe(places, files[0], given, read)
-    kept, messages = _kept(files[0])
-    if kept is not None:
-        names = [files[0].parent / n for n in kept.recipe.input.get("files") or ()]
-        if {f.resolve() for f in names} == set(files):
-            kind, material = _with(kept, files, {}, read)
-            return Opened(kind, tuple(files), files[0], kept, material, messages)
-        messages = (f"{autosave_path(files[0]).name}: is of other files, not used",)
-        kept = None
-    if len(files) > 1 or COLUMNS & set(given) > {"x", "z"}:
-        return _runs(files, given, messages)
-    obj = _obj(files[0], _of_reader(given), read)
-    kind = _kind(obj)
-    document = RecipeDocument(
-        start_text(files[0].name, kind, _of_reader(given)), files[0].parent, _name(files[0])
+    files = sorted(dict.fromkeys(places.readable(p) for p in paths))
+    given = _checked(answered(reading or {}))
+    recipes = [f for f in files if f.suffix == ".toml"]
+    if len(recipes) > 1:
+        raise DataError("open one recipe at a time; it names its files")
+    if recipes:
+        others = [f for f in files if f not in recipes]
+        return _of_recipe(places, recipes[0], others, given, read)
+    kept = autosave_path(files[0], files[1:])
+    opened, messages = _taken_up(kept, files, given, read)
+    if opened is not None:
+        return opened
+    fresh = (
+        _runs(files, given)
+        if len(files) > 1 or _RUNS & set(given)
+        else _one(files[0], given, read)
     )
-    return Opened(kind, tuple(files), files[0], document, Evaluations(obj), messages)
+    return replace(
+        fresh, kept=kept, messages=(*messages, *fresh.messages), displaced=bool(messages)
+    )
+
+
+def _checked(given: dict[str, Any]) -> dict[str, Any]:
+    unknown = sorted(set(given) - set(READING) - set(_COLUMNS))
+    if unknown:
+        known = ", ".join(sorted({*READING, *_COLUMNS}))
+        raise DataError(f"there is no option {unknown[0]!r} of reading; there are {known}")
+    return given
+
+
+def _one(file: Path, given: Mapping[str, Any], read: Read | None) -> Opened:
+    """Open a file that has no session yet: a map or a profile."""
+    chosen = {k: v for k, v in given.items() if k in READING}
+    obj = _obj(file, reading_options(chosen), read)
+    left = sorted(set(given) - set(chosen))
+    said = (
+        f"{file.name}: is one profile; {' and '.join(left)} not used: they belong to repeated runs"
+    )
+    kind = _kind(obj)
+    document = RecipeDocument(start_text(file.name, kind, chosen), file.parent, _name(file))
+    return Opened(kind, (file,), file, document, Evaluations(obj), (said,) if left else ())
+
+
+def _taken_up(
+    kept: Path, files: Sequence[Path], given: Mapping[str, Any], read: Read | None
+) -> tuple[Opened | None, tuple[str, ...]]:
+    """Return the session that was kept for files; or why it is not used, where there is one."""
+    if not kept.is_file():
+        return None, ()
+    try:
+        text = kept.read_text(encoding="utf-8")
+        document = _answering(RecipeDocument(text, kept.parent, _name(files[0])), given)
+        names = [kept.parent / n for n in document.recipe.input.get("files") or ()]
+        if {f.resolve() for f in names} != set(files):
+            return None, (
+                f"{kept.name}: the session kept there is of other files, and is not used",
+            )
+        kind, material = _with(document, files, read)
+    except Ask:
+        raise
+    except (OSError, UnicodeDecodeError, MetrosepError) as exc:
+        return None, (f"{kept.name}: the session kept there is not used ({exc})",)
+    said = f"the session of this file was taken up again ({kept.name})"
+    return Opened(kind, tuple(files), files[0], document, material, (said,), kept), ()
+
+
+def _answering(document: RecipeDocument, given: Mapping[str, Any]) -> RecipeDocument:
+    """Return a recipe whose ``[input]`` has what the user answered."""
+    if not given:
+        return document
+    held = tomllib.loads(document.text).get("input", {})
+    edits = [Edit(("input", k), held.get(k), v) for k, v in given.items() if held.get(k) != v]
+    made = RecipeDocument(document.text, document.folder, document.name)
+    if edits:
+        made.edit(edits)
+    return RecipeDocument(made.text, document.folder, document.name)
 
 
 def read_again(opened: Opened, recipe: Recipe, read: Read | None = None) -> Opened:
@@ -170,7 +252,13 @@ def read_again(opened: Opened, recipe: Recipe, read: Read | None = None) -> Open
     return replace(opened, kind=_kind(obj), material=Evaluations(obj))
 
 
-def _runs(files: list[Path], given: Mapping[str, Any], messages: tuple[str, ...]) -> Opened:
+def _runs(files: list[Path], given: Mapping[str, Any]) -> Opened:
+    for file in files:
+        if not holds_columns(file):
+            raise DataError(
+                f"{file.name}: is no table of positions and readings; several files are one set of "
+                "repeated runs, open a map or a profile by itself"
+            )
     if "x" not in given or "z" not in given:
         raise ask_columns(files, given, "several files are one set of repeated runs")
     folder = files[0].parent
@@ -179,57 +267,74 @@ def _runs(files: list[Path], given: Mapping[str, Any], messages: tuple[str, ...]
             "the files of a set of runs lie in one folder; copy them together, the recipe names them "
             "beside itself"
         )
-    text = start_runs_text([f.name for f in files], given)
+    chosen = {k: v for k, v in given.items() if k in _COLUMNS}
+    text = start_runs_text([f.name for f in files], chosen)
     document = RecipeDocument(text, folder, _name(files[0]))
     separations = Separations(files)
     separations.runs(document.recipe)  # a wrong column shows now
-    return Opened("runs", tuple(files), files[0], document, separations, messages)
+    return Opened("runs", tuple(files), files[0], document, separations)
 
 
-def _of_recipe(places: Places, file: Path, given: Mapping[str, Any], read: Read | None) -> Opened:
+def _of_recipe(
+    places: Places, file: Path, others: Sequence[Path], given: Mapping[str, Any], read: Read | None
+) -> Opened:
+    """Open a recipe: as it was left, unless it was changed by other hands since."""
     try:
         text = file.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as exc:
         raise RecipeError(f"{file.name}: the recipe cannot be read ({exc})") from None
-    document = RecipeDocument(text, file.parent, file.name)
+    kept = autosave_path(file)
+    messages: tuple[str, ...] = ()
+    document, displaced = RecipeDocument(text, file.parent, file.name), False
+    if kept.is_file():
+        document, messages, displaced = _left(kept, file, document)
+    document = _answering(document, given)
     recipe = document.recipe
-    if recipe.reads_nothing:
-        kept, messages = _kept(file)
-        return Opened("method", (), file, kept or document, MethodResults(()), messages)
-    if not recipe.input.get("files"):
-        raise ReadError(f"{file.name}: its [input] names no file; open a measurement")
-    found = [places.readable(str(f)) for f in input_files(recipe, None)]
-    if recipe.is_pipeline:
+    found: list[Path] = []
+    if not recipe.reads_nothing:
+        if not recipe.input.get("files"):
+            raise ReadError(f"{file.name}: its [input] names no file; open a measurement")
+        found = [places.readable(str(f)) for f in input_files(recipe, None)]
+    if recipe.is_pipeline and len(found) > 1:
+        messages = (*messages, f"{file.name} names {len(found)} files; {found[0].name} is shown")
         found = found[:1]
-    kind, material = _with(document, found, given, read)
-    return Opened(kind, tuple(found), found[0], document, material)
+    unused = [f.name for f in others if f not in found]
+    if unused:
+        messages = (*messages, f"{file.name} does not name {', '.join(unused)}: not opened")
+    kind, material = _with(document, found, read)
+    return Opened(kind, tuple(found), file, document, material, messages, kept, displaced)
+
+
+def _left(
+    kept: Path, file: Path, document: RecipeDocument
+) -> tuple[RecipeDocument, tuple[str, ...], bool]:
+    """Return the session of a recipe, or the recipe itself where it is younger."""
+    try:
+        left = RecipeDocument(kept.read_text(encoding="utf-8"), file.parent, file.name)
+        older = kept.stat().st_mtime_ns < file.stat().st_mtime_ns
+    except (OSError, UnicodeDecodeError, RecipeError) as exc:
+        return document, (f"{kept.name}: the session kept there is not used ({exc})",), True
+    if left.text == document.text:
+        return document, (), False
+    if older:
+        said = f"{kept.name}: {file.name} was changed after this session was kept; it is not used"
+        return document, (said,), True
+    return left, (f"the session of this recipe was taken up again ({kept.name})",), False
 
 
 def _with(
-    document: RecipeDocument, files: Sequence[Path], given: Mapping[str, Any], read: Read | None
+    document: RecipeDocument, files: Sequence[Path], read: Read | None
 ) -> tuple[Kind, Material]:
     """Return what the recipe of a document works on."""
     recipe: Recipe = document.recipe
     if recipe.is_pipeline:
-        obj = _obj(files[0], _of_reader(given) or reading_options(recipe.input), read)
+        obj = _obj(files[0], reading_options(recipe.input), read)
         return _kind(obj), Evaluations(obj)
     if recipe.is_method:
         return "method", MethodResults(files)
     separations = Separations(files)
     separations.runs(recipe)
     return "runs", separations
-
-
-def _kept(file: Path) -> tuple[RecipeDocument | None, tuple[str, ...]]:
-    """Return the session that is kept beside a file."""
-    kept = autosave_path(file)
-    if not kept.is_file():
-        return None, ()
-    try:
-        made = RecipeDocument(kept.read_text(encoding="utf-8"), file.parent, _name(file))
-    except (OSError, UnicodeDecodeError, RecipeError) as exc:
-        return None, (f"{kept.name}: the session kept there is not used ({exc})",)
-    return made, (f"the session of this file was taken up again ({kept.name})",)
 
 
 def _obj(file: Path, reading: Mapping[str, Any], read: Read | None) -> Surface | Profile:
@@ -241,14 +346,8 @@ def _obj(file: Path, reading: Mapping[str, Any], read: Read | None) -> Surface |
         raise ReadError(
             f"{file.name}: too large for the memory of this computer; cut it, or open it elsewhere"
         ) from None
-    except UnitError as exc:
-        if "x" not in reading and holds_columns(file, fewest=3):
-            raise ask_columns([file], reading, str(exc)) from None
-        raise Ask(str(exc), "unit", str(file)) from None
-    except FormatMismatchError as exc:
-        if "x" in reading or not holds_columns(file):
-            raise
-        raise ask_columns([file], reading, str(exc)) from None
+    except (UnitError, FormatMismatchError) as exc:
+        raise _question(file, reading, exc) from None
     if isinstance(obj, Surface | Profile):
         return obj
     if "x" not in reading and holds_columns(file):
@@ -259,8 +358,17 @@ def _obj(file: Path, reading: Mapping[str, Any], read: Read | None) -> Surface |
     )
 
 
-def _of_reader(given: Mapping[str, Any]) -> dict[str, Any]:
-    return {k: v for k, v in given.items() if k in READING}
+def _question(file: Path, reading: Mapping[str, Any], why: MetrosepError) -> MetrosepError:
+    """Return what is to be asked, or the error itself where no answer would help."""
+    several, words = holds_columns(file), str(why).partition(";")[0]
+    if several and not (isinstance(why, FormatMismatchError) and "x" in reading):
+        given = {k: v for k, v in reading.items() if isinstance(v, str)}
+        return ask_columns([file], given, words)
+    if isinstance(why, UnitError):
+        return Ask(words, "unit", str(file))
+    if holds_columns(file, fewest=1) and "lateral_step" not in reading:
+        return Ask(words, "lateral_step", str(file))
+    return why
 
 
 def _kind(obj: Surface | Profile) -> Literal["map", "profile"]:

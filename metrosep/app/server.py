@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import logging
 import secrets
 import threading
 from collections.abc import AsyncIterator, Mapping, Sequence
@@ -14,7 +15,7 @@ from urllib.parse import unquote
 
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
-from starlette.requests import HTTPConnection, Request
+from starlette.requests import ClientDisconnect, HTTPConnection, Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response
 from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
@@ -26,6 +27,7 @@ from metrosep.app.guards import Guard
 from metrosep.app.messages import Tell
 from metrosep.app.places import Places
 from metrosep.app.sessions import Session
+from metrosep.app.warm_up import start_warm_up
 from metrosep.app.wire import error_header, pack
 from metrosep.core.errors import MetrosepError, WriteError
 from metrosep.recipe.pipeline import CancelledError
@@ -123,8 +125,23 @@ def make_app(
 
     @contextlib.asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
+        loop = asyncio.get_running_loop()
+
+        async def kept() -> None:
+            state = session.state()
+            news = {k: state.get(k) for k in ("saved_at", "keeping", "messages")}
+            for one in list(pages):
+                await one.send({"k": "saved", **news})
+
+        def told() -> None:
+            asyncio.run_coroutine_threadsafe(kept(), loop)
+
+        session.keeper.told = told
+        cool_down = start_warm_up()
         yield
-        session.close()
+        cool_down()
+        session.keeper.told = None
+        await run_in_threadpool(session.close)
 
     return Starlette(
         routes=[
@@ -165,23 +182,37 @@ class _Guarded:
 
 
 async def _received(request: Request, places: Places) -> Path:
-    """Write an upload to its place, piece by piece."""
-    stated = request.headers.get("content-length", "")
-    if stated.isdecimal() and int(stated) > places.largest_upload:
-        raise WriteError(f"the file has {stated} bytes, at most {places.largest_upload} are taken")
-    headers = request.headers
-    target = places.upload(unquote(headers.get("x-file-name", "")), headers.get("x-set", ""))
-    size = 0
+    """Write an upload to its place, piece by piece; nothing of it is left where that fails."""
+    headers, largest = request.headers, places.largest_upload
+    name = unquote(headers.get("x-file-name", ""))
+    stated = headers.get("content-length", "")
+    if stated.isdecimal() and int(stated) > largest:
+        raise WriteError(_too_large(name, largest))
+    target = places.upload(name, headers.get("x-set", ""))
+    size, whole = 0, False
     try:
         with target.open("wb") as file:
             async for piece in request.stream():
                 size += len(piece)
-                if size > places.largest_upload:
-                    raise WriteError(f"the file is larger than {places.largest_upload} bytes")
+                if size > largest:
+                    raise WriteError(_too_large(name, largest))
                 await run_in_threadpool(file.write, piece)
+        whole = True
     except OSError as exc:
-        raise WriteError(f"the upload cannot be kept ({exc.strerror or exc})") from None
+        raise WriteError(f"{name}: the upload cannot be kept ({exc.strerror or exc})") from None
+    except ClientDisconnect:
+        raise WriteError(f"{name}: the upload was broken off") from None
+    finally:
+        if not whole:
+            target.unlink(missing_ok=True)
     return target
+
+
+def _too_large(name: str, largest: int) -> str:
+    return (
+        f"{name}: is larger than the {largest / 1e9:.3g} GB that are taken as a copy; open it in place "
+        f"instead: metrosep ui FILE"
+    )
 
 
 def _failed(error: MetrosepError, code_of: Any, number: Any, kind: Any) -> dict[str, Any]:
@@ -287,10 +318,26 @@ class _Talk:
         except CancelledError:
             return {**error_header("cancelled", code=130, request=number, k=kind)}, {}
         except MetrosepError as exc:
-            return _failed(exc, self.code_of, number, kind), {}
+            header = _failed(exc, self.code_of, number, kind)
+            if kind != "open":  # what cannot be opened says nothing about the open recipe
+                header["error"]["message"] = self.answers.session.words(str(exc))
+            return header, {}
         except (KeyError, TypeError, ValueError) as exc:
             words = f"the request {kind} is not as it should be ({type(exc).__name__}: {exc})"
             return error_header(words, code=2, request=number, k=kind), {}
+        except MemoryError:
+            words = (
+                f"{kind}: the memory of this computer does not suffice; close other programs, or cut "
+                "the measurement; the recipe is kept"
+            )
+            return error_header(words, code=4, request=number, k=kind), {}
+        except Exception as exc:  # a fault of ours: the page must hear of it, and go on
+            logging.getLogger("metrosep").exception("request %s", kind)
+            words = (
+                f"{kind}: an error inside metrosep ({type(exc).__name__}: {exc}); the recipe is kept; "
+                "please report it with what the terminal says"
+            )
+            return error_header(words, code=5, request=number, k=kind), {}
         return ({"id": number, **header} if number is not None else header), arrays
 
     async def send(self, header: Mapping[str, Any], arrays: Any = None) -> None:

@@ -4,21 +4,26 @@ from __future__ import annotations
 
 import hashlib
 import threading
-import time
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from metrosep.app.documents import Edit, RecipeDocument
 from metrosep.app.evaluations import Evaluations, Level, Outcome
-from metrosep.app.opening import Opened, autosave_path, open_files, read_again
+from metrosep.app.keeping import Keeper
+from metrosep.app.opening import Opened, open_files, read_again
 from metrosep.app.places import Places
-from metrosep.core.errors import DataError, MetrosepError, WriteError
+from metrosep.core.errors import DataError
+from metrosep.recipe.step_words import step_words
 
 __all__ = ["Session", "is_extreme"]
 
 _EXTREMES = ("PV", "PVr", "PVq", "Sz", "Sp", "Sv", "S10z", "Sxp")
 """Parameters of single points, besides all of a profile that end in t, z, p or v: they need all data."""
+
+_LAST_WAIT = 10.0
+"""Seconds that the end waits for a slow disk."""
 
 
 class Session:
@@ -30,15 +35,23 @@ class Session:
         Files it may touch.
     read : callable, optional
         Reads a file; `metrosep.io.read.read` if omitted.
+    keeper : Keeper, optional
+        Writes the session.
     """
 
-    def __init__(self, places: Places, read: Callable[..., Any] | None = None) -> None:
+    def __init__(
+        self,
+        places: Places,
+        read: Callable[..., Any] | None = None,
+        keeper: Keeper | None = None,
+    ) -> None:
         self.places = places
+        self.keeper = keeper or Keeper()
         self._read = read
-        self.lock = threading.RLock()
+        self._changing = threading.Lock()  # one change at a time, however long it reads
+        self.lock = threading.RLock()  # held for moments: pictures need it too
         self.opened: Opened | None = None
         self.document: RecipeDocument | None = None
-        self.saved_at: float | None = None
         self.messages: list[str] = []
 
     # ---- opening -----------------------------------------------------------------------------
@@ -65,10 +78,13 @@ class Session:
             If a recipe is wrong.
         """
         names = [paths] if isinstance(paths, str) else list(paths)
-        opened = open_files(self.places, names, reading, self._read)
-        with self.lock:
-            self.opened, self.document = opened, opened.document
-            self.messages, self.saved_at = list(opened.messages), None
+        with self._changing:
+            self.keeper.wait()  # what was changed last may be opened again
+            opened = open_files(self.places, names, reading, self._read)
+            with self.lock:
+                self.opened, self.document = opened, opened.document
+                self.messages = list(opened.messages)
+                self.keeper.forget()
 
     # ---- editing -----------------------------------------------------------------------------
 
@@ -112,9 +128,7 @@ class Session:
         RecipeError
             If the recipe would no longer be one.
         """
-        with self.lock:
-            document = self._need()
-            self._carry_out(lambda: document.edit(edits, label), document.withdraw)
+        self._carry_out(lambda document: document.edit(edits, label))
 
     def undo(self) -> None:
         """Take the last edit back.
@@ -124,9 +138,7 @@ class Session:
         DataError
             If there is none, or nothing is open.
         """
-        with self.lock:
-            document = self._need()
-            self._carry_out(document.undo, document.redo)
+        self._carry_out(RecipeDocument.undo)
 
     def redo(self) -> None:
         """Do the last edit again that was taken back.
@@ -136,32 +148,28 @@ class Session:
         DataError
             If there is none, or nothing is open.
         """
-        with self.lock:
-            document = self._need()
-            self._carry_out(document.redo, document.undo)
+        self._carry_out(RecipeDocument.redo)
 
-    def _carry_out(self, act: Callable[[], None], back: Callable[[], None]) -> None:
-        """Change the recipe, read again if it names other columns or units, and keep it."""
-        opened, document = self.need()
-        before = document.recipe.input
-        act()
-        if document.recipe.input != before:
-            try:
-                self.opened = read_again(opened, document.recipe, self._read)
-            except MetrosepError:
-                back()
-                raise
-        self._keep()
+    def _carry_out(self, act: Callable[[RecipeDocument], None]) -> None:
+        """Change the recipe, read again if it names other columns or units, and keep it.
 
-    def _keep(self) -> None:
-        opened, document = self.need()
-        try:
-            document.save(autosave_path(opened.home))
-            self.saved_at = time.time()
-        except WriteError as exc:
-            words = f"the session is not kept: {exc}"
-            if words not in self.messages:
-                self.messages.append(words)
+        The change is tried on a copy: pictures go on meanwhile, and if the files cannot be read so,
+        nothing has happened.
+        """
+        with self._changing:
+            opened, document = self.need()
+            tried, before = document.copy(), document.recipe.input
+            act(tried)
+            if tried.recipe.input != before:
+                if tried.recipe.input.get("files") != before.get("files"):
+                    raise DataError(
+                        "the files of a session are those that were opened; open the other files"
+                    )
+                opened = read_again(opened, tried.recipe, self._read)
+            with self.lock:
+                document.adopt(tried)
+                self.opened = replace(opened, displaced=False)
+            self.keeper.keep(opened.kept, document.text, aside=opened.displaced)
 
     # ---- what it gives -----------------------------------------------------------------------
 
@@ -211,7 +219,13 @@ class Session:
             raise DataError(
                 f"this is a recipe of {self.kind}: it has no stages of one measurement"
             )
-        return evaluations.outcome(steps, level, cancel=cancel, tell=tell)
+        outcome = evaluations.outcome(steps, level, cancel=cancel, tell=tell)
+        if outcome.error is not None and outcome.failed is not None:
+            error, op = outcome.error, steps[outcome.failed]["op"]
+            words = step_words(str(error), op)
+            words = words.replace("nesting_index", "cutoff") if op == "filter" else words
+            error.args = (words, *error.args[1:])
+        return outcome
 
     def state(self) -> dict[str, Any]:
         """Return everything that the page shows of the recipe.
@@ -225,7 +239,7 @@ class Session:
             document, opened = self.document, self.opened
             if document is None or opened is None:
                 return {"recipe": None, "steps": [], "files": [], "kind": None, "can_undo": False,
-                        "can_redo": False, "messages": list(self.messages), "view": {}}  # fmt: skip
+                        "can_redo": False, "messages": self._said(), "view": {}}  # fmt: skip
             data = tomllib.loads(document.text)
             return {
                 "recipe": document.text,
@@ -243,14 +257,46 @@ class Session:
                 "can_redo": document.redo_label is not None,
                 "undo_label": document.undo_label,
                 "redo_label": document.redo_label,
-                "saved_at": self.saved_at,
+                "saved_at": self.keeper.saved_at,
+                "keeping": self._keeping(),
                 "hash": hashlib.sha256(document.text.encode()).hexdigest(),
                 "view": data.get("view", {}),
-                "messages": list(self.messages),
+                "messages": self._said(),
             }
+
+    def _keeping(self) -> str:
+        """How it stands with the session on disk: unchanged, kept, waiting or failed."""
+        if self.keeper.is_waiting:
+            return "waiting"
+        if self.keeper.problem:
+            return "failed"
+        return "unchanged" if self.keeper.saved_at is None else "kept"
+
+    def _said(self) -> list[str]:
+        return [*self.messages, *filter(None, [self.keeper.problem])]
+
+    def words(self, message: str) -> str:
+        """Return a message of the library in the words of the recipe, as ``metrosep run`` has it.
+
+        Parameters
+        ----------
+        message : str
+            Of an error or a note.
+
+        Returns
+        -------
+        str
+            With keys of the recipe in place of arguments of Python.
+        """
+        with self.lock:
+            document = self.document
+        for step in () if document is None else document.recipe.steps:
+            message = step_words(message, step["op"])
+        return message
 
     def close(self) -> None:
         """Forget the measurement; the recipe was kept with each edit."""
+        self.keeper.wait(_LAST_WAIT)
         self.places.close()
 
 

@@ -9,7 +9,9 @@ from typing import Any
 import click
 
 from metrosep._version import __version__
+from metrosep.cli.batches import batch
 from metrosep.cli.carriers import controllers
+from metrosep.cli.comparing import diff
 from metrosep.cli.files import check, convert, formats, info
 from metrosep.cli.jobs import demo, run, separate
 from metrosep.cli.measuring import form, measure, verify_softgauge
@@ -17,6 +19,7 @@ from metrosep.cli.modelling import predict, rank
 from metrosep.cli.ops import ops
 from metrosep.cli.paths import path
 from metrosep.cli.planning import plan
+from metrosep.cli.reporting import report
 from metrosep.cli.tables import table, verify
 from metrosep.cli.workbench import ui
 
@@ -50,9 +53,12 @@ for _command in (
     separate,
     table,
     path,
+    report,
+    diff,
     verify,
     verify_softgauge,
     run,
+    batch,
     plan,
     rank,
     predict,

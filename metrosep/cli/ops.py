@@ -13,7 +13,6 @@ import click
 from metrosep.cli.example_calls import example_call, shell_text
 from metrosep.cli.named import COLUMN_OPTIONS
 from metrosep.cli.options import json_option
-from metrosep.recipe.step_help import key_words, kind_words
 
 if TYPE_CHECKING:
     from metrosep.recipe.method import Method
@@ -81,6 +80,7 @@ def _indented(text: str) -> str:
 def _explain(row: Mapping[str, Any], fields: Mapping[str, Field]) -> None:
     """Print one step: how its data are given, a line for each key, a command to copy."""
     from metrosep.recipe.methods import METHODS
+    from metrosep.recipe.step_help import key_words, kind_words
     from metrosep.recipe.steps import MEASURING
 
     click.echo(textwrap.fill(f"{row['op']}: {row['what']}", _WIDTH, subsequent_indent="    "))

@@ -79,6 +79,7 @@ def _listener(port: int) -> socket.socket:
     made = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     try:
         made.bind(("127.0.0.1", port))
+        made.listen()  # from here on a browser waits, though the server is not at work yet
     except OSError as exc:
         made.close()
         raise DataError(

@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray, frozen_float, same_length
+from metrosep.core._thumbnails import png_image, profile_thumbnail
+from metrosep.core._upwards import explored
 from metrosep.core.errors import InvalidSamplesError, NotUniformError, TooFewSamplesError
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.units import format_length
@@ -212,7 +214,7 @@ class Profile:
         return f"Profile({self.x.size} samples, {span}, {step}, {heights}{gaps})"
 
     def _repr_html_(self) -> str:
-        """Return a small table for notebooks."""
+        """Return a thumbnail and a small table for notebooks."""
         rows = {
             "samples": str(len(self)),
             "from": format_length(float(self.x[0])),
@@ -220,9 +222,72 @@ class Profile:
             "P-V (nothing removed)": format_length(self.peak_to_valley()),
             "RMS about the mean": format_length(self.rms()),
             "not measured": str(self.n_invalid),
-            "history": " → ".join(s.name for s in self.history) or "made in memory",
         }
-        return html_table("Profile", rows)
+        return html_summary("Profile", rows, profile_thumbnail(self.x, self.z), self.history)
+
+    def explore(self, **options: Any) -> Any:
+        """Show the profile and its spectrum in a notebook.
+
+        Parameters
+        ----------
+        **options
+            ``band``: shortest and longest wavelength, m; ``window``: part of the profile that is
+            shown, m; ``height``: pixels of the screen.
+
+        Returns
+        -------
+        ExploreWidget
+            With these as attributes, which follow the hand and may be set.
+
+        Raises
+        ------
+        UnsupportedFeatureError
+            If anywidget is not installed: ``pip install "metrosep[notebook]"``.
+        DataError
+            If an option is unknown or its value is wrong.
+
+        Examples
+        --------
+        >>> widget = Profile(np.arange(99.0), np.arange(99.0) % 7).explore(band=(5.0, 9.0))
+        >>> widget.band
+        (5.0, 9.0)
+        """
+        return explored(self, options)
+
+
+def html_summary(
+    title: str, rows: Mapping[str, str], picture: bytes, history: tuple[Step, ...]
+) -> str:
+    """Return a picture, a table and a history that opens, as HTML.
+
+    Parameters
+    ----------
+    title : str
+        Caption.
+    rows : mapping of str to str
+        Label and text of each row; both are escaped.
+    picture : bytes
+        PNG.
+    history : tuple of Step
+        Names and parameters are escaped.
+
+    Returns
+    -------
+    str
+        HTML fragment that asks for nothing.
+    """
+    steps = "".join(
+        f"<li><b>{escape(step.name)}</b> "
+        f"{escape(', '.join(f'{k} = {v}' for k, v in step.parameters.items()))}</li>"
+        for step in history
+    )
+    names = " → ".join(step.name for step in history) or "made in memory"
+    past = f"<summary>history: {escape(names)}</summary><ol>{steps}</ol>" if steps else ""
+    return (
+        "<div style='display:flex;gap:1em;align-items:flex-start;flex-wrap:wrap'>"
+        f"{png_image(picture, title)}<div>{html_table(title, rows)}"
+        f"{f'<details>{past}</details>' if past else f'<p>history: {escape(names)}</p>'}</div></div>"
+    )
 
 
 def html_table(title: str, rows: Mapping[str, str]) -> str:

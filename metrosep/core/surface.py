@@ -11,8 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray, frozen_float
+from metrosep.core._thumbnails import map_thumbnail
+from metrosep.core._upwards import explored
 from metrosep.core.errors import InvalidSamplesError
-from metrosep.core.profile import html_table
+from metrosep.core.profile import html_summary
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.units import format_length
 
@@ -142,16 +144,48 @@ class Surface:
         return f"Surface({rows} x {columns}, {steps}, {heights}{gaps})"
 
     def _repr_html_(self) -> str:
-        """Return a small table for notebooks."""
+        """Return a thumbnail and a small table for notebooks."""
         rows, columns = self.shape
-        return html_table(
-            "Surface",
-            {
-                "shape (rows y, columns x)": f"{rows} × {columns}",
-                "dx, dy": f"{format_length(self.dx)}, {format_length(self.dy)}",
-                "P-V (nothing removed)": format_length(self.peak_to_valley()),
-                "Sq about the mean": format_length(self.rms()),
-                "not measured": f"{self.n_invalid} of {self.z.size}",
-                "history": " → ".join(s.name for s in self.history) or "made in memory",
-            },
-        )
+        picture, span = map_thumbnail(self.z, self.dx, self.dy)
+        table = {
+            "shape (rows y, columns x)": f"{rows} × {columns}",
+            "dx, dy": f"{format_length(self.dx)}, {format_length(self.dy)}",
+            "P-V (nothing removed)": format_length(self.peak_to_valley()),
+            "Sq about the mean": format_length(self.rms()),
+            "not measured": f"{self.n_invalid} of {self.z.size}",
+        }
+        if span is not None:
+            table["colours"] = " ... ".join(format_length(v) for v in span)
+        return html_summary("Surface", table, picture, self.history)
+
+    def explore(self, **options: Any) -> Any:
+        """Show the map, a section and its spectrum in a notebook.
+
+        Parameters
+        ----------
+        **options
+            ``a``, ``b``: ends (x, y) of the section, m; ``band``: shortest and longest wavelength,
+            m; ``limits``: heights at the ends of the colours, m; ``colours``: "viridis" or
+            "cividis"; ``height``: pixels of the screen.
+
+        Returns
+        -------
+        ExploreWidget
+            With these as attributes, which follow the hand and may be set, and ``section``: the
+            `Profile` from a to b at full resolution.
+
+        Raises
+        ------
+        UnsupportedFeatureError
+            If anywidget is not installed: ``pip install "metrosep[notebook]"``.
+        DataError
+            If an option is unknown or its value is wrong.
+
+        Examples
+        --------
+        >>> surface = Surface([[0.0, 1e-9], [2e-9, 3e-9]], dx=1e-3, dy=1e-3)
+        >>> widget = surface.explore(a=(0.0, 0.0), b=(1e-3, 1e-3))
+        >>> widget.section.z[-1].item()
+        3e-09
+        """
+        return explored(self, options)

@@ -29,7 +29,7 @@ ON_LIMIT = 1e-9
 """A wavelength this close to a limit, relative, lies on it: decimals are not exact in binary."""
 
 ALL_THE_SAME = "(refilter=True in Python does it all the same)"
-"""How a refusal to filter twice ends; no other way in has this option."""
+"""How a refusal to filter twice ends; a recipe gets its own words (`metrosep.recipe.step_words`)."""
 
 _L_FILTERS = ("gaussian", "spline", "robust_gaussian")
 """Names in the history of filters by cut-off."""

@@ -38,7 +38,10 @@ class Shape:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TermAmounts:
-    """Terms with magnitudes (m,), means (m,) and covariance (m, m), in SI; shapes of functions."""
+    """Terms with magnitudes (m,), means (m,) and covariance (m, m), in SI; shapes of functions.
+
+    `typed` holds each magnitude as a person wrote it, empty where it was a number.
+    """
 
     names: tuple[str, ...]
     units: tuple[str, ...]
@@ -46,6 +49,7 @@ class TermAmounts:
     mean: FloatArray
     covariance: FloatArray
     shapes: Mapping[str, Shape] = field(default_factory=dict)
+    typed: tuple[str, ...] = ()
 
 
 def term_unit(chain: Any, term: str) -> str:
@@ -93,7 +97,8 @@ def term_amounts(
     )
     for array in (size, middle, covariance):
         array.setflags(write=False)
-    return TermAmounts(names, units, size, middle, covariance)
+    typed = tuple(v.strip() if isinstance(v := errors[n], str) else "" for n in names)
+    return TermAmounts(names, units, size, middle, covariance, typed=typed)
 
 
 def amounts_of_set(chain: Any, errors: ErrorSet, q: Mapping[str, FloatArray]) -> TermAmounts:

@@ -222,6 +222,7 @@ def rank(
         direction=direction,
         maker=maker,
         audit=freeze_mapping(audit),
+        typed=amounts.typed,
         messages=(
             *_large_angles(amounts, errors, mean),
             *_reach(maker),

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.core.quantity import Quantity
-from metrosep.core.units import format_engineering, format_length
+from metrosep.core.units import format_length
 from metrosep.machine._draws import MonteCarloResult, correlated_draws, drawn_maps
 from metrosep.machine._responses import MapMaker
 from metrosep.machine.alignment import Alignment
@@ -81,6 +81,8 @@ class SensitivityTable:
         Settings, with units in the keys.
     messages : tuple of str
         What the reader must know.
+    typed : tuple of str, optional
+        Each magnitude as it was written, such as ``"1 arcsec"``; empty where it was a number.
     """
 
     names: tuple[str, ...]
@@ -98,6 +100,7 @@ class SensitivityTable:
     maker: MapMaker
     audit: Mapping[str, Any] = field(default_factory=dict)
     messages: tuple[str, ...] = ()
+    typed: tuple[str, ...] = ()
 
     @property
     def gram(self) -> FloatArray:
@@ -152,6 +155,27 @@ class SensitivityTable:
         )
 
     @property
+    def visible(self) -> tuple[str, ...]:
+        """Terms that leave something on the part at their magnitude, by falling Sq."""
+        return tuple(n for n in self.order if self.sq[self.names.index(n)] > 0.0)
+
+    @property
+    def hidden(self) -> dict[str, tuple[str, ...]]:
+        """Terms that leave nothing on the part, by the reason."""
+        raw = np.diag(self.unit_gram.raw)
+        found: dict[str, list[str]] = {}
+        for n in (n for n in self.names if n not in self.visible):
+            i = self.names.index(n)
+            if raw[i] == 0.0:
+                why = "no effect on this part"
+            elif n in self.unobservable:
+                why = f"taken away by the alignment: {', '.join(self.removed)}"
+            else:
+                why = "size zero"
+            found.setdefault(why, []).append(n)
+        return {why: tuple(names) for why, names in found.items()}
+
+    @property
     def order(self) -> tuple[str, ...]:
         """Terms by falling Sq after alignment."""
         return tuple(self.names[i] for i in np.argsort(-self.sq, kind="stable"))
@@ -196,10 +220,34 @@ class SensitivityTable:
         removed = ", ".join(self.removed) or "nothing"
         text = (
             f"Sq of the {self.direction if self.response == 'form' else self.response} deviation "
-            f"from {term} = {format_engineering(float(self.magnitudes[i]), self.units[i])}; "
+            f"from {term} = {self.size_text(term)}; "
             f"removed: {removed}; area-weighted"
         )
         return Quantity(float(self.sq[i]), "m", text, symbol="Sq")
+
+    def size_text(self, term: str) -> str:
+        """Return the magnitude of a term as it was written, or with three digits and its unit.
+
+        Parameters
+        ----------
+        term : str
+            Of `names`.
+
+        Returns
+        -------
+        str
+            Such as ``"1 arcsec"``; numbers of radians have the unit in which they are round.
+
+        Raises
+        ------
+        DataError
+            If the term is not in the table.
+        """
+        from metrosep.machine._sensitivity_text import amount_text
+
+        i = self._place(term)
+        written = self.typed[i] if self.typed else ""
+        return written or amount_text(float(self.magnitudes[i]), self.units[i])
 
     def unit_maps(self, *, aligned: bool = True) -> FloatArray:
         """Return the map of a unit of each term on the polar mesh.
@@ -374,7 +422,7 @@ class SensitivityTable:
         Returns
         -------
         pandas.DataFrame
-            Index ``term``; columns ``unit``, ``magnitude`` (SI), ``mean`` (SI), ``sq_raw_nm``,
+            Index ``term``; columns ``unit``, ``size`` (text), ``magnitude`` (SI), ``mean`` (SI), ``sq_raw_nm``,
             ``pv_raw_nm``, ``share_raw``, ``sq_nm``, ``pv_nm``, ``share``, ``group`` (0: none),
             ``observable``.
         """
@@ -441,6 +489,7 @@ class SensitivityTable:
             {
                 "term": n,
                 "unit": self.units[i],
+                "size": self.size_text(n),
                 **{k: float(v[i]) for k, v in columns.items()},
                 "group": group.get(n, 0),
                 "observable": n not in gone,

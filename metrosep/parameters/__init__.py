@@ -26,6 +26,12 @@ if TYPE_CHECKING:
         repeatability_line as repeatability_line,
         scale_line as scale_line,
     )
+    from metrosep.parameters.capability import (
+        Capability as Capability,
+        ControlLimits as ControlLimits,
+        capability_of as capability_of,
+        control_limits as control_limits,
+    )
     from metrosep.parameters.decision import decide as decide
     from metrosep.parameters.deviation import form_deviation as form_deviation
     from metrosep.parameters.effects import (
@@ -133,6 +139,12 @@ _HOMES = {
         "nonlinearity_line",
         "repeatability_line",
         "scale_line",
+    ),
+    "capability": (
+        "Capability",
+        "ControlLimits",
+        "capability_of",
+        "control_limits",
     ),
     "decision": ("decide",),
     "deviation": ("form_deviation",),

@@ -18,17 +18,12 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.false_discovery import benjamini_hochberg
+from metrosep.parameters.capability import control_limits
 
 __all__ = ["PartSeries", "TermSeries", "part_series"]
 
 _FEWEST = 5
 """Parts below which a slope, its scatter and a correlation without it are not determined."""
-
-_D2 = 1.1283791670955126
-"""Mean range of two normal values over their standard deviation, 2 / sqrt(pi)."""
-
-_D4 = 3.267
-"""Upper limit of the moving range over its mean, for a false alarm of 3 standard deviations."""
 
 _RUN = 9
 """So many values in a row on one side of the centre line are a signal (1 in 256 by chance)."""
@@ -45,7 +40,7 @@ class TermSeries:
     values : ndarray, shape (n_parts,)
         NaN where it is missing.
     mean, lower, upper : float
-        Centre line and control limits of single values, mean -+ 3 times mean moving range / 1.128.
+        Centre line and control limits of single values, mean -+ 2.66 times the mean moving range.
     range_upper : float
         Upper control limit of the moving range.
     beyond : tuple of int
@@ -239,11 +234,13 @@ def _term(name: str, unit: str, values: FloatArray) -> TermSeries:
 
     index = np.flatnonzero(~np.isnan(values))
     v = values[index]
-    neighbours = np.diff(index) == 1
-    ranges = np.abs(np.diff(v))[neighbours]
     mean = float(v.mean())
-    mean_range = float(ranges.mean()) if ranges.size else math.nan
-    half = 3.0 * mean_range / _D2
+    chart = control_limits(values)
+    lower, upper, range_upper = (
+        (math.nan, math.nan, math.nan)
+        if chart is None
+        else (chart.lower, chart.upper, chart.upper_range)
+    )
     x = index - index.mean()
     slope = float(x @ v / (x @ x))
     left = v - mean - slope * x
@@ -255,15 +252,15 @@ def _term(name: str, unit: str, values: FloatArray) -> TermSeries:
     else:
         p = 2.0 * float(stdtr(v.size - 2, -abs(slope) / u))
     span = float(index[-1] - index[0])
-    outside = (v < mean - half) | (v > mean + half)
+    outside = (v < lower) | (v > upper)
     return TermSeries(
         name,
         unit,
         frozen_float(values, name=name, ndim=1),
         mean,
-        mean - half,
-        mean + half,
-        _D4 * mean_range,
+        lower,
+        upper,
+        range_upper,
         tuple(index[outside].tolist()),
         _runs(v > mean, v < mean, index),
         slope,

@@ -58,7 +58,7 @@ def characteristics(
         for k, q in values.items()
     ]
     for entry in entries:
-        entry.update(lower=None, upper=None, U=None, verdict=None)
+        entry.update(lower=None, upper=None, U=None, guard_factor=None, verdict=None)
     verdicts = []
     for i, check in enumerate(recipe.checks):
         metric = check["metric"]
@@ -69,12 +69,13 @@ def characteristics(
                 f'the uncertainty of {metric} is not known from these runs; state it: U = "10 nm"',
                 "metric",
             )
+        guard = check.get("guard_factor", 1.0)
         verdict = decide(
             quantity.value,
             lower=check.get("lower"),
             upper=check.get("upper"),
             U=expanded,
-            guard_factor=check.get("guard_factor", 1.0),
+            guard_factor=guard,
         )
         verdicts.append(verdict)
         entries.append(
@@ -85,6 +86,7 @@ def characteristics(
                 "lower": check.get("lower"),
                 "upper": check.get("upper"),
                 "U": expanded,
+                "guard_factor": guard,
                 "verdict": verdict,
             }
         )

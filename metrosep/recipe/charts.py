@@ -38,10 +38,36 @@ def plain(values: ArrayLike, *, digits: int = 6) -> Any:
         Of the same shape.
     """
     array = np.asarray(values, dtype=np.float64)
-    if array.ndim == 0:
-        value = float(array)
-        return float(f"{value:.{digits}g}") if math.isfinite(value) else None
-    return [plain(row, digits=digits) for row in array]
+    return _nested(_rounded(array, digits), np.isfinite(array))
+
+
+def _nested(values: FloatArray, known: NDArray[np.bool_]) -> Any:
+    if known.all():
+        return values.tolist()
+    if values.ndim > 1:
+        return [_nested(v, k) for v, k in zip(values, known, strict=True)]
+    found = values.astype(object)
+    found[~known] = None
+    return found.tolist()
+
+
+_POWERS = np.array([float(f"1e{k}") for k in range(23)])
+"""Exact: a whole number over one of them is the nearest float to that decimal number."""
+
+
+def _rounded(array: FloatArray, digits: int) -> FloatArray:
+    """Return values at so many significant digits; all at once, since maps have many."""
+    size = np.abs(array)
+    usual = (size > 0.0) & np.isfinite(size)
+    decimals = np.zeros(array.shape)
+    np.log10(size, out=decimals, where=usual)
+    decimals = digits - 1 - np.floor(decimals)
+    usual &= (decimals >= 0) & (decimals < _POWERS.size)
+    power = _POWERS[np.where(usual, decimals, 0).astype(np.intp)]
+    rounded = np.where(usual, np.rint(np.where(usual, array, 0.0) * power) / power, array)
+    other = ~usual & (size > 0.0) & np.isfinite(array)
+    rounded[other] = [float(f"{v:.{digits}g}") for v in array[other].tolist()]
+    return rounded
 
 
 def thin(x: FloatArray, curves: FloatArray, *, most: int = _MOST_SAMPLES) -> NDArray[np.intp]:

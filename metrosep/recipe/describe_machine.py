@@ -36,7 +36,8 @@ def sensitivity_of(produced: Any, inputs: Any = None) -> Description:
     Returns
     -------
     Description
-        ``expected_sq``, ``expected_sq_raw`` and ``sq.TERM``; the table; bars and maps.
+        ``expected_sq``, ``expected_sq_raw`` and ``sq.TERM``; the table; bars and maps. Terms that
+        leave nothing on the part are listed only where a check names them.
     """
     what = "wavefront" if produced.response == "wavefront" else "form"
     removed = ", ".join(produced.removed) or "nothing"
@@ -63,7 +64,11 @@ def sensitivity_of(produced: Any, inputs: Any = None) -> Description:
         f"without {' + '.join(n for s in steps for n in s.names)} the expected Sq is "
         f"{1e9 * steps[-1].sq:.4g} nm"
         for steps in (produced.pareto()[1 : k + 1] for k in (1, 2, 3))
-        if steps
+        if steps and produced.visible
+    ]
+    messages += [
+        f"{', '.join(names)}: not visible on this part ({why}), so left out of the list"
+        for why, names in produced.hidden.items()
     ]
     messages += _height_shifts(produced)
     document = {"groups": [list(g) for g in produced.groups], "ranking": produced.to_dict()}
@@ -75,6 +80,7 @@ def sensitivity_of(produced: Any, inputs: Any = None) -> Description:
         document=document,
         audit=dict(produced.audit),
         messages=tuple(dict.fromkeys(messages)),
+        unlisted=frozenset(f"sq.{n}" for names in produced.hidden.values() for n in names),
     )
 
 
@@ -113,8 +119,8 @@ _SPREAD = 20.0
 
 
 def _ranking(produced: Any, what: str, removed: str) -> dict[str, Any]:
-    seen = [n for n in produced.order if n not in produced.unobservable]
-    shown = (seen or list(produced.order))[:_MOST_TERMS]
+    seen = produced.visible
+    shown = list(seen or produced.order)[:_MOST_TERMS]
     at = [produced.names.index(n) for n in shown]
     raw, ranked = produced.sq_raw[at], produced.sq[at]
     positive = ranked[ranked > 0.0]
@@ -143,7 +149,7 @@ def _ranking(produced: Any, what: str, removed: str) -> dict[str, Any]:
 
 
 def _term_maps(produced: Any, what: str) -> tuple[dict[str, Any], ...]:
-    shown = [n for n in produced.order if n not in produced.unobservable][:_MOST_MAPS]
+    shown = list(produced.visible[:_MOST_MAPS])
     if not shown:
         return ()
     maps = produced.unit_maps()

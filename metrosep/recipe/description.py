@@ -39,6 +39,8 @@ class Description:
         What was done.
     messages : tuple of str
         What the user should know, of results that hold no ``messages`` themselves.
+    unlisted : frozenset of str
+        Metrics that the document lists only where a check names them.
     """
 
     quantities: Mapping[str, Quantity] = field(default_factory=dict)
@@ -48,6 +50,7 @@ class Description:
     document: Mapping[str, Any] = field(default_factory=dict)
     audit: Mapping[str, Any] = field(default_factory=dict)
     messages: tuple[str, ...] = ()
+    unlisted: frozenset[str] = frozenset()
 
 
 def quantity(
@@ -58,7 +61,7 @@ def quantity(
     Parameters
     ----------
     value : float
-        SI.
+        SI; a count stays a whole number.
     unit : str
         SI unit.
     definition : str
@@ -74,7 +77,8 @@ def quantity(
         Of Python numbers.
     """
     spread = None if u is None or not math.isfinite(float(u)) else float(u)
-    return Quantity(float(value), unit, definition, u=spread, symbol=symbol)
+    is_count = isinstance(value, int) and not isinstance(value, bool)
+    return Quantity(value if is_count else float(value), unit, definition, u=spread, symbol=symbol)
 
 
 def extremes(name: str, values: FloatArray, u: FloatArray, unit: str) -> dict[str, Quantity]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -120,12 +120,14 @@ def _document(
             "recipe": {"name": recipe.name, "text": recipe.text, "sha256": recipe.sha256},
             "versions": versions(),
             "decision_rule": DECISION_RULE,
-            **judged(recipe, described.quantities),
+            **judged(recipe, described.quantities, unlisted=described.unlisted),
         }
     )
 
 
-def judged(recipe: Recipe, found: Mapping[str, Quantity]) -> dict[str, Any]:
+def judged(
+    recipe: Recipe, found: Mapping[str, Quantity], *, unlisted: Collection[str] = ()
+) -> dict[str, Any]:
     """Return what was measured, and the verdict of each check.
 
     Parameters
@@ -134,6 +136,8 @@ def judged(recipe: Recipe, found: Mapping[str, Quantity]) -> dict[str, Any]:
         With its checks.
     found : mapping of str to Quantity
         By metric.
+    unlisted : collection of str, optional
+        Metrics that are not listed unless a check names them.
 
     Returns
     -------
@@ -161,20 +165,19 @@ def judged(recipe: Recipe, found: Mapping[str, Quantity]) -> dict[str, Any]:
                 f'the uncertainty of {metric} is not known; state it: U = "10 nm"', "metric"
             )
         limits = {k: check.get(k) for k in ("lower", "upper")}
-        verdict = decide(
-            quantity.value, **limits, U=expanded, guard_factor=check.get("guard_factor", 1.0)
-        )
+        guard = check.get("guard_factor", 1.0)
+        verdict = decide(quantity.value, **limits, U=expanded, guard_factor=guard)
         verdicts.append(verdict)
         name = check.get("name", quantity.definition)
         entries.append(
             {**quantity.to_dict(), "metric": metric, "name": name, **limits, "U": expanded}
-            | {"verdict": verdict}
+            | {"guard_factor": guard, "verdict": verdict}
         )
     checked = {c["metric"] for c in recipe.checks}
     rest = [
         {**q.to_dict(), "metric": k, "name": q.symbol or k, "lower": None, "upper": None}
-        | {"U": None, "verdict": None}
+        | {"U": None, "guard_factor": None, "verdict": None}
         for k, q in found.items()
-        if k not in checked
+        if k not in checked and k not in unlisted
     ]
     return {"characteristics": [*entries, *rest], "verdict": worst(verdicts)}

@@ -28,7 +28,14 @@ if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe
     from metrosep.recipe.result import Result
 
-__all__ = ["Measurement", "judge_measurement", "measure_object", "run_pipeline"]
+__all__ = [
+    "Measurement",
+    "judge_measurement",
+    "measure_object",
+    "measured_result",
+    "run_pipeline",
+    "step_error",
+]
 
 Tell = Callable[[str], None]
 
@@ -141,17 +148,35 @@ def measure_object(recipe: Recipe, obj: Any, *, tell: Tell | None = None) -> Mea
         try:
             stages.append(run_step(stages[-1].obj if stages else obj, step, index=i))
         except MetrosepError as exc:
-            raise _placed(exc, recipe, i) from None
+            raise step_error(exc, recipe, i) from None
     return Measurement(obj, tuple(stages))
 
 
 _OF_DATA = (InvalidSamplesError, NotUniformError, TooFewSamplesError)
 
 
-def _placed(exc: MetrosepError, recipe: Recipe, number: int) -> MetrosepError:
-    """Return an error with file, line and step: what the recipe asks wrongly is of the recipe."""
+def step_error(exc: MetrosepError, recipe: Recipe, number: int) -> MetrosepError:
+    """Return an error with file, line and step: what the recipe asks wrongly is of the recipe.
+
+    Parameters
+    ----------
+    exc : MetrosepError
+        What the step raised.
+    recipe : Recipe
+        With the step.
+    number : int
+        Of the step, from 0.
+
+    Returns
+    -------
+    MetrosepError
+        To be raised.
+    """
+    from metrosep.recipe.step_words import step_words
+
     place, op = recipe.place("[[step]]", number), recipe.steps[number]["op"]
-    words = str(exc).replace("nesting_index", "cutoff") if op == "filter" else str(exc)
+    words = step_words(str(exc), op)
+    words = words.replace("nesting_index", "cutoff") if op == "filter" else words
     text = f"step {number + 1} ({op}): {words}"
     if isinstance(exc, DataError) and not isinstance(exc, _OF_DATA):
         return place.error(
@@ -217,6 +242,32 @@ def run_pipeline(recipe: Recipe, files: list[Path], *, out: Path | None, tell: T
         names += write_reports(recipe, document, stage, tell)
         Result(document, measured).write(stage / RESULT_NAME)
     return Result(document, measured, tuple(out / n for n in (*names, RESULT_NAME)))
+
+
+def measured_result(recipe: Recipe, measured: Measurement) -> Result:
+    """Return the result of steps that were carried out already; nothing is written.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        Of these steps, with its checks.
+    measured : Measurement
+        What they made of the whole measurement.
+
+    Returns
+    -------
+    Result
+        As `Recipe.run` gives it without an output folder.
+
+    Raises
+    ------
+    RecipeError
+        If a check names a metric that is not there, or its uncertainty is not known.
+    """
+    from metrosep.recipe.describe_measure import measurement_of
+    from metrosep.recipe.result import Result
+
+    return Result(_document(recipe, measured, measurement_of(measured)), measured)
 
 
 def _read(recipe: Recipe, files: list[Path], tell: Tell) -> Measured:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,6 +11,8 @@ from typing import Any
 
 from metrosep.core.errors import RecipeError, UnsupportedFeatureError
 from metrosep.core.provenance import freeze_mapping
+from metrosep.recipe.batch_keys import batch_table
+from metrosep.recipe.extends import LayeredPlace, layers_of
 from metrosep.recipe.methods import METHODS, input_fields
 from metrosep.recipe.pipeline import measuring_steps
 from metrosep.recipe.preflight import check_recipe
@@ -44,7 +45,7 @@ class Recipe:
     name : str
         Name of its file.
     text : str
-        Its text.
+        Its text; what it builds on (``extends``) follows as comments.
     folder : Path
         Where relative file names of ``[input]`` start.
     title : str
@@ -53,6 +54,10 @@ class Recipe:
         How to read the runs.
     steps, checks, outputs : tuple of mapping
         What to do, values in SI.
+    batch_options : mapping, optional
+        The table ``[batch]`` with its defaults.
+    bases : tuple of (str, str), optional
+        Name and text of each recipe that it builds on, the nearest first.
     """
 
     name: str
@@ -63,6 +68,8 @@ class Recipe:
     steps: tuple[Mapping[str, Any], ...]
     checks: tuple[Mapping[str, Any], ...] = ()
     outputs: tuple[Mapping[str, Any], ...] = field(default=())
+    batch_options: Mapping[str, Any] = field(default_factory=dict)
+    bases: tuple[tuple[str, str], ...] = ()
 
     @property
     def is_method(self) -> bool:
@@ -136,11 +143,13 @@ class Recipe:
         RecipeError
             If something in it is wrong; the message names file and line.
         """
-        try:
-            data = tomllib.loads(text)
-        except tomllib.TOMLDecodeError as exc:
-            raise RecipeError(f"{name}: not valid TOML: {exc}") from None
-        top = Place(name, text)
+        layers = layers_of(text, name, Path(folder))
+        data, text, bases = layers.data, layers.text, layers.bases
+
+        def place(header: str = "", number: int = 0) -> Place:
+            return LayeredPlace(name, text, header, number, bases)
+
+        top = place()
         checked_table(data, TOP, top, what="the recipe")
         if data["metrosep"] != 1:
             raise top.error(
@@ -154,7 +163,7 @@ class Recipe:
         pipeline = bool(named) and named[0] in MEASURING
         wanted = named.count("separate") if method is None else len(named)
         if pipeline:
-            steps = measuring_steps(steps, lambda i: Place(name, text, "[[step]]", i))
+            steps = measuring_steps(steps, lambda i: place("[[step]]", i))
         elif wanted != 1:
             raise top.error(
                 'a recipe needs exactly one [[step]] that separates: op = "separate", one of '
@@ -175,9 +184,7 @@ class Recipe:
             folder=Path(folder),
             title=data.get("title", ""),
             input=freeze_mapping(
-                checked_table(
-                    data.get("input", {}), fields, Place(name, text, "[input]"), what="[input]"
-                )
+                checked_table(data.get("input", {}), fields, place("[input]"), what="[input]")
             ),
             steps=steps,
             checks=_several(
@@ -194,6 +201,8 @@ class Recipe:
                 "[[output]]",
                 top,
             ),
+            batch_options=freeze_mapping(batch_table(data.get("batch", {}), place("[batch]"))),
+            bases=bases,
         )
         check_recipe(recipe)
         return recipe
@@ -213,7 +222,7 @@ class Recipe:
         Place
             Of that table.
         """
-        return Place(self.name, self.text, header, number)
+        return LayeredPlace(self.name, self.text, header, number, self.bases)
 
     def run(
         self,
@@ -250,24 +259,57 @@ class Recipe:
 
         return run_recipe(self, inputs, out=out, progress=progress)
 
-    def batch(self, folder: PathLike, *, out: PathLike, **options: Any) -> None:
-        """Refuse: running a folder of inputs comes with the batch capability.
+    def batch(
+        self,
+        folder: PathLike,
+        *,
+        out: PathLike,
+        workers: int | None = None,
+        scheduler: str = "processes",
+        resume: bool = True,
+        **options: Any,
+    ) -> Any:
+        """Carry out the recipe on every input of a folder (`metrosep.batch.run_batch`).
 
         Parameters
         ----------
-        folder, out : str or path
-            Input and output folders.
+        folder : str or path
+            With the inputs, subfolders too.
+        out : str or path
+            Folder for the results, one subfolder for each input.
+        workers : int, optional
+            How many work at once; as many as there are processors if omitted.
+        scheduler : str, optional
+            "processes", "threads", "serial", "dask" or "dask=tcp://host:8786".
+        resume : bool, optional
+            Keep what an earlier run finished.
         **options
-            Of the batch.
+            Further ones of `metrosep.batch.run_batch`.
+
+        Returns
+        -------
+        BatchReport
+            A row for each input, counts, exit code.
 
         Raises
         ------
         UnsupportedFeatureError
-            Always, in this version.
+            If nothing that runs batches is installed.
+        MetrosepError
+            Of any kind of its tree, for what concerns the whole batch; an input that fails is a
+            row of the report.
         """
-        raise UnsupportedFeatureError(
-            f"this version has no batch over {folder}; call run() for each input"
-        )
+        from importlib.metadata import entry_points
+
+        runners = {e.name: e for e in entry_points(group="metrosep.runners")}
+        if "batch" not in runners:
+            raise UnsupportedFeatureError(
+                f"nothing that runs a batch over {folder} is installed (entry point 'batch' of "
+                "metrosep.runners); install metrosep again"
+            )
+        run = runners["batch"].load()
+        settings = {"workers": workers, "scheduler": scheduler, "resume": resume, **options}
+        return run(self, folder, out=out, **settings)
 
 
 def _several(
@@ -282,7 +324,7 @@ def _several(
         raise top.error(f"write {header} with double brackets", header.strip("[]"))
     checked = []
     for number, item in enumerate(items):
-        place = Place(top.file, top.text, header, number)
+        place = LayeredPlace(top.file, top.text, header, number, getattr(top, "bases", ()))
         kind = item.get(selector, "") if selector else ""
         if not isinstance(kind, str) or kind not in kinds:
             known = ", ".join(f'"{k}"' for k in kinds)

@@ -119,9 +119,12 @@ def clean(value: Any) -> Any:
     object
         Ready for `json.dumps`.
     """
-    if isinstance(value, Mapping):
+    if isinstance(value, dict | Mapping):
         return {str(k): clean(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
+        # most of a document are long lists of numbers; a finite sum holds neither NaN nor infinity
+        if set(map(type, value)) == {float} and math.isfinite(sum(value)):
+            return list(value)
         return [clean(v) for v in value]
     if isinstance(value, np.generic):
         value = value.item()

@@ -7,11 +7,107 @@ from typing import Any
 
 __all__ = ["DEFAULTS", "HELP", "key_words", "kind_words"]
 
-HELP: Mapping[str, Mapping[str, str]] = {}
-"""By step and key: what it does."""
+HELP: Mapping[str, Mapping[str, str]] = {
+    "separate": {
+        "method": "joint: least squares over all runs at once, with uncertainty; kono: Fourier series of "
+        "the waves that repeat over the feedrates; mean: the plain mean of the runs",
+        "start": "where the evaluation range begins; centred in the common travel where only the length "
+        "is given",
+        "length": "length of the evaluation range; up to the end of the common travel if left out",
+        "shortest": "joint and kono only: shortest wavelength of the model; chosen from the data if left "
+        "out",
+        "lag": "joint only: delay of the reading against the position, positive when the reading is late; "
+        "fit finds it from two feedrates",
+        "min_feeds": "joint only: feedrates that must be there; 1 accepts that vibration is only averaged",
+        "false_discovery_rate": "joint only: accepted share of wavelengths called repeatable that are "
+        "noise; the estimate itself does not depend on it",
+        "sigma_t": "kono only: a wavelength repeats where the standard deviation over the feedrates lies "
+        "below this, in SI; 5e-8 m, 5e-14 m^2 or 5e-17 m^3 after norm if left out, 0.05 where relative",
+        "p_t": "kono only: a wavelength counts where its mean over the feedrates lies above this, in SI; "
+        "1e-8 m, 1e-14 m^2 or 1e-17 m^3 after norm if left out",
+        "norm": "kono only: what is compared with the thresholds: amplitude in m, its square, or its "
+        "density over wavenumber",
+        "taper_fraction": "kono only: share of the samples over which the weight rises at each end",
+        "taper": "kono only: kono is the weight of the paper, tukey the symmetric cosine",
+        "rule": "kono only: shortest keeps all waves down to the shortest that passes, contiguous down to "
+        "the first that fails, mask only those that pass",
+        "modelling_length": "kono only: longest wavelength of the series; the evaluation range over the "
+        "flat part of the weight if left out",
+        "values": "kono only: amplitudes from the mean run of one feedrate, or of all runs",
+        "feed": "kono and mean only: the runs of this feedrate give the values; for kono the middle one, "
+        "for mean all runs if left out",
+        "averaging": "kono only: coherent takes the spectrum of the mean run, power the mean spectrum of "
+        "the runs",
+        "ddof": "kono only: 1 divides the squares by the feedrates less one (sample), 0 by the feedrates",
+        "relative": "kono only: true compares the standard deviation over the mean with sigma_t",
+        "min_coherence": "kono only: least agreement of the phases over the feedrates, 0 to 1; 0 ignores "
+        "them as the paper does",
+        "coefficients": "kono only: tapered are the Fourier sums of the weighted data, least_squares fits "
+        "the kept waves, which does not decay in the ends",
+        "drift": "joint only: degree of a polynomial in time that each run has for itself",
+        "lines": "joint only: frequencies of vibrations that are taken out as sines; auto looks for them; "
+        "none if left out",
+        "line_phase": "joint only: free gives each run its own amplitude and phase of a line, locked one "
+        "from the start of all runs",
+        "false_alarm": "joint only: chance that lines = auto finds a line where there is none",
+        "robust": "joint only: true takes weight from spikes, dropouts and bad stretches",
+        "following": "joint only: what grows with the feedrate: the offset, the whole error (scale), or "
+        "single waves of it",
+        "following_waves": "joint only: how many of the strongest waves grow with the feedrate, or their "
+        "wavelengths",
+        "probes": "joint only: name of the probe of each run, separated by commas; from the files if left "
+        "out",
+        "probe_gain": "joint only: equal takes all probes as sensitive as the first, fit finds their "
+        "sensitivities",
+    },
+    "polynomial": {
+        "degree": "degree of the polynomial; auto takes that of least AICc",
+        "max_degree": "highest degree that auto tries, up to 12",
+        "quantity": "error is actual - nominal; compensation is minus the error, what is added to the "
+        "command",
+    },
+    "plan_feedrates": {
+        "v_min": "slowest feedrate of the machine that may be planned",
+        "v_max": "fastest feedrate of the machine that may be planned",
+        "n_runs": "number of runs to plan, beside those already done",
+        "wavelengths": "shortest and longest wavelength that must become well known",
+        "length": "travel of each run; that of the separated runs if left out",
+        "settle_distance": "part of the travel that is lost while the axis settles",
+        "max_time": "most time that all new runs together may take; no limit if left out",
+        "min_ratio": "two feedrates are equal or at least this ratio apart",
+        "fixed": "feedrates of runs that were already done, separated by commas; none if left out",
+    },
+}
+"""By step and key: what it does. What only some methods know begins with their names and "only:"."""
 
-DEFAULTS: Mapping[str, Mapping[str, Any]] = {}
-"""By step and key, as it is typed."""
+DEFAULTS: Mapping[str, Mapping[str, Any]] = {
+    "separate": {
+        "method": "joint",
+        "lag": "0 ms",
+        "min_feeds": 2,
+        "false_discovery_rate": 0.05,
+        "norm": "amplitude",
+        "taper_fraction": 0.1,
+        "taper": "kono",
+        "rule": "shortest",
+        "values": "one_feed",
+        "averaging": "coherent",
+        "ddof": 1,
+        "relative": False,
+        "min_coherence": 0.0,
+        "coefficients": "tapered",
+        "drift": 0,
+        "line_phase": "free",
+        "false_alarm": 0.001,
+        "robust": False,
+        "following": "off",
+        "following_waves": 3,
+        "probe_gain": "equal",
+    },
+    "polynomial": {"degree": "auto", "max_degree": 6},
+    "plan_feedrates": {"settle_distance": "0 mm", "min_ratio": 1.1},
+}
+"""By step and key, as it is typed; left out where what counts follows from the data."""
 
 _KIND_WORDS = {
     "size": 'a length above zero with its unit, "25 mm"',

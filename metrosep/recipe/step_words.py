@@ -40,6 +40,8 @@ _NAMED = re.compile(f"{_PYTHON}|{_ASKED}|{_TOML}")
 """An argument as Python writes it, one that is asked for by its name alone, one as a recipe has it."""
 _OTHER_ARGUMENT = re.compile(r",? or (?:give |tell it with )?([a-z_]\w*)=(?=[;.,]|$)")
 """A last way out by an argument, which falls away where the step has no such key."""
+_ALL_THE_SAME = re.compile(r" \(([a-z_]\w*)=\w+ in Python does it all the same\)")
+"""A way out that only a step with such a key has."""
 _SENSITIVITY = re.compile(r"give the sensitivity of the sensor, such as scale='[^']*'")
 _MULTIPLY = (
     "multiply it by the sensitivity of the sensor, and let the header name the unit of length"
@@ -162,6 +164,9 @@ def _of_columns(message: str, keys: StepKeys) -> str:
         return found.group() if found.group(1) in {**keys.step, **keys.source} else ""
 
     message = _OTHER_ARGUMENT.sub(known, message)
+    message = _ALL_THE_SAME.sub(
+        lambda found: known(found).replace(" in Python does", " does"), message
+    )
     if "scale" not in keys.source and "scale" not in keys.step:
         message = _SENSITIVITY.sub(_MULTIPLY, message)
     if "angle" in keys.source:

@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from metrosep.recipe.result import clean
 from metrosep.recipe.step_words import keys_of_step, step_words
+from metrosep.report.bars import bar_of
+from metrosep.report.rows import CharacteristicRow, characteristic_rows, one_line
 from metrosep.report.separation import (
     SEPARATED_NOTE,
     plan_rows,
@@ -67,7 +70,9 @@ def view(document: Document) -> dict[str, Any]:
         "summary": _summary(document, estimate)
         + separation_rows(separation)
         + plan_rows(document.get("plan") or {}),
-        "characteristics": [_characteristic(c) for c in document.get("characteristics") or []],
+        "characteristics": _characteristics(document),
+        "header": _header(document),
+        "hashes": _hashes(document),
         "uncertainty_note": SEPARATED_NOTE if separation else _NOT_IN_BAND,
         "messages": _messages(document, estimate),
         "wavelengths": _wavelengths(estimate.get("spectrum") or {}),
@@ -124,6 +129,40 @@ def _runs(feeds: Sequence[Document]) -> str:
     return "; ".join(parts)
 
 
+def _header(document: Document) -> list[tuple[str, str]]:
+    """Return part, serial and other names that a batch found, with the file where there is one."""
+    unit = document.get("unit") or {}
+    rows = [(in_words(str(k)), str(v)) for k, v in (unit.get("groups") or {}).items()]
+    if unit.get("name"):
+        rows.append(("file", str(unit["name"])))
+    return [(name.capitalize(), one_line(value)) for name, value in rows]
+
+
+def _hashes(document: Document) -> str:
+    """Return the short hashes of recipe and inputs, for the foot of a page."""
+    recipe = str((document.get("recipe") or {}).get("sha256") or "none")[:12]
+    inputs = [str(i.get("sha256") or "none")[:12] for i in document.get("inputs") or []]
+    more = f" and {len(inputs) - 1} more" if len(inputs) > 1 else ""
+    return f"recipe {recipe}, input {inputs[0] if inputs else 'none'}{more}"
+
+
+def _characteristics(document: Document) -> list[dict[str, Any]]:
+    rows = characteristic_rows(document)
+    entries = clean(document.get("characteristics") or [])
+    return [
+        {**_characteristic(entry), "bar": bar_of(row), "guard": _guard(row)}
+        for entry, row in zip(entries, rows, strict=True)
+    ]
+
+
+def _guard(row: CharacteristicRow) -> str:
+    """Return the guard band with its unit, empty where it is not known."""
+    if row.guard is None:
+        return ""
+    unit, factor = _row_unit(row.value, (row.lower, row.upper), row.unit)
+    return f"{row.guard / factor:.3g} {'' if unit == '1' else unit}".strip()
+
+
 def _characteristic(entry: Document) -> dict[str, Any]:
     value, u, expanded = entry.get("value"), entry.get("u"), entry.get("U")
     lower, upper = entry.get("lower"), entry.get("upper")
@@ -131,6 +170,8 @@ def _characteristic(entry: Document) -> dict[str, Any]:
     sizes = [abs(v) / factor for v in ([value] if value else [lower, upper]) if v is not None]
     spread = u if u is not None else expanded
     decimals = decimals_for(None if spread is None else spread / factor, max(sizes, default=0.0))
+    if isinstance(value, int) and not spread:
+        decimals = 0  # a count
     judged = entry.get("verdict") is not None
     return {
         "name": _plain_name(entry),

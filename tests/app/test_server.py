@@ -9,9 +9,9 @@ from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
 import metrosep as ms
+from metrosep.app.opening import autosave_path
 from metrosep.app.places import Places
 from metrosep.app.server import make_app
-from metrosep.app.sessions import autosave_path
 from metrosep.app.wire import unpack
 
 PORT, TOKEN = 8123, "t" * 43

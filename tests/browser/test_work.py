@@ -181,7 +181,9 @@ def test_asks_for_the_unit(opened: Opened, tmp_path: Path) -> None:
     np.savetxt(file, np.column_stack([i * 0.01, np.cos(2 * np.pi * i / 40)]), delimiter=",")
     page = opened(file, "document.querySelector('dialog[open]') !== null")
     assert "unit" in page.text("dialog")
-    page.fill("dialog input", "um")
+    assert page.run("document.querySelector('dialog input[name=x]').value") == "column1"
+    page.fill("dialog input[name=x_unit]", "mm")
+    page.fill("dialog input[name=z_unit]", "um")
     page.press("Enter")
     page.wait(FULL)
     assert page.run("document.body.dataset.kind") == "profile"
@@ -192,7 +194,8 @@ def test_asks_for_the_unit(opened: Opened, tmp_path: Path) -> None:
 def test_a_dropped_file_is_opened(opened: Opened, map_file: Path) -> None:
     import base64
 
-    page = opened(None, "document.querySelector('#drop') !== null")
+    page = opened(None, "document.querySelector('#colours').options.length > 0")
+    page.wait("document.querySelector('#status-link').textContent === ''")
     content = base64.b64encode(map_file.read_bytes()).decode()
     page.run(
         f"""(() => {{

@@ -80,9 +80,9 @@ def test_rank_prints_the_table_and_writes_a_report(metrosep, tmp_path):
         for r in out.splitlines()
         if r.split() and r.split()[0] in ("B0Z", "EXX", "EZX")
     ]
-    assert rows == ["B0Z", "EXX", "EZX"]
+    assert rows == ["B0Z", "EXX"]
     assert "82.3 nm" in out  # papers.md 4.3
-    assert "not visible" in out  # EZX is a piston
+    assert "not visible: EZX" in out  # a piston
     assert sorted(f.name for f in (tmp_path / "out").iterdir()) == [
         "parts.csv", "report.html", "result.json",
     ]  # fmt: skip

@@ -148,3 +148,15 @@ def test_null_space_is_told_once_for_several_parts(metrosep, repository):
     assert code == 0, err
     assert err.count("not seen:") == 1
     assert "not seen: artefact, spindle: terms offset, eccentricity" in err
+
+
+@pytest.mark.parametrize(
+    ("op", "words"),
+    [
+        ("filter", "start anew (refilter = true does it all the same)"),
+        ("parameters", "start anew"),  # which has no such key
+    ],
+)
+def test_a_way_out_of_python_is_said_where_the_step_has_it(op, words):
+    library = "start anew (refilter=True in Python does it all the same)"
+    assert step_words(library, op) == words

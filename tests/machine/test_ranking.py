@@ -472,7 +472,7 @@ def test_table_frame_dict_and_report(levelled):
     text = levelled.report()
     assert text.index("B0Z") < text.index("EXX")
     assert "not visible" in text
-    assert "17.5 urad" in text
+    assert "0.001 deg" in text  # as it was typed
     assert levelled["B0Z"].unit == "m"
     assert "removed: piston" in levelled["B0Z"].definition
     assert "B0Z" in repr(levelled)
@@ -611,3 +611,46 @@ def test_a_straightness_curve_acts_with_its_shape(lathe):
     assert table.pv[0] == pytest.approx(4e-7, abs=1e-9)  # midpoints miss the crest
     assert table.expected_sq == pytest.approx(table.sq[0], abs=1e-15)
     assert "function of the axis position" in " ".join(table.messages)
+
+
+def test_report_lists_apart_what_leaves_nothing(lathe):
+    """EZX is a piston of the part, which levelling takes; 1 arcsec is 4.848 urad."""
+    errors = {"EXX": 1e-6, "EZX": 1e-6, "EBX": 4.84813681109536e-06, "EYX": 0.0}
+    table = rank(lathe, TORIC, radius=R, errors=errors, n_rho=20, n_azimuth=24)
+    lines = table.report().splitlines()
+
+    assert table.visible == ("EXX", "EBX")
+    assert table.hidden == {
+        "taken away by the alignment: piston, tilt_x, tilt_y": ("EZX",),
+        "size zero": ("EYX",),
+    }
+    assert [line.split()[0] for line in lines if line.startswith("E")][:3] == [
+        "Error",
+        "EXX",
+        "EBX",
+    ]
+    assert "not visible: EZX (taken away by the alignment: piston, tilt_x, tilt_y)" in lines
+    assert next(line for line in lines if line.startswith("EBX")).split()[1:3] == ["1", "arcsec"]
+
+
+def test_report_where_nothing_is_visible_has_no_nan(lathe):
+    table = rank(lathe, TORIC, radius=R, errors={"EZX": 1e-6}, n_rho=20, n_azimuth=24)
+
+    assert "nan" not in table.report()
+    assert "none of these terms leaves anything" in table.report()
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (np.pi / 648e3, "1 arcsec"),
+        (np.pi / 180e3, "0.001 deg"),
+        (5e-6, "5 urad"),
+        (1.2345e-6, "1.23 urad"),
+        (0.0, "0 urad"),
+    ],
+)
+def test_an_angle_is_said_in_the_unit_in_which_it_is_round(lathe, value, text):
+    table = rank(lathe, TORIC, radius=R, errors={"EBX": value}, n_rho=20, n_azimuth=24)
+
+    assert table.size_text("EBX") == text

@@ -269,3 +269,38 @@ def test_chain_that_is_none_is_refused(tmp_path, monkeypatch):
 def test_identify_needs_the_radius_of_a_lathe(part):
     with pytest.raises(DataError, match="needs the radius"):
         run("identify", TORIC + 'machine = "fts_lathe"\nterms = ["EXX"]\n', [part()])
+
+
+def test_rows_of_nothing_are_words_and_not_numbers():
+    text = TORIC + PART + 'errors = { EZX = "1 um", EXX = "1 um", EYX = "0 um" }\n'
+    result = run("rank", text)
+    told = " ".join(result.document["messages"])
+
+    assert set(found(result)) == {"expected_sq", "expected_sq_raw", "sq.EXX"}
+    assert "EZX: not visible on this part (taken away by the alignment" in told
+    assert "EYX: not visible on this part (size zero)" in told
+
+
+def test_a_check_may_name_a_term_of_which_nothing_is_left():
+    text = TORIC + PART + 'errors = { EZX = "1 um", EXX = "1 um" }\n'
+    result = run("rank", text + '[[check]]\nmetric = "sq.EZX"\nupper = "1 nm"\nU = "0.1 nm"\n')
+
+    assert result.verdict == "accept"
+    assert found(result)["sq.EZX"][0] == 0.0
+
+
+def test_nothing_visible_has_no_steps_of_compensation():
+    result = run("rank", TORIC + PART + 'errors = { EZX = "1 um" }\n')
+
+    assert not [m for m in result.document["messages"] if m.startswith("without")]
+    assert result.document["separation"]["ranking"]["terms"][0]["share"] is None
+
+
+def test_a_size_comes_back_as_it_was_typed():
+    text = TORIC + PART + 'errors = { EBX = "1 arcsec", B0Z = "0.001 deg", EXX = "2 um" }\n'
+    result = run("rank", text)
+    sizes = {t["term"]: t["size"] for t in result.document["separation"]["ranking"]["terms"]}
+    words = {c["metric"]: c["definition"] for c in result.document["characteristics"]}
+
+    assert sizes == {"EBX": "1 arcsec", "B0Z": "0.001 deg", "EXX": "2 um"}
+    assert "from EBX = 1 arcsec;" in words["sq.EBX"]

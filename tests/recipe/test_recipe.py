@@ -192,8 +192,9 @@ def test_empty_folder_and_missing_inputs(tmp_path):
         Recipe.parse(GOOD.replace('files = ["*.csv"]\n', "")).run()
 
 
-def test_batch_refuses_by_name(folder, tmp_path):
-    with pytest.raises(UnsupportedFeatureError, match="no batch"):
+def test_batch_refuses_by_name_where_nothing_runs_it(folder, tmp_path, monkeypatch):
+    monkeypatch.setattr("importlib.metadata.entry_points", lambda **_: ())
+    with pytest.raises(UnsupportedFeatureError, match=r"metrosep\.runners"):
         Recipe.parse(GOOD).batch(folder, out=tmp_path)
 
 

@@ -86,7 +86,7 @@ def test_a_wrong_part_names_its_line(old, new, message):
 @pytest.mark.parametrize(
     ("extra", "message"),
     [
-        (REPORT + 'formats = ["docx"]\n', r"r.toml:20: no report format 'docx'.*there are html"),
+        (REPORT + 'formats = ["docx"]\n', r"r.toml:20: no report format 'docx'.*there are .*html"),
         (
             REPORT + 'path = "result.json"\n',
             r"r.toml:20: two outputs would be called 'result.json'",

@@ -3,7 +3,8 @@
 // what is shown comes from the library.
 
 import { COLOUR_NAMES } from "./colours.js";
-import { alertText, askFile, askForm, clearAlerts, download, showHelp, showText } from "./dialogs.js";
+import { alertText, askFile, clearAlerts, showHelp, showText } from "./dialogs.js";
+import { makeExports } from "./exports.js";
 import { listenToDrops, openPaths, upload } from "./files.js";
 import { ago } from "./format.js";
 import { KEYS, listenToKeys } from "./keys.js";
@@ -54,6 +55,8 @@ const views = makeViews({
   wire, level: () => ladder.level, stage: () => tree.chosen, kind: () => session.kind ?? "none", failed: fail,
 });
 
+const { save, exportResult } = makeExports({ wire, status: el("status-link"), session: () => session, take, fail });
+
 const isOf = (/** @type {string[]} */ ...kinds) => (/** @type {Dict} */ one) => kinds.includes(one.kind);
 const tabs = makeTabs(el("tabs"), [
   { id: "view", label: (one) => (one.kind === "map" ? "Map" : "Profile"), fits: isOf("map", "profile"), make: null },
@@ -72,7 +75,7 @@ const tabs = makeTabs(el("tabs"), [
 });
 
 function fail(/** @type {unknown} */ error) {
-  if (error instanceof Superseded) return;
+  if (error instanceof Superseded) return; // a newer wish took its place
   alertText(error instanceof Error ? error.message : String(error));
   if (!(error instanceof Refusal)) console.error(error);
 }
@@ -182,7 +185,9 @@ function drawFull(/** @type {string} */ state, /** @type {string} */ words) {
 }
 
 function drawSaved() {
-  el("status-saved").textContent = session.recipe ? `recipe ${ago(session.saved_at)}` : "";
+  const words = { waiting: "recipe: waiting for the disk…", failed: "recipe NOT kept: save it elsewhere" }[session.keeping];
+  el("status-saved").textContent = session.recipe ? words ?? `recipe ${ago(session.saved_at)}` : "";
+  el("status-saved").className = session.keeping === "failed" ? "lost" : "";
 }
 
 function drawMessages() {
@@ -202,7 +207,7 @@ async function edit(/** @type {import("./recipe.js").Edit[]} */ edits, /** @type
     clearAlerts();
     take(header.session);
   } catch (error) {
-    fail(error);
+    failUnmade(error);
     tree.show(session, schema); // what was typed and refused goes back
     metrics.show(session);
   }
@@ -215,8 +220,14 @@ async function again(/** @type {"undo" | "redo"} */ which) {
     clearAlerts();
     take(header.session);
   } catch (error) {
-    fail(error);
+    failUnmade(error);
   }
+}
+
+/** A change is never replaced by a newer one: without a connection it was not made. */
+function failUnmade(/** @type {unknown} */ error, what = "this change was not made") {
+  if (error instanceof Superseded) alertText(`${what}: ${error.message}`);
+  else fail(error);
 }
 
 async function open(/** @type {string[]} */ paths) {
@@ -229,7 +240,7 @@ async function open(/** @type {string[]} */ paths) {
     take(answer.header.session, true);
   } catch (error) {
     drawFull("", "");
-    fail(error);
+    failUnmade(error, "the file was not opened");
   }
 }
 
@@ -253,59 +264,6 @@ async function choose() {
   const given = await askFile(session.home ?? "");
   if (given?.files?.length) receive(given.files);
   else if (given?.paths?.length) open(given.paths);
-}
-
-async function save() {
-  if (!session.recipe) return;
-  const get = document.createElement("button");
-  get.type = "button";
-  get.textContent = "Download it instead";
-  get.style.justifySelf = "start";
-  get.addEventListener("click", () => {
-    download(session.recipe ?? "", `${session.name ?? "recipe.toml"}`);
-    get.closest("dialog")?.close("");
-  });
-  const given = await askForm({
-    title: "Save the recipe", ok: "Save", extra: [get],
-    text: `It gives the same result with: metrosep run RECIPE${session.op && session.files.length ? " FILE" : ""}${isUpload()
-      ? "\nThe file is a copy that goes when metrosep ends: a recipe saved beside it goes too." : ""}`,
-    fields: [{ name: "path", label: "File", value: `${(session.home ?? "").replace(/[^/\\]*$/, "")}${session.name ?? "recipe.toml"}` }],
-  });
-  if (given?.path) await exported("recipe", given.path);
-}
-
-/** Whether the file came through the browser: its folder goes with the session. */
-function isUpload() {
-  return /metrosep-ui-/.test(session.home ?? "");
-}
-
-async function exportResult() {
-  if (!session.recipe) return;
-  const given = await askForm({
-    title: "Export the result", ok: "Run and write",
-    text: "Runs the recipe on the full data and writes its result into a folder.",
-    fields: [{ name: "path", label: "Folder", value: `${(session.home ?? "").replace(/\.[^./\\]*$/, "")}_result` }],
-  });
-  if (given?.path) await exported("result", given.path);
-}
-
-async function exported(/** @type {string} */ what, /** @type {string} */ path, overwrite = false) {
-  el("status-link").textContent = what === "result" ? "running…" : "";
-  try {
-    const { header } = await wire.ask("export", { what, path, overwrite });
-    clearAlerts();
-    if (header.session) take(header.session);
-    el("status-link").textContent = `written: ${header.files.map((/** @type {string} */ f) => f.split(/[\\/]/).pop()).join(", ")}`;
-    el("status-link").title = header.files.join("\n");
-  } catch (error) {
-    el("status-link").textContent = "";
-    if (error instanceof Refusal && /exists already/.test(error.message) && !overwrite) {
-      const sure = await askForm({ title: "Overwrite?", text: error.message, fields: [], ok: "Overwrite" });
-      if (sure) await exported(what, path, true);
-    } else {
-      fail(error);
-    }
-  }
 }
 
 async function hello() {
@@ -337,6 +295,10 @@ wire.onNews = (header) => {
     else alertText(header.error.message);
   } else if (header.k === "session") {
     take(header.session, String(header.session.files) !== String(session.files));
+  } else if (header.k === "saved") {
+    session = { ...session, saved_at: header.saved_at, keeping: header.keeping, messages: header.messages };
+    drawSaved();
+    drawMessages();
   } else {
     if (header.k === "progress" && header.text) drawFull("busy", header.text);
     tabs.news(header);

@@ -5,6 +5,9 @@
 
 let serial = 0;
 
+/** How the words of a key begin that only some methods know. */
+const ONLY = /^([\w ]+) only: /;
+
 /**
  * Return the editor of a step.
  * @param {Dict[]} keys of the schema
@@ -16,7 +19,9 @@ export function makeEditor(keys, values, changed) {
   const el = document.createElement("div");
   el.className = "editor";
   const known = keys.filter((key) => key.name !== "enabled");
-  const first = known.filter((key) => key.required || key.name in values);
+  const method = known.find((key) => key.name === "method");
+  const own = method && known.some((key) => ONLY.test(key.help ?? "")) ? ofMethod(known, String(values.method ?? method.default ?? "")) : [];
+  const first = known.filter((key) => key.required || key.name in values || own.includes(key));
   const main = first.length ? first : known.slice(0, 2);
   const rest = known.filter((key) => !main.includes(key));
   for (const key of main) addField(el, key, values[key.name], (value) => changed(key.name, value));
@@ -30,6 +35,18 @@ export function makeEditor(keys, values, changed) {
     el.append(details);
   }
   return el;
+}
+
+/**
+ * Return the keys that a method knows; those that are for other methods say it: "kono only: ...".
+ * @param {Dict[]} keys
+ * @param {string} method
+ */
+export function ofMethod(keys, method) {
+  return keys.filter((key) => {
+    const only = ONLY.exec(key.help ?? "");
+    return !only || only[1].split(" and ").includes(method);
+  });
 }
 
 /**

@@ -55,7 +55,7 @@ export async function openPaths(wire, paths, reading = {}) {
 function question(error, reading) {
   const { name, choices, fields } = error.ask;
   if (fields?.length) {
-    return { title: "Which column is what?", text: error.message, fields, ok: "Open" };
+    return { title: fields.some((/** @type {any} */ one) => one.name === "feed") ? "Which column is what?" : "What do the columns hold?", text: error.message, fields, ok: "Open" };
   }
   const unit = name === "unit";
   return {

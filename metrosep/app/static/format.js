@@ -66,6 +66,7 @@ export function scaleFor(size, unit) {
 export function si(value, unit = "m", digits = 4) {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
   if (value === 0) return unit === "1" || unit === "" ? "0" : `0${THIN}${unit}`;
+  if ((unit === "1" || unit === "") && Number.isInteger(value) && Math.abs(value) < 1e6) return signed(String(value)); // a count
   const [factor, name] = scaleFor(value, unit);
   const text = plain(value / factor, digits);
   return name === "1" || name === "" ? text : `${text}${THIN}${powers(name)}`;
@@ -89,7 +90,9 @@ export function ticks(splits, factor) {
   const values = splits.map((v) => (v === null ? NaN : v / factor));
   const finite = values.filter(Number.isFinite);
   const gap = finite.length > 1 ? Math.abs(finite[1] - finite[0]) : 1;
-  const decimals = Math.max(0, Math.min(6, -Math.floor(Math.log10(gap || 1) + 1e-9)));
+  // as many decimals as the gap itself needs: 2.5 needs one, though it is above 1
+  let decimals = Math.max(0, Math.min(6, -Math.floor(Math.log10(gap || 1) + 1e-9)));
+  while (decimals < 6 && Math.abs(Number(gap.toFixed(decimals)) - gap) > 1e-3 * gap) decimals += 1;
   return values.map((v) => (Number.isFinite(v) ? signed((Math.abs(v) < gap * 1e-6 ? 0 : v).toFixed(decimals)) : ""));
 }
 

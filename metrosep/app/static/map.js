@@ -23,6 +23,7 @@ function render({ model, el }) {
   canvas.setAttribute("aria-label", "Map of heights. Wheel or plus and minus zoom, drag or arrows pan, F shows all.");
   const line = document.createElementNS("http://www.w3.org/2000/svg", "svg");
   line.classList.add("map-line");
+  line.setAttribute("aria-hidden", "true"); // its ends say where it lies
   const strokes = ["under", "over"].map((name) => {
     const stroke = document.createElementNS("http://www.w3.org/2000/svg", "line");
     stroke.classList.add(name);

@@ -1,0 +1,89 @@
+"""The report of the present result: shown in the page, and written where the user says."""
+
+from __future__ import annotations
+
+import hashlib
+from typing import Any
+
+import numpy as np
+
+from metrosep.app.full_results import made_of, result_of
+from metrosep.app.messages import Answer, Cancel, Message, Tell, text_of
+from metrosep.app.sessions import Session
+from metrosep.core.errors import DataError
+from metrosep.recipe.pipeline import CancelledError
+
+__all__ = ["report"]
+
+
+def report(session: Session, message: Message, cancel: Cancel, tell: Tell) -> Answer:
+    """Answer a request ``report``.
+
+    Parameters
+    ----------
+    session : Session
+        What the page works on.
+    message : mapping
+        Nothing: the report is to be shown. With ``write`` (path): it is written in a ``format``
+        (html if omitted); ``overwrite`` allows that the file is there already.
+    cancel : callable
+        Asked between steps.
+    tell : callable
+        Told what is being done.
+
+    Returns
+    -------
+    header : dict
+        ``formats`` that can be written, ``verdict``, ``hash`` of the recipe it belongs to, and
+        ``files`` that were written.
+    arrays : dict
+        ``html``, UTF-8, where it is to be shown.
+
+    Raises
+    ------
+    DataError
+        If nothing is open, the format is not known, or the file is there already.
+    WriteError
+        If it lies outside the opened folders, or cannot be written.
+    CancelledError
+        If `cancel` says so.
+    MetrosepError
+        Of the recipe.
+    """
+    from metrosep.recipe.preflight import report_formats
+
+    opened, document = session.need()
+    writers = report_formats()
+    target, name = None, str(message.get("format") or "html")
+    if "write" in message:
+        target = session.places.writable(text_of(message, "write"))
+        if name not in writers:
+            raise DataError(
+                f"there is no report format {name!r}; there are {', '.join(sorted(writers))}"
+            )
+        if target.is_dir():
+            raise DataError(f"{target.name}: is a folder; name a file in it")
+        if target.exists() and not message.get("overwrite"):
+            raise DataError(f"{target.name}: exists already; choose another name or overwrite it")
+    text, recipe = document.text, document.recipe
+    result = result_of(opened, recipe, cancel, tell)
+    header: dict[str, Any] = {
+        "formats": sorted(writers, key=lambda f: (f != "html", f)),
+        "verdict": result.verdict,
+        "title": result.document["title"],
+        "hash": hashlib.sha256(text.encode()).hexdigest(),
+    }
+    if cancel():
+        raise CancelledError("stopped before the report was made")
+    tell({"k": "progress", "words": "making the report"})
+    if target is not None:
+        writers[name].load()(dict(result.document), target)
+        return {**header, "files": [str(target)]}, {}
+
+    def make() -> bytes:
+        from metrosep.report import render_html
+
+        return render_html(result.document).encode("utf-8")
+
+    page = made_of(opened.material, "report", recipe.text, make)
+    return header, {"html": np.frombuffer(page, dtype=np.uint8)}

@@ -1,0 +1,367 @@
+"""Answers about repeated runs: the curves over the travel, and the waves by wavelength.
+
+`curves` shows the runs at once and the separated error where ``level`` is "full"; `waves` carries
+the separation out where ``level`` is "full", and then both are quick.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from metrosep.app.messages import Answer, Arrays, Cancel, Message, Tell, level_of, number_or_none
+from metrosep.app.profile_views import Extremes, profile_view
+from metrosep.app.remembered import Remembered
+from metrosep.app.run_views import (
+    feed_words,
+    level_runs,
+    mean_runs,
+    separated_view,
+    shown_range,
+)
+from metrosep.app.separations import Separations
+from metrosep.app.sessions import Session
+from metrosep.app.sliding import Vibration, find_vibrations
+from metrosep.app.wave_views import (
+    EstimateWaves,
+    FeedWaves,
+    at_wavelength,
+    estimate_waves,
+    feed_waves,
+)
+from metrosep.core.errors import DataError
+from metrosep.core.profile import Profile
+from metrosep.core.quantity import Quantity
+from metrosep.core.runset import RunSet
+from metrosep.recipe.recipe import Recipe
+from metrosep.separation.base import ErrorEstimate
+
+__all__ = ["curves", "waves"]
+
+_STATED = ("method", "start", "length", "shortest", "sigma_t", "p_t", "false_discovery_rate")
+
+
+@dataclass(slots=True)
+class _Kept:
+    """What was made of the runs of one session, so that zooming is quick."""
+
+    levelled: dict[tuple[float, float], Remembered[Any]] = field(default_factory=dict)
+    means: Remembered[Any] = field(default_factory=lambda: Remembered(_mean_extremes, most=4))
+    vibrations: Remembered[Any] = field(default_factory=lambda: Remembered(_vibrations, most=8))
+
+    def of_runs(self, runs: RunSet, over: tuple[float, float]) -> Any:
+        """Return the runs levelled over a range."""
+        if over not in self.levelled:
+            while len(self.levelled) >= 2:
+                self.levelled.pop(next(iter(self.levelled)))
+            self.levelled[over] = Remembered(lambda some: level_runs(some, over), most=1)
+        return self.levelled[over].of(runs)
+
+
+_KEPT: WeakKeyDictionary[Session, _Kept] = WeakKeyDictionary()
+
+
+def _mean_extremes(estimate: ErrorEstimate, runs: RunSet) -> Any:
+    return [
+        (m, Extremes(Profile(m.x, m.before)), Extremes(Profile(m.x, m.after)))
+        for m in mean_runs(runs, estimate)
+    ]
+
+
+def _vibrations(
+    estimate: ErrorEstimate, runs: RunSet
+) -> dict[int, tuple[tuple[Vibration, ...], str]]:
+    return {d: find_vibrations(runs, estimate, direction=d) for d in runs.directions}
+
+
+def _of_session(session: Session) -> tuple[Recipe, Separations, RunSet, _Kept]:
+    opened, document = session.need()
+    if not isinstance(opened.material, Separations):
+        raise DataError(f"what is open is no set of repeated runs, it is a {opened.kind}")
+    recipe = document.recipe
+    kept = _KEPT.setdefault(session, _Kept())
+    return recipe, opened.material, opened.material.runs(recipe), kept
+
+
+def _step(recipe: Recipe) -> Mapping[str, Any]:
+    return next(s for s in recipe.steps if s["op"] == "separate")
+
+
+# ---- curves ----------------------------------------------------------------------------------
+
+
+def curves(session: Session, message: Message, cancel: Cancel, tell: Tell) -> Answer:
+    """Answer a request ``curves``: the runs over one another, and what was separated from them.
+
+    Parameters
+    ----------
+    session : Session
+        What the page works on.
+    message : mapping
+        ``level``, ``window`` [x0, x1] in m or null, ``columns``. Only level "full" separates.
+    cancel : callable
+        Asked before a separation begins.
+    tell : callable
+        Told nothing: the runs are shown at once.
+
+    Returns
+    -------
+    header : dict
+        ``runs`` [{run, feed, feed_words, direction, not_measured}], ``range`` and ``travel`` in m,
+        ``levelled`` (what was done for display), ``stated`` (keys of the step, SI), ``is_preview``;
+        at full level ``separated`` [{direction}], ``means`` [{feed, feed_words, direction,
+        n_runs}], ``lost_motion`` and ``slope`` {value, unit, u, definition}, ``residual_rms``.
+    arrays : dict
+        ``run_<i>_x``, ``_low``, ``_high``; ``error_<i>_x``, ``_low``, ``_high``, ``_band_low``,
+        ``_band_high``; ``mean_<i>_x``, ``_before_low``, ``_before_high``, ``_after_x``,
+        ``_after_low``, ``_after_high``.
+
+    Raises
+    ------
+    DataError
+        If nothing is open, it is no set of runs, or the window is wrong.
+    CancelledError
+        If `cancel` says so.
+    MetrosepError
+        If the runs cannot be read or separated.
+    """
+    recipe, material, runs, kept = _of_session(session)
+    full = level_of(message) == "full"
+    estimate = material.estimate(recipe, cancel) if full else None
+    step = _step(recipe)
+    if estimate is None:
+        over, why = shown_range(runs, step.get("start"), step.get("length"))
+    else:
+        over, why = (estimate.start, estimate.stop), ""
+    levelled = kept.of_runs(runs, over)
+    window, columns = message.get("window"), message.get("columns") or 1000
+    header: dict[str, Any] = {
+        "is_preview": estimate is None,
+        "range": list(over),
+        "travel": list(_common(runs)),
+        "full_travel": list(runs.full_travel),
+        "levelled": levelled.message,
+        "messages": [why] if why else [],
+        "stated": {k: step.get(k) for k in _STATED},
+        "runs": [
+            {
+                "run": r.run_id,
+                "feed": r.feed,
+                "feed_words": feed_words(r.feed),
+                "direction": r.direction,
+                "not_measured": r.n_invalid,
+            }
+            for r in runs
+        ],
+        "feeds": [{"feed": f, "feed_words": feed_words(f)} for f in runs.feeds],
+        "directions": sorted(runs.directions, reverse=True),
+    }
+    arrays: Arrays = {}
+    for i, view in enumerate(levelled.views(window=window, columns=columns)):
+        arrays |= {f"run_{i}_x": view.x, f"run_{i}_low": view.low, f"run_{i}_high": view.high}
+    if estimate is not None:
+        header |= _numbers(estimate)
+        header["separated"] = _separated(estimate, window, columns, arrays)
+        header["means"] = _means(kept.means.of(estimate, runs), window, columns, arrays)
+    return header, arrays
+
+
+def _common(runs: RunSet) -> tuple[float, float]:
+    low = max(float(min(r.x[0], r.x[-1])) for r in runs)
+    high = min(float(max(r.x[0], r.x[-1])) for r in runs)
+    return (low, high) if low < high else runs.full_travel
+
+
+def _separated(estimate: ErrorEstimate, window: Any, columns: Any, arrays: Arrays) -> list[Any]:
+    found = []
+    for i, direction in enumerate(sorted(estimate.directions, reverse=True)):
+        view = separated_view(estimate, direction=direction, window=window, columns=columns)
+        arrays |= {
+            f"error_{i}_x": view.x,
+            f"error_{i}_low": view.low,
+            f"error_{i}_high": view.high,
+            f"error_{i}_band_low": view.band_low,
+            f"error_{i}_band_high": view.band_high,
+        }
+        found.append({"direction": direction})
+    return found
+
+
+def _means(means: Sequence[Any], window: Any, columns: Any, arrays: Arrays) -> list[Any]:
+    found = []
+    for i, (one, before, after) in enumerate(means):
+        for name, extremes in (("before", before), ("after", after)):
+            view = profile_view(extremes, window=window, columns=columns)
+            arrays |= {
+                f"mean_{i}_{name}_x": view.x,
+                f"mean_{i}_{name}_low": view.low,
+                f"mean_{i}_{name}_high": view.high,
+            }
+        found.append(
+            {
+                "feed": one.feed,
+                "feed_words": feed_words(one.feed),
+                "direction": one.direction,
+                "n_runs": one.n_runs,
+            }
+        )
+    return found
+
+
+def _numbers(estimate: ErrorEstimate) -> dict[str, Any]:
+    return {
+        "method": estimate.method,
+        "lost_motion": _quantity(estimate.lost_motion),
+        "slope": _quantity(estimate.slope),
+        "residual_rms": number_or_none(estimate.residual_rms),
+        "pv": _quantity(estimate.peak_to_valley()),
+        "messages": [str(m) for m in estimate.messages],
+    }
+
+
+def _quantity(given: Quantity | None) -> dict[str, Any] | None:
+    if given is None:
+        return None
+    return {
+        "value": number_or_none(given.value),
+        "unit": given.unit,
+        "u": number_or_none(given.u),
+        "definition": given.definition,
+    }
+
+
+# ---- waves -----------------------------------------------------------------------------------
+
+
+def waves(session: Session, message: Message, cancel: Cancel, tell: Tell) -> Answer:
+    """Answer a request ``waves``: amplitude against wavelength, and what repeats.
+
+    Parameters
+    ----------
+    session : Session
+        What the page works on.
+    message : mapping
+        ``level``, ``direction`` (1, -1 or null). Only level "full" separates.
+    cancel : callable
+        Asked before a separation begins.
+    tell : callable
+        Told nothing: what is being computed is told with the metrics.
+
+    Returns
+    -------
+    header : dict
+        ``direction``, ``feeds`` [{feed, feed_words}], ``part``, ``is_preview``, ``stated``; at full
+        level ``method``, ``words``, ``shortest`` {value, by}, ``m``, ``reasons``, ``statistics``
+        [{name, key, value, unit, keeps, least}], ``thresholds_in_use``, ``vibrations`` [{frequency,
+        source, at: [{feed, wavelength, amplitude}]}], ``messages``.
+    arrays : dict
+        ``wavelength``, ``feed_<i>``; at full level ``estimate_wavelength``, ``estimate_amplitude``,
+        ``selected``, ``sd``, ``low``, ``high``, ``reason`` (index into ``reasons``), and
+        ``statistic_<i>``.
+
+    Raises
+    ------
+    DataError
+        If nothing is open, it is no set of runs, or it has not that direction.
+    CancelledError
+        If `cancel` says so.
+    MetrosepError
+        If the runs cannot be read or separated.
+    """
+    recipe, material, runs, kept = _of_session(session)
+    estimate = material.estimate(recipe, cancel) if level_of(message) == "full" else None
+    direction = _direction(message.get("direction"), runs)
+    lines = feed_waves(runs, direction=direction, estimate=estimate)
+    step = _step(recipe)
+    header: dict[str, Any] = {
+        "is_preview": estimate is None,
+        "direction": direction,
+        "directions": sorted(runs.directions, reverse=True),
+        "part": lines.part,
+        "feeds": [{"feed": f, "feed_words": feed_words(f)} for f in lines.feeds],
+        "stated": {k: step.get(k) for k in _STATED},
+        "messages": [],
+    }
+    arrays: Arrays = {"wavelength": lines.wavelength}
+    arrays |= {f"feed_{i}": row for i, row in enumerate(lines.amplitude)}
+    if estimate is not None:
+        header["method"] = estimate.method
+        header["vibrations"], why = _slides(kept, estimate, runs, direction, lines)
+        header["messages"] += [why] if why else []
+        if estimate.spectrum_data.get("wavelength_mm"):
+            header |= _evidence(estimate_waves(estimate, direction=direction), arrays)
+        else:
+            header["words"] = (
+                f'the method "{estimate.method}" tells no wavelengths apart: the lines are those of '
+                "the runs"
+            )
+    return header, arrays
+
+
+def _direction(wanted: Any, runs: RunSet) -> int:
+    have = sorted(runs.directions, reverse=True)
+    if wanted is None:
+        return have[0]
+    if isinstance(wanted, bool) or wanted not in have:
+        raise DataError(f"direction is one of {have} (+1 forward, -1 reverse), got {wanted!r}")
+    return int(wanted)
+
+
+def _slides(
+    kept: _Kept, estimate: ErrorEstimate, runs: RunSet, direction: int, lines: FeedWaves
+) -> tuple[list[dict[str, Any]], str]:
+    found, why = kept.vibrations.of(estimate, runs)[direction]
+    places = {f: i for i, f in enumerate(lines.feeds) if f is not None}
+
+    def at(feed: float, wavelength: float) -> dict[str, Any]:
+        near = min(places, key=lambda f: abs(f - feed), default=None)
+        shown = near is not None and abs(near / feed - 1.0) < 0.02
+        amplitude = at_wavelength(lines, places[near], wavelength) if shown and near else None
+        return {"feed": feed, "wavelength": wavelength, "amplitude": amplitude}
+
+    entries = [
+        {
+            "frequency": one.frequency,
+            "source": one.source,
+            "at": [at(v, w) for v, w in zip(one.feeds, one.wavelengths, strict=True)],
+        }
+        for one in found
+    ]
+    return entries, why
+
+
+def _evidence(found: EstimateWaves, arrays: Arrays) -> dict[str, Any]:
+    view = found.view
+    names = list(dict.fromkeys(found.reasons))
+    arrays |= {
+        "estimate_wavelength": view.wavelength,
+        "estimate_amplitude": view.amplitude,
+        "sd": found.sd,
+        "reason": np.array([names.index(r) for r in found.reasons], dtype=np.int32),
+    }
+    for name, values in (("selected", view.selected), ("low", view.low), ("high", view.high)):
+        if values is not None:
+            arrays[name] = values
+    arrays |= {f"statistic_{i}": s.values for i, s in enumerate(found.statistics)}
+    return {
+        "words": found.words,
+        "shortest": {"value": number_or_none(found.shortest), "by": found.shortest_by},
+        "m": found.m,
+        "reasons": names,
+        "thresholds_in_use": found.in_use,
+        "statistics": [
+            {
+                "name": s.name,
+                "key": s.threshold.key,
+                "value": s.threshold.value,
+                "unit": s.threshold.unit,
+                "keeps": s.threshold.keeps,
+                "least": s.least,
+            }
+            for s in found.statistics
+        ],
+    }

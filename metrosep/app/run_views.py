@@ -1,0 +1,372 @@
+"""Repeated runs over one another, the error that was separated from them, and what is left.
+
+Everything is ``error = actual - nominal`` in m over the position in m. Runs are shown without their
+least-squares line over the evaluation range, since each set-up is aligned anew; that is done for
+the picture only. Gaps stay gaps.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.app.profile_views import Extremes, ProfileView, find_holes, repeat_views
+from metrosep.core.errors import DataError, MetrosepError
+from metrosep.core.runset import Run, RunSet
+from metrosep.core.units import format_length
+from metrosep.separation.base import ErrorEstimate
+from metrosep.separation.curves import SampledCurve
+from metrosep.separation.design import evaluation_range
+
+__all__ = [
+    "LevelledRuns",
+    "MeanRun",
+    "SeparatedView",
+    "feed_words",
+    "level_runs",
+    "mean_runs",
+    "separated_view",
+    "shown_range",
+]
+
+FloatArray = NDArray[np.float64]
+
+_FINE = 8
+"""Places in each pixel column at which a separated error is looked at."""
+
+_COVERAGE_K = 2.0
+"""Half width of the band in standard uncertainties."""
+
+_LEAST = 2
+"""Valid samples that a line needs."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LevelledRuns:
+    """Runs without their lines, ready to be looked at.
+
+    Parameters
+    ----------
+    runs : tuple of Run
+        In the order of the set, without the line of each.
+    extremes : tuple of Extremes
+        Of each run, for any window.
+    slopes : ndarray, shape (n_runs,), rad
+        Slope of each line.
+    range : tuple of (float, float), m
+        Over which the lines were fitted.
+    message : str
+        What was done, in plain words.
+    """
+
+    runs: tuple[Run, ...]
+    extremes: tuple[Extremes, ...]
+    slopes: FloatArray
+    range: tuple[float, float]
+    message: str
+
+    def views(
+        self, *, window: Sequence[float] | None = None, columns: int = 1000
+    ) -> tuple[ProfileView, ...]:
+        """Return the least and greatest reading of each run in each pixel column.
+
+        Parameters
+        ----------
+        window : sequence of 2 floats, m, optional
+            Positions ``x0 < x1``; the travel of all runs if omitted.
+        columns : int, optional
+            Pixel columns, 1 to 100 000.
+
+        Returns
+        -------
+        tuple of ProfileView
+            In the order of the runs; NaN where nothing was measured.
+
+        Raises
+        ------
+        DataError
+            If the window or the number of columns is wrong.
+        """
+        return repeat_views(self.extremes, window=window, columns=columns)
+
+
+def shown_range(
+    runs: RunSet, start: float | None, length: float | None
+) -> tuple[tuple[float, float], str]:
+    """Return the evaluation range before anything is separated.
+
+    Parameters
+    ----------
+    runs : RunSet
+        Readings.
+    start, length : float or None, m
+        As the recipe states them.
+
+    Returns
+    -------
+    range : tuple of (float, float), m
+        As the separation takes it where it can; else the travel of all runs.
+    message : str
+        Why it is not the one that was asked for; often empty.
+
+    Examples
+    --------
+    >>> runs = RunSet([Run(np.linspace(0.0, 50e-3, 101), np.zeros(101), feed=0.1)])
+    >>> shown_range(runs, 0.0, 45e-3)
+    ((0.0, 0.045), '')
+    """
+    try:
+        return evaluation_range(runs, start=start, length=length), ""
+    except MetrosepError as exc:
+        return runs.full_travel, str(exc)
+
+
+def level_runs(runs: RunSet, over: tuple[float, float]) -> LevelledRuns:
+    """Return runs without the least-squares line of each over a range.
+
+    Parameters
+    ----------
+    runs : RunSet
+        Readings; they are not changed.
+    over : tuple of (float, float), m
+        Range of positions; the line is taken off the whole run.
+
+    Returns
+    -------
+    LevelledRuns
+        For the picture.
+
+    Notes
+    -----
+    A run with fewer than two valid samples in the range is levelled over all that it has, which
+    the message says. NaN stays NaN.
+
+    Examples
+    --------
+    >>> x = np.linspace(0.0, 10e-3, 101)
+    >>> found = level_runs(RunSet([Run(x, 2e-6 + 1e-4 * x)]), (0.0, 10e-3))
+    >>> bool(np.abs(found.runs[0].z).max() < 1e-18), round(float(found.slopes[0]), 12)
+    (True, 0.0001)
+    """
+    level, slopes, elsewhere = [], [], []
+    for run in runs:
+        line = _line(run.x, run.z, over)
+        if line is None:
+            elsewhere.append(run.run_id)
+            line = _line(run.x, run.z, (-math.inf, math.inf)) or (0.0, 0.0)
+        slopes.append(line[0])
+        level.append(Run(run.x, run.z - np.polyval(line, run.x), feed=run.feed, run_id=run.run_id))
+    message = (
+        "each without its least-squares line over "
+        f"{format_length(over[0])} ... {format_length(over[1])}, for display only"
+    )
+    if elsewhere:
+        message += f"; not measured there and levelled over all that was: {', '.join(elsewhere)}"
+    array = np.array(slopes)
+    array.setflags(write=False)
+    return LevelledRuns(tuple(level), tuple(Extremes(r) for r in level), array, over, message)
+
+
+def _line(x: FloatArray, z: FloatArray, over: tuple[float, float]) -> tuple[float, float] | None:
+    """Return slope and level at zero of the line over a range; None where it cannot be fitted."""
+    inner = (x >= over[0]) & (x <= over[1]) & ~np.isnan(z)
+    if inner.sum() < _LEAST:
+        return None
+    mid = float(x[inner].mean())
+    slope, level = np.polyfit(x[inner] - mid, z[inner], 1)
+    return float(slope), float(level - slope * mid)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeparatedView:
+    """The separated error as the screen shows it.
+
+    Parameters
+    ----------
+    x : ndarray, shape (n,), m
+        Middle of each pixel column.
+    low, high : ndarray, shape (n,), m
+        Least and greatest error in the column; NaN outside the measured travel.
+    band_low, band_high : ndarray, shape (n,), m
+        Error -+ 2 standard uncertainties, the outermost of the column; NaN where not known.
+    direction : int
+        +1 forward, -1 reverse, 0 not distinguished.
+    """
+
+    x: FloatArray
+    low: FloatArray
+    high: FloatArray
+    band_low: FloatArray
+    band_high: FloatArray
+    direction: int
+
+
+def separated_view(
+    estimate: ErrorEstimate,
+    *,
+    direction: int = 0,
+    window: Sequence[float] | None = None,
+    columns: int = 1000,
+) -> SeparatedView:
+    """Return the separated error with its band of two standard uncertainties.
+
+    Parameters
+    ----------
+    estimate : ErrorEstimate
+        Result of a separation.
+    direction : {0, 1, -1}, optional
+        One of ``estimate.directions``.
+    window : sequence of 2 floats, m, optional
+        Positions ``x0 < x1``; the travel that was modelled if omitted.
+    columns : int, optional
+        Pixel columns, 1 to 100 000.
+
+    Returns
+    -------
+    SeparatedView
+        Looked at in eight places of each column, and at every node of a curve that is sampled.
+
+    Raises
+    ------
+    DataError
+        If the window, the direction or the number of columns is wrong.
+    """
+    if direction not in estimate.directions:
+        raise DataError(
+            f"the estimate has no direction {direction!r}; it has {estimate.directions}"
+        )
+    wide: Any = columns
+    if isinstance(wide, bool) or not isinstance(wide, int | np.integer) or not 1 <= wide <= 10**5:
+        raise DataError(f"columns must be a whole number from 1 to 100 000, got {columns!r}")
+    x0, x1 = _window(window, estimate.fit_range)
+    part = estimate.directions_data[direction]
+    edges = np.linspace(x0, x1, int(wide) + 1)
+    places = np.linspace(x0, x1, int(wide) * _FINE + 1)
+    nodes = part.error.x if isinstance(part.error, SampledCurve) else places[:1]
+    fine = np.union1d(places, nodes[(nodes >= x0) & (nodes <= x1)])
+    first = np.searchsorted(fine, edges[:-1], side="left")
+    error = part.error(fine)
+    half = _COVERAGE_K * part.uncertainty(fine)
+    parts = [
+        (edges[:-1] + edges[1:]) / 2.0,
+        np.fmin.reduceat(error, first),
+        np.fmax.reduceat(error, first),
+        np.fmin.reduceat(error - half, first),
+        np.fmax.reduceat(error + half, first),
+    ]
+    for array in parts:
+        array.setflags(write=False)
+    x, low, high, band_low, band_high = parts
+    return SeparatedView(x, low, high, band_low, band_high, direction)
+
+
+def _window(window: Sequence[float] | None, whole: tuple[float, float]) -> tuple[float, float]:
+    if window is None:
+        return whole
+    try:
+        x0, x1 = (float(v) for v in window)
+    except (TypeError, ValueError):
+        x0 = x1 = math.nan
+    if not (math.isfinite(x0) and math.isfinite(x1) and x0 < x1):
+        raise DataError(f"window must be two positions x0 < x1 in m, got {window!r}")
+    return x0, x1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeanRun:
+    """The mean run of one feedrate and direction, before and after the separated error is taken off.
+
+    Parameters
+    ----------
+    x : ndarray, shape (n,), m
+        Rising, over the travel that all runs of the direction share.
+    before, after : ndarray, shape (n,), m
+        Mean of the levelled runs, and what is left of it; NaN where any of them was not measured.
+    feed : float or None, m/s
+        None where the runs do not say it.
+    direction : int
+        +1 or -1.
+    n_runs : int
+        How many were averaged.
+    """
+
+    x: FloatArray
+    before: FloatArray
+    after: FloatArray
+    feed: float | None
+    direction: int
+    n_runs: int
+
+
+def mean_runs(runs: RunSet, estimate: ErrorEstimate) -> tuple[MeanRun, ...]:
+    """Return the mean run of each feedrate and direction, before and after the separation.
+
+    Parameters
+    ----------
+    runs : RunSet
+        Readings.
+    estimate : ErrorEstimate
+        What was separated from them.
+
+    Returns
+    -------
+    tuple of MeanRun
+        Forward first, slowest first: ``after = before - error``. The same curves as in the
+        report, of all samples.
+
+    Notes
+    -----
+    Each run is put onto as many even places as the longest run of its feedrate has samples, and
+    levelled over the evaluation range. Neither NaN nor a hole in the positions is bridged.
+    """
+    over = (estimate.start, estimate.stop)
+    found = []
+    for direction in sorted(runs.directions, reverse=True):
+        some = runs.select(direction=direction)
+        low, high = some.common_travel
+        for feed, members in some.by_feed() or [(math.nan, some.runs)]:
+            x = np.linspace(low, high, max(len(r) for r in members))
+            before = np.mean([_levelled_on(r, x, over) for r in members], axis=0)
+            after = before - estimate.evaluate(x, direction=direction)
+            for array in (x, before, after):
+                array.setflags(write=False)
+            known = None if math.isnan(feed) else feed
+            found.append(MeanRun(x, before, after, known, direction, len(members)))
+    return tuple(found)
+
+
+def _levelled_on(run: Run, x: FloatArray, over: tuple[float, float]) -> FloatArray:
+    """Return a run at positions, without its line over a range; gaps and holes are NaN."""
+    turned = 1 if run.direction > 0 else -1
+    xs, zs = run.x[::turned], run.z[::turned]
+    values = np.interp(x, xs, zs)
+    for i in find_holes(xs):
+        values[(x > xs[i]) & (x < xs[i + 1])] = np.nan
+    line = _line(x, values, over) or _line(x, values, (-math.inf, math.inf))
+    return np.asarray(values if line is None else values - np.polyval(line, x))
+
+
+def feed_words(feed: float | None) -> str:
+    """Return a feedrate as a person writes it.
+
+    Parameters
+    ----------
+    feed : float or None, m/s
+        None where it is not known.
+
+    Returns
+    -------
+    str
+        In mm/min.
+
+    Examples
+    --------
+    >>> feed_words(0.08)
+    '4800 mm/min'
+    """
+    return "feed not known" if feed is None else f"{feed * 6e4:.6g} mm/min"

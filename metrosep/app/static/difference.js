@@ -1,0 +1,132 @@
+// @ts-check
+// What two results differ by, drawn: the difference map, or both curves above their difference.
+
+import colourbarWidget from "./colourbar.js";
+import { si } from "./format.js";
+import mapWidget from "./map.js";
+import { ink, makePlot } from "./plots.js";
+import { makeModel, Superseded } from "./wire.js";
+
+/** @typedef {Record<string, any>} Dict */
+
+/**
+ * Return one x for several lines: null where a line was not measured, undefined where it has no
+ * sample at this x, so that nothing is drawn as a gap that is none.
+ * @param {{ x: ArrayLike<number>, low: ArrayLike<number>, high: ArrayLike<number> }[]} lines
+ * @returns {any[][]}
+ */
+export function joined(lines) {
+  const all = [...new Set(lines.flatMap((line) => Array.from(line.x)))].sort((a, b) => a - b);
+  const at = new Map(all.map((x, i) => [x, i]));
+  const out = /** @type {any[][]} */ ([all]);
+  for (const line of lines) {
+    for (const values of [line.low, line.high]) {
+      const column = new Array(all.length).fill(undefined);
+      for (let i = 0; i < line.x.length; i += 1) {
+        column[/** @type {number} */ (at.get(line.x[i]))] = Number.isNaN(values[i]) ? null : values[i];
+      }
+      out.push(column);
+    }
+  }
+  return out;
+}
+
+/**
+ * @param {HTMLElement} el
+ * @param {import("./wire.js").Wire} wire
+ * @param {(error: unknown) => void} fail
+ */
+export function makeDifference(el, wire, fail) {
+  /** @type {Dict | null} */
+  let against = null;
+  const title = document.createElement("p");
+  title.className = "difference-title";
+  const mapRow = document.createElement("div");
+  mapRow.className = "map-row";
+  const [mapEl, barEl] = [document.createElement("div"), document.createElement("div")];
+  mapRow.append(mapEl, barEl);
+  const both = document.createElement("div");
+  both.className = "plot";
+  const left = document.createElement("div");
+  left.className = "plot";
+  el.replaceChildren(title, mapRow, both, left);
+  el.hidden = true;
+  const model = makeModel({ colours: localStorage.getItem("colours") ?? "viridis" }, (changes) => {
+    if ("view" in changes || "limits" in changes) ask();
+  });
+  mapWidget.render({ model, el: mapEl });
+  colourbarWidget.render({ model, el: barEl });
+  mapEl.querySelector("canvas")?.setAttribute("aria-label", "Difference map. Wheel or plus and minus zoom, drag or arrows pan.");
+  const line = (/** @type {string} */ colour, /** @type {number[] | undefined} */ dash = undefined) =>
+    ({ stroke: () => ink(colour), width: 1.5, ...(dash ? { dash } : {}) });
+  const pair = makePlot(both, { title: "Both curves over position", series: [line("--open", [6, 4]), line("--open", [6, 4]), line("--line"), line("--line")] });
+  const one = makePlot(left, { title: "Difference over position", series: [line("--ink"), line("--ink")] });
+  let chosen = ""; // direction that is shown, where there are several
+  const heads = [both, left].map((plot) => {
+    const head = document.createElement("div");
+    head.className = "readout";
+    plot.append(head);
+    return head;
+  });
+
+  async function ask() {
+    if (!against) return;
+    const mine = against;
+    const view = model.get("view");
+    try {
+      const { header, arrays } = await wire.ask("compare", {
+        against, picture: { window: model.get("extent") ? view?.window ?? null : null, pixels: view?.pixels ?? [512, 512], range: model.get("limits") ?? null },
+      }, "compare picture");
+      if (mine !== against) return;
+      model.put({
+        shape: arrays.index.shape, window: header.window, unit: header.unit, range: header.range,
+        ...(model.get("limits") ? {} : { auto_range: header.range }), index: arrays.index,
+      });
+      if (String(model.get("extent")) !== String(header.extent)) model.put({ extent: header.extent });
+      title.textContent = `difference map: P-V ${si(header.pv)}, RMS ${si(header.rms)}, mean ${si(header.mean)}; ${(100 * header.share_valid).toFixed(1)}\u2009% measured in both`;
+      el.dataset.drawn = "map";
+    } catch (error) {
+      if (!(error instanceof Superseded)) fail(error);
+    }
+  }
+
+  return {
+    /** @param {Dict | null} header @param {Dict} arrays @param {Dict | null} other */
+    put(header, arrays, other) {
+      against = header?.shown === "map" ? other : null;
+      el.dataset.drawn = "";
+      el.hidden = !header?.shown && !header?.refused;
+      mapRow.hidden = header?.shown !== "map";
+      both.hidden = left.hidden = header?.shown !== "curves";
+      title.className = header?.refused ? "difference-title refused" : "difference-title";
+      title.textContent = header?.refused ?? "";
+      model.put({ index: null, shape: null, extent: null, limits: null, auto_range: null });
+      if (against) {
+        title.textContent = "difference map…";
+        ask();
+      }
+      if (header?.shown !== "curves") return;
+      const tails = Object.keys(arrays).filter((key) => key.startsWith("a_x")).map((key) => key.slice(3));
+      const tail = tails.includes(chosen) ? chosen : tails[0];
+      if (tails.length > 1) {
+        const ways = document.createElement("select");
+        ways.setAttribute("aria-label", "Direction of travel");
+        for (const one of tails) ways.add(new Option(one.trim(), one, false, one === tail));
+        ways.addEventListener("change", () => {
+          chosen = ways.value;
+          this.put(header, arrays, other);
+          title.querySelector("select")?.focus();
+        });
+        title.append(title.textContent ? " " : "", ways);
+      }
+      const of = (/** @type {string} */ name) => ({ x: arrays[`${name}_x${tail}`], low: arrays[`${name}_low${tail}`], high: arrays[`${name}_high${tail}`] });
+      pair.put(joined([of("a"), of("b")]));
+      heads[0].textContent = `${tail ? `${tail.trim()}: ` : ""}dashed ${header.names[0]}, full ${header.names[1]}`;
+      const has = `difference_x${tail}` in arrays;
+      left.hidden = !has;
+      if (has) one.put(joined([of("difference")]));
+      heads[1].textContent = `${header.names[1]} minus ${header.names[0]}`;
+      el.dataset.drawn = "curves";
+    },
+  };
+}

@@ -1,0 +1,73 @@
+// @ts-check
+// Files that the user asks for: the recipe, its result.
+
+import { askForm, clearAlerts, download } from "./dialogs.js";
+import { Refusal } from "./wire.js";
+
+/** @typedef {Record<string, any>} Dict */
+
+/**
+ * Return what writes files.
+ * @param {object} options
+ * @param {import("./wire.js").Wire} options.wire
+ * @param {HTMLElement} options.status where it is told what was written
+ * @param {() => Dict} options.session
+ * @param {(session: Dict) => void} options.take a session came back
+ * @param {(error: unknown) => void} options.fail
+ */
+export function makeExports({ wire, status, session, take, fail }) {
+  async function save() {
+    if (!session().recipe) return;
+    const get = document.createElement("button");
+    get.type = "button";
+    get.textContent = "Download it instead";
+    get.style.justifySelf = "start";
+    get.addEventListener("click", () => {
+      download(session().recipe ?? "", `${session().name ?? "recipe.toml"}`);
+      get.closest("dialog")?.close("");
+    });
+    const given = await askForm({
+      title: "Save the recipe", ok: "Save", extra: [get],
+      text: `It gives the same result with: metrosep run RECIPE${session().op && session().files.length ? " FILE" : ""}${isUpload()
+        ? "\nThe file is a copy that goes when metrosep ends: a recipe saved beside it goes too." : ""}`,
+      fields: [{ name: "path", label: "File", value: `${(session().home ?? "").replace(/[^/\\]*$/, "")}${session().name ?? "recipe.toml"}` }],
+    });
+    if (given?.path) await exported("recipe", given.path);
+  }
+
+  /** Whether the file came through the browser: its folder goes with the session. */
+  function isUpload() {
+    return /metrosep-ui-/.test(session().home ?? "");
+  }
+
+  async function exportResult() {
+    if (!session().recipe) return;
+    const given = await askForm({
+      title: "Export the result", ok: "Run and write",
+      text: "Runs the recipe on the full data and writes its result into a folder.",
+      fields: [{ name: "path", label: "Folder", value: `${(session().home ?? "").replace(/\.[^./\\]*$/, "")}_result` }],
+    });
+    if (given?.path) await exported("result", given.path);
+  }
+
+  async function exported(/** @type {string} */ what, /** @type {string} */ path, overwrite = false) {
+    status.textContent = what === "result" ? "running…" : "";
+    try {
+      const { header } = await wire.ask("export", { what, path, overwrite });
+      clearAlerts();
+      if (header.session) take(header.session);
+      status.textContent = `written: ${header.files.map((/** @type {string} */ f) => f.split(/[\\/]/).pop()).join(", ")}`;
+      status.title = header.files.join("\n");
+    } catch (error) {
+      status.textContent = "";
+      if (error instanceof Refusal && /exists already/.test(error.message) && !overwrite) {
+        const sure = await askForm({ title: "Overwrite?", text: error.message, fields: [], ok: "Overwrite" });
+        if (sure) await exported(what, path, true);
+      } else {
+        fail(error);
+      }
+    }
+  }
+
+  return { save, exportResult };
+}

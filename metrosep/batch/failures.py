@@ -1,0 +1,129 @@
+"""Why a unit failed, in one sentence, and with which exit code ``run`` would have ended."""
+
+from __future__ import annotations
+
+import errno
+from collections.abc import Iterator
+
+from metrosep.batch.units import Unit
+from metrosep.core import errors
+
+__all__ = ["ChangedError", "as_reason", "exit_code_of", "is_disk_full", "worth_another_try"]
+
+_CODES: tuple[tuple[type[BaseException], int], ...] = (
+    (errors.SignCheckFailedError, 1),
+    (errors.SignNotConfirmedError, 1),
+    (errors.LimitError, 1),
+    (errors.TableError, 2),
+    (errors.RecipeError, 2),
+    (errors.WriteError, 2),
+    (errors.UnitError, 2),
+    (errors.ReadError, 4),
+    (errors.SeparationError, 4),
+    (errors.FitError, 4),
+    (errors.InvalidSamplesError, 4),
+    (errors.NotUniformError, 4),
+    (errors.TooFewSamplesError, 4),
+    (errors.DataError, 2),
+    (OSError, 4),
+    (MemoryError, 4),
+)
+
+
+class ChangedError(errors.ReadError):
+    """An input vanished, grew or was replaced while it was read."""
+
+
+def exit_code_of(error: BaseException) -> int:
+    """Return the exit code that ``run`` ends with for an error.
+
+    Parameters
+    ----------
+    error : BaseException
+        What was raised.
+
+    Returns
+    -------
+    int
+        5 for what metrosep did not raise on purpose.
+    """
+    return next((code for kind, code in _CODES if isinstance(error, kind)), 5)
+
+
+def is_disk_full(error: BaseException) -> bool:
+    """Return whether an error comes from a disk or a quota that is full.
+
+    Parameters
+    ----------
+    error : BaseException
+        What was raised; the errors that led to it count.
+
+    Returns
+    -------
+    bool
+        Also where it was told by another error.
+    """
+    full = (errno.ENOSPC, errno.EDQUOT) if hasattr(errno, "EDQUOT") else (errno.ENOSPC,)
+    return any(isinstance(e, OSError) and e.errno in full for e in _chain(error))
+
+
+def worth_another_try(error: BaseException) -> bool:
+    """Return whether the same bytes may pass when the batch is resumed.
+
+    Parameters
+    ----------
+    error : BaseException
+        What was raised.
+
+    Returns
+    -------
+    bool
+        True for what comes from outside: files that change or are locked, memory, writing, an
+        optional package that is missing, bugs.
+    """
+    outside = (ChangedError, errors.WriteError, errors.UnsupportedFeatureError, MemoryError)
+    if isinstance(error, outside) or not isinstance(error, errors.MetrosepError):
+        return True
+    return any(isinstance(e, OSError | MemoryError) for e in _chain(error))
+
+
+def as_reason(error: BaseException, unit: Unit) -> str:
+    """Return an error as one sentence without machine paths.
+
+    Parameters
+    ----------
+    error : BaseException
+        What was raised.
+    unit : Unit
+        Whose input it concerns.
+
+    Returns
+    -------
+    str
+        One line.
+    """
+    if isinstance(error, errors.MetrosepError):
+        text = str(error)
+    elif isinstance(error, MemoryError):
+        text = f"{unit.name}: the memory did not suffice; use fewer workers"
+    elif isinstance(error, OSError):
+        text = (
+            f"{unit.name}: cannot be read ({error.strerror or error}); check that it is there, that "
+            "you may read it and that no other program holds it"
+        )
+    else:
+        text = f"internal error ({type(error).__name__}: {error}); this is a bug in metrosep: report it"
+    for file in sorted({*unit.files, unit.target}, key=len, reverse=True):
+        tail = file.removeprefix(unit.target).lstrip("/\\")
+        base = "" if unit.name == "." else unit.name
+        text = text.replace(file, "/".join(p for p in (base, tail) if p) or ".")
+    return " ".join(text.split())
+
+
+def _chain(error: BaseException) -> Iterator[BaseException]:
+    seen: set[int] = set()
+    link: BaseException | None = error
+    while link is not None and id(link) not in seen:
+        seen.add(id(link))
+        yield link
+        link = link.__cause__ or link.__context__

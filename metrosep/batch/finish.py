@@ -1,0 +1,156 @@
+"""The end of a batch: its index on the disk, and the report."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, Protocol
+
+from metrosep.batch.index import build_index, index_formats, write_index
+from metrosep.batch.loop import Stop
+from metrosep.batch.report import BatchReport
+from metrosep.batch.rows import STATUSES, exit_code
+from metrosep.batch.units import Found
+from metrosep.batch.work import Task
+from metrosep.core.errors import MetrosepError
+from metrosep.recipe.recipe import Recipe
+
+__all__ = ["Progress", "finished_report", "told_index"]
+
+_APART = {
+    "other_recipe": "of another recipe, or of this one before it was changed",
+    "other_version": "of another version of metrosep",
+    "former_content": "of former contents of files that changed",
+    "failed_and_gone": "failed and their files are gone",
+}
+
+
+class Progress(Protocol):
+    """What the end needs to know of a batch."""
+
+    rows: dict[str, dict[str, Any]]
+    total: int
+    stop: Stop
+
+    @property
+    def seconds(self) -> float:
+        """Since the batch began."""
+
+    @property
+    def open(self) -> int:
+        """Units that were found and not finished."""
+
+
+def finished_report(recipe: Recipe, task: Task, batch: Progress, found: Found) -> BatchReport:
+    """Write the index and return the report.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        What was done.
+    task : Task
+        Where.
+    batch : object
+        Rows, times, why it stopped.
+    found : Found
+        What was left out.
+
+    Returns
+    -------
+    BatchReport
+        Of this batch.
+
+    Raises
+    ------
+    WriteError
+        If the index cannot be written.
+    """
+    document, messages = told_index(recipe, task, batch.rows)
+    rows = tuple(batch.rows[name] for name in sorted(batch.rows))
+    counts = Counter(r["status"] for r in rows)
+    return BatchReport(
+        rows=rows,
+        counts={
+            "total": batch.total,
+            **{s: counts.get(s, 0) for s in STATUSES},
+            "skipped": sum(r["skipped"] for r in rows),
+            "open": batch.open,
+        },
+        seconds=batch.seconds,
+        exit_code=130 if batch.stop.interrupted else exit_code(list(rows)),
+        messages=(*found.messages, *messages),
+        out=Path(task.out),
+        stopped=batch.stop.reason,
+        document=document,
+    )
+
+
+def told_index(
+    recipe: Recipe, task: Task, rows: Mapping[str, Mapping[str, Any]]
+) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Write the index in each format that the recipe wants, JSON always.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        With ``[batch] index``.
+    task : Task
+        Where.
+    rows : mapping of str to mapping
+        Of this batch, by unit.
+
+    Returns
+    -------
+    document : dict
+        Content of index.json.
+    messages : tuple of str
+        What is not written, and what is not counted.
+
+    Raises
+    ------
+    WriteError
+        If index.json cannot be written; of other formats a message tells.
+    """
+    document = build_index(
+        recipe,
+        task.out,
+        recipe_hash=task.recipe_hash,
+        present={r["unit"]: r["hash"] for r in rows.values()},
+        known={r["link"]: r for r in rows.values() if r["link"] is not None},
+    )
+    wanted = dict.fromkeys(("json", *(recipe.batch_options.get("index") or ("csv",))))
+    known = index_formats()
+    lost = []
+    for name in (n for n in wanted if n in known):
+        try:
+            write_index(document, Path(task.out) / f"index.{name}", name)
+        except MetrosepError as exc:  # a table that Excel holds costs no verdict
+            if name == "json":
+                raise
+            lost.append(f"index.{name} was not written: {' '.join(str(exc).split())}")
+    missing = [n for n in wanted if n not in known]
+    return document, (*lost, *_messages(document, missing, known))
+
+
+def _messages(
+    document: Mapping[str, Any], missing: list[str], known: Mapping[str, Any]
+) -> Iterator[str]:
+    for name in missing:
+        yield (
+            f"index format {name!r} is written by nothing that is installed; there are "
+            f"{', '.join(sorted(known))}"
+        )
+    for kind, n in document["apart"].items():
+        if n:
+            yield f"{n} result(s) in the output folder are kept apart and not counted: {_APART[kind]}"
+    names = {
+        c.get(k)
+        for r in document["rows"]
+        for c in r["characteristics"]
+        for k in ("name", "metric", "symbol")
+    }
+    for name in document["trend"]:
+        if names and name not in names:
+            shown = ", ".join(sorted(n for n in names if n)[:8])
+            yield f'trend "{name}": no result has a characteristic of this name; there are {shown}'

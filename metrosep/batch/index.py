@@ -1,0 +1,209 @@
+"""The index of a batch: every result of its output folder in one table, JSON and CSV.
+
+Schema ``metrosep.index/1``; other formats come by entry points of the group ``metrosep.indexes``:
+``writer(document, path)``.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from metrosep._version import __version__
+from metrosep.batch.marks import FAILED, RESULT, read_mark, short_version
+from metrosep.batch.rows import STATUSES, row_of
+from metrosep.core.atomic import atomic_write
+from metrosep.core.errors import DataError
+from metrosep.recipe.result import clean
+
+if TYPE_CHECKING:
+    from metrosep.recipe.recipe import Recipe
+
+__all__ = ["SCHEMA", "build_index", "index_formats", "write_index"]
+
+SCHEMA = "metrosep.index/1"
+_FORMULA = ("=", "+", "-", "@", "\t", "\r")
+_FIELDS = (
+    "file", "key", "characteristic", "metric", "value", "unit", "lower", "upper", "U", "verdict",
+    "status", "reason", "result",
+)  # fmt: skip
+
+
+def build_index(
+    recipe: Recipe,
+    out: str | os.PathLike[str],
+    *,
+    recipe_hash: str,
+    present: Mapping[str, str] | None = None,
+    known: Mapping[str, Mapping[str, Any]] | None = None,
+) -> dict[str, Any]:
+    """Return the index of an output folder, made from its marks only.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        Whose results count.
+    out : str or path
+        Output folder of batches.
+    recipe_hash : str
+        Of the recipe.
+    present : mapping of str to str, optional
+        Hash of the unit by name for the inputs that are there now: other results of these names
+        are of former contents. Without it all count.
+    known : mapping of str to mapping, optional
+        Rows that need not be read again, by link.
+
+    Returns
+    -------
+    dict
+        Schema ``metrosep.index/1``: ``rows``, ``counts`` by status, ``apart`` (results of another
+        recipe, another version, former contents), ``trend``, ``groups``, ``recipe``, ``title``.
+
+    Notes
+    -----
+    No clock and no folder in it. Failures of inputs that are gone are counted apart too.
+    """
+    rows: list[dict[str, Any]] = []
+    apart: Counter[str] = Counter()
+    for link, row in _marks(Path(out), known or {}):
+        if row["recipe_sha256"] != recipe_hash:
+            apart["other_recipe"] += 1
+        elif row["version"] != short_version():
+            apart["other_version"] += 1
+        elif present is not None and present.get(row["unit"], row["hash"]) != row["hash"]:
+            apart["former_content"] += 1
+        elif present is not None and row["unit"] not in present and link.endswith(FAILED):
+            apart["failed_and_gone"] += 1
+        else:
+            rows.append({k: v for k, v in row.items() if k not in ("seconds", "skipped")})
+    rows.sort(key=lambda r: (r["unit"], r["hash"]))
+    counts = Counter(r["status"] for r in rows)
+    document: dict[str, Any] = clean(
+        {
+            "schema": SCHEMA,
+            "metrosep": __version__,
+            "title": recipe.title,
+            "recipe": {
+                "name": recipe.name,
+                "text": recipe.text,
+                "sha256": recipe.sha256,
+                "meaning_sha256": recipe_hash,
+            },
+            "groups": list(recipe.batch_options.get("key") or ()),
+            "trend": list(recipe.batch_options.get("trend") or ()),
+            "counts": {"total": len(rows), **{s: counts.get(s, 0) for s in STATUSES}},
+            "apart": {
+                k: apart[k]
+                for k in ("other_recipe", "other_version", "former_content", "failed_and_gone")
+            },
+            "rows": rows,
+        }
+    )
+    return document
+
+
+def _marks(
+    out: Path, known: Mapping[str, Mapping[str, Any]]
+) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """Yield each mark of an output folder with its row."""
+    for key in sorted(_folders(out)):
+        for folder in sorted(_folders(Path(key))):
+            for name in (RESULT, FAILED):
+                file = Path(folder) / name
+                link = file.relative_to(out).as_posix()
+                if link in known:
+                    yield link, known[link]
+                    break
+                found = read_mark(file.parent, name)
+                if found is not None:
+                    yield link, row_of(found, link)
+                    break
+
+
+def _folders(place: Path) -> list[str]:
+    try:
+        with os.scandir(place) as entries:
+            return [e.path for e in entries if e.is_dir() and not e.name.startswith(".")]
+    except OSError:
+        return []
+
+
+def index_formats() -> dict[str, Any]:
+    """Return what writes an index, by format.
+
+    Returns
+    -------
+    dict
+        ``json`` and ``csv``, and the entry points of the group ``metrosep.indexes``.
+    """
+    others = {entry.name: entry for entry in entry_points(group="metrosep.indexes")}
+    return {**others, "json": _write_json, "csv": _write_csv}
+
+
+def write_index(document: Mapping[str, Any], path: Path, name: str) -> Path:
+    """Write an index.
+
+    Parameters
+    ----------
+    document : mapping
+        Of `build_index`.
+    path : Path
+        File.
+    name : str
+        Format.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    DataError
+        If nothing that is installed writes this format.
+    WriteError
+        If it cannot be written.
+    """
+    known = index_formats()
+    if name not in known:
+        raise DataError(
+            f"index format {name!r} is written by nothing that is installed; there are "
+            f"{', '.join(sorted(known))}"
+        )
+    writer = known[name]
+    writer = writer.load() if hasattr(writer, "load") else writer
+    writer(document, path)
+    return path
+
+
+def _write_json(document: Mapping[str, Any], path: Path) -> None:
+    text = json.dumps(document, indent=1, sort_keys=True, allow_nan=False) + "\n"
+    atomic_write(path, text.encode("utf-8"))
+
+
+def _write_csv(document: Mapping[str, Any], path: Path) -> None:
+    """Write the long form: one line for each characteristic, one for each unit without any."""
+    buffer = io.StringIO(newline="")
+    groups = [g for g in document["groups"] if g not in _FIELDS]
+    writer = csv.writer(buffer, lineterminator="\r\n")
+    writer.writerow([*_FIELDS[:2], *groups, *_FIELDS[2:]])
+    for row in document["rows"]:
+        head = [row["unit"], row["key"], *(row["groups"].get(g, "") for g in groups)]
+        tail = [row["status"], row["reason"], row["link"]]
+        each: Sequence[Mapping[str, Any]] = row["characteristics"] or ({},)
+        for c in each:
+            values = [c.get(k) for k in ("name", "metric", "value", "unit", "lower", "upper", "U")]
+            writer.writerow(_cells([*head, *values, c.get("verdict"), *tail]))
+    atomic_write(path, buffer.getvalue().encode("utf-8"))
+
+
+def _cells(values: Sequence[Any]) -> list[Any]:
+    """Return cells that no table program takes for a formula."""
+    return [f"'{v}" if isinstance(v, str) and v.startswith(_FORMULA) else v for v in values]

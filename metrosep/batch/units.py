@@ -1,0 +1,286 @@
+"""Units of a batch: which files of a folder belong together, and what they are called."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from metrosep.core.errors import ReadError, RecipeError
+from metrosep.recipe.methods import METHODS
+
+if TYPE_CHECKING:
+    from metrosep.recipe.recipe import Recipe
+
+__all__ = ["Found", "Unit", "find_units", "one_file_each", "safe_name"]
+
+_LONGEST = 80
+_RESERVED = {"con", "prn", "aux", "nul", *(f"{d}{n}" for d in ("com", "lpt") for n in range(10))}
+
+
+@dataclass(frozen=True, slots=True)
+class Unit:
+    """What one result is made of.
+
+    Parameters
+    ----------
+    name : str
+        Path of the file, or of the folder of a set, below the input folder; parts joined by ``/``.
+    target : str
+        Absolute path of the file or folder that the recipe is given.
+    files : tuple of str
+        Absolute paths of all that is read.
+    key : str
+        Safe name of its output folder.
+    groups : mapping of str to str
+        What the named groups of the pattern found.
+    """
+
+    name: str
+    target: str
+    files: tuple[str, ...]
+    key: str
+    groups: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """Units of a folder, and what was left out.
+
+    Parameters
+    ----------
+    units : tuple of Unit
+        By name.
+    left_out : tuple of str
+        Files or folders that do not fit the pattern of ``[batch]``.
+    messages : tuple of str
+        In plain words.
+    """
+
+    units: tuple[Unit, ...]
+    left_out: tuple[str, ...] = ()
+    messages: tuple[str, ...] = ()
+
+
+def find_units(
+    recipe: Recipe, folder: str | os.PathLike[str], *, out: Path | None = None
+) -> Found:
+    """Return the units of a folder and its subfolders.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        With ``[input] files`` (patterns such as ``*.x3p``) and ``[batch]``.
+    folder : str or path
+        Input folder.
+    out : Path, optional
+        Output folder; what lies in it is no input.
+
+    Returns
+    -------
+    Found
+        A unit for each file; for a recipe that takes several files together, one for each folder
+        that holds some.
+
+    Raises
+    ------
+    ReadError
+        If the folder is none or cannot be read.
+    RecipeError
+        If the recipe reads no input, or ``files`` holds a whole path.
+
+    Notes
+    -----
+    Hidden files (``.name``), folders behind links, and the output folder are not looked into.
+    Where the recipe states neither files nor a pattern, every file counts whose suffix is one of a
+    known format.
+    """
+    root = Path(folder)
+    if recipe.reads_nothing:
+        raise RecipeError(
+            f"{recipe.name}: this recipe reads no inputs, so there is no batch of it; use 'run'"
+        )
+    if not root.is_dir():
+        what = "is a file, not a folder" if root.exists() else "does not exist"
+        raise ReadError(f"{root}: {what}; a batch needs the folder of its inputs")
+    pattern = recipe.batch_options.get("pattern")
+    regex = re.compile(pattern) if pattern is not None else None
+    members = _files_of(recipe, any_file=regex is not None)
+    units: list[Unit] = []
+    left: list[str] = []
+    links: list[str] = []
+    closed: list[str] = []
+    for place, names in _walk(root, out, links, closed):
+        for target, files in members(place, names, root):
+            unit = _unit(target, files, root, recipe, regex)
+            if unit is None:
+                left.append(_relative(target, root))
+            else:
+                units.append(unit)
+    return Found(
+        tuple(sorted(units, key=lambda u: u.name)),
+        tuple(sorted(left)),
+        tuple(_messages(left, links, closed, root)),
+    )
+
+
+def one_file_each(recipe: Recipe) -> bool:
+    """Return whether each file is a unit: a pipeline, or a method that takes one map or table.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        Any.
+
+    Returns
+    -------
+    bool
+        False where the files of a folder belong together.
+    """
+    if recipe.is_pipeline:
+        return True
+    if not recipe.is_method:
+        return False
+    method = METHODS[recipe.steps[0]["op"]]
+    if method.reads == "maps":
+        return len(method.names) == 1
+    if method.reads == "curves":
+        n = len(recipe.input["readings"])
+        return n >= len(method.names) if method.names else n > 1 or "repeat" in recipe.input
+    return method.reads == "table"
+
+
+def safe_name(text: str) -> str:
+    """Return a text as the name of one folder that cannot lead elsewhere.
+
+    Parameters
+    ----------
+    text : str
+        Of a file or a group of the pattern.
+
+    Returns
+    -------
+    str
+        Letters, digits, ``.``, ``-`` and ``_``, at most 80; other signs become ``_``.
+
+    Examples
+    --------
+    >>> safe_name("../../etc/passwd"), safe_name("part 7"), safe_name("")
+    ('_.._etc_passwd', 'part_7', '_')
+    """
+    name = re.sub(r"[^\w.-]", "_", text)[:_LONGEST].lstrip(".").rstrip(".")
+    if not name or name.split(".")[0].casefold() in _RESERVED or name[:6].casefold() == "index.":
+        name = f"_{name}"
+    return name
+
+
+def _walk(
+    root: Path, out: Path | None, links: list[str], closed: list[str]
+) -> Iterator[tuple[Path, list[str]]]:
+    """Yield each folder with its files; note folders behind links, and those that are closed."""
+    avoid = None if out is None else out.resolve()
+
+    def refuse(exc: OSError) -> None:
+        if exc.filename is None or Path(exc.filename) == root:
+            raise ReadError(f"{root}: the folder cannot be read ({exc.strerror or exc})")
+        closed.append(_relative(Path(exc.filename), root))
+
+    for place, folders, files in os.walk(root, onerror=refuse):
+        here = Path(place)
+        kept = []
+        for name in sorted(folders):
+            if name.startswith("."):
+                continue
+            if (here / name).is_symlink():
+                links.append(_relative(here / name, root))
+            elif avoid is None or (here / name).resolve() != avoid:
+                kept.append(name)
+        folders[:] = kept
+        yield here, sorted(n for n in files if not n.startswith("."))
+
+
+Members = Callable[[Path, list[str], Path], Iterator[tuple[Path, list[Path]]]]
+
+
+def _files_of(recipe: Recipe, *, any_file: bool) -> Members:
+    """Return what gives, folder by folder, each unit and its files."""
+    patterns = tuple(recipe.input.get("files", ()))
+    for pattern in patterns:
+        if Path(pattern).is_absolute():
+            raise recipe.place("[input]").error(
+                f"files = {pattern!r} is a whole path; a batch looks for patterns such as "
+                '"*.csv" in the folder that it is given',
+                "files",
+            )
+    if not one_file_each(recipe):
+        return partial(_sets, patterns or ("*.csv",))
+    return partial(_singles, patterns or _usual(recipe, any_file=any_file))
+
+
+def _singles(
+    patterns: tuple[str, ...], place: Path, names: list[str], root: Path
+) -> Iterator[tuple[Path, list[Path]]]:
+    for name in names:
+        file = place / name
+        relative = _relative(file, root)
+        if any(fnmatchcase(relative if "/" in p else name, p) for p in patterns):
+            yield file, [file]
+
+
+def _sets(
+    patterns: tuple[str, ...], place: Path, _names: list[str], _root: Path
+) -> Iterator[tuple[Path, list[Path]]]:
+    files = sorted({f for p in patterns for f in place.glob(p) if f.is_file()})
+    if files:
+        yield place, files
+
+
+def _usual(recipe: Recipe, *, any_file: bool) -> tuple[str, ...]:
+    """Return patterns for a recipe that states none."""
+    if any_file:
+        return ("*",)
+    if not recipe.is_pipeline and METHODS[recipe.steps[0]["op"]].reads != "maps":
+        return ("*.csv",)
+    from metrosep.io.registry import formats
+
+    suffixes = {s.lower() for f in formats() if f.reads for s in f.suffixes} - {".json", ".toml"}
+    return tuple(f"*{c}" for s in sorted(suffixes) for c in (s, s.upper()))
+
+
+def _unit(
+    target: Path, files: list[Path], root: Path, recipe: Recipe, regex: re.Pattern[str] | None
+) -> Unit | None:
+    name = _relative(target, root)
+    groups: dict[str, str] = {}
+    if regex is not None:
+        match = regex.fullmatch(target.name if name != "." else root.resolve().name)
+        match = match or regex.fullmatch(name)
+        if match is None:
+            return None
+        groups = {k: v or "" for k, v in match.groupdict().items()}
+    keys = recipe.batch_options.get("key") or ()
+    stem = target.stem if target == files[0] else target.name
+    stem = stem if name != "." else root.resolve().name
+    key = "_".join(safe_name(groups[k]) for k in keys) if keys else safe_name(stem)
+    absolute = tuple(os.path.abspath(f) for f in files)  # noqa: PTH100  # links stay links
+    return Unit(name, os.path.abspath(target), absolute, safe_name(key), groups)  # noqa: PTH100
+
+
+def _relative(path: Path, root: Path) -> str:
+    return path.relative_to(root).as_posix()
+
+
+def _messages(left: list[str], links: list[str], closed: list[str], root: Path) -> Iterator[str]:
+    for items, why in (
+        (left, "do not fit the pattern of [batch]"),
+        (links, "are links to folders"),
+        (closed, "are folders that cannot be read"),
+    ):
+        if items:
+            shown = ", ".join(items[:3]) + (" ..." if len(items) > 3 else "")
+            yield f"{len(items)} below {root} {why} and are left out: {shown}"

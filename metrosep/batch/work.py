@@ -1,0 +1,315 @@
+"""One unit of a batch, carried out by a worker: read, measure, judge, write, mark as done."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import secrets
+import shutil
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from metrosep._version import __version__
+from metrosep.batch import marks, memory
+from metrosep.batch.failures import (
+    ChangedError,
+    as_reason,
+    exit_code_of,
+    is_disk_full,
+    worth_another_try,
+)
+from metrosep.batch.marks import FAILED, RESULT, Identity, unit_record
+from metrosep.batch.rows import row_of
+from metrosep.batch.units import Unit
+from metrosep.core.blas import one_blas_thread
+from metrosep.core.errors import MetrosepError, RecipeError, WriteError
+
+if TYPE_CHECKING:
+    from metrosep.recipe.recipe import Recipe
+
+__all__ = ["DISK_FULL", "Task", "do_unit", "earlier_row", "input_hash", "record_failure"]
+
+DISK_FULL = "disk full"
+"""Status of a row that stops the whole batch."""
+
+STAGE = ".metrosep-"
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """What a worker needs to know; small, so that sending it costs nothing.
+
+    Parameters
+    ----------
+    text, name, folder : str
+        Of the recipe, as `Recipe.parse` takes them.
+    recipe_hash : str
+        What the recipe must come to; another one was changed meanwhile.
+    out : str
+        Output folder.
+    workers : int
+        How many share the memory.
+    resume : bool
+        Whether what is done stays.
+    """
+
+    text: str
+    name: str
+    folder: str
+    recipe_hash: str
+    out: str
+    workers: int
+    resume: bool = True
+
+
+def do_unit(task: Task, unit: Unit) -> dict[str, Any]:
+    """Carry out the recipe on one unit; the outcome is on the disk when this returns.
+
+    Parameters
+    ----------
+    task : Task
+        Recipe and output folder.
+    unit : Unit
+        Input.
+
+    Returns
+    -------
+    dict
+        Row of the index, with ``seconds`` and ``skipped`` (it was done before). Status `DISK_FULL`
+        where nothing could be written for want of room.
+
+    Notes
+    -----
+    Nothing is raised: whatever fails is a row. result.json comes last, by one rename, so a unit
+    that has it is done.
+    """
+    began = time.perf_counter()
+    identity = Identity("", task.recipe_hash, marks.short_version(), unit.name)
+    try:
+        before = _stamps(unit)
+        identity = Identity(input_hash(unit), task.recipe_hash, marks.short_version(), unit.name)
+        done = earlier_row(task, unit, identity)
+        if done is not None:
+            return {**done, "seconds": time.perf_counter() - began, "skipped": True}
+        refusal = _memory_refusal(task, unit)
+        if refusal is not None:
+            row = record_failure(task, unit, refusal, status="refused", identity=identity)
+        else:
+            with one_blas_thread():
+                row = _carry_out(task, unit, identity, before)
+    except Exception as exc:  # every failure of a unit becomes its row
+        row = record_failure(task, unit, exc, identity=identity)
+    return {**row, "seconds": time.perf_counter() - began, "skipped": False}
+
+
+def record_failure(
+    task: Task,
+    unit: Unit,
+    error: BaseException,
+    *,
+    status: str = "failed",
+    identity: Identity | None = None,
+) -> dict[str, Any]:
+    """Write failed.json of a unit and return its row.
+
+    Parameters
+    ----------
+    task : Task
+        Recipe and output folder.
+    unit : Unit
+        What failed.
+    error : BaseException
+        Why.
+    status : {"failed", "refused"}, optional
+        Refused: not begun.
+    identity : Identity, optional
+        Made from the input if omitted, as far as that can be read.
+
+    Returns
+    -------
+    dict
+        Row of the index; status `DISK_FULL` where even that cannot be written.
+    """
+    if identity is None:
+        with contextlib.suppress(OSError):
+            identity = Identity(
+                input_hash(unit), task.recipe_hash, marks.short_version(), unit.name
+            )
+    identity = identity or Identity("", task.recipe_hash, marks.short_version(), unit.name)
+    folder = identity.folder(Path(task.out), unit)
+    document = marks.failed_document(
+        unit_record(unit, identity),
+        status=status,
+        code=exit_code_of(error),
+        kind=type(error).__name__,
+        reason=as_reason(error, unit),
+        again=status == "refused" or worth_another_try(error),
+    )
+    row = row_of(document, _link(folder, task, FAILED))
+    if is_disk_full(error):
+        return {**row, "status": DISK_FULL}
+    try:
+        marks.write_mark(folder, FAILED, document)
+    except (WriteError, OSError) as exc:
+        if is_disk_full(exc):
+            return {**row, "status": DISK_FULL}
+        reason = f"{row['reason']} (and failed.json cannot be written: {exc})"
+        return {**row, "reason": reason, "link": None}
+    return row
+
+
+def input_hash(unit: Unit) -> str:
+    """Return the SHA-256 of a unit's input.
+
+    Parameters
+    ----------
+    unit : Unit
+        Its files.
+
+    Returns
+    -------
+    str
+        Of the bytes of its file; of a set, of the names and hashes of its files.
+
+    Raises
+    ------
+    OSError
+        If a file cannot be read.
+    """
+    hashes = []
+    for file in unit.files:
+        with open(file, "rb") as handle:  # noqa: PTH123
+            hashes.append(hashlib.file_digest(handle, "sha256").hexdigest())
+    if len(hashes) == 1 and unit.files[0] == unit.target:
+        return hashes[0]
+    names = [os.path.relpath(f, unit.target) for f in unit.files]
+    lines = "".join(f"{n}\0{h}\n" for n, h in zip(names, hashes, strict=True))
+    return hashlib.sha256(lines.encode("utf-8", "surrogateescape")).hexdigest()
+
+
+def earlier_row(task: Task, unit: Unit, identity: Identity) -> dict[str, Any] | None:
+    """Return the row of what an earlier run finished.
+
+    Parameters
+    ----------
+    task : Task
+        Recipe and output folder.
+    unit : Unit
+        Input.
+    identity : Identity
+        What its result would depend on.
+
+    Returns
+    -------
+    dict or None
+        None where there is work to do; a failure by the content of the input is finished.
+    """
+    if not task.resume:
+        return None
+    folder = identity.folder(Path(task.out), unit)
+    for name in (RESULT, FAILED):
+        found = marks.read_mark(folder, name)
+        if found is None or found["unit"].get("hash") != identity.digest:
+            continue
+        if name == FAILED and (found.get("again", True) or found.get("metrosep") != __version__):
+            continue
+        return row_of(found, _link(folder, task, name))
+    return None
+
+
+def _memory_refusal(task: Task, unit: Unit) -> MemoryError | None:
+    free = memory.available_bytes()
+    wanted = memory.wanted_bytes(unit.files)
+    share = None if free is None else free // task.workers
+    if share is None or wanted <= share:
+        return None
+    return _TooLargeError(
+        f"{unit.name}: its input wants about {wanted / 1e9:.3g} GB of memory, and each of "
+        f"{task.workers} worker(s) has {share / 1e9:.3g} GB; use fewer workers (--workers 1) or a "
+        "larger machine"
+    )
+
+
+class _TooLargeError(MetrosepError, MemoryError):
+    """A unit that was not begun since it would not fit."""
+
+
+def _carry_out(
+    task: Task, unit: Unit, identity: Identity, before: Mapping[str, tuple[int, int]]
+) -> dict[str, Any]:
+    recipe = _recipe(task.text, task.name, task.folder, task.recipe_hash)
+    folder = identity.folder(Path(task.out), unit)
+    folder.mkdir(parents=True, exist_ok=True)
+    for stale in folder.glob(f"{STAGE}*"):  # of a worker that was killed
+        shutil.rmtree(stale, ignore_errors=True)
+    stage = folder / f"{STAGE}{secrets.token_hex(6)}"
+    stage.mkdir()
+    try:
+        inside = stage if recipe.outputs else None
+        document = {**recipe.run(unit.target, out=inside).document}
+        _require_unchanged(unit, before, identity, document)
+        document["unit"] = unit_record(unit, identity)
+        (folder / RESULT).unlink(missing_ok=True)
+        for file in sorted(stage.iterdir()):
+            if file.name != RESULT:
+                file.replace(folder / file.name)
+        marks.write_mark(folder, RESULT, document)
+    finally:
+        shutil.rmtree(stage, ignore_errors=True)
+    (folder / FAILED).unlink(missing_ok=True)
+    return row_of(document, _link(folder, task, RESULT))
+
+
+@lru_cache(maxsize=4)
+def _recipe(text: str, name: str, folder: str, expected: str) -> Recipe:
+    """Return the recipe, made once in each worker."""
+    from metrosep.recipe.hashing import recipe_hash
+    from metrosep.recipe.recipe import Recipe
+
+    recipe = Recipe.parse(text, name=name, folder=folder)
+    if recipe_hash(recipe) != expected:
+        raise RecipeError(
+            f"{name}: a file that it names changed during the batch; start the batch again"
+        )
+    return recipe
+
+
+def _stamps(unit: Unit) -> dict[str, tuple[int, int]]:
+    stamps = {}
+    for file in unit.files:
+        found = os.stat(file)  # noqa: PTH116
+        stamps[file] = (found.st_size, found.st_mtime_ns)
+    return stamps
+
+
+def _require_unchanged(
+    unit: Unit,
+    before: Mapping[str, tuple[int, int]],
+    identity: Identity,
+    document: Mapping[str, Any],
+) -> None:
+    try:
+        after = _stamps(unit)
+    except OSError as exc:
+        raise ChangedError(
+            f"{unit.name}: vanished while it was read ({exc.strerror or exc}); copy it again"
+        ) from None
+    grown = [f for f in before if after[f] != before[f]]
+    name = Path(unit.target).name  # a reader may turn to a file beside it, which has another hash
+    read = {i.get("sha256") for i in document.get("inputs", ()) if i.get("name") == name} - {None}
+    single = len(unit.files) == 1 and unit.files[0] == unit.target
+    if grown or (single and read and identity.input_hash not in read):
+        name = Path(grown[0]).name if grown else name
+        raise ChangedError(
+            f"{unit.name}: {name} changed while it was read; wait until the instrument has written "
+            "it, then resume"
+        )
+
+
+def _link(folder: Path, task: Task, name: str) -> str:
+    return (folder / name).relative_to(task.out).as_posix()

@@ -1,0 +1,173 @@
+"""``metrosep batch``: one recipe over a folder of files."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from metrosep.cli.options import json_option, say
+
+if TYPE_CHECKING:
+    from metrosep.batch.report import BatchReport
+
+__all__ = ["batch"]
+
+Tell = Callable[[dict[str, Any]], None]
+
+
+@click.command()
+@click.argument("recipe")
+@click.argument("folder", metavar="DIR")
+@click.option(
+    "-o", "--out", required=True, help="Folder for the results, one in it for each file."
+)
+@click.option("--workers", type=int, metavar="N", help="How many at once; processors if omitted.")
+@click.option(
+    "--scheduler",
+    default="processes",
+    show_default=True,
+    metavar="NAME",
+    help="processes, threads, serial, dask, or dask=tcp://HOST:PORT.",
+)
+@click.option(
+    "--resume/--fresh",
+    "resume",
+    default=True,
+    help="Keep what is done (default), or do all again.",
+)
+@click.option("--fail-fast", is_flag=True, help="Begin nothing more after the first that fails.")
+@click.option("--watch", is_flag=True, help="Go on looking for new files until Ctrl-C.")
+@click.option(
+    "--every", type=float, metavar="SECONDS", help="With --watch: between two looks; 5 if omitted."
+)
+@click.option("--dry-run", is_flag=True, help="Only say what would be done.")
+@json_option
+@click.pass_context
+def batch(
+    context: click.Context,
+    /,
+    recipe: str,
+    folder: str,
+    every: float | None,
+    watch: bool,
+    as_json: bool,
+    **options: Any,
+) -> int:
+    """Carry out RECIPE on every file below DIR, each with its own verdict.
+
+    A batch that was stopped or killed goes on where it was when it is started again. Exit codes, the
+    worst counts: 5 internal error, 6 files that failed, 1 rejected, 3 inconclusive, 0 all accepted;
+    130 interrupted.
+    """
+    from metrosep.batch import run_batch
+
+    if every is not None and not watch:
+        raise click.UsageError("--every needs --watch")
+    seconds = (5.0 if every is None else every) if watch else None
+    quiet = bool((context.obj or {}).get("quiet"))
+    with _progress(quiet=quiet) as tell:
+        report = run_batch(recipe, folder, watch=seconds, tell=tell, **options)
+    if as_json:
+        click.echo(json.dumps(_summary(report), sort_keys=True, allow_nan=False))
+    if as_json or quiet:
+        return report.exit_code
+    for message in report.messages:
+        say(f"note: {message}")
+    for row in report.rows if options["dry_run"] else ():
+        say(f"{row['status']:12} {row['unit']} -> {row['link'] or row['reason']}")
+    say(report.summary())
+    if report.out is not None:
+        say(f"index    {report.out / 'index.json'}")
+    return report.exit_code
+
+
+def _summary(report: BatchReport) -> dict[str, Any]:
+    from metrosep.recipe.result import clean
+
+    summary: dict[str, Any] = clean(
+        {
+            "counts": report.counts,
+            "exit_code": report.exit_code,
+            "seconds": report.seconds,
+            "messages": report.messages,
+            "stopped": report.stopped,
+            "index": None if report.out is None else str(report.out / "index.json"),
+            "rows": [{k: v for k, v in r.items() if k != "messages"} for r in report.rows],
+        }
+    )
+    return summary
+
+
+@contextmanager
+def _progress(*, quiet: bool) -> Iterator[Tell | None]:
+    """Give what tells of each unit: nothing, a line each, or one line on a terminal."""
+    if quiet:
+        yield None
+        return
+    if not sys.stderr.isatty():
+        yield _line
+        return
+    with contextlib.ExitStack() as stack:
+        try:
+            yield _rich(stack)
+        except ImportError:
+            stack.callback(print, file=sys.stderr)
+            yield _rewritten
+
+
+def _line(event: Mapping[str, Any]) -> None:
+    reason = f": {event['reason']}" if event["reason"] else ""
+    say(f"metrosep: {event['done']}/{event['total']} {event['status']} {event['unit']}{reason}")
+
+
+def _rewritten(event: Mapping[str, Any]) -> None:
+    """Write the state over the line before; what failed keeps its line."""
+    if event["status"] in ("failed", "refused"):
+        print("\r\033[K", end="", file=sys.stderr)
+        _line(event)
+    left = "" if event["eta_s"] is None else f", {_duration(event['eta_s'])} left"
+    text = f"{event['done']}/{event['total']} units{left}  {event['unit']}"[:78]
+    print(f"\r\033[K{text}", end="", file=sys.stderr, flush=True)
+
+
+def _rich(stack: contextlib.ExitStack) -> Tell:
+    """Return what tells through a bar of the package rich.
+
+    Raises
+    ------
+    ImportError
+        If it is not installed.
+    """
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+
+    columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[words]}"))
+    bar = stack.enter_context(Progress(*columns, console=Console(stderr=True)))
+    number = bar.add_task("", total=None, words="")
+
+    def tell(event: Mapping[str, Any]) -> None:
+        left = "" if event["eta_s"] is None else f"{_duration(event['eta_s'])} left  "
+        words = f"{left}{event['status']} {event['unit']}"
+        bar.update(number, completed=event["done"], total=event["total"], words=words)
+        if event["status"] in ("failed", "refused"):
+            bar.console.print(
+                f"{event['status']} {event['unit']}: {event['reason']}",
+                markup=False,
+                highlight=False,
+            )
+
+    return tell
+
+
+def _duration(seconds: float) -> str:
+    whole = round(seconds)
+    hours, minutes = divmod(whole // 60, 60)
+    if hours:
+        return f"{hours} h {minutes:02d} min"
+    return f"{minutes} min {whole % 60:02d} s" if minutes else f"{whole} s"

@@ -1,0 +1,193 @@
+"""The command that makes reports again: report."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+
+from metrosep.cli.options import say
+
+__all__ = ["report"]
+
+_FORBIDDEN = '<>:"/\\|?*'
+"""In file names of Windows."""
+
+Writer = Callable[[Mapping[str, Any], Path], Any]
+
+
+@click.command()
+@click.argument("results", metavar="RESULT...", nargs=-1, required=True)
+@click.option(
+    "--format",
+    "formats",
+    default="html",
+    show_default=True,
+    metavar="NAME,...",
+    help="Of the reports: html, pdf, xlsx, csv, dfq, or what else is installed.",
+)
+@click.option("-o", "--out", required=True, metavar="DIR", help="Folder for the reports.")
+@click.option(
+    "--pdf-engine",
+    type=click.Choice(["typst", "matplotlib"]),
+    default="typst",
+    show_default=True,
+    help="matplotlib: plainer pages, without bars and attachment.",
+)
+@click.option(
+    "--pdf-standard",
+    type=click.Choice(["a-2b", "a-3b"]),
+    help="PDF/A for archives; a-2b cannot hold the result as an attachment.",
+)
+@click.pass_context
+def report(
+    context: click.Context,
+    results: tuple[str, ...],
+    formats: str,
+    out: str,
+    pdf_engine: str,
+    pdf_standard: str | None,
+) -> int:
+    """Make the reports of RESULT again: result.json, its folder, or a folder with many below it.
+
+    Nothing is computed and no input is touched; the same result gives the same bytes. Several
+    results give one file each, and one results.csv for all. Exit code 4: a result was unreadable, the
+    others are done.
+    """
+    from metrosep.core.errors import ReadError
+
+    if pdf_standard is not None and pdf_engine == "matplotlib":
+        raise click.UsageError("--pdf-standard needs --pdf-engine typst; leave one of them out")
+    writers = _writers(formats, pdf_engine, pdf_standard)
+    files = _files(results)
+    folder = _folder(out)
+    quiet = bool((context.obj or {}).get("quiet"))
+    documents, unread = [], 0
+    for file, name in zip(files, _names(files), strict=True):
+        try:
+            document = _write(file, name, folder, writers, alone=len(files) == 1, quiet=quiet)
+        except ReadError as exc:
+            say(f"error: {' '.join(str(exc).split())}")
+            unread += 1
+            continue
+        if "csv" in writers:
+            documents.append(document)
+    if "csv" in writers and len(files) > 1 and documents:
+        from metrosep.core.atomic import atomic_write
+        from metrosep.report.csv_long import render_csv
+
+        target = folder / "results.csv"
+        atomic_write(target, render_csv(documents).encode("utf-8"))
+        if not quiet:
+            say(f"report   {target}")
+    return 4 if unread else 0
+
+
+def _write(
+    file: Path,
+    name: str,
+    folder: Path,
+    writers: Mapping[str, Writer],
+    *,
+    alone: bool,
+    quiet: bool,
+) -> Mapping[str, Any]:
+    """Write the reports of one result; what is wrong with it is told with its name."""
+    from metrosep.core.errors import CorruptFileError, DataError, UnsupportedFeatureError
+    from metrosep.recipe.result import load_document
+
+    document = load_document(file)
+    for kind, write in writers.items():
+        if kind == "csv" and not alone:
+            continue
+        target = folder / f"{name}.{kind}"
+        try:
+            write(document, target)
+        except UnsupportedFeatureError as exc:
+            raise click.ClickException(str(exc)) from None
+        except (DataError, AttributeError, KeyError, TypeError, ValueError) as exc:
+            raise CorruptFileError(
+                file, f"no {kind} can be made of it: {exc}", hint="run the recipe again"
+            ) from exc
+        if not quiet:
+            say(f"report   {target}")
+    return document
+
+
+def _writers(formats: str, pdf_engine: str, pdf_standard: str | None) -> dict[str, Writer]:
+    from functools import partial
+
+    from metrosep.recipe.preflight import report_formats
+
+    known = report_formats()
+    wanted = list(dict.fromkeys(f.strip().lower() for f in formats.split(",") if f.strip()))
+    unknown = [name for name in wanted if name not in known]
+    if unknown or not wanted:
+        raise click.UsageError(
+            f"--format {unknown[0] if unknown else formats!r} is written by nothing that is installed; "
+            f"there are {', '.join(sorted(known))}"
+        )
+    writers: dict[str, Writer] = {name: known[name].load() for name in wanted}
+    if "pdf" in writers and pdf_engine == "matplotlib":
+        from metrosep.report.plain_pdf import write_plain_pdf
+
+        writers["pdf"] = write_plain_pdf
+    elif "pdf" in writers and pdf_standard is not None:
+        from metrosep.report.typeset import write_pdf
+
+        writers["pdf"] = partial(write_pdf, standard=pdf_standard)
+    return writers
+
+
+def _files(results: Sequence[str]) -> list[Path]:
+    """Return the result files that are meant, each once."""
+    found: list[Path] = []
+    for name in results:
+        path = Path(name)
+        if path.is_dir() and not (path / "result.json").exists():
+            below = sorted(path.rglob("result.json"))
+            if not below:
+                raise click.UsageError(
+                    f"{name} holds no result.json, nor does a folder below it; give the folder that "
+                    "'metrosep run -o' or 'metrosep batch -o' wrote"
+                )
+            found += below
+        else:
+            found.append(path / "result.json" if path.is_dir() else path)
+    return list({f.resolve(): f for f in found}.values())
+
+
+def _folder(out: str) -> Path:
+    from metrosep.core.errors import WriteError
+
+    folder = Path(out)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as exc:
+        raise WriteError(
+            f"{out}: cannot be made a folder ({exc.strerror or exc}); choose another"
+        ) from None
+    return folder
+
+
+def _names(files: Sequence[Path]) -> list[str]:
+    """Return a name for each report: of the folder below the common one, so that none is twice."""
+    if len(files) == 1:
+        return ["report"]
+    places = [f.resolve() for f in files]
+    common = Path(os.path.commonpath([str(p.parent) for p in places]))
+    names: list[str] = []
+    for place in places:
+        parts = [*place.parent.relative_to(common).parts]
+        parts += [] if place.name == "result.json" else [place.stem]
+        name = "_".join(parts) or "report"
+        name = "".join("_" if c in _FORBIDDEN or ord(c) < 32 else c for c in name)
+        number, unique = 1, name
+        while unique.lower() in (n.lower() for n in names):
+            number += 1
+            unique = f"{name}_{number}"
+        names.append(unique)
+    return names

@@ -1,0 +1,348 @@
+"""Two results side by side: values with the uncertainty of their difference, and what else differs.
+
+The difference is b minus a. Its expanded uncertainty is the root sum of squares of both: right where
+the two measurements are independent, too large where they share an artefact or a sensor.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from metrosep.core.errors import DataError
+from metrosep.recipe.result import SCHEMA
+from metrosep.report.comparison import (
+    Comparison,
+    Row,
+    Tolerances,
+    judged_row,
+    known_number,
+    largest_difference,
+)
+from metrosep.report.table_comparison import table_rows
+
+__all__ = ["compare_documents", "recipe_diff"]
+
+Document = Mapping[str, Any]
+
+_NM = 1e-9
+_COVERAGE = 2.0
+"""From a standard to an expanded uncertainty where the check states none."""
+
+_KINDS: Mapping[str, type] = {
+    "characteristics": list, "inputs": list, "recipe": Mapping, "versions": Mapping,
+    "plots": Mapping, "separation": Mapping, "table": Mapping, "verdict": str,
+}  # fmt: skip
+
+_MOST_LINES = 40
+_COMPARED = ("characteristics", "recipe", "inputs", "versions", "verdict", "schema")
+
+
+def compare_documents(
+    a: Document, b: Document, *, tolerances: Mapping[str, float | str] | None = None
+) -> Comparison:
+    """Return two results side by side.
+
+    Parameters
+    ----------
+    a, b : mapping
+        Content of two result.json (schema ``metrosep.result/1``).
+    tolerances : mapping of str to (float or str), optional
+        Allowed magnitudes of differences by metric or name: numbers in SI, texts with a unit such as
+        ``"5 nm"``, or ``"U"`` for the expanded uncertainty of the difference; ``"*"`` for every row
+        without its own. Without a tolerance only the same number is equal.
+
+    Returns
+    -------
+    Comparison
+        A row for each characteristic of either side, for each curve and for the table.
+
+    Raises
+    ------
+    DataError
+        If one is not a result or is damaged, or a tolerance is wrong or belongs to no row.
+    UnitError
+        If the unit of a tolerance does not fit its row.
+
+    Notes
+    -----
+    Rows are matched by metric and name, then by metric alone. U is the expanded uncertainty of the
+    check, else twice the standard uncertainty; U of the difference is sqrt(U_a^2 + U_b^2), which
+    holds for independent measurements. A value that is not known is equal only to one that is not
+    known. Curves and tables are compared entry by entry at the same positions: two results of the
+    same P-V and opposite sign differ. Recipe, inputs and versions are told but do not count.
+    """
+    for name, document in (("A", a), ("B", b)):
+        _require_result(document, name)
+        _require_parts(document, name)
+    allowed = Tolerances(tolerances)
+    rows = [_row(x, y, allowed) for x, y in _pairs(_entries(a, "A"), _entries(b, "B"))]
+    rows += _curves(a, b, allowed)
+    rows += _tables(a, b, allowed)
+    allowed.require_used([r.metric for r in rows])
+    messages = []
+    verdicts = [d.get("verdict") for d in (a, b)]
+    if verdicts[0] != verdicts[1]:
+        messages.append(
+            f"the verdict over all checks was {verdicts[0] or 'none'} and is {verdicts[1] or 'none'}"
+        )
+    if not rows:
+        messages.append("neither result holds a value, a curve or a table that could be compared")
+    return Comparison(
+        "result",
+        tuple(rows),
+        recipe_diff(_recipe_text(a), _recipe_text(b)),
+        tuple(_inputs(a, b)),
+        tuple(_versions(a, b)),
+        tuple(_limits(a, b)) + tuple(_other(a, b)),
+        tuple(messages),
+        bool(rows) and verdicts[0] == verdicts[1] and all(r.equal for r in rows),
+    )
+
+
+def _recipe_text(document: Document) -> str:
+    return str((document.get("recipe") or {}).get("text") or "")
+
+
+def recipe_diff(a: str, b: str, names: tuple[str, str] = ("A", "B")) -> tuple[str, ...]:
+    """Return the lines of a unified diff.
+
+    Parameters
+    ----------
+    a, b : str
+        Texts of recipes.
+    names : tuple of str, optional
+        Of both.
+
+    Returns
+    -------
+    tuple of str
+        Without line ends; empty where the texts are the same.
+
+    Examples
+    --------
+    >>> recipe_diff('upper = "5 nm"', 'upper = "6 nm"')[-2:]
+    ('-upper = "5 nm"', '+upper = "6 nm"')
+    """
+    lines = difflib.unified_diff(a.splitlines(), b.splitlines(), *names, lineterm="", n=2)
+    return tuple(lines)
+
+
+def _require_result(document: Any, name: str) -> None:
+    if isinstance(document, Mapping) and document.get("schema") == SCHEMA:
+        return
+    found = document.get("schema") if isinstance(document, Mapping) else type(document).__name__
+    raise DataError(
+        f"{name} is not a result of metrosep (schema {found!r}, expected {SCHEMA!r}); give the "
+        "content of a result.json"
+    )
+
+
+def _require_parts(document: Document, name: str) -> None:
+    for key, kind in _KINDS.items():
+        if document.get(key) is not None and not isinstance(document[key], kind):
+            raise DataError(
+                f"the part {key!r} of {name} is a {type(document[key]).__name__}, not what a result "
+                "holds there; it is damaged, so run the recipe again"
+            )
+
+
+def _entries(document: Document, side: str) -> list[Document]:
+    entries = document.get("characteristics") or []
+    if not isinstance(entries, Sequence) or not all(isinstance(e, Mapping) for e in entries):
+        raise DataError(f"the characteristics of {side} are not a list of values; it is damaged")
+    return list(entries)
+
+
+def _metric(entry: Document) -> str:
+    return str(entry.get("metric") or entry.get("symbol") or entry.get("name") or "?")
+
+
+def _pairs(
+    a: Sequence[Document], b: Sequence[Document]
+) -> Iterator[tuple[Document | None, Document | None]]:
+    """Give what belongs together: same metric and name first, then the same metric in order."""
+    partner: dict[int, int] = {}
+    free = list(range(len(b)))
+    for key in (lambda e: (_metric(e), e.get("name")), _metric):
+        for i, entry in enumerate(a):
+            if i in partner:
+                continue
+            match = next((j for j in free if key(b[j]) == key(entry)), None)
+            if match is not None:
+                partner[i] = match
+                free.remove(match)
+    for i, entry in enumerate(a):
+        yield entry, b[partner[i]] if i in partner else None
+    for j in free:
+        yield None, b[j]
+
+
+def _row(a: Document | None, b: Document | None, tolerances: Tolerances) -> Row:
+    one = a if a is not None else b or {}
+    metric, name = _metric(one), str(one.get("name") or _metric(one))
+    sides = [{} if e is None else e for e in (a, b)]
+    values = [known_number(e.get("value"), f"the value of {metric}") for e in sides]
+    spreads = [_expanded(e, metric) for e in sides]
+    units = [None if e is None else str(e.get("unit") or "1") for e in (a, b)]
+    difference = expanded = None
+    message = ""
+    if None in units:
+        message = f"only in {'B' if a is None else 'A'}"
+    elif units[0] != units[1]:
+        message = f"the units differ: {units[0]} and {units[1]}"
+    elif values[0] is not None and values[1] is not None:
+        difference = values[1] - values[0]
+        if spreads[0] is not None and spreads[1] is not None:
+            expanded = math.hypot(spreads[0], spreads[1])
+    return judged_row(
+        metric,
+        name,
+        next(u for u in units if u is not None),
+        (values[0], values[1]),
+        difference,
+        expanded=expanded,
+        verdicts=(sides[0].get("verdict"), sides[1].get("verdict")),
+        tolerances=tolerances,
+        message=message,
+    )
+
+
+def _expanded(entry: Document, metric: str) -> float | None:
+    stated = known_number(entry.get("U"), f"U of {metric}")
+    if stated is not None:
+        return stated
+    u = known_number(entry.get("u"), f"u of {metric}")
+    return None if u is None else _COVERAGE * u
+
+
+def _curves(a: Document, b: Document, tolerances: Tolerances) -> Iterator[Row]:
+    """Give the separated curves, entry by entry: the same P-V may hide a turned sign."""
+    first, second = dict(_curves_of(a)), dict(_curves_of(b))
+    for name in dict.fromkeys([*first, *second]):
+        one, two = first.get(name), second.get(name)
+        metric = f"curve.{name}"
+        if one is None or two is None:
+            side, unit = ("B" if one is None else "A", (one or two or ("m",))[-1])
+            yield _whole(metric, name, str(unit), None, f"only in {side}", tolerances)
+            continue
+        (x, y, unit_a), (x_b, y_b, unit_b) = one, two
+        message = ""
+        if unit_a != unit_b:
+            message = f"the units differ: {unit_a} and {unit_b}"
+        elif x != x_b or len(y) != len(y_b):
+            message = "the positions differ, so nothing was subtracted"
+        largest, gaps = (None, "") if message else largest_difference(y, y_b)
+        yield _whole(metric, name, unit_a, largest, message or gaps, tolerances)
+
+
+def _curves_of(document: Document) -> Iterator[tuple[str, tuple[list[Any], list[Any], str]]]:
+    plots = document.get("plots") or {}
+    if plots.get("x_mm"):
+        lines = plots.get("directions") or [plots]
+        for line in lines:
+            values = _flat(line.get("estimate_nm") or [])
+            name = "error" if len(lines) < 2 else f"error, {line.get('direction')}"
+            yield name, (plots["x_mm"], [None if v is None else v * _NM for v in values], "m")
+    separation = document.get("separation") or {}
+    units = separation.get("units") or {}
+    coordinates = [separation.get("coordinates") or {}]
+    for name, values in (separation.get("parts") or {}).items():
+        yield str(name), (coordinates, _flat(values), str(units.get(name) or "m"))
+
+
+def _flat(values: Any) -> list[float | None]:
+    if isinstance(values, list | tuple):
+        return [v for part in values for v in _flat(part)]
+    return [known_number(values, "an entry of a curve")]
+
+
+def _whole(
+    metric: str,
+    name: str,
+    unit: str,
+    largest: float | None,
+    message: str,
+    tolerances: Tolerances,
+) -> Row:
+    return judged_row(
+        metric,
+        f"{name}, largest difference of its entries",
+        unit,
+        (None, None),
+        largest,
+        expanded=None,
+        verdicts=(None, None),
+        tolerances=tolerances,
+        message=message,
+    )
+
+
+def _tables(a: Document, b: Document, tolerances: Tolerances) -> Iterator[Row]:
+    one, two = a.get("table"), b.get("table")
+    if one and two:
+        yield from table_rows(one, two, tolerances=tolerances)
+    elif one or two:
+        side = "A" if one else "B"
+        yield _whole("table", "compensation table", "m", None, f"only in {side}", tolerances)
+
+
+def _inputs(a: Document, b: Document) -> Iterator[str]:
+    both = [
+        [(str(i.get("name")), str(i.get("sha256"))) for i in d.get("inputs") or []] for d in (a, b)
+    ]
+    if both[0] == both[1]:
+        return
+    for side, own, other in (("A", both[0], both[1]), ("B", both[1], both[0])):
+        hashes = {h for _, h in other}
+        for name, digest in own:
+            if digest not in hashes:
+                yield f"only in {side}: {name} (SHA-256 {digest[:12]})"
+    if {h for _, h in both[0]} == {h for _, h in both[1]}:
+        yield "the same content under other names, or in another order"
+
+
+def _versions(a: Document, b: Document) -> Iterator[str]:
+    both = [{"metrosep": d.get("metrosep")} | dict(d.get("versions") or {}) for d in (a, b)]
+    for name in sorted({*both[0], *both[1]}):
+        one, two = (v.get(name) for v in both)
+        if one != two:
+            yield f"{name}: {one or 'none'} and {two or 'none'}"
+
+
+def _limits(a: Document, b: Document) -> Iterator[str]:
+    for x, y in _pairs(_entries(a, "A"), _entries(b, "B")):
+        for key in ("lower", "upper"):
+            if x is not None and y is not None and x.get(key) != y.get(key):
+                yield f"{key} limit of {_metric(x)}: {x.get(key)} and {y.get(key)}"
+
+
+def _other(a: Document, b: Document) -> Iterator[str]:
+    """Give the places of a document that differ beside what the rows tell."""
+    found = [
+        line
+        for key in sorted({*a, *b} - set(_COMPARED) - {"metrosep"})
+        for line in _differing(a.get(key), b.get(key), key)
+    ]
+    yield from found[:_MOST_LINES]
+    if len(found) > _MOST_LINES:
+        yield f"and {len(found) - _MOST_LINES} further places"
+
+
+def _differing(a: Any, b: Any, path: str) -> Iterator[str]:
+    if a == b:
+        return
+    if isinstance(a, Mapping) and isinstance(b, Mapping):
+        for key in sorted({*a, *b}, key=str):
+            yield from _differing(a.get(key), b.get(key), f"{path}.{key}")
+    elif isinstance(a, list) and isinstance(b, list) and len(a) == len(b) and _has_tables(a):
+        for i, (x, y) in enumerate(zip(a, b, strict=True)):
+            yield from _differing(x, y, f"{path}[{i}]")
+    else:
+        yield path
+
+
+def _has_tables(items: list[Any]) -> bool:
+    return any(isinstance(i, Mapping) for i in items)

@@ -1,0 +1,350 @@
+"""What a comparison says: rows of values, what else differs, and whether all of it is equal."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from metrosep.core.errors import DataError, UnitError
+from metrosep.core.units import parse_quantity, parse_unit
+
+__all__ = ["Comparison", "Row", "Tolerances", "judged_row", "known_number", "largest_difference"]
+
+_EVERY = "*"
+_DIMENSIONS = {"m": "length", "rad": "angle", "s": "time", "V": "voltage"}
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One value on both sides.
+
+    Parameters
+    ----------
+    metric, name : str
+        What it is: the metric of a check, and its words.
+    unit : str
+        SI unit of all numbers of the row; ``"1"`` for pure numbers.
+    value_a, value_b : float or None
+        ``None`` where it is not known, or where the row is a largest difference of many entries.
+    difference : float or None
+        b minus a; for entries the largest magnitude. ``None`` where one side is not known.
+    U : float or None
+        Expanded uncertainty of the difference, the root sum of squares of both; ``None`` where
+        one of them is not known.
+    exceeds : bool or None
+        Whether the magnitude of the difference is larger than `U`.
+    tolerance : float or None
+        Allowed magnitude of the difference; ``None`` where equality was asked for.
+    verdict_a, verdict_b : str or None
+        Of the checks.
+    equal : bool
+        Whether the difference is within the tolerance and the verdicts are the same.
+    message : str
+        Why it is not equal, or why nothing could be subtracted; empty otherwise.
+    """
+
+    metric: str
+    name: str
+    unit: str
+    value_a: float | None
+    value_b: float | None
+    difference: float | None
+    U: float | None
+    exceeds: bool | None
+    tolerance: float | None
+    verdict_a: str | None
+    verdict_b: str | None
+    equal: bool
+    message: str = ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the fields as plain values.
+
+        Returns
+        -------
+        dict
+            By name of the field.
+        """
+        return {name: getattr(self, name) for name in self.__slots__}
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """Two results, recipes or tables side by side.
+
+    Parameters
+    ----------
+    kind : {"result", "recipe", "table"}
+        What was compared.
+    rows : tuple of Row
+        Values.
+    recipe : tuple of str
+        Lines of a unified diff of the recipes; empty where they are the same.
+    inputs, versions, other : tuple of str
+        What else differs, a line each: input files, versions of programs, further parts.
+    messages : tuple of str
+        What could not be compared, and why.
+    equal : bool
+        Whether every row is equal and, for recipes, no key differs.
+    """
+
+    kind: str
+    rows: tuple[Row, ...]
+    recipe: tuple[str, ...] = ()
+    inputs: tuple[str, ...] = ()
+    versions: tuple[str, ...] = ()
+    other: tuple[str, ...] = ()
+    messages: tuple[str, ...] = ()
+    equal: bool = True
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values.
+
+        Returns
+        -------
+        dict
+            Schema ``metrosep.comparison/1``.
+        """
+        lists = {
+            k: list(getattr(self, k))
+            for k in ("recipe", "inputs", "versions", "other", "messages")
+        }
+        rows = [row.to_dict() for row in self.rows]
+        return {"schema": "metrosep.comparison/1", "kind": self.kind, "equal": self.equal} | (
+            {"rows": rows} | lists
+        )
+
+
+class Tolerances:
+    """Allowed differences by metric or name; ``"*"`` stands for every row without its own.
+
+    Parameters
+    ----------
+    given : mapping of str to (float or str), optional
+        Magnitudes: numbers in SI, texts with a unit such as ``"5 nm"``, or ``"U"`` for the expanded
+        uncertainty of the difference.
+
+    Raises
+    ------
+    DataError
+        If one is negative, not finite, or neither a number nor a text.
+    """
+
+    def __init__(self, given: Mapping[str, float | str] | None = None) -> None:
+        self._given = dict(given or {})
+        self._used: set[str] = set()
+        for name, value in self._given.items():
+            if isinstance(value, bool) or not isinstance(value, int | float | str):
+                raise DataError(
+                    f'the tolerance of {name} is {value!r}; give a number in SI, "5 nm", or "U"'
+                )
+
+    def of(self, metric: str, name: str, unit: str, expanded: float | None) -> float | None:
+        """Return the tolerance of a row.
+
+        Parameters
+        ----------
+        metric, name : str
+            Of the row.
+        unit : str
+            SI unit.
+        expanded : float or None
+            Expanded uncertainty of the difference.
+
+        Returns
+        -------
+        float or None
+            In SI; ``None`` where none is given, or ``"U"`` is not known.
+
+        Raises
+        ------
+        DataError
+            If it is negative or not finite.
+        UnitError
+            If its unit is not one of the row; with ``"*"`` such a row is left without.
+        """
+        key = next((k for k in (metric, name, _EVERY) if k in self._given), None)
+        if key is None:
+            return None
+        value = self._given[key]
+        if value == "U":
+            self._used.add(key)
+            return expanded
+        if key == _EVERY and isinstance(value, str) and not _has_dimension(value, unit):
+            return None
+        self._used.add(key)
+        number = _in_si(value, unit, f"the tolerance of {key}")
+        if not math.isfinite(number) or number < 0.0:
+            raise DataError(f"the tolerance of {key} is {value}; give a finite one, not below 0")
+        return number
+
+    def asks_for_u(self, metric: str, name: str) -> bool:
+        """Return whether the tolerance of a row is its expanded uncertainty.
+
+        Parameters
+        ----------
+        metric, name : str
+            Of the row.
+
+        Returns
+        -------
+        bool
+            True where ``"U"`` is given for it.
+        """
+        return (
+            next((self._given[k] for k in (metric, name, _EVERY) if k in self._given), "") == "U"
+        )
+
+    def require_used(self, names: list[str]) -> None:
+        """Refuse a tolerance that belongs to no row.
+
+        Parameters
+        ----------
+        names : list of str
+            Metrics that there are.
+
+        Raises
+        ------
+        DataError
+            If one was never asked for: a wrong name would loosen nothing, and nobody would notice.
+        """
+        left = sorted(set(self._given) - self._used - {_EVERY})
+        if left:
+            raise DataError(
+                f"no value is called {left[0]!r}, so its tolerance has no use; there are "
+                + (", ".join(dict.fromkeys(names)) or "none")
+            )
+
+
+def judged_row(
+    metric: str,
+    name: str,
+    unit: str,
+    values: tuple[float | None, float | None],
+    difference: float | None,
+    *,
+    expanded: float | None,
+    verdicts: tuple[str | None, str | None],
+    tolerances: Tolerances,
+    message: str = "",
+) -> Row:
+    """Return a row with its judgement.
+
+    Parameters
+    ----------
+    metric, name, unit : str
+        Of the row.
+    values : tuple of (float or None)
+        Of both sides, in SI.
+    difference : float or None
+        b minus a, or the largest magnitude of many.
+    expanded : float or None
+        Expanded uncertainty of the difference.
+    verdicts : tuple of (str or None)
+        Of both sides.
+    tolerances : Tolerances
+        Allowed differences.
+    message : str, optional
+        Why nothing can be subtracted: the row is different then.
+
+    Returns
+    -------
+    Row
+        Two values that are both not known are equal.
+
+    Raises
+    ------
+    DataError
+        If a tolerance is negative or not finite.
+    UnitError
+        If the unit of a tolerance does not fit.
+    """
+    tolerance = tolerances.of(metric, name, unit, expanded)
+    reasons = [message] if message else []
+    exceeds = None if difference is None or expanded is None else abs(difference) > expanded
+    if not message and difference is None and (values[0] is None) != (values[1] is None):
+        reasons.append(f"not known in {'A' if values[0] is None else 'B'}")
+    if difference is not None and not abs(difference) <= (tolerance or 0.0):
+        reasons.append("differs by more than the tolerance" if tolerance else "differs")
+        if tolerance is None and tolerances.asks_for_u(metric, name):
+            reasons.append("its U is not known on both sides")
+    if verdicts[0] != verdicts[1]:
+        reasons.append(f"verdict {verdicts[0] or 'none'} became {verdicts[1] or 'none'}")
+    return Row(
+        metric, name, unit, *values, difference, expanded, exceeds, tolerance, *verdicts,
+        equal=not reasons, message="; ".join(reasons),
+    )  # fmt: skip
+
+
+def known_number(value: Any, where: str) -> float | None:
+    """Return a number of a document; NaN and infinities are not known.
+
+    Parameters
+    ----------
+    value : object
+        Of a JSON document.
+    where : str
+        What it is, for the message.
+
+    Returns
+    -------
+    float or None
+        In the unit of the document.
+
+    Raises
+    ------
+    DataError
+        If it is neither a number nor null.
+    """
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise DataError(f"{where} is {value!r}, not a number; the document is damaged")
+    return float(value) if math.isfinite(value) else None
+
+
+def largest_difference(
+    a: Sequence[float | None], b: Sequence[float | None]
+) -> tuple[float | None, str]:
+    """Return the largest magnitude of b - a where both are known, and what is known on one side only.
+
+    Parameters
+    ----------
+    a, b : sequence of (float or None)
+        Of the same length.
+
+    Returns
+    -------
+    tuple of (float or None, str)
+        ``None`` where nothing is known on both; a message where gaps are not the same.
+    """
+    pairs = list(zip(a, b, strict=True))
+    known = [abs(y - x) for x, y in pairs if x is not None and y is not None]
+    one_sided = sum((x is None) != (y is None) for x, y in pairs)
+    gaps = f"{one_sided} entries are known on one side only" if one_sided else ""
+    return max(known, default=None), gaps
+
+
+def _has_dimension(text: str, unit: str) -> bool:
+    unit_text = text.strip().lstrip("+-.0123456789eE").strip()
+    dimension = _DIMENSIONS.get(unit)
+    if dimension is None or not unit_text:
+        return unit == "1" and not unit_text
+    return parse_unit(unit_text).dimension == dimension
+
+
+def _in_si(value: float | str, unit: str, name: str) -> float:
+    if not isinstance(value, str):
+        return float(value)
+    dimension = _DIMENSIONS.get(unit)
+    if dimension is not None:
+        try:
+            return parse_quantity(value, dimension=dimension, name=name)
+        except UnitError as exc:
+            raise UnitError(f"{name}: {exc}") from None
+    try:
+        return float(value.removesuffix(unit).strip())
+    except ValueError:
+        raise DataError(f"{name} is {value!r}; write a number in {unit!r}") from None

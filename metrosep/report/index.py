@@ -1,0 +1,290 @@
+"""The index of a batch as one static HTML page: counts, failures first, capability, trends, all units.
+
+The page works without script; a script of a few lines, named by its hash in the page's own policy,
+lets the tables be sorted. Nothing is fetched. Same index, same bytes.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import os
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from metrosep.core.atomic import atomic_write
+from metrosep.parameters.capability import LEAST_VALUES
+from metrosep.report.index_view import (
+    Series,
+    link_of,
+    require_index,
+    series_of,
+    spark_points,
+    status_stamp,
+)
+from metrosep.report.rows import one_line
+from metrosep.report.text import number
+
+__all__ = ["render_index", "write_index"]
+
+Document = Mapping[str, Any]
+
+_ORDER = ("failed", "refused", "rejected", "inconclusive", "measured", "accepted")
+"""The worst first; also how the column of the status is sorted."""
+
+_MOST_COLUMNS, _MOST_CHARTS, _MOST_POINTS = 8, 6, 400
+
+
+def render_index(document: Document, *, folder: str | os.PathLike[str] | None = None) -> str:
+    """Return the page of a batch.
+
+    Parameters
+    ----------
+    document : mapping
+        Content of an index.json (schema ``metrosep.index/1``).
+    folder : str or path, optional
+        Where the page will lie; reports beside the results are linked too where they exist.
+
+    Returns
+    -------
+    str
+        A whole HTML page.
+
+    Raises
+    ------
+    DataError
+        If it is not an index, or is damaged.
+    """
+    from importlib.resources import files
+
+    from jinja2 import Environment, StrictUndefined
+    from markupsafe import Markup
+
+    place = files("metrosep.report").joinpath("templates")
+    script = "\n" + place.joinpath("index.js").read_text("utf-8")
+    digest = base64.b64encode(hashlib.sha256(script.encode("utf-8")).digest()).decode("ascii")
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    source = place.joinpath("index.html.j2").read_text("utf-8")
+    rows, series = require_index(document), series_of(document)
+    shown = [s for s in series if s.trend or any(s.verdicts)] or series
+    columns = shown[:_MOST_COLUMNS]
+    units = [_row(r, i, columns, None if folder is None else Path(folder), document)
+             for i, r in enumerate(rows)]  # fmt: skip
+    page = environment.from_string(source).render(
+        title=one_line(document.get("title") or "Batch"),
+        total=len(rows),
+        counts=_counts(rows),
+        notes=_notes(document),
+        failed=[u for u in units if u["status"] in ("failed", "refused")],
+        doubtful=[u for u in units if u["status"] in ("rejected", "inconclusive")],
+        series=[_series_row(s) for s in series],
+        least=LEAST_VALUES,
+        trends=_trends([s for s in shown if s.trend] or shown),
+        groups=[one_line(g) for g in document.get("groups") or []],
+        columns=[{"label": _label(s), "unit": s.unit} for s in columns],
+        hidden=len(series) - len(columns),
+        rows=units,
+        recipe=one_line((document.get("recipe") or {}).get("sha256") or "not recorded"),
+        version=one_line(document.get("metrosep") or "not recorded"),
+        script=Markup(script),  # noqa: S704  (our own file, no data in it)
+        script_hash=f"sha256-{digest}",
+    )
+    return page if page.endswith("\n") else page + "\n"
+
+
+def write_index(document: Document, path: str | os.PathLike[str]) -> Path:
+    """Write the page of a batch; it appears whole or not at all.
+
+    Parameters
+    ----------
+    document : mapping
+        Content of an index.json.
+    path : str or path
+        File, in the output folder of the batch, so that its links lead to the results.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    DataError
+        If it is not an index, or is damaged.
+    WriteError
+        If it cannot be written.
+    """
+    page = render_index(document, folder=Path(path).parent)
+    return atomic_write(path, page.encode("utf-8", "replace"))
+
+
+def _counts(rows: Sequence[Document]) -> list[dict[str, Any]]:
+    counted = Counter(r.get("status") for r in rows)
+    for status in counted:
+        status_stamp(status)  # refuses an unknown one
+    return [{"n": counted[s], "stamp": status_stamp(s)} for s in _ORDER if counted[s]]
+
+
+def _notes(document: Document) -> list[str]:
+    """Return what the index leaves out, and why."""
+    words = {
+        "other_recipe": "of another recipe",
+        "other_version": "of another version of metrosep",
+        "former_content": "of former contents of the files",
+        "failed_and_gone": "failures of files that are gone",
+    }
+    apart = document.get("apart") or {}
+    texts = [f"{apart[k]} {words.get(k, one_line(k))}" for k in sorted(apart) if apart[k]]
+    return [f"Kept apart, not counted here: {', '.join(texts)}."] if texts else []
+
+
+def _row(
+    row: Document, place: int, columns: Sequence[Series], folder: Path | None, document: Document
+) -> dict[str, Any]:
+    groups = row.get("groups") or {}
+    link = link_of(row.get("link"))
+    return {
+        "unit": one_line(row.get("unit") or "not named"),
+        "groups": [one_line(groups.get(g, "")) for g in document.get("groups") or []],
+        "status": row.get("status"),
+        "stamp": status_stamp(row.get("status")),
+        "rank": _ORDER.index(str(row.get("status"))),
+        "reason": one_line(row.get("reason") or ""),
+        "numbers": [_cell(s.values[place], s) for s in columns],
+        "hash": one_line(row.get("hash") or "")[:12],
+        "link": link,
+        "link_word": str(row.get("link") or "").rpartition("/")[2],
+        "report": None if link is None or folder is None else _report(str(row["link"]), folder),
+    }
+
+
+def _report(link: str, folder: Path) -> str | None:
+    """Return the link to the report beside a result, where there is one."""
+    beside = link.rpartition("/")[0]
+    found = f"{beside}/report.html" if beside else "report.html"
+    try:
+        return link_of(found) if (folder / found).is_file() else None
+    except (OSError, ValueError):
+        return None
+
+
+def _cell(value: float | None, series: Series) -> dict[str, str]:
+    if value is None:
+        return {"raw": "", "text": "–"}
+    return {"raw": repr(value), "text": number(value, 1.0, series.decimals)}
+
+
+def _label(series: Series) -> str:
+    return series.name if len(series.name) <= len(series.metric) else series.metric
+
+
+def _series_row(series: Series) -> dict[str, Any]:
+    known = [v for v in series.values if v is not None]
+    mean = sum(known) / len(known) if known else None
+    sd = None
+    if mean is not None and len(known) > 1:
+        sd = (sum((v - mean) ** 2 for v in known) / (len(known) - 1)) ** 0.5
+    found = series.capability
+    cp = cpk = {"raw": "", "text": "–"}
+    if found is not None:
+        cpk = _index(found.cpk, found.cpk_low, found.cpk_high)
+        if found.cp is not None and found.cp_low is not None and found.cp_high is not None:
+            cp = _index(found.cp, found.cp_low, found.cp_high)
+    name = series.metric if series.metric == series.name else f"{series.metric}: {series.name}"
+    return {
+        "label": name,
+        "unit": series.unit,
+        "n": len(known),
+        "numbers": [
+            _cell(v, series)
+            for v in (min(known, default=None), mean, max(known, default=None), sd)
+        ],
+        "limits": _limits(series),
+        "cp": cp,
+        "cpk": cpk,
+        "spark": [_piece(p) for p in spark_points(_thinned(series.values))],
+    }
+
+
+def _piece(points: Sequence[tuple[float, float]]) -> tuple[str, bool, float, float]:
+    return (" ".join(f"{x:g},{y:g}" for x, y in points), len(points) > 1, *points[0])
+
+
+def _thinned(values: Sequence[float | None]) -> list[float | None]:
+    """Return at most some hundred values: smallest and largest of each cell, gaps as gaps."""
+    if len(values) <= _MOST_POINTS:
+        return list(values)
+    size = -(-2 * len(values) // _MOST_POINTS)
+    found: list[float | None] = []
+    for i in range(0, len(values), size):
+        cell = [(v, j) for j, v in enumerate(values[i : i + size]) if v is not None]
+        if not cell:
+            found += [None, None]
+            continue
+        ends = sorted((min(cell), max(cell)), key=lambda item: item[1])
+        found += [v for v, _ in ends]
+    return found
+
+
+def _index(value: float, low: float, high: float) -> dict[str, str]:
+    text = f"{value:.2f} ({low:.2f} … {high:.2f})".replace("-", "−")
+    return {"raw": repr(value), "text": text}
+
+
+def _limits(series: Series) -> str:
+    if not series.same_limits:
+        return "not the same"
+    low, high = (
+        None if v is None else f"{v:.6g}".replace("-", "−") for v in (series.lower, series.upper)
+    )
+    if low is not None and high is not None:
+        return f"{low} … {high}"
+    if high is not None:
+        return f"≤ {high}"
+    return "–" if low is None else f"≥ {low}"
+
+
+def _trends(series: Sequence[Series]) -> list[dict[str, str]]:
+    from metrosep.plot.style import figure_svg
+    from metrosep.plot.trends import trend_chart
+
+    charts: list[dict[str, str]] = []
+    for each in series:
+        known = [v for v in each.values if v is not None]
+        if len(known) < 2 or len(charts) == _MOST_CHARTS:
+            continue
+        control = each.control
+        drawn = trend_chart(
+            each.values,
+            name=_label(each)[:40],
+            unit=each.unit,
+            control=None if control is None else (control.mean, control.lower, control.upper),
+            ranges=None if control is None else (control.mean_range, control.upper_range),
+            limits=(each.lower, each.upper),
+        )
+        svg = figure_svg(partial(_given, drawn), {})
+        data = base64.b64encode(svg.encode("utf-8")).decode("ascii")
+        title = f"{_label(each)} over the batch"
+        charts.append({"title": title, "caption": _caption(each), "data": data})
+    return charts
+
+
+def _given(figure: Any, _document: Document) -> Any:
+    return figure
+
+
+def _caption(series: Series) -> str:
+    missing = sum(v is None for v in series.values)
+    text = (
+        "Single values above, moving ranges of two neighbours below; parts by name, not by time."
+    )
+    control = series.control
+    if control is not None:
+        out = sum(v is not None and not control.lower <= v <= control.upper for v in series.values)
+        text += f" Beyond the control limits (squares): {out}."
+    return text + (f" Without a value: {missing}; they leave gaps." if missing else "")

@@ -1,0 +1,275 @@
+"""From the index of a batch to the texts, series and links that its page and its workbook show."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+from urllib.parse import quote
+
+from metrosep.core.errors import DataError
+from metrosep.parameters.capability import Capability, ControlLimits, capability_of, control_limits
+from metrosep.report.comparison import known_number
+from metrosep.report.rows import one_line
+from metrosep.report.text import Stamp, decimals_for, readable_unit, stamp
+
+__all__ = [
+    "INDEX_SCHEMA",
+    "Series",
+    "link_of",
+    "require_index",
+    "series_of",
+    "spark_points",
+    "status_stamp",
+]
+
+Document = Mapping[str, Any]
+
+INDEX_SCHEMA = "metrosep.index/1"
+_VERDICTS = {"accepted": "accept", "rejected": "reject", "inconclusive": "inconclusive"}
+_OTHERS = {
+    "measured": stamp(None),
+    "failed": Stamp("FAILED", "!", "#6A1B5A", "The unit could not be measured."),
+    "refused": Stamp("NOT BEGUN", "∅", "#3F4A56", "The unit was not begun."),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Series:
+    """One characteristic over all units of a batch.
+
+    Parameters
+    ----------
+    metric, name : str
+        What it is.
+    unit : str
+        Printed unit of all numbers here; empty for pure ones.
+    factor : float
+        Of the unit, to SI.
+    decimals : int
+        To print.
+    values : tuple of (float or None)
+        By row of the index; ``None`` where it is not there.
+    verdicts : tuple of (str or None)
+        By row.
+    lower, upper : float or None
+        Limits, where they are the same in every row.
+    same_limits : bool
+        Whether they are.
+    capability : Capability or None
+        Of the values, where there are enough and limits.
+    control : ControlLimits or None
+        Of the values in the order of the rows.
+    trend : bool
+        Whether the recipe asks for its trend.
+    """
+
+    metric: str
+    name: str
+    unit: str
+    factor: float
+    decimals: int
+    values: tuple[float | None, ...]
+    verdicts: tuple[str | None, ...]
+    lower: float | None
+    upper: float | None
+    same_limits: bool
+    capability: Capability | None
+    control: ControlLimits | None
+    trend: bool
+
+
+def require_index(document: Any) -> Sequence[Document]:
+    """Return the rows of an index.
+
+    Parameters
+    ----------
+    document : mapping
+        Content of an index.json.
+
+    Returns
+    -------
+    sequence of mapping
+        Its rows.
+
+    Raises
+    ------
+    DataError
+        If it is not an index of a batch, or is damaged.
+    """
+    found = document.get("schema") if isinstance(document, Mapping) else type(document).__name__
+    if found != INDEX_SCHEMA:
+        raise DataError(
+            f"this is not the index of a batch (schema {found!r}, expected {INDEX_SCHEMA!r}); give the "
+            "index.json that 'metrosep batch' wrote"
+        )
+    rows = document.get("rows") or []
+    if not isinstance(rows, Sequence) or not all(isinstance(r, Mapping) for r in rows):
+        raise DataError("the rows of the index are not a list of units; write the index again")
+    return rows
+
+
+def status_stamp(status: Any) -> Stamp:
+    """Return word, symbol and colour of the status of a unit.
+
+    Parameters
+    ----------
+    status : {"accepted", "rejected", "inconclusive", "measured", "failed", "refused"}
+        Of a row.
+
+    Returns
+    -------
+    Stamp
+        That of its verdict, where it has one.
+
+    Raises
+    ------
+    DataError
+        If the status is none of these.
+
+    Examples
+    --------
+    >>> status_stamp("rejected").word, status_stamp("failed").symbol
+    ('REJECT', '!')
+    """
+    if status in _VERDICTS:
+        return stamp(_VERDICTS[status])
+    if status not in _OTHERS:
+        known = ", ".join([*_VERDICTS, *_OTHERS])
+        raise DataError(f"unknown status {status!r} in the index; expected one of {known}")
+    return _OTHERS[status]
+
+
+def link_of(link: Any) -> str | None:
+    """Return a link below the folder of the index, safe in a page.
+
+    Parameters
+    ----------
+    link : object
+        Of a row.
+
+    Returns
+    -------
+    str or None
+        Percent-encoded; ``None`` where it is none, or leads out of the folder.
+
+    Examples
+    --------
+    >>> link_of("part 7/result.json"), link_of("../x"), link_of("javascript:alert(1)")
+    ('part%207/result.json', None, 'javascript%3Aalert%281%29')
+    """
+    if not isinstance(link, str) or not link or link.startswith(("/", "\\")):
+        return None
+    if ".." in link.replace("\\", "/").split("/"):
+        return None
+    return quote(link.encode("utf-8", "replace"), safe="/")
+
+
+def series_of(document: Document) -> list[Series]:
+    """Return the characteristics of a batch, those with a trend first.
+
+    Parameters
+    ----------
+    document : mapping
+        Index of a batch.
+
+    Returns
+    -------
+    list of Series
+        One for each metric, name and SI unit.
+
+    Raises
+    ------
+    DataError
+        If the index is damaged or a verdict is unknown.
+    """
+    rows = require_index(document)
+    found: dict[tuple[str, str, str], dict[int, Document]] = {}
+    for i, row in enumerate(rows):
+        for entry in row.get("characteristics") or []:
+            if not isinstance(entry, Mapping):
+                raise DataError(
+                    "a characteristic of the index is not a value; write the index again"
+                )
+            metric = one_line(
+                entry.get("metric") or entry.get("symbol") or entry.get("name") or "?"
+            )
+            key = (
+                metric,
+                one_line(entry.get("name") or metric),
+                one_line(entry.get("unit") or "1"),
+            )
+            found.setdefault(key, {}).setdefault(i, entry)
+    wanted = {one_line(t) for t in document.get("trend") or []}
+    made = [_series(key, entries, len(rows), wanted) for key, entries in found.items()]
+    return sorted(made, key=lambda s: (not s.trend, not any(s.verdicts)))
+
+
+def _series(
+    key: tuple[str, str, str], entries: Mapping[int, Document], n: int, wanted: set[str]
+) -> Series:
+    metric, name, si = key
+    columns = {
+        k: [known_number(entries.get(i, {}).get(k), f"{k} of {metric}") for i in range(n)]
+        for k in ("value", "lower", "upper", "U", "u")
+    }
+    limits = {(columns["lower"][i], columns["upper"][i]) for i in entries}
+    same = len(limits) == 1
+    lower, upper = next(iter(limits)) if same else (None, None)
+    known = [v for v in columns["value"] if v is not None]
+    shown: list[float | None] = [v for v in (lower, upper) if v] or list(known)
+    unit, factor = readable_unit(shown, si)
+    spreads = [v / factor for k in ("u", "U") for v in columns[k] if v is not None and v > 0.0]
+    largest = max((abs(v) / factor for v in known), default=0.0)
+    verdicts = tuple(entries.get(i, {}).get("verdict") for i in range(n))
+    for verdict in verdicts:
+        stamp(verdict)  # refuses an unknown one
+    values = tuple(None if v is None else v / factor for v in columns["value"])
+    low, high = (None if v is None else v / factor for v in (lower, upper))
+    in_order = low is None or high is None or low < high
+    return Series(
+        metric,
+        name,
+        "" if unit == "1" else unit,
+        factor,
+        min(decimals_for(min(spreads, default=None), largest), 6),
+        values,
+        verdicts,
+        low,
+        high,
+        same,
+        capability_of(values, lower=low, upper=high) if same and in_order else None,
+        control_limits(values),
+        trend=bool(wanted & {metric, name}),
+    )
+
+
+def spark_points(values: Sequence[float | None]) -> list[list[tuple[float, float]]]:
+    """Return the pieces of a sparkline, 100 wide and 20 high; a gap parts them.
+
+    Parameters
+    ----------
+    values : sequence of (float or None)
+        In their order.
+
+    Returns
+    -------
+    list of list of (float, float)
+        Places; the largest value lies on top.
+    """
+    known = [v for v in values if v is not None and math.isfinite(v)]
+    if not known:
+        return []
+    low, high = min(known), max(known)
+    size = (high - low) or 1.0
+    across = max(len(values) - 1, 1)
+    pieces: list[list[tuple[float, float]]] = [[]]
+    for i, value in enumerate(values):
+        if value is None or not math.isfinite(value):
+            pieces.append([])
+            continue
+        pieces[-1].append(
+            (round(100.0 * i / across, 2), round(18.0 - 16.0 * (value - low) / size, 2))
+        )
+    return [p for p in pieces if p]

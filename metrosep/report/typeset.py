@@ -1,0 +1,227 @@
+"""A result as PDF, typeset by typst: hashes and page numbers at each foot, the result attached.
+
+Fonts are those of typst and matplotlib, not of the system, and no clock is read: same document, same
+bytes. A letter that these fonts lack is taken from the fonts of the system.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from metrosep.core.atomic import atomic_write
+from metrosep.core.errors import DataError, UnsupportedFeatureError
+from metrosep.recipe.result import clean
+from metrosep.report.figures import figures_of
+from metrosep.report.view import view
+
+__all__ = ["PDF_STANDARDS", "render_pdf", "write_pdf"]
+
+PDF_STANDARDS = ("a-2b", "a-3b")
+"""For archives. PDF/A-2b may hold no attachment, so the result is left out of it."""
+
+_TIME = 946_684_800
+"""2000-01-01 UTC, as the time of creation: a clock would make other bytes each time."""
+
+_PAGE_WIDTH, _FIGURE_WIDTH, _FIGURE_HEIGHT = 180.0, 150.0, 82.0
+_SHORT = 60
+
+
+def render_pdf(document: Mapping[str, Any], *, standard: str | None = None) -> bytes:
+    """Return the report of a result.
+
+    Parameters
+    ----------
+    document : mapping
+        Content of a result.json.
+    standard : {"a-2b", "a-3b"}, optional
+        PDF/A that it must conform to; plain PDF 1.7 if omitted.
+
+    Returns
+    -------
+    bytes
+        PDF; result.json is attached, except in PDF/A-2b.
+
+    Raises
+    ------
+    DataError
+        If the result is damaged, a verdict is unknown, the standard is none of these, or a letter
+        cannot be set as the standard demands.
+    UnsupportedFeatureError
+        If typst is not installed.
+    """
+    if standard is not None and standard not in PDF_STANDARDS:
+        raise DataError(
+            f"PDF standard {standard!r} is not offered; there are {', '.join(PDF_STANDARDS)}"
+        )
+    typst = _typst()
+    data, figures = _data(document)
+    data |= {"attached": standard != "a-2b", "dated": standard is not None}
+    with TemporaryDirectory(prefix="metrosep-") as name:
+        folder = Path(name)
+        for file, svg in figures.items():
+            (folder / file).write_text(svg, encoding="utf-8")
+        text = json.dumps(data, sort_keys=True, allow_nan=False)
+        (folder / "data.json").write_text(text, encoding="utf-8")
+        (folder / "result.json").write_bytes(_bytes_of(document))
+        (folder / "result.typ").write_text(_template(), encoding="utf-8")
+        try:
+            made = typst.compile(
+                str(folder / "result.typ"),
+                root=str(folder),
+                font_paths=[_own_fonts()],
+                ignore_system_fonts=not _needs_system_fonts(text),
+                format="pdf",
+                pdf_standards=[standard] if standard else [],
+                timestamp=_TIME,
+            )
+        except typst.TypstError as exc:
+            reason = " ".join(str(getattr(exc, "message", exc)).split())
+            raise DataError(
+                f"the PDF could not be set: {reason}; write it without a PDF standard, or as html"
+            ) from exc
+    return bytes(made)
+
+
+def write_pdf(
+    document: Mapping[str, Any], path: str | os.PathLike[str], *, standard: str | None = None
+) -> Path:
+    """Write the report of a result.
+
+    Parameters
+    ----------
+    document : mapping
+        Content of a result.json.
+    path : str or path
+        File.
+    standard : {"a-2b", "a-3b"}, optional
+        PDF/A that it must conform to.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    DataError
+        As `render_pdf`.
+    UnsupportedFeatureError
+        If typst is not installed.
+    WriteError
+        If it cannot be written.
+    """
+    return atomic_write(path, render_pdf(document, standard=standard))
+
+
+def _typst() -> Any:
+    try:
+        import typst
+    except ImportError:
+        raise UnsupportedFeatureError(
+            'PDF reports need typst, which is not installed; install it: pip install "metrosep[pdf]"; '
+            "or ask for the plainer pages of matplotlib: --pdf-engine matplotlib"
+        ) from None
+    return typst
+
+
+@cache
+def _template() -> str:
+    from importlib.resources import files
+
+    return files("metrosep.report").joinpath("templates/result.typ").read_text("utf-8")
+
+
+@cache
+def _own_fonts() -> str:
+    """Return the folder of the fonts that matplotlib brings."""
+    from matplotlib import get_data_path
+
+    return str(Path(get_data_path()) / "fonts" / "ttf")
+
+
+def _needs_system_fonts(text: str) -> bool:
+    """Return whether the data hold a letter that DejaVu Sans lacks."""
+    letters = set(json.loads(f'"{_escapes(text)}"')) if "\\u" in text else set()
+    return any(ord(c) not in _letters() for c in letters)
+
+
+def _escapes(text: str) -> str:
+    return "".join(re.findall(r"\\u[0-9a-f]{4}", text))
+
+
+@cache
+def _letters() -> frozenset[int]:
+    from matplotlib.ft2font import FT2Font
+
+    return frozenset(FT2Font(str(Path(_own_fonts()) / "DejaVuSans.ttf")).get_charmap())
+
+
+def _bytes_of(document: Mapping[str, Any]) -> bytes:
+    text = json.dumps(clean(document), indent=1, sort_keys=True, allow_nan=False)
+    return (text + "\n").encode("utf-8")
+
+
+def _data(document: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, str]]:
+    """Return what the template reads, and the figures by file name."""
+    shown = view(document)
+    drawings = figures_of(document)
+    figures = [
+        {
+            "file": f"figure-{i}.svg",
+            "title": f.title,
+            "caption": f.caption,
+            "width": _width(f.svg),
+        }
+        for i, f in enumerate(drawings, start=1)
+    ]
+    recipe = shown["recipe"]
+    if recipe is not None:
+        lines = [_printable(line) for line in str(recipe.get("text") or "").splitlines()]
+        recipe = {"sha256": str(recipe.get("sha256") or "none"), "lines": lines}
+    stamps = [
+        {**c, "stamp": None if c["stamp"] is None else c["stamp"]._asdict()}
+        for c in shown["characteristics"]
+    ]
+    title = _printable(str(shown["title"]))
+    data = _tidied({k: v for k, v in shown.items() if k != "stamp"})
+    data |= {
+        "title": title,
+        "short_title": title if len(title) <= _SHORT else title[: _SHORT - 1] + "…",
+        "stamp": shown["stamp"]._asdict(),
+        "characteristics": _tidied(stamps),
+        "figures": _tidied(figures),
+        "recipe": recipe,
+    }
+    return data, {f"figure-{i}.svg": f.svg for i, f in enumerate(drawings, start=1)}
+
+
+def _width(svg: str) -> float:
+    """Return the width in mm at which a figure fits the page beside others."""
+    found = re.search(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', svg)
+    if found is None:
+        return _FIGURE_WIDTH
+    across, down = (float(v) for v in found.groups())
+    return round(min(_FIGURE_WIDTH, _FIGURE_HEIGHT * across / down, _PAGE_WIDTH), 2)
+
+
+def _tidied(value: Any) -> Any:
+    """Return nested texts without control characters; lines of a program stay lines."""
+    if isinstance(value, Mapping):
+        return {str(k): _tidied(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_tidied(v) for v in value]
+    return _printable(value) if isinstance(value, str) else value
+
+
+def _printable(text: str) -> str:
+    return "".join(
+        c if c == "\n" or (c.isprintable() and not "\ud800" <= c <= "\udfff") else " "
+        for c in text
+    )

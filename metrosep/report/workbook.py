@@ -1,0 +1,296 @@
+"""A result as a workbook (xlsx): summary, characteristics, curves and provenance on four sheets.
+
+Texts are texts: nothing in a cell is taken for a formula or a link. Same document, same bytes.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+from collections.abc import Mapping, Sequence
+from datetime import datetime
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from metrosep.core.atomic import atomic_write
+from metrosep.core.errors import UnsupportedFeatureError
+from metrosep.report.curves import curve_columns
+from metrosep.report.rows import CharacteristicRow, characteristic_rows, one_line
+from metrosep.report.text import decimals_for, readable_unit, stamp
+from metrosep.report.view import view
+
+__all__ = ["new_workbook", "render_workbook", "write_text", "write_workbook"]
+
+Workbook = Any
+Worksheet = Any
+"""Of xlsxwriter, which has no type hints."""
+
+_DATE = datetime(2000, 1, 1)
+"""Of every workbook: a clock would make other bytes each time."""
+
+_MOST_LETTERS = 32_000
+"""In one cell; longer texts go on in the next row."""
+
+_MOST_ROWS = 1_048_000
+
+_HEADS = (
+    ("characteristic", 46), ("metric", 14), ("value", 14), ("unit", 8), ("lower", 12), ("upper", 12),
+    ("u", 12), ("U", 12), ("guard band", 12), ("verdict", 18), ("definition", 80),
+)  # fmt: skip
+
+
+def render_workbook(document: Mapping[str, Any]) -> bytes:
+    """Return a result as the bytes of an xlsx file.
+
+    Parameters
+    ----------
+    document : mapping
+        Content of a result.json.
+
+    Returns
+    -------
+    bytes
+        Sheets Summary, Characteristics, Profiles, Provenance.
+
+    Raises
+    ------
+    DataError
+        If the result is damaged, or a verdict is unknown.
+    UnsupportedFeatureError
+        If xlsxwriter is not installed.
+    """
+    shown, rows = view(document), characteristic_rows(document)
+    stream = io.BytesIO()
+    book = new_workbook(stream, one_line(shown["title"]))
+    _summary(book, document, shown)
+    _characteristics(book, rows)
+    _profiles(book, document)
+    _provenance(book, document, shown)
+    book.close()
+    return stream.getvalue()
+
+
+def write_workbook(document: Mapping[str, Any], path: str | os.PathLike[str]) -> Path:
+    """Write a result as an xlsx file.
+
+    Parameters
+    ----------
+    document : mapping
+        Content of a result.json.
+    path : str or path
+        File.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    DataError
+        If the result is damaged, or a verdict is unknown.
+    UnsupportedFeatureError
+        If xlsxwriter is not installed.
+    WriteError
+        If it cannot be written.
+    """
+    return atomic_write(path, render_workbook(document))
+
+
+def new_workbook(stream: io.BytesIO, title: str) -> Workbook:
+    """Return an empty workbook without clock, formulas and links.
+
+    Parameters
+    ----------
+    stream : BytesIO
+        Where it is written when it is closed.
+    title : str
+        Of its properties.
+
+    Returns
+    -------
+    xlsxwriter Workbook
+        To be filled and closed.
+
+    Raises
+    ------
+    UnsupportedFeatureError
+        If xlsxwriter is not installed.
+    """
+    try:
+        xlsxwriter = import_module("xlsxwriter")
+    except ImportError:
+        raise UnsupportedFeatureError(
+            "workbooks need xlsxwriter, which is not installed; install it: pip install "
+            '"metrosep[xlsx]"'
+        ) from None
+    book = xlsxwriter.Workbook(
+        stream,
+        {
+            "in_memory": True,
+            "strings_to_formulas": False,
+            "strings_to_urls": False,
+            "strings_to_numbers": False,
+        },
+    )
+    book.set_properties({"title": title[:250], "author": "metrosep", "created": _DATE})
+    return book
+
+
+def write_text(sheet: Worksheet, row: int, column: int, text: Any, style: Any = None) -> int:
+    """Write a text, over several rows where a cell cannot hold it.
+
+    Parameters
+    ----------
+    sheet : xlsxwriter Worksheet
+        To write to.
+    row, column : int
+        First cell, from 0.
+    text : object
+        Of a document.
+    style : xlsxwriter Format, optional
+        Of the cells.
+
+    Returns
+    -------
+    int
+        The next free row.
+    """
+    line = one_line(text)
+    pieces = [line[i : i + _MOST_LETTERS] for i in range(0, len(line), _MOST_LETTERS)] or [""]
+    for i, piece in enumerate(pieces):
+        sheet.write_string(row + i, column, piece, style)
+    return row + len(pieces)
+
+
+def _sheet(book: Workbook, name: str, widths: Sequence[int]) -> Worksheet:
+    sheet = book.add_worksheet(name)
+    for i, width in enumerate(widths):
+        sheet.set_column(i, i, width)
+    sheet.set_paper(9)
+    sheet.set_landscape()
+    sheet.fit_to_pages(1, 0)
+    sheet.set_footer("&L&A&RPage &P of &N")
+    return sheet
+
+
+def _verdict_style(book: Workbook, verdict: str | None) -> Any:
+    colour = stamp(verdict).colour
+    return book.add_format({"bold": True, "font_color": "#FFFFFF", "bg_color": colour})
+
+
+def _summary(book: Workbook, document: Mapping[str, Any], shown: Mapping[str, Any]) -> None:
+    sheet = _sheet(book, "Summary", (34, 90))
+    bold, soft = (
+        book.add_format({"bold": True, "font_size": 14}),
+        book.add_format({"italic": True}),
+    )
+    wrapped = book.add_format({"text_wrap": True, "valign": "top"})
+    row = write_text(sheet, 0, 0, shown["title"], bold)
+    mark = shown["stamp"]
+    verdict = document.get("verdict")
+    sheet.write_string(row, 0, f"{mark.symbol} {mark.word}", _verdict_style(book, verdict))
+    row = write_text(sheet, row, 1, mark.meaning)
+    if shown["decision_rule"] and verdict is not None:
+        sheet.write_string(row, 0, "Decision rule")
+        row = write_text(sheet, row, 1, shown["decision_rule"], wrapped)
+    facts = [*shown["summary"], *((shown["table"] or {}).get("rows") or [])]
+    for name, value in facts:
+        sheet.write_string(row, 0, one_line(name))
+        row = write_text(sheet, row, 1, value, wrapped)
+    for message in shown["messages"]:
+        sheet.write_string(row, 0, "Note", soft)
+        row = write_text(sheet, row, 1, message, wrapped)
+    _picture(sheet, document, row + 1)
+
+
+def _picture(sheet: Worksheet, document: Mapping[str, Any], row: int) -> None:
+    """Insert the first figure of the result."""
+    from metrosep.plot import drawable, figure_png
+
+    for name, draw in drawable(document).items():
+        data = io.BytesIO(figure_png(draw, document, dpi=150.0))
+        options = {"image_data": data, "x_scale": 0.75, "y_scale": 0.75, "description": name}
+        sheet.insert_image(row, 0, f"{name}.png", options)
+        return
+
+
+def _characteristics(book: Workbook, rows: Sequence[CharacteristicRow]) -> None:
+    sheet = _sheet(book, "Characteristics", [w for _, w in _HEADS])
+    head = book.add_format({"bold": True, "bottom": 1})
+    for i, (name, _) in enumerate(_HEADS):
+        sheet.write_string(0, i, name, head)
+    sheet.freeze_panes(1, 1)
+    styles: dict[str | None, Any] = {}
+    for i, row in enumerate(rows, start=1):
+        unit, factor, decimals = _printed(row)
+        digits = book.add_format({"num_format": "0." + "0" * decimals if decimals else "0"})
+        sheet.write_string(i, 0, row.name[:_MOST_LETTERS])
+        sheet.write_string(i, 1, row.metric[:_MOST_LETTERS])
+        sheet.write_string(i, 3, "" if unit == "1" else unit[:_MOST_LETTERS])
+        for column, value in ((2, row.value), (6, row.u), (7, row.U), (8, row.guard)):
+            _number(sheet, i, column, value, factor, digits)
+        for column, value in ((4, row.lower), (5, row.upper)):
+            _number(sheet, i, column, value, factor, None)
+        if row.verdict is not None:
+            mark = stamp(row.verdict)
+            if row.verdict not in styles:
+                styles[row.verdict] = _verdict_style(book, row.verdict)
+            sheet.write_string(i, 9, f"{mark.symbol} {mark.word}", styles[row.verdict])
+        sheet.write_string(i, 10, row.definition[:_MOST_LETTERS])
+    if rows:
+        sheet.autofilter(0, 0, len(rows), len(_HEADS) - 1)
+
+
+def _printed(row: CharacteristicRow) -> tuple[str, float, int]:
+    """Return the unit of a row, its factor to SI, and the decimals to show."""
+    numbers: list[float | None] = [row.value] if row.value else [row.lower, row.upper]
+    unit, factor = readable_unit(numbers, row.unit)
+    largest = max((abs(n) / factor for n in numbers if n is not None), default=0.0)
+    spread = row.u if row.u is not None else row.U
+    return unit, factor, decimals_for(None if spread is None else spread / factor, largest)
+
+
+def _number(
+    sheet: Worksheet, row: int, column: int, value: float | None, factor: float, style: Any
+) -> None:
+    if value is not None:
+        sheet.write_number(row, column, value / factor, style)
+
+
+def _profiles(book: Workbook, document: Mapping[str, Any]) -> None:
+    """Write every curve of the result as a column, gaps as empty cells."""
+    columns = curve_columns(document)
+    sheet = _sheet(book, "Profiles", [16] * len(columns))
+    bold = book.add_format({"bold": True, "text_wrap": True, "valign": "top"})
+    if not columns:
+        sheet.write_string(0, 0, "The result holds no curves.")
+    for i, (chart, name, unit, values) in enumerate(columns):
+        for row, text in enumerate((chart, name, unit)):
+            sheet.write_string(row, i, one_line(text)[:_MOST_LETTERS], bold)
+        for row, value in enumerate(values[:_MOST_ROWS], start=3):
+            if value is not None:
+                sheet.write_number(row, i, value)
+    sheet.freeze_panes(3, 0)
+
+
+def _provenance(book: Workbook, document: Mapping[str, Any], shown: Mapping[str, Any]) -> None:
+    sheet = _sheet(book, "Provenance", (30, 100))
+    head, row = book.add_format({"bold": True}), 0
+    inputs = [
+        (i["name"], f"{i['format']}, {i['size']}, SHA-256 {i['sha256']}") for i in shown["inputs"]
+    ]
+    steps = [(s["name"], f"{s['parameters']} (metrosep {s['version']})") for s in shown["steps"]]
+    versions = [("metrosep", shown["version"]), *shown["versions"]]
+    recipe = shown["recipe"] or {}
+    text = [("", line) for line in str(recipe.get("text") or "").splitlines()]
+    hashes = [("SHA-256", recipe.get("sha256") or "–")] if recipe else []
+    groups = (("Input", inputs), ("Steps", steps), ("Versions", versions))
+    for title, facts in (*groups, ("Recipe", [*hashes, *text])):
+        sheet.write_string(row, 0, title, head)
+        row += 1
+        for name, value in facts:
+            sheet.write_string(row, 0, one_line(name)[:_MOST_LETTERS])
+            row = write_text(sheet, row, 1, value)
+        row += 1

@@ -1,0 +1,243 @@
+"""Ranking, report and comparison: what the tabs show is what the library gives."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytestmark = pytest.mark.browser
+
+FULL = "document.querySelector('#status-full.done') !== null"
+LONG = 120.0
+"""Seconds: the figures of a report, on a busy computer."""
+EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "fts_lathe"
+
+Opened = Callable[..., Any]
+
+
+def settled(page: Any, act: Callable[[], Any]) -> None:
+    """Do something that edits the recipe, and wait for the full result."""
+    before = page.run("document.body.dataset.full ?? ''")
+    act()
+    page.wait(f"document.body.dataset.full !== {json.dumps(before)}")
+    page.wait(FULL)
+
+
+def terms(page: Any) -> list[str]:
+    """Return the terms of the ranking, from above."""
+    found: list[str] = page.run(
+        "[...document.querySelectorAll('.ranking tbody tr')].map((r) => r.dataset.row)"
+    )
+    return found
+
+
+@pytest.fixture
+def lathe(tmp_path: Path) -> Path:
+    """The example of a fast tool servo on a lathe."""
+    folder = tmp_path / "lathe"
+    shutil.copytree(EXAMPLE, folder)
+    return folder / "recipe.toml"
+
+
+def wait_terms(page: Any, first: str) -> None:
+    page.wait(f"document.querySelector('.ranking tbody tr')?.dataset.row === {json.dumps(first)}")
+    page.wait("!document.querySelector('#panel-ranking .outdated')")
+
+
+# ---- ranking ---------------------------------------------------------------------------------
+
+
+def test_ranking_is_edited_in_place_and_undone(opened: Opened, lathe: Path) -> None:
+    page = opened(lathe)
+    wait_terms(page, "B0Z")
+    assert terms(page)[:3] == ["B0Z", "EXX", "EYX"]
+    assert "82.28\u2009nm" in page.text("[data-row=B0Z] .ranking-cell")  # papers.md 4.3: 82.3
+    assert "82.0\u2009%" in page.text("[data-row=B0Z]")
+    assert page.run("document.querySelector('[data-size=B0Z]').value") == "0.001 deg"
+    assert "EZX" in page.text(".ranking-hidden")
+
+    settled(page, lambda: page.click("[data-term=B0Z]"))  # off
+    wait_terms(page, "EXX")
+    assert "B0Z" in page.text(".ranking-hidden")
+    settled(page, lambda: page.click(".ranking-hidden [data-term=B0Z]"))
+    wait_terms(page, "B0Z")
+
+    page.run("document.querySelector('[data-size=EXX]').value = ''")
+    settled(page, lambda: (page.fill("[data-size=EXX]", "4 um"), page.press("Enter")))
+    wait_terms(page, "EXX")
+    assert "132.1\u2009nm" in page.text("[data-row=EXX] .ranking-cell")
+    assert 'EXX = "4 um"' in page.run(
+        "document.querySelector('#recipe').click(), document.querySelector('dialog pre').textContent"
+    )
+    page.press("Escape")
+    page.run("document.activeElement.blur()")
+    settled(page, lambda: page.press("z"))
+    wait_terms(page, "B0Z")
+    assert page.errors == []
+
+
+def test_a_size_that_no_machine_has_is_refused_and_mended_in_place(
+    opened: Opened, lathe: Path
+) -> None:
+    page = opened(lathe)
+    wait_terms(page, "B0Z")
+    page.fill("[data-size=EXX]", "20 mm")
+    page.press("Enter")
+    page.wait("document.querySelector('.ranking-state').textContent.includes('beyond 10 mm')")
+    assert page.run("document.querySelector('#panel-ranking .outdated') !== null")
+    page.fill("[data-size=EXX]", "20 um")
+    page.press("Enter")
+    wait_terms(page, "EXX")
+    assert page.text(".ranking-state") == ""
+
+
+def test_ranking_by_wavefront_is_an_edit(opened: Opened, lathe: Path) -> None:
+    page = opened(lathe)
+    wait_terms(page, "B0Z")
+    form = page.text("[data-row=EXX] .ranking-cell")
+    settled(page, lambda: page.click("#panel-ranking input[value=wavefront]"))
+    page.wait("document.querySelector('#panel-ranking input[value=wavefront]').checked")
+    page.wait("!document.querySelector('#panel-ranking .outdated')")
+    assert page.text("[data-row=EXX] .ranking-cell") != form
+    page.click("#panel-ranking [data-sort=term]")
+    assert terms(page) == sorted(terms(page))
+
+
+# ---- report ----------------------------------------------------------------------------------
+
+
+def test_report_is_shown_without_scripts_and_written(opened: Opened, map_file: Path) -> None:
+    from metrosep.io.read import read
+    from metrosep.recipe.recipe import Recipe
+    from metrosep.report import render_html
+
+    page = opened(map_file)
+    page.click("#tab-report")
+    page.wait(
+        "document.querySelector('#panel-report').dataset.of === document.body.dataset.full", LONG
+    )
+    frame = "document.querySelector('.report-frame')"
+    assert page.run(f"{frame}.getAttribute('sandbox')") == ""
+    text = page.run(
+        "document.querySelector('#recipe').click(), document.querySelector('dialog pre').textContent"
+    )
+    page.press("Escape")
+    result = Recipe.parse(text, name="bowl.toml", folder=map_file.parent).run([map_file])
+    assert read(map_file).z.size == 360_000
+    assert page.run(f"{frame}.srcdoc") == render_html(result.document)
+    assert not page.run("document.querySelector('#report-make').disabled")
+
+    page.click("#report-make")
+    page.press("Enter")
+    page.wait("document.querySelector('#status-link').textContent.startsWith('written')")
+    assert (map_file.parent / "bowl_report.html").read_text("utf-8") == render_html(
+        result.document
+    )
+    assert page.errors == []
+    assert [
+        r
+        for r in page.requests
+        if not r.startswith(("http://127.0.0.1", "ws://127.0.0.1", "data:", "about:"))
+    ] == []
+
+
+def test_report_is_not_made_of_an_outdated_result(opened: Opened, map_file: Path) -> None:
+    page = opened(map_file)
+    page.click("#tab-report")
+    page.wait(
+        "document.querySelector('#panel-report').dataset.of === document.body.dataset.full", LONG
+    )
+    page.run(
+        """(() => {
+          window.seen = [];
+          const make = document.querySelector('#report-make');
+          new MutationObserver(() => window.seen.push(make.disabled)).observe(make, { attributes: true });
+        })()"""
+    )
+    settled(page, lambda: page.click('[aria-label="Step 1, form: on"]'))
+    page.wait(
+        "document.querySelector('#panel-report').dataset.of === document.body.dataset.full", LONG
+    )
+    assert page.run("window.seen")[0] is True
+    assert not page.run("document.querySelector('#report-make').disabled")
+
+
+# ---- compare ---------------------------------------------------------------------------------
+
+
+def pin(page: Any, name: str) -> None:
+    page.click("#compare-pin")
+    page.fill("dialog input[name=label]", name)
+    page.press("Enter")
+    page.wait(f"document.querySelector('#compare-with').value === {json.dumps(f'pin {name}')}")
+
+
+def test_pinned_result_beside_the_present_one(opened: Opened, map_file: Path) -> None:
+    page = opened(map_file)
+    page.click("#tab-compare")
+    pin(page, "with form")
+    page.wait("document.querySelector('.compare tbody tr') !== null")
+    assert "the same" in page.text('.compare [data-metric="Sz"]')
+    settled(page, lambda: page.click('[aria-label="Step 1, form: on"]'))
+    page.wait(
+        "document.querySelector('#panel-compare').dataset.of === document.body.dataset.full", LONG
+    )
+    page.wait("document.querySelector('.compare-picture').dataset.drawn === 'map'")
+    row = page.text('.compare [data-metric="Sz"]')
+    assert "U not known" in row
+    assert "enabled = false" in page.text(".diff")
+    assert "difference map: P-V" in page.text(".difference-title")
+    drawn = page.run(
+        """(() => { const c = document.querySelector('.compare-picture .map canvas');
+          const d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;
+          const seen = new Set();
+          for (let i = 0; i < d.length; i += 404) seen.add(`${d[i]},${d[i + 1]},${d[i + 2]}`);
+          return seen.size; })()"""
+    )
+    assert drawn > 20  # a plane of many colours
+    page.click("#compare-unpin")
+    page.wait("document.querySelector('#compare-with').value === ''")
+    assert page.errors == []
+
+
+def runs_file(path: Path, amplitude: float) -> Path:
+    """Three runs with a wave that keeps its place."""
+    rng = np.random.default_rng(8)
+    x = np.linspace(0.0, 40e-3, 401)
+    rows = ["run,x_mm,z_um"]
+    for k in range(3):
+        z = amplitude * np.sin(2 * np.pi * x / 8e-3) + 2e-9 * rng.standard_normal(x.size)
+        rows += [f"{k},{1e3 * a:.6g},{1e6 * b:.8g}" for a, b in zip(x, z, strict=True)]
+    path.write_text("\n".join(rows) + "\n", "ascii")
+    return path
+
+
+def test_another_file_by_the_same_recipe_is_overlaid(opened: Opened, tmp_path: Path) -> None:
+    runs_file(tmp_path / "a.csv", 1e-6)
+    other = runs_file(tmp_path / "b.csv", 0.4e-6)
+    recipe = tmp_path / "mean.toml"
+    recipe.write_text(
+        'metrosep = 1\n[input]\nfiles = ["a.csv"]\nx = "x_mm"\nz = "z_um"\nrun = "run"\n'
+        '[[step]]\nop = "separate"\nmethod = "mean"\n',
+        "utf-8",
+    )
+    page = opened(recipe)
+    page.click("#tab-compare")
+    page.wait("document.querySelector('#compare-with option[value=files]') !== null")
+    page.run(
+        "(() => { const s = document.querySelector('#compare-with'); s.value = 'files'; s.dispatchEvent(new Event('change')); })()"
+    )
+    page.wait("document.querySelector('dialog input[name=path]') !== null")
+    page.fill("dialog input[name=path]", str(other))
+    page.press("Enter")
+    page.wait("document.querySelector('.compare-picture').dataset.drawn === 'curves'", LONG)
+    assert "curve.error" in page.text(".compare tbody")
+    assert page.text(".compare-picture").count("b.csv") == 2
+    assert "The recipes are the same." in page.text(".compare-rows")
+    assert page.errors == []

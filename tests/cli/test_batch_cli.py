@@ -1,0 +1,152 @@
+"""``metrosep batch``: exit codes, what goes where, and words for what is wrong."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import metrosep as ms
+from metrosep.cli.batches import _duration
+from metrosep.cli.main import main
+
+RECIPE = """metrosep = 1
+[input]
+files = ["*.x3p"]
+[[step]]
+op = "parameters"
+names = ["PV"]
+[[check]]
+metric = "PV"
+upper = "{upper}"
+U = "1 nm"
+"""
+PV = 100e-9  # m
+
+
+@pytest.fixture
+def home(tmp_path, monkeypatch):
+    wave = np.zeros((20, 20))
+    wave[3, 4] = PV
+    for name in ("a", "b"):
+        (tmp_path / "in").mkdir(exist_ok=True)
+        ms.write(ms.Surface(wave, 1e-6, 1e-6), tmp_path / "in" / f"{name}.x3p")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def call(home, *words, upper="200 nm"):
+    (home / "r.toml").write_text(RECIPE.format(upper=upper))
+    with pytest.raises(SystemExit) as end:
+        main(["batch", "r.toml", "in", "-o", "qa", "--scheduler", "serial", *words])
+    return end.value.code
+
+
+@pytest.mark.parametrize(
+    ("upper", "bad", "code"),
+    [
+        ("200 nm", False, 0),
+        ("50 nm", False, 1),
+        ("100 nm", False, 3),
+        ("200 nm", True, 6),
+        ("50 nm", True, 6),
+    ],
+)
+def test_exit_codes(home, upper, bad, code):
+    if bad:
+        (home / "in/c.x3p").write_bytes(b"junk")
+    assert call(home, upper=upper) == code
+    assert call(home, upper=upper) == code  # resumed: the same answer
+
+
+def test_one_line_for_each_file_and_nothing_on_standard_output(home, capsys):
+    (home / "in/c.x3p").write_bytes(b"junk")
+    call(home)
+    out, err = capsys.readouterr()
+    lines = err.splitlines()
+    assert out == ""
+    assert lines[0] == "metrosep: 1/3 accepted a.x3p"
+    assert lines[2].startswith("metrosep: 3/3 failed c.x3p: ")
+    assert lines[3].startswith("3 units: 2 accepted, 1 failed; ")
+    assert lines[4].startswith("index    ")
+
+
+def test_quiet_is_silent(home, capsys):
+    assert call(home, "-q") == 0
+    assert capsys.readouterr() == ("", "")
+
+
+def test_json_is_one_object(home, capsys):
+    assert call(home, "--json", upper="50 nm") == 1
+    found = json.loads(capsys.readouterr().out)
+    assert found["counts"]["rejected"] == 2
+    assert found["exit_code"] == 1
+    assert [r["unit"] for r in found["rows"]] == ["a.x3p", "b.x3p"]
+    (pv,) = [c for c in found["rows"][0]["characteristics"] if c["metric"] == "PV"]
+    tolerance = 1e-15  # m: floats of .x3p
+    assert abs(pv["value"] - PV) < tolerance
+
+
+def test_fresh_and_resume(home, capsys):
+    call(home)
+    call(home)
+    assert "(2 done before)" in capsys.readouterr().err
+    call(home, "--fresh")
+    assert "done before" not in capsys.readouterr().err
+
+
+def test_dry_run_lists(home, capsys):
+    assert call(home, "--dry-run") == 0
+    err = capsys.readouterr().err
+    assert "to do        a.x3p -> a/" in err
+    assert not (home / "qa").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "text"),
+    [
+        (["--scheduler", "slurm"], 2, "scheduler 'slurm' is not known"),
+        (["--workers", "0"], 2, "workers = 0"),
+        (["--every", "3"], 2, "--every needs --watch"),
+        (["--watch", "--every", "-1"], 2, "watch = -1.0"),
+    ],
+)
+def test_wrong_options(home, capsys, words, code, text):
+    assert call(home, *words) == code
+    err = capsys.readouterr().err
+    assert text in err
+    assert "Traceback" not in err
+
+
+def test_a_folder_without_inputs_is_unreadable(home, capsys):
+    (home / "r.toml").write_text(RECIPE.format(upper="1 nm"))
+    (home / "empty").mkdir()
+    with pytest.raises(SystemExit) as end:
+        main(["batch", "r.toml", "empty", "-o", "qa"])
+    assert end.value.code == 4
+    assert "no file matches *.x3p" in capsys.readouterr().err
+
+
+def test_on_a_terminal_there_is_a_bar(home, capsys, monkeypatch):
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    monkeypatch.setitem(__import__("sys").modules, "rich.console", None)  # not installed
+    (home / "in/c.x3p").write_bytes(b"junk")
+    call(home)
+    err = capsys.readouterr().err
+    assert "\r\033[K1/3 units" in err
+    assert "failed c.x3p" in err
+
+
+@pytest.mark.parametrize(
+    ("seconds", "words"),
+    [
+        (0.4, "0 s"),
+        (59.4, "59 s"),
+        (61, "1 min 01 s"),
+        (3599.7, "1 h 00 min"),
+        (7260, "2 h 01 min"),
+    ],
+)
+def test_durations(seconds, words):
+    assert _duration(seconds) == words

@@ -1,0 +1,159 @@
+"""Time what a hand waits for in the workbench, in headless Chromium.
+
+    python tools/bench_workbench.py [--folder DIR] [--rounds 9]
+
+Prints the first picture of a 4096 x 4096 float32 map (26 % not measured), the preview of a form step
+on it, and the move of a limit on a profile of 10^6 points: medians in ms, beside what is wanted.
+Nothing is asserted: seconds belong to a computer.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import statistics
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+
+from chromium import browser, workbench
+
+N = 4096
+POINTS = 10**6
+FULL = "document.querySelector('#status-full.done') !== null"
+WATCH = """(() => {
+  window.times = [];
+  new MutationObserver((all) => { for (const one of all) window.times.push([one.attributeName, performance.now()]); })
+    .observe(document.body, { attributes: true });
+  window.since = (what, start) => new Promise((done) => {
+    const look = () => {
+      const found = window.times.find(([name, at]) => name === `data-${what}` && at > start);
+      if (found) requestAnimationFrame(() => done(performance.now() - start)); else setTimeout(look, 1);
+    };
+    look();
+  });
+})()"""
+
+
+def make_map(path: Path) -> None:
+    """Write a bowl with waves and noise, seen through a circle, with dropouts: 26 % invalid."""
+    y, x = np.mgrid[-1 : 1 : N * 1j, -1 : 1 : N * 1j]
+    rng = np.random.default_rng(0)
+    z = 1e-6 * (x * x + y * y) + 40e-9 * np.cos(60 * x) + 5e-9 * rng.standard_normal((N, N))
+    z[(x * x + y * y > 0.98) | (rng.random((N, N)) < 0.04)] = np.nan
+    np.save(path, z.astype(np.float32))
+
+
+def make_profile(path: Path) -> None:
+    """Write two waves with noise."""
+    x = np.arange(POINTS) * 1e-6
+    rng = np.random.default_rng(1)
+    z = 1e-6 * np.cos(2 * np.pi * x / 0.02) + 1e-7 * np.cos(2 * np.pi * x / 1e-4)
+    z += 1e-8 * rng.standard_normal(POINTS)
+    rows = np.stack([x * 1e3, z * 1e6], axis=1)
+    np.savetxt(path, rows, fmt="%.7g", delimiter=",", header="x_mm,z_um", comments="")
+
+
+def recipe(path: Path, name: str, form: str, reading: str) -> Path:
+    """Write the recipe that the page opens: what such a file does not say stands in it."""
+    path.write_text(
+        f'metrosep = 1\n[input]\nfiles = ["{name}"]\n{reading}\n[[step]]\nop = "form"\nform = "{form}"\n'
+        '[[step]]\nop = "parameters"\n'
+    )
+    return path
+
+
+def first_picture(page: Any, file: Path) -> float:
+    """Open a file by the dialog; return ms from Enter to the first picture."""
+    with workbench(None, folder=file.parent) as address:
+        page.go(address)
+        page.wait("document.querySelector('#colours').options.length > 0")  # the page is at work
+        page.wait("performance.now() > 1500")
+        page.run(WATCH)
+        page.press("o")
+        page.wait("document.querySelector('dialog[open]') !== null")
+        page.fill("dialog input", str(file))
+        page.run("window.start = performance.now()")
+        page.press("Enter")
+        waited = float(page.run("window.since('maps', window.start)"))
+        page.go("about:blank")
+    return waited
+
+
+def form_preview(page: Any, file: Path, rounds: int) -> list[float]:
+    """Switch the form off and on; return ms from the click to the picture."""
+    times = []
+    with workbench(file) as address:
+        page.go(address)
+        page.wait(FULL, 120)
+        page.run(WATCH)
+        for _ in range(rounds):
+            before = page.run("document.body.dataset.full")
+            script = """(async () => { window.times.length = 0; const start = performance.now();
+              document.querySelector('[aria-label="Step 1, form: on"]').click();
+              return window.since('maps', start); })()"""
+            times.append(float(page.run(script)))
+            page.wait(f"document.body.dataset.full !== {json.dumps(before)}", 120)
+            page.wait(FULL, 120)
+        page.go("about:blank")
+    return times
+
+
+def limit_moves(page: Any, file: Path, rounds: int) -> list[float]:
+    """Move a limit of the spectrum by keys; return ms from each key to its picture."""
+    times = []
+    with workbench(file) as address:
+        page.go(address)
+        page.wait(FULL, 120)
+        page.wait("document.querySelector('[aria-label^=Longest]') !== null")
+        page.run(WATCH)
+        for _ in range(rounds):
+            script = """(async () => { window.times.length = 0; const start = performance.now();
+              document.querySelector('[aria-label^=Longest]').dispatchEvent(
+                new KeyboardEvent('keydown', { key: 'ArrowLeft', bubbles: true }));
+              return window.since('spectrums', start); })()"""
+            times.append(float(page.run(script)))
+        page.go("about:blank")
+    return times
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--folder", type=Path)
+    parser.add_argument("--rounds", type=int, default=9)
+    given = parser.parse_args()
+    with tempfile.TemporaryDirectory() as home, browser() as page:
+        folder = given.folder or Path(home)
+        os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # as where metrosep is installed:
+        os.environ["PYTHONPYCACHEPREFIX"] = f"{home}/pyc"  # compiled once, by the first start
+        page.show(1366, 768)
+        if not (folder / "map.npy").is_file():
+            make_map(folder / "map.npy")
+            make_profile(folder / "profile.csv")
+        leveled = "polynomial: degree=1"
+        on_map = recipe(
+            folder / "map.toml", "map.npy", "plane", 'unit = "m"\nlateral_step = "1 um"'
+        )
+        on_profile = recipe(folder / "profile.toml", "profile.csv", leveled, "")
+        first = [first_picture(page, on_map) for _ in range(1 + given.rounds // 2)]
+        say("first picture of a 4096 x 4096 map", first[1:], 2000)
+        say("form step, preview", form_preview(page, on_map, given.rounds), 150)
+        say("limit on 10^6 points", limit_moves(page, on_profile, given.rounds), 120)
+
+
+def say(what: str, times: list[float], wanted: float) -> None:
+    """Print a line."""
+    middle = statistics.median(times)
+    print(f"{what}: median {middle:.0f} ms of {len(times)} ({min(times):.0f} to {max(times):.0f}), "
+          f"wanted {wanted} ms, ratio {middle / wanted:.2f}", flush=True)  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()
