@@ -10,6 +10,7 @@ from metrosep.app.documents import Edit
 from metrosep.app.messages import Answer, Cancel, Message, Tell
 from metrosep.app.picture_answers import PictureAnswers
 from metrosep.app.sessions import Session
+from metrosep.app.view_tables import checked_view
 from metrosep.core.errors import DataError
 
 __all__ = ["CHANGING", "KINDS", "Answers"]
@@ -17,7 +18,7 @@ __all__ = ["CHANGING", "KINDS", "Answers"]
 CHANGING = ("open", "edit", "undo", "redo")
 """Requests after which every page shows another recipe."""
 
-_OWN = ("hello", *CHANGING)
+_OWN = ("hello", "view", *CHANGING)
 _PICTURES = ("map", "section", "profile", "spectrum")
 _ELSEWHERE = {
     "metrics": "metrics_answers:metrics",
@@ -109,7 +110,7 @@ class Answers:
         paths = message.get("paths") or [message.get("path")]
         if not isinstance(paths, list) or not all(isinstance(p, str) and p for p in paths):
             raise DataError(f"path is a text, or paths a list of them; got {paths!r}")
-        self.session.open(paths, reading)
+        self.session.open(paths, reading, keep_recipe=message.get("keep_recipe") is True)
         self.pictures.forget()
         return {"session": self.session.state()}, {}
 
@@ -122,6 +123,10 @@ class Answers:
             [Edit.from_message(e) for e in given], label if isinstance(label, str) else None
         )
         return {"session": self.session.state()}, {}
+
+    def _view(self, message: Message) -> Answer:
+        self.session.show(checked_view(message.get("view")))
+        return {}, {}
 
     def _undo(self, message: Message) -> Answer:
         self.session.undo()

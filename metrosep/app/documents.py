@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
+from metrosep.app.view_tables import view_of, with_view
 from metrosep.core.atomic import atomic_write
 from metrosep.core.errors import DataError
 from metrosep.recipe.recipe import Recipe
@@ -281,6 +282,21 @@ class RecipeDocument:
         self.name = name
         self._replace(self._text)
 
+    def show(self, view: Mapping[str, Any]) -> None:
+        """Keep what the page shows in ``[view]``; it is no edit and cannot be undone.
+
+        Parameters
+        ----------
+        view : mapping
+            From `metrosep.app.view_tables.checked_view`.
+
+        Raises
+        ------
+        RecipeError
+            Never for a document that was one.
+        """
+        self._replace(with_view(self._text, view))
+
     def redo(self) -> None:
         """Do the last edit again that was taken back.
 
@@ -298,7 +314,7 @@ class RecipeDocument:
             raise DataError(f"there is nothing to {verb}")
         label, text = source.pop()
         now = self._text
-        self._replace(text)
+        self._replace(with_view(text, view_of(now)))  # what is shown is no edit
         target.append((label, now))
 
     def save(self, path: Path, *, write: Callable[[Path, bytes], Any] = atomic_write) -> Path:

@@ -78,6 +78,7 @@ def run_folder(session: Session, message: Message, cancel: Cancel, tell: Tell) -
         "messages": list(report.messages),
         "stopped": report.stopped,
         "exit_code": report.exit_code,
+        "folder": str(folder),
         "out": str(out),
         "files": [] if report.out is None else sorted(str(f) for f in out.glob("index.*")),
     }, {}

@@ -29,7 +29,7 @@ from metrosep.recipe.recipe import Recipe
 from metrosep.recipe.run import input_files
 from metrosep.recipe.steps import INPUT
 
-__all__ = ["Kind", "Material", "Opened", "autosave_path", "open_files", "read_again"]
+__all__ = ["Kind", "Material", "Opened", "autosave_path", "open_files", "open_with", "read_again"]
 
 Kind: TypeAlias = Literal["map", "profile", "runs", "method"]
 Material: TypeAlias = Evaluations | Separations | MethodResults
@@ -163,6 +163,65 @@ def open_files(
     return replace(
         fresh, kept=kept, messages=(*messages, *fresh.messages), displaced=bool(messages)
     )
+
+
+def open_with(
+    places: Places,
+    paths: Sequence[str],
+    document: RecipeDocument,
+    reading: Mapping[str, Any] | None = None,
+    read: Read | None = None,
+) -> Opened:
+    """Open other files with the recipe that is at hand.
+
+    Parameters
+    ----------
+    places : Places
+        Files that may be touched.
+    paths : sequence of str
+        A map, a profile, or runs: of the kind that the recipe is of.
+    document : RecipeDocument
+        Recipe; its ``[input]`` says how the files are read.
+    reading : mapping, optional
+        What these files need beside it.
+    read : callable, optional
+        See `open_files`.
+
+    Returns
+    -------
+    Opened
+        With a recipe of its own that names these files; a session that is kept beside them is put
+        aside.
+
+    Raises
+    ------
+    DataError
+        If they hold something else than the recipe is of, or one of them is a recipe.
+    ReadError
+        If a file cannot be read, or lies outside the opened folders.
+    Ask
+        If the files do not say their unit or columns.
+    """
+    if any(str(p).endswith(".toml") for p in paths):
+        raise DataError("a recipe is opened by itself; the present one is kept for measurements")
+    held = tomllib.loads(document.text).get("input", {})
+    options = {k: v for k, v in held.items() if k != "files"}
+    opened = open_files(places, paths, {**options, **(reading or {})}, read)
+    recipe = document.recipe
+    fits = {"map": recipe.is_pipeline, "profile": recipe.is_pipeline}
+    fits["runs"] = not recipe.is_method
+    if not fits.get(opened.kind, False):
+        raise DataError(
+            f"{opened.home.name}: is a {opened.kind}, and the present recipe ({recipe.steps[0]['op']}) "
+            "is not for that; open it without keeping the recipe"
+        )
+    new = tomllib.loads(opened.document.text)["input"]
+    made = RecipeDocument(document.text, opened.document.folder, opened.document.name)
+    edits = [Edit(("input", k), held.get(k), v) for k, v in new.items() if held.get(k) != v]
+    if edits:
+        made.edit(edits)
+    fresh = RecipeDocument(made.text, made.folder, made.name)
+    return replace(opened, document=fresh, displaced=opened.kept.is_file())
 
 
 def _checked(given: dict[str, Any]) -> dict[str, Any]:

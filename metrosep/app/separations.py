@@ -9,9 +9,11 @@ from __future__ import annotations
 import json
 import threading
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from metrosep.app.view_tables import without_view
 from metrosep.core.errors import DataError
 from metrosep.core.runset import RunSet
 from metrosep.recipe.pipeline import CancelledError
@@ -147,9 +149,9 @@ class Separations:
         """
         estimate, runs = self.estimate(recipe, cancel), self.runs(recipe)
         found: Result = self._results.of(
-            recipe.text, lambda: separated_result(recipe, runs, estimate)
+            _shown(recipe), lambda: separated_result(recipe, runs, estimate)
         )
-        return found
+        return _of(found, recipe)
 
 
 class MethodResults:
@@ -192,8 +194,21 @@ class MethodResults:
         if not recipe.is_method or recipe.is_pipeline:
             raise DataError(f"{recipe.name}: is no recipe of a named method")
         files = None if recipe.reads_nothing else self.files
-        found: Result = self._results.of(recipe.text, lambda: recipe.run(files), cancel)
-        return found
+        found: Result = self._results.of(_shown(recipe), lambda: recipe.run(files), cancel)
+        return _of(found, recipe)
+
+
+def _shown(recipe: Recipe) -> str:
+    return f"{recipe.name}\0{without_view(recipe.text)}"
+
+
+def _of(result: Result, recipe: Recipe) -> Result:
+    """Return a result with the recipe as it stands: another view of it gives no other numbers."""
+    record = dict(result.document["recipe"])
+    if record.get("text") == recipe.text:
+        return result
+    record |= {"text": recipe.text, "sha256": recipe.sha256}
+    return replace(result, document={**result.document, "recipe": record})
 
 
 def _input_key(recipe: Recipe) -> str:

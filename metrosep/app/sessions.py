@@ -12,8 +12,9 @@ from typing import Any
 from metrosep.app.documents import Edit, RecipeDocument
 from metrosep.app.evaluations import Evaluations, Level, Outcome
 from metrosep.app.keeping import Keeper
-from metrosep.app.opening import Opened, open_files, read_again
+from metrosep.app.opening import Opened, open_files, open_with, read_again
 from metrosep.app.places import Places
+from metrosep.app.view_tables import without_view
 from metrosep.core.errors import DataError
 from metrosep.recipe.step_words import step_words
 
@@ -56,7 +57,13 @@ class Session:
 
     # ---- opening -----------------------------------------------------------------------------
 
-    def open(self, paths: str | Sequence[str], reading: Mapping[str, Any] | None = None) -> None:
+    def open(
+        self,
+        paths: str | Sequence[str],
+        reading: Mapping[str, Any] | None = None,
+        *,
+        keep_recipe: bool = False,
+    ) -> None:
         """Open a measurement, several runs as a set, or a recipe with its files.
 
         Parameters
@@ -65,6 +72,8 @@ class Session:
             As the page names them.
         reading : mapping, optional
             Options of the reader.
+        keep_recipe : bool, optional
+            Carry out the present recipe on them, instead of one of their own.
 
         Raises
         ------
@@ -80,7 +89,11 @@ class Session:
         names = [paths] if isinstance(paths, str) else list(paths)
         with self._changing:
             self.keeper.wait()  # what was changed last may be opened again
-            opened = open_files(self.places, names, reading, self._read)
+            if keep_recipe:
+                document = self._need()
+                opened = open_with(self.places, names, document, reading, self._read)
+            else:
+                opened = open_files(self.places, names, reading, self._read)
             with self.lock:
                 self.opened, self.document = opened, opened.document
                 self.messages = list(opened.messages)
@@ -166,6 +179,30 @@ class Session:
                         "the files of a session are those that were opened; open the other files"
                     )
                 opened = read_again(opened, tried.recipe, self._read)
+            with self.lock:
+                document.adopt(tried)
+                self.opened = replace(opened, displaced=False)
+            self.keeper.keep(opened.kept, document.text, aside=opened.displaced)
+
+    def show(self, view: Mapping[str, Any]) -> None:
+        """Keep what the page shows with the recipe: no edit, nothing to undo.
+
+        Parameters
+        ----------
+        view : mapping
+            From `metrosep.app.view_tables.checked_view`.
+
+        Raises
+        ------
+        DataError
+            If nothing is open.
+        """
+        with self._changing:
+            opened, document = self.need()
+            tried = document.copy()
+            tried.show(view)
+            if tried.text == document.text:
+                return
             with self.lock:
                 document.adopt(tried)
                 self.opened = replace(opened, displaced=False)
@@ -259,7 +296,7 @@ class Session:
                 "redo_label": document.redo_label,
                 "saved_at": self.keeper.saved_at,
                 "keeping": self._keeping(),
-                "hash": hashlib.sha256(document.text.encode()).hexdigest(),
+                "hash": hashlib.sha256(without_view(document.text).encode()).hexdigest(),
                 "view": data.get("view", {}),
                 "messages": self._said(),
             }

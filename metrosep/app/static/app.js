@@ -10,6 +10,7 @@ import { ago } from "./format.js";
 import { KEYS, listenToKeys } from "./keys.js";
 import { makeLadder } from "./ladder.js";
 import { makeMetrics } from "./metrics.js";
+import { makeMemory } from "./remember.js";
 import { make as makeCompare } from "./tab_compare.js";
 import { make as makeFolder } from "./tab_folder.js";
 import { make as makeRanking } from "./tab_ranking.js";
@@ -41,6 +42,7 @@ let started = 0;
 
 const wire = new Wire(`ws://${location.host}/ws?token=${encodeURIComponent(token)}`);
 const ladder = makeLadder(show, stop);
+const memory = makeMemory({ wire, session: () => session });
 const metrics = makeMetrics(el("metrics"), el("verdict"), edit);
 const tree = makeTree(el("steps"), {
   edit,
@@ -53,6 +55,7 @@ const tree = makeTree(el("steps"), {
 });
 const views = makeViews({
   wire, level: () => ladder.level, stage: () => tree.chosen, kind: () => session.kind ?? "none", failed: fail,
+  shown: memory.put,
 });
 
 const { save, exportResult } = makeExports({ wire, status: el("status-link"), session: () => session, take, fail });
@@ -67,7 +70,7 @@ const tabs = makeTabs(el("tabs"), [
   { id: "compare", label: () => "Compare", fits: () => true, make: makeCompare },
   { id: "folder", label: () => "Run on folder", fits: isOf("map", "profile", "runs"), make: makeFolder },
 ], {
-  wire, session: () => session, schema: () => schema, edit, fail,
+  wire, session: () => session, schema: () => schema, edit, fail, open, shown: memory.put,
   written(text, files = []) {
     el("status-link").textContent = text;
     el("status-link").title = files.join("\n");
@@ -140,8 +143,12 @@ function take(/** @type {Dict} */ next, isNewFile = false) {
   session = next;
   document.body.dataset.kind = session.kind ?? "none";
   if (isNewFile) {
+    const view = session.view ?? {};
     tree.reset();
-    views.reset();
+    memory.begin(view);
+    views.reset(view);
+    el("shade").checked = view.hill_shade ?? el("shade").checked;
+    el("colours").value = views.map.get("colours");
     notes = [];
   }
   drawSession();
@@ -149,7 +156,7 @@ function take(/** @type {Dict} */ next, isNewFile = false) {
   if (changed) metrics.stale();
   metrics.show(session);
   drawStage();
-  tabs.changed(isNewFile);
+  tabs.changed(isNewFile, isNewFile ? session.view?.tab : undefined);
   if (changed && session.kind) ladder.climb();
 }
 
@@ -230,10 +237,10 @@ function failUnmade(/** @type {unknown} */ error, what = "this change was not ma
   else fail(error);
 }
 
-async function open(/** @type {string[]} */ paths) {
+async function open(/** @type {string[]} */ paths, keep = false) {
   drawFull("busy", "reading…");
   try {
-    const answer = await openPaths(wire, paths);
+    const answer = await openPaths(wire, paths, {}, keep);
     drawFull("", "");
     if (!answer) return;
     clearAlerts();
@@ -244,7 +251,7 @@ async function open(/** @type {string[]} */ paths) {
   }
 }
 
-async function receive(/** @type {File[]} */ files) {
+async function receive(/** @type {File[]} */ files, keep = false) {
   try {
     /** @type {string[]} */
     const paths = [];
@@ -253,7 +260,7 @@ async function receive(/** @type {File[]} */ files) {
       drawFull("busy", `taking ${file.name}…`);
       paths.push(await upload(file, token, set)); // those of a set lie in one folder
     }
-    await open(paths);
+    await open(paths, keep);
   } catch (error) {
     drawFull("", "");
     fail(error);
@@ -261,9 +268,9 @@ async function receive(/** @type {File[]} */ files) {
 }
 
 async function choose() {
-  const given = await askFile(session.home ?? "");
-  if (given?.files?.length) receive(given.files);
-  else if (given?.paths?.length) open(given.paths);
+  const given = await askFile(session.home ?? "", Boolean(session.kind) && session.kind !== "method");
+  if (given?.files?.length) receive(given.files, given.keep);
+  else if (given?.paths?.length) open(given.paths, given.keep);
 }
 
 async function hello() {
@@ -300,7 +307,9 @@ wire.onNews = (header) => {
     drawSaved();
     drawMessages();
   } else {
-    if (header.k === "progress" && header.text) drawFull("busy", header.text);
+    const asked = wire.open.get(header.of)?.kind; // what the server works on
+    if (header.text && asked === "metrics") drawFull("busy", header.text);
+    if (header.text && asked === "export") el("status-link").textContent = `${header.text}…`;
     tabs.news(header);
   }
 };
@@ -324,13 +333,13 @@ const acts = {
 for (const [id, act] of Object.entries(acts)) el(id).addEventListener("click", act);
 listenToKeys({
   z: acts.undo, "shift+z": acts.redo, "?": acts.help, o: choose, s: save, e: exportResult, f: acts.fit,
-  h: () => el("shade").click(),
+  h: () => el("shade").click(), r: () => session.kind && tabs.choose("report"),
 }, (panel) => {
   const profile = session.kind === "profile";
   const shown = tabs.chosen === "view" ? [profile ? "panel-profile" : "panel-map", profile ? "panel-profile" : "panel-section", "panel-spectrum"]
     : [`panel-${tabs.chosen}`, `panel-${tabs.chosen}`, `panel-${tabs.chosen}`];
   el(["panel-steps", ...shown, "panel-metrics", "status"][panel - 1])?.focus();
 });
-listenToDrops(receive);
+listenToDrops((files) => receive(files));
 setInterval(drawSaved, 5000);
 wire.connect();

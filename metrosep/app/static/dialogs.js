@@ -72,9 +72,10 @@ function shown(form, className, ready) {
 /**
  * Choose files: paths on this computer, or such as are handed over by the browser.
  * @param {string} path shown to begin with
- * @returns {Promise<{ paths?: string[], files?: File[] } | null>}
+ * @param {boolean} canKeep whether a recipe is there that may be carried out on them
+ * @returns {Promise<{ paths?: string[], files?: File[], keep: boolean } | null>}
  */
-export async function askFile(path) {
+export async function askFile(path, canKeep) {
   /** @type {File[]} */
   let chosen = [];
   const picker = make("input", { type: "file", multiple: true });
@@ -83,15 +84,17 @@ export async function askFile(path) {
     chosen = [...picker.files ?? []];
     if (chosen.length) picker.closest("dialog")?.close("file");
   });
+  const keep = make("input", { type: "checkbox", id: "keep-recipe" });
+  const keepLabel = make("label", { className: "check" }, keep, "keep the present steps and limits: carry them out on this file");
   const given = await askForm({
     title: "Open a measurement, runs or a recipe",
     fields: [{ name: "path", label: "File on this computer, inside the folders that metrosep was started with; several runs: separated by ;", value: path }],
     ok: "Open",
-    extra: [label],
+    extra: canKeep ? [label, keepLabel] : [label],
   });
-  if (chosen.length) return { files: chosen };
+  if (chosen.length) return { files: chosen, keep: keep.checked };
   const paths = (given?.path ?? "").split(";").map((/** @type {string} */ one) => one.trim()).filter(Boolean);
-  return paths.length ? { paths } : null;
+  return paths.length ? { paths, keep: keep.checked } : null;
 }
 
 /**

@@ -38,16 +38,17 @@ export async function upload(file, token, set = "") {
  * @param {Wire} wire
  * @param {string[]} paths
  * @param {Record<string, string>} [reading]
+ * @param {boolean} [keep] carry out the present recipe on them
  * @returns {Promise<import("./wire.js").Answer | null>} null: given up
  */
-export async function openPaths(wire, paths, reading = {}) {
+export async function openPaths(wire, paths, reading = {}, keep = false) {
   try {
-    return await wire.ask("open", { paths, reading });
+    return await wire.ask("open", { paths, reading, keep_recipe: keep });
   } catch (error) {
     if (!(error instanceof Refusal) || !error.ask) throw error;
     const given = await askForm(question(error, reading));
     if (!given || !Object.values(given).some(Boolean)) return null;
-    return openPaths(wire, paths, { ...reading, ...given });
+    return openPaths(wire, paths, { ...reading, ...given }, keep);
   }
 }
 

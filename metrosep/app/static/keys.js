@@ -13,6 +13,7 @@ export const KEYS = [
   ["O", "open"],
   ["S", "save the recipe"],
   ["E", "export the result"],
+  ["R", "the report"],
   ["Esc", "leave a field without a change, close a dialog"],
   ["?", "this help"],
 ];

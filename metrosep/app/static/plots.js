@@ -53,6 +53,16 @@ export function gapped(values, positive = false, reversed = false) {
 }
 
 /**
+ * Return width and height within the axes, CSS pixels, as uPlot has them: a notebook takes a plot off
+ * the page for a moment, and one that is not on the page measures nothing.
+ * @param {any} u
+ * @returns {[number, number]}
+ */
+function plotSize(u) {
+  return [parseFloat(u.over.style.width) || 0, parseFloat(u.over.style.height) || 0];
+}
+
+/**
  * @typedef {object} Plot
  * @property {any} u the uPlot
  * @property {(data: any[][]) => void} put
@@ -119,7 +129,7 @@ export function makePlot(el, options) {
     },
     filter(/** @type {any} */ self, /** @type {number[]} */ splits, /** @type {number} */ index) {
       const { min, max } = self.scales[index === 0 ? "x" : "y"];
-      const side = index === 0 ? self.over.clientWidth : self.over.clientHeight;
+      const side = plotSize(self)[index === 0 ? 0 : 1];
       const each = side / Math.max(0.3, Math.log10(max / min));
       const digits = each > room ? [1, 2, 5] : [1];
       return splits.map((v) => (digits.includes(Number(v.toExponential()[0])) ? v : null));
@@ -192,7 +202,7 @@ export function makePlot(el, options) {
  * @returns {Grip & { follow: (words: string) => void }}
  */
 export function uprightHandle(u, { label, text, value, put, held }) {
-  const within = (/** @type {number} */ x) => Math.max(0, Math.min(u.over.clientWidth, x));
+  const within = (/** @type {number} */ x) => Math.max(0, Math.min(plotSize(u)[0], x));
   const grip = makeHandle(u.over, {
     label, text, kind: "upright", held,
     moved: (x) => put(u.posToVal(within(x), "x")),

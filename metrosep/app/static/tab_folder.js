@@ -10,7 +10,7 @@ const ORDER = ["failed", "refused", "rejected", "inconclusive", "accepted", "mea
 const OF_STATUS = { accepted: "accept", rejected: "reject", inconclusive: "inconclusive" };
 
 /** @param {import("./tabs.js").Context} context @returns {import("./tabs.js").Tab} */
-export function make({ el, wire, session, fail, written }) {
+export function make({ el, wire, fail, written, open }) {
   /** @type {Dict | null} */
   let found = null;
   let running = 0;
@@ -145,7 +145,11 @@ export function make({ el, wire, session, fail, written }) {
     status.textContent = `${verdict ? VERDICTS[verdict].sign : failed ? "!" : "·"} ${row.status}${row.skipped ? ", before" : ""}`;
     const unit = made.insertCell();
     unit.className = "unit";
-    unit.textContent = unit.title = row.unit;
+    const show = button("", row.unit);
+    show.className = "link";
+    show.title = `Open ${row.unit} with the present recipe`;
+    show.addEventListener("click", () => open([`${found?.folder}/${row.unit}`], true));
+    unit.append(show);
     for (const name of shown) {
       const one = valueOf(row, name);
       const cell = made.insertCell();

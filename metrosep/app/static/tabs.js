@@ -12,6 +12,8 @@
  * @property {(edits: import("./recipe.js").Edit[], label: string) => Promise<void>} edit
  * @property {(error: unknown) => void} fail
  * @property {(text: string, files?: string[]) => void} written tells of files in the status line
+ * @property {(paths: string[], keep?: boolean) => void} open other files, with the present recipe or their own
+ * @property {(view: Dict) => void} shown what is to be remembered of the view
  */
 
 /**
@@ -60,6 +62,7 @@ export function makeTabs(strip, entries, context) {
 
   function choose(/** @type {string} */ id) {
     chosen = id;
+    context.shown({ tab: id });
     draw();
     made.get(id)?.show?.();
   }
@@ -73,10 +76,10 @@ export function makeTabs(strip, entries, context) {
   });
 
   return {
-    /** The recipe changed. @param {boolean} isNewFile */
-    changed(isNewFile) {
+    /** The recipe changed. @param {boolean} isNewFile @param {string} [first] tab to begin with */
+    changed(isNewFile, first) {
       const ids = fitting().map((entry) => entry.id);
-      if (isNewFile || !ids.includes(chosen)) chosen = ids[0] ?? "";
+      if (isNewFile || !ids.includes(chosen)) chosen = first && ids.includes(first) ? first : ids[0] ?? "";
       for (const tab of made.values()) tab.changed?.(context.session(), isNewFile);
       draw();
       made.get(chosen)?.show?.();

@@ -5,6 +5,7 @@ import colourbarWidget from "./colourbar.js";
 import { si } from "./format.js";
 import mapWidget from "./map.js";
 import profileWidget from "./profile.js";
+import { bandOf, bandView, sectionOf, sectionView } from "./remember.js";
 import sectionWidget from "./section.js";
 import spectrumWidget from "./spectrum.js";
 import { makeModel, Refusal, Superseded } from "./wire.js";
@@ -20,11 +21,14 @@ import { makeModel, Refusal, Superseded } from "./wire.js";
  * @param {() => number} options.stage
  * @param {() => string} options.kind
  * @param {(error: unknown) => void} options.failed
+ * @param {(view: Dict) => void} options.shown told what is to be remembered of the view
  */
-export function makeViews({ wire, level, stage, kind, failed }) {
+export function makeViews({ wire, level, stage, kind, failed, shown }) {
   const el = (/** @type {string} */ id) => /** @type {HTMLElement} */ (document.getElementById(id));
   let shade = false;
   let placed = false;
+  /** @type {Dict} */
+  let kept = {}; // [view] of the recipe, until the first picture is there
   let epoch = 0; // rises with each file: answers about another file are dropped
   const counts = { section: 0, spectrum: 0, map: 0 };
   const counted = (/** @type {"section" | "spectrum" | "map"} */ what) => {
@@ -37,11 +41,15 @@ export function makeViews({ wire, level, stage, kind, failed }) {
     if ("a" in changes || "b" in changes) {
       askSection();
       askSpectrum();
+      shown(sectionView([map.get("a"), map.get("b")], map.get("unit") ?? "m"));
     }
   });
   const section = makeModel({ cursors: [0.25, 0.75] });
   const spectrum = makeModel({ band: null }, (changes) => {
-    if ("band" in changes) askSpectrum();
+    if ("band" in changes) {
+      askSpectrum();
+      shown(bandView(spectrum.get("band")));
+    }
   });
   const profile = makeModel({ shown: "residual", window: null }, (changes) => {
     if ("window" in changes) askProfile();
@@ -73,7 +81,7 @@ export function makeViews({ wire, level, stage, kind, failed }) {
       message.hidden = true;
       const first = !placed;
       placed = true;
-      if (first) beginSection(header.extent);
+      if (first) beginSection(header.extent, header.unit);
       map.put({
         shape: arrays.index.shape, window: header.window, unit: header.unit, range: header.range,
         ...(map.get("limits") ? {} : { auto_range: header.range }),
@@ -90,9 +98,13 @@ export function makeViews({ wire, level, stage, kind, failed }) {
     }
   }
 
-  function beginSection(/** @type {number[]} */ [x0, y0, x1, y1]) {
+  function beginSection(/** @type {number[]} */ [x0, y0, x1, y1], /** @type {string} */ unit) {
     const y = (y0 + y1) / 2;
-    map.put({ a: [x0 + 0.08 * (x1 - x0), y], b: [x1 - 0.08 * (x1 - x0), y] });
+    const usual = [[x0 + 0.08 * (x1 - x0), y], [x1 - 0.08 * (x1 - x0), y]];
+    const was = sectionOf(kept, unit);
+    const inside = was?.every(([x, v]) => x >= x0 && x <= x1 && v >= y0 && v <= y1);
+    const [a, b] = inside && was ? was : usual;
+    map.put({ a, b });
     askSection();
     askSpectrum();
   }
@@ -144,6 +156,12 @@ export function makeViews({ wire, level, stage, kind, failed }) {
   function beginBand(/** @type {Float64Array} */ wavelength) {
     const n = wavelength?.length ?? 0;
     if (n < 2) return;
+    const was = bandOf(kept);
+    if (was) {
+      spectrum.put({ band: was });
+      askSpectrum();
+      return;
+    }
     const [long, short] = [Math.log(wavelength[0]), Math.log(wavelength[n - 1])];
     spectrum.set("band", [Math.exp(short + (long - short) / 3), Math.exp(short + (2 * (long - short)) / 3)]);
     spectrum.save_changes();
@@ -172,8 +190,11 @@ export function makeViews({ wire, level, stage, kind, failed }) {
       await Promise.all([askMap(at), askProfile(at)]);
       await Promise.all([askSection(at), askSpectrum(at)]);
     },
-    /** Another file: begin anew. */
-    reset() {
+    /** Another file: begin anew, with what its recipe holds of the view. @param {Dict} view */
+    reset(view = {}) {
+      kept = view;
+      if (typeof view.hill_shade === "boolean") shade = view.hill_shade;
+      if (typeof view.colours === "string") map.put({ colours: view.colours });
       placed = false;
       epoch += 1;
       map.put({ index: null, shape: null, extent: null, limits: null, auto_range: null, a: null, b: null, view: map.get("view") });
@@ -192,12 +213,14 @@ export function makeViews({ wire, level, stage, kind, failed }) {
     /** @param {boolean} on */
     shade(on) {
       shade = on;
+      shown({ hill_shade: on });
       askMap();
     },
     /** @param {string} name */
     colours(name) {
       localStorage.setItem("colours", name);
       map.put({ colours: name });
+      shown({ colours: name });
     },
     /** Largest side of what was measured, m. */
     size() {

@@ -1,0 +1,62 @@
+// @ts-check
+// What is shown is kept in the recipe, table [view], some time after the hand rests. It is no edit.
+
+/** @typedef {Record<string, any>} Dict */
+
+const REST_MS = 900;
+const round = (/** @type {number} */ v) => Number(v.toPrecision(9));
+
+/**
+ * Return the memory of the view.
+ * @param {object} options
+ * @param {import("./wire.js").Wire} options.wire
+ * @param {() => Dict} options.session
+ */
+export function makeMemory({ wire, session }) {
+  /** @type {Dict} */
+  let view = {};
+  let timer = 0;
+
+  function keep() {
+    timer = 0;
+    if (session().recipe) wire.ask("view", { view }).catch(() => {}); // what is shown is worth no alarm
+  }
+
+  return {
+    /** Another file: begin with what its recipe holds. @param {Dict} kept */
+    begin(kept) {
+      clearTimeout(timer);
+      view = { ...kept };
+    },
+    /** @param {Dict} changes keys of [view]; null takes one out */
+    put(changes) {
+      const next = { ...view, ...changes };
+      for (const key of Object.keys(next)) if (next[key] === null || next[key] === undefined) delete next[key];
+      if (JSON.stringify(next) === JSON.stringify(view)) return;
+      view = next;
+      clearTimeout(timer);
+      timer = window.setTimeout(keep, REST_MS);
+    },
+  };
+}
+
+/** @param {[number[], number[]] | null} ends m, or pixels @param {string} unit of the map @returns {Dict} */
+export function sectionView(ends, unit) {
+  if (!ends?.[0] || !ends[1]) return {};
+  const is = unit === "m";
+  const value = ends.map((end) => end.map((v) => round(is ? v * 1e3 : v)));
+  return { section_mm: is ? value : null, section_px: is ? null : value };
+}
+
+/** @param {Dict} view @param {string} unit @returns {[number[], number[]] | null} */
+export function sectionOf(view, unit) {
+  const kept = unit === "m" ? view.section_mm : view.section_px;
+  if (!Array.isArray(kept)) return null;
+  return /** @type {any} */ (kept.map((/** @type {number[]} */ end) => end.map((v) => (unit === "m" ? v / 1e3 : v))));
+}
+
+/** @param {number[] | null} band m @returns {Dict} */
+export const bandView = (band) => ({ band_mm: band ? band.map((v) => round(v * 1e3)) : null });
+
+/** @param {Dict} view @returns {number[] | null} */
+export const bandOf = (view) => (Array.isArray(view.band_mm) ? view.band_mm.map((/** @type {number} */ v) => v / 1e3) : null);

@@ -1,0 +1,142 @@
+"""What the page shows of a measurement, in the table ``[view]`` of its recipe: runs ignore it."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Mapping
+from typing import Any
+
+from metrosep.core.errors import DataError
+
+__all__ = ["VIEW_KEYS", "checked_view", "view_of", "with_view", "without_view"]
+
+VIEW_KEYS = ("tab", "colours", "hill_shade", "section_mm", "section_px", "band_mm")
+"""Tab, colours of the map, hill-shade, ends of the section, limits of the band of wavelengths."""
+
+
+def checked_view(given: Any) -> dict[str, Any]:
+    """Return what the page wants to be remembered, or refuse it.
+
+    Parameters
+    ----------
+    given : object
+        Of a message.
+
+    Returns
+    -------
+    dict
+        Of `VIEW_KEYS`; keys without a value are left out.
+
+    Raises
+    ------
+    DataError
+        If it is no such table.
+    """
+    if not isinstance(given, Mapping):
+        raise DataError("view is an object of what is shown")
+    unknown = [k for k in given if k not in VIEW_KEYS]
+    if unknown:
+        raise DataError(f"there is no view key {unknown[0]!r}; there are {', '.join(VIEW_KEYS)}")
+    found = {k: v for k, v in given.items() if v is not None}
+    for key, value in found.items():
+        if not _fits(key, value):
+            raise DataError(f"view: {key} = {value!r} is not what belongs there")
+    return found
+
+
+def _fits(key: str, value: Any) -> bool:
+    if key in ("tab", "colours"):
+        return isinstance(value, str) and len(value) <= 40 and value.isprintable()
+    if key == "hill_shade":
+        return isinstance(value, bool)
+    if key == "band_mm":
+        return _numbers(value) and value[0] < value[1]
+    return isinstance(value, list) and len(value) == 2 and all(_numbers(end) for end in value)
+
+
+def _numbers(value: Any) -> bool:
+    return (
+        isinstance(value, list)
+        and len(value) == 2
+        and all(
+            isinstance(v, int | float) and not isinstance(v, bool) and math.isfinite(v)
+            for v in value
+        )
+    )
+
+
+def view_of(text: str) -> dict[str, Any]:
+    r"""Return the table ``[view]`` of a recipe.
+
+    Parameters
+    ----------
+    text : str
+        TOML.
+
+    Returns
+    -------
+    dict
+        Empty where there is none.
+
+    Examples
+    --------
+    >>> view_of("metrosep = 1\n[view]\ntab = 'report'\n")
+    {'tab': 'report'}
+    """
+    return dict(tomllib.loads(text).get("view", {}))
+
+
+def with_view(text: str, view: Mapping[str, Any]) -> str:
+    r"""Return a recipe with another table ``[view]``; all else stays as it is written.
+
+    Parameters
+    ----------
+    text : str
+        TOML.
+    view : mapping
+        What it shall hold; no table where it is empty.
+
+    Returns
+    -------
+    str
+        TOML.
+
+    Examples
+    --------
+    >>> print(with_view("metrosep = 1  # first\n", {"tab": "table"}))
+    metrosep = 1  # first
+    <BLANKLINE>
+    [view]
+    tab = "table"
+    <BLANKLINE>
+    """
+    import tomlkit
+
+    if view_of(text) == dict(view):
+        return text
+    made = tomlkit.parse(text)
+    if "view" in made:
+        del made["view"]
+    plain = str(tomlkit.dumps(made)).rstrip("\n") + "\n"
+    if not view:
+        return plain
+    table = tomlkit.document()
+    table.add("view", tomlkit.item(dict(view)))
+    return f"{plain}\n{tomlkit.dumps(table)}"
+
+
+def without_view(text: str) -> str:
+    """Return a recipe without its table ``[view]``.
+
+    Parameters
+    ----------
+    text : str
+        TOML.
+
+    Returns
+    -------
+    str
+        TOML; two views of one recipe give the same.
+    """
+    return with_view(text, {}).rstrip("\n") + "\n"
