@@ -17,6 +17,7 @@ from typing import Any
 
 from metrosep.core.atomic import atomic_write
 from metrosep.parameters.capability import LEAST_VALUES
+from metrosep.report.batch_series import series_section
 from metrosep.report.index_view import (
     Series,
     link_of,
@@ -85,6 +86,7 @@ def render_index(document: Document, *, folder: str | os.PathLike[str] | None = 
         series=[_series_row(s) for s in series],
         least=LEAST_VALUES,
         trends=_trends([s for s in shown if s.trend] or shown),
+        together=series_section(document, None if folder is None else Path(folder)),
         groups=[one_line(g) for g in document.get("groups") or []],
         columns=[{"label": _label(s), "unit": s.unit} for s in columns],
         hidden=len(series) - len(columns),
