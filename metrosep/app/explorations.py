@@ -10,9 +10,15 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from numpy.typing import NDArray
-
 from metrosep.app.map_views import map_view
+from metrosep.app.picture_frames import (
+    Arrays,
+    lateral_unit,
+    map_frame,
+    profile_arrays,
+    section_frame,
+    spectrum_frame,
+)
 from metrosep.app.profile_views import Extremes, profile_view
 from metrosep.app.pyramid import build_pyramid
 from metrosep.app.section_views import section_profile, section_view
@@ -26,7 +32,6 @@ from metrosep.spectral.band import Band
 __all__ = ["Exploration"]
 
 Pair = tuple[float, float]
-Arrays = Mapping[str, NDArray[Any]]
 
 _MARGIN = 0.08
 """Part of the width between the rim of the map and the ends of the first section."""
@@ -168,17 +173,8 @@ class Exploration:
                 level=wanted.get("level") or "idle",
                 limits=limits,
             )
-            header = {
-                "range": found.range,
-                "auto_range": self._pyramid.robust_range,
-                "window": found.window,
-                "scale": found.scale,
-                "unit": found.unit,
-                "coverage": found.coverage,
-                "is_preview": found.is_preview,
-                "extent": self._pyramid.window,
-            }
-            return header, {"index": found.index}
+            header, arrays = map_frame(found, self._pyramid.window)
+            return {**header, "auto_range": self._pyramid.robust_range}, arrays
 
         return self._frame("map", drawn)
 
@@ -199,16 +195,7 @@ class Exploration:
         def drawn() -> tuple[dict[str, Any], Arrays]:
             if not isinstance(self.obj, Surface):
                 raise DataError("this measurement is a profile, it has no sections")
-            found = section_view(self.obj, a, b, columns=_COLUMNS)
-            header = {
-                "length": found.length,
-                "pv": found.pv,
-                "sq": found.sq,
-                "share_valid": found.share_valid,
-                "unit": found.unit,
-                "is_preview": False,
-            }
-            return header, {"distance": found.distance, "low": found.low, "high": found.high}
+            return section_frame(section_view(self.obj, a, b, columns=_COLUMNS))
 
         return self._frame("section", drawn)
 
@@ -230,7 +217,7 @@ class Exploration:
             if self._extremes is None:
                 raise DataError("this measurement is a map: ask for a section")
             found = profile_view(self._extremes, window=window, columns=_COLUMNS)
-            return {"is_preview": False}, {"x": found.x, "low": found.low, "high": found.high}
+            return {"is_preview": False}, profile_arrays(found)
 
         return self._frame("profile", drawn)
 
@@ -256,18 +243,7 @@ class Exploration:
             found = spectrum_view(
                 self._transformed(a, b), band=Band(*band) if band else None, columns=_COLUMNS
             )
-            header: dict[str, Any] = {
-                "inside": found.inside,
-                "outside": found.outside,
-                "messages": list(found.messages),
-                "is_preview": False,
-            }
-            arrays: Arrays = {
-                "wavelength": found.wavelength,
-                "amplitude": found.amplitude,
-                "in_band": found.in_band,
-            }
-            return header, arrays
+            return spectrum_frame(found, unit=lateral_unit(self.obj))
 
         return self._frame("spectrum", drawn)
 
@@ -275,12 +251,8 @@ class Exploration:
         """Return the transform of a line; that of the last line is kept while limits move."""
         place = () if a is None or b is None else (a, b)
         if self._transform is None or self._transform[0] != place:
-            if isinstance(self.obj, Surface) and (self.obj.dx is None or self.obj.dy is None):
-                raise DataError(
-                    "the map has no lateral calibration, so wavelengths are not known: give its "
-                    "steps dx and dy in m"
-                )
-            self._transform = place, profile_spectrum(self.line(a, b))
+            line = self.line(a, b)
+            self._transform = place, profile_spectrum(line, unit=lateral_unit(self.obj))
         return self._transform[1]
 
     def _frame(self, kind: str, drawn: Callable[[], tuple[dict[str, Any], Arrays]]) -> bytes:

@@ -57,6 +57,7 @@ def explore(obj: Surface | Profile, **options: Any) -> Any:
 
     Notes
     -----
+    Of a map without lateral calibration, a, b and band are in pixels; nothing takes them for m.
     Numbers below the section are those of the full map, never of the picture. The widget holds the
     map and its pyramid: half as much memory again as the map, until the widget is deleted.
 
@@ -147,9 +148,9 @@ def _pair(value: Any, what: str, *, rising: bool = False) -> tuple[float, float]
         with contextlib.suppress(TypeError, ValueError):
             one, two = (float(v) for v in value)
     if not (math.isfinite(one) and math.isfinite(two)):
-        raise DataError(f"{what} must be two finite numbers in m, got {value!r}")
+        raise DataError(f"{what} must be two finite numbers, got {value!r}")
     if rising and not one < two:
-        raise DataError(f"{what} must rise, got {one:.9g} m to {two:.9g} m")
+        raise DataError(f"{what} must rise, got {one:.9g} to {two:.9g}")
     return one, two
 
 
@@ -177,7 +178,7 @@ def _widget_class() -> Any:
                 return None
             pair = _pair(value, self.what, rising=self.rising)
             if self.positive and pair[0] <= 0.0:
-                raise DataError(f"{self.what} must be positive, got {pair[0]:.9g} m")
+                raise DataError(f"{self.what} must be positive, got {pair[0]:.9g}")
             return pair
 
     class ExploreWidget(anywidget.AnyWidget):  # type: ignore[misc,unused-ignore]

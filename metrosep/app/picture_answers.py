@@ -7,6 +7,13 @@ from typing import Any
 from metrosep.app.evaluations import Outcome
 from metrosep.app.map_views import map_view
 from metrosep.app.messages import Answer, Arrays, Cancel, Message, level_of
+from metrosep.app.picture_frames import (
+    lateral_unit,
+    map_frame,
+    profile_arrays,
+    section_frame,
+    spectrum_frame,
+)
 from metrosep.app.profile_views import Extremes, profile_view
 from metrosep.app.pyramid import MapPyramid, build_pyramid
 from metrosep.app.remembered import Remembered
@@ -86,19 +93,8 @@ class PictureAnswers:
             limits=message.get("range"),
             shade=bool(message.get("shade")),
         )
-        arrays: Arrays = {"index": view.index}
-        if view.shade is not None:
-            arrays["shade"] = view.shade
-        header = {
-            "range": view.range,
-            "window": view.window,
-            "scale": view.scale,
-            "unit": view.unit,
-            "coverage": view.coverage,
-            "is_preview": outcome.is_preview or view.is_preview,
-            "extent": self._pyramid(obj).window,
-        }
-        return header, arrays
+        extent = self._pyramid(obj).window
+        return map_frame(view, extent, is_preview=outcome.is_preview)
 
     def _pyramid(self, obj: Surface) -> MapPyramid:
         evaluations = self.session.evaluations
@@ -136,19 +132,7 @@ class PictureAnswers:
         view = section_view(
             obj, message["a"], message["b"], columns=message.get("columns") or 1000
         )
-        header = {
-            "length": view.length,
-            "pv": view.pv,
-            "sq": view.sq,
-            "share_valid": view.share_valid,
-            "unit": view.unit,
-            "is_preview": outcome.is_preview,
-        }
-        return header, {
-            "distance": view.distance,
-            "low": view.low,
-            "high": view.high,
-        }
+        return section_frame(view, is_preview=outcome.is_preview)
 
     def profile(self, message: Message, cancel: Cancel) -> Answer:
         """Answer a request ``profile``.
@@ -186,11 +170,7 @@ class PictureAnswers:
                 window=message.get("window"),
                 columns=message.get("columns") or 1000,
             )
-            arrays |= {
-                f"{name}_x": view.x,
-                f"{name}_low": view.low,
-                f"{name}_high": view.high,
-            }
+            arrays |= profile_arrays(view, f"{name}_")
         return {"is_preview": outcome.is_preview}, arrays
 
     def spectrum(self, message: Message, cancel: Cancel) -> Answer:
@@ -206,7 +186,7 @@ class PictureAnswers:
         Returns
         -------
         header : dict
-            RMS in the band and outside, messages.
+            RMS in the band and outside, messages, unit of the wavelengths.
         arrays : dict
             ``wavelength``, ``amplitude``, ``in_band``.
 
@@ -221,28 +201,19 @@ class PictureAnswers:
         from metrosep.spectral.band import Band
 
         outcome, obj = self._stage(message, cancel)
+        unit = lateral_unit(obj)
         place = (tuple(message["a"]), tuple(message["b"])) if isinstance(obj, Surface) else ()
         kept = self._transform
         if kept is None or kept[0] is not obj or kept[1] != place:
             line = section_profile(obj, *place) if isinstance(obj, Surface) else obj
-            kept = self._transform = (obj, place, profile_spectrum(line))
+            kept = self._transform = (obj, place, profile_spectrum(line, unit=unit))
         shortest, longest = message.get("band") or (None, None)
         band = Band(
             None if shortest is None else float(shortest),
             None if longest is None else float(longest),
         )
         view = spectrum_view(kept[2], band=band)
-        header = {
-            "inside": view.inside,
-            "outside": view.outside,
-            "messages": list(view.messages),
-            "is_preview": outcome.is_preview,
-        }
-        return header, {
-            "wavelength": view.wavelength,
-            "amplitude": view.amplitude,
-            "in_band": view.in_band,
-        }
+        return spectrum_frame(view, unit=unit, is_preview=outcome.is_preview)
 
 
 def _moved(obj: Surface, shift: tuple[float, float]) -> Surface:

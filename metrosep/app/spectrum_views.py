@@ -8,6 +8,7 @@ Hann, corrected for its gain (amplitude) and its noise bandwidth (power).
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -154,6 +155,7 @@ def profile_spectrum(
     *,
     gaps: Literal["longest", "refuse"] = "longest",
     detrend: Literal["line", "mean"] | None = "line",
+    unit: Literal["m", "px"] = "m",
 ) -> ProfileSpectrum:
     """Return the amplitudes and powers of the waves in a profile or section.
 
@@ -165,6 +167,8 @@ def profile_spectrum(
         What to do where samples are missing: take the longest part without a gap, or raise.
     detrend : {"line", "mean"} or None, optional
         What is taken off before the window.
+    unit : {"m", "px"}, optional
+        Of the positions, for messages: a section of a map without lateral calibration has pixels.
 
     Returns
     -------
@@ -204,15 +208,18 @@ def profile_spectrum(
         raise DataError(f'gaps must be "longest" or "refuse", got {gaps!r}')
     if not isinstance(profile, Profile | Run):
         raise DataError(f"the spectrum is that of a Profile, got {type(profile).__name__}")
+    if unit not in ("m", "px"):
+        raise DataError(f'unit must be "m" or "px", got {unit!r}')
+    told = format_length if unit == "m" else _pixels
     whole = profile.to_profile() if isinstance(profile, Run) else profile
-    part, messages = _longest_part(whole, gaps)
+    part, messages = _longest_part(whole, gaps, told)
     if len(part) < _LEAST_SAMPLES:
         raise TooFewSamplesError(
             f"the longest part without a gap has {len(part)} of {len(whole)} samples; a spectrum "
             f"needs {_LEAST_SAMPLES}"
         )
     if not part.is_uniform:
-        part, said = _resampled(part)
+        part, said = _resampled(part, told)
         messages.append(said)
     lines = amplitude_spectrum(part, window="hann", detrend=detrend)
     n = len(part)
@@ -232,7 +239,13 @@ def profile_spectrum(
     )
 
 
-def _longest_part(profile: Profile, gaps: str) -> tuple[Profile, list[str]]:
+def _pixels(value: float) -> str:
+    return f"{value:.4g} px"
+
+
+def _longest_part(
+    profile: Profile, gaps: str, told: Callable[[float], str]
+) -> tuple[Profile, list[str]]:
     """Return the longest stretch of x without NaN and without a hole."""
     valid = ~np.isnan(profile.z)
     holes = find_holes(profile.x)
@@ -242,7 +255,7 @@ def _longest_part(profile: Profile, gaps: str) -> tuple[Profile, list[str]]:
         first = holes[0] if valid.all() else np.flatnonzero(~valid)[0]
         raise InvalidSamplesError(
             f"{int((~valid).sum())} of {len(profile)} samples were not measured and {holes.size} "
-            f"steps are holes, the first at {format_length(float(profile.x[first]))}; a spectrum "
+            f"steps are holes, the first at {told(float(profile.x[first]))}; a spectrum "
             "needs a part without gaps: crop to one, or let it take the longest"
         )
     starts_new = np.zeros(len(profile), dtype=np.bool_)
@@ -259,20 +272,20 @@ def _longest_part(profile: Profile, gaps: str) -> tuple[Profile, list[str]]:
     whole = float(profile.x[-1] - profile.x[0])
     share = f"{100.0 * float(length[k]) / whole:.1f} %" if whole > 0.0 else "all"
     said = (
-        f"spectrum of the longest part without a gap: {format_length(float(profile.x[a]))} ... "
-        f"{format_length(float(profile.x[b]))}, {share} of the length"
+        f"spectrum of the longest part without a gap: {told(float(profile.x[a]))} ... "
+        f"{told(float(profile.x[b]))}, {share} of the length"
     )
     return Profile(profile.x[a : b + 1], profile.z[a : b + 1]), [said]
 
 
-def _resampled(part: Profile) -> tuple[Profile, str]:
+def _resampled(part: Profile, told: Callable[[float], str]) -> tuple[Profile, str]:
     steps = np.diff(part.x)
     x = np.linspace(part.x[0], part.x[-1], len(part))
     said = (
-        f"positions are not even (steps {format_length(float(steps.min()))} ... "
-        f"{format_length(float(steps.max()))}): resampled on straight lines every "
-        f"{format_length(float(x[1] - x[0]))}; waves shorter than "
-        f"{format_length(4.0 * float(steps.max()))} are damped"
+        f"positions are not even (steps {told(float(steps.min()))} ... "
+        f"{told(float(steps.max()))}): resampled on straight lines every "
+        f"{told(float(x[1] - x[0]))}; waves shorter than "
+        f"{told(4.0 * float(steps.max()))} are damped"
     )
     return Profile(x, np.interp(x, part.x, part.z)), said
 

@@ -306,7 +306,7 @@ def html_table(title: str, rows: Mapping[str, str]) -> str:
         HTML fragment.
     """
     body = "".join(
-        f"<tr><th style='text-align:left'>{escape(k)}</th><td>{escape(v)}</td></tr>"
+        f"<tr><th style='text-align:left;padding-right:1em'>{escape(k)}</th><td>{escape(v)}</td></tr>"
         for k, v in rows.items()
     )
     return f"<table><caption><b>{escape(title)}</b></caption>{body}</table>"

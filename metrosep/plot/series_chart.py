@@ -150,7 +150,12 @@ def _pairs(figure: Any, series: Mapping[str, Any], names: Sequence[str]) -> None
                 text = f"{matrix[i, j]:.2f}"
                 axes.text(j, i, text, ha="center", va="center", color=shade, fontsize=8.0)
     figure.colorbar(
-        image, ax=axes, location="bottom", shrink=0.6, label="correlation without the drifts"
+        image,
+        ax=axes,
+        location="bottom",
+        shrink=0.6,
+        ticks=(-1.0, -0.5, 0.0, 0.5, 1.0),
+        label="correlation without the drifts",
     )
     pairs = len(series["correlated"])
     found = "none beyond chance" if pairs == 0 else f"{pairs} beyond chance (framed)"

@@ -211,7 +211,7 @@ function render({ model, el }) {
     return frames("spectrum_frame", (header, arrays) => {
       spectrum.put({
         amplitude: arrays.amplitude, low: null, high: null, selected: null, outside: header.outside,
-        notes: header.messages, is_preview: header.is_preview, message: "",
+        notes: header.messages, is_preview: header.is_preview, message: "", unit: header.unit,
       });
       spectrum.put({ inside: header.inside, wavelength: arrays.wavelength });
       note.textContent = header.messages?.join("; ") ?? "";

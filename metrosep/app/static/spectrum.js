@@ -2,7 +2,8 @@
 // Amplitude against wavelength with two limits that are dragged; what lies between them is filled.
 //
 // Traits: wavelength (falling), amplitude, low, high (repeatability band or null), inside, outside
-// (RMS), message, notes, is_preview; band [shortest, longest] and moving (written here).
+// (RMS), unit (of wavelengths; "px" without lateral calibration), message, notes, is_preview;
+// band [shortest, longest] and moving (written here).
 
 import { si } from "./format.js";
 import { gapped, ink, makePlot, uprightHandle } from "./plots.js";
@@ -22,6 +23,7 @@ function render({ model, el }) {
   /** @type {number[]} */
   let x = [];
 
+  const unit = () => model.get("unit") ?? "m";
   const band = () => {
     const given = model.get("band");
     if (given) return given;
@@ -33,6 +35,7 @@ function render({ model, el }) {
   const plot = makePlot(el, {
     title: "Amplitude against wavelength",
     log: true,
+    xUnit: unit,
     series: [
       { stroke: () => ink("--line"), width: 1.25 },
       { stroke: () => ink("--line"), width: 2, fill: () => ink("--fill"), fillTo: (/** @type {any} */ u) => u.scales.y.min },
@@ -55,7 +58,7 @@ function render({ model, el }) {
     pointed(u) {
       const i = u.cursor.idx;
       pointed = i === null || i === undefined || u.cursor.left < 0 || !x.length
-        ? "" : `λ ${si(u.data[0][i])}: amplitude ${si(u.data[1][i])}`;
+        ? "" : `λ ${si(u.data[0][i], unit())}: amplitude ${si(u.data[1][i])}`;
       tell();
     },
   });
@@ -78,7 +81,7 @@ function render({ model, el }) {
 
   function follow() {
     const now = band();
-    grips.forEach((grip, k) => grip.follow(si(now[k])));
+    grips.forEach((grip, k) => grip.follow(si(now[k], unit())));
   }
 
   function tell() {
@@ -89,7 +92,7 @@ function render({ model, el }) {
     const sign = model.get("is_preview") ? "≈ " : "";
     const now = band();
     read.textContent = pointed || [
-      `${si(now[0])} to ${si(now[1])}`,
+      `${si(now[0], unit())} to ${si(now[1], unit())}`,
       `RMS inside ${sign}${si(model.get("inside"))}`,
       `outside ${sign}${si(model.get("outside"))}`,
     ].join("   ");

@@ -141,7 +141,7 @@ export function makeViews({ wire, level, stage, kind, failed, shown }) {
       if (mine !== epoch) return;
       spectrum.put({
         amplitude: arrays.amplitude, low: arrays.low ?? null, high: arrays.high ?? null, selected: arrays.selected ?? null,
-        outside: header.outside, notes: header.messages, is_preview: header.is_preview, message: "",
+        outside: header.outside, notes: header.messages, is_preview: header.is_preview, message: "", unit: header.unit,
       });
       spectrum.put({ inside: header.inside, wavelength: arrays.wavelength });
       if (!spectrum.get("band")) beginBand(arrays.wavelength);
