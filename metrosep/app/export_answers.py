@@ -36,6 +36,8 @@ def export(session: Session, message: Message, cancel: Cancel, tell: Tell) -> An
         If nothing is open, or the file is there already.
     WriteError
         If it lies outside the opened folders, or cannot be written.
+    UnsupportedFeatureError
+        If something else than a recipe or a result is asked for.
     MetrosepError
         Of the recipe.
     """

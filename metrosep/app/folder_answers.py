@@ -28,7 +28,7 @@ def run_folder(session: Session, message: Message, cancel: Cancel, tell: Tell) -
         What the page works on.
     message : mapping
         ``folder``, ``out``, ``pattern`` (of the names of the files; the suffix of the open file if
-        omitted), ``workers``, ``fresh``, ``dry_run``.
+        omitted), ``workers``, ``scheduler`` ("processes" if omitted), ``fresh``, ``dry_run``.
     cancel : callable
         Asked often; what is done is kept.
     tell : callable
@@ -66,6 +66,7 @@ def run_folder(session: Session, message: Message, cancel: Cancel, tell: Tell) -
         folder,
         out=out,
         workers=workers,
+        scheduler=str(message.get("scheduler") or "processes"),
         fresh=message.get("fresh") is True,
         dry_run=message.get("dry_run") is True,
         tell=lambda event: tell({"k": "progress", "batch": plain(event)}),

@@ -13,6 +13,7 @@ import csv
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Final, NamedTuple
 
 from metrosep.core.errors import (
@@ -21,6 +22,7 @@ from metrosep.core.errors import (
     FormatMismatchError,
     ReadError,
 )
+from metrosep.io.source import HEAD_BYTES
 
 __all__ = [
     "MISSING",
@@ -137,18 +139,42 @@ def decode(data: bytes, path: object, encoding: str | None = None) -> tuple[str,
     ReadError
         If the bytes are not text, or not in the declared encoding.
     """
+    if encoding is None and len(data) <= HEAD_BYTES:
+        known = _decoded_head(data)
+        if known is not None:
+            return known
     name = encoding or _encoding(data)
     try:
         text = data.decode(name)
     except (UnicodeDecodeError, LookupError) as exc:
         raise ReadError(f"{path}: is not {name} text ({exc}); name it with encoding=") from None
-    if "\0" in text or (name in {"utf-8", "utf-8-sig", "latin-1"} and _CONTROL.search(data)):
+    if _is_binary(data, text, name):
         raise FormatMismatchError(
             f"{path}: holds binary data, not text; if it is a text file, name it with encoding="
         )
+    return _plain_ends(text), name
+
+
+def _plain_ends(text: str) -> str:
     for end in ("\r\r\n", "\r\n", "\r"):
         text = text.replace(end, "\n")
-    return text.removeprefix("\ufeff"), name
+    return text.removeprefix("\ufeff")
+
+
+@lru_cache(maxsize=2)
+def _decoded_head(data: bytes) -> tuple[str, str] | None:
+    """Return what `decode` does of a head that a dozen readers look at; None where it refuses."""
+    name = _encoding(data)
+    try:
+        text = data.decode(name)
+    except (UnicodeDecodeError, LookupError):
+        return None
+    return None if _is_binary(data, text, name) else (_plain_ends(text), name)
+
+
+def _is_binary(data: bytes, text: str, name: str) -> bool:
+    by_byte = name in {"utf-8", "utf-8-sig", "latin-1"}
+    return "\0" in text or (by_byte and _CONTROL.search(data) is not None)
 
 
 def _encoding(data: bytes) -> str:

@@ -13,12 +13,15 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError
+from metrosep.io._exact_decimals import parse_decimals
 from metrosep.io.source import RawFile
 
 __all__ = ["one_number", "parse_numbers"]
 
 _NUMBER = rb"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?nan"
 _ODD = re.compile(rb"(?<!\S)(?!(?:" + _NUMBER + rb")(?!\S))\S+", re.IGNORECASE)
+_LONG = 20_000
+"""Bytes from which numbers are taken all at once."""
 _ONE = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 
 
@@ -57,7 +60,11 @@ def parse_numbers(
     """
     plain = text
     for word in missing:
-        plain = plain.replace(word, b"nan")
+        if word in text:
+            plain = plain.replace(word, b"nan")
+    found = parse_decimals(plain) if len(plain) > _LONG else None
+    if found is not None:
+        return found
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")  # numpy before 2.3 only warns

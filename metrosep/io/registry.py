@@ -38,6 +38,9 @@ ENTRY_POINTS = "metrosep.readers"
 FOLDERS_VARIABLE = "METROSEP_FORMATS"
 """Environment variable with folders (separated as in PATH) of further descriptions of text."""
 
+_NEVER_SURE = frozenset({"delimited"})
+"""Formats whose reader says MAYBE at best, and takes its time: asked when no other one is sure."""
+
 _KEYS = frozenset(
     {"id", "title", "vendor", "kind", "suffixes", "reader", "reads", "writes", "status"}
 )
@@ -319,7 +322,10 @@ def principal(file: RawFile) -> RawFile:
 
 
 def _choose(file: RawFile, candidates: Sequence[Format]) -> Format | None:
-    answers = [(f.load_reader().sniff(file.head, file.name), f) for f in candidates]
+    found = {f.id: _asked(file, f) for f in candidates if f.id not in _NEVER_SURE}
+    if Match.YES not in found.values():
+        found |= {f.id: _asked(file, f) for f in candidates if f.id in _NEVER_SURE}
+    answers = [(found[f.id], f) for f in candidates if f.id in found]
     for wanted in (Match.YES, Match.MAYBE):
         sure = [f for match, f in answers if match is wanted]
         if len(sure) > 1:
@@ -331,6 +337,10 @@ def _choose(file: RawFile, candidates: Sequence[Format]) -> Format | None:
         if sure:
             return sure[0]
     return None
+
+
+def _asked(file: RawFile, candidate: Format) -> Match:
+    return candidate.load_reader().sniff(file.head, file.name)
 
 
 def _preview(head: bytes) -> str:

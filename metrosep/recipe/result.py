@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from metrosep.core.atomic import atomic_write
 from metrosep.core.errors import CorruptFileError, DataError, ReadError
 from metrosep.core.runset import Run, RunSet
+from metrosep.recipe.document_text import document_text
 from metrosep.separation.base import ErrorEstimate
 
 __all__ = [
@@ -87,7 +88,7 @@ class Result:
         bytes
             UTF-8, sorted keys, no NaN.
         """
-        text = json.dumps(clean(self.document), indent=1, sort_keys=True, allow_nan=False)
+        text = document_text(clean(self.document), indent=1)
         return (text + "\n").encode("utf-8")
 
     def write(self, path: str | os.PathLike[str]) -> Path:

@@ -38,7 +38,7 @@ def bar_of(row: CharacteristicRow) -> dict[str, Any] | None:
     --------
     >>> row = CharacteristicRow("", "", "", "Sq", "Sq", "m", 4.0, 0.0, 8.0, None, 1.0, 1.0, "accept")
     >>> bar_of(row)["limits"]
-    [0.1666..., 0.8333...]
+    [0.2143, 0.7857]
     """
     limits = [v for v in (row.lower, row.upper) if v is not None]
     if not limits or row.value is None:

@@ -67,7 +67,12 @@ def test_session_keeps_its_own_recipe(folder, tmp_path):
     answers = session_on(folder)
     before = answers.session.state()["recipe"]
     answers.answer(
-        {"k": "run_folder", "folder": str(folder), "out": str(tmp_path / "qa"), "workers": 1}
+        {
+            "k": "run_folder",
+            "folder": str(folder),
+            "out": str(tmp_path / "qa"),
+            "scheduler": "serial",
+        }
     )
     assert answers.session.state()["recipe"] == before
     assert 'files = ["open.x3p"]' in before
@@ -75,7 +80,12 @@ def test_session_keeps_its_own_recipe(folder, tmp_path):
 
 def test_second_run_does_nothing_twice_and_a_list_writes_nothing(folder, tmp_path):
     answers = session_on(folder)
-    ask = {"k": "run_folder", "folder": str(folder), "out": str(tmp_path / "qa"), "workers": 1}
+    ask = {
+        "k": "run_folder",
+        "folder": str(folder),
+        "out": str(tmp_path / "qa"),
+        "scheduler": "serial",
+    }
     listed, _ = answers.answer({**ask, "dry_run": True})
     assert len(listed["rows"]) == 4
     assert not (tmp_path / "qa").exists()
@@ -87,7 +97,12 @@ def test_second_run_does_nothing_twice_and_a_list_writes_nothing(folder, tmp_pat
 def test_stopping_keeps_what_is_done(folder, tmp_path):
     answers, told = session_on(folder), []
     header, _ = answers.answer(
-        {"k": "run_folder", "folder": str(folder), "out": str(tmp_path / "qa"), "workers": 1},
+        {
+            "k": "run_folder",
+            "folder": str(folder),
+            "out": str(tmp_path / "qa"),
+            "scheduler": "serial",
+        },
         cancel=lambda: len(told) >= 1,
         tell=told.append,
     )

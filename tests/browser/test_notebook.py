@@ -14,6 +14,7 @@ import secrets
 import socket
 import subprocess
 import sys
+import textwrap
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -28,7 +29,6 @@ PYTHON = os.environ.get("METROSEP_NOTEBOOK_PYTHON") or sys.executable
 NEEDS = {"jupyterlab": ("jupyterlab", "ipykernel"), "marimo": ("marimo",)}
 WIDE, HIGH = 1366, 1200
 
-STEP, N = 20e-6, 300
 HOLE = (3.6e-3, 4.2e-3, 2.5e-3, 3.5e-3)
 """Not measured, as x from and to, y from and to, m."""
 
@@ -37,20 +37,14 @@ GREY = [138, 138, 138]
 ONE_PIXEL = 1.5
 """Where the hand lets go is known to a CSS pixel; half a pixel more for rounding on both sides."""
 
-SETUP = """\
-import json
-import numpy as np
-from metrosep import Surface
-at = np.arange(300) * 20e-6
-x, y = np.meshgrid(at, at)
-z = 40e-9 * np.cos(2 * np.pi * x / 0.5e-3) + 1e-5 * x
-z[(x >= 3.6e-3) & (x < 4.2e-3) & (y >= 2.5e-3) & (y < 3.5e-3)] = np.nan
-w = Surface(z, dx=20e-6, dy=20e-6).explore(height=480)
-def state():
-    line = w.section
-    return "STATE" + json.dumps({"a": w.a, "b": w.b, "band": w.band, "length": line.x[-1],
-        "first": line.z[0], "missing": line.n_invalid, "samples": len(line)}) + "END"
-"""
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "how-to" / "explore-in-a-notebook.md"
+EXAMPLE = PAGE.read_text(encoding="utf-8").partition("```python\n")[2].partition("```")[0]
+"""The map above, as the documentation has it."""
+
+STATE = (
+    "import json; state = lambda: 'STATE' + json.dumps({'a': w.a, 'b': w.b, 'band': w.band, "
+    "'length': w.section.x[-1], 'missing': w.section.n_invalid}) + 'END'"
+)
 
 MARIMO = f"""\
 # /// script
@@ -63,7 +57,8 @@ app = marimo.App(width="full")
 @app.cell
 def _():
     import marimo as mo
-{"".join(f"    {line}" + chr(10) for line in SETUP.splitlines())}
+{textwrap.indent(EXAMPLE, "    ")}
+    {STATE}
     shown = mo.ui.anywidget(w)
     shown
     return mo, shown, state, w
@@ -163,6 +158,11 @@ class Notebook:
         )
         page.run(f"{self.all('.metrosep-explore')}[0].scrollIntoView({{ block: 'center' }})")
 
+    def picture(self, name: str) -> None:
+        """Keep what is seen in the folder that METROSEP_PICTURES names, if it does."""
+        if folder := os.environ.get("METROSEP_PICTURES"):
+            Path(folder, f"{self.name}-{name}.png").write_bytes(self.page.picture())
+
     def set_a(self) -> None:
         """Let Python set a to x = 1 mm, y = 5 mm."""
         if self.name == "jupyterlab":
@@ -223,7 +223,7 @@ def served(name: str, folder: Path) -> Iterator[str]:
         }
         kernel = {"display_name": "Python 3", "language": "python", "name": "python3"}
         book = {
-            "cells": [{**cell, "source": f"{SETUP}w"}],
+            "cells": [{**cell, "source": EXAMPLE.rstrip()}],
             "metadata": {"kernelspec": kernel},
             "nbformat": 4,
             "nbformat_minor": 5,
@@ -302,6 +302,9 @@ def book(
         widget = f"{shown.all('.metrosep-explore')}[0]?.dataset"
         page.wait(f"{widget}?.maps > 0 && {widget}.sections > 0 && {widget}.spectrums > 0", 60)
         time.sleep(1.0)  # the finer picture
+        shown.picture("start")
+        if name == "jupyterlab":
+            shown.type(STATE)
         yield shown
 
 
@@ -452,5 +455,4 @@ def test_dark_and_light(fresh: Notebook) -> None:
         x0, y0, scale = rim(fresh)
         assert fresh.pixel(x0 + 3.9e-3 * scale, y0 - 3.4e-3 * scale) == GREY
         assert cursors(fresh) == [pytest.approx(v, abs=0.02) for v in (0.25, 0.75)]
-        if folder := os.environ.get("METROSEP_PICTURES"):
-            Path(folder, f"{fresh.name}-{scheme}.png").write_bytes(fresh.page.picture())
+        fresh.picture(scheme)

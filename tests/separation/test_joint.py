@@ -213,6 +213,7 @@ def test_runs_logged_at_different_rates_are_accepted(contract_machine, as_runset
     assert slow.rms_nm(estimate) <= 16.0 * NM
 
 
+@pytest.mark.slow
 def test_long_records_are_averaged_without_bias(contract_machine, as_runset):
     machine = contract_machine.Machine(
         22, case="none", rate=20_000.0, waves=contract_machine.WITH_SHORT, noise=0.05
