@@ -169,7 +169,9 @@ def _other(
     def make() -> _Side:
         return _evaluated(opened, recipe, files, cancel, tell)
 
-    found: _Side = made_of(opened.material, "against", f"{key}\n{recipe.text}", make, most=2)
+    found: _Side = made_of(
+        opened.material, "against", f"{key}\n{recipe.recorded['text']}", make, most=2
+    )
     return found
 
 

@@ -145,6 +145,9 @@ class Evaluations:
         obj = self.obj
         if level == "full" or not isinstance(obj, Surface) or obj.z.size <= _SMALL:
             return obj, False
+        if obj.dx is None or obj.dy is None:
+            # lengths count in its own pixels: those of a coarse copy would be others
+            return obj, False
         if level not in self._sources:
             self._sources[level] = _coarse(obj, self.pyramid, LEVELS[level])
         made = self._sources[level]

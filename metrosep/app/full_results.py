@@ -95,7 +95,7 @@ def result_of(opened: Opened, recipe: Recipe, cancel: Cancel, tell: Tell) -> Res
             raise step_error(outcome.error, recipe, outcome.failed) from None
         return measured_result(recipe, Measurement(outcome.source, outcome.stages))
 
-    found: Result = made_of(material, "result", recipe.text, make)
+    found: Result = made_of(material, "result", recipe.recorded["text"], make)
     return found
 
 

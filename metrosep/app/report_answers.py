@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from typing import Any
 
 import numpy as np
@@ -65,13 +64,13 @@ def report(session: Session, message: Message, cancel: Cancel, tell: Tell) -> An
             raise DataError(f"{target.name}: is a folder; name a file in it")
         if target.exists() and not message.get("overwrite"):
             raise DataError(f"{target.name}: exists already; choose another name or overwrite it")
-    text, recipe = document.text, document.recipe
+    recipe = document.recipe
     result = result_of(opened, recipe, cancel, tell)
     header: dict[str, Any] = {
         "formats": sorted(writers, key=lambda f: (f != "html", f)),
         "verdict": result.verdict,
         "title": result.document["title"],
-        "hash": hashlib.sha256(text.encode()).hexdigest(),
+        "hash": recipe.recorded["sha256"],
     }
     if cancel():
         raise CancelledError("stopped before the report was made")
@@ -85,5 +84,5 @@ def report(session: Session, message: Message, cancel: Cancel, tell: Tell) -> An
 
         return render_html(result.document).encode("utf-8")
 
-    page = made_of(opened.material, "report", recipe.text, make)
+    page = made_of(opened.material, "report", recipe.recorded["text"], make)
     return header, {"html": np.frombuffer(page, dtype=np.uint8)}

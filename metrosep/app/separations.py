@@ -9,11 +9,9 @@ from __future__ import annotations
 import json
 import threading
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from metrosep.app.view_tables import without_view
 from metrosep.core.errors import DataError
 from metrosep.core.runset import RunSet
 from metrosep.recipe.pipeline import CancelledError
@@ -151,7 +149,7 @@ class Separations:
         found: Result = self._results.of(
             _shown(recipe), lambda: separated_result(recipe, runs, estimate)
         )
-        return _of(found, recipe)
+        return found
 
 
 class MethodResults:
@@ -195,20 +193,12 @@ class MethodResults:
             raise DataError(f"{recipe.name}: is no recipe of a named method")
         files = None if recipe.reads_nothing else self.files
         found: Result = self._results.of(_shown(recipe), lambda: recipe.run(files), cancel)
-        return _of(found, recipe)
+        return found
 
 
 def _shown(recipe: Recipe) -> str:
-    return f"{recipe.name}\0{without_view(recipe.text)}"
-
-
-def _of(result: Result, recipe: Recipe) -> Result:
-    """Return a result with the recipe as it stands: another view of it gives no other numbers."""
-    record = dict(result.document["recipe"])
-    if record.get("text") == recipe.text:
-        return result
-    record |= {"text": recipe.text, "sha256": recipe.sha256}
-    return replace(result, document={**result.document, "recipe": record})
+    """Return what tells results apart: another view of a recipe gives no other numbers."""
+    return f"{recipe.name}\0{recipe.recorded['text']}"
 
 
 def _input_key(recipe: Recipe) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import threading
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
@@ -14,7 +13,6 @@ from metrosep.app.evaluations import Evaluations, Level, Outcome
 from metrosep.app.keeping import Keeper
 from metrosep.app.opening import Opened, open_files, open_with, read_again
 from metrosep.app.places import Places
-from metrosep.app.view_tables import without_view
 from metrosep.core.errors import DataError
 from metrosep.recipe.step_words import step_words
 
@@ -296,7 +294,7 @@ class Session:
                 "redo_label": document.redo_label,
                 "saved_at": self.keeper.saved_at,
                 "keeping": self._keeping(),
-                "hash": hashlib.sha256(without_view(document.text).encode()).hexdigest(),
+                "hash": document.recipe.recorded["sha256"],
                 "view": data.get("view", {}),
                 "messages": self._said(),
             }

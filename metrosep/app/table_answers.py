@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -135,7 +134,7 @@ def table(session: Session, message: Message, cancel: Cancel, tell: Tell) -> Ans
 
 def _require_same(document: RecipeDocument, message: Message) -> None:
     shown = message.get("hash")
-    if shown is not None and shown != hashlib.sha256(document.text.encode()).hexdigest():
+    if shown is not None and shown != document.recipe.recorded["sha256"]:
         raise DataError("the recipe has changed since what is shown; look at the new table first")
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from metrosep.core.errors import DataError
 
-__all__ = ["VIEW_KEYS", "checked_view", "view_of", "with_view", "without_view"]
+__all__ = ["VIEW_KEYS", "checked_view", "view_of", "with_view"]
 
 VIEW_KEYS = ("tab", "colours", "hill_shade", "section_mm", "section_px", "band_mm")
 """Tab, colours of the map, hill-shade, ends of the section, limits of the band of wavelengths."""
@@ -124,19 +124,3 @@ def with_view(text: str, view: Mapping[str, Any]) -> str:
     table = tomlkit.document()
     table.add("view", tomlkit.item(dict(view)))
     return f"{plain}\n{tomlkit.dumps(table)}"
-
-
-def without_view(text: str) -> str:
-    """Return a recipe without its table ``[view]``.
-
-    Parameters
-    ----------
-    text : str
-        TOML.
-
-    Returns
-    -------
-    str
-        TOML; two views of one recipe give the same.
-    """
-    return with_view(text, {}).rstrip("\n") + "\n"

@@ -117,7 +117,7 @@ def _document(
             "polynomial": None,
             "messages": [*warnings, *messages],
             "provenance": history_as_dicts((*steps, Step(name, dict(recipe.steps[0])))),
-            "recipe": {"name": recipe.name, "text": recipe.text, "sha256": recipe.sha256},
+            "recipe": recipe.recorded,
             "versions": versions(),
             "decision_rule": DECISION_RULE,
             **judged(recipe, described.quantities, unlisted=described.unlisted),

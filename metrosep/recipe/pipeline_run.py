@@ -322,7 +322,7 @@ def _document(recipe: Recipe, measured: Measurement, described: Description) -> 
             "polynomial": None,
             "messages": [*warnings, *messages],
             "provenance": history_as_dicts(measured.history),
-            "recipe": {"name": recipe.name, "text": recipe.text, "sha256": recipe.sha256},
+            "recipe": recipe.recorded,
             "versions": versions(),
             "decision_rule": DECISION_RULE,
             **judge_measurement(recipe, measured),

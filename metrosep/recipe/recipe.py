@@ -29,6 +29,7 @@ from metrosep.recipe.steps import (
     STEPS,
     TOP,
 )
+from metrosep.recipe.view_block import without_view_block
 
 __all__ = ["Recipe"]
 
@@ -91,6 +92,13 @@ class Recipe:
     def sha256(self) -> str:
         """Hash of the text."""
         return hashlib.sha256(self.text.encode("utf-8")).hexdigest()
+
+    @property
+    def recorded(self) -> dict[str, str]:
+        """What a result keeps of the recipe: name, text without ``[view]``, hash of that text."""
+        text = without_view_block(self.text)
+        digest = hashlib.sha256(text.encode("utf-8")).hexdigest()
+        return {"name": self.name, "text": text, "sha256": digest}
 
     @classmethod
     def load(cls, path: PathLike) -> Recipe:

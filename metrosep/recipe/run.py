@@ -150,7 +150,7 @@ def _document(
             *(plan or {}).get("messages", ()),
         ],
         "provenance": history_as_dicts(estimate.history),
-        "recipe": {"name": recipe.name, "text": recipe.text, "sha256": recipe.sha256},
+        "recipe": recipe.recorded,
         "versions": versions(),
         "decision_rule": DECISION_RULE,
         **characteristics(recipe, estimate, [t.verification for t in tables]),

@@ -15,7 +15,7 @@ from typing import Any, Literal
 from metrosep.core.errors import RecipeError, UnitError
 from metrosep.recipe.kinds import KINDS
 
-__all__ = ["Field", "Place", "checked_table"]
+__all__ = ["Field", "Place", "blanked_texts", "checked_table"]
 
 Kind = Literal[
     "text",
@@ -87,7 +87,7 @@ class Place:
         int or None
             Line number.
         """
-        lines = _without_texts(self.text).splitlines()
+        lines = blanked_texts(self.text).splitlines()
         first, header = self._first_line(lines)
         if first is None:
             return None
@@ -201,8 +201,19 @@ def _value(value: Any, field: Field, place: Place, key: str) -> Any:
         raise place.error(f"{key} = {value!r}: {exc}", key) from None
 
 
-def _without_texts(text: str) -> str:
-    """Return TOML with its texts of several lines blanked, line by line, so that no key hides there."""
+def blanked_texts(text: str) -> str:
+    """Return TOML with its texts of several lines blanked, line by line, so that no key hides there.
+
+    Parameters
+    ----------
+    text : str
+        TOML.
+
+    Returns
+    -------
+    str
+        As many lines.
+    """
     return re.sub(
         r'"""[\s\S]*?"""|\'\'\'[\s\S]*?\'\'\'',
         lambda found: '""' + "\n" * found.group().count("\n"),

@@ -94,3 +94,12 @@ def test_a_level_is_one_of_three():
 )  # fmt: skip
 def test_single_points_wait_for_all_data(symbol, waits):
     assert is_extreme(symbol) is waits
+
+
+def test_a_map_without_lateral_steps_has_no_preview():
+    # a section in pixels of a coarse copy would be another section
+    evaluations = Evaluations(Surface(np.zeros((900, 900))))
+    for level in ("drag", "idle"):
+        obj, is_preview = evaluations.source(level)
+        assert obj is evaluations.obj
+        assert not is_preview

@@ -7,10 +7,11 @@ import metrosep as ms
 from metrosep.app.answers import Answers
 from metrosep.app.places import Places
 from metrosep.app.sessions import Session
-from metrosep.app.view_tables import view_of, with_view, without_view
+from metrosep.app.view_tables import view_of, with_view
 from metrosep.core.errors import DataError
 from metrosep.recipe.hashing import recipe_hash
 from metrosep.recipe.recipe import Recipe
+from metrosep.recipe.view_block import without_view_block
 
 VIEW = {"tab": "report", "section_mm": [[0.1, 0.2], [1.5, 0.2]], "band_mm": [0.1, 2.0]}
 
@@ -48,8 +49,25 @@ def test_view_changes_no_number_and_no_recipe_hash(answers):
     shown = with_view(text, VIEW)
     assert view_of(shown) == VIEW
     assert recipe_hash(Recipe.parse(shown)) == recipe_hash(Recipe.parse(text))
-    assert without_view(shown) == without_view(text)
-    assert without_view(with_view(shown, {"tab": "map"})) == without_view(text)
+    assert without_view_block(shown) == without_view_block(text)
+    assert without_view_block(with_view(shown, {"tab": "map"})) == without_view_block(text)
+
+
+def test_view_does_not_stand_in_the_result(answers, tmp_path):
+    plain = Recipe.parse(answers.session.state()["recipe"], folder=tmp_path).run(
+        out=tmp_path / "1"
+    )
+    shown = with_view(answers.session.state()["recipe"], VIEW)
+    Recipe.parse(shown, folder=tmp_path).run(out=tmp_path / "2")
+    one, two = ((tmp_path / k / "result.json").read_bytes() for k in ("1", "2"))
+    assert one == two
+    assert plain.document["recipe"]["text"] == answers.session.state()["recipe"]
+
+
+def test_a_view_within_a_text_or_between_tables():
+    text = 'metrosep = 1\ntitle = """\n[view]\n"""\n[view] # x\ntab = "a"\n\n[input]\nfiles = []\n'
+    left = without_view_block(text)
+    assert left == 'metrosep = 1\ntitle = """\n[view]\n"""\n[input]\nfiles = []\n'
 
 
 def test_comments_and_later_tables_stay():

@@ -115,12 +115,14 @@ export function makePlot(el, options) {
     };
   const logarithmic = (/** @type {() => string} */ unit) =>
     (/** @type {any} */ _, /** @type {(number | null)[]} */ splits) => splits.map((v) => logTick(v, unit()));
-  // Ticks 1 to 9 of each decade; those with labels stand as close as `room` pixels for a decade allow.
-  const decimal = (/** @type {number} */ room) => ({
+  // Ticks 1 to 9 of each decade, of many decades 1 alone; those with labels stand as close as `room`
+  // pixels for a decade allow, and never closer than `least`.
+  const decimal = (/** @type {number} */ room, /** @type {number} */ least) => ({
     splits(/** @type {any} */ _, /** @type {number} */ __, /** @type {number} */ min, /** @type {number} */ max) {
       const out = [];
+      const last = max / min > 1e7 ? 1 : 9;
       for (let k = Math.floor(Math.log10(min)); 10 ** k <= max; k += 1) {
-        for (let d = 1; d < 10; d += 1) {
+        for (let d = 1; d <= last; d += 1) {
           const v = Number(`${d}e${k}`);
           if (v >= min * (1 - 1e-9) && v <= max * (1 + 1e-9)) out.push(v);
         }
@@ -132,7 +134,12 @@ export function makePlot(el, options) {
       const side = plotSize(self)[index === 0 ? 0 : 1];
       const each = side / Math.max(0.3, Math.log10(max / min));
       const digits = each > room ? [1, 2, 5] : [1];
-      return splits.map((v) => (digits.includes(Number(v.toExponential()[0])) ? v : null));
+      const step = Math.max(1, Math.ceil(least / each));
+      const labelled = (/** @type {number} */ v) => {
+        const [digit, power] = v.toExponential().split("e").map(Number);
+        return digits.includes(digit) && power % step === 0;
+      };
+      return splits.map((v) => (labelled(v) ? v : null));
     },
   });
   const decades = (/** @type {any} */ u, /** @type {number} */ min, /** @type {number} */ max) => {
@@ -150,7 +157,7 @@ export function makePlot(el, options) {
       ? { x: { time: false, distr: 3, range: decades }, y: { distr: 3, range: (/** @type {any} */ _u, /** @type {number} */ a, /** @type {number} */ b) => decades(_u, a / 1.5, b * 1.5) } }
       : { x: { time: false, range: (/** @type {any} */ _u, /** @type {number} */ a, /** @type {number} */ b) => (a === b ? [a - 1, b + 1] : [a, b]) } },
     axes: log
-      ? [axis({ values: logarithmic(xUnit), size: 34, ...decimal(150) }), axis({ values: logarithmic(yUnit), size: 62, ...decimal(60) })]
+      ? [axis({ values: logarithmic(xUnit), size: 34, ...decimal(150, 56) }), axis({ values: logarithmic(yUnit), size: 62, ...decimal(60, 16) })]
       : [axis({ values: linear(foot, "x", xUnit), size: 34, space: 60 }), axis({ values: linear(corner, "y", yUnit), size: 56, space: 30 })],
     series: [{}, ...series.map((one) => ({ points: { show: false }, spanGaps: false, ...one }))],
     bands,
