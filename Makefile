@@ -5,6 +5,7 @@
 #   make test-controller  the table on a real LinuxCNC (skipped by name where it cannot be installed)
 #   make test-clients     files against other makers' clients (mecode, PIPython), likewise
 #   make test-browser     the workbench in headless Chromium (skipped by name where there is none)
+#   make test-notebook    its widgets in JupyterLab and marimo, driven by Chromium
 #   make docs | bench | constraints | clean
 # Another interpreter: make PYTHON=python3.12 test
 
@@ -12,6 +13,7 @@ PYTHON ?= python3
 VENV ?= .venv
 PEERS ?= .venv-peers
 CLIENTS ?= .clients
+NOTEBOOK ?= .venv-notebook
 DEMO ?= metrosep-demo
 PYTEST_FLAGS ?=
 WORKERS ?= 2
@@ -26,7 +28,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 export MKL_NUM_THREADS ?= 1
 
 .DELETE_ON_ERROR:
-.PHONY: help install groups demo test test-slow test-controller test-clients test-browser check lint docs bench constraints clean
+.PHONY: help install groups demo test test-slow test-controller test-clients test-browser test-notebook check lint docs bench constraints clean
 
 help:
 	@sed -n 's/^#   //p' Makefile
@@ -102,11 +104,29 @@ test-clients: $(VENV)/.installed-test
 	fi; \
 	PYTHONPATH=$(CLIENTS) $(PYTEST) -m peer tests/acceptance/mecode tests/acceptance/pi $(PYTEST_FLAGS)
 
+# All of them; CI takes those that walk through the work of a user: BROWSER_TESTS="...".
+BROWSER_TESTS ?= tests/browser
 test-browser: $(VENV)/.installed-test
-	@if ! $(BIN)/python tools/chromium.py; then \
-	    echo "SKIPPED browser: no Chromium is installed (Debian: apt-get install chromium)"; exit 0; \
+	@status=0; bash tests/browser/install.sh $(BIN)/python || status=$$?; \
+	if [ $$status -eq 75 ]; then \
+	    echo "SKIPPED browser: Chromium cannot be installed here"; exit 0; \
 	fi; \
-	$(PYTEST) -m browser tests/browser $(PYTEST_FLAGS)
+	if [ $$status -ne 0 ]; then \
+	    echo "browser: install.sh failed with exit code $$status" >&2; exit $$status; \
+	fi; \
+	$(PYTEST) -m browser $(BROWSER_TESTS) $(PYTEST_FLAGS)
+
+# The widgets in JupyterLab and marimo, which live in an environment of their own.
+$(NOTEBOOK)/.installed: pyproject.toml
+	$(PYTHON) -m venv $(NOTEBOOK)
+	$(NOTEBOOK)/bin/python -m pip --disable-pip-version-check --quiet install --upgrade 'pip>=25.1'
+	$(NOTEBOOK)/bin/python -m pip --disable-pip-version-check --quiet install -c constraints.txt -e .
+	$(NOTEBOOK)/bin/python -m pip --disable-pip-version-check --quiet install --group notebook-test
+	@touch $@
+
+test-notebook: $(VENV)/.installed-test $(NOTEBOOK)/.installed
+	METROSEP_NOTEBOOK_PYTHON=$(abspath $(NOTEBOOK))/bin/python \
+	    $(PYTEST) -m browser tests/browser/test_notebook.py $(PYTEST_FLAGS)
 
 check: lint docs
 
