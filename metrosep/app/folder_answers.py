@@ -57,7 +57,9 @@ def run_folder(session: Session, message: Message, cancel: Cancel, tell: Tell) -
         raise DataError("this recipe reads no input: there is no folder to run it on")
     folder = _folder(session, text_of(message, "folder"))
     out = session.places.writable(text_of(message, "out"))
-    recipe = recipe_of_folder(document, _pattern(message, opened.files[0]))
+    # a set of runs in several files is a folder; a file that holds all its runs is a unit by itself
+    each = "folder" if opened.kind == "runs" and len(opened.files) > 1 else "file"
+    recipe = recipe_of_folder(document, _pattern(message, opened.files[0]), each)
     workers = message.get("workers")
     if workers is not None and (isinstance(workers, bool) or not isinstance(workers, int)):
         raise DataError(f"workers = {workers!r}: a whole number from 1 is needed")
@@ -79,13 +81,14 @@ def run_folder(session: Session, message: Message, cancel: Cancel, tell: Tell) -
         "messages": list(report.messages),
         "stopped": report.stopped,
         "exit_code": report.exit_code,
+        "each": each,
         "folder": str(folder),
         "out": str(out),
         "files": [] if report.out is None else sorted(str(f) for f in out.glob("index.*")),
     }, {}
 
 
-def recipe_of_folder(document: RecipeDocument, pattern: str) -> Recipe:
+def recipe_of_folder(document: RecipeDocument, pattern: str, each: str = "file") -> Recipe:
     """Return the recipe of a session for all files of a pattern; the session keeps its own.
 
     Parameters
@@ -94,6 +97,8 @@ def recipe_of_folder(document: RecipeDocument, pattern: str) -> Recipe:
         Whose ``[input] files`` names what is open.
     pattern : str
         Such as ``*.sdf``.
+    each : {"file", "folder"}, optional
+        What one result is made of.
 
     Returns
     -------
@@ -107,7 +112,11 @@ def recipe_of_folder(document: RecipeDocument, pattern: str) -> Recipe:
     """
     made = RecipeDocument(document.text, document.folder, document.name)
     files = list(document.recipe.input.get("files", ()))
-    made.edit([Edit(("input", "files"), files or None, [pattern])])
+    held = document.recipe.batch_options.get("each")
+    edits = [Edit(("input", "files"), files or None, [pattern])]
+    if held != each:
+        edits.append(Edit(("batch", "each"), held, each))
+    made.edit(edits)
     return made.recipe
 
 

@@ -6,9 +6,10 @@ from typing import Any
 
 from metrosep.app.evaluations import Evaluations
 from metrosep.app.messages import Answer, Cancel, Message, Tell, level_of, number_or_none, plain
-from metrosep.app.sessions import Session, is_extreme
-from metrosep.core.errors import MetrosepError
+from metrosep.app.sessions import Session, is_extreme, mark_of
+from metrosep.core.errors import MetrosepError, RecipeError
 from metrosep.recipe.pipeline import Stage
+from metrosep.recipe.recipe import Recipe
 from metrosep.recipe.result import Result
 from metrosep.recipe.step_words import step_words
 
@@ -42,15 +43,41 @@ def metrics(session: Session, message: Message, cancel: Cancel, tell: Tell) -> A
     MetrosepError
         If nothing is open, or the request is wrong.
     """
-    opened, document = session.need()
+    with session.lock:
+        opened, document = session.need()
+        recipe = document.recipe
     if isinstance(opened.material, Evaluations):
         return _measured(session, message, cancel)
+    header: dict[str, Any] = {"hash": mark_of(opened, recipe)}
     if level_of(message) != "full":
         # a separation has no preview: its numbers come with the full pass
-        return {"is_preview": True, "verdict": None, "rows": [], "messages": [], "stages": []}, {}
+        nothing: dict[str, Any] = {
+            "is_preview": True,
+            "verdict": None,
+            "rows": [],
+            "messages": [],
+            "stages": [],
+        }
+        return header | nothing, {}
     tell({"k": "progress", "text": "separating" if opened.kind == "runs" else "computing"})
-    result: Result = opened.material.result(document.recipe, cancel)
-    return _of_document(result, session), {}
+    try:
+        result: Result = opened.material.result(recipe, cancel)
+    except RecipeError as exc:
+        if not recipe.checks:
+            raise
+        # a limit that cannot be judged: the numbers are still shown
+        plain_recipe = _without_checks(recipe)
+        result = opened.material.result(plain_recipe, cancel)
+        return header | _of_document(result, session) | {"refused": session.words(str(exc))}, {}
+    return header | _of_document(result, session), {}
+
+
+def _without_checks(recipe: Recipe) -> Recipe:
+    import tomlkit
+
+    made = tomlkit.parse(recipe.text)
+    made.pop("check", None)
+    return Recipe.parse(str(tomlkit.dumps(made)), name=recipe.name, folder=recipe.folder)
 
 
 def _of_document(result: Result, session: Session) -> dict[str, Any]:
@@ -80,11 +107,12 @@ def _of_document(result: Result, session: Session) -> dict[str, Any]:
 def _measured(session: Session, message: Message, cancel: Cancel) -> Answer:
     from metrosep.recipe.pipeline_run import Measurement, judge_measurement
 
-    outcome = session.outcome(level_of(message), cancel=cancel)
-    _, document = session.need()
+    # limits of the very recipe whose steps were carried out: an edit may come meanwhile
+    outcome, recipe, mark = session.evaluated(level_of(message), cancel=cancel)
     measured = Measurement(outcome.source, outcome.stages)
     found = measured.found
     header: dict[str, Any] = {
+        "hash": mark,
         "is_preview": outcome.is_preview,
         "verdict": None,
         "rows": [_row(k, q, preview=outcome.is_preview) for k, q in found.items()],
@@ -95,9 +123,9 @@ def _measured(session: Session, message: Message, cancel: Cancel) -> Answer:
     }
     if outcome.error is not None:
         header["failed"] = {"index": outcome.failed, "message": str(outcome.error)}
-    elif not outcome.is_preview and document.recipe.checks:
+    elif not outcome.is_preview and recipe.checks:
         try:
-            judged = judge_measurement(document.recipe, measured)
+            judged = judge_measurement(recipe, measured)
         except MetrosepError as exc:
             # a limit of what is not there: the numbers are still shown
             header["refused"] = str(exc)

@@ -14,6 +14,7 @@ from metrosep.app.documents import Edit, RecipeDocument, start_runs_text, start_
 from metrosep.app.evaluations import Evaluations
 from metrosep.app.places import Places
 from metrosep.app.separations import MethodResults, Separations
+from metrosep.app.targets import Stamp, stamps_of, with_digests
 from metrosep.core.errors import (
     DataError,
     FormatMismatchError,
@@ -67,6 +68,8 @@ class Opened:
         Where the session is kept.
     displaced : bool
         Whether what is kept there is not used: it is put aside before it is written over.
+    serial : int
+        Number of the opening within its session.
     """
 
     kind: Kind
@@ -77,6 +80,7 @@ class Opened:
     messages: tuple[str, ...] = ()
     kept: Path = Path()
     displaced: bool = False
+    serial: int = 0
 
 
 def autosave_path(file: Path, others: Sequence[Path] = ()) -> Path:

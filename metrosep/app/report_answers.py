@@ -8,7 +8,7 @@ import numpy as np
 
 from metrosep.app.full_results import made_of, result_of
 from metrosep.app.messages import Answer, Cancel, Message, Tell, text_of
-from metrosep.app.sessions import Session
+from metrosep.app.sessions import Session, mark_of
 from metrosep.core.errors import DataError
 from metrosep.recipe.pipeline import CancelledError
 
@@ -70,7 +70,7 @@ def report(session: Session, message: Message, cancel: Cancel, tell: Tell) -> An
         "formats": sorted(writers, key=lambda f: (f != "html", f)),
         "verdict": result.verdict,
         "title": result.document["title"],
-        "hash": recipe.recorded["sha256"],
+        "hash": mark_of(opened, recipe),
     }
     if cancel():
         raise CancelledError("stopped before the report was made")

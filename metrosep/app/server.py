@@ -268,7 +268,8 @@ class _Talk:
         number = message.get("id")
         number = number if isinstance(number, int) and not isinstance(number, bool) else None
         if message["k"] == "cancel":
-            event = self.cancelled.get(message.get("of", -1))
+            of = message.get("of")
+            event = self.cancelled.get(of) if type(of) is int else None
             if event is not None:
                 event.set()
             return
@@ -284,8 +285,10 @@ class _Talk:
         try:
             async with self.turns.setdefault(kind, asyncio.Lock()):
                 tell = self.teller(number, asyncio.get_running_loop())
-                header, arrays = await run_in_threadpool(self.answer, message, number, event, tell)
-            await self.send(header, arrays)
+                header, frame = await run_in_threadpool(
+                    self.framed, message, number, event, tell
+                )
+            await self.post(frame)
             if kind in CHANGING and header.get("ok"):
                 await self.tell_others({"k": "session", "session": header["session"]})
         finally:
@@ -304,6 +307,23 @@ class _Talk:
         """Send news to the other pages: they show the same recipe."""
         for page in [p for p in self.pages if p is not self]:
             await page.send(news)
+
+    def framed(
+        self, message: Mapping[str, Any], number: int | None, event: threading.Event, tell: Tell
+    ) -> tuple[Mapping[str, Any], bytes]:
+        """Return the answer and its frame: whatever goes wrong, the page hears of it."""
+        kind = message.get("k")
+        try:
+            header, arrays = self.answer(message, number, event, tell)
+            return header, pack(header, arrays)
+        except Exception as exc:  # a fault of ours: it is told, and the page goes on
+            logging.getLogger("metrosep").exception("request %s", kind)
+            words = (
+                f"{kind}: internal error ({type(exc).__name__}: {exc}): this is a bug in metrosep; the "
+                "recipe is kept; please report it with what the terminal says"
+            )
+            header = error_header(words, code=5, request=number, k=kind)
+            return header, pack(header)
 
     def answer(
         self,
@@ -331,17 +351,12 @@ class _Talk:
                 "the measurement; the recipe is kept"
             )
             return error_header(words, code=4, request=number, k=kind), {}
-        except Exception as exc:  # a fault of ours: the page must hear of it, and go on
-            logging.getLogger("metrosep").exception("request %s", kind)
-            words = (
-                f"{kind}: an error inside metrosep ({type(exc).__name__}: {exc}); the recipe is kept; "
-                "please report it with what the terminal says"
-            )
-            return error_header(words, code=5, request=number, k=kind), {}
         return ({"id": number, **header} if number is not None else header), arrays
 
-    async def send(self, header: Mapping[str, Any], arrays: Any = None) -> None:
-        frame = pack(header, arrays or {})
+    async def send(self, header: Mapping[str, Any]) -> None:
+        await self.post(pack(header))
+
+    async def post(self, frame: bytes) -> None:
         async with self.sending:
             with contextlib.suppress(WebSocketDisconnect, RuntimeError):
                 await self.websocket.send_bytes(frame)

@@ -13,10 +13,12 @@ from metrosep.app.evaluations import Evaluations, Level, Outcome
 from metrosep.app.keeping import Keeper
 from metrosep.app.opening import Opened, open_files, open_with, read_again
 from metrosep.app.places import Places
+from metrosep.app.view_tables import shown_view
 from metrosep.core.errors import DataError
+from metrosep.recipe.recipe import Recipe
 from metrosep.recipe.step_words import step_words
 
-__all__ = ["Session", "is_extreme"]
+__all__ = ["Session", "is_extreme", "mark_of"]
 
 _EXTREMES = ("PV", "PVr", "PVq", "Sz", "Sp", "Sv", "S10z", "Sxp")
 """Parameters of single points, besides all of a profile that end in t, z, p or v: they need all data."""
@@ -52,6 +54,7 @@ class Session:
         self.opened: Opened | None = None
         self.document: RecipeDocument | None = None
         self.messages: list[str] = []
+        self._openings = 0
 
     # ---- opening -----------------------------------------------------------------------------
 
@@ -93,6 +96,8 @@ class Session:
             else:
                 opened = open_files(self.places, names, reading, self._read)
             with self.lock:
+                self._openings += 1
+                opened = replace(opened, serial=self._openings)
                 self.opened, self.document = opened, opened.document
                 self.messages = list(opened.messages)
                 self.keeper.forget()
@@ -247,20 +252,55 @@ class Session:
         CancelledError
             If `cancel` says so.
         """
+        return self.evaluated(level, cancel=cancel, tell=tell)[0]
+
+    def evaluated(
+        self,
+        level: Level,
+        *,
+        cancel: Callable[[], bool] | None = None,
+        tell: Callable[[str], None] | None = None,
+    ) -> tuple[Outcome, Recipe, str]:
+        """Return what the steps make of the data, with the recipe that holds these steps.
+
+        Parameters
+        ----------
+        level : {"drag", "idle", "full"}
+            Size.
+        cancel, tell : callable, optional
+            See `Evaluations.outcome`.
+
+        Returns
+        -------
+        outcome : Outcome
+            Up to the first step that fails.
+        recipe : Recipe
+            As it was when the evaluation began: an edit may have come since.
+        mark : str
+            Of file and recipe, as `state` tells it.
+
+        Raises
+        ------
+        DataError
+            If nothing is open, or it is no map or profile.
+        CancelledError
+            If `cancel` says so.
+        """
         with self.lock:
-            steps = self._need().recipe.steps
-            evaluations = self.evaluations
-        if evaluations is None:
+            opened, document = self.need()
+            recipe = document.recipe
+        if not isinstance(opened.material, Evaluations):
             raise DataError(
-                f"this is a recipe of {self.kind}: it has no stages of one measurement"
+                f"this is a recipe of {opened.kind}: it has no stages of one measurement"
             )
-        outcome = evaluations.outcome(steps, level, cancel=cancel, tell=tell)
+        steps = recipe.steps
+        outcome = opened.material.outcome(steps, level, cancel=cancel, tell=tell)
         if outcome.error is not None and outcome.failed is not None:
             error, op = outcome.error, steps[outcome.failed]["op"]
             words = step_words(str(error), op)
             words = words.replace("nesting_index", "cutoff") if op == "filter" else words
             error.args = (words, *error.args[1:])
-        return outcome
+        return outcome, recipe, mark_of(opened, recipe)
 
     def state(self) -> dict[str, Any]:
         """Return everything that the page shows of the recipe.
@@ -294,8 +334,8 @@ class Session:
                 "redo_label": document.redo_label,
                 "saved_at": self.keeper.saved_at,
                 "keeping": self._keeping(),
-                "hash": document.recipe.recorded["sha256"],
-                "view": data.get("view", {}),
+                "hash": mark_of(opened, document.recipe),
+                "view": shown_view(data.get("view")),
                 "messages": self._said(),
             }
 
@@ -333,6 +373,24 @@ class Session:
         """Forget the measurement; the recipe was kept with each edit."""
         self.keeper.wait(_LAST_WAIT)
         self.places.close()
+
+
+def mark_of(opened: Opened, recipe: Recipe) -> str:
+    """Return what tells a recipe on a file from all others: numbers of another are outdated.
+
+    Parameters
+    ----------
+    opened : Opened
+        The files.
+    recipe : Recipe
+        What is carried out on them.
+
+    Returns
+    -------
+    str
+        Number of the opening and hash of the recipe without its view.
+    """
+    return f"{opened.serial}-{recipe.recorded['sha256']}"
 
 
 def _steps(data: Mapping[str, Any]) -> list[dict[str, Any]]:

@@ -10,8 +10,9 @@ from typing import Any
 from metrosep.app.controller_lists import described_controllers, machine_facts
 from metrosep.app.documents import Edit, RecipeDocument
 from metrosep.app.messages import Answer, Cancel, Message, Tell
+from metrosep.app.opening import Opened
 from metrosep.app.separations import Separations
-from metrosep.app.sessions import Session
+from metrosep.app.sessions import Session, mark_of
 from metrosep.app.table_views import view_table
 from metrosep.app.table_writing import trial_words, write_file, write_trial
 from metrosep.app.wanted_tables import Wanted
@@ -99,7 +100,7 @@ def table(session: Session, message: Message, cancel: Cancel, tell: Tell) -> Ans
         raise DataError(
             f"a table over one axis is made of separated runs; what is open is a {opened.kind}"
         )
-    _require_same(document, message)
+    _require_same(opened, document, message)
     stored = document.recipe
     found = _tables(stored)
     draft = message.get("draft")
@@ -132,9 +133,9 @@ def table(session: Session, message: Message, cancel: Cancel, tell: Tell) -> Ans
 # ---- which table -----------------------------------------------------------------------------
 
 
-def _require_same(document: RecipeDocument, message: Message) -> None:
+def _require_same(opened: Opened, document: RecipeDocument, message: Message) -> None:
     shown = message.get("hash")
-    if shown is not None and shown != document.recipe.recorded["sha256"]:
+    if shown is not None and shown != mark_of(opened, document.recipe):
         raise DataError("the recipe has changed since what is shown; look at the new table first")
 
 

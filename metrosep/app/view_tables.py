@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-import math
 import tomllib
 from collections.abc import Mapping
 from typing import Any
 
 from metrosep.core.errors import DataError
 
-__all__ = ["VIEW_KEYS", "checked_view", "view_of", "with_view"]
+__all__ = ["VIEW_KEYS", "checked_view", "shown_view", "view_of", "with_view"]
 
 VIEW_KEYS = ("tab", "colours", "hill_shade", "section_mm", "section_px", "band_mm")
 """Tab, colours of the map, hill-shade, ends of the section, limits of the band of wavelengths."""
+
+_FARTHEST = 1e9
+"""No machine is larger, mm; pixels neither."""
 
 
 def checked_view(given: Any) -> dict[str, Any]:
@@ -45,14 +47,38 @@ def checked_view(given: Any) -> dict[str, Any]:
     return found
 
 
+def shown_view(view: object) -> dict[str, Any]:
+    """Return what the page can show of a table ``[view]``, which may have been written by hand.
+
+    Parameters
+    ----------
+    view : object
+        As the recipe holds it.
+
+    Returns
+    -------
+    dict
+        The keys of `VIEW_KEYS` whose value fits; what does not is as if it were not there.
+
+    Examples
+    --------
+    >>> shown_view({"tab": "report", "section_mm": [1, 2], "band_mm": [2, -1]})
+    {'tab': 'report'}
+    """
+    if not isinstance(view, Mapping):
+        return {}
+    return {k: v for k, v in view.items() if k in VIEW_KEYS and _fits(k, v)}
+
+
 def _fits(key: str, value: Any) -> bool:
     if key in ("tab", "colours"):
         return isinstance(value, str) and len(value) <= 40 and value.isprintable()
     if key == "hill_shade":
         return isinstance(value, bool)
     if key == "band_mm":
-        return _numbers(value) and value[0] < value[1]
-    return isinstance(value, list) and len(value) == 2 and all(_numbers(end) for end in value)
+        return _numbers(value) and 0 < value[0] < value[1]
+    two = isinstance(value, list) and len(value) == 2 and all(_numbers(end) for end in value)
+    return two and value[0] != value[1]
 
 
 def _numbers(value: Any) -> bool:
@@ -60,7 +86,7 @@ def _numbers(value: Any) -> bool:
         isinstance(value, list)
         and len(value) == 2
         and all(
-            isinstance(v, int | float) and not isinstance(v, bool) and math.isfinite(v)
+            isinstance(v, int | float) and not isinstance(v, bool) and abs(v) <= _FARTHEST
             for v in value
         )
     )
@@ -77,14 +103,15 @@ def view_of(text: str) -> dict[str, Any]:
     Returns
     -------
     dict
-        Empty where there is none.
+        Empty where there is none, or ``view`` is no table.
 
     Examples
     --------
     >>> view_of("metrosep = 1\n[view]\ntab = 'report'\n")
     {'tab': 'report'}
     """
-    return dict(tomllib.loads(text).get("view", {}))
+    found = tomllib.loads(text).get("view", {})
+    return dict(found) if isinstance(found, Mapping) else {}
 
 
 def with_view(text: str, view: Mapping[str, Any]) -> str:

@@ -142,9 +142,9 @@ def one_file_each(recipe: Recipe) -> bool:
     bool
         False where the files of a folder belong together.
     """
-    if recipe.is_pipeline:
+    if recipe.is_pipeline or recipe.batch_options.get("each") == "file":
         return True
-    if not recipe.is_method:
+    if not recipe.is_method or recipe.batch_options.get("each") == "folder":
         return False
     method = METHODS[recipe.steps[0]["op"]]
     if method.reads == "maps":

@@ -11,6 +11,7 @@ from metrosep.recipe.schema import Field, Place, checked_table
 __all__ = ["BATCH", "batch_table"]
 
 BATCH = {
+    "each": Field("text", choices=("file", "folder")),
     "pattern": Field("text"),
     "key": Field("texts"),
     "on_error": Field("text", choices=("continue", "stop")),
@@ -32,8 +33,9 @@ def batch_table(data: Mapping[str, Any], place: Place) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``pattern`` (None: the stem of each file names it), ``key`` (named groups), ``on_error``,
-        ``index`` (formats), ``trend`` (names of characteristics).
+        ``each`` (what a unit is: "file", "folder", None: as the recipe reads), ``pattern`` (None:
+        the stem of each file names it), ``key`` (named groups), ``on_error``, ``index`` (formats),
+        ``trend`` (names of characteristics).
 
     Raises
     ------
@@ -64,6 +66,7 @@ def batch_table(data: Mapping[str, Any], place: Place) -> dict[str, Any]:
     for name in ("key", "index", "trend"):
         _once(table.get(name, ()), name, place)
     return {
+        "each": table.get("each"),
         "pattern": pattern,
         "key": key,
         "on_error": table.get("on_error", "continue"),

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import tomllib
+from typing import Any
 
 from metrosep.recipe.schema import blanked_texts
 
@@ -34,10 +36,26 @@ def without_view_block(text: str) -> str:
     first = next((i for i, line in enumerate(plain) if _HEADER.match(line)), None)
     if first is None:
         return text
-    after = next(
-        (i for i in range(first + 1, len(plain)) if plain[i].lstrip().startswith("[")), len(plain)
-    )
+    held = tomllib.loads(text)
+    held.pop("view")
+    for after in range(first + 1, len(plain) + 1):
+        # the next header may be a line of an array: the rest must say what it said
+        if after < len(plain) and not plain[after].lstrip().startswith("["):
+            continue
+        made = "".join(lines[:first] + lines[after:])
+        if _says(made, held):
+            break
+    else:
+        return text
     before = "".join(lines[:first])
     if after == len(plain):
         return before.rstrip("\n") + "\n"
     return before + "".join(lines[after:])
+
+
+def _says(text: str, held: dict[str, Any]) -> bool:
+    """Whether a text is TOML with this content."""
+    try:
+        return tomllib.loads(text) == held
+    except tomllib.TOMLDecodeError:
+        return False

@@ -131,3 +131,39 @@ def test_what_cannot_be_is_refused_in_words(folder, tmp_path, changed, error, wo
     with pytest.raises(error, match=words):
         answers.answer({**ask, **changed})
     assert not (tmp_path / "qa").exists()
+
+
+def test_files_that_hold_their_runs_are_not_pooled(tmp_path):
+    # two machines whose errors cancel: together they would look perfect
+    rng = np.random.default_rng(3)
+    x = np.arange(0.0, 20.0, 0.05)
+    inbox = tmp_path / "inbox"
+    inbox.mkdir()
+    for name, sign in (("m1", 1.0), ("m2", -1.0)):
+        rows = ["run,x_mm,z_um"]
+        for k in range(3):
+            z = sign * 2.0 * np.exp(-(((x - 8.0) / 3.0) ** 2)) + 0.002 * rng.standard_normal(
+                x.size
+            )
+            rows += [f"{k},{a:.3f},{b:.5f}" for a, b in zip(x, z, strict=True)]
+        (inbox / f"{name}.csv").write_text("\n".join(rows) + "\n")
+    (inbox / "r.toml").write_text(
+        'metrosep = 1\n[input]\nfiles = ["m1.csv"]\nx = "x_mm"\nz = "z_um"\nrun = "run"\n'
+        '[[step]]\nop = "separate"\nmethod = "mean"\n'
+    )
+    answers = Answers(Session(Places([tmp_path])))
+    answers.answer({"k": "open", "path": str(inbox / "r.toml")})
+    header, _ = answers.answer(
+        {
+            "k": "run_folder",
+            "folder": str(inbox),
+            "out": str(tmp_path / "qa"),
+            "scheduler": "serial",
+        }
+    )
+    values = {
+        row["unit"]: next(c["value"] for c in row["characteristics"] if c["metric"] == "pv")
+        for row in header["rows"]
+    }
+    assert set(values) == {"m1.csv", "m2.csv"}
+    assert min(values.values()) > 1e-6

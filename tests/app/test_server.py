@@ -9,9 +9,11 @@ from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
 import metrosep as ms
+from metrosep.app.answers import Answers
 from metrosep.app.opening import autosave_path
 from metrosep.app.places import Places
 from metrosep.app.server import make_app
+from metrosep.app.sessions import Session
 from metrosep.app.wire import unpack
 
 PORT, TOKEN = 8123, "t" * 43
@@ -338,3 +340,65 @@ def test_a_corrupt_upload_is_told(part):
             words = page.refused("open", path=answer.json()["path"])
             assert "a.x3p" in words
             assert page.ok("hello")[0]["session"]["kind"] is None
+
+
+# ---- nothing is left without an answer -------------------------------------------------------
+
+
+@pytest.mark.parametrize("of", [[1], {"a": 1}, "x", None, True, 1.5, 10**30])
+def test_cancel_of_what_is_no_request_leaves_the_connection(page, of):
+    page.socket.send_text(json.dumps({"k": "cancel", "of": of}))
+    assert page.ok("hello")[0]["session"]["kind"] == "map"
+
+
+def test_an_answer_that_cannot_be_written_is_answered_by_an_error(page, monkeypatch):
+    whole = Session.state
+    monkeypatch.setattr(Session, "state", lambda self: {**whole(self), "made": object()})
+    header, _ = page.ask("hello")
+    assert not header["ok"]
+    assert header["error"]["code"] == 5
+    assert "internal error" in header["error"]["message"]
+    assert "this is a bug in metrosep" in header["error"]["message"]
+    monkeypatch.undo()
+    page.ok("hello")
+
+
+def test_an_array_that_no_frame_carries_is_answered_by_an_error(page, monkeypatch):
+    monkeypatch.setattr(
+        Answers, "answer", lambda *_: ({"k": "map", "ok": True}, {"a": np.array([1 + 2j])})
+    )
+    header, _ = page.ask("map")
+    assert header["error"]["code"] == 5
+    assert "complex" in header["error"]["message"]
+
+
+def test_an_unexpected_error_of_ours_is_answered(page, monkeypatch):
+    def fails(*_):
+        raise AttributeError("no such thing")
+
+    monkeypatch.setattr(Answers, "answer", fails)
+    header, _ = page.ask("map")
+    assert header["error"]["code"] == 5
+    assert "internal error (AttributeError: no such thing)" in header["error"]["message"]
+
+
+def test_an_error_while_an_error_is_told_is_answered(page, monkeypatch):
+    def fails(*_):
+        raise RuntimeError("words")
+
+    monkeypatch.setattr(Session, "words", fails)
+    header, _ = page.ask("edit", path=["title"], old="not this", new="x")
+    assert header["error"]["code"] == 5
+
+
+def test_a_view_with_a_date_opens(part):
+    recipe = part.with_name("r.toml")
+    recipe.write_text(
+        'metrosep = 1\n[input]\nfiles = ["part.x3p"]\n[[step]]\nop = "form"\nform = "plane"\n'
+        '[[step]]\nop = "parameters"\n[view]\nmade = 2026-11-22\n[view.more]\nat = 03:00:00\n'
+    )
+    with (
+        client(part.parent, str(part)) as http,
+        http.websocket_connect(f"/ws?token={TOKEN}", headers=HOST) as socket,
+    ):
+        assert Page(socket).ok("open", path=str(recipe))[0]["session"]["view"] == {}

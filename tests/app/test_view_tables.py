@@ -1,5 +1,7 @@
 """What is shown is kept in [view]: no edit, no other numbers; another file by the same recipe."""
 
+import datetime
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,8 @@ import metrosep as ms
 from metrosep.app.answers import Answers
 from metrosep.app.places import Places
 from metrosep.app.sessions import Session
-from metrosep.app.view_tables import view_of, with_view
+from metrosep.app.view_tables import shown_view, view_of, with_view
+from metrosep.app.wire import pack
 from metrosep.core.errors import DataError
 from metrosep.recipe.hashing import recipe_hash
 from metrosep.recipe.recipe import Recipe
@@ -85,6 +88,9 @@ def test_comments_and_later_tables_stay():
         {"tab": 3},
         {"tab": "a\nb"},
         {"band_mm": [2.0, 1.0]},
+        {"band_mm": [-2.0, 1.0]},
+        {"band_mm": [1.0, 10**400]},
+        {"section_mm": [[0.0, 1.0], [0.0, 1.0]]},
         {"section_mm": [[0, 1], [float("nan"), 1]]},
         {"hill_shade": "yes"},
         ["tab"],
@@ -120,3 +126,61 @@ def test_recipe_of_a_map_is_not_for_runs_nor_for_recipes(answers, tmp_path):
     with pytest.raises(DataError, match="by itself"):
         answers.answer({"k": "open", "path": "r.toml", "keep_recipe": True})
     assert answers.session.state()["files"] == [str(tmp_path / "a.x3p")]
+
+
+BY_HAND = {
+    "section_mm = [1, 2]": "section_mm",
+    "section_mm = [[0, 0]]": "section_mm",
+    "section_mm = [[1, 2], [1, 2]]": "section_mm",
+    "section_mm = [[nan, 2], [1, 2]]": "section_mm",
+    'section_mm = "x"': "section_mm",
+    "section_px = [[1], [2]]": "section_px",
+    'band_mm = ["a", 1]': "band_mm",
+    "band_mm = [1]": "band_mm",
+    "band_mm = [2, -1]": "band_mm",
+    "band_mm = [0, 1]": "band_mm",
+    "band_mm = [1, inf]": "band_mm",
+    "tab = 2026-11-22": "tab",
+    "hill_shade = 1": "hill_shade",
+    "made = 2026-11-22T03:00:00": "made",
+}
+
+
+@pytest.mark.parametrize("line", BY_HAND)
+def test_what_was_written_by_hand_and_does_not_fit_is_not_shown(line):
+    good = 'colours = "gray"\nband_mm = [1, 2]\n' if "band" not in line else 'colours = "gray"\n'
+    held = view_of(f"metrosep = 1\n[view]\n{good}{line}\n")
+    shown = shown_view(held)
+    assert BY_HAND[line] in held
+    assert BY_HAND[line] not in shown
+    assert shown == {k: v for k, v in held.items() if k != BY_HAND[line]}
+
+
+def test_what_fits_is_shown_and_what_is_no_table_is_none():
+    assert shown_view(VIEW) == VIEW
+    assert shown_view(5) == {}
+    assert shown_view({"made": {"at": datetime.date(2026, 11, 22)}}) == {}
+    assert view_of("metrosep = 1\nview = 5\n") == {}
+
+
+@pytest.mark.parametrize("line", BY_HAND)
+def test_a_session_shows_only_what_fits(tmp_path, line):
+    part(tmp_path / "a.x3p", 1e-6)
+    recipe = tmp_path / "r.toml"
+    recipe.write_text(
+        'metrosep = 1\n[input]\nfiles = ["a.x3p"]\n[[step]]\nop = "form"\nform = "plane"\n'
+        f'[[step]]\nop = "parameters"\n[view]\n{line}\n'
+    )
+    session = Session(Places([tmp_path]))
+    session.open([str(recipe)])
+    state = session.state()
+    assert state["view"] == {}
+    pack(state)
+
+
+def test_an_array_over_several_lines_is_taken_out_whole():
+    text = (
+        "metrosep = 1\n[view]\nsection_mm = [\n  [0, 0],\n  [1, 1],\n]\n"
+        "[input]\nfiles = [\n  'a',\n]\n"
+    )
+    assert without_view_block(text) == "metrosep = 1\n[input]\nfiles = [\n  'a',\n]\n"

@@ -128,7 +128,7 @@ async function askMetrics(/** @type {import("./ladder.js").Level} */ level) {
     if (session.hash === of && error instanceof Refusal) metrics.put({ rows: [], refused: error.message, is_preview: false });
     throw error;
   }
-  if (session.hash !== of) return null;
+  if (session.hash !== of || header.hash !== of) return null; // of another recipe, or another file
   if (level !== "full" && ladder.level === "full") return null;
   metrics.put(header);
   const said = new Map((header.stages ?? []).map((/** @type {Dict} */ stage) => [stage.index, stage.messages]));

@@ -4,6 +4,7 @@
 /** @typedef {Record<string, any>} Dict */
 
 const REST_MS = 900;
+const isPair = (/** @type {any} */ v) => Array.isArray(v) && v.length === 2 && v.every((one) => Number.isFinite(one));
 const round = (/** @type {number} */ v) => Number(v.toPrecision(9));
 
 /**
@@ -45,13 +46,14 @@ export function sectionView(ends, unit) {
   if (!ends?.[0] || !ends[1]) return {};
   const is = unit === "m";
   const value = ends.map((end) => end.map((v) => round(is ? v * 1e3 : v)));
+  if (String(value[0]) === String(value[1])) return {}; // a point is no section: the last one is kept
   return { section_mm: is ? value : null, section_px: is ? null : value };
 }
 
 /** @param {Dict} view @param {string} unit @returns {[number[], number[]] | null} */
 export function sectionOf(view, unit) {
   const kept = unit === "m" ? view.section_mm : view.section_px;
-  if (!Array.isArray(kept)) return null;
+  if (!Array.isArray(kept) || kept.length !== 2 || !kept.every(isPair) || String(kept[0]) === String(kept[1])) return null;
   return /** @type {any} */ (kept.map((/** @type {number[]} */ end) => end.map((v) => (unit === "m" ? v / 1e3 : v))));
 }
 
@@ -59,4 +61,5 @@ export function sectionOf(view, unit) {
 export const bandView = (band) => ({ band_mm: band ? band.map((v) => round(v * 1e3)) : null });
 
 /** @param {Dict} view @returns {number[] | null} */
-export const bandOf = (view) => (Array.isArray(view.band_mm) ? view.band_mm.map((/** @type {number} */ v) => v / 1e3) : null);
+export const bandOf = (view) => (isPair(view.band_mm) && view.band_mm[0] > 0 && view.band_mm[1] > view.band_mm[0]
+  ? view.band_mm.map((/** @type {number} */ v) => v / 1e3) : null);

@@ -181,7 +181,8 @@ export function make({ el, wire, fail, written, open }) {
       pattern.value = `*${suffix}`;
       out.value = `${place}/results`;
       found = null;
-      words.textContent = "Carries out the present recipe on each file, on the full data. What is done is not done again, unless file or recipe changed.";
+      const sets = now.kind === "runs" && now.files.length > 1;
+      words.textContent = `Carries out the present recipe on each ${sets ? "subfolder: its files are one set of runs" : "file"}, on the full data. What is done is not done again, unless file or recipe changed.`;
       draw();
     },
     news(frame) {

@@ -192,9 +192,10 @@ export function makeViews({ wire, level, stage, kind, failed, shown }) {
     },
     /** Another file: begin anew, with what its recipe holds of the view. @param {Dict} view */
     reset(view = {}) {
-      kept = view;
-      if (typeof view.hill_shade === "boolean") shade = view.hill_shade;
-      if (typeof view.colours === "string") map.put({ colours: view.colours });
+      kept = view && typeof view === "object" ? view : {};
+      if (typeof kept.hill_shade === "boolean") shade = kept.hill_shade;
+      const known = [.../** @type {HTMLSelectElement} */ (el("colours")).options].map((one) => one.value);
+      if (known.includes(kept.colours)) map.put({ colours: kept.colours });
       placed = false;
       epoch += 1;
       map.put({ index: null, shape: null, extent: null, limits: null, auto_range: null, a: null, b: null, view: map.get("view") });
