@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, NoReturn
 
 from metrosep.app.map_views import map_view
 from metrosep.app.picture_frames import (
@@ -165,7 +165,7 @@ class Exploration:
 
         def drawn() -> tuple[dict[str, Any], Arrays]:
             if self._pyramid is None:
-                raise DataError("this measurement is a profile, it has no map")
+                _refuse("this measurement is a profile, it has no map")
             found = map_view(
                 self._pyramid,
                 window=wanted.get("window"),
@@ -194,7 +194,7 @@ class Exploration:
 
         def drawn() -> tuple[dict[str, Any], Arrays]:
             if not isinstance(self.obj, Surface):
-                raise DataError("this measurement is a profile, it has no sections")
+                _refuse("this measurement is a profile, it has no sections")
             return section_frame(section_view(self.obj, a, b, columns=_COLUMNS))
 
         return self._frame("section", drawn)
@@ -215,7 +215,7 @@ class Exploration:
 
         def drawn() -> tuple[dict[str, Any], Arrays]:
             if self._extremes is None:
-                raise DataError("this measurement is a map: ask for a section")
+                _refuse("this measurement is a map: ask for a section")
             found = profile_view(self._extremes, window=window, columns=_COLUMNS)
             return {"is_preview": False}, profile_arrays(found)
 
@@ -262,3 +262,8 @@ class Exploration:
         except MetrosepError as error:
             return pack({"n": self._n, **error_header(str(error), code=_REFUSED, k=kind)})
         return pack({"n": self._n, "k": kind, "ok": True, **header}, arrays)
+
+
+def _refuse(words: str) -> NoReturn:
+    """Refuse a picture: the frame tells why."""
+    raise DataError(words)

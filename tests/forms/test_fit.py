@@ -420,7 +420,7 @@ def test_robust_fit_is_not_moved_by_dust(rng):
         (Plane(), "tukey", 0.2),
         pytest.param(Plane(), "huber", 0.1, marks=pytest.mark.slow),
         pytest.param(Polynomial(1), "tukey", 0.1, marks=pytest.mark.slow),
-        (Polynomial(1), "huber", 0.0),
+        pytest.param(Polynomial(1), "huber", 0.0, marks=pytest.mark.slow),
     ],
 )
 def test_uncertainty_of_a_robust_fit_is_its_scatter(form, rule, share):
