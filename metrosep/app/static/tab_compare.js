@@ -1,6 +1,7 @@
 // @ts-check
 // The present result beside another: values with U of their difference, what differs, the picture.
 
+import { inTarget } from "./exports.js";
 import { makeDifference } from "./difference.js";
 import { askForm } from "./dialogs.js";
 import { si } from "./format.js";
@@ -102,7 +103,7 @@ export function make({ el, wire, session, fail }) {
       const given = await askForm({
         title: isResult ? "Compare with a stored result" : "Compare with another file by the same recipe", ok: "Compare",
         text: isResult ? "A result.json, inside the folders that were opened." : "It is evaluated by the present recipe; several runs of a set: one name a line is not needed, separate them by ;",
-        fields: [{ name: "path", label: isResult ? "result.json" : "File", value: (session().home ?? "").replace(/[^/\\]*$/, "") }],
+        fields: [{ name: "path", label: isResult ? "result.json" : "File", value: inTarget(session(), "") }],
       });
       if (given?.path) against = isResult ? { result: given.path } : { files: given.path.split(";").map((one) => one.trim()).filter(Boolean) };
     }

@@ -1,6 +1,7 @@
 // @ts-check
 // The recipe on every file of a folder: progress while it runs, then the index, worst first.
 
+import { inTarget } from "./exports.js";
 import { si } from "./format.js";
 import { VERDICTS } from "./metrics.js";
 
@@ -179,7 +180,7 @@ export function make({ el, wire, fail, written, open }) {
       const suffix = String(now.files?.[0] ?? "").match(/\.[^./\\]+$/)?.[0] ?? "";
       folder.value = place;
       pattern.value = `*${suffix}`;
-      out.value = `${place}/results`;
+      out.value = inTarget(now, "results");
       found = null;
       const sets = now.kind === "runs" && now.files.length > 1;
       words.textContent = `Carries out the present recipe on each ${sets ? "subfolder: its files are one set of runs" : "file"}, on the full data. What is done is not done again, unless file or recipe changed.`;

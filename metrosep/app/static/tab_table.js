@@ -2,6 +2,7 @@
 // A controller's table of the recipe: its form, what the controller makes of it, and its file. The
 // recipe is the only state; a controller that must be told something first waits as a draft.
 
+import { inTarget } from "./exports.js";
 import { askForm } from "./dialogs.js";
 import { dryRun, findings, make as element, preview, sign } from "./table_facts.js";
 import { makeForm, missing, withController } from "./table_form.js";
@@ -266,12 +267,11 @@ export function make(context) {
 
   /** @param {string} [trial] height of a bump instead of the table */
   async function write(trial) {
-    const folder = (session().home ?? "").replace(/[^/\\]*$/, "");
     const name = String(output().path);
     const given = await askForm({
       title: trial ? "Write a trial file" : "Export the table", ok: "Write",
       text: trial ? "One bump that tells the sign. It corrects nothing and is not for cutting." : "The table and its sidecar. Keep the two together.",
-      fields: [{ name: "path", label: "File", value: `${folder}${trial ? `trial-${name}` : name}` }],
+      fields: [{ name: "path", label: "File", value: inTarget(session(), trial ? `trial-${name}` : name) }],
     });
     if (given?.path) await put(given.path, trial, false);
   }
