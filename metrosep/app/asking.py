@@ -8,11 +8,34 @@ from pathlib import Path
 from typing import Any
 
 from metrosep.core.errors import DataError, MetrosepError, ReadError
+from metrosep.core.runset import RunSet
 
-__all__ = ["Ask", "answered", "ask_columns", "holds_columns"]
+__all__ = [
+    "ONE_FEED",
+    "Ask",
+    "answered",
+    "are_runs",
+    "ask_channel",
+    "ask_columns",
+    "fewest_feeds",
+    "holds_columns",
+]
+
+ONE_FEED = (
+    "the runs do not tell two feedrates apart: the session begins with the mean of the runs, which only "
+    "averages vibration; give a column of feed or of time, or runs at another feedrate, and choose joint"
+)
+"""Said where repeated runs begin with the mean."""
 
 _LENGTHS = ("nm", "um", "mm", "m", "in")
 
+_SHOWN = 8
+"""Names of columns that a message about a matrix lists."""
+
+_MAP = {
+    "unit": "Unit of the heights, where the table is a map",
+    "lateral_step": "Lateral step of the map, such as 3 um; with a map leave the columns empty",
+}
 _LABELS = {
     "x": "Position",
     "x_unit": "Unit of the position, where its name does not say it",
@@ -31,6 +54,9 @@ _NAMES = {
     "time": r"(t|time|clock)",
 }
 _FEWEST = 2
+
+_RUNS = {"feed", "run", "direction"}
+"""Options that make a set of runs of a single file."""
 
 
 class Ask(DataError):  # noqa: N818
@@ -75,6 +101,92 @@ def holds_columns(file: Path, fewest: int = _FEWEST) -> bool:
         return len(_numbers(file)) >= fewest
     except MetrosepError:
         return False
+
+
+def are_runs(files: Sequence[Path], given: Mapping[str, Any]) -> bool:
+    """Return whether what is to be opened is a set of repeated runs, not a map or profile.
+
+    Parameters
+    ----------
+    files : sequence of Path
+        To open.
+    given : mapping
+        Options of reading.
+
+    Returns
+    -------
+    bool
+        True for several files, where a column tells runs or feeds apart, and where position and
+        reading are channels of a recording over time: no profile is cut of these.
+    """
+    if len(files) > 1 or _RUNS & set(given):
+        return True
+    return "x" in given and "z" in given and _is_recording(files[0])
+
+
+def fewest_feeds(runs: RunSet) -> int:
+    """Return how many feedrates the runs have in the direction that has fewest.
+
+    Parameters
+    ----------
+    runs : RunSet
+        As read.
+
+    Returns
+    -------
+    int
+        0 where neither feed nor time is known; the joint separation needs two.
+    """
+    return min(len(runs.select(direction=way).feeds) for way in runs.directions)
+
+
+def _is_recording(file: Path) -> bool:
+    """Whether a file that is no text holds channels over time."""
+    from metrosep.io.run_tables import columns_of
+    from metrosep.io.source import open_file
+
+    try:
+        return columns_of(open_file(file), {})[1] != "delimited"
+    except MetrosepError:
+        return False
+
+
+def ask_channel(file: Path, given: Mapping[str, Any], why: MetrosepError) -> Ask | None:
+    """Return the question which of its data sets a file is opened with.
+
+    Parameters
+    ----------
+    file : Path
+        That could not be read.
+    given : mapping
+        Options of reading.
+    why : MetrosepError
+        What the reader said.
+
+    Returns
+    -------
+    Ask or None
+        To be raised; None where the reader wants no channel, one was named, or there is no choice.
+    """
+    from metrosep.io.read import channels
+
+    if "channel=" not in str(why) or "channel" in given:
+        return None
+    try:
+        names = channels(file)
+    except MetrosepError:
+        return None
+    if not names:
+        return None
+    words = str(why).partition(";")[0]
+    field = {
+        "name": "channel",
+        "label": "Data set of the file to work on",
+        "value": names[0],
+        "choices": list(names),
+        "hint": "",
+    }
+    return Ask(words, "channel", str(file), [field])
 
 
 def ask_columns(files: Sequence[Path], given: Mapping[str, Any], why: str) -> Ask:
@@ -122,8 +234,37 @@ def ask_columns(files: Sequence[Path], given: Mapping[str, Any], why: str) -> As
         }
         for role in roles
     ]
+    if len(files) == 1 and _may_be_map(files[0]):
+        fields = [*_map_fields(given), *fields]
+        few = ", ".join([*names[:_SHOWN], *(["..."] if len(names) > _SHOWN else [])])
+        message = f"{why}; is it a map, or which column is what? {files[0].name} holds {few}"
+        return Ask(message, "columns", str(files[0]), fields)
     message = f"{why}; which column is what? {files[0].name} holds {', '.join(names)}"
     return Ask(message, "columns", str(files[0]), fields)
+
+
+def _map_fields(given: Mapping[str, Any]) -> list[dict[str, Any]]:
+    choices = {"unit": list(_LENGTHS), "lateral_step": []}
+    return [
+        {
+            "name": name,
+            "label": label,
+            "value": str(given.get(name, "")),
+            "choices": choices[name],
+            "hint": "such as um" if name == "unit" else "such as 3 um",
+        }
+        for name, label in _MAP.items()
+    ]
+
+
+def _may_be_map(file: Path) -> bool:
+    """Whether a text holds nothing but numbers without names: a matrix of heights."""
+    from metrosep.io.delimited_maps import is_matrix
+    from metrosep.io.run_tables import columns_of
+    from metrosep.io.source import open_file
+
+    table, known = columns_of(open_file(file), {})
+    return known == "delimited" and is_matrix(table)
 
 
 def answered(given: Mapping[str, Any]) -> dict[str, Any]:

@@ -22,6 +22,9 @@ __all__ = ["Edit", "RecipeDocument", "start_runs_text", "start_text"]
 _DEEPEST = 200
 """Edits that can be undone."""
 
+_FEWEST_FEEDS = 2
+"""Feedrates that the joint separation needs."""
+
 
 @dataclass(frozen=True, slots=True)
 class Edit:
@@ -100,7 +103,9 @@ def start_text(file: str, kind: str, reading: Mapping[str, Any] | None = None) -
     return _started([file], reading or {}, steps)
 
 
-def start_runs_text(files: Sequence[str], reading: Mapping[str, Any]) -> str:
+def start_runs_text(
+    files: Sequence[str], reading: Mapping[str, Any], feeds: int | None = None
+) -> str:
     """Return the recipe that a session starts with for repeated runs.
 
     Parameters
@@ -109,18 +114,44 @@ def start_runs_text(files: Sequence[str], reading: Mapping[str, Any]) -> str:
         Names of the files, beside the recipe.
     reading : mapping
         Which column is what, as ``[input]`` says it.
+    feeds : int, optional
+        How many feedrates the runs of each direction have at least, once they are read; taken from
+        `reading` if omitted.
 
     Returns
     -------
     str
-        TOML: the joint separation of the whole travel.
+        TOML: the joint separation of the whole travel, or the mean of the runs where the joint one
+        would be refused.
+
+    Notes
+    -----
+    The joint separation tells vibration from geometry by at least two feedrates, of a column or
+    from time. Without feed and time, or with one feed for all runs, the mean is what can be had.
 
     Examples
     --------
-    >>> "joint" in start_runs_text(["runs.csv"], {"x": "x_mm", "z": "z_um"})
+    >>> reading = {"x": "x_mm", "z": "z_um"}
+    >>> "joint" in start_runs_text(["runs.csv"], {**reading, "feed": "feed_mm_min"})
     True
+    >>> "joint" in start_runs_text(["runs.csv"], reading)
+    False
     """
-    return _started(list(files), reading, ({"op": "separate", "method": "joint"},))
+    several = _may_tell_feeds(reading) if feeds is None else feeds >= _FEWEST_FEEDS
+    step = {"op": "separate", "method": "joint" if several else "mean"}
+    return _started(list(files), reading, (step,))
+
+
+def _may_tell_feeds(reading: Mapping[str, Any]) -> bool:
+    """Whether runs read so may have several feedrates: one value for all is one."""
+    feed = reading.get("feed")
+    if isinstance(feed, list):
+        return len({str(one) for one in feed}) >= _FEWEST_FEEDS
+    if isinstance(feed, str):
+        return feed.strip()[:1] not in "0123456789.+-"
+    if isinstance(feed, int | float):
+        return False
+    return feed is not None or "time" in reading or "sampling_rate" in reading
 
 
 def _started(

@@ -3,13 +3,23 @@
 from __future__ import annotations
 
 import hashlib
+import re
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
-from metrosep.app.asking import Ask, answered, ask_columns, holds_columns
+from metrosep.app.asking import (
+    ONE_FEED,
+    Ask,
+    answered,
+    are_runs,
+    ask_channel,
+    ask_columns,
+    fewest_feeds,
+    holds_columns,
+)
 from metrosep.app.documents import Edit, RecipeDocument, start_runs_text, start_text
 from metrosep.app.evaluations import Evaluations
 from metrosep.app.places import Places
@@ -30,7 +40,17 @@ from metrosep.recipe.recipe import Recipe
 from metrosep.recipe.run import input_files
 from metrosep.recipe.steps import INPUT
 
-__all__ = ["Kind", "Material", "Opened", "autosave_path", "open_files", "open_with", "read_again"]
+__all__ = [
+    "Kind",
+    "Material",
+    "Opened",
+    "autosave_path",
+    "open_files",
+    "open_with",
+    "read_again",
+    "session_text",
+    "text_of_session",
+]
 
 Kind: TypeAlias = Literal["map", "profile", "runs", "method"]
 Material: TypeAlias = Evaluations | Separations | MethodResults
@@ -41,9 +61,6 @@ READING = ("unit", "lateral_step", "channel", "format", "x", "z", "scale")
 
 _COLUMNS = tuple(key for key in INPUT if key != "files")
 """Those of repeated runs."""
-
-_RUNS = {"feed", "run", "direction"}
-"""Options that make a set of runs of a single file."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +87,12 @@ class Opened:
         Whether what is kept there is not used: it is put aside before it is written over.
     serial : int
         Number of the opening within its session.
+    stamps : tuple of Stamp
+        What tells the files from later ones of their names.
+    held : bytes or None
+        What was kept there at opening; None where nothing was.
+    base : str
+        SHA-256 of the recipe that was opened; empty where it was a measurement.
     """
 
     kind: Kind
@@ -81,6 +104,9 @@ class Opened:
     kept: Path = Path()
     displaced: bool = False
     serial: int = 0
+    stamps: tuple[Stamp, ...] = ()
+    held: bytes | None = None
+    base: str = ""
 
 
 def autosave_path(file: Path, others: Sequence[Path] = ()) -> Path:
@@ -155,18 +181,18 @@ def open_files(
     if recipes:
         others = [f for f in files if f not in recipes]
         return _of_recipe(places, recipes[0], others, given, read)
-    kept = autosave_path(files[0], files[1:])
+    kept, stamps = autosave_path(files[0], files[1:]), stamps_of(files)
     opened, messages = _taken_up(kept, files, given, read)
     if opened is not None:
-        return opened
-    fresh = (
-        _runs(files, given)
-        if len(files) > 1 or _RUNS & set(given)
-        else _one(files[0], given, read)
-    )
-    return replace(
-        fresh, kept=kept, messages=(*messages, *fresh.messages), displaced=bool(messages)
-    )
+        return _stamped(opened, stamps)
+    fresh = _runs(files, given) if are_runs(files, given) else _one(files[0], given, read)
+    said, displaced = (*messages, *fresh.messages), bool(messages)
+    return _stamped(replace(fresh, kept=kept, messages=said, displaced=displaced), stamps)
+
+
+def _stamped(opened: Opened, stamps: tuple[Stamp, ...]) -> Opened:
+    """Return what was opened with what tells its files from later ones."""
+    return replace(opened, stamps=with_digests(stamps, getattr(opened.material, "obj", None)))
 
 
 def open_with(
@@ -256,8 +282,9 @@ def _taken_up(
     if not kept.is_file():
         return None, ()
     try:
-        text = kept.read_text(encoding="utf-8")
-        document = _answering(RecipeDocument(text, kept.parent, _name(files[0])), given)
+        held = kept.read_bytes()
+        document = RecipeDocument(text_of_session(held)[0], kept.parent, _name(files[0]))
+        document = _answering(document, given)
         names = [kept.parent / n for n in document.recipe.input.get("files") or ()]
         if {f.resolve() for f in names} != set(files):
             return None, (
@@ -269,7 +296,7 @@ def _taken_up(
     except (OSError, UnicodeDecodeError, MetrosepError) as exc:
         return None, (f"{kept.name}: the session kept there is not used ({exc})",)
     said = f"the session of this file was taken up again ({kept.name})"
-    return Opened(kind, tuple(files), files[0], document, material, (said,), kept), ()
+    return Opened(kind, tuple(files), files[0], document, material, (said,), kept, held=held), ()
 
 
 def _answering(document: RecipeDocument, given: Mapping[str, Any]) -> RecipeDocument:
@@ -311,8 +338,9 @@ def read_again(opened: Opened, recipe: Recipe, read: Read | None = None) -> Open
         return opened
     if isinstance(opened.material, MethodResults):
         return opened
+    stamps = stamps_of(opened.files)
     obj = _obj(opened.files[0], reading_options(recipe.input), read)
-    return replace(opened, kind=_kind(obj), material=Evaluations(obj))
+    return _stamped(replace(opened, kind=_kind(obj), material=Evaluations(obj)), stamps)
 
 
 def _runs(files: list[Path], given: Mapping[str, Any]) -> Opened:
@@ -331,11 +359,13 @@ def _runs(files: list[Path], given: Mapping[str, Any]) -> Opened:
             "beside itself"
         )
     chosen = {k: v for k, v in given.items() if k in _COLUMNS}
-    text = start_runs_text([f.name for f in files], chosen)
-    document = RecipeDocument(text, folder, _name(files[0]))
+    names, name = [f.name for f in files], _name(files[0])
+    document = RecipeDocument(start_runs_text(names, chosen), folder, name)
     separations = Separations(files)
-    separations.runs(document.recipe)  # a wrong column shows now
-    return Opened("runs", tuple(files), files[0], document, separations)
+    feeds = fewest_feeds(separations.runs(document.recipe))  # a wrong column shows now
+    document = RecipeDocument(start_runs_text(names, chosen, feeds), folder, name)
+    said = () if feeds > 1 else (ONE_FEED,)
+    return Opened("runs", tuple(files), files[0], document, separations, said)
 
 
 def _of_recipe(
@@ -343,15 +373,16 @@ def _of_recipe(
 ) -> Opened:
     """Open a recipe: as it was left, unless it was changed by other hands since."""
     try:
-        text = file.read_text(encoding="utf-8")
+        content = file.read_bytes()
+        text = _decoded(content)
     except (OSError, UnicodeDecodeError) as exc:
         raise RecipeError(f"{file.name}: the recipe cannot be read ({exc})") from None
+    base = hashlib.sha256(content).hexdigest()
     kept = autosave_path(file)
-    messages: tuple[str, ...] = ()
-    document, displaced = RecipeDocument(text, file.parent, file.name), False
+    left = _Left(RecipeDocument(text, file.parent, file.name))
     if kept.is_file():
-        document, messages, displaced = _left(kept, file, document)
-    document = _answering(document, given)
+        left = _left(kept, file, left.document, base)
+    document, messages = _answering(left.document, given), left.messages
     recipe = document.recipe
     found: list[Path] = []
     if not recipe.reads_nothing:
@@ -364,25 +395,102 @@ def _of_recipe(
     unused = [f.name for f in others if f not in found]
     if unused:
         messages = (*messages, f"{file.name} does not name {', '.join(unused)}: not opened")
+    stamps = stamps_of(found)
     kind, material = _with(document, found, read)
-    return Opened(kind, tuple(found), file, document, material, messages, kept, displaced)
+    opened = Opened(kind, tuple(found), file, document, material, messages, kept, left.displaced)
+    return _stamped(replace(opened, held=left.held, base=base), stamps)
 
 
-def _left(
-    kept: Path, file: Path, document: RecipeDocument
-) -> tuple[RecipeDocument, tuple[str, ...], bool]:
-    """Return the session of a recipe, or the recipe itself where it is younger."""
+@dataclass(frozen=True, slots=True)
+class _Left:
+    """What is gone on with: a recipe or its session, and what was found kept."""
+
+    document: RecipeDocument
+    messages: tuple[str, ...] = ()
+    displaced: bool = False
+    held: bytes | None = None
+
+
+def _left(kept: Path, file: Path, document: RecipeDocument, base: str) -> _Left:
+    """Return the session of a recipe, or the recipe itself where it was changed since.
+
+    The session says of which recipe it is; where it does not (older versions), the times tell.
+    """
     try:
-        left = RecipeDocument(kept.read_text(encoding="utf-8"), file.parent, file.name)
-        older = kept.stat().st_mtime_ns < file.stat().st_mtime_ns
+        held = kept.read_bytes()
+        text, of = text_of_session(held)
+        left = RecipeDocument(text, file.parent, file.name)
+        changed = of != base if of else kept.stat().st_mtime_ns < file.stat().st_mtime_ns
     except (OSError, UnicodeDecodeError, RecipeError) as exc:
-        return document, (f"{kept.name}: the session kept there is not used ({exc})",), True
+        said = f"{kept.name}: the session kept there is not used ({exc})"
+        return _Left(document, (said,), displaced=True)
     if left.text == document.text:
-        return document, (), False
-    if older:
-        said = f"{kept.name}: {file.name} was changed after this session was kept; it is not used"
-        return document, (said,), True
-    return left, (f"the session of this recipe was taken up again ({kept.name})",), False
+        return _Left(document, held=held)
+    if changed:
+        said = (
+            f"{kept.name}: {file.name} was changed after this session was kept; it is not used, and "
+            "put aside (.old) with your next change"
+        )
+        return _Left(document, (said,), displaced=True)
+    said = f"the session of this recipe was taken up again ({kept.name})"
+    return _Left(left, (said,), held=held)
+
+
+_OF_RECIPE = re.compile(r"\n# of [^\n]* sha256 ([0-9a-f]{64})\n\Z")
+"""Last line of the session of a recipe; no part of the recipe."""
+
+
+def session_text(opened: Opened, text: str) -> str:
+    """Return what is kept of a session: its recipe, and of which recipe it is.
+
+    Parameters
+    ----------
+    opened : Opened
+        What is open.
+    text : str
+        Its recipe as it is now.
+
+    Returns
+    -------
+    str
+        The recipe; with a last line of comment where a recipe was opened.
+    """
+    return f"{text}\n# of {opened.home.name} sha256 {opened.base}\n" if opened.base else text
+
+
+def text_of_session(held: bytes) -> tuple[str, str]:
+    """Return the recipe of a kept session, and the digest of the recipe that it began with.
+
+    Parameters
+    ----------
+    held : bytes
+        Content of its file.
+
+    Returns
+    -------
+    text : str
+        The recipe, without the line that `session_text` adds.
+    sha256 : str
+        Empty where it does not say.
+
+    Raises
+    ------
+    UnicodeDecodeError
+        If it is no text.
+
+    Examples
+    --------
+    >>> text_of_session(b'metrosep = 1')
+    ('metrosep = 1', '')
+    """
+    text = _decoded(held)
+    found = _OF_RECIPE.search(text)
+    return (text, "") if found is None else (text[: found.start()], found[1])
+
+
+def _decoded(content: bytes) -> str:
+    """Return text with one kind of line ends, as files are read."""
+    return content.decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
 
 
 def _with(
@@ -423,6 +531,9 @@ def _obj(file: Path, reading: Mapping[str, Any], read: Read | None) -> Surface |
 
 def _question(file: Path, reading: Mapping[str, Any], why: MetrosepError) -> MetrosepError:
     """Return what is to be asked, or the error itself where no answer would help."""
+    asked = ask_channel(file, reading, why)
+    if asked is not None:
+        return asked
     several, words = holds_columns(file), str(why).partition(";")[0]
     if several and not (isinstance(why, FormatMismatchError) and "x" in reading):
         given = {k: v for k, v in reading.items() if isinstance(v, str)}

@@ -93,7 +93,7 @@ class Places:
         Raises
         ------
         WriteError
-            If it lies elsewhere, or its folder does not exist.
+            If it lies elsewhere or among the uploads, or its folder does not exist.
         """
         found = self.inside(path)
         if found is None:
@@ -101,9 +101,45 @@ class Places:
                 f"{path}: lies outside the folders that were opened ({self._words()}); choose a name "
                 "inside them"
             )
+        if self.is_upload(found):
+            where = f"choose a name in {self._roots[0]}" if self._roots else "start with --folder"
+            raise WriteError(
+                f"{found.name}: the folder of dropped files goes when metrosep ends, and this with it; "
+                f"{where}"
+            )
         if not found.parent.is_dir():
             raise WriteError(f"{path}: its folder does not exist; make it first")
         return found
+
+    def is_upload(self, file: Path) -> bool:
+        """Return whether a file lies in the folder of uploads, which goes with the session.
+
+        Parameters
+        ----------
+        file : Path
+            Without symbolic links.
+
+        Returns
+        -------
+        bool
+            Nothing that is to last may be written there.
+        """
+        return self._uploads is not None and file.is_relative_to(self._uploads)
+
+    def target(self, home: Path) -> Path:
+        """Return the folder where results of a file go unless the user says otherwise.
+
+        Parameters
+        ----------
+        home : Path
+            What was opened.
+
+        Returns
+        -------
+        Path
+            Beside it; of an upload the first folder that was opened.
+        """
+        return self._roots[0] if self.is_upload(home) and self._roots else home.parent
 
     def inside(self, path: str) -> Path | None:
         """Return a path without symbolic links, if it lies inside the opened folders.

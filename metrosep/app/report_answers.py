@@ -43,7 +43,8 @@ def report(session: Session, message: Message, cancel: Cancel, tell: Tell) -> An
     DataError
         If nothing is open, the format is not known, or the file is there already.
     WriteError
-        If it lies outside the opened folders, or cannot be written.
+        If it lies outside the opened folders, is what is open, cannot be written, or the files
+        changed since they were opened.
     CancelledError
         If `cancel` says so.
     MetrosepError
@@ -55,7 +56,7 @@ def report(session: Session, message: Message, cancel: Cancel, tell: Tell) -> An
     writers = report_formats()
     target, name = None, str(message.get("format") or "html")
     if "write" in message:
-        target = session.places.writable(text_of(message, "write"))
+        target = session.target(text_of(message, "write"))
         if name not in writers:
             raise DataError(
                 f"there is no report format {name!r}; there are {', '.join(sorted(writers))}"

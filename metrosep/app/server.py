@@ -21,7 +21,7 @@ from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from metrosep.app.answers import CHANGING, Answers
+from metrosep.app.answers import CHANGING, KINDS, Answers
 from metrosep.app.asking import Ask
 from metrosep.app.guards import Guard
 from metrosep.app.messages import Tell
@@ -260,7 +260,7 @@ class _Talk:
     async def take(self, text: str) -> None:
         try:
             message = json.loads(text) if len(text) <= _LARGEST_MESSAGE else None
-        except ValueError:
+        except (ValueError, RecursionError):
             message = None
         if not isinstance(message, dict) or not isinstance(message.get("k"), str):
             await self.send(error_header("a request is an object with id and k", code=2))
@@ -285,9 +285,7 @@ class _Talk:
         try:
             async with self.turns.setdefault(kind, asyncio.Lock()):
                 tell = self.teller(number, asyncio.get_running_loop())
-                header, frame = await run_in_threadpool(
-                    self.framed, message, number, event, tell
-                )
+                header, frame = await run_in_threadpool(self.framed, message, number, event, tell)
             await self.post(frame)
             if kind in CHANGING and header.get("ok"):
                 await self.tell_others({"k": "session", "session": header["session"]})
@@ -322,7 +320,8 @@ class _Talk:
                 f"{kind}: internal error ({type(exc).__name__}: {exc}): this is a bug in metrosep; the "
                 "recipe is kept; please report it with what the terminal says"
             )
-            header = error_header(words, code=5, request=number, k=kind)
+            words = words.encode("utf-8", "backslashreplace").decode("utf-8")
+            header = error_header(words, code=5, request=number, k=kind if kind in KINDS else None)
             return header, pack(header)
 
     def answer(

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import hashlib
 import threading
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from metrosep.app.documents import Edit, RecipeDocument
 from metrosep.app.evaluations import Evaluations, Level, Outcome
 from metrosep.app.keeping import Keeper
-from metrosep.app.opening import Opened, open_files, open_with, read_again
+from metrosep.app.opening import Opened, open_files, open_with, read_again, session_text
 from metrosep.app.places import Places
+from metrosep.app.targets import refuse_changed, refuse_open
 from metrosep.app.view_tables import shown_view
 from metrosep.core.errors import DataError
 from metrosep.recipe.recipe import Recipe
@@ -89,18 +92,67 @@ class Session:
         """
         names = [paths] if isinstance(paths, str) else list(paths)
         with self._changing:
+            self.keeper.retry()
             self.keeper.wait()  # what was changed last may be opened again
             if keep_recipe:
                 document = self._need()
                 opened = open_with(self.places, names, document, reading, self._read)
             else:
                 opened = open_files(self.places, names, reading, self._read)
+            if self.keeper.has_failed(opened.kept):  # the disk has an older one
+                raise DataError(
+                    f"{opened.home.name}: its latest session is not on the disk yet; make room, then "
+                    "open it again"
+                )
             with self.lock:
                 self._openings += 1
                 opened = replace(opened, serial=self._openings)
                 self.opened, self.document = opened, opened.document
                 self.messages = list(opened.messages)
-                self.keeper.forget()
+                self.keeper.begin(opened.kept, opened.held)
+
+    def target(self, path: str, *, recipe: bool = False) -> Path:
+        """Return where a file that the user asks for may be written.
+
+        Parameters
+        ----------
+        path : str
+            As the page names it.
+        recipe : bool, optional
+            Whether the recipe is written; anything else is made of the files, which must be those
+            that were opened.
+
+        Returns
+        -------
+        Path
+            Inside the opened folders.
+
+        Raises
+        ------
+        DataError
+            If nothing is open.
+        WriteError
+            If it lies elsewhere, among the uploads, is what is open, or the files changed since.
+        """
+        opened, _ = self.need()
+        found = self.places.writable(path)
+        refuse_open(found, opened, recipe=recipe)
+        if not recipe:
+            refuse_changed(opened.stamps)
+        return found
+
+    def saved(self, file: Path) -> None:
+        """Take note that the recipe was saved, perhaps onto the one that was opened.
+
+        Parameters
+        ----------
+        file : Path
+            Where it was saved.
+        """
+        with self._changing, self.lock:
+            if self.opened is not None and self.opened.base and file == self.opened.home:
+                base = hashlib.sha256(file.read_bytes()).hexdigest()
+                self.opened = replace(self.opened, base=base)
 
     # ---- editing -----------------------------------------------------------------------------
 
@@ -185,7 +237,9 @@ class Session:
             with self.lock:
                 document.adopt(tried)
                 self.opened = replace(opened, displaced=False)
-            self.keeper.keep(opened.kept, document.text, aside=opened.displaced)
+            self.keeper.keep(
+                opened.kept, session_text(opened, document.text), aside=opened.displaced
+            )
 
     def show(self, view: Mapping[str, Any]) -> None:
         """Keep what the page shows with the recipe: no edit, nothing to undo.
@@ -209,7 +263,9 @@ class Session:
             with self.lock:
                 document.adopt(tried)
                 self.opened = replace(opened, displaced=False)
-            self.keeper.keep(opened.kept, document.text, aside=opened.displaced)
+            self.keeper.keep(
+                opened.kept, session_text(opened, document.text), aside=opened.displaced
+            )
 
     # ---- what it gives -----------------------------------------------------------------------
 
@@ -327,6 +383,7 @@ class Session:
                 "op": document.recipe.steps[0]["op"],
                 "files": [str(f) for f in opened.files],
                 "home": str(opened.home),
+                "target": str(self.places.target(opened.home)),
                 "kind": self.kind,
                 "can_undo": document.undo_label is not None,
                 "can_redo": document.redo_label is not None,
@@ -348,7 +405,7 @@ class Session:
         return "unchanged" if self.keeper.saved_at is None else "kept"
 
     def _said(self) -> list[str]:
-        return [*self.messages, *filter(None, [self.keeper.problem])]
+        return [*self.messages, *filter(None, [self.keeper.notice, self.keeper.problem])]
 
     def words(self, message: str) -> str:
         """Return a message of the library in the words of the recipe, as ``metrosep run`` has it.
@@ -371,7 +428,7 @@ class Session:
 
     def close(self) -> None:
         """Forget the measurement; the recipe was kept with each edit."""
-        self.keeper.wait(_LAST_WAIT)
+        self.keeper.close(_LAST_WAIT)
         self.places.close()
 
 

@@ -265,7 +265,7 @@ def _written(
     given = message["write"]
     if not isinstance(given, str):
         raise DataError(f"write is the path of a file, got {given!r}")
-    target: Path = session.places.writable(given)
+    target: Path = session.target(given)
     overwrite = message.get("overwrite") is True
     if message.get("trial") is not None:
         return write_trial(wanted, estimate, runs, target, message["trial"], overwrite=overwrite)

@@ -10,7 +10,14 @@ from typing import Any
 
 from metrosep.core.errors import MetrosepError, ReadError, WriteError
 
-__all__ = ["Stamp", "refuse_changed", "refuse_open", "refuse_other_result", "stamps_of", "with_digests"]
+__all__ = [
+    "Stamp",
+    "refuse_changed",
+    "refuse_open",
+    "refuse_other_result",
+    "stamps_of",
+    "with_digests",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +139,7 @@ def refuse_open(target: Path, opened: Any, *, recipe: bool = False) -> None:
     Raises
     ------
     WriteError
-        If `target` is one of them.
+        If `target` is one of them; or the recipe, and it was changed by other hands since.
     """
     if target in opened.files or any(_same(target, f) for f in opened.files):
         raise WriteError(
@@ -142,8 +149,14 @@ def refuse_open(target: Path, opened: Any, *, recipe: bool = False) -> None:
         raise WriteError(
             f"{target.name}: is the session that is kept for what is open; choose another name"
         )
-    if _same(target, opened.home) and not recipe:
+    if not _same(target, opened.home):
+        return
+    if not recipe:
         raise WriteError(f"{target.name}: is the recipe that is open; choose another name")
+    if opened.base and hashlib.sha256(target.read_bytes()).hexdigest() != opened.base:
+        raise WriteError(
+            f"{target.name} changed since it was opened; choose another name, or open it again"
+        )
 
 
 def _same(target: Path, other: Path) -> bool:

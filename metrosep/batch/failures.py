@@ -3,14 +3,32 @@
 from __future__ import annotations
 
 import errno
+import os
 from collections.abc import Iterator
 
 from metrosep.batch.units import Unit
 from metrosep.core import errors
 
-__all__ = ["ChangedError", "as_reason", "exit_code_of", "is_disk_full", "worth_another_try"]
+__all__ = [
+    "ChangedError",
+    "WorkerDiedError",
+    "as_reason",
+    "exit_code_of",
+    "is_disk_full",
+    "worth_another_try",
+]
+
+
+class ChangedError(errors.ReadError):
+    """An input vanished, grew or was replaced while it was read."""
+
+
+class WorkerDiedError(errors.MetrosepError, RuntimeError):
+    """A worker process ended while it worked on a unit alone."""
+
 
 _CODES: tuple[tuple[type[BaseException], int], ...] = (
+    (WorkerDiedError, 4),
     (errors.SignCheckFailedError, 1),
     (errors.SignNotConfirmedError, 1),
     (errors.LimitError, 1),
@@ -28,10 +46,6 @@ _CODES: tuple[tuple[type[BaseException], int], ...] = (
     (OSError, 4),
     (MemoryError, 4),
 )
-
-
-class ChangedError(errors.ReadError):
-    """An input vanished, grew or was replaced while it was read."""
 
 
 def exit_code_of(error: BaseException) -> int:
@@ -79,12 +93,25 @@ def worth_another_try(error: BaseException) -> bool:
     -------
     bool
         True for what comes from outside: files that change or are locked, memory, writing, an
-        optional package that is missing, bugs.
+        optional package or descriptions of formats that are missing, workers that died, bugs.
     """
-    outside = (ChangedError, errors.WriteError, errors.UnsupportedFeatureError, MemoryError)
+    outside = (
+        ChangedError, WorkerDiedError, errors.WriteError, errors.UnsupportedFeatureError, MemoryError,
+    )  # fmt: skip
     if isinstance(error, outside) or not isinstance(error, errors.MetrosepError):
         return True
-    return any(isinstance(e, OSError | MemoryError) for e in _chain(error))
+    return any(isinstance(e, OSError | MemoryError) for e in _chain(error)) or _no_formats()
+
+
+def _no_formats() -> bool:
+    """Return whether this installation cannot tell what a file is, whatever its content."""
+    from metrosep.io.registry import formats
+
+    try:
+        formats()
+    except errors.ReadError:
+        return True
+    return False
 
 
 def as_reason(error: BaseException, unit: Unit) -> str:
@@ -117,6 +144,10 @@ def as_reason(error: BaseException, unit: Unit) -> str:
         tail = file.removeprefix(unit.target).lstrip("/\\")
         base = "" if unit.name == "." else unit.name
         text = text.replace(file, "/".join(p for p in (base, tail) if p) or ".")
+    if unit.files == (unit.target,):  # a file beside it, such as the second one of a pair
+        here = unit.name.rpartition("/")[0]
+        place = os.path.join(os.path.dirname(unit.target), "")  # noqa: PTH118, PTH120
+        text = text.replace(place, f"{here}/" if here else "") if len(place) > 1 else text
     return " ".join(text.split())
 
 

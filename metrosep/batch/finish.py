@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -22,7 +22,7 @@ _APART = {
     "other_recipe": "of another recipe, or of this one before it was changed",
     "other_version": "of another version of metrosep",
     "former_content": "of former contents of files that changed",
-    "failed_and_gone": "failed and their files are gone",
+    "gone": "of files that are gone",
 }
 
 
@@ -30,8 +30,12 @@ class Progress(Protocol):
     """What the end needs to know of a batch."""
 
     rows: dict[str, dict[str, Any]]
-    total: int
+    names: set[str]
     stop: Stop
+
+    @property
+    def total(self) -> int:
+        """Units that were found."""
 
     @property
     def seconds(self) -> float:
@@ -66,7 +70,7 @@ def finished_report(recipe: Recipe, task: Task, batch: Progress, found: Found) -
     WriteError
         If the index cannot be written.
     """
-    document, messages = told_index(recipe, task, batch.rows)
+    document, messages = told_index(recipe, task, batch.rows, batch.names)
     rows = tuple(batch.rows[name] for name in sorted(batch.rows))
     counts = Counter(r["status"] for r in rows)
     return BatchReport(
@@ -87,7 +91,7 @@ def finished_report(recipe: Recipe, task: Task, batch: Progress, found: Found) -
 
 
 def told_index(
-    recipe: Recipe, task: Task, rows: Mapping[str, Mapping[str, Any]]
+    recipe: Recipe, task: Task, rows: Mapping[str, Mapping[str, Any]], names: Collection[str] = ()
 ) -> tuple[dict[str, Any], tuple[str, ...]]:
     """Write the index in each format that the recipe wants, JSON always.
 
@@ -99,6 +103,8 @@ def told_index(
         Where.
     rows : mapping of str to mapping
         Of this batch, by unit.
+    names : collection of str, optional
+        Of all units that were found, also of those that are not begun.
 
     Returns
     -------
@@ -116,8 +122,8 @@ def told_index(
         recipe,
         task.out,
         recipe_hash=task.recipe_hash,
-        present={r["unit"]: r["hash"] for r in rows.values()},
-        known={r["link"]: r for r in rows.values() if r["link"] is not None},
+        present={**dict.fromkeys(names), **{r["unit"]: r["hash"] for r in rows.values()}},
+        known=rows,
     )
     wanted = dict.fromkeys(("json", *(recipe.batch_options.get("index") or ("csv",))))
     known = index_formats()
@@ -125,10 +131,13 @@ def told_index(
     for name in (n for n in wanted if n in known):
         try:
             write_index(document, Path(task.out) / f"index.{name}", name)
-        except MetrosepError as exc:  # a table that Excel holds costs no verdict
+        except (
+            Exception
+        ) as exc:  # a table that Excel holds, a writer with a fault: no verdict lost
             if name == "json":
                 raise
-            lost.append(f"index.{name} was not written: {' '.join(str(exc).split())}")
+            kind = "" if isinstance(exc, MetrosepError) else f"{type(exc).__name__}: "
+            lost.append(f"index.{name} was not written: {kind}{' '.join(str(exc).split())}")
     missing = [n for n in wanted if n not in known]
     return document, (*lost, *_messages(document, missing, known))
 

@@ -41,7 +41,7 @@ def build_index(
     out: str | os.PathLike[str],
     *,
     recipe_hash: str,
-    present: Mapping[str, str] | None = None,
+    present: Mapping[str, str | None] | None = None,
     known: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> dict[str, Any]:
     """Return the index of an output folder, made from its marks only.
@@ -54,33 +54,34 @@ def build_index(
         Output folder of batches.
     recipe_hash : str
         Of the recipe.
-    present : mapping of str to str, optional
-        Hash of the unit by name for the inputs that are there now: other results of these names
-        are of former contents. Without it all count.
+    present : mapping of str to (str or None), optional
+        Hash of the unit by name for the inputs that are there now (None: not looked into): other
+        results of these names are of former contents, those of other names are gone. Without it
+        all count.
     known : mapping of str to mapping, optional
-        Rows that need not be read again, by link.
+        Rows of this batch, by anything: each stands for its folder, whatever marks lie there.
 
     Returns
     -------
     dict
         Schema ``metrosep.index/1``: ``rows``, ``counts`` by status, ``apart`` (results of another
-        recipe, another version, former contents), ``trend``, ``groups``, ``recipe``, ``title``.
+        recipe, another version, former contents, of inputs that are gone), ``trend``, ``groups``, ``recipe``, ``title``.
 
     Notes
     -----
-    No clock and no folder in it. Failures of inputs that are gone are counted apart too.
+    No clock and no folder in it.
     """
     rows: list[dict[str, Any]] = []
     apart: Counter[str] = Counter()
-    for link, row in _marks(Path(out), known or {}):
+    for row in _rows(Path(out), known or {}):
         if row["recipe_sha256"] != recipe_hash:
             apart["other_recipe"] += 1
         elif row["version"] != short_version():
             apart["other_version"] += 1
-        elif present is not None and present.get(row["unit"], row["hash"]) != row["hash"]:
+        elif present is not None and row["unit"] not in present:
+            apart["gone"] += 1
+        elif present is not None and present[row["unit"]] not in (None, row["hash"]):
             apart["former_content"] += 1
-        elif present is not None and row["unit"] not in present and link.endswith(FAILED):
-            apart["failed_and_gone"] += 1
         else:
             rows.append({k: v for k, v in row.items() if k not in ("seconds", "skipped")})
     rows.sort(key=lambda r: (r["unit"], r["hash"]))
@@ -100,8 +101,7 @@ def build_index(
             "trend": list(recipe.batch_options.get("trend") or ()),
             "counts": {"total": len(rows), **{s: counts.get(s, 0) for s in STATUSES}},
             "apart": {
-                k: apart[k]
-                for k in ("other_recipe", "other_version", "former_content", "failed_and_gone")
+                k: apart[k] for k in ("other_recipe", "other_version", "former_content", "gone")
             },
             "rows": rows,
         }
@@ -109,21 +109,18 @@ def build_index(
     return document
 
 
-def _marks(
-    out: Path, known: Mapping[str, Mapping[str, Any]]
-) -> Iterator[tuple[str, Mapping[str, Any]]]:
-    """Yield each mark of an output folder with its row."""
+def _rows(out: Path, known: Mapping[str, Mapping[str, Any]]) -> Iterator[Mapping[str, Any]]:
+    """Yield the rows of this batch, then one for each other folder with a mark."""
+    yield from known.values()
+    done = {f"{r['key']}/{r['hash'][:8]}" for r in known.values()}
     for key in sorted(_folders(out)):
         for folder in sorted(_folders(Path(key))):
+            if Path(folder).relative_to(out).as_posix() in done:
+                continue
             for name in (RESULT, FAILED):
-                file = Path(folder) / name
-                link = file.relative_to(out).as_posix()
-                if link in known:
-                    yield link, known[link]
-                    break
-                found = read_mark(file.parent, name)
+                found = read_mark(Path(folder), name)
                 if found is not None:
-                    yield link, row_of(found, link)
+                    yield row_of(found, (Path(folder) / name).relative_to(out).as_posix())
                     break
 
 
@@ -201,7 +198,7 @@ def _write_csv(document: Mapping[str, Any], path: Path) -> None:
         for c in each:
             values = [c.get(k) for k in ("name", "metric", "value", "unit", "lower", "upper", "U")]
             writer.writerow(_cells([*head, *values, c.get("verdict"), *tail]))
-    atomic_write(path, buffer.getvalue().encode("utf-8"))
+    atomic_write(path, buffer.getvalue().encode("utf-8", "backslashreplace"))
 
 
 def _cells(values: Sequence[Any]) -> list[Any]:

@@ -18,16 +18,13 @@ from concurrent.futures import (
 from typing import Any
 
 from metrosep.batch.executors import ClusterError, is_broken
+from metrosep.batch.failures import WorkerDiedError
 from metrosep.batch.units import Unit
 from metrosep.batch.work import Task, do_unit, record_failure
 
 __all__ = ["Stop", "WorkerDiedError", "work_through"]
 
 _LOOK_SECONDS = 0.2
-
-
-class WorkerDiedError(RuntimeError):
-    """A worker process ended while it worked on a unit alone."""
 
 
 class Stop:
@@ -192,7 +189,8 @@ class _Loop:
                 row = self._failed(
                     unit,
                     WorkerDiedError(
-                        f"{unit.name}: the worker died twice on it (killed, or out of memory)"
+                        f"{unit.name}: the worker died twice on it (killed, or out of "
+                        "memory); resume with fewer workers (--workers 1)"
                     ),
                 )
             if unit is self.alone:

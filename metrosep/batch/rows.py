@@ -31,7 +31,8 @@ def row_of(document: Mapping[str, Any], link: str | None) -> dict[str, Any]:
     dict
         ``unit``, ``key``, ``groups``, ``status``, ``verdict``, ``reason``, ``exit_code``,
         ``link``, ``characteristics``, ``messages``, ``hash``, ``input_sha256``, ``recipe_sha256``,
-        ``version``.
+        ``version``; of failures also ``error``, the class of the error, and ``again``, whether a
+        resumed batch tries once more.
     """
     unit = document["unit"]
     verdict = document.get("verdict")
@@ -54,6 +55,7 @@ def row_of(document: Mapping[str, Any], link: str | None) -> dict[str, Any]:
         "input_sha256": unit["input_sha256"],
         "recipe_sha256": unit["recipe_sha256"],
         "version": unit["version"],
+        **({k: document.get(k) for k in ("error", "again")} if failed else {}),
     }
 
 

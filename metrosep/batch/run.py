@@ -20,7 +20,7 @@ from metrosep.batch.report import BatchReport
 from metrosep.batch.units import Found, Unit, find_units
 from metrosep.batch.watch import new_units
 from metrosep.batch.work import DISK_FULL, Task, earlier_row, input_hash
-from metrosep.core.errors import DataError, ReadError, WriteError
+from metrosep.core.errors import DataError, ReadError, RecipeError, WriteError
 from metrosep.recipe.hashing import recipe_hash
 from metrosep.recipe.recipe import Recipe
 
@@ -92,7 +92,8 @@ def run_batch(
     ReadError
         If the folder is none, or no file of it is of the recipe.
     RecipeError
-        If the recipe is wrong, or reads no inputs.
+        If the recipe is wrong, or reads no inputs; also where that shows only when it is carried
+        out and no unit has a result by then: the batch stops, instead of failing every file.
     WriteError
         If the output folder cannot be written, another batch works in it, or the disk is full:
         what is done is kept.
@@ -150,17 +151,20 @@ def run_batch(
     stop = Stop(cancel)
     strict = fail_fast or loaded.batch_options.get("on_error") == "stop"
     batch = _Batch(loaded, task, stop, tell, strict=strict)
+    batch.names.update(u.name for u in found.units)
     with locked(target), stop.at_signals():
         count = count if watch is not None else min(count, len(found.units))
         with executor(scheduler, count) as make:
             width = {"serial": 1, "dask": max(_OF_CLUSTER, _AHEAD * count)}.get(
                 kind, _AHEAD * count
             )
-            rounds = new_units(loaded, source, target, every=watch, stop=stop, first=found)
+            rounds = new_units(
+                loaded, source, target, every=watch, stop=stop, first=found, rows=batch.rows
+            )
             for units in rounds:
                 batch.work(units, lambda u: work_through(task, u, make, width=width, stop=stop))
                 if watch is not None:
-                    told_index(loaded, task, batch.rows)
+                    told_index(loaded, task, batch.rows, batch.names)
     return finished_report(loaded, task, batch, found)
 
 
@@ -173,10 +177,15 @@ class _Batch:
         self.recipe, self.task, self.stop, self.strict = recipe, task, stop, strict
         self._tell = tell
         self.rows: dict[str, dict[str, Any]] = {}
-        self.total = 0
+        self.names: set[str] = set()
         self.began = time.perf_counter()
         self._worked = 0
-        self._done = 0
+        self.wrong: str | None = None
+
+    @property
+    def total(self) -> int:
+        """Units that were found."""
+        return len(self.names)
 
     @property
     def seconds(self) -> float:
@@ -186,7 +195,7 @@ class _Batch:
     @property
     def open(self) -> int:
         """Units that were found and not finished."""
-        return self.total - self._done
+        return len(self.names - self.rows.keys())
 
     def work(
         self,
@@ -194,19 +203,25 @@ class _Batch:
         rows_of: Callable[[Iterator[Unit]], Iterator[dict[str, Any]]],
     ) -> None:
         """Take units through, and keep their rows."""
-        self.total += len(units)
+        self.names.update(u.name for u in units)
         for row in rows_of(iter(units)):
             if row["status"] == DISK_FULL:
                 self.stop.because(DISK_FULL)
                 continue
-            self._done += 1
             self.rows[row["unit"]] = row
             self._report(row)
+            if row.get("error") == RecipeError.__name__ and all(
+                "error" in r for r in self.rows.values()
+            ):
+                self.wrong = row["reason"]
+                self.stop.because(f"stopped: {row['reason']}")
             if self.strict and row["status"] in ("failed", "refused"):
                 self.stop.because(f"stopped at the first unit that failed ({row['unit']})")
+        if self.wrong is not None:
+            raise RecipeError(self.wrong)
         if self.stop.reason == DISK_FULL:
             raise WriteError(
-                f"{self.task.out}: the disk is full; {self._done} of {self.total} units are done and "
+                f"{self.task.out}: the disk is full; {len(self.rows)} of {self.total} units are done and "
                 "kept: make room, then start the same batch again"
             )
 
@@ -214,10 +229,10 @@ class _Batch:
         self._worked += not row["skipped"]
         if self._tell is None:
             return
-        left = self.total - self._done
+        left = self.open
         eta = left * self.seconds / self._worked if self._worked else None
         event = {k: row[k] for k in ("unit", "status", "reason", "seconds", "skipped")}
-        self._tell({"done": self._done, "total": self.total, **event, "eta_s": eta})
+        self._tell({"done": len(self.rows), "total": self.total, **event, "eta_s": eta})
 
 
 def _workers(workers: int | None) -> int:

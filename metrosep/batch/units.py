@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import stat
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
@@ -96,7 +97,10 @@ def find_units(
 
     Notes
     -----
-    Hidden files (``.name``), folders behind links, and the output folder are not looked into.
+    Hidden files (``.name``), folders behind links, and the output folder are not looked into. Upper
+    and lower case are the same, so that ``R.X3P`` is a ``*.x3p``; only where the files of a folder
+    belong together the recipe's own reading counts, and a message names what it will not take.
+    Pipes, sockets and devices are no files: reading one would wait for ever.
     Where the recipe states neither files nor a pattern, every file counts whose suffix is one of a
     known format.
     """
@@ -110,13 +114,18 @@ def find_units(
         raise ReadError(f"{root}: {what}; a batch needs the folder of its inputs")
     pattern = recipe.batch_options.get("pattern")
     regex = re.compile(pattern) if pattern is not None else None
-    members = _files_of(recipe, any_file=regex is not None)
+    cased: list[str] = []
+    odd: list[str] = []
+    members = _files_of(recipe, cased, any_file=regex is not None)
     units: list[Unit] = []
     left: list[str] = []
     links: list[str] = []
     closed: list[str] = []
     for place, names in _walk(root, out, links, closed):
         for target, files in members(place, names, root):
+            if _is_odd(target):
+                odd.append(_relative(target, root))
+                continue
             unit = _unit(target, files, root, recipe, regex)
             if unit is None:
                 left.append(_relative(target, root))
@@ -125,7 +134,7 @@ def find_units(
     return Found(
         tuple(sorted(units, key=lambda u: u.name)),
         tuple(sorted(left)),
-        tuple(_messages(left, links, closed, root)),
+        tuple(_messages(left, links, closed, cased, odd, root)),
     )
 
 
@@ -207,7 +216,16 @@ def _walk(
 Members = Callable[[Path, list[str], Path], Iterator[tuple[Path, list[Path]]]]
 
 
-def _files_of(recipe: Recipe, *, any_file: bool) -> Members:
+def _is_odd(path: Path) -> bool:
+    """Return whether something is neither file nor folder; a link to nothing is a file that failed."""
+    try:
+        mode = path.stat().st_mode
+    except OSError:
+        return False
+    return not (stat.S_ISREG(mode) or stat.S_ISDIR(mode))
+
+
+def _files_of(recipe: Recipe, cased: list[str], *, any_file: bool) -> Members:
     """Return what gives, folder by folder, each unit and its files."""
     patterns = tuple(recipe.input.get("files", ()))
     for pattern in patterns:
@@ -218,7 +236,7 @@ def _files_of(recipe: Recipe, *, any_file: bool) -> Members:
                 "files",
             )
     if not one_file_each(recipe):
-        return partial(_sets, patterns or ("*.csv",))
+        return partial(_sets, patterns or ("*.csv",), cased)
     return partial(_singles, patterns or _usual(recipe, any_file=any_file))
 
 
@@ -227,15 +245,23 @@ def _singles(
 ) -> Iterator[tuple[Path, list[Path]]]:
     for name in names:
         file = place / name
-        relative = _relative(file, root)
-        if any(fnmatchcase(relative if "/" in p else name, p) for p in patterns):
+        if any(_matches(_relative(file, root) if "/" in p else name, p) for p in patterns):
             yield file, [file]
 
 
+def _matches(name: str, pattern: str) -> bool:
+    return fnmatchcase(name.lower(), pattern.lower())
+
+
 def _sets(
-    patterns: tuple[str, ...], place: Path, _names: list[str], _root: Path
+    patterns: tuple[str, ...], cased: list[str], place: Path, names: list[str], root: Path
 ) -> Iterator[tuple[Path, list[Path]]]:
     files = sorted({f for p in patterns for f in place.glob(p) if f.is_file()})
+    cased += [
+        _relative(place / n, root)
+        for n in names
+        if place / n not in files and any("/" not in p and _matches(n, p) for p in patterns)
+    ]
     if files:
         yield place, files
 
@@ -249,7 +275,7 @@ def _usual(recipe: Recipe, *, any_file: bool) -> tuple[str, ...]:
     from metrosep.io.registry import formats
 
     suffixes = {s.lower() for f in formats() if f.reads for s in f.suffixes} - {".json", ".toml"}
-    return tuple(f"*{c}" for s in sorted(suffixes) for c in (s, s.upper()))
+    return tuple(f"*{s}" for s in sorted(suffixes))
 
 
 def _unit(
@@ -275,11 +301,20 @@ def _relative(path: Path, root: Path) -> str:
     return path.relative_to(root).as_posix()
 
 
-def _messages(left: list[str], links: list[str], closed: list[str], root: Path) -> Iterator[str]:
+def _messages(
+    left: list[str],
+    links: list[str],
+    closed: list[str],
+    cased: list[str],
+    odd: list[str],
+    root: Path,
+) -> Iterator[str]:
     for items, why in (
         (left, "do not fit the pattern of [batch]"),
         (links, "are links to folders"),
         (closed, "are folders that cannot be read"),
+        (cased, "are no plain files, or fit 'files' of [input] only in another case,"),
+        (odd, "are no plain files (a pipe, a socket or a device)"),
     ):
         if items:
             shown = ", ".join(items[:3]) + (" ..." if len(items) > 3 else "")

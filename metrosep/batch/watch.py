@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
+from metrosep.batch.companions import files_read
 from metrosep.batch.loop import Stop
 from metrosep.batch.units import Found, Unit, find_units
 from metrosep.recipe.recipe import Recipe
@@ -14,10 +16,18 @@ from metrosep.recipe.recipe import Recipe
 __all__ = ["new_units"]
 
 _NAP_SECONDS = 0.1
+_MOST_LOOKS = 64
 
 
 def new_units(
-    recipe: Recipe, folder: Path, out: Path, *, every: float | None, stop: Stop, first: Found
+    recipe: Recipe,
+    folder: Path,
+    out: Path,
+    *,
+    every: float | None,
+    stop: Stop,
+    first: Found,
+    rows: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> Iterator[tuple[Unit, ...]]:
     """Yield units that are new or changed, again and again.
 
@@ -33,6 +43,9 @@ def new_units(
         Ends it.
     first : Found
         What was found at the start.
+    rows : mapping of str to mapping, optional
+        What became of the units so far, by name; it grows while this goes on. A unit whose row
+        says ``again`` is tried once more after 1, 2, 4 ... looks, at most `_MOST_LOOKS`.
 
     Yields
     ------
@@ -45,10 +58,13 @@ def new_units(
         return
     seen: dict[str, object] = {}
     taken: dict[str, object] = {}
+    patience = _Patience({} if rows is None else rows)
     while not stop:
         ready = []
         for unit in find_units(recipe, folder, out=out).units:
             state = _state(unit)
+            if unit.name in taken and patience.is_over(unit.name):
+                del taken[unit.name]
             if state is not None and seen.get(unit.name) == state != taken.get(unit.name):
                 ready.append(unit)
                 taken[unit.name] = state
@@ -58,12 +74,35 @@ def new_units(
         _sleep(every, stop)
 
 
+class _Patience:
+    """Looks until a unit that failed for a reason from outside is tried once more."""
+
+    def __init__(self, rows: Mapping[str, Mapping[str, Any]]) -> None:
+        self._rows = rows
+        self._tries: dict[str, int] = {}
+        self._looks: dict[str, int] = {}
+
+    def is_over(self, name: str) -> bool:
+        """Count one look."""
+        if not self._rows.get(name, {}).get("again"):
+            self._tries.pop(name, None)
+            self._looks.pop(name, None)
+            return False
+        tries = self._tries.setdefault(name, 0)
+        self._looks[name] = self._looks.get(name, 0) + 1
+        if self._looks[name] < min(2**tries, _MOST_LOOKS):
+            return False
+        self._tries[name], self._looks[name] = tries + 1, 0
+        return True
+
+
 def _state(unit: Unit) -> object:
     try:
-        found = [os.stat(f) for f in unit.files]  # noqa: PTH116
+        files = files_read(unit)
+        found = [os.stat(f) for f in files]  # noqa: PTH116
     except OSError:
         return None
-    return tuple((f, s.st_size, s.st_mtime_ns) for f, s in zip(unit.files, found, strict=True))
+    return tuple((f, s.st_size, s.st_mtime_ns) for f, s in zip(files, found, strict=True))
 
 
 def _sleep(seconds: float, stop: Stop) -> None:

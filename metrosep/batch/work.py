@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from metrosep._version import __version__
 from metrosep.batch import marks, memory
+from metrosep.batch.companions import files_read
 from metrosep.batch.failures import (
     ChangedError,
     as_reason,
@@ -26,7 +27,7 @@ from metrosep.batch.failures import (
 from metrosep.batch.marks import FAILED, RESULT, Identity, unit_record
 from metrosep.batch.rows import row_of
 from metrosep.batch.units import Unit
-from metrosep.core.blas import one_blas_thread
+from metrosep.core.blas import one_thread
 from metrosep.core.errors import MetrosepError, RecipeError, WriteError
 
 if TYPE_CHECKING:
@@ -100,7 +101,7 @@ def do_unit(task: Task, unit: Unit) -> dict[str, Any]:
         if refusal is not None:
             row = record_failure(task, unit, refusal, status="refused", identity=identity)
         else:
-            with one_blas_thread():
+            with one_thread():
                 row = _carry_out(task, unit, identity, before)
     except Exception as exc:  # every failure of a unit becomes its row
         row = record_failure(task, unit, exc, identity=identity)
@@ -136,7 +137,7 @@ def record_failure(
         Row of the index; status `DISK_FULL` where even that cannot be written.
     """
     if identity is None:
-        with contextlib.suppress(OSError):
+        with contextlib.suppress(OSError, MetrosepError):
             identity = Identity(
                 input_hash(unit), task.recipe_hash, marks.short_version(), unit.name
             )
@@ -174,20 +175,24 @@ def input_hash(unit: Unit) -> str:
     Returns
     -------
     str
-        Of the bytes of its file; of a set, of the names and hashes of its files.
+        Of the bytes of its file; of several (a set, a file and what is read beside it), of their
+        names and hashes.
 
     Raises
     ------
     OSError
         If a file cannot be read.
+    ReadError
+        If the descriptions of the formats are missing.
     """
     hashes = []
-    for file in unit.files:
+    files = files_read(unit)
+    for file in files:
         with open(file, "rb") as handle:  # noqa: PTH123
             hashes.append(hashlib.file_digest(handle, "sha256").hexdigest())
-    if len(hashes) == 1 and unit.files[0] == unit.target:
+    if files == (unit.target,):
         return hashes[0]
-    names = [os.path.relpath(f, unit.target) for f in unit.files]
+    names = [os.path.relpath(f, unit.target) for f in files]
     lines = "".join(f"{n}\0{h}\n" for n, h in zip(names, hashes, strict=True))
     return hashlib.sha256(lines.encode("utf-8", "surrogateescape")).hexdigest()
 
@@ -224,7 +229,7 @@ def earlier_row(task: Task, unit: Unit, identity: Identity) -> dict[str, Any] | 
 
 def _memory_refusal(task: Task, unit: Unit) -> MemoryError | None:
     free = memory.available_bytes()
-    wanted = memory.wanted_bytes(unit.files)
+    wanted = memory.wanted_bytes(files_read(unit))
     share = None if free is None else free // task.workers
     if share is None or wanted <= share:
         return None
@@ -281,7 +286,7 @@ def _recipe(text: str, name: str, folder: str, expected: str) -> Recipe:
 
 def _stamps(unit: Unit) -> dict[str, tuple[int, int]]:
     stamps = {}
-    for file in unit.files:
+    for file in files_read(unit):
         found = os.stat(file)  # noqa: PTH116
         stamps[file] = (found.st_size, found.st_mtime_ns)
     return stamps
@@ -299,10 +304,10 @@ def _require_unchanged(
         raise ChangedError(
             f"{unit.name}: vanished while it was read ({exc.strerror or exc}); copy it again"
         ) from None
-    grown = [f for f in before if after[f] != before[f]]
+    grown = [f for f in sorted({**before, **after}) if after.get(f) != before.get(f)]
     name = Path(unit.target).name  # a reader may turn to a file beside it, which has another hash
     read = {i.get("sha256") for i in document.get("inputs", ()) if i.get("name") == name} - {None}
-    single = len(unit.files) == 1 and unit.files[0] == unit.target
+    single = tuple(before) == (unit.target,)
     if grown or (single and read and identity.input_hash not in read):
         name = Path(grown[0]).name if grown else name
         raise ChangedError(

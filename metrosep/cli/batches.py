@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 __all__ = ["batch"]
 
 Tell = Callable[[dict[str, Any]], None]
+_OF_UNITS = (1, 3, 6)
+"""Exit codes that say what became of the units; a bug or an interruption stays one."""
 
 
 @click.command()
@@ -47,6 +49,11 @@ Tell = Callable[[dict[str, Any]], None]
     "--every", type=float, metavar="SECONDS", help="With --watch: between two looks; 5 if omitted."
 )
 @click.option("--dry-run", is_flag=True, help="Only say what would be done.")
+@click.option(
+    "--exit-zero",
+    is_flag=True,
+    help="End with 0 also where units are rejected, inconclusive or failed.",
+)
 @json_option
 @click.pass_context
 def batch(
@@ -56,6 +63,7 @@ def batch(
     folder: str,
     every: float | None,
     watch: bool,
+    exit_zero: bool,
     as_json: bool,
     **options: Any,
 ) -> int:
@@ -75,8 +83,9 @@ def batch(
         report = run_batch(recipe, folder, watch=seconds, tell=tell, **options)
     if as_json:
         click.echo(json.dumps(_summary(report), sort_keys=True, allow_nan=False))
+    code = 0 if exit_zero and report.exit_code in _OF_UNITS else report.exit_code
     if as_json or quiet:
-        return report.exit_code
+        return code
     for message in report.messages:
         say(f"note: {message}")
     for row in report.rows if options["dry_run"] else ():
@@ -84,7 +93,7 @@ def batch(
     say(report.summary())
     if report.out is not None:
         say(f"index    {report.out / 'index.json'}")
-    return report.exit_code
+    return code
 
 
 def _summary(report: BatchReport) -> dict[str, Any]:

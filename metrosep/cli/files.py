@@ -48,17 +48,28 @@ def info(
 @click.command()
 @click.argument("files", nargs=-1, required=True, metavar="FILE...")
 @file_options
+@click.option(
+    "--explain", is_flag=True, help="Of recipes: print what holds where a key is left out."
+)
 @json_option
 def check(
     files: tuple[str, ...],
     reading: dict[str, Any],
+    explain: bool,
     as_json: bool,
 ) -> int:
     """Say what is odd about FILE: level, problem, fix.
 
     The exit code is 0 without errors (there may be warnings), 1 with errors, 4 when a file cannot
-    be read.
+    be read. Of recipes (.toml) every mistake that shows without data is told, with its line; the exit
+    code is 0, or 2 with mistakes.
     """
+    from metrosep.cli.checking_recipes import are_recipes, check_recipes
+
+    if are_recipes(files):
+        return check_recipes(files, as_json=as_json, explain=explain)
+    if explain:
+        raise click.UsageError("--explain is for recipes (.toml); leave it out for data")
     from metrosep.cli.errors import as_options
     from metrosep.io.check import check_file
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -53,7 +54,8 @@ def report(
 ) -> int:
     """Make the reports of RESULT again: result.json, its folder, or a folder with many below it.
 
-    Nothing is computed and no input is touched; the same result gives the same bytes. Several
+    Where the folder has the index.json of a batch, its rows say which results count; what is left
+    out is told. Nothing is computed and no input is touched; the same result gives the same bytes. Several
     results give one file each, and one results.csv for all. Exit code 4: a result was unreadable, the
     others are done.
     """
@@ -62,9 +64,9 @@ def report(
     if pdf_standard is not None and pdf_engine == "matplotlib":
         raise click.UsageError("--pdf-standard needs --pdf-engine typst; leave one of them out")
     writers = _writers(formats, pdf_engine, pdf_standard)
-    files = _files(results)
-    folder = _folder(out)
     quiet = bool((context.obj or {}).get("quiet"))
+    files = _files(results, quiet=quiet)
+    folder = _folder(out)
     documents, unread = [], 0
     for file, name in zip(files, _names(files), strict=True):
         try:
@@ -142,7 +144,7 @@ def _writers(formats: str, pdf_engine: str, pdf_standard: str | None) -> dict[st
     return writers
 
 
-def _files(results: Sequence[str]) -> list[Path]:
+def _files(results: Sequence[str], *, quiet: bool) -> list[Path]:
     """Return the result files that are meant, each once."""
     found: list[Path] = []
     for name in results:
@@ -154,10 +156,41 @@ def _files(results: Sequence[str]) -> list[Path]:
                     f"{name} holds no result.json, nor does a folder below it; give the folder that "
                     "'metrosep run -o' or 'metrosep batch -o' wrote"
                 )
-            found += below
+            found += _of_index(path, below, quiet=quiet)
         else:
             found.append(path / "result.json" if path.is_dir() else path)
     return list({f.resolve(): f for f in found}.values())
+
+
+def _of_index(path: Path, below: list[Path], *, quiet: bool) -> list[Path]:
+    """Return the results that the index of a batch counts, all of them where there is none."""
+    from metrosep.core.errors import CorruptFileError, DataError
+    from metrosep.report.index_view import link_of, require_index
+
+    index = path / "index.json"
+    if not index.is_file():
+        return below
+    again = "run the batch again, or give the folder of one result"
+    try:
+        rows = require_index(json.loads(index.read_bytes()))
+    except (OSError, ValueError, DataError) as exc:
+        raise CorruptFileError(
+            index, f"it is not the index of a batch: {exc}", hint=again
+        ) from None
+    links = [str(r.get("link")) for r in rows if link_of(r.get("link")) is not None]
+    counted = [path / n for n in links if n.rpartition("/")[2] == "result.json"]
+    if not counted:
+        raise CorruptFileError(index, "no row of it has a result", hint=again)
+    others = len({*below} - {*counted})
+    failed = len(rows) - len(counted)
+    if others and not quiet:
+        say(
+            f"note: {others} result(s) below {path} are not of its index.json (another recipe, former "
+            "contents, files that are gone) and are left out; give their own folders to have them"
+        )
+    if failed and not quiet:
+        say(f"note: {failed} unit(s) of {index} have no result: they failed or were not begun")
+    return counted
 
 
 def _folder(out: str) -> Path:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import os
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from functools import cache
 from typing import Any
 
-__all__ = ["one_blas_thread"]
+__all__ = ["one_blas_thread", "one_thread", "threads"]
+
+_ALONE: ContextVar[bool] = ContextVar("metrosep_one_thread", default=False)
 
 
 @cache
@@ -67,3 +71,46 @@ def one_blas_thread() -> Iterator[None]:
         yield
     finally:
         _LIMIT.leave()
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Keep all work of a ``with`` block in the thread that does it, BLAS and our own pools.
+
+    Yields
+    ------
+    None
+        What was before returns at the end.
+
+    Notes
+    -----
+    For workers of a batch: the processors are shared out among them already.
+
+    Examples
+    --------
+    >>> with one_thread():
+    ...     threads(4)
+    1
+    """
+    token = _ALONE.set(True)
+    try:
+        with one_blas_thread():
+            yield
+    finally:
+        _ALONE.reset(token)
+
+
+def threads(most: int) -> int:
+    """Return how many threads a function may open.
+
+    Parameters
+    ----------
+    most : int
+        Beyond which more do not help it.
+
+    Returns
+    -------
+    int
+        At least 1, no more than there are processors; 1 inside of `one_thread`.
+    """
+    return 1 if _ALONE.get() else max(1, min(most, os.cpu_count() or 1))

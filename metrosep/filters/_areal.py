@@ -11,15 +11,15 @@ A plane is taken out first and put back: order 1 keeps planes, so this changes n
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import NamedTuple
+from contextlib import ExitStack
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.core.blas import one_blas_thread
+from metrosep.core.blas import one_blas_thread, threads
 from metrosep.filters._kernel import COMPLETE, SINGULAR
 from metrosep.filters._passes import Axis, Piece, make_axis
 
@@ -108,14 +108,22 @@ def _passes(
             _up(piece, x, transposed, nodes, out[part], share, order, work)
             finish(part, out[part], share, other)
 
-    n_workers = min(_MAX_WORKERS, os.cpu_count() or 1)
-    with one_blas_thread(), ThreadPoolExecutor(n_workers) as pool:
-        list(
-            pool.map(down, [range(k * _LINES, n_y, n_workers * _LINES) for k in range(n_workers)])
-        )
+    n_workers = threads(_MAX_WORKERS)
+    strips = [range(k * _LINES, n_y, n_workers * _LINES) for k in range(n_workers)]
+    with one_blas_thread(), ExitStack() as stack:
+        pool = stack.enter_context(ThreadPoolExecutor(n_workers)) if n_workers > 1 else None
+        _each(pool, down, strips)
         nodes = _down_y(rows, y)
-        list(pool.map(up, [y.up[k::n_workers] for k in range(n_workers)]))
+        _each(pool, up, [y.up[k::n_workers] for k in range(n_workers)])
     return out
+
+
+def _each(
+    pool: ThreadPoolExecutor | None, function: Callable[[Any], None], items: list[Any]
+) -> None:
+    """Call a function with each item, in the threads of a pool if there is one."""
+    for _ in map(function, items) if pool is None else pool.map(function, items):
+        pass
 
 
 class _Room(NamedTuple):

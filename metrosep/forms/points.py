@@ -262,7 +262,9 @@ class Points:
             )
         rng = np.random.default_rng(20080415)
         flat = rng.integers(0, self.z.size, size=int(n * self.z.size / total) + 1)
-        row, column = np.unravel_index(np.unique(flat), self.z.shape)
+        flat.sort()
+        flat = flat[np.flatnonzero(np.diff(flat, prepend=-1))]  # each once
+        row, column = np.unravel_index(flat, self.z.shape)
         z = self.z[row, column]
         good = ~np.isnan(z)
         y = self.y[column[good]] if self.is_scattered else self.y[row[good]]

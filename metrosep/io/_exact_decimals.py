@@ -32,10 +32,11 @@ _SURE = 2.0**-90
 """Distance from half a unit, as a share of the value, from which the rounding is certain: far above
 the error of the product, 2^-98."""
 
-_BLOCK = 1 << 15
-"""Numbers at a time: what belongs to them stays in the cache."""
+_CHUNK = 1 << 18
+"""Bytes at a time: what belongs to them stays in the cache, and no fresh memory is asked for."""
 
 _PAD = b"0" * 32
+_BLANK = re.compile(rb"[\t-\r ]")
 _SPLIT = 134217729.0  # 2**27 + 1
 _STRICT = re.compile(rb"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?nan", re.IGNORECASE)
 
@@ -51,6 +52,20 @@ def parse_decimals(text: bytes) -> FloatArray | None:
     None where too many of them have another shape, so that this is not the way to read them; the
     caller has another. A field that is no number gives None as well.
     """
+    parts: list[FloatArray] = []
+    start = 0
+    while start < len(text):
+        blank = _BLANK.search(text, start + _CHUNK)
+        stop = blank.start() if blank else len(text)
+        part = _chunk(text[start:stop])
+        if part is None:
+            return None
+        parts.append(part)
+        start = stop
+    return np.concatenate(parts) if parts else np.empty(0)
+
+
+def _chunk(text: bytes) -> FloatArray | None:
     padded = np.frombuffer(_PAD + text + b" " + _PAD, dtype=np.uint8)
     inside = padded[len(_PAD) : len(padded) - len(_PAD)]
     blank = (inside == 32) | ((inside - np.uint8(9)) <= 4)  # wraps below 9
@@ -65,11 +80,7 @@ def parse_decimals(text: bytes) -> FloatArray | None:
         found, powers = powers, ends.copy()
         powers[np.searchsorted(starts, found, side="right") - 1] = found
     words = np.ndarray((padded.size - 7,), dtype="<u8", buffer=padded, strides=(1,))
-    out = np.empty(starts.size)
-    known = np.empty(starts.size, dtype=np.bool_)
-    for first in range(0, starts.size, _BLOCK):
-        part = slice(first, first + _BLOCK)
-        out[part], known[part] = _block(padded, words, starts[part], powers[part], ends[part])
+    out, known = _values(padded, words, starts, powers, ends)
     odd = np.flatnonzero(~known)
     odd = odd[~_is_nan(padded, starts[odd], ends[odd])]
     if odd.size > starts.size // 8:
@@ -97,7 +108,7 @@ def _strict(field: bytes) -> float:
     return float(field)
 
 
-def _block(
+def _values(
     padded: NDArray[np.uint8], words: Words, starts: Indices, powers: Indices, ends: Indices
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Return the values of some numbers, and which of them are certain."""
@@ -130,7 +141,9 @@ def _eight(word: Words, n: Indices) -> tuple[Words, NDArray[np.bool_]]:
     bad = ((digits + np.uint64(0x7676767676767676)) | digits) & np.uint64(0x8080808080808080)
     pairs = digits * np.uint64(10) + (digits >> np.uint64(8))
     even = (pairs & np.uint64(0x000000FF000000FF)) * np.uint64(0x000F424000000064)
-    odd = ((pairs >> np.uint64(16)) & np.uint64(0x000000FF000000FF)) * np.uint64(0x0000271000000001)
+    odd = ((pairs >> np.uint64(16)) & np.uint64(0x000000FF000000FF)) * np.uint64(
+        0x0000271000000001
+    )
     return (even + odd) >> np.uint64(32), bad == 0
 
 

@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 
 from metrosep.core.errors import FormatMismatchError, UnitError
 from metrosep.core.provenance import Step
+from metrosep.io.dialect import Dialect, decode
 from metrosep.io.run_tables import columns_of
 from metrosep.io.select import ColumnSpec, pick, sensitivity, to_si
 from metrosep.io.source import RawFile, open_file
-from metrosep.io.table import Table
+from metrosep.io.table import Column, Table
 
 __all__ = ["Role", "RoleColumns", "read_roles", "role_values"]
 
@@ -36,7 +37,7 @@ class Role:
     dimension : str
         ``"length"``, ``"angle"``, ``"time"`` ... : brought to SI. ``"position"``: a length or an
         angle. ``"any"``: brought to SI where there is a unit, else as it stands. ``"label"``:
-        texts.
+        texts, those of the cells where they are numbers.
     scale : str or None
         Sensitivity where the column is a voltage and a length is meant.
     """
@@ -169,7 +170,7 @@ def role_values(file: RawFile, table: Table, role: Role, *, name: str) -> NDArra
     if role.dimension == "label":
         if column.labels is not None:
             return np.array(column.labels)
-        return np.array([f"{v:g}" for v in (column.values if column.values is not None else ())])
+        return np.array(_cell_texts(file, table, column))
     if role.dimension == "position":
         dimension = "angle" if unit is not None and unit.dimension == "angle" else "length"
         return to_si(file, column, unit, dimension=dimension, role=name)
@@ -182,6 +183,19 @@ def role_values(file: RawFile, table: Table, role: Role, *, name: str) -> NDArra
         )
     stands = unit is None or _PER.search(column.name) is not None
     return np.asarray(column.values * (1.0 if stands or unit is None else unit.factor))
+
+
+def _cell_texts(file: RawFile, table: Table, column: Column) -> list[str]:
+    """Return the cells of a column of numbers as they are written: 01 is not 1, 1E2 not 100."""
+    if "separator" not in table.header:  # a recording has no text
+        numbers = column.values if column.values is not None else np.empty(0)
+        return [repr(float(v)).removesuffix(".0") for v in numbers]
+    header = table.header
+    dialect = Dialect(header["separator"], header["decimal"], header["quoted"])
+    lines = decode(file.data, file.path, header["encoding"])[0].split("\n")
+    place = table.names.index(column.name)
+    rows = dialect.split(lines[n - 1] for n in table.lines.tolist())
+    return [row[place].strip() for row in rows]
 
 
 def _text(column: Any) -> str:

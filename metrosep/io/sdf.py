@@ -253,7 +253,8 @@ def _trailer(file: RawFile, start: int) -> str:
 def _text(file: RawFile, max_pixels: int | None) -> _Content:
     header, start = _text_header(file)
     _check_flags(file, header, max_pixels)
-    body, star, rest = file.data[start:].partition(b"*")
+    star = file.data.find(b"*", start)
+    body = file.data[start : star if star >= 0 else file.size]
     count = header["NumPoints"] * header["NumProfiles"]
     if 2 * count > len(body) + 1:
         found: object = f"{len(body)} bytes"
@@ -262,9 +263,9 @@ def _text(file: RawFile, max_pixels: int | None) -> _Content:
         found = raw.size
         if raw.size == count:
             warnings = _type_notes(header)
-            if not star:
+            if star < 0:
                 warnings.append("the '*' after the heights is missing")
-            header["trailer"] = _trailer(file, file.size - len(rest))
+            header["trailer"] = _trailer(file, star + 1 if star >= 0 else file.size)
             return _Content(header, raw, None, warnings)
     raise CorruptFileError(
         file.path,

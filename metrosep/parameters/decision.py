@@ -1,18 +1,23 @@
 """Three-state decisions on conformity after ISO 14253-1.
 
 With a guard band g = guard_factor * U inside each limit: accept if the value keeps clear of both
-limits by g, reject if it passes a limit by g, else inconclusive.
+limits by g or more, reject if it passes a limit by g or more, else inconclusive. With g = 0 a value on
+its limit is accepted.
 """
 
 from __future__ import annotations
 
 import math
+import sys
 from typing import Literal
 
 from metrosep.core.errors import DataError
 from metrosep.spectral._checks import real_number
 
 __all__ = ["Verdict", "decide", "worst"]
+
+_ROUNDING = 4.0 * sys.float_info.epsilon
+"""Of each of the numbers, their difference and their product: 9.4 is 10 - 2 * 0.3."""
 
 Verdict = Literal["accept", "reject", "inconclusive"]
 
@@ -49,6 +54,12 @@ def decide(
         If there is no limit, the limits cross, U or the factor is negative or not finite, or one
         of them is no number.
 
+    Notes
+    -----
+    Accept: lower + g <= value <= upper - g. Reject: value <= lower - g or value >= upper + g. Both
+    edges are kept to within the rounding of floats, 4 epsilon of the largest of the three numbers.
+    Where both hold, g being zero, the value is accepted.
+
     References
     ----------
     .. [1] ISO 14253-1:2017.
@@ -69,11 +80,18 @@ def decide(
         if not (math.isfinite(real_number(number, name)) and number >= 0.0):
             raise DataError(f"{name} must be finite and not negative, got {number}")
     guard = guard_factor * U
-    if low + guard <= value <= high - guard:
+    below, above = (_allowance(value, limit, guard) for limit in (low, high))
+    if low + guard - below <= value <= high - guard + above:
         return "accept"
-    if value < low - guard or value > high + guard:
+    if value <= low - guard + below or value >= high + guard - above:
         return "reject"
     return "inconclusive"
+
+
+def _allowance(value: float, limit: float, guard: float) -> float:
+    """Return the rounding of a limit with its guard band, zero where one of them is infinite."""
+    largest = max(abs(value), abs(limit), guard)
+    return _ROUNDING * largest if math.isfinite(largest) else 0.0
 
 
 def worst(verdicts: list[Verdict]) -> Verdict | None:

@@ -313,8 +313,9 @@ def _correlations(
             r = max(-1.0, min(1.0, float(a @ b) / size))
             matrix[i, j] = matrix[j, i] = r
             dof = int(both.sum()) - 3
-            t = abs(r) * math.sqrt(dof / max(1.0 - r * r, np.finfo(float).tiny))
-            pairs.append((i, j, r, 2.0 * float(stdtr(dof, -t))))
+            left = 1.0 - r * r  # zero where one term is a multiple of the other
+            p = 2.0 * float(stdtr(dof, -abs(r) * math.sqrt(dof / left))) if left > 0.0 else 0.0
+            pairs.append((i, j, r, p))
     matrix.setflags(write=False)
     if not pairs:
         return matrix, ()

@@ -88,7 +88,9 @@ def _curves(chart: Chart) -> Figure:
     scales = _scales(panels)
     colours = _line_colours(panels)
     with house_style():
-        figure = Figure(figsize=(7.2, 0.8 + 2.0 * len(panels)), layout="constrained")
+        usual = not any(_is_beside(p) or "\n" in f"{p['title']}{name}" for p in panels)
+        size = (7.2, 0.8 + 2.0 * len(panels))
+        figure = Figure(figsize=size, layout=None if usual else "constrained")
         FigureCanvasAgg(figure)
         grid = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
         for i, (axes, each) in enumerate(zip(grid, panels, strict=True)):
@@ -100,7 +102,31 @@ def _curves(chart: Chart) -> Figure:
             grid[-1].xaxis.set_major_locator(MultipleLocator(90.0))
         if chart["x"].get("log"):
             grid[-1].set_xscale("log")
+        if usual:
+            _place(figure, list(grid))
     return figure
+
+
+_LEFT, _RIGHT, _BELOW, _ABOVE, _BETWEEN = 0.05, 0.2, 0.46, 0.27, 0.37  # inch
+"""Room at the left of all and for half a number at the right; for numbers and label below, for a title
+of one line above, and for it between panels."""
+
+
+def _place(figure: Figure, grid: Sequence[Axes]) -> None:
+    """Place panels one above the other with room for the widest numbers at their left.
+
+    The constrained layout of matplotlib measures everything twice, which takes as long as to draw.
+    """
+    width, height = figure.get_size_inches()
+    below, above = _BELOW / height, 1.0 - _ABOVE / height
+    n, gap = len(grid), _BETWEEN / height
+    each = (above - below - (n - 1) * gap) / n
+    figure.subplots_adjust(
+        left=0.1, right=1.0 - _RIGHT / width, bottom=below, top=above, hspace=gap / each
+    )
+    boxes = [(axes.get_window_extent(), axes.yaxis.get_tightbbox()) for axes in grid]
+    wide = max((axes.x0 - box.x0 for axes, box in boxes if box is not None), default=0.0)
+    figure.subplots_adjust(left=(wide / figure.dpi + _LEFT) / width)
 
 
 # a curve whose label begins with "limit" is drawn dashed and grey, as every limit is
@@ -152,12 +178,20 @@ def _panel(
     axes.set_ylabel(unit)
     labels = axes.get_legend_handles_labels()[1]
     if labels and len(curves) <= _MOST_LEGEND:
-        _legend(axes, each["title"], labels)
+        _legend(axes, labels, beside=_is_beside(each))
 
 
-def _legend(axes: Axes, title: str, labels: Sequence[str]) -> None:
+def _is_beside(each: Chart) -> bool:
+    """Return whether the legend of a panel has no room above it."""
+    labels = [str(c["label"]) for c in each["curves"] if c["label"]]
+    if not labels or len(each["curves"]) > _MOST_LEGEND:
+        return False
+    return len(each["title"]) + sum(len(v) + 7 for v in labels) > _LEGEND_ABOVE
+
+
+def _legend(axes: Axes, labels: Sequence[str], *, beside: bool) -> None:
     """Put the legend beside the curves, never on them: above at the right, or at the right."""
-    if len(title) + sum(len(v) + 7 for v in labels) <= _LEGEND_ABOVE:
+    if not beside:
         axes.legend(
             loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(labels), borderaxespad=0.1
         )

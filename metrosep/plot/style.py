@@ -8,8 +8,10 @@ open and nothing of the caller's matplotlib changes. Values come from a result a
 from __future__ import annotations
 
 import io
+import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -90,11 +92,46 @@ def house_style() -> Iterator[None]:
     ------
     None
         The previous settings return at the end of the block.
+
+    Notes
+    -----
+    The settings of matplotlib belong to the process, so one thread at a time draws.
     """
+    import matplotlib as mpl
+
+    with _LOCK:
+        if _inside[0]:  # of another block: nothing to set again
+            yield
+            return
+        parameters: Any = mpl.rcParams
+        before = {k: v for k, v in parameters.copy().items() if not k.startswith(_NO_STYLE)}
+        _inside[0] = True
+        try:
+            dict.update(parameters, _settings())
+            yield
+        finally:
+            _inside[0] = False
+            dict.update(parameters, before)
+
+
+_LOCK = threading.RLock()
+_inside = [False]
+_NO_STYLE = (
+    "backend", "interactive", "toolbar", "timezone", "date.epoch", "docstring", "savefig.directory",
+    "tk.", "webagg.",
+)  # fmt: skip
+"""Beginnings of settings that say how matplotlib works, not how a figure looks: left alone."""
+
+
+@cache
+def _settings() -> Mapping[str, Any]:
+    """Return all settings of the style; they are checked once."""
+    import matplotlib as mpl
     import matplotlib.style
 
     with matplotlib.style.context(["default", dict(_STYLE)]):
-        yield
+        parameters: Any = mpl.rcParams.copy()
+    return {k: v for k, v in parameters.items() if not k.startswith(_NO_STYLE)}
 
 
 def axes_or_new(ax: Axes | None, *, size: tuple[float, float] = _FIGURE_SIZE) -> Axes:
@@ -241,9 +278,10 @@ def figure_svg(draw: Draw, document: Document) -> str:
     with house_style():
         figure = _figure_of(draw(document))
         stream = io.StringIO()
-        FigureCanvasSVG(figure)
         undated = {"Date": None, "Creator": None, "Type": None, "Format": None}
-        figure.savefig(stream, format="svg", metadata=undated)
+        # not savefig, which draws everything once more before
+        canvas: Any = FigureCanvasSVG(figure)
+        canvas.print_svg(stream, metadata=undated)
     return stream.getvalue()
 
 

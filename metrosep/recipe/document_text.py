@@ -74,9 +74,7 @@ def document_text(document: Mapping[str, Any], *, indent: int | None = None) -> 
 
 def _dumps(value: Any, indent: int | None) -> str:
     separators = (",", ":") if indent is None else None
-    return json.dumps(
-        value, indent=indent, sort_keys=True, allow_nan=False, separators=separators
-    )
+    return json.dumps(value, indent=indent, sort_keys=True, allow_nan=False, separators=separators)
 
 
 def _swapped(value: Any, level: int, indent: int | None, lists: list[str]) -> Any:
@@ -135,7 +133,7 @@ def _texts(values: list[float | None] | tuple[float | None, ...]) -> list[str]:
         left[these] = False
     for i in np.flatnonzero(left).tolist():
         texts[i] = _text(values[i])
-    return texts.tolist()  # type: ignore[no-any-return]
+    return texts.tolist()
 
 
 def _text(value: float | None) -> str:

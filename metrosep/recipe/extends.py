@@ -9,18 +9,21 @@ from __future__ import annotations
 
 import os
 import tomllib
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from metrosep.core.errors import RecipeError
 from metrosep.recipe.schema import Place
 
-__all__ = ["LayeredPlace", "Layers", "layers_of", "split_record"]
+__all__ = ["LayeredPlace", "Layers", "before_record", "layers_of", "split_record"]
 
 _MARK = "# ==== built on (recorded when it ran; delete from here on to read the files again) ===="
 _NAME, _LINE = "#: ", "#| "
+_FILE, _SEEN = "#> ", "#@ "
+"""A file that a step of a recipe in another folder names, and its name from the nearest recipe."""
+
 _MOST = 8
 _TABLES = ("input", "batch", "view")
 
@@ -68,6 +71,30 @@ class LayeredPlace(Place):
 
 
 @dataclass(frozen=True, slots=True)
+class _Base:
+    """A recipe below: where it lies and which texts of its steps are files there."""
+
+    name: str
+    text: str
+    files: Mapping[str, str] = field(default_factory=dict)
+
+    def record(self) -> list[str]:
+        """Return the lines of the record; every line of the text as it stands."""
+        lines = [f"{_NAME}{self.name}"]
+        for name, seen in self.files.items():
+            lines += [f"{_FILE}{name}", f"{_SEEN}{seen}"]
+        text = self.text.removesuffix("\n").split("\n")
+        return lines + [f"{_LINE}{line}" if line else _LINE.rstrip() for line in text]
+
+    def data(self) -> dict[str, Any]:
+        """Return what TOML holds, names of files starting at the folder of the nearest recipe."""
+        parsed = _parsed(self.text, self.name)
+        for step, key in _file_keys(parsed):
+            step[key] = self.files.get(step[key], step[key])
+        return parsed
+
+
+@dataclass(frozen=True, slots=True)
 class Layers:
     """A recipe with what it builds on.
 
@@ -101,16 +128,46 @@ def split_record(text: str) -> tuple[str, tuple[tuple[str, str], ...]]:
     bases : tuple of (str, str)
         Name and text; empty where nothing is recorded.
     """
+    own, bases = _split(text)
+    return own, tuple((b.name, b.text) for b in bases)
+
+
+def before_record(text: str) -> int:
+    """Return where the own text of a recipe ends.
+
+    Parameters
+    ----------
+    text : str
+        Of a recipe, perhaps from a result document.
+
+    Returns
+    -------
+    int
+        Index of the record; the length of the text where there is none.
+    """
+    found = text.find("\n" + _MARK + "\n")
+    return len(text) if found < 0 else found
+
+
+def _split(text: str) -> tuple[str, tuple[_Base, ...]]:
     own, mark, record = text.partition("\n" + _MARK + "\n")
     if not mark:
         return text, ()
-    found: list[tuple[str, list[str]]] = []
-    for line in record.splitlines():
-        if line.startswith(_NAME):
-            found.append((line.removeprefix(_NAME), []))
-        elif line.startswith(_LINE.rstrip()) and found:
-            found[-1][1].append(line.removeprefix(_LINE) if line != _LINE.rstrip() else "")
-    return own, tuple((name, "\n".join(lines) + "\n") for name, lines in found)
+    found: list[tuple[str, dict[str, list[str]]]] = []
+    for line in record.split("\n"):
+        start = line[: len(_LINE)]
+        if start == _NAME:
+            found.append((line.removeprefix(_NAME), {_LINE: [], _FILE: [], _SEEN: []}))
+        elif found and line == _LINE.rstrip():
+            found[-1][1][_LINE].append("")
+        elif found and start in found[-1][1]:
+            found[-1][1][start].append(line.removeprefix(start))
+    return own, tuple(
+        _Base(
+            name, "\n".join(kept[_LINE]) + "\n", dict(zip(kept[_FILE], kept[_SEEN], strict=False))
+        )
+        for name, kept in found
+    )
 
 
 def layers_of(text: str, name: str, folder: Path) -> Layers:
@@ -135,9 +192,9 @@ def layers_of(text: str, name: str, folder: Path) -> Layers:
     RecipeError
         If a text is not TOML, a recipe that is named cannot be read, or one extends itself.
     """
-    own, recorded = split_record(text)
-    data = _parsed(own, name)
-    chain: list[tuple[str, str, dict[str, Any]]] = [(name, own, data)]
+    own, recorded = _split(text)
+    chain: list[tuple[str, str, dict[str, Any]]] = [(name, own, _parsed(own, name))]
+    below: list[_Base] = []
     seen = {(folder / name).resolve()}
     place_of = folder
     while "extends" in chain[-1][2]:
@@ -151,24 +208,25 @@ def layers_of(text: str, name: str, folder: Path) -> Layers:
         if recorded:
             if len(chain) > len(recorded):
                 raise place.error(f'extends = "{wanted}": the record lacks it', "extends")
-            base_name, base = recorded[len(chain) - 1]
-            chain.append((base_name, base, _parsed(base, base_name)))
+            base = recorded[len(chain) - 1]
+            below.append(base)
+            chain.append((base.name, base.text, base.data()))
             continue
         target = place_of / wanted
         if target.resolve() in seen:
             raise place.error(f'extends = "{wanted}": it comes back to itself', "extends")
         seen.add(target.resolve())
-        base = _read(target, wanted, place)
         place_of = target.parent
-        below = _parsed(base, target.name)
-        _move_files(below, place_of, folder)
-        chain.append((target.name, base, below))
-    bases = tuple((n, t) for n, t, _ in chain[1:])
+        text_there = _read(target, wanted, place).removesuffix("\n") + "\n"
+        base = _base_of(target, text_there, folder)
+        below.append(base)
+        chain.append((base.name, base.text, base.data()))
     merged = dict(chain[-1][2])
     for _, _, nearer in reversed(chain[:-1]):
         merged = _merged(merged, nearer)
     merged.pop("extends", None)
-    return Layers(merged, own + _record(bases), bases)
+    bases = tuple((b.name, b.text) for b in below)
+    return Layers(merged, own + _record(below), bases)
 
 
 def _merged(base: Mapping[str, Any], nearer: Mapping[str, Any]) -> dict[str, Any]:
@@ -180,13 +238,10 @@ def _merged(base: Mapping[str, Any], nearer: Mapping[str, Any]) -> dict[str, Any
     return result
 
 
-def _record(bases: tuple[tuple[str, str], ...]) -> str:
+def _record(bases: Sequence[_Base]) -> str:
     if not bases:
         return ""
-    lines = ["", _MARK]
-    for name, text in bases:
-        lines.append(f"{_NAME}{name}")
-        lines += [f"{_LINE}{line}".rstrip() for line in text.splitlines()]
+    lines = ["", _MARK, *(line for base in bases for line in base.record())]
     return "\n".join(lines) + "\n"
 
 
@@ -209,15 +264,24 @@ def _read(target: Path, wanted: str, place: Place) -> str:
         ) from None
 
 
-def _move_files(data: dict[str, Any], home: Path, folder: Path) -> None:
-    """Let names of files in steps of a recipe in another folder start where the nearest one lies."""
+def _base_of(target: Path, text: str, folder: Path) -> _Base:
+    """Return a recipe below with the files in its folder, where that is not the nearest one's."""
+    home = target.parent
+    if home.resolve() == folder.resolve():
+        return _Base(target.name, text)
+    named = (str(step[key]) for step, key in _file_keys(_parsed(text, target.name)))
+    near = [n for n in named if not Path(n).is_absolute() and (home / n).exists()]
+    seen = {n: Path(os.path.relpath(home / n, folder)).as_posix() for n in near}
+    return _Base(target.name, text, seen)
+
+
+def _file_keys(data: Mapping[str, Any]) -> Iterator[tuple[dict[str, Any], str]]:
+    """Give each step and key that may name a file."""
     from metrosep.recipe.methods import METHODS
 
-    if home.resolve() == folder.resolve() or not isinstance(data.get("step"), list):
-        return
-    for step in data["step"]:
+    steps = data.get("step")
+    for step in steps if isinstance(steps, list) else ():
         method = METHODS.get(str(step.get("op"))) if isinstance(step, dict) else None
-        for key, field in method.fields.items() if method is not None else ():
-            value = step.get(key)
-            if field.kind == "file" and isinstance(value, str) and (home / value).exists():
-                step[key] = Path(os.path.relpath(home / value, folder)).as_posix()
+        for key, known in method.fields.items() if method is not None else ():
+            if known.kind == "file" and isinstance(step.get(key), str):
+                yield step, key

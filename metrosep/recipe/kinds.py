@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
 import difflib
 import math
 from collections.abc import Callable
 from typing import Any
 
-from metrosep.core.errors import UnitError
 from metrosep.core.units import parse_quantity
+from metrosep.recipe.limits import Limit, parse_limit
 
 __all__ = ["KINDS"]
 
@@ -95,17 +94,9 @@ def _spacing(value: Any) -> Any:
     raise TypeError('a spacing such as "1 mm" or a number of points is needed here')
 
 
-def _limit(value: Any) -> float:
+def _limit(value: Any) -> Limit:
     """Return a limit of any dimension: a length or an angle with its unit, or a plain number."""
-    if not isinstance(value, str):
-        return _number(value)
-    for dimension in ("length", "angle"):
-        with contextlib.suppress(UnitError):
-            return parse_quantity(value, dimension=dimension)
-    raise UnitError(
-        'a length or an angle with its unit is needed here, such as "120 nm" or "0.5 urad"; a pure '
-        "number is written without quotes"
-    )
+    return parse_limit(value if isinstance(value, str) else _number(value))
 
 
 def _list_of(check: Callable[[Any], float], example: str) -> Callable[[Any], tuple[float, ...]]:

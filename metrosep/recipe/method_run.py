@@ -13,6 +13,7 @@ from metrosep.parameters.decision import decide, worst
 from metrosep.recipe.characteristics import DECISION_RULE
 from metrosep.recipe.described import describe
 from metrosep.recipe.description import Description
+from metrosep.recipe.limits import limit_problem
 from metrosep.recipe.method import Method
 from metrosep.recipe.method_inputs import load_inputs, sources
 from metrosep.recipe.methods import METHODS
@@ -59,6 +60,7 @@ def run_method(
     if method.reads != "nothing":
         tell(f"reading {len(files)} file(s)")
     inputs = load_inputs(method, files, {k: v for k, v in recipe.input.items() if k != "files"})
+    _require_kind(recipe, inputs)
     tell(f"{'computing' if method.reads == 'nothing' else 'separating'}: {method.what}")
     produced = method.call(inputs, _options(method, step, recipe.folder))
     history, warnings = sources(inputs)
@@ -72,6 +74,22 @@ def run_method(
         names += write_reports(recipe, document, stage, tell)
         Result(document, produced).write(stage / RESULT_NAME)
     return Result(document, produced, tuple(out / n for n in (*names, RESULT_NAME)))
+
+
+_OF_ROLE = {"tolerance": "value", "u_reading": "reading"}
+"""Keys that are lengths or angles, as the columns of a role are."""
+
+
+def _require_kind(recipe: Recipe, inputs: Any) -> None:
+    """Refuse a key of a step that is an angle where the readings are lengths, and the like."""
+    step, units = recipe.steps[0], getattr(inputs, "units", None) or {}
+    for key, field in METHODS[step["op"]].fields.items():
+        unit = units.get(_OF_ROLE.get(key, "")) if field.kind == "limit" else None
+        if key not in step or unit is None:
+            continue
+        problem = limit_problem(key, step[key], f"the {_OF_ROLE[key]} column", unit)
+        if problem is not None:
+            raise recipe.place("[[step]]", 0).error(problem, key)
 
 
 def _options(method: Method, step: Mapping[str, Any], folder: Path) -> dict[str, Any]:
@@ -147,7 +165,8 @@ def judged(
     Raises
     ------
     RecipeError
-        If a check names a metric that is not there, or its uncertainty is not known.
+        If a check names a metric that is not there, a limit or U is of another kind than the value,
+        or the uncertainty is not known.
     """
     entries = []
     verdicts = []
@@ -159,12 +178,18 @@ def judged(
                 f'metric = "{metric}" is not in this result; there are {known}', "metric"
             )
         quantity = found[metric]
+        for key in ("lower", "upper", "U"):
+            if key in check:
+                problem = limit_problem(key, check[key], metric, quantity.unit)
+                if problem is not None:
+                    raise place.error(problem, key)
         expanded = check.get("U", None if quantity.u is None else 2.0 * quantity.u)
         if expanded is None:
             raise place.error(
                 f'the uncertainty of {metric} is not known; state it: U = "10 nm"', "metric"
             )
-        limits = {k: check.get(k) for k in ("lower", "upper")}
+        expanded = float(expanded)
+        limits = {k: float(check[k]) if k in check else None for k in ("lower", "upper")}
         guard = check.get("guard_factor", 1.0)
         verdict = decide(quantity.value, **limits, U=expanded, guard_factor=guard)
         verdicts.append(verdict)

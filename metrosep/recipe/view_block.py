@@ -6,6 +6,7 @@ import re
 import tomllib
 from typing import Any
 
+from metrosep.recipe.extends import before_record
 from metrosep.recipe.schema import blanked_texts
 
 __all__ = ["without_view_block"]
@@ -15,6 +16,8 @@ _HEADER = re.compile(r"\s*\[\s*(?:view|\"view\"|'view')\s*\]\s*(?:#.*)?$")
 
 def without_view_block(text: str) -> str:
     r"""Return the text of a recipe without its table ``[view]``; all else stays as it is written.
+
+    The record of what it builds on stays too.
 
     Parameters
     ----------
@@ -31,6 +34,11 @@ def without_view_block(text: str) -> str:
     >>> without_view_block('metrosep = 1\n\n[view]\ntab = "report"\n')
     'metrosep = 1\n'
     """
+    end = before_record(text)
+    return _without(text[:end]) + text[end:]
+
+
+def _without(text: str) -> str:
     lines = text.splitlines(keepends=True)
     plain = blanked_texts(text).splitlines()
     first = next((i for i, line in enumerate(plain) if _HEADER.match(line)), None)

@@ -58,7 +58,7 @@ def render_dfq(documents: Sequence[Mapping[str, Any]]) -> bytes:
     Notes
     -----
     A value has the unit of its limits, else nm, urad or ms: the same for all parts, so that they can
-    be put together. All digits are written; K2022 says how many mean something. A result holds no
+    be put together. 15 digits are written; K2022 says how many mean something. A result holds no
     clock, so the field of the date stays empty. The serial is given as batch. Field numbers and
     lengths follow descriptions of version 12 by others; the official text was not at hand.
     """
@@ -140,7 +140,7 @@ def _description(
         yield f"K2022/{i} {_decimals(row, factor)}"
         for field, limit in (("K2110", row.lower), ("K2111", row.upper)):
             if limit is not None:
-                yield f"{field}/{i} {_plain(limit / factor)}"
+                yield f"{field}/{i} {_scaled(limit, factor)}"
         if unit != "1":
             yield _line(f"K2142/{i}", unit, _SHORT)
         yield _line(f"K2900/{i}", _remark(row, unit, factor), _REMARK)
@@ -161,7 +161,7 @@ def _values(rows: Sequence[CharacteristicRow], scales: Sequence[tuple[str, float
     for row, (_, factor) in zip(rows, scales, strict=True):
         known = row.value is not None
         fields = [
-            _plain(row.value / factor) if row.value is not None else "0",
+            _scaled(row.value, factor) if row.value is not None else "0",
             _VALID if known else _NOT_MEASURED,
         ]
         if row.serial:
@@ -181,6 +181,11 @@ def _decimals(row: CharacteristicRow, factor: float) -> int:
     spread = row.u if row.u is not None else row.U
     sizes = [abs(v) / factor for v in (row.value, row.lower, row.upper) if v is not None]
     return decimals_for(None if spread is None else spread / factor, max(sizes, default=0.0))
+
+
+def _scaled(value: float, factor: float) -> str:
+    """Return a number in its unit with 15 digits: what a person wrote as 100 nm is 100 again."""
+    return _plain(float(f"{value / factor:.15g}"))
 
 
 def _plain(value: float) -> str:

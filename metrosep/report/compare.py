@@ -9,10 +9,13 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from metrosep.core.errors import DataError
+from metrosep.recipe.readable import readable_unit
 from metrosep.recipe.result import SCHEMA
+from metrosep.report.chart_comparison import chart_rows
 from metrosep.report.comparison import (
     Comparison,
     Row,
@@ -30,6 +33,9 @@ Document = Mapping[str, Any]
 _NM = 1e-9
 _COVERAGE = 2.0
 """From a standard to an expanded uncertainty where the check states none."""
+
+_SPELLING = 1e-14
+"""Relative difference of one limit in two units."""
 
 _KINDS: Mapping[str, type] = {
     "characteristics": list, "inputs": list, "recipe": Mapping, "versions": Mapping,
@@ -72,7 +78,9 @@ def compare_documents(
     check, else twice the standard uncertainty; U of the difference is sqrt(U_a^2 + U_b^2), which
     holds for independent measurements. A value that is not known is equal only to one that is not
     known. Curves and tables are compared entry by entry at the same positions: two results of the
-    same P-V and opposite sign differ. Recipe, inputs and versions are told but do not count.
+    same P-V and opposite sign differ; so are the maps and profiles of a measurement. A check that asks
+    another thing is a difference: limits, guard factor, definition, and U where it changed by more
+    than the tolerance of its row. Recipe, inputs and versions are told but do not count.
     """
     for name, document in (("A", a), ("B", b)):
         _require_result(document, name)
@@ -80,6 +88,7 @@ def compare_documents(
     allowed = Tolerances(tolerances)
     rows = [_row(x, y, allowed) for x, y in _pairs(_entries(a, "A"), _entries(b, "B"))]
     rows += _curves(a, b, allowed)
+    rows += chart_rows(a, b, tolerances=allowed)
     rows += _tables(a, b, allowed)
     allowed.require_used([r.metric for r in rows])
     messages = []
@@ -197,7 +206,7 @@ def _row(a: Document | None, b: Document | None, tolerances: Tolerances) -> Row:
         difference = values[1] - values[0]
         if spreads[0] is not None and spreads[1] is not None:
             expanded = math.hypot(spreads[0], spreads[1])
-    return judged_row(
+    row = judged_row(
         metric,
         name,
         next(u for u in units if u is not None),
@@ -208,6 +217,32 @@ def _row(a: Document | None, b: Document | None, tolerances: Tolerances) -> Row:
         tolerances=tolerances,
         message=message,
     )
+    asked = [] if a is None or b is None else list(_asked_otherwise(a, b, row.unit, row.tolerance))
+    if not asked:
+        return row
+    return replace(row, equal=False, message="; ".join(t for t in (row.message, *asked) if t))
+
+
+def _asked_otherwise(a: Document, b: Document, unit: str, allowed: float | None) -> Iterator[str]:
+    """Give what the two checks ask differently: the same value means another thing then."""
+    for key, words in (("lower", "lower limit"), ("upper", "upper limit"), ("U", "U")):
+        one, two = (known_number(e.get(key), f"{words} of {_metric(e)}") for e in (a, b))
+        if not _is_near(one, two, allowed or 0.0 if key == "U" else 0.0):
+            scale, factor = readable_unit([one, two], unit)
+            shown = ["none" if v is None else f"{v / factor:.6g} {scale}" for v in (one, two)]
+            yield f"{words} {shown[0]} became {shown[1]}"
+    one, two = (known_number(e.get("guard_factor"), "the guard factor") for e in (a, b))
+    if not _is_near(one, two, 0.0):
+        yield f"guard factor {'none' if one is None else one} became {'none' if two is None else two}"
+    if a.get("definition") != b.get("definition"):
+        yield f"the definition was {a.get('definition')!r} and is {b.get('definition')!r}"
+
+
+def _is_near(a: float | None, b: float | None, allowed: float) -> bool:
+    """Whether two numbers are the same; 0.1 um and 100 nm are, though not to the last digit."""
+    if a is None or b is None:
+        return a is b
+    return abs(a - b) <= allowed + _SPELLING * max(abs(a), abs(b))
 
 
 def _expanded(entry: Document, metric: str) -> float | None:
@@ -314,9 +349,9 @@ def _versions(a: Document, b: Document) -> Iterator[str]:
 
 def _limits(a: Document, b: Document) -> Iterator[str]:
     for x, y in _pairs(_entries(a, "A"), _entries(b, "B")):
-        for key in ("lower", "upper"):
+        for key, words in (("lower", "lower limit"), ("upper", "upper limit"), ("U", "U")):
             if x is not None and y is not None and x.get(key) != y.get(key):
-                yield f"{key} limit of {_metric(x)}: {x.get(key)} and {y.get(key)}"
+                yield f"{words} of {_metric(x)}: {x.get(key)} and {y.get(key)}"
 
 
 def _other(a: Document, b: Document) -> Iterator[str]:

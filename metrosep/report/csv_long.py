@@ -16,9 +16,15 @@ __all__ = ["COLUMNS", "render_csv", "write_csv"]
 
 COLUMNS = (
     "file", "part", "serial", "characteristic", "value", "unit", "lower", "upper", "U", "verdict",
-    "metric", "u", "guard",
+    "metric", "u", "guard", "status", "recipe",
 )  # fmt: skip
-"""The first line; the numbers of a line are in its unit, which is an SI unit."""
+"""The first line; the numbers of a line are in its unit, which is an SI unit.
+
+``status`` is that of the whole result, ``recipe`` its hash: by meaning where a batch wrote it, of the
+text otherwise.
+"""
+
+_STATUS = {"accept": "accepted", "reject": "rejected", "inconclusive": "inconclusive"}
 
 
 def render_csv(documents: Iterable[Mapping[str, Any]]) -> str:
@@ -44,14 +50,15 @@ def render_csv(documents: Iterable[Mapping[str, Any]]) -> str:
     --------
     >>> entry = {"metric": "Sq", "value": 6e-9, "unit": "m", "upper": 8e-9}
     >>> render_csv([{"characteristics": [entry]}]).splitlines()[1]
-    ',,,Sq,6e-09,m,,8e-09,,,Sq,,'
+    ',,,Sq,6e-09,m,,8e-09,,,Sq,,,measured,'
     """
     buffer = io.StringIO(newline="")
     writer = csv.writer(buffer, lineterminator="\r\n")
     writer.writerow(COLUMNS)
     for document in documents:
+        tail = [_STATUS.get(str(document.get("verdict")), "measured"), _recipe_of(document)]
         for row in characteristic_rows(document):
-            writer.writerow(_cells(row))
+            writer.writerow([*_cells(row), *tail])
     return buffer.getvalue()
 
 
@@ -78,6 +85,12 @@ def write_csv(document: Mapping[str, Any], path: str | os.PathLike[str]) -> Path
         If it cannot be written.
     """
     return atomic_write(path, render_csv([document]).encode("utf-8"))
+
+
+def _recipe_of(document: Mapping[str, Any]) -> str:
+    places = ((document.get("unit"), "recipe_sha256"), (document.get("recipe"), "sha256"))
+    found = [p[k] for p, k in places if isinstance(p, Mapping) and p.get(k)]
+    return cell_text(found[0]) if found else ""
 
 
 def _cells(row: CharacteristicRow) -> list[str]:

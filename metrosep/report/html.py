@@ -9,12 +9,16 @@ from __future__ import annotations
 import base64
 import os
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from metrosep.core.atomic import atomic_write
 from metrosep.report.figures import figures_of
 from metrosep.report.view import view
+
+if TYPE_CHECKING:
+    from jinja2 import Template
 
 __all__ = ["render_html", "write_html"]
 
@@ -37,6 +41,13 @@ def render_html(document: Mapping[str, Any]) -> str:
     DataError
         If a verdict in the document is unknown.
     """
+    page = _template().render(view(document), figures=_figures(document))
+    return page if page.endswith("\n") else page + "\n"
+
+
+@cache
+def _template() -> Template:
+    """Return the template, made once in each process."""
     from importlib.resources import files
 
     from jinja2 import Environment, StrictUndefined
@@ -45,8 +56,7 @@ def render_html(document: Mapping[str, Any]) -> str:
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     source = files("metrosep.report").joinpath("templates/result.html.j2").read_text("utf-8")
-    page = environment.from_string(source).render(view(document), figures=_figures(document))
-    return page if page.endswith("\n") else page + "\n"
+    return environment.from_string(source)
 
 
 def write_html(document: Mapping[str, Any], path: str | os.PathLike[str]) -> Path:

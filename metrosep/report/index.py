@@ -122,7 +122,7 @@ def write_index(document: Document, path: str | os.PathLike[str]) -> Path:
         If it cannot be written.
     """
     page = render_index(document, folder=Path(path).parent)
-    return atomic_write(path, page.encode("utf-8", "replace"))
+    return atomic_write(path, page.encode("utf-8", "backslashreplace"))
 
 
 def _counts(rows: Sequence[Document]) -> list[dict[str, Any]]:
@@ -138,7 +138,7 @@ def _notes(document: Document) -> list[str]:
         "other_recipe": "of another recipe",
         "other_version": "of another version of metrosep",
         "former_content": "of former contents of the files",
-        "failed_and_gone": "failures of files that are gone",
+        "gone": "of files that are gone",
     }
     apart = document.get("apart") or {}
     texts = [f"{apart[k]} {words.get(k, one_line(k))}" for k in sorted(apart) if apart[k]]
@@ -182,7 +182,8 @@ def _cell(value: float | None, series: Series) -> dict[str, str]:
 
 
 def _label(series: Series) -> str:
-    return series.name if len(series.name) <= len(series.metric) else series.metric
+    name = series.name if len(series.name) <= len(series.metric) else series.metric
+    return f"{name} ({series.number})" if series.number > 1 else name
 
 
 def _series_row(series: Series) -> dict[str, Any]:
@@ -198,6 +199,7 @@ def _series_row(series: Series) -> dict[str, Any]:
         if found.cp is not None and found.cp_low is not None and found.cp_high is not None:
             cp = _index(found.cp, found.cp_low, found.cp_high)
     name = series.metric if series.metric == series.name else f"{series.metric}: {series.name}"
+    name += f" ({series.number})" if series.number > 1 else ""
     return {
         "label": name,
         "unit": series.unit,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -25,6 +26,7 @@ __all__ = [
 ]
 
 Document = Mapping[str, Any]
+_Key = tuple[str, str, str, int]
 
 INDEX_SCHEMA = "metrosep.index/1"
 _VERDICTS = {"accepted": "accept", "rejected": "reject", "inconclusive": "inconclusive"}
@@ -63,6 +65,8 @@ class Series:
         Of the values in the order of the rows.
     trend : bool
         Whether the recipe asks for its trend.
+    number : int
+        From 1; 2 for the second check of one metric under one name.
     """
 
     metric: str
@@ -78,6 +82,7 @@ class Series:
     capability: Capability | None
     control: ControlLimits | None
     trend: bool
+    number: int = 1
 
 
 def require_index(document: Any) -> Sequence[Document]:
@@ -177,7 +182,7 @@ def series_of(document: Document) -> list[Series]:
     Returns
     -------
     list of Series
-        One for each metric, name and SI unit.
+        One for each metric, name, SI unit and check: two checks of one metric stay two.
 
     Raises
     ------
@@ -185,8 +190,9 @@ def series_of(document: Document) -> list[Series]:
         If the index is damaged or a verdict is unknown.
     """
     rows = require_index(document)
-    found: dict[tuple[str, str, str], dict[int, Document]] = {}
+    found: dict[_Key, dict[int, Document]] = {}
     for i, row in enumerate(rows):
+        counted: Counter[tuple[str, str, str]] = Counter()
         for entry in row.get("characteristics") or []:
             if not isinstance(entry, Mapping):
                 raise DataError(
@@ -200,16 +206,15 @@ def series_of(document: Document) -> list[Series]:
                 one_line(entry.get("name") or metric),
                 one_line(entry.get("unit") or "1"),
             )
-            found.setdefault(key, {}).setdefault(i, entry)
+            counted[key] += 1
+            found.setdefault((*key, counted[key]), {})[i] = entry
     wanted = {one_line(t) for t in document.get("trend") or []}
     made = [_series(key, entries, len(rows), wanted) for key, entries in found.items()]
     return sorted(made, key=lambda s: (not s.trend, not any(s.verdicts)))
 
 
-def _series(
-    key: tuple[str, str, str], entries: Mapping[int, Document], n: int, wanted: set[str]
-) -> Series:
-    metric, name, si = key
+def _series(key: _Key, entries: Mapping[int, Document], n: int, wanted: set[str]) -> Series:
+    metric, name, si, number = key
     columns = {
         k: [known_number(entries.get(i, {}).get(k), f"{k} of {metric}") for i in range(n)]
         for k in ("value", "lower", "upper", "U", "u")
@@ -242,6 +247,7 @@ def _series(
         capability_of(values, lower=low, upper=high) if same and in_order else None,
         control_limits(values),
         trend=bool(wanted & {metric, name}),
+        number=number,
     )
 
 

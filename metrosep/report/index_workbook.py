@@ -80,7 +80,13 @@ def write_index_workbook(document: Document, path: str | os.PathLike[str]) -> Pa
 
 
 def _text(sheet: Any, row: int, column: int, text: Any, style: Any = None) -> None:
-    sheet.write_string(row, column, one_line(text or "")[:_MOST_LETTERS], style)
+    line = one_line(text or "").encode("utf-8", "backslashreplace").decode("utf-8")
+    sheet.write_string(row, column, line[:_MOST_LETTERS], style)
+
+
+def _again(series: Series) -> str:
+    """Return what tells the second check of one metric from the first."""
+    return f" ({series.number})" if series.number > 1 else ""
 
 
 def _units(
@@ -90,7 +96,7 @@ def _units(
     groups = list(document.get("groups") or [])
     names = ["unit", *groups, "status", "reason"]
     shown = series[: _MOST_COLUMNS - len(names)]
-    titles = [f"{s.metric}{f' / {s.unit}' if s.unit else ''}" for s in shown]
+    titles = [f"{s.metric}{_again(s)}{f' / {s.unit}' if s.unit else ''}" for s in shown]
     for i, name in enumerate([*names, *titles, "hash", "result"]):
         _text(sheet, 0, i, name, head)
     sheet.freeze_panes(1, 1)
@@ -131,7 +137,7 @@ def _capability(book: Any, series: Sequence[Series], head: Any) -> None:
     sheet.set_column(1, 1, 40)
     sheet.freeze_panes(1, 2)
     for i, each in enumerate(series, start=1):
-        for column, text in enumerate((each.metric, each.name, each.unit)):
+        for column, text in enumerate((each.metric, each.name + _again(each), each.unit)):
             _text(sheet, i, column, text)
         found, control = each.capability, each.control
         known = [v for v in each.values if v is not None]

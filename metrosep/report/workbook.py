@@ -256,7 +256,8 @@ def _number(
     sheet: Worksheet, row: int, column: int, value: float | None, factor: float, style: Any
 ) -> None:
     if value is not None:
-        sheet.write_number(row, column, value / factor, style)
+        # 15 digits: what a person wrote as 100 nm is 100 again
+        sheet.write_number(row, column, float(f"{value / factor:.15g}"), style)
 
 
 def _profiles(book: Workbook, document: Mapping[str, Any]) -> None:

@@ -273,6 +273,94 @@ def test_a_recipe_that_was_changed_elsewhere_since_is_not_replaced_by_its_sessio
     assert "of the page" in aside.read_text()  # nothing is lost
 
 
+def test_an_older_recipe_copied_over_it_is_not_replaced_by_its_session(tmp_path, repository):
+    """The time of a file says nothing: a copy may keep the time of its origin."""
+    import os
+
+    file = recipe_of(tmp_path, "map", repository)
+    edited(session_of(tmp_path, file), ["title"], None, "of the page")
+    file.write_text('title = "of a colleague"\n' + file.read_text())
+    os.utime(file, (1e9, 1e9))
+    session = session_of(tmp_path, file)
+    assert session.document.recipe.title == "of a colleague"
+    assert any("changed after" in m for m in session.state()["messages"])
+    edited(session, ["title"], "of a colleague", "new")
+    aside = autosave_path(file).with_name("r.toml.session.toml.old")
+    assert "of the page" in aside.read_text()
+    assert session_of(tmp_path, file).document.recipe.title == "new"
+
+
+def test_a_change_by_hand_while_the_recipe_is_open_is_not_lost(tmp_path, repository):
+    file = recipe_of(tmp_path, "map", repository)
+    session = session_of(tmp_path, file)
+    file.write_text('title = "by hand"\n' + file.read_text())
+    edited(session, ["step", 0, "form"], "plane", "polynomial: degree=2")
+    again = session_of(tmp_path, file)
+    assert again.document.recipe.title == "by hand"
+    assert any("put aside" in m for m in again.state()["messages"])
+
+
+@pytest.mark.parametrize("end", ["\n", "", "\n\n", "\n# note"])
+@pytest.mark.parametrize("line", ["\n", "\r\n"])
+def test_of_which_recipe_a_session_is_stands_not_in_its_text(tmp_path, repository, end, line):
+    file = recipe_of(tmp_path, "map", repository)
+    file.write_bytes((file.read_text().rstrip("\n") + end).replace("\n", line).encode())
+    session = session_of(tmp_path, file)
+    edited(session, ["title"], None, "mine")
+    kept = autosave_path(file).read_text()
+    assert "# of r.toml sha256 " in kept.splitlines()[-1]
+    again = session_of(tmp_path, file)
+    assert again.document.text == session.document.text
+    assert "sha256" not in again.document.text
+    edited(again, ["title"], "mine", "again")
+    assert autosave_path(file).read_text().count("# of r.toml sha256") == 1
+
+
+def test_a_session_without_that_line_is_taken_up_by_its_time(tmp_path, repository):
+    import os
+
+    file = recipe_of(tmp_path, "map", repository)
+    autosave_path(file).write_text('title = "older version"\n' + file.read_text())
+    os.utime(file, (1e9, 1e9))
+    assert session_of(tmp_path, file).document.recipe.title == "older version"
+
+
+def test_two_sessions_of_one_file_are_both_kept(tmp_path):
+    file = part(tmp_path / "p.x3p")
+    one, two = session_of(tmp_path, file), session_of(tmp_path, file)
+    edited(one, ["title"], "p", "one")
+    edited(two, ["title"], "p", "two")
+    edited(one, ["title"], "one", "one more")
+    kept = autosave_path(file)
+    assert "one more" in kept.read_text()
+    assert '"two"' in kept.with_name(f"{kept.name}.other-1").read_text()
+    assert any("other-1" in m for m in two.state()["messages"])
+    assert not any("other-1" in m for m in one.state()["messages"])
+
+
+def test_a_file_whose_session_is_not_on_the_disk_is_not_opened_over_it(tmp_path):
+    from metrosep.app.keeping import Keeper
+    from metrosep.core.errors import WriteError
+
+    full = [True]
+
+    def write(path, content):
+        if full[0]:
+            raise WriteError("the disk is full")
+        path.write_bytes(content)
+
+    file = str(part(tmp_path / "p.x3p"))
+    session = Session(Places([tmp_path]), keeper=Keeper(write, again=1000))
+    session.open(file)
+    edited(session, ["title"], "p", "an hour of work")
+    with pytest.raises(DataError, match="make room"):
+        session.open(file)
+    assert session.document.recipe.title == "an hour of work"
+    full[0] = False
+    session.open(file)
+    assert session.document.recipe.title == "an hour of work"
+
+
 def test_what_the_user_answers_stands_in_the_recipe(tmp_path):
     i = np.arange(N)
     csv(tmp_path / "a.csv", "x,z", i, np.cos(i))

@@ -402,3 +402,20 @@ def test_a_view_with_a_date_opens(part):
         http.websocket_connect(f"/ws?token={TOKEN}", headers=HOST) as socket,
     ):
         assert Page(socket).ok("open", path=str(recipe))[0]["session"]["view"] == {}
+
+
+@pytest.mark.parametrize(
+    "text", ['{"id": 1, "k": "\\ud800"}', '{"id": 1, "k": "open", "path": "\\ud800.x3p"}']
+)
+def test_a_text_that_is_no_unicode_is_answered(page, text):
+    page.socket.send_text(text)
+    header, _ = unpack(page.socket.receive_bytes())
+    assert header["id"] == 1
+    assert not header["ok"]
+    page.ok("hello")
+
+
+def test_a_message_nested_without_end_is_answered(page):
+    page.socket.send_text("[" * 100_000)
+    assert not unpack(page.socket.receive_bytes())[0]["ok"]
+    page.ok("hello")

@@ -491,6 +491,20 @@ def test_a_map_has_no_table(tmp_path):
 # ---- files -----------------------------------------------------------------------------------
 
 
+def test_a_table_is_not_made_of_runs_that_changed_since(work):
+    ask = work(controller="csv")
+    opened, _ = ask.session.need()
+    before = opened.files[0].read_bytes()
+    for content in (before + b"\n", None):
+        if content is None:
+            opened.files[0].unlink()
+        else:
+            opened.files[0].write_bytes(content)
+        with pytest.raises(WriteError, match="changed since it was opened; open it again"):
+            ask(write="z2.txt")
+    assert not (ask.folder / "z2.txt").exists()
+
+
 @pytest.mark.parametrize("controller", ["linuxcnc", "pmac", "heidenhain", "plc-st"])
 def test_the_exported_files_are_those_of_the_command_line(work, ran, controller):
     machine, extra = ONE_AXIS[controller]

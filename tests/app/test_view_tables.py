@@ -1,6 +1,6 @@
 """What is shown is kept in [view]: no edit, no other numbers; another file by the same recipe."""
 
-import datetime
+import datetime as dt
 
 import numpy as np
 import pytest
@@ -159,7 +159,7 @@ def test_what_was_written_by_hand_and_does_not_fit_is_not_shown(line):
 def test_what_fits_is_shown_and_what_is_no_table_is_none():
     assert shown_view(VIEW) == VIEW
     assert shown_view(5) == {}
-    assert shown_view({"made": {"at": datetime.date(2026, 11, 22)}}) == {}
+    assert shown_view({"made": {"at": dt.date(2026, 11, 22)}}) == {}
     assert view_of("metrosep = 1\nview = 5\n") == {}
 
 

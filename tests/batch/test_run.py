@@ -348,7 +348,7 @@ def test_a_failed_file_that_is_gone_is_not_counted(recipe, inbox, tmp_path):
     (inbox / "x.sdf").unlink()
     report = run(recipe, inbox, tmp_path / "qa")
     assert report.document["counts"]["failed"] == 0
-    assert report.document["apart"]["failed_and_gone"] == 1
+    assert report.document["apart"]["gone"] == 1
 
 
 def test_a_locked_file_fails_and_is_tried_again(recipe, inbox, tmp_path, monkeypatch):

@@ -179,6 +179,26 @@ def test_a_profile_has_its_two_plots(tab: Any) -> None:
     assert tab.errors == []
 
 
+def test_labels_of_many_decades_stand_apart(tab: Any) -> None:
+    """Pure waves leave amplitudes of 1e-20 m: 12 decades on some 120 pixels."""
+    x = np.arange(4000) * 1e-6
+    placed(tab, traits(Profile(x, 1e-9 * np.cos(2 * np.pi * x / 20e-6))), "width: 900px")
+    tab.run(
+        "const put = CanvasRenderingContext2D.prototype.fillText; window.written = [];"
+        "CanvasRenderingContext2D.prototype.fillText = function (text, x, y) {"
+        "if (String(text).endsWith('m') && this.textAlign === 'right') written.push([y, text]); return put.call(this, text, x, y); };"
+    )
+    tab.run("document.body.append(el)")
+    tab.wait("el.querySelector('[data-picture=spectrum] .uplot canvas')?.clientWidth > 200")
+    tab.run("new Promise((done) => setTimeout(done, 200))")
+    written = tab.run(
+        "written.length = 0; model.tell('spectrum_frame'); new Promise((done) => setTimeout(() => done(written), 200))"
+    )
+    rows = sorted({y for y, _ in written})
+    assert len(rows) >= 3
+    assert all(b - a >= 14 for a, b in itertools.pairwise(rows))  # letters of 12 pixels
+
+
 def test_its_end_takes_everything_away(tab: Any) -> None:
     placed(tab, traits(bumpy()), "width: 900px")
     tab.run("document.body.append(el)")

@@ -137,7 +137,11 @@ class Notebook:
                 ".map((e) => e.textContent).join('\\n')"
             )
             found = text.rpartition("STATE")[2].partition("END")[0]
-            got: dict[str, Any] = json.loads(found) if found else {}
+            got: dict[str, Any] = {}
+            try:
+                got = json.loads(found or "{}")
+            except ValueError:
+                raise AssertionError(f"Python said {text[-2000:]}") from None
             if (found and until(got)) or time.monotonic() > end:
                 return got
             time.sleep(0.2)
@@ -147,10 +151,15 @@ class Notebook:
         page = self.page
         cells = "document.querySelectorAll('.jp-CodeCell').length"
         before = page.run(cells)
-        page.run(
-            "[...document.querySelectorAll('.jp-CodeCell .cm-content')].at(-1).focus({ preventScroll: true })"
+        last = (
+            "[...document.querySelectorAll('.jp-CodeCell')].at(-1)?.querySelector('.cm-content')"
+        )
+        page.wait(f"{last} && {last}.textContent.trim() === ''")  # its editor may come later
+        page.wait(
+            f"({last}.focus({{ preventScroll: true }}), {last}.contains(document.activeElement))"
         )
         page.call("Input.insertText", text=code)
+        page.wait(f"{last}.textContent === {json.dumps(code)}")
         page.press("Enter", shift=True)
         page.wait(f"{cells} > {before}")
         page.wait(

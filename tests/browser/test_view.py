@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import time
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from browser.test_folder import part
 
@@ -53,3 +55,146 @@ def test_a_file_of_the_folder_opens_with_the_recipe(opened: Opened, tmp_path: Pa
     page.click("#panel-folder tbody tr .link")
     page.wait("document.getElementById('title').textContent === 'bad.x3p'")
     page.wait("document.querySelector('#verdict.reject') !== null")
+
+
+def waited_for(what: Callable[[], bool], words: str) -> None:
+    """Wait until something on the disk holds."""
+    end = time.monotonic() + 20.0
+    while not what():
+        assert time.monotonic() < end, words
+        time.sleep(0.1)
+
+
+def chosen(page: Any, session: Path, tab: str) -> None:
+    """Choose a tab, and wait until the view that names it is kept."""
+    page.click(f"#tab-{tab}")
+    waited_for(
+        lambda: session.is_file() and f'tab = "{tab}"' in session.read_text(),
+        f"the view of {tab} was not kept",
+    )
+
+
+def reported(page: Any) -> str:
+    """Return the report once it stands in its frame: it is of the present recipe."""
+    page.wait("Boolean(document.querySelector('#panel-report').dataset.of)")
+    return str(page.run("document.querySelector('#panel-report iframe').srcdoc"))
+
+
+REPORTABLE = (
+    'metrosep = 1\n[input]\nfiles = ["bowl.x3p"]\n[[step]]\nop = "form"\nform = "plane"\n'
+    '[[step]]\nop = "parameters"\nnames = ["Sq", "Sz"]\n'
+)
+
+
+def test_the_report_appears_after_the_view_was_stored(opened: Opened, map_file: Path) -> None:
+    recipe = map_file.with_name("bowl.toml")
+    recipe.write_text(REPORTABLE)
+    page = opened(recipe)
+    session = recipe.with_name("bowl.toml.session.toml")
+    chosen(page, session, "report")
+    assert "Sz" in reported(page)
+    chosen(page, session, "view")
+    chosen(page, session, "report")
+    assert "Sz" in reported(page)
+    assert page.text("#alerts") == ""
+    again = opened(recipe, "document.querySelector('#tab-report[aria-selected=true]') !== null")
+    assert "Sz" in reported(again)  # begun in the report: its recipe has [view]
+    assert "there is no report" not in again.text("#panel-report")
+
+
+def test_the_table_is_written_after_the_view_was_stored(opened: Opened, tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    x = np.linspace(0.0, 50.0, 501)
+    rows = ["run,x_mm,z_um"]
+    for run in range(4):
+        z = 2.0 * np.exp(-(((x - 15.0) / 4.0) ** 2)) + 2e-3 * rng.standard_normal(x.size)
+        rows += [f"{run},{a:.6f},{b:.6f}" for a, b in zip(x, z, strict=True)]
+    (tmp_path / "runs.csv").write_text("\n".join(rows) + "\n")
+    recipe = tmp_path / "slide.toml"
+    recipe.write_text(
+        'metrosep = 1\n[input]\nfiles = ["runs.csv"]\nx = "x_mm"\nz = "z_um"\nrun = "run"\n'
+        '[[step]]\nop = "separate"\nmethod = "mean"\n[[output]]\nkind = "table"\n'
+        'controller = "csv"\naxis = "X"\ncompensates = "Z"\nspacing = "0.5 mm"\npath = "slide.txt"\n'
+    )
+    page = opened(recipe)
+    session = tmp_path / "slide.toml.session.toml"
+    chosen(page, session, "report")
+    assert len(reported(page)) > 200
+    chosen(page, session, "table")
+    page.wait("document.querySelector('#table-export')?.disabled === false")
+    assert "[view]" in session.read_text()
+    page.click("#table-export")
+    page.wait("document.querySelector('dialog [name=path]') !== null")
+    page.click("dialog [value=yes]")
+    waited_for((tmp_path / "slide.txt").is_file, f"no table: {page.text('#panel-table')[:300]}")
+    values = [line.split(",") for line in (tmp_path / "slide.txt").read_text().splitlines()]
+    assert len([row for row in values if row[0][:1].isdigit()]) == 101
+    assert page.text("#alerts") == ""
+
+
+BY_HAND = {
+    "section of numbers": "section_mm = [1, 2]",
+    "equal ends": "section_mm = [[1, 1], [1, 1]]",
+    "one limit": "band_mm = [1]",
+    "a date": "made = 2026-11-22\n[view.more]\nat = 03:00:00",
+}
+
+
+@pytest.mark.parametrize("line", BY_HAND.values(), ids=BY_HAND)
+def test_a_view_written_by_hand_does_not_stop_the_page(
+    opened: Opened, map_file: Path, line: str
+) -> None:
+    recipe = map_file.with_name("bowl.toml")
+    recipe.write_text(f'{REPORTABLE}[view]\ncolours = "cividis"\n{line}\n')
+    page = opened(recipe)
+    page.wait("Number(document.body.dataset.sections) > 0")
+    page.wait("Number(document.body.dataset.spectrums) > 0")
+    page.wait("document.querySelector('#spectrum').innerText.includes('RMS inside')")
+    assert page.text("#section-of") != ""
+    assert page.text("#alerts") == ""
+    assert page.run("document.getElementById('colours').value") == "cividis"  # what fits holds
+
+
+def test_numbers_that_round_to_nothing_have_no_sign(opened: Opened, map_file: Path) -> None:
+    page = opened(map_file)
+    with_u = "import('/static/metrics.js').then((m) => m.withU({})[0])"
+    assert page.run(with_u.format("-1e-9, 30e-6, 'rad'")) == "0\u2009µrad"
+    assert page.run(with_u.format("1e-9, 30e-6, 'rad'")) == "0\u2009µrad"
+    assert page.run(with_u.format("-12e-6, 30e-6, 'rad'")) == "\u221212\u2009µrad"
+    assert page.run(with_u.format("-1.23456e-6, 30e-9, 'm'")) == "\u22121.235\u2009µm"
+
+
+LINES = [
+    ("a.csv; b.csv", "", ["a.csv", "b.csv"]),
+    ('"a; b.csv"; c.csv', "", ["a; b.csv", "c.csv"]),
+    ('"a;b.csv"', "", ["a;b.csv"]),
+    ("a;b.csv", "a;b.csv", ["a;b.csv"]),  # what was offered is one file
+    ('say "hi".csv', "", ['say "hi".csv']),
+    ("a.csv;", "", ["a.csv"]),
+    (" ; ", "", []),
+]
+
+
+def test_paths_of_a_line(opened: Opened, map_file: Path) -> None:
+    page = opened(map_file, "document.getElementById('title') !== null")
+    for text, offered, paths in LINES:
+        script = f"m.pathsOf({json.dumps(text)}, {json.dumps(offered)})"
+        assert page.run(f"import('/static/dialogs.js').then((m) => {script})") == paths, text
+
+
+def test_a_matrix_with_a_semicolon_in_its_name_is_opened(opened: Opened, map_file: Path) -> None:
+    z = np.random.default_rng(4).normal(size=(20, 30))
+    file = map_file.with_name("part; left.txt")
+    file.write_text("\n".join(" ".join(f"{v:.5f}" for v in row) for row in z) + "\n")
+    page = opened(map_file)
+    page.click("#open")
+    page.wait("document.querySelector('dialog [name=path]') !== null")
+    page.fill("dialog [name=path]", f'"{file}"')
+    page.click("dialog [value=yes]")
+    page.wait("document.querySelector('dialog [name=lateral_step]') !== null")
+    page.fill("dialog [name=unit]", "um")
+    page.fill("dialog [name=lateral_step]", "3 um")
+    page.click("dialog [value=yes]")
+    page.wait("document.getElementById('title').textContent === 'part; left.txt'")
+    assert page.run("document.body.dataset.kind") == "map"
+    assert page.text("#alerts") == ""

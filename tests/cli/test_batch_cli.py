@@ -150,3 +150,14 @@ def test_on_a_terminal_there_is_a_bar(home, capsys, monkeypatch):
 )
 def test_durations(seconds, words):
     assert _duration(seconds) == words
+
+
+@pytest.mark.parametrize(("upper", "bad"), [("50 nm", False), ("100 nm", False), ("50 nm", True)])
+def test_exit_zero_is_for_what_became_of_the_units(home, upper, bad):
+    if bad:
+        (home / "in/c.x3p").write_bytes(b"junk")
+    assert call(home, "--exit-zero", upper=upper) == 0
+
+
+def test_exit_zero_hides_no_wrong_recipe(home, capsys):
+    assert call(home, "--exit-zero", upper="50 kg") == 2

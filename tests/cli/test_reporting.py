@@ -159,3 +159,49 @@ def test_an_output_that_is_a_file_gives_2(run, results, tmp_path):
 
 def test_a_name_that_is_not_there_gives_4(run, tmp_path):
     assert run(tmp_path / "none.json", "-o", tmp_path / "out")[0] == 4
+
+
+def _batch_index(folder, links):
+    rows = [{"unit": n, "status": "measured", "link": n} for n in links]
+    text = json.dumps({"schema": "metrosep.index/1", "rows": rows})
+    (folder / "index.json").write_text(text, encoding="utf-8")
+
+
+def test_the_index_of_a_batch_says_which_results_count(run, results, tmp_path):
+    _batch_index(results, ["ring/bb/result.json", "disc/aa/result.json", "x/cc/failed.json"])
+
+    code, _, err = run(results, "--format", "csv", "-o", tmp_path / "out")
+
+    assert code == 0
+    with (tmp_path / "out" / "results.csv").open(encoding="utf-8", newline="") as lines:
+        assert [float(r["value"]) for r in csv.DictReader(lines)] == [1e-9, 2e-9]
+    assert "1 result(s) below" in err
+    assert "1 unit(s) of" in err
+
+
+@pytest.mark.parametrize("links", [[], ["../ring/aa/result.json"], ["ring/aa/failed.json"]])
+def test_an_index_without_results_is_refused(run, results, tmp_path, links):
+    _batch_index(results, links)
+    code, _, err = run(results, "--format", "csv", "-o", tmp_path / "out")
+    assert code == 4
+    assert "no row of it has a result" in err
+
+
+def test_a_damaged_index_is_refused(run, results, tmp_path):
+    (results / "index.json").write_text("{", encoding="utf-8")
+    assert run(results, "--format", "csv", "-o", tmp_path / "out")[0] == 4
+
+
+def test_the_csv_names_recipe_and_status(run, results, tmp_path):
+    more = {
+        "verdict": "reject",
+        "unit": {"recipe_sha256": "ab" * 32},
+        "recipe": {"sha256": "cd" * 32},
+    }
+    document = _result(**more)
+    (results / "ring/aa/result.json").write_text(json.dumps(document), encoding="utf-8")
+    assert run(results / "ring/aa", "--format", "csv", "-o", tmp_path / "out")[0] == 0
+    with (tmp_path / "out" / "report.csv").open(encoding="utf-8", newline="") as lines:
+        (row,) = csv.DictReader(lines)
+    assert row["status"] == "rejected"
+    assert row["recipe"] == "ab" * 32

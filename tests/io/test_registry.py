@@ -162,3 +162,31 @@ def test_channels_are_the_labels_of_a_stacked_export(repository):
     sample = repository / "data_formats" / "delimited" / "samples" / "stacked.csv"
 
     assert channels(sample) == ("left", "right")
+
+
+def test_the_slow_reader_of_tables_is_asked_only_when_no_other_is_sure(put, monkeypatch):
+    from metrosep.io import delimited
+
+    asked = []
+    sniff = delimited.sniff
+    monkeypatch.setattr(
+        delimited, "sniff", lambda head, name: asked.append(name) or sniff(head, name)
+    )
+    surface = ms.Surface(np.arange(12.0).reshape(3, 4) * 1e-9, 1e-6, 1e-6)
+    target = put(b"", "a.sdf").with_name("b.sdf")
+    ms.write(surface, target)
+    assert registry.identify(target).id == "sdf"
+    assert not asked
+    assert registry.identify(put("x / mm,z / nm\n0,1\n1,2\n2,3\n", "b.txt")).id == "delimited"
+    assert asked == ["b.txt"]
+
+
+def test_the_reader_of_tables_is_never_sure(repository):
+    """Otherwise it must be asked with the others, so that two sure readers are refused."""
+    from metrosep.io import delimited
+
+    files = [f for f in sorted((repository / "data_formats").rglob("*.*")) if f.is_file()]
+    assert len(files) > 50
+    for file in files:
+        with file.open("rb") as handle:
+            assert delimited.sniff(handle.read(65536), file.name) is not Match.YES, file.name

@@ -44,6 +44,34 @@ def test_numbers_as_labels_and_rows_of_several_files(put):
     assert data.name == "t"
 
 
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("part,z_nm\n1E2,1\n100,2\n100.0,3\n", ["1E2", "100", "100.0"]),
+        ("part,z_nm\n01,1\n1,2\n+1,3\n", ["01", "1", "+1"]),
+        (
+            "part,z_nm\n12345678901234561,1\n12345678901234562,2\n",
+            ["12345678901234561", "12345678901234562"],
+        ),
+        ("# by hand\npart;z_nm\n\n 01 ;1,5\n# again\n1;2,5\n", ["01", "1"]),
+        ('z_nm,part\n1,"1E2"\n2,"100"\n', ["1E2", "100"]),
+        (
+            "z_nm 1\n1.5 1234567\n2.5 1234568\n".replace("z_nm 1", "z_nm part"),
+            ["1234567", "1234568"],
+        ),
+    ],
+)
+def test_serial_numbers_keep_their_text(put, text, expected):
+    data = read_roles(put(text), {"part": Role("part", "label"), "z": Role("z_nm", "length")})
+    assert data.values["part"].tolist() == expected
+
+
+def test_serial_numbers_of_a_marked_file_keep_their_text(tmp_path):
+    file = tmp_path / "t.csv"
+    file.write_bytes("part,z_nm\r\n01,1\r\n1,2\r\n".encode("utf-8-sig"))
+    assert read_roles(file, {"p": Role("part", "label")}).values["p"].tolist() == ["01", "1"]
+
+
 def test_a_header_of_something_per_time_is_no_unit_of_time(put):
     file = put("speed_rev_per_ms,t_ms\n100,1\n200,2\n")
     data = read_roles(file, {"v": Role("speed_rev_per_ms", "any"), "t": Role("t_ms", "any")})

@@ -1,5 +1,6 @@
 """Charts of a result document: what is drawn is what the chart says, from plain values alone."""
 
+import itertools
 import json
 import math
 
@@ -206,3 +207,32 @@ def test_title_of_a_map_has_the_pv_of_all_its_pixels():
     assert chart["step"] == 3
     for each in (chart, stated):
         assert draw_chart(each).axes[0].get_title().startswith("a\nP-V 7 nm")
+
+
+@pytest.mark.parametrize("n", [1, 2, 4])
+@pytest.mark.parametrize("scale", [1.0, 3e-9, 7e5])
+@pytest.mark.parametrize("far", [0.2, 9.87654])
+def test_nothing_of_a_panel_leaves_the_figure_or_meets_its_neighbour(n, scale, far):
+    x = np.linspace(0.0, far, 60)
+    labels = ("share of heights", "normal distribution of the same spread")
+    panels = [
+        panel(f"along x, section {i}", "V" if scale > 1 else "m", [
+            curve(name, x, scale * np.sin(4 * x + i)) for name in labels[: 1 + i % 2]
+        ])
+        for i in range(n)
+    ]  # fmt: skip
+    figure = draw_chart(stored(curve_chart("t", ("position", "m"), panels)))
+    figure.canvas.draw()
+    boxes = [axes.get_tightbbox() for axes in figure.axes]
+    page, slack = (
+        figure.bbox,
+        2.0,
+    )  # pixels of 1/100 inch: an outline is wider than its letters say
+    for box in boxes:
+        assert box.x0 >= page.x0 - slack
+        assert box.y0 >= page.y0 - slack
+        assert box.x1 <= page.x1 + slack
+        assert box.y1 <= page.y1 + slack
+    for above, below in itertools.pairwise(boxes):
+        assert above.y0 >= below.y1 - slack
+    assert boxes[0].x0 < 0.3 * figure.dpi  # no room is wasted at the left

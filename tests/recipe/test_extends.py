@@ -7,6 +7,7 @@ import pytest
 from metrosep.core.errors import RecipeError
 from metrosep.recipe import Recipe
 from metrosep.recipe.extends import split_record
+from metrosep.recipe.hashing import recipe_hash
 
 BASE = """metrosep = 1
 title = "base"
@@ -132,6 +133,91 @@ def test_files_of_steps_are_found_beside_the_recipe_that_names_them(home):
     )
     recipe = load(home, 'metrosep = 1\nextends = "lib/rank.toml"\n')
     assert recipe.steps[0]["machine"] == "lib/m.toml"
+
+
+RANK = """metrosep = 1
+[[step]]
+op = "rank"
+machine = "{machine}"
+radius = "10 mm"
+form = "plane"
+"""
+
+
+@pytest.mark.parametrize(
+    ("base", "machine", "expected"),
+    [
+        ("lib/rank.toml", "m.toml", "lib/m.toml"),
+        ("lib/rank.toml", "../m.toml", "m.toml"),
+        ("../rank.toml", "own/m.toml", "m.toml"),
+        ("lib/rank.toml", "nowhere.toml", "nowhere.toml"),
+    ],
+)
+def test_the_record_of_a_base_in_another_folder_names_the_same_file(
+    tmp_path, base, machine, expected
+):
+    own = tmp_path / "own"
+    (own / "lib").mkdir(parents=True)
+    for folder, text in ((own, "own"), (own / "lib", "lib")):
+        (folder / "m.toml").write_text(f"# of {text}\n")
+    (own / base).write_text(RANK.format(machine=machine))
+
+    recipe = load(own, f'metrosep = 1\nextends = "{base}"\n')
+    again = Recipe.parse(recipe.text, name=recipe.name, folder=own)
+
+    assert recipe.steps[0]["machine"] == expected
+    assert again == recipe
+    assert recipe_hash(again) == recipe_hash(recipe)
+    assert again.recorded == recipe.recorded
+    elsewhere = Recipe.parse(recipe.text, name=recipe.name, folder=tmp_path / "nowhere")
+    assert elsewhere.steps == recipe.steps
+    assert str(tmp_path) not in recipe.text
+
+
+def test_a_chain_over_three_folders_keeps_the_file_of_each(tmp_path):
+    (tmp_path / "a" / "b").mkdir(parents=True)
+    (tmp_path / "a" / "b" / "m.toml").write_text("# m\n")
+    (tmp_path / "a" / "b" / "rank.toml").write_text(RANK.format(machine="m.toml"))
+    (tmp_path / "a" / "mid.toml").write_text('metrosep = 1\nextends = "b/rank.toml"\n')
+    recipe = load(tmp_path, 'metrosep = 1\nextends = "a/mid.toml"\n')
+    assert recipe.steps[0]["machine"] == "a/b/m.toml"
+    again = Recipe.parse(recipe.text, name=recipe.name, folder=tmp_path)
+    assert (again, recipe_hash(again)) == (recipe, recipe_hash(recipe))
+
+
+@pytest.mark.parametrize(
+    "old_new",
+    [
+        ('"base"', '"ba\u2028se"'),
+        ('"base"', '"ba\u0085se"'),
+        ('"base"', '"ba\u2029se"'),
+        ('title = "base"', "title = '''rough  \nness \n\n  \n\t\n'''"),
+        ('title = "base"', "title = '''\n#: name\n#| line\n#@ seen\n#> file\n'''"),
+        ("on_error", "pattern = '''\n(?P<a>.*)  \n'''\non_error"),
+        ("\n", "\r\n"),
+        ('U = "1 nm"\n', 'U = "1 nm"'),
+        ('U = "1 nm"\n', 'U = "1 nm"\n\n\n# end  \n \n'),
+    ],
+)
+def test_the_record_keeps_every_letter(home, old_new):
+    text = BASE.replace(*old_new)
+    assert text != BASE
+    (home / "base.toml").write_bytes(text.encode("utf-8"))
+    recipe = load(home, 'metrosep = 1\nextends = "base.toml"\n')
+
+    again = Recipe.parse(recipe.text, name=recipe.name, folder=home)
+
+    assert again == recipe
+    assert recipe_hash(again) == recipe_hash(recipe)
+    assert again.recorded == recipe.recorded
+    kept = text.replace("\r\n", "\n").removesuffix("\n") + "\n"
+    assert split_record(recipe.text)[1] == (("base.toml", kept),)
+
+
+def test_the_record_stays_where_the_own_text_ends_in_a_view(home):
+    recipe = load(home, 'metrosep = 1\nextends = "base.toml"\n[view]\ntab = "report"\n')
+    again = Recipe.parse(recipe.recorded["text"], name=recipe.name, folder=home / "nowhere")
+    assert recipe_hash(again) == recipe_hash(recipe)
 
 
 @pytest.mark.parametrize(

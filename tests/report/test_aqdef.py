@@ -5,12 +5,15 @@ values with 0x0F between characteristics and 0x14 between the fields of one.
 """
 
 import re
+from decimal import Decimal
 
 import pytest
 
 from metrosep.core.errors import DataError
+from metrosep.core.units import parse_quantity
 from metrosep.report.aqdef import render_dfq, write_dfq
 
+DIGITS_15 = 5e-15  # relative: half of the last of 15 digits, at most
 ROUNDING = 1e-12  # nm, of a division by 1e-9
 
 
@@ -72,11 +75,11 @@ def test_what_is_not_known_is_not_measured(value):
 
 
 @pytest.mark.parametrize("value", [1.5e-15, 3.3e-7, 0.1, -1e-30])
-def test_numbers_have_no_exponent_and_lose_nothing(value):
+def test_numbers_have_no_exponent_and_15_digits(value):
     _, _, (((text, _),),) = _read(render_dfq([_document(_entry(value=value))]))
 
     assert re.fullmatch(r"-?\d+(\.\d+)?", text)
-    assert float(text) == value / 1e-9
+    assert abs(float(text) - value / 1e-9) <= DIGITS_15 * abs(value / 1e-9)
 
 
 def test_the_unit_does_not_depend_on_the_value():
@@ -144,3 +147,16 @@ def test_another_reader_reads_it(document):
     assert first.get_data("K2002") == entry["name"]
     assert first.get_last_measurement().value * 1e-6 == pytest.approx(entry["value"], abs=1e-20)
     assert part.get_characteristic_by_index(1).get_data("K2142") == "um"
+
+
+@pytest.mark.parametrize("text", ["100", "120", "5", "0.1", "33.3", "-7", "1234.5", "0.30000001"])
+def test_a_limit_is_written_as_the_person_wrote_it(text):
+    limit = parse_quantity(f"{text} nm", dimension="length")
+    near = {"lower": -1e-6, "upper": limit} if limit > 0 else {"lower": limit, "upper": 1e-6}
+
+    _, found, (((value, _),),) = _read(render_dfq([_document(_entry(value=limit, **near, U=0.0))]))
+
+    factor = {"pm": 1000, "nm": 1, "um": 1e-3}[found[1]["K2142"]]
+    expected = format((Decimal(text) * Decimal(str(factor))).normalize(), "f")
+    assert found[1]["K2111" if limit > 0 else "K2110"] == expected
+    assert value == expected

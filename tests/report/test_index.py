@@ -313,3 +313,27 @@ def test_a_thousand_units_are_one_page():
     rows = [_row(i, value=6e-9 + 1e-9 * ((i * 37) % 100) / 100) for i in range(1000)]
 
     assert len(_table(render_index(_index(rows)), "All units")) == 1001
+
+
+def test_two_checks_of_one_metric_stay_two():
+    rows = []
+    for i in range(25):
+        row = _row(i)
+        (entry,) = row["characteristics"]
+        low = {**entry, "upper": None, "verdict": "accept"}
+        high = {**entry, "lower": None, "verdict": "reject"}
+        rows.append({**row, "characteristics": [low, high]})
+    index = _index(rows, trend=["Sq"])
+    series = series_of(index)
+    assert [(s.lower, s.upper, s.verdicts[0], s.trend) for s in series] == [
+        (4.0, None, "accept", True),
+        (None, 8.0, "reject", True),
+    ]
+    page = render_index(index)
+    assert "≥ 4" in page
+    assert "≤ 8" in page
+    assert "Sq (2)" in page
+    book = openpyxl.load_workbook(io.BytesIO(render_index_workbook(index)))
+    heads = [c.value for c in book["Units"][1]]
+    assert "Sq / nm" in heads
+    assert "Sq (2) / nm" in heads

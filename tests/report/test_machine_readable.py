@@ -10,6 +10,7 @@ import openpyxl
 import pytest
 
 from metrosep.core.errors import DataError, UnsupportedFeatureError
+from metrosep.core.units import parse_quantity
 from metrosep.report.bars import bar_of
 from metrosep.report.csv_long import render_csv, write_csv
 from metrosep.report.rows import CharacteristicRow, characteristic_rows
@@ -132,6 +133,16 @@ def test_the_workbook_says_what_the_document_says(document):
     provenance = _cells(book["Provenance"])
     assert any(document["inputs"][0]["sha256"] in str(c) for c in provenance)
     assert all(line in provenance for line in document["recipe"]["text"].splitlines())
+
+
+@pytest.mark.parametrize("nm", [100, 120, 0.1, 33.3])
+def test_a_cell_holds_the_limit_as_the_person_wrote_it(nm):
+    limit = parse_quantity(f"{nm} nm", dimension="length")
+
+    sheet = _book(_document(_entry(value=limit, upper=limit, U=0.0)))["Characteristics"]
+
+    factor = {"pm": 1000, "nm": 1}[sheet.cell(2, 4).value]
+    assert (sheet.cell(2, 3).value, sheet.cell(2, 6).value) == (nm * factor, nm * factor)
 
 
 def test_profiles_keep_their_gaps_and_units(document):

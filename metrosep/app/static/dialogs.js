@@ -70,6 +70,25 @@ function shown(form, className, ready) {
 }
 
 /**
+ * Return the paths that a line names: separated by semicolons; in quotes, a path may hold these too.
+ * @param {string} text
+ * @param {string} [offered] a single path that stood there: left as it is, it is one
+ * @returns {string[]}
+ */
+export function pathsOf(text, offered = "") {
+  const whole = text.trim();
+  if (whole && whole === offered.trim()) return [whole];
+  const found = [];
+  for (const line of whole.split(/[\r\n]+/)) {
+    for (const [, quoted, plain] of line.matchAll(/\s*(?:"([^"]*)"\s*(?=;|$)|([^;]+))(?:;|$)/g)) {
+      const path = quoted ?? (plain ?? "").trim();
+      if (path) found.push(path);
+    }
+  }
+  return found;
+}
+
+/**
  * Choose files: paths on this computer, or such as are handed over by the browser.
  * @param {string} path shown to begin with
  * @param {boolean} canKeep whether a recipe is there that may be carried out on them
@@ -88,12 +107,12 @@ export async function askFile(path, canKeep) {
   const keepLabel = make("label", { className: "check" }, keep, "keep the present steps and limits: carry them out on this file");
   const given = await askForm({
     title: "Open a measurement, runs or a recipe",
-    fields: [{ name: "path", label: "File on this computer, inside the folders that metrosep was started with; several runs: separated by ;", value: path }],
+    fields: [{ name: "path", label: "File on this computer, inside the folders that metrosep was started with; several runs: separated by ; (a name that holds ; stands in \"quotes\")", value: path }],
     ok: "Open",
     extra: canKeep ? [label, keepLabel] : [label],
   });
   if (chosen.length) return { files: chosen, keep: keep.checked };
-  const paths = (given?.path ?? "").split(";").map((/** @type {string} */ one) => one.trim()).filter(Boolean);
+  const paths = pathsOf(given?.path ?? "", path);
   return paths.length ? { paths, keep: keep.checked } : null;
 }
 

@@ -7,6 +7,20 @@ import { Refusal } from "./wire.js";
 /** @typedef {Record<string, any>} Dict */
 
 /**
+ * Return a path in the folder where results go unless the user says otherwise.
+ * @param {Dict} session @param {string} name
+ */
+export function inTarget(session, name) {
+  const folder = String(session.target ?? "");
+  return folder ? `${folder.replace(/[/\\]$/, "")}${folder.includes("\\") ? "\\" : "/"}${name}` : name;
+}
+
+/** Return the name of what was opened, without its end. @param {Dict} session */
+export function stemOf(session) {
+  return String(session.home ?? "").replace(/^.*[/\\]/, "").replace(/\.[^.]*$/, "");
+}
+
+/**
  * Return what writes files.
  * @param {object} options
  * @param {import("./wire.js").Wire} options.wire
@@ -29,8 +43,8 @@ export function makeExports({ wire, status, session, take, fail }) {
     const given = await askForm({
       title: "Save the recipe", ok: "Save", extra: [get],
       text: `It gives the same result with: metrosep run RECIPE${session().op && session().files.length ? " FILE" : ""}${isUpload()
-        ? "\nThe file is a copy that goes when metrosep ends: a recipe saved beside it goes too." : ""}`,
-      fields: [{ name: "path", label: "File", value: `${(session().home ?? "").replace(/[^/\\]*$/, "")}${session().name ?? "recipe.toml"}` }],
+        ? "\nThe file is a copy that goes when metrosep ends, and its session with it; put the file beside the recipe." : ""}`,
+      fields: [{ name: "path", label: "File", value: inTarget(session(), session().name ?? "recipe.toml") }],
     });
     if (given?.path) await exported("recipe", given.path);
   }
@@ -45,7 +59,7 @@ export function makeExports({ wire, status, session, take, fail }) {
     const given = await askForm({
       title: "Export the result", ok: "Run and write",
       text: "Runs the recipe on the full data and writes its result into a folder.",
-      fields: [{ name: "path", label: "Folder", value: `${(session().home ?? "").replace(/\.[^./\\]*$/, "")}_result` }],
+      fields: [{ name: "path", label: "Folder", value: inTarget(session(), `${stemOf(session())}_result`) }],
     });
     if (given?.path) await exported("result", given.path);
   }

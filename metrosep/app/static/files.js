@@ -56,7 +56,10 @@ export async function openPaths(wire, paths, reading = {}, keep = false) {
 function question(error, reading) {
   const { name, choices, fields } = error.ask;
   if (fields?.length) {
-    return { title: fields.some((/** @type {any} */ one) => one.name === "feed") ? "Which column is what?" : "What do the columns hold?", text: error.message, fields, ok: "Open" };
+    const asks = (/** @type {string} */ what) => fields.some((/** @type {any} */ one) => one.name === what);
+    const title = asks("channel") ? "Which data set of the file?" : asks("lateral_step") ? "Is it a map, or what do the columns hold?"
+      : asks("feed") ? "Which column is what?" : "What do the columns hold?";
+    return { title, text: error.message, fields, ok: "Open" };
   }
   const unit = name === "unit";
   return {

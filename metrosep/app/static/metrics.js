@@ -27,7 +27,10 @@ export function withU(value, U, unit) {
   const [v, u] = [value / factor, U / factor];
   const decimals = Math.max(0, 1 - Math.floor(Math.log10(u)));
   if (decimals > 6) return [si(value, unit), si(U, unit, 2)];
-  const sure = (/** @type {number} */ x) => x.toFixed(decimals).replace(/^-/, "\u2212");
+  const sure = (/** @type {number} */ x) => {
+    const text = x.toFixed(decimals);
+    return Number(text) === 0 ? "0" : text.replace(/^-/, "\u2212"); // what rounds to nothing has no sign
+  };
   return [sure(v) + tail, si(U, unit, 2)];
 }
 

@@ -2,6 +2,7 @@
 // The report of the full result, in a frame without scripts, and the file that is made of it.
 
 import { askForm } from "./dialogs.js";
+import { inTarget, stemOf } from "./exports.js";
 import { Refusal, Superseded } from "./wire.js";
 
 /** @typedef {Record<string, any>} Dict */
@@ -75,12 +76,11 @@ export function make({ el, wire, session, fail, written }) {
   }
 
   async function ask() {
-    const home = session().home ?? "";
     const given = await askForm({
       title: "Make the report", ok: "Write",
       text: "Writes the report of the full result into a file.",
       fields: [
-        { name: "path", label: "File", value: `${home.replace(/\.[^./\\]*$/, "")}_report.html` },
+        { name: "path", label: "File", value: inTarget(session(), `${stemOf(session())}_report.html`) },
         { name: "format", label: "Format", value: formats[0], choices: formats },
       ],
     });

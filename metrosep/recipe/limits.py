@@ -1,0 +1,182 @@
+"""Limits of checks: numbers in SI that know their dimension, held against the unit of a value."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from metrosep.core.errors import UnitError
+from metrosep.core.units import parse_quantity, parse_unit
+
+__all__ = ["Limit", "dimension_of", "limit_problem", "parse_limit"]
+
+_BASES: dict[str, dict[str, int]] = {
+    "length": {"m": 1},
+    "angle": {"rad": 1},
+    "time": {"s": 1},
+    "speed": {"m": 1, "s": -1},
+    "acceleration": {"m": 1, "s": -2},
+    "voltage": {"V": 1},
+    "frequency": {"s": -1},
+    "number": {},
+}
+_PRODUCT = re.compile(r"([^\s^/\d*-]+?)\^?([+-]?\d+)?")
+_AMOUNT = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(\S.*?)\s*")
+_WORDS = {"": "a pure number", "m": "a length", "rad": "an angle", "s": "a time"}
+_EXAMPLES = {"m": "120 nm", "rad": "0.5 urad", "s": "2 ms"}
+
+
+class Limit(float):
+    """A number in SI with its dimension; everywhere else it is a float.
+
+    Parameters
+    ----------
+    value : float
+        In SI.
+    dimension : str, optional
+        Powers of SI units, such as ``m``, ``rad``, ``m^-2``; empty for a pure number.
+
+    Examples
+    --------
+    >>> parse_limit("120 nm").dimension, parse_limit(0.3).dimension, parse_limit("2 1/mm^2") * 1.0
+    ('m', '', 2000000.0)
+    """
+
+    __slots__ = ("dimension",)
+
+    dimension: str
+
+    def __new__(cls, value: float, dimension: str = "") -> Limit:
+        """Return the number with its dimension."""
+        made = super().__new__(cls, value)
+        made.dimension = dimension
+        return made
+
+    def __repr__(self) -> str:
+        """Return it as any float is written: documents and hashes do not see the dimension."""
+        return float.__repr__(self)
+
+
+def _factors(unit: str) -> tuple[float, str]:
+    """Return the factor to SI and the dimension of a unit such as ``mm^2`` or ``nm/s``."""
+    powers: dict[str, int] = {}
+    factor = 1.0
+    for k, side in enumerate(unit.split("/")):
+        name = side.strip()
+        if name == "1" and k == 0:
+            continue
+        match = _PRODUCT.fullmatch(name)
+        if match is None or k > 1:
+            raise UnitError(f"unknown unit {unit!r}; write it such as nm, urad, mm^2, 1/mm, nm/s")
+        known = parse_unit(match[1])
+        power = int(match[2] or 1) * (-1 if k else 1)
+        if known.dimension not in _BASES:
+            raise UnitError(f"unit {unit!r} is not one that a limit can have")
+        factor *= known.factor**power
+        for base, n in _BASES[known.dimension].items():
+            powers[base] = powers.get(base, 0) + n * power
+    shown = [b if n == 1 else f"{b}^{n}" for b, n in sorted(powers.items()) if n]
+    return factor, " ".join(shown)
+
+
+def dimension_of(unit: str) -> str | None:
+    """Return the dimension of a unit.
+
+    Parameters
+    ----------
+    unit : str
+        Such as ``m``, ``1/m^2``, ``m^3/m^2``.
+
+    Returns
+    -------
+    str or None
+        Powers of SI units, empty for a pure number; None where the unit is not known.
+
+    Examples
+    --------
+    >>> dimension_of("m^3/m^2"), dimension_of("1/m^2"), dimension_of("1"), dimension_of("thing")
+    ('m', 'm^-2', '', None)
+    """
+    try:
+        return _factors(unit)[1]
+    except UnitError:
+        return None
+
+
+def parse_limit(value: Any) -> Limit:
+    """Return a limit from what a recipe holds.
+
+    Parameters
+    ----------
+    value : float or str
+        A pure number, or a text with a unit: ``"120 nm"``, ``"0.5 urad"``, ``"3 1/mm^2"``.
+
+    Returns
+    -------
+    Limit
+        In SI, with its dimension.
+
+    Raises
+    ------
+    UnitError
+        If a text has no unit, an unknown one, or that of a pure number.
+    """
+    if not isinstance(value, str):
+        return Limit(float(value))
+    match = _AMOUNT.fullmatch(value)
+    dimension = None if match is None else dimension_of(match[2])
+    if match is None or not dimension:
+        raise UnitError(
+            f"{value!r} is not a limit: a length or an angle with its unit is needed here, such as "
+            '"120 nm" or "0.5 urad"; a pure number is written without quotes'
+        )
+    simple = {"m": "length", "rad": "angle"}.get(dimension)
+    if simple is not None and "/" not in match[2] and "^" not in match[2]:
+        return Limit(parse_quantity(value, dimension=simple), dimension)
+    number = float(match[1]) * _factors(match[2])[0]
+    if not abs(number) < float("inf"):
+        raise UnitError(f"{value!r} is not finite")
+    return Limit(number, dimension)
+
+
+def limit_problem(name: str, limit: float, of: str, unit: str) -> str | None:
+    """Return why a limit does not belong to a value, or None where it does.
+
+    Parameters
+    ----------
+    name : str
+        Key of the limit.
+    limit : float
+        In SI; a plain float counts as a pure number.
+    of, unit : str
+        What is limited, and its SI unit.
+
+    Returns
+    -------
+    str or None
+        For a person. A pure zero belongs to every value; where the unit is not known, a pure number
+        does.
+
+    Examples
+    --------
+    >>> limit_problem("upper", parse_limit("10 urad"), "Sa", "m")
+    'upper is an angle, but Sa is a length; write it with its unit, such as upper = "120 nm"'
+    >>> limit_problem("upper", parse_limit("10 nm"), "Sa", "m") is None
+    True
+    """
+    given = limit.dimension if isinstance(limit, Limit) else ""
+    needed = dimension_of(unit) or ""
+    if given == needed or (limit == 0.0 and not given):
+        return None
+    if not needed:
+        right = f"write it without a unit, such as {name} = 0.5"
+        if dimension_of(unit) is None:
+            right = f"its unit is {unit!r}, so write the number without one"
+    else:
+        example = _EXAMPLES.get(needed, f"2 {unit}")
+        right = f'write it with its unit, such as {name} = "{example}"'
+    return f"{name} is {_word(given)}, but {of} is {_word(needed, unit)}; {right}"
+
+
+def _word(dimension: str, unit: str | None = None) -> str:
+    return _WORDS.get(dimension) or f"in {unit or dimension}"
