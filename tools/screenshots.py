@@ -31,8 +31,13 @@ def main(target: Path) -> None:
     target.mkdir(parents=True, exist_ok=True)
     with browser() as page:
         for take in (take_map, take_profile, take_runs, take_ranking, take_folder):
-            with tempfile.TemporaryDirectory() as folder:
-                take(page, Path(folder), target)
+            folder = Path(tempfile.gettempdir()) / "parts"  # a name that the pictures can show
+            shutil.rmtree(folder, ignore_errors=True)
+            folder.mkdir()
+            try:
+                take(page, folder, target)
+            finally:
+                shutil.rmtree(folder, ignore_errors=True)
         if page.errors:
             raise RuntimeError("\n".join(page.errors))
 

@@ -8,6 +8,7 @@ import json
 import logging
 import secrets
 import threading
+import traceback
 from collections.abc import AsyncIterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -315,7 +316,8 @@ class _Talk:
             header, arrays = self.answer(message, number, event, tell)
             return header, pack(header, arrays)
         except Exception as exc:  # a fault of ours: it is told, and the page goes on
-            logging.getLogger("metrosep").exception("request %s", kind)
+            told = traceback.format_exc().encode("ascii", "backslashreplace").decode("ascii")
+            logging.getLogger("metrosep").error("request %a\n%s", kind, told)
             words = (
                 f"{kind}: internal error ({type(exc).__name__}: {exc}): this is a bug in metrosep; the "
                 "recipe is kept; please report it with what the terminal says"
