@@ -317,7 +317,7 @@ class _Talk:
             return header, pack(header, arrays)
         except Exception as exc:  # a fault of ours: it is told, and the page goes on
             told = traceback.format_exc().encode("ascii", "backslashreplace").decode("ascii")
-            logging.getLogger("metrosep").error("request %a\n%s", kind, told)
+            logging.getLogger("metrosep").error("request %a\n%s", kind, told)  # noqa: TRY400
             words = (
                 f"{kind}: internal error ({type(exc).__name__}: {exc}): this is a bug in metrosep; the "
                 "recipe is kept; please report it with what the terminal says"
