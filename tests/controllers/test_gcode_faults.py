@@ -403,7 +403,7 @@ def test_decimals_are_a_whole_number(folder):
     assert "whole number" in str(folder.refused(START, decimals=5.5))
 
 
-@pytest.mark.parametrize("before", [0, (1 << 21) - 300])
+@pytest.mark.parametrize("before", [0, pytest.param((1 << 21) - 300, marks=pytest.mark.slow)])
 def test_one_rule_for_the_length_of_a_block(folder, before):
     pad = "X3.100000\n" * (before // 10)
     long = "X3.(" + "a" * 4200 + ")\n"

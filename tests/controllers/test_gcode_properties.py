@@ -91,7 +91,7 @@ def test_z_moves_by_the_correction_and_nothing_else_does(program, amounts):
     assert without_z(text) == without_z(program)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(PROGRAMS, AMOUNTS, AMOUNTS)
 def test_corrections_add_up(program, first, second):
     both = lambda x, c: wave(first)(x, c) + wave(second)(x, c)  # noqa: E731
@@ -103,7 +103,7 @@ def test_corrections_add_up(program, first, second):
     assert np.abs(once - twice).max() <= 3 * HALF + 1e-11
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(PROGRAMS, AMOUNTS)
 def test_splitting_keeps_the_ends_and_the_line_between_them(program, amounts):
     program = program.replace("G93", "G94")

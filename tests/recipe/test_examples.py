@@ -62,7 +62,13 @@ NO_RECIPE = {"fts_lathe/machine.toml", "volumetric_map/machine.toml", "carriers/
 NO_CHART = {"fiducials/recipe.toml"}
 
 
-@pytest.mark.parametrize("name", NAMES)
+LONG = {"fts_lathe/wavefront.toml", "slow_tool_servo/recipe.toml", "dual_servo/recipe.toml"}
+"""Run by the tests of their own examples (tests/examples) as well."""
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=[pytest.mark.slow] if n in LONG else []) for n in NAMES]
+)
 def test_recipe_runs_as_it_stands(name, repository, tmp_path):
     recipe = repository / "examples" / name
     result = ms.Recipe.load(recipe).run(out=tmp_path / "out")

@@ -109,6 +109,7 @@ def test_a_tone_is_no_mode_and_a_narrow_mode_is_named_so(contract_machine, as_ru
         assert (p < 0.01) == told == named
 
 
+@pytest.mark.slow
 def test_at_one_feed_the_wavelength_of_a_line_is_not_geometry(contract_machine, as_runset):
     """12 Hz falls onto the 10 mm lead; other rows are as without the line."""
     made = machine(contract_machine, tone, seed=714, feeds=(120.0,), n_repeats=6)
@@ -124,6 +125,7 @@ def test_at_one_feed_the_wavelength_of_a_line_is_not_geometry(contract_machine, 
     assert not several["reason"].str.contains("falls here").any()
 
 
+@pytest.mark.slow
 def test_a_locked_line_has_the_phase_of_its_start(contract_machine, as_runset):
     """0.3 sin(2 pi 150 t) = 0.3 cos(2 pi 150 t - pi/2); stated a little off, it finds its place."""
     made = contract_machine.Machine(712, case="locked")
@@ -290,6 +292,7 @@ def test_a_gain_that_was_not_modelled_is_named(two_probes, as_runset):
     assert not any("probe_gain" in m for m in fitted.messages)
 
 
+@pytest.mark.slow
 def test_clean_runs_get_no_hint(contract_machine, as_runset):
     """Chance would name a drift once in a thousand sets, a gain less often."""
     for seed in range(750, 756):
