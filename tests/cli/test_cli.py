@@ -314,6 +314,7 @@ def test_print_recipe_runs_as_a_recipe(metrosep, runs_csv, tmp_path):
     assert metrosep("run", recipe, runs_csv, "-o", tmp_path / "out")[0] == 0
 
 
+@pytest.mark.slow
 def test_demo_end_to_end_as_a_process(tmp_path):
     """What a new user types; offline, well under a minute."""
     done = subprocess.run(

@@ -417,7 +417,7 @@ def test_robust_fit_is_not_moved_by_dust(rng):
     ("form", "rule", "share"),
     [
         pytest.param(Plane(), "tukey", 0.0, marks=pytest.mark.slow),
-        (Plane(), "tukey", 0.2),
+        pytest.param(Plane(), "tukey", 0.2, marks=pytest.mark.slow),
         pytest.param(Plane(), "huber", 0.1, marks=pytest.mark.slow),
         pytest.param(Polynomial(1), "tukey", 0.1, marks=pytest.mark.slow),
         pytest.param(Polynomial(1), "huber", 0.0, marks=pytest.mark.slow),

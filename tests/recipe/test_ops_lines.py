@@ -91,6 +91,7 @@ def test_two_point(table):
         run(text, file)
 
 
+@pytest.mark.slow
 def test_three_point_with_an_angle_sensor_writes_a_table_for_each_coordinate(table, tmp_path):
     m = readings([0.0, D, 2 * D])
     file = table(x_mm=X * 1e3, **columns(m), pitch_urad=pitch(X) * 1e6)

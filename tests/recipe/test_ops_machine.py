@@ -224,6 +224,7 @@ def test_radius_in_the_wrong_unit_is_refused():
         run("rank", TORIC + PART.replace("20 mm", "15 m") + 'errors = { EXX = "1 um" }\n')
 
 
+@pytest.mark.slow
 def test_height_of_the_part_is_no_fault_of_the_machine():
     """A shift along z moves the vertex off the reference plane: that leads a wavefront only."""
     text = TORIC + PART + 'errors = { EZX = "1 um", EXX = "1 um" }\n'

@@ -101,6 +101,7 @@ def test_a_separation_without_a_density_cannot_plan(example):
         ms.Recipe.parse(text).run(RUNS)
 
 
+@pytest.mark.slow
 def test_options_of_the_joint_separation_reach_it(example):
     text = example + 'drift = 1\nlines = ["50 Hz"]\nrobust = true\n'
     estimate = ms.Recipe.parse(text).run(RUNS).estimate

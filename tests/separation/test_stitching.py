@@ -291,6 +291,7 @@ def test_power_of_the_reference_bends_the_whole_by_the_parabola_law():
     assert result.noise.value < 1e-20  # and no overlap shows it
 
 
+@pytest.mark.slow
 def test_null_space_of_the_reference_by_what_it_does_to_readings():
     """A parabola moved from the surface to the reference leaves planes in each sub-aperture."""
     _, _, maps = referenced(6)
