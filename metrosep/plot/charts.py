@@ -18,6 +18,7 @@ from metrosep.core.errors import DataError
 from metrosep.plot.bars import draw_bars
 from metrosep.plot.harmonics import harmonic_bars
 from metrosep.plot.maps import separation_maps
+from metrosep.plot.placing import place_stack
 from metrosep.plot.planning import plan_sd
 from metrosep.plot.polar import polar_plot
 from metrosep.plot.positioning import positioning_chart
@@ -103,30 +104,8 @@ def _curves(chart: Chart) -> Figure:
         if chart["x"].get("log"):
             grid[-1].set_xscale("log")
         if usual:
-            _place(figure, list(grid))
+            place_stack(figure, list(grid))
     return figure
-
-
-_LEFT, _RIGHT, _BELOW, _ABOVE, _BETWEEN = 0.05, 0.2, 0.46, 0.27, 0.37  # inch
-"""Room at the left of all and for half a number at the right; for numbers and label below, for a title
-of one line above, and for it between panels."""
-
-
-def _place(figure: Figure, grid: Sequence[Axes]) -> None:
-    """Place panels one above the other with room for the widest numbers at their left.
-
-    The constrained layout of matplotlib measures everything twice, which takes as long as to draw.
-    """
-    width, height = figure.get_size_inches()
-    below, above = _BELOW / height, 1.0 - _ABOVE / height
-    n, gap = len(grid), _BETWEEN / height
-    each = (above - below - (n - 1) * gap) / n
-    figure.subplots_adjust(
-        left=0.1, right=1.0 - _RIGHT / width, bottom=below, top=above, hspace=gap / each
-    )
-    boxes = [(axes.get_window_extent(), axes.yaxis.get_tightbbox()) for axes in grid]
-    wide = max((axes.x0 - box.x0 for axes, box in boxes if box is not None), default=0.0)
-    figure.subplots_adjust(left=(wide / figure.dpi + _LEFT) / width)
 
 
 # a curve whose label begins with "limit" is drawn dashed and grey, as every limit is

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core.errors import DataError
+from metrosep.plot.placing import place_grid
 from metrosep.plot.style import COLOURS, house_style
 
 if TYPE_CHECKING:
@@ -91,24 +92,29 @@ def separation_maps(
         n_rows = -(-len(maps) // n_columns)
         figure = Figure(
             figsize=(2.5 * n_columns + 0.9, 2.6 * n_rows + 0.35 + 0.3 * len(null_space)),
-            layout="constrained",
+            layout="constrained" if null_space else None,
         )
         FigureCanvasAgg(figure)
         grid = figure.subplots(n_rows, n_columns, squeeze=False)
-        image = None
+        image: Any = None
         for axes, (title, values) in zip(grid.flat, maps, strict=False):
             image = _draw(
                 axes, title, values / factor, dx, dy, origin, largest / factor, prefix + unit
             )
             whole = (pv or {}).get(title)
             if whole is not None:
-                axes.set_title(f"{title}\nP-V {whole / factor:.3g} {prefix}{unit}", fontsize=9.0)
+                text = f"P-V {whole / factor:.3g} {prefix}{unit}"
+                axes.set_title("\n".join(filter(None, (title, text))), fontsize=9.0)
         for axes in list(grid.flat)[len(maps) :]:
             axes.set_axis_off()
-        if image is not None:
-            bar = figure.colorbar(image, ax=grid, shrink=0.85, aspect=25)
-            bar.set_label(f"value / {prefix}{unit}")
-        if null_space:
+        where: dict[str, Any] = {"ax": grid, "shrink": 0.85, "aspect": 25}
+        if not null_space:
+            where = {"cax": figure.add_axes((0.9, 0.1, 0.05, 0.8))}
+        bar = figure.colorbar(image, **where)
+        bar.set_label(f"value / {prefix}{unit}")
+        if not null_space:
+            place_grid(figure, grid.tolist(), bar=bar.ax)
+        else:
             text = "\n".join(
                 fill(f"not seen: {item}", _WRAP_PER_MAP * n_columns) for item in null_space
             )
@@ -177,7 +183,7 @@ def _draw(
     axes.grid(visible=False)
     known = values[np.isfinite(values)]
     text = f"P-V {np.ptp(known):.3g} {unit}" if known.size else "not determined"
-    axes.set_title(f"{title}\n{text}", fontsize=9.0)
+    axes.set_title("\n".join(filter(None, (title, text))), fontsize=9.0)
     place = "mm" if dx and dy else "pixel"
     axes.set_xlabel(f"x / {place}")
     axes.set_ylabel(f"y / {place}")

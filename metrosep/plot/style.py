@@ -17,6 +17,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.plot.light_ticks import lighten
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -67,6 +69,7 @@ _STYLE: Mapping[str, Any] = {
     "axes.labelsize": 9.5,
     "axes.edgecolor": "#555555",
     "axes.labelcolor": "#1A1A1A",
+    "axes.titley": 1.0,
     "axes.linewidth": 0.8,
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -277,6 +280,7 @@ def figure_svg(draw: Draw, document: Document) -> str:
 
     with house_style():
         figure = _figure_of(draw(document))
+        lighten(figure)
         stream = io.StringIO()
         undated = {"Date": None, "Creator": None, "Type": None, "Format": None}
         # not savefig, which draws everything once more before
@@ -306,6 +310,7 @@ def figure_png(draw: Draw, document: Document, *, dpi: float = 160.0) -> bytes:
 
     with house_style():
         figure = _figure_of(draw(document))
+        lighten(figure)
         FigureCanvasAgg(figure)
         stream = io.BytesIO()
         figure.savefig(stream, format="png", dpi=dpi, metadata={"Software": None})
