@@ -14,9 +14,28 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["lighten", "mark_placed"]
+__all__ = ["lighten", "mark_placed", "setting"]
 
 _PLACED: WeakSet[Any] = WeakSet()
+
+
+def setting(name: str) -> Any:
+    """Return a setting of the style that holds now.
+
+    Parameters
+    ----------
+    name : str
+        As matplotlib names it.
+
+    Returns
+    -------
+    object
+        Its value.
+    """
+    import matplotlib as mpl
+
+    parameters: Any = mpl.rcParams
+    return parameters[name]
 
 
 def mark_placed(figure: Figure) -> None:
@@ -82,7 +101,6 @@ def _replace(axes: Axes, name: str) -> bool:
 
 
 def _grid(axes: Axes, name: str, places: list[float], shown: dict[str, Any]) -> None:
-    from matplotlib import rcParams
     from matplotlib.collections import LineCollection
 
     if not shown.get("gridOn"):
@@ -91,9 +109,9 @@ def _grid(axes: Axes, name: str, places: list[float], shown: dict[str, Any]) -> 
     axes.add_artist(
         LineCollection(
             lines,
-            colors=rcParams["grid.color"],
-            linewidths=rcParams["grid.linewidth"],
-            linestyles=rcParams["grid.linestyle"],
+            colors=setting("grid.color"),
+            linewidths=setting("grid.linewidth"),
+            linestyles=setting("grid.linestyle"),
             transform=_along(axes, name),
             zorder=_BELOW,
         )
@@ -105,7 +123,6 @@ _BELOW = 0.5
 
 
 def _ticks(axes: Axes, name: str, side: str, places: list[float]) -> None:
-    from matplotlib import rcParams
     from matplotlib.lines import Line2D
 
     at = [1.0 if side in ("top", "right") else 0.0] * len(places)
@@ -117,9 +134,9 @@ def _ticks(axes: Axes, name: str, side: str, places: list[float]) -> None:
             y,
             linestyle="none",
             marker=markers[side],
-            markersize=rcParams[f"{name}tick.major.size"],
-            markeredgewidth=rcParams[f"{name}tick.major.width"],
-            color=rcParams[f"{name}tick.color"],
+            markersize=setting(f"{name}tick.major.size"),
+            markeredgewidth=setting(f"{name}tick.major.width"),
+            color=setting(f"{name}tick.color"),
             transform=_along(axes, name),
             clip_on=False,
             zorder=_BELOW,
@@ -128,13 +145,11 @@ def _ticks(axes: Axes, name: str, side: str, places: list[float]) -> None:
 
 
 def _numbers(axes: Axes, name: str, text: int, places: list[float], texts: list[str]) -> None:
-    from matplotlib import rcParams
-
-    pad = rcParams[f"{name}tick.major.size"] + rcParams[f"{name}tick.major.pad"]
+    pad = setting(f"{name}tick.major.size") + setting(f"{name}tick.major.pad")
     transform, va, ha = getattr(axes, f"get_{name}axis_text{text}_transform")(pad)
     at = float(text - 1)
-    size = rcParams[f"{name}tick.labelsize"]
-    colour = rcParams[f"{name}tick.color"]
+    size = setting(f"{name}tick.labelsize")
+    colour = setting(f"{name}tick.color")
     for place, word in zip(places, texts, strict=True):
         x, y = (place, at) if name == "x" else (at, place)
         axes.text(

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
-from metrosep.plot.light_ticks import mark_placed
+from metrosep.plot.light_ticks import mark_placed, setting
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -56,7 +56,7 @@ def widest_number(axis: Any) -> float:
     size = _size("ytick.labelsize")
     words = axis.get_major_formatter().format_ticks(places)
     widest = max((text_width(text, size) for text in words), default=0.0)
-    ticks = _setting("ytick.major.size") + _setting("ytick.major.pad")
+    ticks = setting("ytick.major.size") + setting("ytick.major.pad")
     return float(widest + ticks * _POINT)
 
 
@@ -130,7 +130,7 @@ def place_grid(figure: Figure, rows: Sequence[Sequence[Axes]], *, bar: Axes | No
     drawn = [axes for row in rows for axes in row if axes.axison]
     titles = [axes.title for axes in drawn]
     sizes = [t.get_fontsize() * (t.get_text().count("\n") + 1) for t in titles if t.get_text()]
-    above = (LINE * max(sizes, default=0.0) + _setting("axes.titlepad")) * _POINT + _LEFT
+    above = (LINE * max(sizes, default=0.0) + setting("axes.titlepad")) * _POINT + _LEFT
     below = _numbers_height() + _GAP + _label_height(drawn[0].xaxis) + _LEFT
     tall = height / n_rows - above - below
     right = 0.0
@@ -191,15 +191,15 @@ def _put(axes: Axes, figure: Figure, box: tuple[float, float, float, float]) -> 
 def _put_labels(axes: Axes, wide: float) -> None:
     """Put the labels where the numbers end, so that nothing is measured when they are drawn."""
     box = axes.get_position()
-    width, height = (float(v) for v in axes.figure.get_size_inches())
+    width, height = (float(v) for v in axes.get_figure(root=True).get_size_inches())
     axes.yaxis.set_label_coords(-(wide + _GAP) / (box.width * width), 0.5)
     axes.xaxis.set_label_coords(0.5, -(_numbers_height() + _GAP) / (box.height * height))
 
 
 def _numbers_height() -> float:
     """Return the room that the numbers below axes take, with their ticks, inch."""
-    ticks = _setting("xtick.major.size") + _setting("xtick.major.pad")
-    return (ticks + _size("xtick.labelsize")) * _POINT
+    ticks = setting("xtick.major.size") + setting("xtick.major.pad")
+    return float(ticks + _size("xtick.labelsize")) * _POINT
 
 
 def _label_height(axis: Any) -> float:
@@ -209,15 +209,8 @@ def _label_height(axis: Any) -> float:
     return float(axis.label.get_fontsize() * LINE * lines) * _POINT
 
 
-def _setting(name: str) -> float:
-    from matplotlib import rcParams
-
-    return float(rcParams[name])
-
-
 def _size(name: str) -> float:
     """Return a size of the style that may be a word, point."""
-    from matplotlib import rcParams
     from matplotlib.font_manager import FontProperties
 
-    return float(FontProperties(size=rcParams[name]).get_size_in_points())
+    return float(FontProperties(size=setting(name)).get_size_in_points())

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from metrosep.report.text import span
 
-__all__ = ["Drawing", "captions_of", "figures_of"]
+__all__ = ["Drawing", "captions_of", "figures_of", "width_of"]
 
 _TITLES = {
     "before_after": "Error over position",
@@ -60,6 +62,23 @@ def figures_of(document: Mapping[str, Any]) -> list[Drawing]:
         Drawing(name, *words[name], figure_svg(draw, document))
         for name, draw in drawable(document).items()
     ]
+
+
+def width_of(svg: str) -> float:
+    """Return the width of a figure.
+
+    Parameters
+    ----------
+    svg : str
+        As `metrosep.plot.figure_svg` gives it.
+
+    Returns
+    -------
+    float, point
+        Infinite where it says none: a figure that fills its page.
+    """
+    found = re.search(r'viewBox="0 0 ([\d.]+) [\d.]+"', svg[:4096])
+    return float(found.group(1)) if found else math.inf
 
 
 def captions_of(document: Mapping[str, Any]) -> dict[str, tuple[str, str]]:

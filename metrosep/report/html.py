@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from metrosep.core.atomic import atomic_write
-from metrosep.report.figures import figures_of
+from metrosep.report.figures import figures_of, width_of
 from metrosep.report.view import view
 
 if TYPE_CHECKING:
@@ -84,14 +84,22 @@ def write_html(document: Mapping[str, Any], path: str | os.PathLike[str]) -> Pat
     return atomic_write(path, render_html(document).encode("utf-8"))
 
 
-def _figures(document: Mapping[str, Any]) -> list[dict[str, str]]:
-    """Return the figures as images in the page: each keeps its own ids, and has a caption."""
+def _figures(document: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return the figures as images in the page: each keeps its own ids, and has a caption.
+
+    Narrow ones stand side by side, so that the letters of all are about equally large.
+    """
     return [
         {
             "name": f.name,
             "title": f.title,
             "data": base64.b64encode(f.svg.encode("utf-8")).decode("ascii"),
             "caption": f.caption,
+            "narrow": width_of(f.svg) < _NARROW,
         }
         for f in figures_of(document)
     ]
+
+
+_NARROW = 300.0
+"""Points: a figure of less is not as wide as a page, but half of it."""
