@@ -109,7 +109,7 @@ def place_stack(figure: Figure, grid: Sequence[Axes]) -> None:
     label = _label_height(grid[0].yaxis)
     put((_LEFT + label + _GAP + wide) / width)
     for axes in grid:
-        _put_labels(axes, wide)
+        _put_labels(axes, figure, wide)
     mark_placed(figure)
 
 
@@ -129,7 +129,7 @@ def place_grid(figure: Figure, rows: Sequence[Sequence[Axes]], *, bar: Axes | No
     n_rows, n_columns = len(rows), len(rows[0])
     drawn = [axes for row in rows for axes in row if axes.axison]
     titles = [axes.title for axes in drawn]
-    sizes = [t.get_fontsize() * (t.get_text().count("\n") + 1) for t in titles if t.get_text()]
+    sizes = [float(t.get_fontsize()) * (t.get_text().count("\n") + 1) for t in titles if t.get_text()]
     above = (LINE * max(sizes, default=0.0) + setting("axes.titlepad")) * _POINT + _LEFT
     below = _numbers_height() + _GAP + _label_height(drawn[0].xaxis) + _LEFT
     tall = height / n_rows - above - below
@@ -151,7 +151,7 @@ def place_grid(figure: Figure, rows: Sequence[Sequence[Axes]], *, bar: Axes | No
             _put(axes, figure, (start, (n_rows - 1 - i) * height / n_rows + below, each, tall))
     for axes in drawn:
         _few_ticks(axes)
-        _put_labels(axes, widest_number(axes.yaxis))
+        _put_labels(axes, figure, widest_number(axes.yaxis))
     if bar is not None:
         _put_bar(bar, figure, drawn, width - right + _BAR_GAP)
     mark_placed(figure)
@@ -188,10 +188,10 @@ def _put(axes: Axes, figure: Figure, box: tuple[float, float, float, float]) -> 
     axes.set_position((x / width, y / height, w / width, h / height))
 
 
-def _put_labels(axes: Axes, wide: float) -> None:
+def _put_labels(axes: Axes, figure: Figure, wide: float) -> None:
     """Put the labels where the numbers end, so that nothing is measured when they are drawn."""
     box = axes.get_position()
-    width, height = (float(v) for v in axes.get_figure(root=True).get_size_inches())
+    width, height = (float(v) for v in figure.get_size_inches())
     axes.yaxis.set_label_coords(-(wide + _GAP) / (box.width * width), 0.5)
     axes.xaxis.set_label_coords(0.5, -(_numbers_height() + _GAP) / (box.height * height))
 
