@@ -7,13 +7,13 @@ gave.
 
 from __future__ import annotations
 
-import json
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from metrosep.app.pyramid import MapPyramid, build_pyramid
+from metrosep.app.remembered import text_key
 from metrosep.core.errors import DataError, MetrosepError
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
@@ -201,7 +201,7 @@ class Evaluations:
         source, is_preview = self.source(level)
         shift = self._shift(source)  # of the map itself: none
         name = level if is_preview else "full"
-        keys = [_key(step) for step in steps]
+        keys = [text_key(step) for step in steps]
         with self._busy[name]:
             kept = self._kept.setdefault(name, _Kept())
             same = 0
@@ -219,16 +219,6 @@ class Evaluations:
                 kept.keys.append(keys[i])
                 kept.stages.append(stage)
             return Outcome(source, tuple(kept.stages), is_preview=is_preview, shift=shift)
-
-
-def _key(step: Mapping[str, Any]) -> str:
-    return json.dumps(_plain(step), sort_keys=True, default=str)
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {str(k): _plain(v) for k, v in value.items()}
-    return [_plain(v) for v in value] if isinstance(value, list | tuple) else value
 
 
 def _coarse(obj: Surface, pyramid: MapPyramid | None, side: int) -> Surface:

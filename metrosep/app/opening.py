@@ -247,11 +247,7 @@ def open_with(
         )
     new = tomllib.loads(opened.document.text)["input"]
     made = RecipeDocument(document.text, opened.document.folder, opened.document.name)
-    edits = [Edit(("input", k), held.get(k), v) for k, v in new.items() if held.get(k) != v]
-    if edits:
-        made.edit(edits)
-    fresh = RecipeDocument(made.text, made.folder, made.name)
-    return replace(opened, document=fresh, displaced=opened.kept.is_file())
+    return replace(opened, document=_with_input(made, new), displaced=opened.kept.is_file())
 
 
 def _checked(given: dict[str, Any]) -> dict[str, Any]:
@@ -284,7 +280,7 @@ def _taken_up(
     try:
         held = kept.read_bytes()
         document = RecipeDocument(text_of_session(held)[0], kept.parent, _name(files[0]))
-        document = _answering(document, given)
+        document = _with_input(document, given)
         names = [kept.parent / n for n in document.recipe.input.get("files") or ()]
         if {f.resolve() for f in names} != set(files):
             return None, (
@@ -299,8 +295,8 @@ def _taken_up(
     return Opened(kind, tuple(files), files[0], document, material, (said,), kept, held=held), ()
 
 
-def _answering(document: RecipeDocument, given: Mapping[str, Any]) -> RecipeDocument:
-    """Return a recipe whose ``[input]`` has what the user answered."""
+def _with_input(document: RecipeDocument, given: Mapping[str, Any]) -> RecipeDocument:
+    """Return a recipe with values of ``[input]``: there is nothing to undo in it."""
     if not given:
         return document
     held = tomllib.loads(document.text).get("input", {})
@@ -382,7 +378,7 @@ def _of_recipe(
     left = _Left(RecipeDocument(text, file.parent, file.name))
     if kept.is_file():
         left = _left(kept, file, left.document, base)
-    document, messages = _answering(left.document, given), left.messages
+    document, messages = _with_input(left.document, given), left.messages
     recipe = document.recipe
     found: list[Path] = []
     if not recipe.reads_nothing:

@@ -52,6 +52,13 @@ class PictureAnswers:
             obj = self._moved.of(obj, outcome.shift)
         return outcome, obj
 
+    def _surface(self, message: Message, cancel: Cancel, what: str) -> tuple[Outcome, Surface]:
+        """Return a stage of a map; a profile has no picture of the kind `what`."""
+        outcome, obj = self._stage(message, cancel)
+        if not isinstance(obj, Surface):
+            raise DataError(f"this measurement is a profile, it has no {what}")
+        return outcome, obj
+
     def forget(self) -> None:
         """Forget what was made of the file that was open before."""
         for kept in (self._pyramids, self._extremes, self._moved):
@@ -82,9 +89,7 @@ class PictureAnswers:
         MetrosepError
             Of the steps.
         """
-        outcome, obj = self._stage(message, cancel)
-        if not isinstance(obj, Surface):
-            raise DataError("this measurement is a profile, it has no map")
+        outcome, obj = self._surface(message, cancel, "map")
         view = map_view(
             self._pyramid(obj),
             window=message.get("window"),
@@ -126,9 +131,7 @@ class PictureAnswers:
         MetrosepError
             Of the steps.
         """
-        outcome, obj = self._stage(message, cancel)
-        if not isinstance(obj, Surface):
-            raise DataError("this measurement is a profile, it has no sections")
+        outcome, obj = self._surface(message, cancel, "sections")
         view = section_view(
             obj, message["a"], message["b"], columns=message.get("columns") or 1000
         )

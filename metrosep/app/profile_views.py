@@ -7,14 +7,13 @@ samples, so that any window of ten million samples costs a millisecond or two.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.app.view_limits import checked_columns, checked_window
 from metrosep.core.errors import DataError
 from metrosep.core.profile import Profile
 from metrosep.core.runset import Run, RunSet
@@ -260,10 +259,8 @@ def profile_view(
     [0.0, 5.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
     """
     found = profile if isinstance(profile, Extremes) else Extremes(profile)
-    wide: Any = columns
-    if isinstance(wide, bool) or not isinstance(wide, int | np.integer) or not 1 <= wide <= 10**5:
-        raise DataError(f"columns must be a whole number from 1 to 100 000, got {columns!r}")
-    x0, x1 = _checked_window(window, found.x)
+    wide = checked_columns(columns)
+    x0, x1 = checked_window(window, (float(found.x[0]), float(found.x[-1])))
     first = int(np.searchsorted(found.x, x0, side="left"))
     last = int(np.searchsorted(found.x, x1, side="right"))
     n = last - first
@@ -271,7 +268,7 @@ def profile_view(
         start = np.arange(max(first - 1, 0), min(last + 1, found.x.size))
         stop = start + 1
     else:
-        inner = np.searchsorted(found.x, np.linspace(x0, x1, int(wide) + 1)[1:-1], side="left")
+        inner = np.searchsorted(found.x, np.linspace(x0, x1, wide + 1)[1:-1], side="left")
         edges = np.unique(np.concatenate([[first], np.clip(inner, first, last), [last]]))
         start, stop = edges[:-1], edges[1:]
     return _view(found, start, stop, n, name or found.name)
@@ -295,18 +292,6 @@ def _view(
     for array in (x, low, high, coverage):
         array.setflags(write=False)
     return ProfileView(x, low, high, coverage, n_samples, name, found.feed)
-
-
-def _checked_window(window: Sequence[float] | None, x: FloatArray) -> tuple[float, float]:
-    if window is None:
-        return float(x[0]), float(x[-1])
-    try:
-        x0, x1 = (float(v) for v in window)
-    except (TypeError, ValueError):
-        x0 = x1 = math.nan
-    if not (math.isfinite(x0) and math.isfinite(x1) and x0 < x1):
-        raise DataError(f"window must be two positions x0 < x1 in m, got {window!r}")
-    return x0, x1
 
 
 def repeat_views(

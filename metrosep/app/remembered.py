@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, Generic, TypeVar
 
-__all__ = ["Remembered"]
+__all__ = ["Remembered", "text_key"]
 
 Made = TypeVar("Made")
 
@@ -61,3 +62,30 @@ class Remembered(Generic[Made]):
         """Forget everything."""
         with self._lock:
             self._kept.clear()
+
+
+def text_key(value: Any) -> str:
+    """Return what tells values of a recipe apart, as text.
+
+    Parameters
+    ----------
+    value : object
+        Of TOML, nested; the order of keys does not count.
+
+    Returns
+    -------
+    str
+        The same for the same values.
+
+    Examples
+    --------
+    >>> text_key({"op": "crop", "x": (0.0, 1.0)}) == text_key({"x": [0.0, 1.0], "op": "crop"})
+    True
+    """
+    return json.dumps(_plain(value), sort_keys=True, default=str)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(k): _plain(v) for k, v in value.items()}
+    return [_plain(v) for v in value] if isinstance(value, list | tuple) else value

@@ -10,12 +10,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.app.profile_views import Extremes, ProfileView, find_holes, repeat_views
+from metrosep.app.view_limits import checked_columns, checked_window
 from metrosep.core.errors import DataError, MetrosepError
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import format_length
@@ -240,13 +240,11 @@ def separated_view(
         raise DataError(
             f"the estimate has no direction {direction!r}; it has {estimate.directions}"
         )
-    wide: Any = columns
-    if isinstance(wide, bool) or not isinstance(wide, int | np.integer) or not 1 <= wide <= 10**5:
-        raise DataError(f"columns must be a whole number from 1 to 100 000, got {columns!r}")
-    x0, x1 = _window(window, estimate.fit_range)
+    wide = checked_columns(columns)
+    x0, x1 = checked_window(window, estimate.fit_range)
     part = estimate.directions_data[direction]
-    edges = np.linspace(x0, x1, int(wide) + 1)
-    places = np.linspace(x0, x1, int(wide) * _FINE + 1)
+    edges = np.linspace(x0, x1, wide + 1)
+    places = np.linspace(x0, x1, wide * _FINE + 1)
     nodes = part.error.x if isinstance(part.error, SampledCurve) else places[:1]
     fine = np.union1d(places, nodes[(nodes >= x0) & (nodes <= x1)])
     first = np.searchsorted(fine, edges[:-1], side="left")
@@ -263,18 +261,6 @@ def separated_view(
         array.setflags(write=False)
     x, low, high, band_low, band_high = parts
     return SeparatedView(x, low, high, band_low, band_high, direction)
-
-
-def _window(window: Sequence[float] | None, whole: tuple[float, float]) -> tuple[float, float]:
-    if window is None:
-        return whole
-    try:
-        x0, x1 = (float(v) for v in window)
-    except (TypeError, ValueError):
-        x0 = x1 = math.nan
-    if not (math.isfinite(x0) and math.isfinite(x1) and x0 < x1):
-        raise DataError(f"window must be two positions x0 < x1 in m, got {window!r}")
-    return x0, x1
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -6,12 +6,12 @@ that separates changed: a new limit or table costs nothing of it.
 
 from __future__ import annotations
 
-import json
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from metrosep.app.remembered import text_key
 from metrosep.core.errors import DataError
 from metrosep.core.runset import RunSet
 from metrosep.recipe.pipeline import CancelledError
@@ -117,7 +117,7 @@ class Separations:
         """
         runs = self.runs(recipe)
         step = next(s for s in recipe.steps if s["op"] == "separate")
-        key = _input_key(recipe) + _text(step)
+        key = _input_key(recipe) + text_key(step)
         found: ErrorEstimate = self._estimates.of(
             key, lambda: separate_inputs(recipe, runs), cancel
         )
@@ -202,14 +202,4 @@ def _shown(recipe: Recipe) -> str:
 
 
 def _input_key(recipe: Recipe) -> str:
-    return _text({k: v for k, v in recipe.input.items() if k != "files"})
-
-
-def _text(value: Any) -> str:
-    return json.dumps(_plain(value), sort_keys=True, default=str)
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {str(k): _plain(v) for k, v in value.items()}
-    return [_plain(v) for v in value] if isinstance(value, list | tuple) else value
+    return text_key({k: v for k, v in recipe.input.items() if k != "files"})

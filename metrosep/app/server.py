@@ -31,6 +31,7 @@ from metrosep.app.sessions import Session
 from metrosep.app.warm_up import start_warm_up
 from metrosep.app.wire import error_header, pack
 from metrosep.core.errors import MetrosepError, WriteError
+from metrosep.core.exit_codes import exit_code_of
 from metrosep.recipe.pipeline import CancelledError
 
 __all__ = ["STATIC", "make_app", "new_token"]
@@ -55,9 +56,7 @@ def new_token() -> str:
     return secrets.token_urlsafe(32)
 
 
-def make_app(
-    places: Places, *, port: int, token: str, first: Sequence[str] = (), exit_code: Any = None
-) -> Starlette:
+def make_app(places: Places, *, port: int, token: str, first: Sequence[str] = ()) -> Starlette:
     """Return the application.
 
     Parameters
@@ -70,8 +69,6 @@ def make_app(
         Of this start.
     first : sequence of str, optional
         Files to open: one, or several runs as a set.
-    exit_code : callable, optional
-        Code of an error, as the command line has it; 2 if omitted.
 
     Returns
     -------
@@ -79,7 +76,6 @@ def make_app(
         Page, uploads and the WebSocket.
     """
     guard = Guard(token, port)
-    code_of = exit_code or (lambda error: 2)
     session = Session(places)
     answers = Answers(session)
     waiting: dict[str, Any] = {"error": None}
@@ -88,7 +84,7 @@ def make_app(
         try:
             session.open(first)
         except MetrosepError as exc:
-            waiting["error"] = {**_failed(exc, code_of, None, "open"), "paths": list(first)}
+            waiting["error"] = {**_failed(exc, None, "open"), "paths": list(first)}
 
     async def page(request: Request) -> Response:
         refused = _refused(guard, request)
@@ -109,7 +105,7 @@ def make_app(
         try:
             target = await _received(request, places)
         except MetrosepError as exc:
-            return JSONResponse(_failed(exc, code_of, None, "upload"), status_code=400)
+            return JSONResponse(_failed(exc, None, "upload"), status_code=400)
         return JSONResponse({"ok": True, "path": str(target)})
 
     async def socket(websocket: WebSocket) -> None:
@@ -117,7 +113,7 @@ def make_app(
             await websocket.close(code=4403)
             return
         await websocket.accept()
-        talk = _Talk(websocket, answers, code_of, waiting, pages)
+        talk = _Talk(websocket, answers, waiting, pages)
         pages.add(talk)
         try:
             await talk.run()
@@ -216,13 +212,13 @@ def _too_large(name: str, largest: int) -> str:
     )
 
 
-def _failed(error: MetrosepError, code_of: Any, number: Any, kind: Any) -> dict[str, Any]:
+def _failed(error: MetrosepError, number: Any, kind: Any) -> dict[str, Any]:
     ask = (
         {"name": error.name, "kind": "text", "path": error.path, "fields": list(error.fields)}
         if isinstance(error, Ask)
         else None
     )
-    return error_header(str(error), code=code_of(error), request=number, k=kind, ask=ask)
+    return error_header(str(error), code=exit_code_of(error), request=number, k=kind, ask=ask)
 
 
 class _Talk:
@@ -232,11 +228,10 @@ class _Talk:
         self,
         websocket: WebSocket,
         answers: Answers,
-        code_of: Any,
         waiting: dict[str, Any],
         pages: set[_Talk],
     ) -> None:
-        self.websocket, self.answers, self.code_of = websocket, answers, code_of
+        self.websocket, self.answers = websocket, answers
         self.waiting, self.pages = waiting, pages
         self.cancelled: dict[int, threading.Event] = {}
         self.turns: dict[str, asyncio.Lock] = {}
@@ -339,7 +334,7 @@ class _Talk:
         except CancelledError:
             return {**error_header("cancelled", code=130, request=number, k=kind)}, {}
         except MetrosepError as exc:
-            header = _failed(exc, self.code_of, number, kind)
+            header = _failed(exc, number, kind)
             if kind != "open":  # what cannot be opened says nothing about the open recipe
                 header["error"]["message"] = self.answers.session.words(str(exc))
             return header, {}

@@ -234,12 +234,7 @@ class Session:
                         "the files of a session are those that were opened; open the other files"
                     )
                 opened = read_again(opened, tried.recipe, self._read)
-            with self.lock:
-                document.adopt(tried)
-                self.opened = replace(opened, displaced=False)
-            self.keeper.keep(
-                opened.kept, session_text(opened, document.text), aside=opened.displaced
-            )
+            self._adopt(opened, document, tried)
 
     def show(self, view: Mapping[str, Any]) -> None:
         """Keep what the page shows with the recipe: no edit, nothing to undo.
@@ -260,12 +255,14 @@ class Session:
             tried.show(view)
             if tried.text == document.text:
                 return
-            with self.lock:
-                document.adopt(tried)
-                self.opened = replace(opened, displaced=False)
-            self.keeper.keep(
-                opened.kept, session_text(opened, document.text), aside=opened.displaced
-            )
+            self._adopt(opened, document, tried)
+
+    def _adopt(self, opened: Opened, document: RecipeDocument, tried: RecipeDocument) -> None:
+        """Go on with the copy that was tried, and keep it."""
+        with self.lock:
+            document.adopt(tried)
+            self.opened = replace(opened, displaced=False)
+        self.keeper.keep(opened.kept, session_text(opened, document.text), aside=opened.displaced)
 
     # ---- what it gives -----------------------------------------------------------------------
 

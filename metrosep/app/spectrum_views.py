@@ -10,12 +10,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.app.profile_views import find_holes
+from metrosep.app.view_limits import checked_columns
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.runset import Run
@@ -324,10 +325,8 @@ def spectrum_view(
     if not isinstance(spectrum, ProfileSpectrum):
         raise DataError(f"a transform is needed, got {type(spectrum).__name__}")
     limits = _checked_band(band)
-    wide: Any = columns
-    if isinstance(wide, bool) or not isinstance(wide, int | np.integer) or not 1 <= wide <= 10**5:
-        raise DataError(f"columns must be a whole number from 1 to 100 000, got {columns!r}")
-    shown = _peaks(spectrum.frequency, spectrum.amplitude, int(wide))
+    wide = checked_columns(columns)
+    shown = _peaks(spectrum.frequency, spectrum.amplitude, wide)
     first, last = spectrum.bins(limits)
     inside, outside = spectrum.band_rms(limits)
     return SpectrumView(

@@ -14,7 +14,7 @@ from metrosep.app.opening import Opened
 from metrosep.app.separations import Separations
 from metrosep.app.sessions import Session, mark_of
 from metrosep.app.table_views import view_table
-from metrosep.app.table_writing import trial_words, write_file, write_trial
+from metrosep.app.table_writing import make_trial, trial_words, write_file, write_trial
 from metrosep.app.wanted_tables import Wanted
 from metrosep.controllers.registry import find, names
 from metrosep.controllers.safety import CHECKS
@@ -250,7 +250,7 @@ def _trial_texts(
     if message.get("trial") is None:
         return {}
     try:
-        return {"trial": trial_words(wanted, estimate, runs, message["trial"])}
+        return {"trial": trial_words(make_trial(wanted, estimate, runs, message["trial"]))}
     except MetrosepError as exc:
         return {"trial": {"refused": str(exc)}}
 
@@ -268,5 +268,6 @@ def _written(
     target: Path = session.target(given)
     overwrite = message.get("overwrite") is True
     if message.get("trial") is not None:
-        return write_trial(wanted, estimate, runs, target, message["trial"], overwrite=overwrite)
+        trial = make_trial(wanted, estimate, runs, message["trial"])
+        return write_trial(wanted, trial, target, overwrite=overwrite)
     return write_file(wanted, estimate, runs, target, overwrite=overwrite)

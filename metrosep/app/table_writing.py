@@ -16,7 +16,7 @@ from metrosep.core.runset import RunSet
 from metrosep.core.units import parse_quantity
 from metrosep.separation.base import ErrorEstimate
 
-__all__ = ["trial_words", "write_file", "write_trial"]
+__all__ = ["make_trial", "trial_words", "write_file", "write_trial"]
 
 _SCHEMA = "metrosep.table/1"
 
@@ -64,16 +64,10 @@ def write_file(
     return {**_files(target), "verification": plain(said)}
 
 
-def write_trial(
-    wanted: Wanted,
-    estimate: ErrorEstimate,
-    runs: RunSet,
-    target: Path,
-    height: object,
-    *,
-    overwrite: bool,
-) -> dict[str, Any]:
-    """Write one bump that tells the sign on the machine, as ``metrosep table --trial`` does.
+def make_trial(
+    wanted: Wanted, estimate: ErrorEstimate, runs: RunSet, height: object
+) -> TrialTable:
+    """Return one bump that tells the sign on the machine, as ``metrosep table --trial`` has it.
 
     Parameters
     ----------
@@ -83,10 +77,63 @@ def write_trial(
         Separated error.
     runs : RunSet
         Readings.
-    target : Path
-        The file.
     height : object
         Text with a unit, "2 um".
+
+    Returns
+    -------
+    TrialTable
+        Not written yet.
+
+    Raises
+    ------
+    DataError
+        If the height is no length, or the controller holds polynomials.
+    TableError
+        If the table cannot be made, or has no room for a bump.
+    """
+    if not isinstance(height, str):
+        raise DataError(f"trial is a height with its unit, such as 2 um; got {height!r}")
+    size = parse_quantity(height, dimension="length", name="trial")
+    made = wanted.carried(estimate, runs)
+    if not isinstance(made, CompensationTable):
+        raise DataError("a trial has no meaning for a polynomial: its sign is stated")
+    return trial_table(made, size)
+
+
+def trial_words(trial: TrialTable) -> dict[str, Any]:
+    """Return what a trial of the sign asks for.
+
+    Parameters
+    ----------
+    trial : TrialTable
+        From `make_trial`.
+
+    Returns
+    -------
+    dict
+        ``instruction``, ``if_right``, ``if_wrong``.
+    """
+    return {
+        "instruction": trial.instruction,
+        "if_right": trial.if_right,
+        "if_wrong": trial.if_wrong,
+    }
+
+
+def write_trial(
+    wanted: Wanted, trial: TrialTable, target: Path, *, overwrite: bool
+) -> dict[str, Any]:
+    """Write a trial of the sign.
+
+    Parameters
+    ----------
+    wanted : Wanted
+        The table in whose place it is tried.
+    trial : TrialTable
+        From `make_trial`.
+    target : Path
+        The file.
     overwrite : bool
         Replace a table that metrosep wrote.
 
@@ -100,63 +147,13 @@ def write_trial(
     WriteError
         If another file is there, or it cannot be written.
     DataError
-        If the height is no length, or the controller holds polynomials.
+        If a table of metrosep is there and `overwrite` is not said.
     TableError
         If it is refused; nothing is written then.
     """
-    trial = _trial(wanted, estimate, runs, height)
     replaces = _replaces(target, overwrite=overwrite)
     wanted.write(trial, target, None, overwrite=replaces)
-    return {**_files(target), "trial": _words(trial)}
-
-
-def trial_words(
-    wanted: Wanted, estimate: ErrorEstimate, runs: RunSet, height: object
-) -> dict[str, Any]:
-    """Return what a trial of the sign asks for; nothing is written.
-
-    Parameters
-    ----------
-    wanted : Wanted
-        The table in whose place it is tried.
-    estimate : ErrorEstimate
-        Separated error.
-    runs : RunSet
-        Readings.
-    height : object
-        Text with a unit, "2 um".
-
-    Returns
-    -------
-    dict
-        ``instruction``, ``if_right``, ``if_wrong``.
-
-    Raises
-    ------
-    DataError
-        If the height is no length, or the controller holds polynomials.
-    TableError
-        If the table cannot be made, or has no room for a bump.
-    """
-    return _words(_trial(wanted, estimate, runs, height))
-
-
-def _trial(wanted: Wanted, estimate: ErrorEstimate, runs: RunSet, height: object) -> TrialTable:
-    if not isinstance(height, str):
-        raise DataError(f"trial is a height with its unit, such as 2 um; got {height!r}")
-    size = parse_quantity(height, dimension="length", name="trial")
-    made = wanted.carried(estimate, runs)
-    if not isinstance(made, CompensationTable):
-        raise DataError("a trial has no meaning for a polynomial: its sign is stated")
-    return trial_table(made, size)
-
-
-def _words(trial: TrialTable) -> dict[str, Any]:
-    return {
-        "instruction": trial.instruction,
-        "if_right": trial.if_right,
-        "if_wrong": trial.if_wrong,
-    }
+    return {**_files(target), "trial": trial_words(trial)}
 
 
 def _replaces(target: Path, *, overwrite: bool) -> bool:

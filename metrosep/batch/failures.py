@@ -7,7 +7,7 @@ import os
 from collections.abc import Iterator
 
 from metrosep.batch.units import Unit
-from metrosep.core import errors
+from metrosep.core import errors, exit_codes
 
 __all__ = [
     "ChangedError",
@@ -27,25 +27,8 @@ class WorkerDiedError(errors.MetrosepError, RuntimeError):
     """A worker process ended while it worked on a unit alone."""
 
 
-_CODES: tuple[tuple[type[BaseException], int], ...] = (
-    (WorkerDiedError, 4),
-    (errors.SignCheckFailedError, 1),
-    (errors.SignNotConfirmedError, 1),
-    (errors.LimitError, 1),
-    (errors.TableError, 2),
-    (errors.RecipeError, 2),
-    (errors.WriteError, 2),
-    (errors.UnitError, 2),
-    (errors.ReadError, 4),
-    (errors.SeparationError, 4),
-    (errors.FitError, 4),
-    (errors.InvalidSamplesError, 4),
-    (errors.NotUniformError, 4),
-    (errors.TooFewSamplesError, 4),
-    (errors.DataError, 2),
-    (OSError, 4),
-    (MemoryError, 4),
-)
+_MORE: exit_codes.Codes = ((WorkerDiedError, 4), (OSError, 4), (MemoryError, 4))
+"""Besides those of every command: a batch goes on, and such an input is a row that cannot be used."""
 
 
 def exit_code_of(error: BaseException) -> int:
@@ -61,7 +44,7 @@ def exit_code_of(error: BaseException) -> int:
     int
         5 for what metrosep did not raise on purpose.
     """
-    return next((code for kind, code in _CODES if isinstance(error, kind)), 5)
+    return exit_codes.exit_code_of(error, _MORE)
 
 
 def is_disk_full(error: BaseException) -> bool:

@@ -14,6 +14,7 @@ from metrosep.batch.rows import STATUSES, exit_code
 from metrosep.batch.units import Found
 from metrosep.batch.work import Task
 from metrosep.core.errors import MetrosepError
+from metrosep.recipe.part_order import order_notes
 from metrosep.recipe.recipe import Recipe
 
 __all__ = ["Progress", "finished_report", "told_index"]
@@ -153,6 +154,7 @@ def _messages(
     for kind, n in document["apart"].items():
         if n:
             yield f"{n} result(s) in the output folder are kept apart and not counted: {_APART[kind]}"
+    yield from order_notes(document)
     names = {
         c.get(k)
         for r in document["rows"]

@@ -21,6 +21,7 @@ from metrosep.batch.marks import FAILED, RESULT, read_mark, short_version
 from metrosep.batch.rows import STATUSES, row_of
 from metrosep.core.atomic import atomic_write
 from metrosep.core.errors import DataError
+from metrosep.recipe.index_rows import index_columns, index_rows
 from metrosep.recipe.result import clean
 
 if TYPE_CHECKING:
@@ -30,10 +31,6 @@ __all__ = ["SCHEMA", "build_index", "index_formats", "write_index"]
 
 SCHEMA = "metrosep.index/1"
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
-_FIELDS = (
-    "file", "key", "characteristic", "metric", "value", "unit", "lower", "upper", "U", "verdict",
-    "status", "reason", "result",
-)  # fmt: skip
 
 
 def build_index(
@@ -65,7 +62,8 @@ def build_index(
     -------
     dict
         Schema ``metrosep.index/1``: ``rows``, ``counts`` by status, ``apart`` (results of another
-        recipe, another version, former contents, of inputs that are gone), ``trend``, ``groups``, ``recipe``, ``title``.
+        recipe, another version, former contents, of inputs that are gone), ``trend``,
+        ``order``, ``groups``, ``recipe``, ``title``.
 
     Notes
     -----
@@ -97,8 +95,9 @@ def build_index(
                 "sha256": recipe.sha256,
                 "meaning_sha256": recipe_hash,
             },
-            "groups": list(recipe.batch_options.get("key") or ()),
+            "groups": list(recipe.batch_options.get("groups") or ()),
             "trend": list(recipe.batch_options.get("trend") or ()),
+            "order": recipe.batch_options.get("order") or "name",
             "counts": {"total": len(rows), **{s: counts.get(s, 0) for s in STATUSES}},
             "apart": {
                 k: apart[k] for k in ("other_recipe", "other_version", "former_content", "gone")
@@ -188,16 +187,9 @@ def _write_json(document: Mapping[str, Any], path: Path) -> None:
 def _write_csv(document: Mapping[str, Any], path: Path) -> None:
     """Write the long form: one line for each characteristic, one for each unit without any."""
     buffer = io.StringIO(newline="")
-    groups = [g for g in document["groups"] if g not in _FIELDS]
     writer = csv.writer(buffer, lineterminator="\r\n")
-    writer.writerow([*_FIELDS[:2], *groups, *_FIELDS[2:]])
-    for row in document["rows"]:
-        head = [row["unit"], row["key"], *(row["groups"].get(g, "") for g in groups)]
-        tail = [row["status"], row["reason"], row["link"]]
-        each: Sequence[Mapping[str, Any]] = row["characteristics"] or ({},)
-        for c in each:
-            values = [c.get(k) for k in ("name", "metric", "value", "unit", "lower", "upper", "U")]
-            writer.writerow(_cells([*head, *values, c.get("verdict"), *tail]))
+    writer.writerow(index_columns(document))
+    writer.writerows(_cells(row) for row in index_rows(document))
     atomic_write(path, buffer.getvalue().encode("utf-8", "backslashreplace"))
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from metrosep.io.measuring_time import moment_of
+
 __all__ = ["STATUSES", "exit_code", "row_of"]
 
 STATUSES = ("accepted", "rejected", "inconclusive", "measured", "failed", "refused")
@@ -31,7 +33,7 @@ def row_of(document: Mapping[str, Any], link: str | None) -> dict[str, Any]:
     dict
         ``unit``, ``key``, ``groups``, ``status``, ``verdict``, ``reason``, ``exit_code``,
         ``link``, ``characteristics``, ``messages``, ``hash``, ``input_sha256``, ``recipe_sha256``,
-        ``version``; of failures also ``error``, the class of the error, and ``again``, whether a
+        ``version``, ``measured_at`` (the earliest date that an input states); of failures also ``error``, the class of the error, and ``again``, whether a
         resumed batch tries once more.
     """
     unit = document["unit"]
@@ -55,8 +57,14 @@ def row_of(document: Mapping[str, Any], link: str | None) -> dict[str, Any]:
         "input_sha256": unit["input_sha256"],
         "recipe_sha256": unit["recipe_sha256"],
         "version": unit["version"],
+        "measured_at": _measured_at(document),
         **({k: document.get(k) for k in ("error", "again")} if failed else {}),
     }
+
+
+def _measured_at(document: Mapping[str, Any]) -> str | None:
+    known = [i["measured_at"] for i in document.get("inputs") or () if i.get("measured_at")]
+    return min(known, key=moment_of, default=None)
 
 
 def _reason(document: Mapping[str, Any]) -> str | None:

@@ -16,9 +16,10 @@ from metrosep.batch.finish import finished_report, told_index
 from metrosep.batch.lock import locked
 from metrosep.batch.loop import Stop, work_through
 from metrosep.batch.marks import Identity
+from metrosep.batch.output_folders import record_source, require_own_source
 from metrosep.batch.report import BatchReport
 from metrosep.batch.units import Found, Unit, find_units
-from metrosep.batch.watch import new_units
+from metrosep.batch.watch import file_time, new_units
 from metrosep.batch.work import DISK_FULL, Task, earlier_row, input_hash
 from metrosep.core.errors import DataError, ReadError, RecipeError, WriteError
 from metrosep.recipe.hashing import recipe_hash
@@ -90,13 +91,14 @@ def run_batch(
     DataError
         If the scheduler or the number of workers is not possible.
     ReadError
-        If the folder is none, or no file of it is of the recipe.
+        If the folder is none, is itself the output folder of a batch, or no file of it is of the
+        recipe.
     RecipeError
         If the recipe is wrong, or reads no inputs; also where that shows only when it is carried
         out and no unit has a result by then: the batch stops, instead of failing every file.
     WriteError
-        If the output folder cannot be written, another batch works in it, or the disk is full:
-        what is done is kept.
+        If the output folder cannot be written, holds the results of another input folder, another
+        batch works in it, or the disk is full: what is done is kept.
     ClusterError
         If Dask is not installed or the cluster cannot be reached.
 
@@ -137,6 +139,7 @@ def run_batch(
     found = find_units(loaded, source, out=target)
     if not found.units and watch is None:
         raise ReadError(_nothing(loaded, source, found))
+    found = replace(found, messages=(*found.messages, *require_own_source(target, source)))
     task = Task(
         text=loaded.text,
         name=loaded.name,
@@ -153,6 +156,7 @@ def run_batch(
     batch = _Batch(loaded, task, stop, tell, strict=strict)
     batch.names.update(u.name for u in found.units)
     with locked(target), stop.at_signals():
+        record_source(target, source)
         count = count if watch is not None else min(count, len(found.units))
         with executor(scheduler, count) as make:
             width = {"serial": 1, "dask": max(_OF_CLUSTER, _AHEAD * count)}.get(
@@ -204,10 +208,16 @@ class _Batch:
     ) -> None:
         """Take units through, and keep their rows."""
         self.names.update(u.name for u in units)
-        for row in rows_of(iter(units)):
+        by_name = {u.name: u for u in units}
+        changed = self.recipe.batch_options.get("order") == "file_time"
+        for made in rows_of(iter(units)):
+            row = dict(made)
             if row["status"] == DISK_FULL:
                 self.stop.because(DISK_FULL)
                 continue
+            unit = by_name[row["unit"]]
+            row["groups"] = dict(unit.groups)  # of this pattern, whatever a mark of before says
+            row |= {"file_time": file_time(unit)} if changed else {}
             self.rows[row["unit"]] = row
             self._report(row)
             if row.get("error") == RecipeError.__name__ and all(
@@ -251,6 +261,8 @@ def _nothing(recipe: Recipe, folder: Path, found: Found) -> str:
     text = f"{folder}: no file" + (f" matches {files}" if files else " of a known format")
     if found.left_out:
         text += f" and the pattern of [batch] ({len(found.left_out)} do not fit the pattern)"
+    if found.outputs:
+        text += f"; {len(found.outputs)} output folder(s) of batches in it do not count"
     return f"{text}; check the folder, and 'files' of [input] in {recipe.name}"
 
 

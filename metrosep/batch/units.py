@@ -12,6 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from metrosep.batch.output_folders import count_files, is_output_folder
 from metrosep.core.errors import ReadError, RecipeError
 from metrosep.recipe.methods import METHODS
 
@@ -61,11 +62,14 @@ class Found:
         Files or folders that do not fit the pattern of ``[batch]``.
     messages : tuple of str
         In plain words.
+    outputs : tuple of str
+        Output folders of other batches; what lies in them is no input.
     """
 
     units: tuple[Unit, ...]
     left_out: tuple[str, ...] = ()
     messages: tuple[str, ...] = ()
+    outputs: tuple[str, ...] = ()
 
 
 def find_units(
@@ -91,13 +95,14 @@ def find_units(
     Raises
     ------
     ReadError
-        If the folder is none or cannot be read.
+        If the folder is none, cannot be read, or is itself the output folder of a batch.
     RecipeError
         If the recipe reads no input, or ``files`` holds a whole path.
 
     Notes
     -----
-    Hidden files (``.name``), folders behind links, and the output folder are not looked into. Upper
+    Hidden files (``.name``), folders behind links, the output folder and, unless the recipe works on
+    results, those of other batches are not looked into. Upper
     and lower case are the same, so that ``R.X3P`` is a ``*.x3p``; only where the files of a folder
     belong together the recipe's own reading counts, and a message names what it will not take.
     Pipes, sockets and devices are no files: reading one would wait for ever.
@@ -112,6 +117,13 @@ def find_units(
     if not root.is_dir():
         what = "is a file, not a folder" if root.exists() else "does not exist"
         raise ReadError(f"{root}: {what}; a batch needs the folder of its inputs")
+    method = METHODS.get(recipe.steps[0]["op"])
+    of_results = method is not None and method.reads == "results"
+    if not of_results and is_output_folder(root):
+        raise ReadError(
+            f"{root}: is the output folder of a batch, and its results would be taken for inputs; give "
+            "the folder of the measured files"
+        )
     pattern = recipe.batch_options.get("pattern")
     regex = re.compile(pattern) if pattern is not None else None
     cased: list[str] = []
@@ -121,7 +133,8 @@ def find_units(
     left: list[str] = []
     links: list[str] = []
     closed: list[str] = []
-    for place, names in _walk(root, out, links, closed):
+    outputs: list[str] | None = None if of_results else []
+    for place, names in _walk(root, out, links, closed, outputs):
         for target, files in members(place, names, root):
             if _is_odd(target):
                 odd.append(_relative(target, root))
@@ -134,7 +147,8 @@ def find_units(
     return Found(
         tuple(sorted(units, key=lambda u: u.name)),
         tuple(sorted(left)),
-        tuple(_messages(left, links, closed, cased, odd, root)),
+        tuple(_messages(left, links, closed, cased, odd, outputs or [], root)),
+        tuple(outputs or ()),
     )
 
 
@@ -189,9 +203,9 @@ def safe_name(text: str) -> str:
 
 
 def _walk(
-    root: Path, out: Path | None, links: list[str], closed: list[str]
+    root: Path, out: Path | None, links: list[str], closed: list[str], outputs: list[str] | None
 ) -> Iterator[tuple[Path, list[str]]]:
-    """Yield each folder with its files; note folders behind links, and those that are closed."""
+    """Yield each folder with its files; note those behind links, closed ones, and outputs."""
     avoid = None if out is None else out.resolve()
 
     def refuse(exc: OSError) -> None:
@@ -207,7 +221,11 @@ def _walk(
                 continue
             if (here / name).is_symlink():
                 links.append(_relative(here / name, root))
-            elif avoid is None or (here / name).resolve() != avoid:
+            elif avoid is not None and (here / name).resolve() == avoid:
+                continue
+            elif outputs is not None and is_output_folder(here / name):
+                outputs.append(_relative(here / name, root))
+            else:
                 kept.append(name)
         folders[:] = kept
         yield here, sorted(n for n in files if not n.startswith("."))
@@ -307,14 +325,17 @@ def _messages(
     closed: list[str],
     cased: list[str],
     odd: list[str],
+    outputs: list[str],
     root: Path,
 ) -> Iterator[str]:
+    n = sum(count_files(root / name) for name in outputs)
     for items, why in (
         (left, "do not fit the pattern of [batch]"),
         (links, "are links to folders"),
         (closed, "are folders that cannot be read"),
         (cased, "are no plain files, or fit 'files' of [input] only in another case,"),
         (odd, "are no plain files (a pipe, a socket or a device)"),
+        (outputs, f"are output folders of batches ({n} files)"),
     ):
         if items:
             shown = ", ".join(items[:3]) + (" ..." if len(items) > 3 else "")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Iterator, Mapping
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from metrosep.batch.loop import Stop
 from metrosep.batch.units import Found, Unit, find_units
 from metrosep.recipe.recipe import Recipe
 
-__all__ = ["new_units"]
+__all__ = ["file_time", "new_units"]
 
 _NAP_SECONDS = 0.1
 _MOST_LOOKS = 64
@@ -72,6 +73,26 @@ def new_units(
         if ready:
             yield tuple(ready)
         _sleep(every, stop)
+
+
+def file_time(unit: Unit) -> str | None:
+    """Return when the first of the files of a unit was changed for the last time.
+
+    Parameters
+    ----------
+    unit : Unit
+        With its files.
+
+    Returns
+    -------
+    str or None
+        ISO 8601 in UTC; None where they are gone.
+    """
+    try:
+        first = min(os.stat(f).st_mtime for f in unit.files)  # noqa: PTH116
+    except OSError:
+        return None
+    return datetime.fromtimestamp(first, UTC).isoformat()
 
 
 class _Patience:

@@ -247,6 +247,8 @@ class _TooLargeError(MetrosepError, MemoryError):
 def _carry_out(
     task: Task, unit: Unit, identity: Identity, before: Mapping[str, tuple[int, int]]
 ) -> dict[str, Any]:
+    from metrosep.recipe.run import run_recipe
+
     recipe = _recipe(task.text, task.name, task.folder, task.recipe_hash)
     folder = identity.folder(Path(task.out), unit)
     folder.mkdir(parents=True, exist_ok=True)
@@ -256,13 +258,13 @@ def _carry_out(
     stage.mkdir()
     try:
         inside = stage if recipe.outputs else None
-        document = {**recipe.run(unit.target, out=inside).document}
+        done = run_recipe(recipe, unit.target, out=inside, progress=None, with_result=False)
+        document = {**done.document}
         _require_unchanged(unit, before, identity, document)
         document["unit"] = unit_record(unit, identity)
         (folder / RESULT).unlink(missing_ok=True)
         for file in sorted(stage.iterdir()):
-            if file.name != RESULT:
-                file.replace(folder / file.name)
+            file.replace(folder / file.name)
         marks.write_mark(folder, RESULT, document)
     finally:
         shutil.rmtree(stage, ignore_errors=True)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from metrosep.cli.options import json_option, say
+from metrosep.cli.options import json_option, override_option, say
 
 if TYPE_CHECKING:
     from metrosep.batch.report import BatchReport
@@ -54,6 +54,7 @@ _OF_UNITS = (1, 3, 6)
     is_flag=True,
     help="End with 0 also where units are rejected, inconclusive or failed.",
 )
+@override_option
 @json_option
 @click.pass_context
 def batch(
@@ -64,6 +65,7 @@ def batch(
     every: float | None,
     watch: bool,
     exit_zero: bool,
+    overrides: tuple[str, ...],
     as_json: bool,
     **options: Any,
 ) -> int:
@@ -74,13 +76,17 @@ def batch(
     130 interrupted.
     """
     from metrosep.batch import run_batch
+    from metrosep.recipe.preflight import require_limits
+    from metrosep.recipe.recipe import Recipe
 
     if every is not None and not watch:
         raise click.UsageError("--every needs --watch")
     seconds = (5.0 if every is None else every) if watch else None
     quiet = bool((context.obj or {}).get("quiet"))
+    loaded = Recipe.load(recipe, overrides=overrides)
+    require_limits(loaded)
     with _progress(quiet=quiet) as tell:
-        report = run_batch(recipe, folder, watch=seconds, tell=tell, **options)
+        report = run_batch(loaded, folder, watch=seconds, tell=tell, **options)
     if as_json:
         click.echo(json.dumps(_summary(report), sort_keys=True, allow_nan=False))
     code = 0 if exit_zero and report.exit_code in _OF_UNITS else report.exit_code

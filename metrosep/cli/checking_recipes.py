@@ -37,7 +37,9 @@ def are_recipes(files: Sequence[str]) -> bool:
     return bool(files) and all(Path(f).suffix.lower() == ".toml" for f in files)
 
 
-def check_recipes(files: Sequence[str], *, as_json: bool, explain: bool) -> int:
+def check_recipes(
+    files: Sequence[str], *, as_json: bool, explain: bool, overrides: Sequence[str] = ()
+) -> int:
     """Print what is wrong in recipes.
 
     Parameters
@@ -48,13 +50,15 @@ def check_recipes(files: Sequence[str], *, as_json: bool, explain: bool) -> int:
         One JSON object instead of lines.
     explain : bool
         Print the keys of each step that the recipe leaves out, with what holds then.
+    overrides : sequence of str, optional
+        ``key=value`` each, in place of what the recipes say.
 
     Returns
     -------
     int
         0 if all are right, else 2.
     """
-    found = {name: _checked(name) for name in files}
+    found = {name: _checked(name, overrides) for name in files}
     if as_json:
         items = [
             {"file": n, "errors": errors, **({"defaults": _defaults(r)} if explain and r else {})}
@@ -73,9 +77,10 @@ def check_recipes(files: Sequence[str], *, as_json: bool, explain: bool) -> int:
     return 2 if any(errors for _, errors in found.values()) else 0
 
 
-def _checked(name: str) -> tuple[Recipe | None, list[str]]:
+def _checked(name: str, overrides: Sequence[str]) -> tuple[Recipe | None, list[str]]:
     """Return the recipe, if it can be had, and what is wrong."""
     from metrosep.core.errors import RecipeError
+    from metrosep.recipe.overrides import with_overrides
     from metrosep.recipe.recipe import Recipe
 
     target = Path(name)
@@ -85,7 +90,12 @@ def _checked(name: str) -> tuple[Recipe | None, list[str]]:
         reason = getattr(exc, "strerror", None) or exc
         return None, [f"{name}: the recipe cannot be read ({reason})"]
     folder = target.resolve().parent
-    errors = recipe_errors(text, name=target.name, folder=folder)
+    errors = []
+    try:
+        text = with_overrides(text, target.name, folder, overrides) if overrides else text
+    except RecipeError as exc:
+        errors.append(str(exc))
+    errors += [e for e in recipe_errors(text, name=target.name, folder=folder) if e not in errors]
     try:
         return Recipe.parse(text, name=target.name, folder=folder), errors
     except RecipeError:
@@ -129,6 +139,7 @@ def recipe_errors(text: str, *, name: str, folder: Path) -> list[str]:
     """
     from metrosep.core.errors import RecipeError
     from metrosep.recipe.extends import layers_of
+    from metrosep.recipe.preflight import limit_errors
     from metrosep.recipe.recipe import Recipe
 
     try:
@@ -140,7 +151,7 @@ def recipe_errors(text: str, *, name: str, folder: Path) -> list[str]:
         recipe = Recipe.parse(text, name=name, folder=folder)
     except RecipeError as exc:
         return errors or [str(exc)]
-    return errors + [str(e) for e in _of_plugins(recipe)]
+    return errors + [str(e) for e in (*limit_errors(recipe), *_of_plugins(recipe))]
 
 
 def _of_tables(layers: Any, name: str) -> Iterator[Exception]:
@@ -149,6 +160,7 @@ def _of_tables(layers: Any, name: str) -> Iterator[Exception]:
     from metrosep.recipe.batch_keys import batch_table
     from metrosep.recipe.extends import LayeredPlace
     from metrosep.recipe.methods import METHODS
+    from metrosep.recipe.overrides import input_fields_of
     from metrosep.recipe.steps import (
         CHECK,
         METHOD_CHECK,
@@ -165,7 +177,7 @@ def _of_tables(layers: Any, name: str) -> Iterator[Exception]:
     yield from _of_table(data, TOP, place(), "the recipe")
     ops = {**STEPS, **{op: method.fields for op, method in METHODS.items()}}
     first = next((s.get("op") for s in _tables(data, "step")), None)
-    fields = _input_fields(first)
+    fields = input_fields_of(first)
     if fields is not None and isinstance(data.get("input"), Mapping):
         yield from _of_table(data["input"], fields, place("[input]"), "[input]")
     plain = first in ("separate", "polynomial", "plan_feedrates")
@@ -190,19 +202,6 @@ def _of_tables(layers: Any, name: str) -> Iterator[Exception]:
 def _tables(data: Mapping[str, Any], key: str) -> list[Mapping[str, Any]]:
     found = data.get(key, [])
     return [t for t in found if isinstance(t, Mapping)] if isinstance(found, list) else []
-
-
-def _input_fields(op: Any) -> Mapping[str, Field] | None:
-    from metrosep.recipe.methods import METHODS, input_fields
-    from metrosep.recipe.steps import INPUT, MEASURING, MEASURING_INPUT, STEPS
-
-    if not isinstance(op, str):
-        return None
-    if op in METHODS:
-        return input_fields(METHODS[op])
-    if op in MEASURING:
-        return MEASURING_INPUT
-    return INPUT if op in STEPS else None
 
 
 def _of_item(

@@ -13,11 +13,10 @@ import sys
 import traceback
 from collections.abc import Callable, Collection
 
-from metrosep.core import errors
+from metrosep.core import exit_codes
 from metrosep.core.units import format_length
 
 __all__ = [
-    "EXIT_CODES",
     "as_options",
     "exit_code_of",
     "is_standard_output",
@@ -25,24 +24,7 @@ __all__ = [
     "verdict_code",
 ]
 
-EXIT_CODES: tuple[tuple[type[BaseException], int], ...] = (
-    (errors.SignCheckFailedError, 1),
-    (errors.SignNotConfirmedError, 1),
-    (errors.LimitError, 1),
-    (errors.TableError, 2),
-    (errors.RecipeError, 2),
-    (errors.WriteError, 2),
-    (errors.UnitError, 2),
-    (errors.ReadError, 4),
-    (errors.SeparationError, 4),
-    (errors.FitError, 4),
-    (errors.InvalidSamplesError, 4),
-    (errors.NotUniformError, 4),
-    (errors.TooFewSamplesError, 4),
-    (errors.DataError, 2),
-    (KeyboardInterrupt, 130),
-)
-
+_INTERRUPTED = 130
 
 _STDOUT_ERRORS = (errno.ENOSPC, errno.EIO, errno.EBADF, errno.EINVAL)
 
@@ -140,10 +122,8 @@ def exit_code_of(error: BaseException) -> int:
     int
         5 for what metrosep did not raise on purpose.
     """
-    for kind, code in EXIT_CODES:
-        if isinstance(error, kind):
-            return code
-    return 2 if is_standard_output(error) else 5
+    code = exit_codes.exit_code_of(error, ((KeyboardInterrupt, _INTERRUPTED),))
+    return 2 if code == exit_codes.INTERNAL and is_standard_output(error) else code
 
 
 def is_standard_output(error: BaseException) -> bool:
@@ -211,9 +191,9 @@ def report_error(
         traceback.print_exception(error, file=sys.stderr)
     if isinstance(error, BrokenPipeError):  # the reader had enough: nothing to tell
         return code
-    if code == 130:
+    if code == _INTERRUPTED:
         line = "interrupted; nothing half-written was left behind"
-    elif code == 5:
+    elif code == exit_codes.INTERNAL:
         line = (
             f"internal error ({type(error).__name__}: {error}); this is a bug in metrosep: run again "
             "with -vv and report it"

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from metrosep.cli.options import file_options, json_option, say
+from metrosep.cli.options import file_options, json_option, override_option, say
 
 __all__ = ["check", "convert", "formats", "info"]
 
@@ -51,11 +51,13 @@ def info(
 @click.option(
     "--explain", is_flag=True, help="Of recipes: print what holds where a key is left out."
 )
+@override_option
 @json_option
 def check(
     files: tuple[str, ...],
     reading: dict[str, Any],
     explain: bool,
+    overrides: tuple[str, ...],
     as_json: bool,
 ) -> int:
     """Say what is odd about FILE: level, problem, fix.
@@ -67,9 +69,10 @@ def check(
     from metrosep.cli.checking_recipes import are_recipes, check_recipes
 
     if are_recipes(files):
-        return check_recipes(files, as_json=as_json, explain=explain)
-    if explain:
-        raise click.UsageError("--explain is for recipes (.toml); leave it out for data")
+        return check_recipes(files, as_json=as_json, explain=explain, overrides=overrides)
+    if explain or overrides:
+        option = "--explain" if explain else "-s"
+        raise click.UsageError(f"{option} is for recipes (.toml); leave it out for data")
     from metrosep.cli.errors import as_options
     from metrosep.io.check import check_file
 

@@ -15,6 +15,7 @@ from metrosep.cli.options import (
     name_values,
     named_options,
     optional_read_options,
+    override_option,
     say,
     table_options,
 )
@@ -63,10 +64,16 @@ def demo(context: click.Context, out: str, as_json: bool) -> int:
 @click.argument("recipe")
 @click.argument("inputs", nargs=-1, metavar="INPUT...")
 @click.option("-o", "--out", required=True, help="Folder for tables, reports and result.json.")
+@override_option
 @json_option
 @click.pass_context
 def run(
-    context: click.Context, recipe: str, inputs: tuple[str, ...], out: str, as_json: bool
+    context: click.Context,
+    recipe: str,
+    inputs: tuple[str, ...],
+    out: str,
+    overrides: tuple[str, ...],
+    as_json: bool,
 ) -> int:
     """Carry out RECIPE on INPUT files or folders.
 
@@ -77,7 +84,7 @@ def run(
     from metrosep.cli.printed import print_named, recipe_words
     from metrosep.recipe.recipe import Recipe
 
-    loaded = Recipe.load(recipe)
+    loaded = Recipe.load(recipe, overrides=overrides)
     if context.obj is not None:
         context.obj["words"] = functools.partial(recipe_words, loaded)
     result = loaded.run(list(inputs) or None, out=out, progress=progress(context))

@@ -14,6 +14,7 @@ __all__ = [
     "name_values",
     "named_options",
     "optional_read_options",
+    "override_option",
     "read_options",
     "say",
     "table_options",
@@ -40,6 +41,29 @@ def json_option(command: F) -> F:
     """
     return click.option(
         "as_json", "--json", is_flag=True, help="One JSON object on standard output."
+    )(command)
+
+
+def override_option(command: F) -> F:
+    """Add ``-s``, which overrides a key of a recipe.
+
+    Parameters
+    ----------
+    command : callable
+        To decorate; it takes them as ``overrides``.
+
+    Returns
+    -------
+    callable
+        Decorated.
+    """
+    return click.option(
+        "-s",
+        "overrides",
+        multiple=True,
+        metavar="KEY=VALUE",
+        help='A key of the recipe: step.form.form=sphere, step.2.degree=5, check.Sa.upper="12 nm"; '
+        "may be repeated.",
     )(command)
 
 

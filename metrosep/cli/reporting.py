@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,9 @@ __all__ = ["report"]
 _FORBIDDEN = '<>:"/\\|?*'
 """In file names of Windows."""
 
+_TOGETHER = frozenset({"csv", "parquet"})
+"""Formats that hold all results in one file."""
+
 Writer = Callable[[Mapping[str, Any], Path], Any]
 
 
@@ -28,7 +31,7 @@ Writer = Callable[[Mapping[str, Any], Path], Any]
     default="html",
     show_default=True,
     metavar="NAME,...",
-    help="Of the reports: html, pdf, xlsx, csv, dfq, or what else is installed.",
+    help="Of the reports: html, pdf, xlsx, csv, parquet, dfq, or what else is installed.",
 )
 @click.option("-o", "--out", required=True, metavar="DIR", help="Folder for the reports.")
 @click.option(
@@ -56,8 +59,8 @@ def report(
 
     Where the folder has the index.json of a batch, its rows say which results count; what is left
     out is told. Nothing is computed and no input is touched; the same result gives the same bytes. Several
-    results give one file each, and one results.csv for all. Exit code 4: a result was unreadable, the
-    others are done.
+    results give one file each, but one results.csv and one results.parquet for all. Exit code 4: a
+    result was unreadable, the others are done.
     """
     from metrosep.core.errors import ReadError
 
@@ -75,17 +78,33 @@ def report(
             say(f"error: {' '.join(str(exc).split())}")
             unread += 1
             continue
-        if "csv" in writers:
+        if not _TOGETHER.isdisjoint(writers):
             documents.append(document)
-    if "csv" in writers and len(files) > 1 and documents:
-        from metrosep.core.atomic import atomic_write
-        from metrosep.report.csv_long import render_csv
+    if len(files) > 1 and documents:
+        _write_together(documents, folder, writers, quiet=quiet)
+    return 4 if unread else 0
 
-        target = folder / "results.csv"
-        atomic_write(target, render_csv(documents).encode("utf-8"))
+
+def _write_together(
+    documents: Sequence[Mapping[str, Any]], folder: Path, kinds: Iterable[str], *, quiet: bool
+) -> None:
+    """Write the long forms: one file of a kind for all results."""
+    from metrosep.core.atomic import atomic_write
+    from metrosep.core.errors import UnsupportedFeatureError
+    from metrosep.report.csv_long import render_csv
+    from metrosep.report.parquet import render_parquet
+
+    for kind in (k for k in kinds if k in _TOGETHER):
+        target = folder / f"results.{kind}"
+        try:
+            data = (
+                render_parquet(documents) if kind == "parquet" else render_csv(documents).encode()
+            )
+        except UnsupportedFeatureError as exc:
+            raise click.ClickException(str(exc)) from None
+        atomic_write(target, data)
         if not quiet:
             say(f"report   {target}")
-    return 4 if unread else 0
 
 
 def _write(
@@ -100,21 +119,24 @@ def _write(
     """Write the reports of one result; what is wrong with it is told with its name."""
     from metrosep.core.errors import CorruptFileError, DataError, UnsupportedFeatureError
     from metrosep.recipe.result import load_document
+    from metrosep.report.csv_long import long_rows
 
     document = load_document(file)
     for kind, write in writers.items():
-        if kind == "csv" and not alone:
-            continue
         target = folder / f"{name}.{kind}"
+        together = kind in _TOGETHER and not alone
         try:
-            write(document, target)
+            if together:  # written when all are read; what is damaged is told here
+                list(long_rows([document]))
+            else:
+                write(document, target)
         except UnsupportedFeatureError as exc:
             raise click.ClickException(str(exc)) from None
         except (DataError, AttributeError, KeyError, TypeError, ValueError) as exc:
             raise CorruptFileError(
                 file, f"no {kind} can be made of it: {exc}", hint="run the recipe again"
             ) from exc
-        if not quiet:
+        if not quiet and not together:
             say(f"report   {target}")
     return document
 

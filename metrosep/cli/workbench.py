@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import socket
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -56,7 +55,6 @@ def ui(files: tuple[str, ...], port: int, no_browser: bool, folders: tuple[str, 
         port=port,
         token=token,
         first=[str(f.resolve()) for f in first],
-        exit_code=_exit_code,
     )
     address = f"http://127.0.0.1:{port}/?token={token}"
     say(f"metrosep: the workbench is at {address}")
@@ -86,9 +84,3 @@ def _listener(port: int) -> socket.socket:
             f"port {port} cannot be used ({exc.strerror or exc}); leave --port out, or choose another"
         ) from None
     return made
-
-
-def _exit_code(error: Any) -> int:
-    from metrosep.cli.errors import exit_code_of
-
-    return exit_code_of(error)

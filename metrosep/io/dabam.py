@@ -29,7 +29,7 @@ from metrosep.core.provenance import Step
 from metrosep.io.logger import text_lines
 from metrosep.io.maps import make_profile, only_channels
 from metrosep.io.registry import Match
-from metrosep.io.sidecar import beside, number_rows
+from metrosep.io.sidecar import also_read, beside, number_rows
 from metrosep.io.source import RawFile, lateral_steps, refuse_options
 
 __all__ = ["channels", "read", "sniff"]
@@ -141,7 +141,7 @@ def read(
         "data_file": data.name,
         "data_sha256": data.sha256,
     }
-    steps = [Step("read_columns", {"file": data.name, "sha256": data.sha256, "channel": name})]
+    steps = [also_read(data, channel=name)]
     if kind == "slope":
         refuse_options(file, "a profile of slopes over its own positions", lateral_step=override)
         facts |= _of_slopes(file, name, values, x, integrate=slope == "integrate")

@@ -18,12 +18,11 @@ import numpy as np
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, FormatMismatchError, UnsupportedFeatureError
 from metrosep.core.profile import Profile
-from metrosep.core.provenance import Step
 from metrosep.core.recording import Recording
 from metrosep.io.logger import Channels, head_lines, text_lines
 from metrosep.io.maps import make_profile, only_channels
 from metrosep.io.registry import Match
-from metrosep.io.sidecar import beside, number_rows
+from metrosep.io.sidecar import also_read, beside, number_rows
 from metrosep.io.source import MAX_PIXELS, RawFile, refuse_options
 
 __all__ = ["channels", "read", "sniff"]
@@ -261,12 +260,8 @@ def _line(file: RawFile, scan: _Scan, index: int) -> Profile:
         profile.x,
         profile.z,
         metadata=profile.metadata,
-        history=(*profile.history, _also_read(data)),
+        history=(*profile.history, also_read(data)),
     )
-
-
-def _also_read(data: RawFile) -> Step:
-    return Step("read_columns", {"file": data.name, "sha256": data.sha256})
 
 
 def _table(file: RawFile, data: RawFile, n_rows: int, widths: tuple[int, ...]) -> FloatArray:
@@ -310,5 +305,5 @@ def _positions(file: RawFile, scan: _Scan) -> Recording:
         result.channels,
         units=result.units,
         metadata=result.metadata,
-        history=(*result.history, _also_read(data)),
+        history=(*result.history, also_read(data)),
     )

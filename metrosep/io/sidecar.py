@@ -3,12 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from metrosep.core.errors import CorruptFileError, ReadError
+from metrosep.core.provenance import Step
 from metrosep.io.logger import text_lines, to_number
 from metrosep.io.source import RawFile, open_file
 
-__all__ = ["beside", "number_rows"]
+__all__ = ["also_read", "beside", "number_rows"]
+
+
+def also_read(data: RawFile, **parameters: Any) -> Step:
+    """Return the step of a history that says which file was read beside the one of that name.
+
+    Parameters
+    ----------
+    data : RawFile
+        The other file.
+    **parameters
+        What was taken of it, plain values.
+
+    Returns
+    -------
+    Step
+        ``read_columns`` with file name, SHA-256 and size; a result lists it among its inputs.
+    """
+    facts = {"file": data.name, "sha256": data.sha256, "size": data.size}
+    return Step("read_columns", {**facts, **parameters})
 
 
 def beside(file: RawFile, suffixes: Sequence[str]) -> RawFile:

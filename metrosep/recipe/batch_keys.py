@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import difflib
 import re
 from collections.abc import Mapping
 from typing import Any
 
 from metrosep.recipe.schema import Field, Place, checked_table
 
-__all__ = ["BATCH", "batch_table"]
+__all__ = ["BATCH", "COLUMNS", "ORDERS", "batch_table"]
 
 BATCH = {
     "each": Field("text", choices=("file", "folder")),
@@ -17,7 +18,17 @@ BATCH = {
     "on_error": Field("text", choices=("continue", "stop")),
     "index": Field("texts"),
     "trend": Field("texts"),
+    "order": Field("text"),
 }
+
+COLUMNS = (
+    "file", "key", "characteristic", "metric", "value", "unit", "lower", "upper", "U", "verdict",
+    "status", "reason", "result", "hash",
+)  # fmt: skip
+"""Columns of the index; a group of the pattern may not take their names."""
+
+ORDERS = ("name", "time", "file_time")
+"""Orders of the parts beside the groups: by name, measuring date, time of change of the file."""
 
 
 def batch_table(data: Mapping[str, Any], place: Place) -> dict[str, Any]:
@@ -34,14 +45,16 @@ def batch_table(data: Mapping[str, Any], place: Place) -> dict[str, Any]:
     -------
     dict
         ``each`` (what a unit is: "file", "folder", None: as the recipe reads), ``pattern`` (None:
-        the stem of each file names it), ``key`` (named groups), ``on_error``, ``index`` (formats),
-        ``trend`` (names of characteristics).
+        the stem of each file names it), ``key`` (named groups), ``groups`` (all of them, those of
+        ``key`` first), ``on_error``, ``index`` (formats), ``trend`` (names of characteristics),
+        ``order`` (of the parts in charts: one of `ORDERS`, or a group).
 
     Raises
     ------
     RecipeError
-        With file and line, if a key is unknown, the pattern is no regular expression, or ``key``
-        names a group that the pattern has not.
+        With file and line, if a key is unknown, the pattern is no regular expression, a group has
+        the name of a column of the index, or ``key`` or ``order`` names a group that the pattern
+        has not.
 
     Examples
     --------
@@ -65,13 +78,17 @@ def batch_table(data: Mapping[str, Any], place: Place) -> dict[str, Any]:
             raise place.error(f'key: the pattern has no group "{name}"; it has {known}', "key")
     for name in ("key", "index", "trend"):
         _once(table.get(name, ()), name, place)
+    order = table.get("order", "name")
+    _require_order(order, groups, place)
     return {
         "each": table.get("each"),
         "pattern": pattern,
         "key": key,
+        "groups": (*key, *(g for g in groups if g not in key)),
         "on_error": table.get("on_error", "continue"),
         "index": tuple(table.get("index", ("csv",))),
         "trend": tuple(table.get("trend", ())),
+        "order": order,
     }
 
 
@@ -79,7 +96,7 @@ def _groups(pattern: str | None, place: Place) -> tuple[str, ...]:
     if pattern is None:
         return ()
     try:
-        return tuple(re.compile(pattern).groupindex)
+        groups = tuple(re.compile(pattern).groupindex)
     except re.error as exc:
         at = "" if exc.pos is None else f" at character {exc.pos + 1}"
         raise place.error(
@@ -87,6 +104,36 @@ def _groups(pattern: str | None, place: Place) -> tuple[str, ...]:
             "backslashes stay",
             "pattern",
         ) from None
+    for name in groups:
+        if name in COLUMNS:
+            raise place.error(
+                f'pattern: the group "{name}" has the name of a column of the index; give it another '
+                f"one, such as (?P<part_{name}>...)",
+                "pattern",
+            )
+    return groups
+
+
+def _require_order(order: str, groups: tuple[str, ...], place: Place) -> None:
+    """Refuse an order that is nothing, or two things at once."""
+    if order in ORDERS and order in groups:
+        raise place.error(
+            f'order = "{order}" is the group "{order}" of the pattern and an order of its own; give '
+            f"the group another name, such as (?P<part_{order}>...)",
+            "order",
+        )
+    if order not in ORDERS and order not in groups:
+        known = [*ORDERS, *groups]
+        near = difflib.get_close_matches(order, known, n=1)
+        hint = f' Did you mean "{near[0]}"?' if near else ""
+        raise place.error(
+            f'order = "{order}" is not one of {", ".join(known)} (the last are groups of the pattern)'
+            f".{hint}"
+            if groups
+            else f'order = "{order}" is not one of {", ".join(known)}; an order by a part of the name '
+            f"needs a pattern with that group.{hint}",
+            "order",
+        )
 
 
 def _once(items: Any, name: str, place: Place) -> None:

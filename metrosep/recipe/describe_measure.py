@@ -62,6 +62,7 @@ def measurement_of(produced: Measurement, inputs: Any = None) -> Description:
         document={"steps": [_stage(s) for s in produced.stages]},
         audit={f"step {s.index + 1}, {s.op}": _words(s) for s in produced.stages},
         messages=produced.messages,
+        profiles={"left": last} if isinstance(last, Profile) else {},
     )
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core.profile import Profile
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
 
@@ -41,6 +42,8 @@ class Description:
         What the user should know, of results that hold no ``messages`` themselves.
     unlisted : frozenset of str
         Metrics that the document lists only where a check names them.
+    profiles : mapping of str to Profile
+        Parts that are profiles, for files that hold one; `tables` holds their samples too.
     """
 
     quantities: Mapping[str, Quantity] = field(default_factory=dict)
@@ -51,6 +54,7 @@ class Description:
     audit: Mapping[str, Any] = field(default_factory=dict)
     messages: tuple[str, ...] = ()
     unlisted: frozenset[str] = frozenset()
+    profiles: Mapping[str, Profile] = field(default_factory=dict)
 
 
 def quantity(

@@ -10,19 +10,31 @@ from __future__ import annotations
 import os
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from metrosep.core.errors import RecipeError
+from metrosep.recipe.override_marks import as_given
 from metrosep.recipe.schema import Place
 
-__all__ = ["LayeredPlace", "Layers", "before_record", "layers_of", "split_record"]
+__all__ = [
+    "LayeredPlace",
+    "Layers",
+    "before_record",
+    "layers_of",
+    "split_record",
+    "texts_of",
+    "with_texts",
+]
 
 _MARK = "# ==== built on (recorded when it ran; delete from here on to read the files again) ===="
 _NAME, _LINE = "#: ", "#| "
 _FILE, _SEEN = "#> ", "#@ "
 """A file that a step of a recipe in another folder names, and its name from the nearest recipe."""
+
+_BYTE_ORDER_MARK = "\ufeff"
+"""Some editors write it in front of a text in UTF-8."""
 
 _MOST = 8
 _TABLES = ("input", "batch", "view")
@@ -59,12 +71,14 @@ class LayeredPlace(Place):
         Returns
         -------
         RecipeError
-            To be raised; it names the nearest recipe that holds the key.
+            To be raised; it names the nearest recipe that holds the key. A line that an override
+            wrote is called by the override, another one by its number in the file.
         """
         each = [Place(n, t, self.header, self.number) for n, t in self._all()]
         holding = [p for p in each if p.line_of(None) is not None] if self.header else each
         having = [p for p in holding if key is not None and p.line_of(key) != p.line_of(None)]
-        return (having or holding or each)[0].error(problem, key)
+        place = (having or holding or each)[0]
+        return as_given(place.error(problem, key), place.file, place.text, problem)
 
     def _all(self) -> tuple[tuple[str, str], ...]:
         return ((self.file, self.text), *self.bases)
@@ -149,6 +163,43 @@ def before_record(text: str) -> int:
     return len(text) if found < 0 else found
 
 
+def texts_of(text: str) -> list[str]:
+    """Return the text of a recipe, and of each that it builds on, from one with its record.
+
+    Parameters
+    ----------
+    text : str
+        As `Layers.text`.
+
+    Returns
+    -------
+    list of str
+        The nearest first.
+    """
+    own, bases = _split(text)
+    return [own, *(b.text for b in bases)]
+
+
+def with_texts(text: str, texts: Sequence[str]) -> str:
+    """Return a recipe with other texts in place of its own and of those that it builds on.
+
+    Parameters
+    ----------
+    text : str
+        As `Layers.text`.
+    texts : sequence of str
+        As `texts_of` gives them.
+
+    Returns
+    -------
+    str
+        With its record.
+    """
+    _, bases = _split(text)
+    made = [replace(b, text=t) for b, t in zip(bases, texts[1:], strict=True)]
+    return texts[0] + _record(made)
+
+
 def _split(text: str) -> tuple[str, tuple[_Base, ...]]:
     own, mark, record = text.partition("\n" + _MARK + "\n")
     if not mark:
@@ -192,7 +243,7 @@ def layers_of(text: str, name: str, folder: Path) -> Layers:
     RecipeError
         If a text is not TOML, a recipe that is named cannot be read, or one extends itself.
     """
-    own, recorded = _split(text)
+    own, recorded = _split(text.removeprefix(_BYTE_ORDER_MARK))
     chain: list[tuple[str, str, dict[str, Any]]] = [(name, own, _parsed(own, name))]
     below: list[_Base] = []
     seen = {(folder / name).resolve()}
@@ -254,7 +305,7 @@ def _parsed(text: str, name: str) -> dict[str, Any]:
 
 def _read(target: Path, wanted: str, place: Place) -> str:
     try:
-        return target.read_text(encoding="utf-8")
+        return target.read_text(encoding="utf-8").removeprefix(_BYTE_ORDER_MARK)
     except (OSError, UnicodeDecodeError) as exc:
         reason = getattr(exc, "strerror", None) or exc
         raise place.error(

@@ -13,6 +13,7 @@ from metrosep.parameters.decision import decide, worst
 from metrosep.recipe.characteristics import DECISION_RULE
 from metrosep.recipe.described import describe
 from metrosep.recipe.description import Description
+from metrosep.recipe.inputs_read import input_records, named_files
 from metrosep.recipe.limits import limit_problem
 from metrosep.recipe.method import Method
 from metrosep.recipe.method_inputs import load_inputs, sources
@@ -30,7 +31,12 @@ __all__ = ["judged", "run_method"]
 
 
 def run_method(
-    recipe: Recipe, files: list[Path], *, out: Path | None, tell: Callable[[str], None]
+    recipe: Recipe,
+    files: list[Path],
+    *,
+    out: Path | None,
+    tell: Callable[[str], None],
+    with_result: bool = True,
 ) -> Result:
     """Read, separate, judge and write.
 
@@ -44,6 +50,8 @@ def run_method(
         Folder for the results.
     tell : callable
         Told what is being done.
+    with_result : bool, optional
+        Also write result.json into `out`.
 
     Returns
     -------
@@ -62,18 +70,25 @@ def run_method(
     inputs = load_inputs(method, files, {k: v for k, v in recipe.input.items() if k != "files"})
     _require_kind(recipe, inputs)
     tell(f"{'computing' if method.reads == 'nothing' else 'separating'}: {method.what}")
-    produced = method.call(inputs, _options(method, step, recipe.folder))
+    options = _options(method, step, recipe.folder)
+    named = named_files(options, method.fields)
+    produced = method.call(inputs, options)
     history, warnings = sources(inputs)
     history = (*history, *getattr(produced, "beside", ()))
     described = describe(produced, inputs)
-    document = _document(recipe, produced, described, history, warnings)
+    records = input_records(history, inputs if isinstance(inputs, tuple) else (inputs,))
+    known = {(i["name"], i["sha256"]) for i in records}
+    records += [n for n in named if (n["name"], n["sha256"]) not in known]
+    document = _document(recipe, produced, described, history, warnings, records)
     if out is None:
         return Result(document, produced)
     with staged(out) as stage:
-        names = write_parts(recipe, described, stage, tell)
+        names = write_parts(recipe, described, stage, tell, document)
         names += write_reports(recipe, document, stage, tell)
-        Result(document, produced).write(stage / RESULT_NAME)
-    return Result(document, produced, tuple(out / n for n in (*names, RESULT_NAME)))
+        if with_result:
+            Result(document, produced).write(stage / RESULT_NAME)
+            names.append(RESULT_NAME)
+    return Result(document, produced, tuple(out / n for n in names))
 
 
 _OF_ROLE = {"tolerance": "value", "u_reading": "reading"}
@@ -107,8 +122,9 @@ def _document(
     described: Description,
     history: Iterable[Step],
     warnings: tuple[str, ...],
+    inputs: list[dict[str, Any]],
 ) -> dict[str, Any]:
-    from metrosep.recipe.run import input_records, versions
+    from metrosep.recipe.run import versions
 
     steps = tuple(history)
     name = recipe.steps[0]["op"]
@@ -118,7 +134,7 @@ def _document(
             "schema": SCHEMA,
             "metrosep": __version__,
             "title": recipe.title or METHODS[name].what.capitalize(),
-            "inputs": input_records(steps),
+            "inputs": inputs,
             "estimate": None,
             "separation": {
                 "op": name,

@@ -1,25 +1,35 @@
-"""Parts of a separation as files: curves as a table of text, maps in metrosep's own format."""
+"""Parts of a result as files: curves as tables of text or HDF5, maps and profiles as objects."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from metrosep.core.atomic import atomic_write
 from metrosep.core.errors import DataError
-from metrosep.core.surface import Surface
 from metrosep.recipe.preflight import output_name
 
 if TYPE_CHECKING:
+    from metrosep.core.profile import Profile
+    from metrosep.core.surface import Surface
     from metrosep.recipe.description import Description
     from metrosep.recipe.recipe import Recipe
+    from metrosep.separation.base import ErrorEstimate
 
-__all__ = ["write_parts"]
+__all__ = ["write_arrays", "write_parts"]
+
+_TEXT = ("", ".csv", ".txt", ".dat")
+_HDF5 = ".h5"
 
 
 def write_parts(
-    recipe: Recipe, described: Description, folder: Path, tell: Callable[[str], None]
+    recipe: Recipe,
+    described: Description,
+    folder: Path,
+    tell: Callable[[str], None],
+    document: Mapping[str, Any] | None = None,
 ) -> list[str]:
     """Write the parts that the outputs of a recipe ask for.
 
@@ -28,22 +38,29 @@ def write_parts(
     recipe : Recipe
         With its outputs.
     described : Description
-        What was separated: tables and maps.
+        What was separated or is left: tables, maps and profiles.
     folder : Path
         Where to write.
     tell : callable
         Told what is being done.
+    document : mapping, optional
+        Content of result.json, whose inputs, steps and recipe go into tables in HDF5.
 
     Returns
     -------
     list of str
         Names of the files. Maps give one file for each part, tables over several coordinates one
-        for each, its name in that of the file.
+        for each, its name in that of the file. A path that ends in ``.h5`` gives HDF5 only; without
+        one, maps are HDF5 and tables CSV.
 
     Raises
     ------
     DataError
         If the result has no parts to write.
+    RecipeError
+        With the line, if a path ends as no file of tables does.
+    UnsupportedFeatureError
+        If the format of a path does not hold such an object.
     WriteError
         If a file cannot be written.
     """
@@ -52,18 +69,69 @@ def write_parts(
         if output["kind"] != "parts":
             continue
         usual = "parts.h5" if described.maps else "parts.csv"
-        name = output_name(output.get("path", usual), recipe.place("[[output]]", i))
+        place = recipe.place("[[output]]", i)
+        name = Path(output_name(output.get("path", usual), place))
         tell(f"writing {name}")
         if not described.maps and not described.tables:
             raise DataError("this result has no parts that can be written; leave this output out")
-        written += _write_maps(described.maps, folder, Path(name))
+        written += _write_objects(described.maps, folder, name)
+        suffix = name.suffix.lower()
+        if described.profiles and suffix not in _TEXT:
+            written += _write_objects(described.profiles, folder, name)
+            continue
+        in_hdf5 = suffix == _HDF5 and "path" in output
+        if described.tables and not described.maps and not in_hdf5 and suffix not in _TEXT:
+            raise place.error(
+                f"path: tables are written as .csv or {_HDF5}, not as {name.suffix}", "path"
+            )
+        kind = _HDF5 if in_hdf5 else ".csv" if described.maps else name.suffix or ".csv"
         for table, columns in described.tables.items():
-            stem, suffix = Path(name).stem, Path(name).suffix
-            kind = ".csv" if described.maps else suffix or ".csv"
-            file = f"{stem}-{table}{kind}" if table else f"{stem}{kind}"
-            atomic_write(folder / file, _csv(columns))
+            file = f"{name.stem}-{table}{kind}" if table else f"{name.stem}{kind}"
+            data = _hdf5(columns, document or {}) if in_hdf5 else _csv(columns)
+            atomic_write(folder / file, data)
             written.append(file)
     return written
+
+
+def write_arrays(
+    recipe: Recipe,
+    estimate: ErrorEstimate,
+    document: Mapping[str, Any],
+    folder: Path,
+    tell: Callable[[str], None],
+) -> list[str]:
+    """Write the curve and the tables of a separation of runs, where outputs of kind "parts" ask.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        With its outputs.
+    estimate : ErrorEstimate
+        Separated error.
+    document : mapping
+        Content of result.json.
+    folder : Path
+        Where to write.
+    tell : callable
+        Told what is being done.
+
+    Returns
+    -------
+    list of str
+        Names of the files, as `write_parts` gives them.
+
+    Raises
+    ------
+    RecipeError
+        With the line, if a path ends as no file of tables does.
+    WriteError
+        If one cannot be written.
+    """
+    from metrosep.recipe.describe_estimate import arrays_of
+
+    if not any(o["kind"] == "parts" for o in recipe.outputs):
+        return []
+    return write_parts(recipe, arrays_of(estimate), folder, tell, document)
 
 
 def _csv(columns: Mapping[str, Any]) -> bytes:
@@ -73,12 +141,27 @@ def _csv(columns: Mapping[str, Any]) -> bytes:
     return text.encode("utf-8")
 
 
-def _write_maps(maps: Mapping[str, Surface], folder: Path, name: Path) -> list[str]:
+def _hdf5(columns: Mapping[str, Any], document: Mapping[str, Any]) -> bytes:
+    from metrosep.io.table_hdf5 import table_bytes
+
+    recipe = document.get("recipe") or {}
+    provenance = {
+        "inputs_json": json.dumps(document.get("inputs") or [], sort_keys=True),
+        "history_json": json.dumps(document.get("provenance") or [], sort_keys=True),
+        "recipe": str(recipe.get("text") or ""),
+        "recipe_sha256": str(recipe.get("sha256") or ""),
+    }
+    return table_bytes(columns, provenance)
+
+
+def _write_objects(
+    objects: Mapping[str, Surface] | Mapping[str, Profile], folder: Path, name: Path
+) -> list[str]:
     from metrosep.io.write import write
 
     written = []
-    for part, surface in maps.items():
-        file = f"{name.stem}-{part}{name.suffix or '.h5'}"
-        write(surface, folder / file)
+    for part, each in objects.items():
+        file = f"{name.stem}-{part}{name.suffix or _HDF5}"
+        write(each, folder / file)
         written.append(file)
     return written

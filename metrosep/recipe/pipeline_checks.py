@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from metrosep.core.errors import DataError
@@ -11,7 +11,7 @@ from metrosep.recipe.key_values import DIMENSIONS
 from metrosep.recipe.kinds import KINDS
 from metrosep.recipe.pipeline_keys import Key
 
-__all__ = ["CHECKS", "StepError", "form_options", "normal_values"]
+__all__ = ["CHECKS", "StepError", "form_options", "known_unit", "normal_values"]
 
 Check = Callable[[Mapping[str, Any]], None]
 
@@ -293,3 +293,44 @@ CHECKS: Mapping[str, Check] = {
     "filter": _check_filter,
     "parameters": _check_parameters,
 }
+
+
+def known_unit(steps: Sequence[Mapping[str, Any]], metric: str) -> str | None:
+    """Return the SI unit that a metric has, where the steps tell it without data.
+
+    Parameters
+    ----------
+    steps : sequence of mapping
+        Steps that measure, checked.
+    metric : str
+        Of a check, such as ``Sku``, ``Sa#2``, ``residual.pv``, or a parameter of a form.
+
+    Returns
+    -------
+    str or None
+        None where no step gives such a metric, or two give it in different units.
+
+    Examples
+    --------
+    >>> steps = [{"op": "form", "form": "sphere"}, {"op": "parameters"}]
+    >>> [known_unit(steps, name) for name in ("Sku", "R", "tilt_x", "thing")]
+    ['1', 'm', 'rad', None]
+    """
+    symbol = metric.partition("#")[0]
+    carried_out = (s for s in steps if s.get("enabled", True))
+    found = {u for s in carried_out if (u := _unit_in(s, symbol)) is not None}
+    return found.pop() if len(found) == 1 else None
+
+
+def _unit_in(step: Mapping[str, Any], symbol: str) -> str | None:
+    if step["op"] == "parameters":
+        from metrosep.parameters.symbol_units import unit_of_symbol
+
+        return unit_of_symbol(symbol)
+    if step["op"] != "form":
+        return None
+    if symbol in ("residual.pv", "residual.rms"):
+        return "m"
+    from metrosep.forms.freedoms import RIGID
+
+    return {**RIGID, **form_options(step)[0].units_of()}.get(symbol)

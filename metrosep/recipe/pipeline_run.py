@@ -198,7 +198,9 @@ def _key_in(exc: MetrosepError, recipe: Recipe, number: int) -> str:
     return next((k for k in usual if k in recipe.steps[number]), "op")
 
 
-def run_pipeline(recipe: Recipe, files: list[Path], *, out: Path | None, tell: Tell) -> Result:
+def run_pipeline(
+    recipe: Recipe, files: list[Path], *, out: Path | None, tell: Tell, with_result: bool = True
+) -> Result:
     """Read one file, carry the steps out, judge and write.
 
     Parameters
@@ -211,6 +213,8 @@ def run_pipeline(recipe: Recipe, files: list[Path], *, out: Path | None, tell: T
         Folder for the results.
     tell : callable
         Told what is being done.
+    with_result : bool, optional
+        Also write result.json into `out`.
 
     Returns
     -------
@@ -238,10 +242,12 @@ def run_pipeline(recipe: Recipe, files: list[Path], *, out: Path | None, tell: T
     if out is None:
         return Result(document, measured)
     with staged(out) as stage:
-        names = write_parts(recipe, described, stage, tell)
+        names = write_parts(recipe, described, stage, tell, document)
         names += write_reports(recipe, document, stage, tell)
-        Result(document, measured).write(stage / RESULT_NAME)
-    return Result(document, measured, tuple(out / n for n in (*names, RESULT_NAME)))
+        if with_result:
+            Result(document, measured).write(stage / RESULT_NAME)
+            names.append(RESULT_NAME)
+    return Result(document, measured, tuple(out / n for n in names))
 
 
 def measured_result(recipe: Recipe, measured: Measurement) -> Result:
@@ -292,8 +298,9 @@ def _read(recipe: Recipe, files: list[Path], tell: Tell) -> Measured:
 
 def _document(recipe: Recipe, measured: Measurement, described: Description) -> dict[str, Any]:
     from metrosep.recipe.characteristics import DECISION_RULE
+    from metrosep.recipe.inputs_read import input_records
     from metrosep.recipe.result import SCHEMA, clean
-    from metrosep.recipe.run import input_records, versions
+    from metrosep.recipe.run import versions
     from metrosep.recipe.step_words import step_words
 
     messages = [step_words(m, s.op) for s in measured.stages for m in s.messages]
@@ -305,7 +312,7 @@ def _document(recipe: Recipe, measured: Measurement, described: Description) -> 
             "schema": SCHEMA,
             "metrosep": __version__,
             "title": recipe.title or f"Measurement of a {_WORDS[kind]}",
-            "inputs": input_records(measured.history),
+            "inputs": input_records(measured.history, (measured.source,)),
             "estimate": None,
             "separation": {
                 "op": "measure",

@@ -6,20 +6,30 @@ so all that can be known from the recipe alone is refused here, with its line.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from metrosep.core.errors import DataError
+from metrosep.core.errors import DataError, RecipeError
 from metrosep.parameters.decision import decide
+from metrosep.recipe.limits import limit_problem
 from metrosep.recipe.pipeline import STEPS as MEASURING
+from metrosep.recipe.pipeline_checks import known_unit
 from metrosep.recipe.schema import Place
 
 if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe
 
-__all__ = ["RESULT_NAME", "check_recipe", "machine_limits", "output_name", "report_formats"]
+__all__ = [
+    "RESULT_NAME",
+    "check_recipe",
+    "limit_errors",
+    "machine_limits",
+    "output_name",
+    "report_formats",
+    "require_limits",
+]
 
 RESULT_NAME = "result.json"
 
@@ -88,6 +98,62 @@ def _check_limits(check: Mapping[str, Any], place: Place, *, has_table: bool) ->
     except DataError as exc:
         key = next((k for k in ("upper", "lower") if k in check), None)
         raise place.error(str(exc), key) from None
+
+
+def require_limits(recipe: Recipe) -> None:
+    """Refuse limits of another kind than their value, where that shows without data.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        Checked. It may hold such limits for a while, as its keys are edited one by one.
+
+    Raises
+    ------
+    RecipeError
+        The first of `limit_errors`.
+    """
+    for error in limit_errors(recipe):
+        raise error
+
+
+def limit_errors(recipe: Recipe) -> Iterator[RecipeError]:
+    """Return what is wrong with the units of limits: the steps tell those of the values.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        Checked.
+
+    Yields
+    ------
+    RecipeError
+        With file and line: a limit or U of another kind than its value. Of values whose unit only
+        the data tell, nothing is said.
+
+    Examples
+    --------
+    >>> from metrosep.recipe import Recipe
+    >>> text = '''metrosep = 1
+    ... [input]
+    ... [[step]]
+    ... op = "parameters"
+    ... names = ["Sku"]
+    ... [[check]]
+    ... metric = "Sku"
+    ... upper = "3 nm"
+    ... '''
+    >>> [error.line for error in limit_errors(Recipe.parse(text))]
+    [8]
+    """
+    for i, check in enumerate(recipe.checks if recipe.is_pipeline else ()):
+        unit = known_unit(recipe.steps, check["metric"])
+        if unit is None:
+            continue
+        for key in (k for k in ("lower", "upper", "U") if k in check):
+            problem = limit_problem(key, check[key], check["metric"], unit)
+            if problem is not None:
+                yield recipe.place("[[check]]", i).error(problem, key)
 
 
 def _names(output: Mapping[str, Any], place: Place) -> list[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -14,10 +14,12 @@ from metrosep.core.provenance import freeze_mapping
 from metrosep.recipe.batch_keys import batch_table
 from metrosep.recipe.extends import LayeredPlace, layers_of
 from metrosep.recipe.methods import METHODS, input_fields
+from metrosep.recipe.override_marks import overrides_in
+from metrosep.recipe.overrides import with_overrides
 from metrosep.recipe.pipeline import measuring_steps
-from metrosep.recipe.preflight import check_recipe
+from metrosep.recipe.preflight import check_recipe, require_limits
 from metrosep.recipe.result import Result
-from metrosep.recipe.schema import Field, Place, checked_table
+from metrosep.recipe.schema import Place, checked_table
 from metrosep.recipe.steps import (
     CHECK,
     INPUT,
@@ -29,6 +31,7 @@ from metrosep.recipe.steps import (
     STEPS,
     TOP,
 )
+from metrosep.recipe.table_lists import several_tables
 from metrosep.recipe.view_block import without_view_block
 
 __all__ = ["Recipe"]
@@ -94,20 +97,32 @@ class Recipe:
         return hashlib.sha256(self.text.encode("utf-8")).hexdigest()
 
     @property
-    def recorded(self) -> dict[str, str]:
-        """What a result keeps of the recipe: name, text without ``[view]``, hash of that text."""
+    def overrides(self) -> tuple[str, ...]:
+        """What was overridden in the text, as it was given: ``step.2.degree=5``."""
+        return overrides_in(self.text)
+
+    @property
+    def recorded(self) -> dict[str, Any]:
+        """What a result keeps of the recipe: name, text without ``[view]``, hash of that text.
+
+        Where values were overridden, also the list ``overrides``; the text is the one with them.
+        """
         text = without_view_block(self.text)
         digest = hashlib.sha256(text.encode("utf-8")).hexdigest()
-        return {"name": self.name, "text": text, "sha256": digest}
+        kept: dict[str, Any] = {"name": self.name, "text": text, "sha256": digest}
+        given = list(self.overrides)
+        return {**kept, "overrides": given} if given else kept
 
     @classmethod
-    def load(cls, path: PathLike) -> Recipe:
+    def load(cls, path: PathLike, *, overrides: Sequence[str] = ()) -> Recipe:
         """Read and check a recipe.
 
         Parameters
         ----------
         path : str or path
-            TOML file.
+            TOML file, in UTF-8 with or without byte order mark.
+        overrides : sequence of str, optional
+            ``key=value`` each, in place of what the file says: `Recipe.parse`.
 
         Returns
         -------
@@ -118,7 +133,7 @@ class Recipe:
         ------
         RecipeError
             If the file cannot be read, is not TOML, or a key is unknown, missing or of the wrong
-            kind; the message names file and line.
+            kind; the message names file and line, or the override.
         """
         target = Path(path)
         try:
@@ -126,10 +141,18 @@ class Recipe:
         except (OSError, UnicodeDecodeError) as exc:
             reason = getattr(exc, "strerror", None) or exc
             raise RecipeError(f"{target}: the recipe cannot be read ({reason})") from None
-        return cls.parse(text, name=target.name, folder=target.resolve().parent)
+        folder = target.resolve().parent
+        return cls.parse(text, name=target.name, folder=folder, overrides=overrides)
 
     @classmethod
-    def parse(cls, text: str, *, name: str = "recipe.toml", folder: PathLike = ".") -> Recipe:
+    def parse(
+        cls,
+        text: str,
+        *,
+        name: str = "recipe.toml",
+        folder: PathLike = ".",
+        overrides: Sequence[str] = (),
+    ) -> Recipe:
         """Check the text of a recipe.
 
         Parameters
@@ -140,6 +163,10 @@ class Recipe:
             For messages.
         folder : str or path, optional
             Where relative file names start.
+        overrides : sequence of str, optional
+            ``key=value`` each, as ``-s`` of the command line takes them: ``step.form.robust=tukey``,
+            ``step.2.degree=5``, ``check.Sa.upper=12 nm``, ``input.unit=um``, ``title=...``. They
+            are written into the text.
 
         Returns
         -------
@@ -149,8 +176,10 @@ class Recipe:
         Raises
         ------
         RecipeError
-            If something in it is wrong; the message names file and line.
+            If something in it is wrong; the message names file and line, or the override.
         """
+        if overrides:
+            text = with_overrides(text, name, Path(folder), overrides)
         layers = layers_of(text, name, Path(folder))
         data, text, bases = layers.data, layers.text, layers.bases
 
@@ -165,7 +194,7 @@ class Recipe:
                 "metrosep",
             )
         ops = {**STEPS, **{op: method.fields for op, method in METHODS.items()}}
-        steps = _several(data.get("step"), ops, "op", "[[step]]", top)
+        steps = several_tables(data.get("step"), ops, "op", "[[step]]", top)
         named = [s["op"] for s in steps]
         method = METHODS.get(named[0]) if named else None
         pipeline = bool(named) and named[0] in MEASURING
@@ -195,14 +224,14 @@ class Recipe:
                 checked_table(data.get("input", {}), fields, place("[input]"), what="[input]")
             ),
             steps=steps,
-            checks=_several(
+            checks=several_tables(
                 data.get("check", []),
                 {"": CHECK if plain else METHOD_CHECK},
                 "",
                 "[[check]]",
                 top,
             ),
-            outputs=_several(
+            outputs=several_tables(
                 data.get("output", []),
                 OUTPUTS if plain else METHOD_OUTPUTS,
                 "kind",
@@ -265,6 +294,7 @@ class Recipe:
         """
         from metrosep.recipe.run import run_recipe
 
+        require_limits(self)
         return run_recipe(self, inputs, out=out, progress=progress)
 
     def batch(
@@ -318,27 +348,3 @@ class Recipe:
         run = runners["batch"].load()
         settings = {"workers": workers, "scheduler": scheduler, "resume": resume, **options}
         return run(self, folder, out=out, **settings)
-
-
-def _several(
-    items: Any,
-    kinds: Mapping[str, Mapping[str, Field]],
-    selector: str,
-    header: str,
-    top: Place,
-) -> tuple[Mapping[str, Any], ...]:
-    """Check an array of tables whose `selector` key says of which kind each is."""
-    if not isinstance(items, list) or not all(isinstance(i, dict) for i in items):
-        raise top.error(f"write {header} with double brackets", header.strip("[]"))
-    checked = []
-    for number, item in enumerate(items):
-        place = LayeredPlace(top.file, top.text, header, number, getattr(top, "bases", ()))
-        kind = item.get(selector, "") if selector else ""
-        if not isinstance(kind, str) or kind not in kinds:
-            known = ", ".join(f'"{k}"' for k in kinds)
-            raise place.error(
-                f"{header} needs {selector} = one of {known}, found {kind!r}", selector
-            )
-        what = f"{header} {number + 1}" + (f" ({kind})" if kind else "")
-        checked.append(freeze_mapping(checked_table(item, kinds[kind], place, what=what)))
-    return tuple(checked)

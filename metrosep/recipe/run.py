@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import platform
-import re
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,10 +11,12 @@ from typing import TYPE_CHECKING, Any
 from metrosep._version import __version__
 from metrosep.compensation import fit_polynomial
 from metrosep.core.errors import ReadError, RecipeError
-from metrosep.core.provenance import Step, history_as_dicts
+from metrosep.core.natural_order import by_number
+from metrosep.core.provenance import history_as_dicts
 from metrosep.core.runset import RunSet
 from metrosep.recipe.characteristics import DECISION_RULE, characteristics
 from metrosep.recipe.input_options import reading_options
+from metrosep.recipe.inputs_read import input_records
 from metrosep.recipe.outputs import (
     WrittenTable,
     dry_runs,
@@ -23,6 +24,7 @@ from metrosep.recipe.outputs import (
     write_reports,
     write_tables,
 )
+from metrosep.recipe.parts import write_arrays
 from metrosep.recipe.preflight import RESULT_NAME
 from metrosep.recipe.result import SCHEMA, Result, clean, plot_data
 from metrosep.recipe.staging import staged
@@ -33,7 +35,6 @@ if TYPE_CHECKING:
 
 __all__ = [
     "input_files",
-    "input_records",
     "read_inputs",
     "run_recipe",
     "separate_inputs",
@@ -51,6 +52,7 @@ def run_recipe(
     *,
     out: PathLike | None,
     progress: Progress | None,
+    with_result: bool = True,
 ) -> Result:
     """Carry out a recipe; see `Recipe.run`.
 
@@ -64,6 +66,8 @@ def run_recipe(
         Folder for the results.
     progress : callable or None
         Told what is being done.
+    with_result : bool, optional
+        Also write result.json into `out`; a batch writes its own.
 
     Returns
     -------
@@ -76,29 +80,32 @@ def run_recipe(
         Of any kind of its tree.
     """
     tell = progress or _silent
+    folder = None if out is None else Path(out)
     files = input_files(recipe, inputs)
     if recipe.is_pipeline:
         from metrosep.recipe.pipeline_run import run_pipeline
 
-        return run_pipeline(recipe, files, out=None if out is None else Path(out), tell=tell)
+        return run_pipeline(recipe, files, out=folder, tell=tell, with_result=with_result)
     if recipe.is_method:
         from metrosep.recipe.method_run import run_method
 
-        return run_method(recipe, files, out=None if out is None else Path(out), tell=tell)
+        return run_method(recipe, files, out=folder, tell=tell, with_result=with_result)
     tell(f"reading {len(files)} file(s)")
     runs = read_inputs(recipe, files)
-    if out is None:
+    if folder is None:
         return separated_result(recipe, runs, separate_inputs(recipe, runs, tell))
-    folder = Path(out)
     refuse_foreign(recipe, folder)
     with staged(folder) as stage:
         estimate = separate_inputs(recipe, runs, tell)
         tables = write_tables(recipe, runs, estimate, stage, tell)
         document, names = _document(recipe, runs, estimate, tables)
         result = Result(document, estimate)
+        names += write_arrays(recipe, estimate, document, stage, tell)
         names += write_reports(recipe, document, stage, tell)
-        result.write(stage / RESULT_NAME)
-    return Result(document, estimate, tuple(folder / n for n in (*names, RESULT_NAME)))
+        if with_result:
+            result.write(stage / RESULT_NAME)
+            names.append(RESULT_NAME)
+    return Result(document, estimate, tuple(folder / n for n in names))
 
 
 def separated_result(recipe: Recipe, runs: RunSet, estimate: ErrorEstimate) -> Result:
@@ -248,13 +255,8 @@ def _in_order(place: Path, patterns: Iterable[str]) -> list[Path]:
         inside = _matching(place, pattern)
         if not inside:
             raise ReadError(f"{place}: no file matches {pattern}")
-        found += sorted((f for f in inside if f not in found), key=_by_number)
+        found += sorted((f for f in inside if f not in found), key=lambda f: by_number(f.name))
     return found
-
-
-def _by_number(file: Path) -> list[tuple[int, int, str]]:
-    pieces = re.split(r"(\d+)", file.name)
-    return [(1, int(p), "") if p.isdecimal() else (0, 0, p) for p in pieces]
 
 
 def read_inputs(recipe: Recipe, files: list[Path]) -> RunSet:
@@ -327,31 +329,6 @@ def _plan(recipe: Recipe, estimate: ErrorEstimate) -> dict[str, Any] | None:
         if step["op"] == "plan_feedrates":
             return plan_document(plan_after(estimate, step))
     return None
-
-
-def input_records(history: Iterable[Step]) -> list[dict[str, Any]]:
-    """Return name, hash, size and format of the files that a history begins with.
-
-    Parameters
-    ----------
-    history : iterable of Step
-        Of what was read.
-
-    Returns
-    -------
-    list of dict
-        One for each file.
-    """
-    return [
-        {
-            "name": step.parameters.get("file"),
-            "sha256": step.parameters.get("sha256"),
-            "size": step.parameters.get("size"),
-            "format": step.parameters.get("format"),
-        }
-        for step in history
-        if step.name == "read"
-    ]
 
 
 def versions() -> dict[str, str]:

@@ -145,6 +145,7 @@ OUTPUTS = {
         "formats": Field("texts"),
         "path": Field("text"),
     },
+    "parts": {"kind": Field("text", required=True), "path": Field("text")},
 }
 
 METHOD_CHECK = {
@@ -157,6 +158,6 @@ METHOD_CHECK = {
 }
 
 METHOD_OUTPUTS = {
-    "parts": {"kind": Field("text", required=True), "path": Field("text")},
+    "parts": OUTPUTS["parts"],
     "report": OUTPUTS["report"],
 }

@@ -14,6 +14,12 @@ if TYPE_CHECKING:
     from metrosep.report.html import render_html as render_html, write_html as write_html
     from metrosep.report.index import render_index as render_index, write_index as write_index
     from metrosep.report.index_workbook import write_index_workbook as write_index_workbook
+    from metrosep.report.parquet import (
+        render_index_parquet as render_index_parquet,
+        render_parquet as render_parquet,
+        write_index_parquet as write_index_parquet,
+        write_parquet as write_parquet,
+    )
     from metrosep.report.plain_pdf import write_plain_pdf as write_plain_pdf
     from metrosep.report.recipe_comparison import compare_recipes as compare_recipes
     from metrosep.report.table_comparison import compare_tables as compare_tables
@@ -30,6 +36,12 @@ _HOMES = {
     "html": ("render_html", "write_html"),
     "index": ("render_index", "write_index"),
     "index_workbook": ("write_index_workbook",),
+    "parquet": (
+        "render_index_parquet",
+        "render_parquet",
+        "write_index_parquet",
+        "write_parquet",
+    ),
     "plain_pdf": ("write_plain_pdf",),
     "typeset": ("render_pdf", "write_pdf"),
     "workbook": ("write_workbook",),

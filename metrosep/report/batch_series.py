@@ -5,13 +5,13 @@ from __future__ import annotations
 import base64
 import json
 import math
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from metrosep.core.errors import TooFewSamplesError
 from metrosep.parameters.series import PartSeries, part_series
+from metrosep.recipe.part_order import order_words, parts_in_order
 from metrosep.report.index_view import link_of, require_index
 from metrosep.report.rows import one_line
 from metrosep.report.text import readable_unit
@@ -40,7 +40,8 @@ def batch_table(
     Returns
     -------
     table : dict of str to list of float
-        By term, SI; NaN where a part has none. Parts by name, numbers in it by their value.
+        By term, SI; NaN where a part has none. Parts as the index orders them: by name, numbers
+        in it by their value, or as the recipe asks; without those that do not tell their place.
     units : dict of str to str
         SI unit by term.
     parts : list of str
@@ -51,7 +52,8 @@ def batch_table(
     DataError
         If it is no index.
     """
-    rows = sorted(require_index(document), key=lambda r: _by_number(str(r.get("unit"))))
+    found = require_index(document)
+    rows = [found[i] for i in parts_in_order(document)]
     n = len(rows)
     table: dict[str, list[float]] = {}
     units: dict[str, str] = {}
@@ -137,8 +139,8 @@ def series_section(document: Document, folder: Path | None = None) -> dict[str, 
     return {
         "data": base64.b64encode(svg.encode("utf-8")).decode("ascii"),
         "caption": (
-            f"{len(found.terms)} terms of {found.n_parts} parts, in the order of their names, not of "
-            "time. Left: drift from the first to the last part over its standard uncertainty, and the "
+            f"{len(found.terms)} terms of {found.n_parts} parts, {one_line(order_words(document))}. "
+            "Left: drift from the first to the last part over its standard uncertainty, and the "
             "surest terms with control limits. Right: correlation after each term's own line is taken "
             f"off. Beyond chance: false discovery rate {100 * found.rate:g} % over all terms, and over "
             "all pairs."
@@ -183,8 +185,3 @@ def _wavelengths(row: Document, folder: Path | None) -> list[tuple[str, float]]:
         ]
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return []
-
-
-def _by_number(name: str) -> list[tuple[int, int, str]]:
-    pieces = re.split(r"(\d+)", name)
-    return [(1, int(p), "") if p.isdecimal() else (0, 0, p) for p in pieces]

@@ -5,14 +5,14 @@ from __future__ import annotations
 import csv
 import io
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from metrosep.core.atomic import atomic_write
-from metrosep.report.rows import CharacteristicRow, cell_text, characteristic_rows
+from metrosep.report.rows import cell_text, characteristic_rows, one_line
 
-__all__ = ["COLUMNS", "render_csv", "write_csv"]
+__all__ = ["COLUMNS", "NUMBERS", "long_rows", "render_csv", "write_csv"]
 
 COLUMNS = (
     "file", "part", "serial", "characteristic", "value", "unit", "lower", "upper", "U", "verdict",
@@ -23,6 +23,9 @@ COLUMNS = (
 ``status`` is that of the whole result, ``recipe`` its hash: by meaning where a batch wrote it, of the
 text otherwise.
 """
+
+NUMBERS = frozenset({"value", "lower", "upper", "U", "u", "guard"})
+"""Columns that hold numbers, in the unit of the column ``unit``; the others hold texts."""
 
 _STATUS = {"accept": "accepted", "reject": "rejected", "inconclusive": "inconclusive"}
 
@@ -55,11 +58,37 @@ def render_csv(documents: Iterable[Mapping[str, Any]]) -> str:
     buffer = io.StringIO(newline="")
     writer = csv.writer(buffer, lineterminator="\r\n")
     writer.writerow(COLUMNS)
-    for document in documents:
-        tail = [_STATUS.get(str(document.get("verdict")), "measured"), _recipe_of(document)]
-        for row in characteristic_rows(document):
-            writer.writerow([*_cells(row), *tail])
+    writer.writerows([_cell(v) for v in row] for row in long_rows(documents))
     return buffer.getvalue()
+
+
+def long_rows(documents: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str | float | None, ...]]:
+    """Yield the rows that every file in the long form holds.
+
+    Parameters
+    ----------
+    documents : iterable of mapping
+        Contents of result.json.
+
+    Yields
+    ------
+    tuple of (str, float or None)
+        Values of `COLUMNS`: texts in one line each, numbers in SI; ``None`` where a number is not
+        known or nothing was judged.
+
+    Raises
+    ------
+    DataError
+        If a result is damaged.
+    """
+    for document in documents:
+        tail = (_STATUS.get(str(document.get("verdict")), "measured"), _recipe_of(document))
+        for row in characteristic_rows(document):
+            yield (
+                *(row.file, row.part, row.serial, row.name, row.value, row.unit),
+                *(row.lower, row.upper, row.U, row.verdict, row.metric, row.u, row.guard),
+                *tail,
+            )
 
 
 def write_csv(document: Mapping[str, Any], path: str | os.PathLike[str]) -> Path:
@@ -90,24 +119,10 @@ def write_csv(document: Mapping[str, Any], path: str | os.PathLike[str]) -> Path
 def _recipe_of(document: Mapping[str, Any]) -> str:
     places = ((document.get("unit"), "recipe_sha256"), (document.get("recipe"), "sha256"))
     found = [p[k] for p, k in places if isinstance(p, Mapping) and p.get(k)]
-    return cell_text(found[0]) if found else ""
+    return one_line(found[0]) if found else ""
 
 
-def _cells(row: CharacteristicRow) -> list[str]:
-    texts = (row.file, row.part, row.serial, row.name)
-    judged = row.verdict or ""
-    limits = (row.lower, row.upper, row.U)
-    return [
-        *(cell_text(t) for t in texts),
-        _number(row.value),
-        row.unit,
-        *(_number(n) for n in limits),
-        judged,
-        cell_text(row.metric),
-        _number(row.u),
-        _number(row.guard),
-    ]
-
-
-def _number(value: float | None) -> str:
-    return "" if value is None else repr(value)
+def _cell(value: str | float | None) -> str:
+    if value is None:
+        return ""
+    return cell_text(value) if isinstance(value, str) else repr(value)

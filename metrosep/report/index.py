@@ -17,6 +17,7 @@ from typing import Any
 
 from metrosep.core.atomic import atomic_write
 from metrosep.parameters.capability import LEAST_VALUES
+from metrosep.recipe.part_order import order_notes, order_words
 from metrosep.report.batch_series import series_section
 from metrosep.report.index_view import (
     Series,
@@ -85,7 +86,7 @@ def render_index(document: Document, *, folder: str | os.PathLike[str] | None = 
         doubtful=[u for u in units if u["status"] in ("rejected", "inconclusive")],
         series=[_series_row(s) for s in series],
         least=LEAST_VALUES,
-        trends=_trends([s for s in shown if s.trend] or shown),
+        trends=_trends([s for s in shown if s.trend] or shown, order_words(document)),
         together=series_section(document, None if folder is None else Path(folder)),
         groups=[one_line(g) for g in document.get("groups") or []],
         columns=[{"label": _label(s), "unit": s.unit} for s in columns],
@@ -142,7 +143,8 @@ def _notes(document: Document) -> list[str]:
     }
     apart = document.get("apart") or {}
     texts = [f"{apart[k]} {words.get(k, one_line(k))}" for k in sorted(apart) if apart[k]]
-    return [f"Kept apart, not counted here: {', '.join(texts)}."] if texts else []
+    notes = [f"Kept apart, not counted here: {', '.join(texts)}."] if texts else []
+    return notes + [f"{one_line(n)[:1].upper()}{one_line(n)[1:]}." for n in order_notes(document)]
 
 
 def _row(
@@ -211,7 +213,7 @@ def _series_row(series: Series) -> dict[str, Any]:
         "limits": _limits(series),
         "cp": cp,
         "cpk": cpk,
-        "spark": [_piece(p) for p in spark_points(_thinned(series.values))],
+        "spark": [_piece(p) for p in spark_points(_thinned(series.ordered))],
     }
 
 
@@ -253,28 +255,29 @@ def _limits(series: Series) -> str:
     return "–" if low is None else f"≥ {low}"
 
 
-def _trends(series: Sequence[Series]) -> list[dict[str, str]]:
+def _trends(series: Sequence[Series], order: str) -> list[dict[str, str]]:
     from metrosep.plot.style import figure_svg
     from metrosep.plot.trends import trend_chart
 
     charts: list[dict[str, str]] = []
     for each in series:
-        known = [v for v in each.values if v is not None]
+        known = [v for v in each.ordered if v is not None]
         if len(known) < 2 or len(charts) == _MOST_CHARTS:
             continue
         control = each.control
         drawn = trend_chart(
-            each.values,
+            each.ordered,
             name=_label(each)[:40],
             unit=each.unit,
             control=None if control is None else (control.mean, control.lower, control.upper),
             ranges=None if control is None else (control.mean_range, control.upper_range),
             limits=(each.lower, each.upper),
         )
+        drawn.axes[-1].set_xlabel(f"part, {order}")
         svg = figure_svg(partial(_given, drawn), {})
         data = base64.b64encode(svg.encode("utf-8")).decode("ascii")
         title = f"{_label(each)} over the batch"
-        charts.append({"title": title, "caption": _caption(each), "data": data})
+        charts.append({"title": title, "caption": _caption(each, order), "data": data})
     return charts
 
 
@@ -282,13 +285,13 @@ def _given(figure: Any, _document: Document) -> Any:
     return figure
 
 
-def _caption(series: Series) -> str:
-    missing = sum(v is None for v in series.values)
-    text = (
-        "Single values above, moving ranges of two neighbours below; parts by name, not by time."
-    )
+def _caption(series: Series, order: str) -> str:
+    missing = sum(v is None for v in series.ordered)
+    text = f"Single values above, moving ranges of two neighbours below; parts {one_line(order)}."
     control = series.control
     if control is not None:
-        out = sum(v is not None and not control.lower <= v <= control.upper for v in series.values)
+        out = sum(
+            v is not None and not control.lower <= v <= control.upper for v in series.ordered
+        )
         text += f" Beyond the control limits (squares): {out}."
     return text + (f" Without a value: {missing}; they leave gaps." if missing else "")

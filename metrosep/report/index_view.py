@@ -11,6 +11,7 @@ from urllib.parse import quote
 
 from metrosep.core.errors import DataError
 from metrosep.parameters.capability import Capability, ControlLimits, capability_of, control_limits
+from metrosep.recipe.part_order import parts_in_order
 from metrosep.report.comparison import known_number
 from metrosep.report.rows import one_line
 from metrosep.report.text import Stamp, decimals_for, readable_unit, stamp
@@ -62,11 +63,13 @@ class Series:
     capability : Capability or None
         Of the values, where there are enough and limits.
     control : ControlLimits or None
-        Of the values in the order of the rows.
+        Of the values in the order of the parts.
     trend : bool
         Whether the recipe asks for its trend.
     number : int
         From 1; 2 for the second check of one metric under one name.
+    ordered : tuple of (float or None)
+        Values in the order of the parts, as charts show them; parts without a place are left out.
     """
 
     metric: str
@@ -83,6 +86,7 @@ class Series:
     control: ControlLimits | None
     trend: bool
     number: int = 1
+    ordered: tuple[float | None, ...] = ()
 
 
 def require_index(document: Any) -> Sequence[Document]:
@@ -209,11 +213,14 @@ def series_of(document: Document) -> list[Series]:
             counted[key] += 1
             found.setdefault((*key, counted[key]), {})[i] = entry
     wanted = {one_line(t) for t in document.get("trend") or []}
-    made = [_series(key, entries, len(rows), wanted) for key, entries in found.items()]
+    order = parts_in_order(document)
+    made = [_series(k, entries, len(rows), wanted, order) for k, entries in found.items()]
     return sorted(made, key=lambda s: (not s.trend, not any(s.verdicts)))
 
 
-def _series(key: _Key, entries: Mapping[int, Document], n: int, wanted: set[str]) -> Series:
+def _series(
+    key: _Key, entries: Mapping[int, Document], n: int, wanted: set[str], order: Sequence[int]
+) -> Series:
     metric, name, si, number = key
     columns = {
         k: [known_number(entries.get(i, {}).get(k), f"{k} of {metric}") for i in range(n)]
@@ -231,6 +238,7 @@ def _series(key: _Key, entries: Mapping[int, Document], n: int, wanted: set[str]
     for verdict in verdicts:
         stamp(verdict)  # refuses an unknown one
     values = tuple(None if v is None else v / factor for v in columns["value"])
+    ordered = tuple(values[i] for i in order)
     low, high = (None if v is None else v / factor for v in (lower, upper))
     in_order = low is None or high is None or low < high
     return Series(
@@ -245,9 +253,10 @@ def _series(key: _Key, entries: Mapping[int, Document], n: int, wanted: set[str]
         high,
         same,
         capability_of(values, lower=low, upper=high) if same and in_order else None,
-        control_limits(values),
+        control_limits(ordered),
         trend=bool(wanted & {metric, name}),
         number=number,
+        ordered=ordered,
     )
 
 

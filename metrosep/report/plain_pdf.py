@@ -100,7 +100,10 @@ def _lines(shown: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield "mono", f"SHA-256 {shown['recipe'].get('sha256')}"
         text = str(shown["recipe"].get("text") or "")
         yield from (("mono", line) for line in text.splitlines())
-    yield from _head("Measured by, date; checked by, date; released by, date")
+    yield from _head("Signatures")
+    for who in shown["signatures"]:
+        yield "text", ""
+        yield "mono", f"{who:<12} name {'_' * 24} date {'_' * 14} signature {'_' * 24}"
 
 
 def _head(text: str) -> Iterator[tuple[str, str]]:

@@ -81,7 +81,8 @@ def characteristic_rows(document: Document) -> list[CharacteristicRow]:
     if not isinstance(entries, Sequence) or not all(isinstance(e, Mapping) for e in entries):
         raise DataError("the characteristics are not a list of values; the result is damaged")
     groups = (document.get("unit") or {}).get("groups") or {}
-    names = [one_line(i.get("name") or "not named") for i in document.get("inputs") or []]
+    inputs = [i for i in document.get("inputs") or [] if not i.get("beside")]
+    names = [one_line(i.get("name") or "not named") for i in inputs]
     factors = guard_factors(document)
     return [
         _row(entry, "; ".join(names), groups, factor)

@@ -8,20 +8,20 @@ from typing import Any
 from metrosep.recipe.result import clean
 from metrosep.recipe.step_words import keys_of_step, step_words
 from metrosep.report.bars import bar_of
-from metrosep.report.rows import CharacteristicRow, characteristic_rows, one_line
+from metrosep.report.provenance import header_rows, input_row, short_hashes, step_row
+from metrosep.report.rows import CharacteristicRow, characteristic_rows
 from metrosep.report.separation import (
     SEPARATED_NOTE,
     plan_rows,
     separation_audit,
     separation_rows,
 )
-from metrosep.report.settings import in_words, settings, step_parameters, typeset
+from metrosep.report.settings import in_words, settings, typeset
 from metrosep.report.text import (
     decimals_for,
     length,
     number,
     readable_unit,
-    size,
     span,
     stamp,
 )
@@ -36,6 +36,7 @@ _METHODS = {
     "mean": "mean over the runs",
 }
 _MAX_WAVELENGTHS = 16
+_SIGNED = ("Measured by", "Checked by", "Released by")
 _NOT_IN_BAND = (
     "The standard uncertainty u is type A: what the readings tell. The artefact's own form, the "
     "sensor's linearity and temperature are not in it."
@@ -71,8 +72,8 @@ def view(document: Document) -> dict[str, Any]:
         + separation_rows(separation)
         + plan_rows(document.get("plan") or {}),
         "characteristics": _characteristics(document),
-        "header": _header(document),
-        "hashes": _hashes(document),
+        "header": header_rows(document),
+        "hashes": short_hashes(document),
         "uncertainty_note": SEPARATED_NOTE if separation else _NOT_IN_BAND,
         "messages": _messages(document, estimate),
         "wavelengths": _wavelengths(estimate.get("spectrum") or {}),
@@ -83,10 +84,11 @@ def view(document: Document) -> dict[str, Any]:
             str(separation.get("op") or "separate"),
             by_direction=bool(estimate.get("audit")),
         ),
-        "inputs": [_input(i) for i in document.get("inputs") or []],
-        "steps": [_step(s) for s in document.get("provenance") or []],
+        "inputs": [input_row(i) for i in document.get("inputs") or []],
+        "steps": [step_row(s) for s in document.get("provenance") or []],
         "recipe": document.get("recipe") or None,
         "versions": sorted((document.get("versions") or {}).items()),
+        "signatures": list(_SIGNED),
     }
 
 
@@ -127,23 +129,6 @@ def _runs(feeds: Sequence[Document]) -> str:
             n = sum(f.get("n_runs") or 0 for f in rows)
             parts.append(f"{n} {way} at {speeds} mm/min".replace("not known mm/min", "not known"))
     return "; ".join(parts)
-
-
-def _header(document: Document) -> list[tuple[str, str]]:
-    """Return part, serial and other names that a batch found, with the file where there is one."""
-    unit = document.get("unit") or {}
-    rows = [(in_words(str(k)), str(v)) for k, v in (unit.get("groups") or {}).items()]
-    if unit.get("name"):
-        rows.append(("file", str(unit["name"])))
-    return [(name.capitalize(), one_line(value)) for name, value in rows]
-
-
-def _hashes(document: Document) -> str:
-    """Return the short hashes of recipe and inputs, for the foot of a page."""
-    recipe = str((document.get("recipe") or {}).get("sha256") or "none")[:12]
-    inputs = [str(i.get("sha256") or "none")[:12] for i in document.get("inputs") or []]
-    more = f" and {len(inputs) - 1} more" if len(inputs) > 1 else ""
-    return f"recipe {recipe}, input {inputs[0] if inputs else 'none'}{more}"
 
 
 def _characteristics(document: Document) -> list[dict[str, Any]]:
@@ -351,25 +336,3 @@ def _settings(
     named = [("", own), *sorted(groups.items())] if own else sorted(groups.items())
     words = {"forward": "forward runs", "reverse": "reverse runs", "both": "all runs"}
     return [(words.get(name, in_words(name)), settings(group, fields)) for name, group in named]
-
-
-def _input(entry: Document) -> dict[str, str]:
-    return {
-        "name": str(entry.get("name") or "not named"),
-        "size": size(entry.get("size")),
-        "format": str(entry.get("format") or "–"),
-        "sha256": str(entry.get("sha256") or "–"),
-    }
-
-
-def _step(step: Document) -> dict[str, str]:
-    name = str(step.get("step") or "")
-    keys = keys_of_step(name)
-    fields = {} if keys is None else keys.step
-    told = ("op", "sha256", "size") if name == "read" else ("op",)  # in the table of inputs
-    given = {k: v for k, v in (step.get("parameters") or {}).items() if k not in told}
-    return {
-        "name": name,
-        "parameters": step_parameters(given, fields),
-        "version": str(step.get("version") or ""),
-    }

@@ -18,6 +18,7 @@ from metrosep.batch.loop import WorkerDiedError
 from metrosep.batch.units import Unit
 from metrosep.core.errors import RecipeError
 from metrosep.recipe import Recipe
+from metrosep.recipe.run import run_recipe
 
 MIRROR = """metrosep = 1
 [input]
@@ -66,14 +67,14 @@ def test_a_changed_second_file_of_a_pair_makes_the_unit_new(tmp_path, suffix):
 def test_a_second_file_that_changes_while_it_is_read_fails_the_unit(tmp_path, monkeypatch):
     recipe = Recipe.parse(MIRROR)
     write_mirror(tmp_path / "in", 20e-9)
-    measure = Recipe.run
+    measure = run_recipe
 
     def slow(self, *args, **options):
         found = measure(self, *args, **options)
         write_mirror(tmp_path / "in", 900.5e-9)
         return found
 
-    monkeypatch.setattr(Recipe, "run", slow)
+    monkeypatch.setattr("metrosep.recipe.run.run_recipe", slow)
     report = run(recipe, tmp_path / "in", tmp_path / "qa")
     assert statuses(report) == {"m1.txt": "failed"}
     assert "m1.dat changed while it was read" in report.rows[0]["reason"]

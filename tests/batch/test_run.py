@@ -17,6 +17,7 @@ from metrosep.batch.lock import locked
 from metrosep.batch.marks import write_mark
 from metrosep.core.errors import DataError, ReadError, RecipeError, WriteError
 from metrosep.recipe import Recipe
+from metrosep.recipe.run import run_recipe
 
 TRUTH = {0: "accepted", 1: "rejected", 2: "inconclusive"}
 
@@ -385,7 +386,7 @@ def test_a_file_that_vanishes_fails(recipe, inbox, tmp_path):
 @pytest.mark.parametrize("how", ["grows", "replaced", "vanishes"])
 def test_a_file_that_changes_while_it_is_read_fails(recipe, inbox, tmp_path, monkeypatch, how):
     file = inbox / "mo/P_0.sdf"
-    real = Recipe.run
+    real = run_recipe
 
     def meanwhile(self, inputs, **options):
         result = real(self, inputs, **options)
@@ -400,7 +401,7 @@ def test_a_file_that_changes_while_it_is_read_fails(recipe, inbox, tmp_path, mon
                 file.write_bytes(b"x" * before.st_size)
         return result
 
-    monkeypatch.setattr(Recipe, "run", meanwhile)
+    monkeypatch.setattr("metrosep.recipe.run.run_recipe", meanwhile)
     report = run(recipe, inbox, tmp_path / "qa")
     (row,) = [r for r in report.rows if r["status"] == "failed"]
     assert row["unit"] == "mo/P_0.sdf"
@@ -414,7 +415,7 @@ def test_content_swapped_between_hash_and_reading_fails(
     file = inbox / "mo/P_2.sur"
     own, other = file.read_bytes(), parts(tmp_path / "other.sur", 6e-9).read_bytes()
     assert len(own) == len(other)
-    real = Recipe.run
+    real = run_recipe
 
     def meanwhile(self, inputs, **options):
         if str(inputs) != str(file):
@@ -426,7 +427,7 @@ def test_content_swapped_between_hash_and_reading_fails(
         os.utime(file, ns=(old.st_atime_ns, old.st_mtime_ns))
         return result
 
-    monkeypatch.setattr(Recipe, "run", meanwhile)
+    monkeypatch.setattr("metrosep.recipe.run.run_recipe", meanwhile)
     report = run(recipe, inbox, tmp_path / "qa")
     (row,) = [r for r in report.rows if r["status"] == "failed"]
     assert row["unit"] == "mo/P_2.sur"
@@ -467,14 +468,14 @@ def test_what_would_not_fit_the_memory_is_refused(recipe, inbox, tmp_path, monke
 
 
 def test_a_bug_is_one_row_and_code_5(recipe, inbox, tmp_path, monkeypatch):
-    real = Recipe.run
+    real = run_recipe
 
     def buggy(self, inputs, **options):
         if "P_1" in str(inputs):
             raise ZeroDivisionError("oops")
         return real(self, inputs, **options)
 
-    monkeypatch.setattr(Recipe, "run", buggy)
+    monkeypatch.setattr("metrosep.recipe.run.run_recipe", buggy)
     report = run(recipe, inbox, tmp_path / "qa")
     assert report.counts["failed"] == 2
     assert report.exit_code == 5

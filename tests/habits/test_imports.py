@@ -11,7 +11,9 @@ import metrosep as ms
 PROGRAMS = frozenset({"metrosep/io/hdf5_worker.py"})
 """Run as processes of their own; nothing imports them."""
 
-HEAVY = frozenset({"scipy", "pandas", "matplotlib", "lmfit", "h5py", "skimage", "jinja2"})
+HEAVY = frozenset(
+    {"scipy", "pandas", "matplotlib", "lmfit", "h5py", "skimage", "jinja2", "pyarrow"}
+)
 
 
 def test_no_module_imports_a_heavy_package_at_module_level(modules):

@@ -21,6 +21,25 @@ export function stemOf(session) {
 }
 
 /**
+ * Write a file; where one is there that may be replaced, ask first and write again.
+ * @param {(overwrite: boolean) => Promise<void>} write
+ * @param {(error: unknown) => void} fail
+ * @param {RegExp} [offer] words of a refusal that asking may help
+ */
+export async function writeOrAsk(write, fail, offer = /exists already/) {
+  try {
+    await write(false);
+  } catch (error) {
+    if (!(error instanceof Refusal && offer.test(error.message))) {
+      fail(error);
+      return;
+    }
+    const sure = await askForm({ title: "Overwrite?", text: error.message, fields: [], ok: "Overwrite" });
+    if (sure) await write(true).catch(fail);
+  }
+}
+
+/**
  * Return what writes files.
  * @param {object} options
  * @param {import("./wire.js").Wire} options.wire
@@ -64,7 +83,7 @@ export function makeExports({ wire, status, session, take, fail }) {
     if (given?.path) await exported("result", given.path);
   }
 
-  async function exported(/** @type {string} */ what, /** @type {string} */ path, overwrite = false) {
+  const exported = (/** @type {string} */ what, /** @type {string} */ path) => writeOrAsk(async (overwrite) => {
     status.textContent = what === "result" ? "running…" : "";
     try {
       const { header } = await wire.ask("export", { what, path, overwrite });
@@ -74,14 +93,9 @@ export function makeExports({ wire, status, session, take, fail }) {
       status.title = header.files.join("\n");
     } catch (error) {
       status.textContent = "";
-      if (error instanceof Refusal && /exists already/.test(error.message) && !overwrite) {
-        const sure = await askForm({ title: "Overwrite?", text: error.message, fields: [], ok: "Overwrite" });
-        if (sure) await exported(what, path, true);
-      } else {
-        fail(error);
-      }
+      throw error;
     }
-  }
+  }, fail);
 
   return { save, exportResult };
 }

@@ -118,3 +118,14 @@ export function ago(seconds) {
   if (passed < 3600) return `saved ${Math.round(passed / 60)}${THIN}min ago`;
   return `saved ${Math.round(passed / 3600)}${THIN}h ago`;
 }
+
+/**
+ * Return the words for what was measured in one pixel column.
+ * @param {number | null | undefined} low
+ * @param {number | null | undefined} high
+ * @returns {string}
+ */
+export function spanned(low, high) {
+  if (!Number.isFinite(low)) return "not measured";
+  return Number(high) > Number(low) ? `${si(low)} to ${si(high)}` : si(low);
+}

@@ -94,3 +94,11 @@ export function makeHandle(parent, { label, text = "", kind = "point", moved, st
     },
   };
 }
+
+/**
+ * Return how much longer what is shown becomes by a turn of the wheel.
+ * @param {WheelEvent} event
+ */
+export function wheelFactor(event) {
+  return Math.exp(Math.max(-0.5, Math.min(0.5, event.deltaY * 0.0015)));
+}

@@ -7,7 +7,7 @@
 
 import { painted } from "./colours.js";
 import { si } from "./format.js";
-import { makeHandle } from "./handles.js";
+import { makeHandle, wheelFactor } from "./handles.js";
 import { typed } from "./wire.js";
 
 /** @typedef {import("./wire.js").Model} Model */
@@ -197,7 +197,7 @@ function render({ model, el }) {
   };
   el.addEventListener("wheel", (event) => {
     event.preventDefault();
-    zoom(Math.exp(Math.max(-0.5, Math.min(0.5, event.deltaY * 0.0015))), ...at(event));
+    zoom(wheelFactor(event), ...at(event));
   }, { passive: false });
   canvas.addEventListener("pointerdown", (event) => {
     if (event.button !== 0 || !picture) return;

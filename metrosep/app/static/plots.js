@@ -3,7 +3,7 @@
 // upright handles on the x axis.
 
 import { logTick, scaleFor, ticks } from "./format.js";
-import { makeHandle } from "./handles.js";
+import { makeHandle, wheelFactor } from "./handles.js";
 import Lines from "./vendor/uPlot.esm.js";
 
 /** @type {any} */
@@ -63,6 +63,44 @@ function plotSize(u) {
 }
 
 /**
+ * Clear an element for a plot and give it its texts, empty, one over another.
+ * @param {HTMLElement} el
+ * @param {string[]} [names] their classes
+ * @returns {HTMLElement[]}
+ */
+export function frame(el, names = ["readout", "plot-empty"]) {
+  el.classList.add("plot");
+  const made = names.map((name) => {
+    const one = document.createElement("div");
+    one.className = name;
+    return one;
+  });
+  el.replaceChildren(...made);
+  return made;
+}
+
+/**
+ * Return the options of a plot whose part that is shown is the trait `window`: [x0, x1] or null.
+ * @param {import("./wire.js").Model} model
+ */
+export function windowed(model) {
+  const put = (/** @type {number[] | null} */ window) => {
+    model.set("window", window);
+    model.save_changes();
+  };
+  return { wheel: true, zoomed: (/** @type {number} */ low, /** @type {number} */ high) => put([low, high]), whole: () => put(null) };
+}
+
+/**
+ * Return which sample is pointed at, -1 where there is none.
+ * @param {any} u
+ * @returns {number}
+ */
+export function pointedAt(u) {
+  return u.cursor.left < 0 || !u.data[0].length ? -1 : u.cursor.idx ?? -1;
+}
+
+/**
  * @typedef {object} Plot
  * @property {any} u the uPlot
  * @property {(data: any[][]) => void} put
@@ -82,8 +120,9 @@ function plotSize(u) {
  * @param {string} options.title for screen readers
  * @param {(u: any) => void} [options.behind] draws under the lines
  * @param {(u: any) => void} [options.placed] after each drawing: places handles
- * @param {(u: any) => void} [options.pointed] the pointer moved; u.cursor.idx
+ * @param {(u: any) => void} [options.pointed] the pointer moved; `pointedAt`
  * @param {(low: number, high: number) => void} [options.zoomed] a part was marked
+ * @param {boolean} [options.wheel] the wheel zooms too, about the pointer
  * @param {() => void} [options.whole] double click
  * @returns {Plot}
  */
@@ -175,6 +214,16 @@ export function makePlot(el, options) {
     },
   }, [[], ...series.map(() => [])], holder);
 
+  if (options.wheel) {
+    u.over.addEventListener("wheel", (/** @type {WheelEvent} */ event) => {
+      const { min, max } = u.scales.x;
+      if (!(max > min)) return;
+      event.preventDefault();
+      const at = u.posToVal(event.offsetX, "x");
+      const factor = wheelFactor(event);
+      options.zoomed?.(at - (at - min) * factor, at + (max - at) * factor);
+    }, { passive: false });
+  }
   const watcher = new ResizeObserver(() => {
     const box = holder.getBoundingClientRect();
     if (box.width > 40 && box.height > 40) u.setSize({ width: Math.floor(box.width), height: Math.floor(box.height) });

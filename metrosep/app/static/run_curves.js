@@ -6,8 +6,8 @@
 // ("repeats" | "separated" | "change"), direction, range [start, stop], travel [low, high], extent, stale,
 // message; window [x0, x1] or null and wanted [start, stop] (written here, the latter on release).
 
-import { si } from "./format.js";
-import { ink, makePlot, uprightHandle } from "./plots.js";
+import { si, spanned } from "./format.js";
+import { frame, ink, makePlot, uprightHandle, windowed } from "./plots.js";
 
 /** @typedef {import("./wire.js").Model} Model */
 /** @typedef {{ x: ArrayLike<number>, low: ArrayLike<number>, high: ArrayLike<number> }} Curve */
@@ -137,23 +137,12 @@ function extremes(curves, [low, high] = ["low", "high"]) {
 
 /** @param {{ model: Model, el: HTMLElement }} given */
 function render({ model, el }) {
-  el.classList.add("plot");
-  const read = document.createElement("div");
-  read.className = "readout";
-  const words = document.createElement("div");
-  words.className = "plot-empty";
-  const busy = document.createElement("div");
-  busy.className = "plot-busy";
-  el.replaceChildren(read, words, busy);
+  const [read, words, busy] = frame(el, ["readout", "plot-empty", "plot-busy"]);
   let pointed = "";
   /** @type {number[] | null} */
   let moving = null;
   let taken = "";
 
-  const zoom = (/** @type {number[] | null} */ window) => {
-    model.set("window", window);
-    model.save_changes();
-  };
   const range = () => moving ?? model.get("range") ?? [0, 1];
   const shown = () => model.get("shown") ?? "repeats";
   const mine = (/** @type {{ direction: number }} */ one) => one.direction === 0 || one.direction === model.get("direction");
@@ -161,8 +150,7 @@ function render({ model, el }) {
   const plot = makePlot(el, {
     title: "Error over position: runs, separated error, before and after",
     series: [{ stroke: "rgba(0,0,0,0)" }, { stroke: "rgba(0,0,0,0)" }],
-    zoomed: (low, high) => zoom([low, high]),
-    whole: () => zoom(null),
+    ...windowed(model),
     behind(u) {
       if (u.data[0].length < 2) return;
       const [from, to] = range().map((/** @type {number} */ v) => u.valToPos(v, "x", true));
@@ -205,7 +193,7 @@ function render({ model, el }) {
     const value = (/** @type {Curve} */ one, low = "low", high = "high") => {
       const i = nearest(one.x, at);
       const [a, b] = /** @type {any} */ ([one, one]).map((/** @type {any} */ c, /** @type {number} */ k) => c[k ? high : low][i]);
-      return Number.isFinite(a) ? (b > a ? `${si(a)} to ${si(b)}` : si(a)) : "not measured";
+      return spanned(a, b);
     };
     const x = `x ${si(at)}`;
     if (shown() === "repeats") {
@@ -280,14 +268,6 @@ function render({ model, el }) {
     tell();
   }
 
-  plot.u.over.addEventListener("wheel", (/** @type {WheelEvent} */ event) => {
-    const { min, max } = plot.u.scales.x;
-    if (!(max > min)) return;
-    event.preventDefault();
-    const at = plot.u.posToVal(event.offsetX, "x");
-    const factor = Math.exp(Math.max(-0.5, Math.min(0.5, event.deltaY * 0.0015)));
-    zoom([at - (at - min) * factor, at + (max - at) * factor]);
-  }, { passive: false });
   model.on("change:range", () => {
     moving = null;
   });

@@ -8,23 +8,13 @@
 // message; wanted {key, value} (written here on release).
 
 import { si } from "./format.js";
-import { ink, makePlot, uprightHandle } from "./plots.js";
+import { frame, ink, makePlot, uprightHandle } from "./plots.js";
 import { makeHandle } from "./handles.js";
 import { fillBand, inside, nearest, penOf, strokeCurve } from "./run_curves.js";
 
 /** @typedef {import("./wire.js").Model} Model */
 
-/** @param {HTMLElement} el */
-function frame(el) {
-  el.classList.add("plot");
-  const made = ["readout", "plot-empty", "plot-busy"].map((name) => {
-    const one = document.createElement("div");
-    one.className = name;
-    return one;
-  });
-  el.replaceChildren(...made);
-  return made;
-}
+const TEXTS = ["readout", "plot-empty", "plot-busy"];
 
 /** @param {any} u @param {number} x @param {number} y @param {number} size @param {string} colour @param {boolean} full */
 function dot(u, x, y, size, colour, full) {
@@ -55,7 +45,7 @@ function positive(lists) {
 
 /** @param {{ model: Model, el: HTMLElement }} given */
 function render({ model, el }) {
-  const [read, words, busy] = frame(el);
+  const [read, words, busy] = frame(el, TEXTS);
   let pointed = "";
   /** @type {number | null} */
   let moving = null;
@@ -237,7 +227,7 @@ function render({ model, el }) {
 
 /** @param {{ model: Model, el: HTMLElement }} given */
 function evidence({ model, el }) {
-  const [read, words, busy] = frame(el);
+  const [read, words, busy] = frame(el, TEXTS);
   let pointed = "";
   /** @type {number | null} */
   let moving = null;

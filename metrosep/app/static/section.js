@@ -4,20 +4,15 @@
 // Traits: distance, low, high (arrays, NaN is a gap), length, pv, sq, share_valid, unit, is_preview,
 // message; cursors [0..1, 0..1], parts of the length (written here).
 
-import { si } from "./format.js";
-import { gapped, ink, makePlot, uprightHandle } from "./plots.js";
+import { si, spanned } from "./format.js";
+import { frame, gapped, ink, makePlot, pointedAt, uprightHandle } from "./plots.js";
 import { typed } from "./wire.js";
 
 /** @typedef {import("./wire.js").Model} Model */
 
 /** @param {{ model: Model, el: HTMLElement }} given */
 function render({ model, el }) {
-  el.classList.add("plot");
-  const read = document.createElement("div");
-  read.className = "readout";
-  const words = document.createElement("div");
-  words.className = "plot-empty";
-  el.replaceChildren(read, words);
+  const [read, words] = frame(el);
   let shown = model.get("cursors") ?? [0.25, 0.75];
   let pointed = "";
   const unit = () => model.get("unit") ?? "m";
@@ -33,18 +28,11 @@ function render({ model, el }) {
     bands: [{ series: [2, 1], fill: () => ink("--line") }],
     placed: follow,
     pointed(u) {
-      const i = u.cursor.idx;
-      const high = i === null || i === undefined ? null : u.data[2][i];
-      if (i === null || i === undefined || u.cursor.left < 0) pointed = "";
-      else pointed = `${si(u.data[0][i], unit())}: ${high === null ? "not measured" : heights(u, i)}`;
+      const i = pointedAt(u);
+      pointed = i < 0 ? "" : `${si(u.data[0][i], unit())}: ${spanned(u.data[1][i], u.data[2][i])}`;
       tell();
     },
   });
-
-  function heights(/** @type {any} */ u, /** @type {number} */ i) {
-    const [low, high] = [u.data[1][i], u.data[2][i]];
-    return low === high ? si(low) : `${si(low)} to ${si(high)}`;
-  }
 
   const grips = [0, 1].map((k) => uprightHandle(plot.u, {
     label: `Cursor ${k + 1} of the section`,

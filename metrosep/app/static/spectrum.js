@@ -6,19 +6,14 @@
 // band [shortest, longest] and moving (written here).
 
 import { si } from "./format.js";
-import { gapped, ink, makePlot, uprightHandle } from "./plots.js";
+import { frame, gapped, ink, makePlot, pointedAt, uprightHandle } from "./plots.js";
 import { typed } from "./wire.js";
 
 /** @typedef {import("./wire.js").Model} Model */
 
 /** @param {{ model: Model, el: HTMLElement }} given */
 function render({ model, el }) {
-  el.classList.add("plot");
-  const read = document.createElement("div");
-  read.className = "readout";
-  const words = document.createElement("div");
-  words.className = "plot-empty";
-  el.replaceChildren(read, words);
+  const [read, words] = frame(el);
   let pointed = "";
   /** @type {number[]} */
   let x = [];
@@ -56,9 +51,8 @@ function render({ model, el }) {
     },
     placed: follow,
     pointed(u) {
-      const i = u.cursor.idx;
-      pointed = i === null || i === undefined || u.cursor.left < 0 || !x.length
-        ? "" : `λ ${si(u.data[0][i], unit())}: amplitude ${si(u.data[1][i])}`;
+      const i = pointedAt(u);
+      pointed = i < 0 ? "" : `λ ${si(u.data[0][i], unit())}: amplitude ${si(u.data[1][i])}`;
       tell();
     },
   });

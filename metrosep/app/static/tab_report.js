@@ -2,7 +2,7 @@
 // The report of the full result, in a frame without scripts, and the file that is made of it.
 
 import { askForm } from "./dialogs.js";
-import { inTarget, stemOf } from "./exports.js";
+import { inTarget, stemOf, writeOrAsk } from "./exports.js";
 import { Refusal, Superseded } from "./wire.js";
 
 /** @typedef {Record<string, any>} Dict */
@@ -87,19 +87,12 @@ export function make({ el, wire, session, fail, written }) {
     if (given?.path) await write(given.path, given.format || "html");
   }
 
-  async function write(/** @type {string} */ path, /** @type {string} */ format, overwrite = false) {
+  async function write(/** @type {string} */ path, /** @type {string} */ format) {
     const named = path.replace(/\.html$/i, format === "html" ? ".html" : `.${format}`);
-    try {
+    await writeOrAsk(async (overwrite) => {
       const { header } = await wire.ask("report", { write: named, format, overwrite }, "report write");
       written(`written: ${header.files[0].split(/[\\/]/).pop()}`, header.files);
-    } catch (error) {
-      if (error instanceof Refusal && /exists already/.test(error.message) && !overwrite) {
-        const sure = await askForm({ title: "Overwrite?", text: error.message, fields: [], ok: "Overwrite" });
-        if (sure) await write(path, format, true);
-      } else {
-        fail(error);
-      }
-    }
+    }, fail);
   }
 
   return {

@@ -2,7 +2,7 @@
 // A controller's table of the recipe: its form, what the controller makes of it, and its file. The
 // recipe is the only state; a controller that must be told something first waits as a draft.
 
-import { inTarget } from "./exports.js";
+import { inTarget, writeOrAsk } from "./exports.js";
 import { askForm } from "./dialogs.js";
 import { dryRun, findings, make as element, preview, sign } from "./table_facts.js";
 import { makeForm, missing, withController } from "./table_form.js";
@@ -273,23 +273,16 @@ export function make(context) {
       text: trial ? "One bump that tells the sign. It corrects nothing and is not for cutting." : "The table and its sidecar. Keep the two together.",
       fields: [{ name: "path", label: "File", value: inTarget(session(), trial ? `trial-${name}` : name) }],
     });
-    if (given?.path) await put(given.path, trial, false);
+    if (given?.path) await put(given.path, trial);
   }
 
-  /** @param {string} path @param {string | undefined} trial @param {boolean} overwrite */
-  async function put(path, trial, overwrite) {
-    try {
+  /** @param {string} path @param {string | undefined} trial */
+  async function put(path, trial) {
+    await writeOrAsk(async (overwrite) => {
       const answer = await wire.ask("table", { output: number, write: path, hash: session().hash, overwrite, ...(trial ? { trial } : {}) }, "table write");
       const names = answer.header.files.map((/** @type {string} */ f) => f.split(/[\\/]/).pop());
       written(`written: ${names.join(", ")}`, answer.header.files);
-    } catch (error) {
-      if (error instanceof Refusal && /overwrite it/.test(error.message) && !overwrite) {
-        const sure = await askForm({ title: "Overwrite?", text: error.message, fields: [], ok: "Overwrite" });
-        if (sure) await put(path, trial, true);
-      } else {
-        fail(error);
-      }
-    }
+    }, fail, /overwrite it/);
   }
 
   return {

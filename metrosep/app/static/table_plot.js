@@ -6,7 +6,7 @@
 // forward, reverse}, one_column, message, is_preview (nothing is written of it).
 
 import { si } from "./format.js";
-import { gapped, ink, makePlot } from "./plots.js";
+import { frame, gapped, ink, makePlot, pointedAt } from "./plots.js";
 
 /** @typedef {import("./wire.js").Model} Model */
 
@@ -21,14 +21,8 @@ const MOST_POINTS = 250; // more entries are one thick line
 
 /** @param {{ model: Model, el: HTMLElement }} given */
 function render({ model, el }) {
-  el.classList.add("plot", "table-plot");
-  const read = document.createElement("div");
-  read.className = "readout";
-  const words = document.createElement("div");
-  words.className = "plot-empty";
-  const legend = document.createElement("div");
-  legend.className = "table-legend";
-  el.replaceChildren(read, legend, words);
+  el.classList.add("table-plot");
+  const [read, legend, words] = frame(el, ["readout", "table-legend", "plot-empty"]);
   let pointed = "";
   /** @type {number[] | null} */
   let window = null;
@@ -46,9 +40,9 @@ function render({ model, el }) {
     zoomed: (low, high) => zoom([low, high]),
     whole: () => zoom(null),
     pointed(u) {
-      const i = u.cursor.idx;
+      const i = pointedAt(u);
       pointed = "";
-      if (i !== null && i !== undefined && u.cursor.left >= 0 && u.data[0].length) {
+      if (i >= 0) {
         const at = LINES.map(({ name }, k) => [name, u.data[k + 1][i]]).filter(([, v]) => v !== null && v !== undefined);
         const entry = u.data[5][i] !== null && u.data[5][i] !== undefined ? "entry at " : "";
         pointed = [`${entry}${si(u.data[0][i], "m", 6)}`, ...at.map(([name, v]) => `${name} ${si(v)}`)].join("   ");

@@ -1,0 +1,48 @@
+"""The SI unit of each parameter by its symbol, known without data."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+from types import MappingProxyType
+
+__all__ = ["unit_of_symbol"]
+
+_FORM = ("STR", "FLT", "RON")
+"""Straightness, flatness, roundness: every value of theirs is a length."""
+
+
+def unit_of_symbol(symbol: str) -> str | None:
+    """Return the SI unit of a parameter of profiles or maps.
+
+    Parameters
+    ----------
+    symbol : str
+        In the spelling of either edition, such as ``Sku``, ``RSm``, ``Rsm``, ``PVr``, ``FLTt``.
+
+    Returns
+    -------
+    str or None
+        Such as ``m``, ``1``, ``1/m^2``; None where there is no such parameter.
+
+    Examples
+    --------
+    >>> unit_of_symbol("Sa"), unit_of_symbol("Sku"), unit_of_symbol("Spd"), unit_of_symbol("Xyz")
+    ('m', '1', '1/m^2', None)
+    """
+    return "m" if symbol[:3] in _FORM and len(symbol) > 3 else _units().get(symbol)
+
+
+@cache
+def _units() -> Mapping[str, str]:
+    from metrosep.parameters._profile_rows import NEW, OLD, ROWS
+    from metrosep.parameters.areal import _ALIASES, _ROWS as AREAL
+    from metrosep.parameters.interferometric import _ROWS as INTERFEROMETRIC
+
+    found = {row.symbol: row.unit for row in (*AREAL, *INTERFEROMETRIC)}
+    found |= {other: found[own] for other, own in _ALIASES.items()}
+    for edition in (OLD, NEW):
+        for row in ROWS:
+            if (row.old if edition == OLD else row.new) is not None:
+                found |= {row.symbol(kind, edition): row.unit for kind in ("P", "W", "R")}
+    return MappingProxyType(found)

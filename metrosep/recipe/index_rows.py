@@ -1,0 +1,59 @@
+"""The index of a batch in the long form: the rows that CSV and Parquet share."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+__all__ = ["NUMBERS", "index_columns", "index_rows"]
+
+NUMBERS = frozenset({"value", "lower", "upper", "U"})
+"""Columns that hold numbers, in the unit of the column ``unit``; the others hold texts."""
+
+_UNIT = ("file", "key")
+_CHARACTERISTIC = (
+    "characteristic", "metric", "value", "unit", "lower", "upper", "U", "verdict",
+)  # fmt: skip
+_END = ("status", "reason", "result")
+
+
+def index_columns(document: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the names of the columns.
+
+    Parameters
+    ----------
+    document : mapping
+        Content of an index.json (schema ``metrosep.index/1``).
+
+    Returns
+    -------
+    tuple of str
+        With the groups of the batch. A recipe may give none the name of another column; one of an
+        index that was written before is ``value (group)``.
+    """
+    others = {*_UNIT, *_CHARACTERISTIC, *_END}
+    groups = (f"{g} (group)" if g in others else g for g in document["groups"])
+    return (*_UNIT, *groups, *_CHARACTERISTIC, *_END)
+
+
+def index_rows(document: Mapping[str, Any]) -> Iterator[tuple[Any, ...]]:
+    """Yield a row for each characteristic, and one for each unit without any.
+
+    Parameters
+    ----------
+    document : mapping
+        Content of an index.json.
+
+    Yields
+    ------
+    tuple
+        Values of `index_columns`, numbers in SI; ``None`` where there is nothing.
+    """
+    groups = list(document["groups"])
+    keys = ("name", *_CHARACTERISTIC[1:])
+    for row in document["rows"]:
+        head = (row["unit"], row["key"], *(row["groups"].get(g, "") for g in groups))
+        tail = (row["status"], row["reason"], row["link"])
+        each: Sequence[Mapping[str, Any]] = row["characteristics"] or ({},)
+        for characteristic in each:
+            yield (*head, *(characteristic.get(k) for k in keys), *tail)

@@ -1,0 +1,249 @@
+"""What a line of a recipe says of the override that made it: ``# set by -s step.2.degree=5``.
+
+A line that is new says ``added`` in place of ``set``. So each line is still called by its number in
+the file, and a result knows from the text alone what was overridden.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from metrosep.core.errors import RecipeError
+
+__all__ = [
+    "Mark",
+    "as_given",
+    "key_parts",
+    "marks_after",
+    "marks_of",
+    "overrides_in",
+    "parsed",
+    "split_override",
+    "without_marks",
+]
+
+_MARK = re.compile(r"  # (set|added) by -s (.*?)(?=  # (?:set|added) by -s |$)")
+_IN_RECORD = "#| "
+"""Begins the lines of a recipe that another one builds on (`metrosep.recipe.extends`)."""
+_PIECE = re.compile(r'"[^"]*"|\'[^\']*\'|[^."\']+')
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """What a line says of the override that made it.
+
+    Parameters
+    ----------
+    line : int
+        Its number in the text, from 1.
+    is_added : bool
+        Whether the file has no such line.
+    given : str
+        The override, as it was given.
+    """
+
+    line: int
+    is_added: bool
+    given: str
+
+
+def split_override(given: str) -> tuple[str, str] | None:
+    """Return key and value of an override.
+
+    Parameters
+    ----------
+    given : str
+        Such as ``step.2.degree=5``.
+
+    Returns
+    -------
+    tuple of (str, str) or None
+        Without spaces around them; None where there is no key or no equals sign.
+
+    Examples
+    --------
+    >>> split_override('check."a=b".upper = 12 nm')
+    ('check."a=b".upper', '12 nm')
+    """
+    found = re.match(r'((?:"[^"]*"|\'[^\']*\'|[^="\'])+)=(.*)', given, re.DOTALL)
+    if found is None or not found[1].strip():
+        return None
+    return found[1].strip(), found[2].strip()
+
+
+def key_parts(key: str) -> list[str] | None:
+    """Return the parts of a dotted key; a part that holds a dot is written in quotes.
+
+    Parameters
+    ----------
+    key : str
+        Such as ``check."P-V 1.5".upper``.
+
+    Returns
+    -------
+    list of str or None
+        Without quotes; None where a part is empty.
+
+    Examples
+    --------
+    >>> key_parts('check."P-V 1.5".upper'), key_parts("step..degree")
+    (['check', 'P-V 1.5', 'upper'], None)
+    """
+    pieces = _PIECE.findall(key)
+    parts = [p[1:-1] if p[0] in "\"'" else p.strip() for p in pieces]
+    return parts if all(parts) and ".".join(pieces) == key else None
+
+
+def marks_after(comment: str, given: str) -> str:
+    """Return the marks of a line that was changed: one for each key.
+
+    Parameters
+    ----------
+    comment : str
+        Of the line, as it was.
+    given : str
+        The override.
+
+    Returns
+    -------
+    str
+        To be written behind the line and its other comment.
+    """
+    key = (split_override(given) or ("",))[0]
+    kept, kind = [], "set"
+    for found in _MARK.finditer(comment):
+        if (split_override(found[2]) or ("",))[0] == key:
+            kind = found[1]
+        else:
+            kept.append(found[0])
+    return "".join([*kept, f"  # {kind} by -s {given}"])
+
+
+def parsed(text: str) -> dict[str, Any] | None:
+    """Return what TOML holds.
+
+    Parameters
+    ----------
+    text : str
+        TOML, or not.
+
+    Returns
+    -------
+    dict or None
+        None where it is not TOML.
+    """
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError:
+        return None
+
+
+def without_marks(comment: str) -> str:
+    """Return the comment of a line without marks.
+
+    Parameters
+    ----------
+    comment : str
+        Of the line.
+
+    Returns
+    -------
+    str
+        What the file says there.
+    """
+    return _MARK.sub("", comment)
+
+
+def marks_of(text: str) -> list[Mark]:
+    """Return the marks of a text.
+
+    Parameters
+    ----------
+    text : str
+        TOML.
+
+    Returns
+    -------
+    list of Mark
+        In the order of the text.
+    """
+    return [
+        Mark(i + 1, found[1] == "added", found[2])
+        for i, line in enumerate(text.split("\n"))
+        for found in _MARK.finditer(line.rstrip("\r"))
+    ]
+
+
+def as_given(error: RecipeError, file: str, text: str, problem: str) -> RecipeError:
+    """Return the error of a line as a person finds it, who has the file and gave the overrides.
+
+    Parameters
+    ----------
+    error : RecipeError
+        With the line in the text that was run.
+    file : str
+        Name of the recipe.
+    text : str
+        With its marks.
+    problem : str
+        The message without file and line.
+
+    Returns
+    -------
+    RecipeError
+        It names the line of the file, or the override where that wrote the line.
+    """
+    line = error.line
+    marks = [] if line is None else marks_of(text)
+    if line is None or not marks:
+        return error
+    given = " -s ".join(m.given for m in marks if m.line == line)
+    if given:
+        return RecipeError(f"{file}, -s {given}: {problem}", key=error.key)
+    line -= sum(m.is_added and m.line < line for m in marks)
+    return RecipeError(f"{file}:{line}: {problem}", key=error.key, line=line)
+
+
+def overrides_in(text: str) -> tuple[str, ...]:
+    """Return what was overridden in a recipe.
+
+    Parameters
+    ----------
+    text : str
+        Of a recipe, with those that it builds on.
+
+    Returns
+    -------
+    tuple of str
+        As given, in the order of the text. A line that was edited since and has another value is
+        left out.
+
+    Examples
+    --------
+    >>> overrides_in("metrosep = 1  # set by -s metrosep=1")
+    ('metrosep=1',)
+    >>> overrides_in("metrosep = 3  # set by -s metrosep=1")
+    ()
+    """
+    lines = text.split("\n")
+    found = [m.given for m in marks_of(text) if _holds(lines[m.line - 1], m.given)]
+    return tuple(dict.fromkeys(found))
+
+
+def _holds(line: str, given: str) -> bool:
+    pair, data = split_override(given), parsed(line.removeprefix(_IN_RECORD))
+    parts = None if pair is None else key_parts(pair[0])
+    if pair is None or parts is None or not data:
+        return False
+    read = parsed(f"v = {pair[1]}")
+    for start in range(len(parts)):
+        held: Any = data
+        for key in parts[start:]:
+            held = held.get(key) if isinstance(held, Mapping) else None
+        if held is not None:
+            return held == pair[1] or (read is not None and held == read["v"])
+    return any(isinstance(v, list) for v in data.values())  # steps in one line
