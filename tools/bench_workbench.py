@@ -15,6 +15,7 @@ import os
 import statistics
 import sys
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
-from chromium import browser, workbench
+from chromium import browser, find_chromium, workbench
 
 N = 4096
 POINTS = 10**6
@@ -123,14 +124,9 @@ def limit_moves(page: Any, file: Path, rounds: int) -> list[float]:
     return times
 
 
-def main() -> None:
-    """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--folder", type=Path)
-    parser.add_argument("--rounds", type=int, default=9)
-    given = parser.parse_args()
+def measured(folder: Path, rounds: int) -> Iterator[tuple[str, list[float], float]]:
+    """Yield what was waited for, its times and what is wanted, ms."""
     with tempfile.TemporaryDirectory() as home, browser() as page:
-        folder = given.folder or Path(home)
         os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # as where metrosep is installed:
         os.environ["PYTHONPYCACHEPREFIX"] = f"{home}/pyc"  # compiled once, by the first start
         page.show(1366, 768)
@@ -142,10 +138,42 @@ def main() -> None:
             folder / "map.toml", "map.npy", "plane", 'unit = "m"\nlateral_step = "1 um"'
         )
         on_profile = recipe(folder / "profile.toml", "profile.csv", leveled, "")
-        first = [first_picture(page, on_map) for _ in range(1 + given.rounds // 2)]
-        say("first picture of a 4096 x 4096 map", first[1:], 2000)
-        say("form step, preview", form_preview(page, on_map, given.rounds), 150)
-        say("limit on 10^6 points", limit_moves(page, on_profile, given.rounds), 120)
+        first = [first_picture(page, on_map) for _ in range(1 + rounds // 2)]
+        yield "first picture of a 4096 x 4096 map", first[1:], 2000
+        yield "form step, preview", form_preview(page, on_map, rounds), 150
+        yield "limit on 10^6 points", limit_moves(page, on_profile, rounds), 120
+
+
+def section(*, rounds: int = 9) -> list[str]:
+    """Return the section of docs/benchmarks.md as lines."""
+    lines = [
+        "## What a hand waits for in the workbench",
+        "",
+        "`tools/bench_workbench.py`, in headless Chromium with server and page on this machine.",
+        "",
+    ]
+    if find_chromium() is None:
+        return [*lines, "Not measured: no Chromium is installed.", ""]
+    with tempfile.TemporaryDirectory() as folder:
+        rows = list(measured(Path(folder), rounds))
+    lines += ["| wait | median | least to most | wanted |", "|---|---|---|---|"]
+    for what, times, wanted in rows:
+        spread = f"{min(times):.0f} to {max(times):.0f} ms"
+        lines.append(
+            f"| {what} | {statistics.median(times):.0f} ms | {spread} | {wanted:.0f} ms |"
+        )
+    return [*lines, ""]
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--folder", type=Path)
+    parser.add_argument("--rounds", type=int, default=9)
+    given = parser.parse_args()
+    with tempfile.TemporaryDirectory() as home:
+        for what, times, wanted in measured(given.folder or Path(home), given.rounds):
+            say(what, times, wanted)
 
 
 def say(what: str, times: list[float], wanted: float) -> None:

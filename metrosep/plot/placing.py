@@ -129,7 +129,9 @@ def place_grid(figure: Figure, rows: Sequence[Sequence[Axes]], *, bar: Axes | No
     n_rows, n_columns = len(rows), len(rows[0])
     drawn = [axes for row in rows for axes in row if axes.axison]
     titles = [axes.title for axes in drawn]
-    sizes = [float(t.get_fontsize()) * (t.get_text().count("\n") + 1) for t in titles if t.get_text()]
+    sizes = [
+        float(t.get_fontsize()) * (t.get_text().count("\n") + 1) for t in titles if t.get_text()
+    ]
     above = (LINE * max(sizes, default=0.0) + setting("axes.titlepad")) * _POINT + _LEFT
     below = _numbers_height() + _GAP + _label_height(drawn[0].xaxis) + _LEFT
     tall = height / n_rows - above - below

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from metrosep.report.text import span
 
-__all__ = ["Drawing", "captions_of", "figures_of", "width_of"]
+__all__ = ["Drawing", "captions_of", "figures_of", "is_narrow", "width_of"]
 
 _TITLES = {
     "before_after": "Error over position",
@@ -79,6 +79,26 @@ def width_of(svg: str) -> float:
     """
     found = re.search(r'viewBox="0 0 ([\d.]+) [\d.]+"', svg[:4096])
     return float(found.group(1)) if found else math.inf
+
+
+_NARROW = 300.0
+"""Points: a figure of less is not as wide as a page, but half of it."""
+
+
+def is_narrow(svg: str) -> bool:
+    """Return whether two such figures stand side by side, so that the letters of all are of one size.
+
+    Parameters
+    ----------
+    svg : str
+        As `metrosep.plot.figure_svg` gives it.
+
+    Returns
+    -------
+    bool
+        True for a single map.
+    """
+    return width_of(svg) < _NARROW
 
 
 def captions_of(document: Mapping[str, Any]) -> dict[str, tuple[str, str]]:

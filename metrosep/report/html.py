@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from metrosep.core.atomic import atomic_write
-from metrosep.report.figures import figures_of, width_of
+from metrosep.report.figures import figures_of, is_narrow
 from metrosep.report.view import view
 
 if TYPE_CHECKING:
@@ -95,11 +95,7 @@ def _figures(document: Mapping[str, Any]) -> list[dict[str, Any]]:
             "title": f.title,
             "data": base64.b64encode(f.svg.encode("utf-8")).decode("ascii"),
             "caption": f.caption,
-            "narrow": width_of(f.svg) < _NARROW,
+            "narrow": is_narrow(f.svg),
         }
         for f in figures_of(document)
     ]
-
-
-_NARROW = 300.0
-"""Points: a figure of less is not as wide as a page, but half of it."""

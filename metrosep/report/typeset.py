@@ -18,7 +18,7 @@ from typing import Any
 from metrosep.core.atomic import atomic_write
 from metrosep.core.errors import DataError, UnsupportedFeatureError
 from metrosep.recipe.result import clean
-from metrosep.report.figures import figures_of
+from metrosep.report.figures import figures_of, is_narrow
 from metrosep.report.view import view
 
 __all__ = ["PDF_STANDARDS", "render_pdf", "write_pdf"]
@@ -174,10 +174,12 @@ def _data(document: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, str]]:
     drawings = figures_of(document)
     figures = [
         {
+            "number": i,
             "file": f"figure-{i}.svg",
             "title": f.title,
             "caption": f.caption,
             "width": _width(f.svg),
+            "narrow": is_narrow(f.svg),
         }
         for i, f in enumerate(drawings, start=1)
     ]
@@ -196,10 +198,22 @@ def _data(document: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, str]]:
         "short_title": title if len(title) <= _SHORT else title[: _SHORT - 1] + "…",
         "stamp": shown["stamp"]._asdict(),
         "characteristics": _tidied(stamps),
-        "figures": _tidied(figures),
+        "figure_rows": _side_by_side(_tidied(figures)),
         "recipe": recipe,
     }
     return data, {f"figure-{i}.svg": f.svg for i, f in enumerate(drawings, start=1)}
+
+
+def _side_by_side(figures: list[dict[str, Any]]) -> list[list[dict[str, Any]]]:
+    """Return figures in rows: two narrow ones that follow each other share one."""
+    rows: list[list[dict[str, Any]]] = []
+    for each in figures:
+        beside = rows and len(rows[-1]) == 1 and rows[-1][0]["narrow"] and each["narrow"]
+        if beside:
+            rows[-1].append(each)
+        else:
+            rows.append([each])
+    return rows
 
 
 def _width(svg: str) -> float:
