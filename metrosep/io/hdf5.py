@@ -7,7 +7,7 @@ The special formats on HDF5 (4D, Zygo Mx, MATLAB, metrosep's own) have readers o
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from typing import Any
 
 import numpy as np
@@ -93,7 +93,7 @@ def read(
     unit : str, tuple or dict, optional
         Unit of datasets without an attribute ``unit`` or ``units``.
     x, z, time : column, optional
-        Datasets of a profile or a recording, by path.
+        Datasets of a profile or a recording, by path; those of the top by their name too.
     sampling_rate : float (Hz) or str, optional
         Makes a recording of datasets without a time.
     scale : float (m/V) or str, optional
@@ -140,6 +140,7 @@ def read(
             n: (_values(file, handle, n, max_pixels), unit_of(handle.attributes(n)))
             for n in _chosen(file, handle, lines, maps, channel)
         }
+    x, z, time = (_as_path(asked, columns) for asked in (x, z, time))
     if not any(np.isfinite(v).any() for v, _ in columns.values()):
         raise CorruptFileError(file.path, "no dataset holds a number")
     return columns_as_object(
@@ -155,6 +156,16 @@ def read(
         sampling_rate=sampling_rate,
         scale=scale,
     )
+
+
+def _as_path(asked: ColumnSpec | None, columns: Container[str]) -> ColumnSpec | None:
+    """Return a column that is named without the slash of the top as its path."""
+    if asked is None or asked in columns:
+        return asked
+    name = asked.partition(":")[0] if isinstance(asked, str) else asked[0]
+    if name.startswith("/") or f"/{name}" not in columns:
+        return asked
+    return f"/{asked}" if isinstance(asked, str) else (f"/{name}", asked[1])
 
 
 def _dimensions(handle: Hdf5File, name: str) -> int:

@@ -73,7 +73,13 @@ def table_bytes(
     return stream.getvalue()
 
 
+_NO_LENGTH = frozenset({"zernike_m"})
+"""Names that end as a unit does: this is the azimuthal order of a term."""
+
+
 def _unit(name: str) -> str | None:
+    if name in _NO_LENGTH:
+        return None
     bare, unit = column_unit(name)
     # a unit that is not known, such as rev_per_s, must not be taken for its last piece
     return None if unit is None or bare.endswith("_per") else unit.name

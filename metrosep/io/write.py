@@ -28,7 +28,7 @@ from metrosep.core.recording import Recording
 from metrosep.core.runset import RunSet
 from metrosep.core.surface import Surface
 
-__all__ = ["write"]
+__all__ = ["SUFFIXES", "write"]
 
 _SUFFIXES = {
     ".x3p": "x3p",
@@ -39,6 +39,9 @@ _SUFFIXES = {
     ".sdf": "sdf",
     ".h5": "h5",
 }
+
+SUFFIXES = tuple(_SUFFIXES)
+"""Ends of the names of files that `write` makes."""
 
 _Writer = tuple[str, str, tuple[type, ...]]
 
@@ -145,8 +148,9 @@ def _by_module(
 
 
 def _does_not_hold(obj: object, name: str, path: Path) -> UnsupportedFeatureError:
+    others = sorted(f for f, (_, _, kinds) in _BINARY.items() if isinstance(obj, kinds))
     return UnsupportedFeatureError(
-        f"{path}: {name} does not hold a {type(obj).__name__}; write it as csv or h5"
+        f"{path}: {name} does not hold a {type(obj).__name__}; write it as csv, {', '.join(others)}"
     )
 
 

@@ -228,7 +228,7 @@ def _tables(produced: Separation) -> dict[str, dict[str, Any]]:
         columns: dict[str, Any] = {f"{name}{unit}": produced.coordinates[name]}
         if unit == "":  # numbers of terms: all that name them
             alike = (c for c in produced.coordinates if c.split("_")[0] == name.split("_")[0])
-            columns = {c: produced.coordinates[c] for c in alike}
+            columns = {c: produced.coordinates[c].astype(np.int64) for c in alike}
         for part, values in parts.items():
             columns[f"{part}_{produced.units[part]}"] = values
             columns[f"u_{part}_{produced.units[part]}"] = produced.u[part]

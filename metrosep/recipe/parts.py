@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from metrosep.core.atomic import atomic_write
-from metrosep.core.errors import DataError
+from metrosep.core.errors import DataError, UnsupportedFeatureError
 from metrosep.recipe.preflight import output_name
 
 if TYPE_CHECKING:
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from metrosep.core.surface import Surface
     from metrosep.recipe.description import Description
     from metrosep.recipe.recipe import Recipe
+    from metrosep.recipe.schema import Place
     from metrosep.separation.base import ErrorEstimate
 
 __all__ = ["write_arrays", "write_parts"]
@@ -58,9 +59,7 @@ def write_parts(
     DataError
         If the result has no parts to write.
     RecipeError
-        With the line, if a path ends as no file of tables does.
-    UnsupportedFeatureError
-        If the format of a path does not hold such an object.
+        With the line, if a path ends as no file of such an object or of tables does.
     WriteError
         If a file cannot be written.
     """
@@ -74,10 +73,10 @@ def write_parts(
         tell(f"writing {name}")
         if not described.maps and not described.tables:
             raise DataError("this result has no parts that can be written; leave this output out")
-        written += _write_objects(described.maps, folder, name)
+        written += _write_objects(described.maps, folder, name, place)
         suffix = name.suffix.lower()
         if described.profiles and suffix not in _TEXT:
-            written += _write_objects(described.profiles, folder, name)
+            written += _write_objects(described.profiles, folder, name, place)
             continue
         in_hdf5 = suffix == _HDF5 and "path" in output
         if described.tables and not described.maps and not in_hdf5 and suffix not in _TEXT:
@@ -155,13 +154,17 @@ def _hdf5(columns: Mapping[str, Any], document: Mapping[str, Any]) -> bytes:
 
 
 def _write_objects(
-    objects: Mapping[str, Surface] | Mapping[str, Profile], folder: Path, name: Path
+    objects: Mapping[str, Surface] | Mapping[str, Profile], folder: Path, name: Path, place: Place
 ) -> list[str]:
     from metrosep.io.write import write
 
     written = []
     for part, each in objects.items():
         file = f"{name.stem}-{part}{name.suffix or _HDF5}"
-        write(each, folder / file)
+        try:
+            write(each, folder / file)
+        except UnsupportedFeatureError as exc:
+            problem = str(exc).removeprefix(f"{folder / file}: ")
+            raise place.error(f"path: {problem}", "path") from None
         written.append(file)
     return written

@@ -170,7 +170,7 @@ def _names(output: Mapping[str, Any], place: Place) -> list[str]:
         name = output_name(output["path"], place)
         return [name, f"{name}.json"]
     if output["kind"] == "parts":
-        return [output_name(output.get("path", "parts.csv"), place)]
+        return [_parts_name(output_name(output.get("path", "parts.csv"), place), place)]
     known = report_formats()
     formats = output.get("formats", ["html"])
     for name in formats:
@@ -180,6 +180,20 @@ def _names(output: Mapping[str, Any], place: Place) -> list[str]:
                 "formats",
             )
     return [output_name(output.get("path", f"report.{name}"), place) for name in formats]
+
+
+def _parts_name(name: str, place: Place) -> str:
+    """Return the name of the file of parts, if it ends as one of any kind does."""
+    from metrosep.io.write import SUFFIXES
+
+    suffix, known = Path(name).suffix.lower(), dict.fromkeys((*SUFFIXES, ".txt", ".dat"))
+    if suffix in known or (not suffix and not name.startswith(".") and not name.endswith(".")):
+        return name
+    raise place.error(
+        f"path: {name!r} does not say the format of the parts; give a name that ends in "
+        f"{', '.join(known)}",
+        "path",
+    )
 
 
 def report_formats() -> dict[str, Any]:
