@@ -231,13 +231,18 @@ def rows(folder, *, quick):
     )
 
 
+_SECONDS = 2.0
+"""Of a round of ours."""
+
+
 def measure(row, peers):
     """Fill the times: ours and each peer take turns."""
     row.value = row.ours(row.obj)  # imports and caches
     started = time.perf_counter()
     row.ours(row.obj)
     short = time.perf_counter() - started
-    repeats = max(3, min(30, int(0.3 / short)))  # a short task is repeated until it is warm
+    # a peer's task runs for seconds at full clock: a short one is repeated until it does too
+    repeats = max(3, min(400, int(_SECONDS / short)))
     for _ in range(row.rounds):
         for _ in range(repeats):
             started = time.perf_counter()
