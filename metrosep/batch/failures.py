@@ -6,6 +6,7 @@ import errno
 import os
 from collections.abc import Iterator
 
+from metrosep.batch.names import one_line_name
 from metrosep.batch.units import Unit
 from metrosep.core import errors, exit_codes
 
@@ -123,9 +124,11 @@ def as_reason(error: BaseException, unit: Unit) -> str:
         )
     else:
         text = f"internal error ({type(error).__name__}: {error}); this is a bug in metrosep: report it"
+    shown = one_line_name(unit.name)
+    text = text.replace(unit.name, shown)
     for file in sorted({*unit.files, unit.target}, key=len, reverse=True):
         tail = file.removeprefix(unit.target).lstrip("/\\")
-        base = "" if unit.name == "." else unit.name
+        base = "" if unit.name == "." else shown
         text = text.replace(file, "/".join(p for p in (base, tail) if p) or ".")
     if unit.files == (unit.target,):  # a file beside it, such as the second one of a pair
         here = unit.name.rpartition("/")[0]

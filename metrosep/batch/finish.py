@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Protocol
 
-from metrosep.batch.index import build_index, index_formats, write_index
+from metrosep.batch.index import build_index, write_index
 from metrosep.batch.loop import Stop
 from metrosep.batch.report import BatchReport
 from metrosep.batch.rows import STATUSES, exit_code
+from metrosep.batch.titles import title_notes
 from metrosep.batch.units import Found
 from metrosep.batch.work import Task
 from metrosep.core.errors import MetrosepError
@@ -24,6 +25,7 @@ _APART = {
     "other_version": "of another version of metrosep",
     "former_content": "of former contents of files that changed",
     "gone": "of files that are gone",
+    "unreadable": "of files that cannot be read now",
 }
 
 
@@ -32,6 +34,8 @@ class Progress(Protocol):
 
     rows: dict[str, dict[str, Any]]
     names: set[str]
+    changed: set[str]
+    found: Found
     stop: Stop
 
     @property
@@ -47,7 +51,9 @@ class Progress(Protocol):
         """Units that were found and not finished."""
 
 
-def finished_report(recipe: Recipe, task: Task, batch: Progress, found: Found) -> BatchReport:
+def finished_report(
+    recipe: Recipe, task: Task, batch: Progress, more: tuple[str, ...] = ()
+) -> BatchReport:
     """Write the index and return the report.
 
     Parameters
@@ -57,9 +63,9 @@ def finished_report(recipe: Recipe, task: Task, batch: Progress, found: Found) -
     task : Task
         Where.
     batch : object
-        Rows, times, why it stopped.
-    found : Found
-        What was left out.
+        Rows, times, why it stopped, what was left out.
+    more : tuple of str, optional
+        Further messages.
 
     Returns
     -------
@@ -71,7 +77,7 @@ def finished_report(recipe: Recipe, task: Task, batch: Progress, found: Found) -
     WriteError
         If the index cannot be written.
     """
-    document, messages = told_index(recipe, task, batch.rows, batch.names)
+    document, messages = told_index(recipe, task, batch)
     rows = tuple(batch.rows[name] for name in sorted(batch.rows))
     counts = Counter(r["status"] for r in rows)
     return BatchReport(
@@ -83,8 +89,10 @@ def finished_report(recipe: Recipe, task: Task, batch: Progress, found: Found) -
             "open": batch.open,
         },
         seconds=batch.seconds,
-        exit_code=130 if batch.stop.interrupted else exit_code(list(rows)),
-        messages=(*found.messages, *messages),
+        exit_code=130
+        if batch.stop.interrupted
+        else exit_code(list(rows), closed=bool(batch.found.closed)),
+        messages=(*batch.found.messages, *more, *messages, *title_notes(rows)),
         out=Path(task.out),
         stopped=batch.stop.reason,
         document=document,
@@ -92,7 +100,7 @@ def finished_report(recipe: Recipe, task: Task, batch: Progress, found: Found) -
 
 
 def told_index(
-    recipe: Recipe, task: Task, rows: Mapping[str, Mapping[str, Any]], names: Collection[str] = ()
+    recipe: Recipe, task: Task, batch: Progress
 ) -> tuple[dict[str, Any], tuple[str, ...]]:
     """Write the index in each format that the recipe wants, JSON always.
 
@@ -102,10 +110,8 @@ def told_index(
         With ``[batch] index``.
     task : Task
         Where.
-    rows : mapping of str to mapping
-        Of this batch, by unit.
-    names : collection of str, optional
-        Of all units that were found, also of those that are not begun.
+    batch : object
+        Rows by unit, names of all units that were found, what was left out.
 
     Returns
     -------
@@ -119,17 +125,21 @@ def told_index(
     WriteError
         If index.json cannot be written; of other formats a message tells.
     """
+    rows = batch.rows
+    present: dict[str, str | None] = dict.fromkeys(batch.names)
+    present |= dict.fromkeys(batch.changed, "")  # no result is of what is there now
     document = build_index(
         recipe,
         task.out,
         recipe_hash=task.recipe_hash,
-        present={**dict.fromkeys(names), **{r["unit"]: r["hash"] for r in rows.values()}},
+        present={**present, **{r["unit"]: r["hash"] for r in rows.values()}},
         known=rows,
+        waiting=batch.names - rows.keys(),
+        left_out=batch.found.apart,
     )
     wanted = dict.fromkeys(("json", *(recipe.batch_options.get("index") or ("csv",))))
-    known = index_formats()
     lost = []
-    for name in (n for n in wanted if n in known):
+    for name in wanted:
         try:
             write_index(document, Path(task.out) / f"index.{name}", name)
         except (
@@ -139,18 +149,10 @@ def told_index(
                 raise
             kind = "" if isinstance(exc, MetrosepError) else f"{type(exc).__name__}: "
             lost.append(f"index.{name} was not written: {kind}{' '.join(str(exc).split())}")
-    missing = [n for n in wanted if n not in known]
-    return document, (*lost, *_messages(document, missing, known))
+    return document, (*lost, *_messages(document))
 
 
-def _messages(
-    document: Mapping[str, Any], missing: list[str], known: Mapping[str, Any]
-) -> Iterator[str]:
-    for name in missing:
-        yield (
-            f"index format {name!r} is written by nothing that is installed; there are "
-            f"{', '.join(sorted(known))}"
-        )
+def _messages(document: Mapping[str, Any]) -> Iterator[str]:
     for kind, n in document["apart"].items():
         if n:
             yield f"{n} result(s) in the output folder are kept apart and not counted: {_APART[kind]}"

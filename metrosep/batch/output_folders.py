@@ -31,6 +31,11 @@ def is_output_folder(folder: Path) -> bool:
     bool
         True where it holds the lock of a batch, an index.json of the schema of an index, or, named
         by eight digits, the result of a unit. A copy without hidden files is known too.
+
+    Raises
+    ------
+    OSError
+        If the files in it may not be looked at.
     """
     if any((folder / name).is_file() for name in (_LOCK, _SOURCE)):
         return True
@@ -111,7 +116,7 @@ def require_own_source(out: Path, source: Path) -> tuple[str, ...]:
             "delete this file, otherwise choose another output folder with -o"
         ) from None
     before = Path(os.path.normpath(before))
-    if not before.is_dir():
+    if not os.path.isdir(before):  # noqa: PTH112  # False also where one may not look
         told = (
             f"the input folder of before, {before}, is not there any more; results of files that are "
             f"not in {source} are kept apart"

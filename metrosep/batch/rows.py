@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from metrosep.io.measuring_time import moment_of
+from metrosep.recipe.reasons import reason_of
 
 __all__ = ["STATUSES", "exit_code", "row_of"]
 
@@ -46,7 +47,7 @@ def row_of(document: Mapping[str, Any], link: str | None) -> dict[str, Any]:
         "groups": dict(unit["groups"]),
         "status": status,
         "verdict": verdict,
-        "reason": document.get("reason") or _reason(document),
+        "reason": document.get("reason") or reason_of(document.get("characteristics", ())),
         "exit_code": document["exit_code"] if failed else _code(status),
         "link": link,
         "characteristics": [
@@ -67,32 +68,25 @@ def _measured_at(document: Mapping[str, Any]) -> str | None:
     return min(known, key=moment_of, default=None)
 
 
-def _reason(document: Mapping[str, Any]) -> str | None:
-    """Return which characteristics are not accepted, None where all are."""
-    bad = [
-        f"{c.get('name')}: {c['verdict']}"
-        for c in document.get("characteristics", ())
-        if c.get("verdict") in ("reject", "inconclusive")
-    ]
-    return "; ".join(bad) or None
-
-
 def _code(status: str) -> int:
     return {"rejected": 1, "inconclusive": 3}.get(status, 0)
 
 
-def exit_code(rows: list[dict[str, Any]]) -> int:
+def exit_code(rows: list[dict[str, Any]], *, closed: bool = False) -> int:
     """Return the exit code of a batch: 5, then 6, 1, 3; 0 where all is accepted.
 
     Parameters
     ----------
     rows : list of dict
         Of its units.
+    closed : bool, optional
+        Whether a folder could not be read, so that units may be missing.
 
     Returns
     -------
     int
-        6: at least one unit failed or was refused; 5: one of them by a bug.
+        6: at least one unit failed or was refused, or a folder could not be read; 5: a unit failed
+        by a bug.
 
     Examples
     --------
@@ -102,7 +96,7 @@ def exit_code(rows: list[dict[str, Any]]) -> int:
     failed = [r for r in rows if r["status"] in ("failed", "refused")]
     if any(r["exit_code"] == 5 for r in failed):
         return 5
-    if failed:
+    if failed or closed:
         return 6
     statuses = {r["status"] for r in rows}
     return 1 if "rejected" in statuses else 3 if "inconclusive" in statuses else 0

@@ -13,15 +13,19 @@ from typing import Any
 from metrosep.batch import marks
 from metrosep.batch.executors import executor, parse_scheduler
 from metrosep.batch.finish import finished_report, told_index
+from metrosep.batch.index import format_error
 from metrosep.batch.lock import locked
 from metrosep.batch.loop import Stop, work_through
 from metrosep.batch.marks import Identity
+from metrosep.batch.names import one_line_name
 from metrosep.batch.output_folders import record_source, require_own_source
 from metrosep.batch.report import BatchReport
+from metrosep.batch.titles import title_notes
 from metrosep.batch.units import Found, Unit, find_units
 from metrosep.batch.watch import file_time, new_units
 from metrosep.batch.work import DISK_FULL, Task, earlier_row, input_hash
 from metrosep.core.errors import DataError, ReadError, RecipeError, WriteError
+from metrosep.recipe.guard_room import guard_notes
 from metrosep.recipe.hashing import recipe_hash
 from metrosep.recipe.recipe import Recipe
 
@@ -94,7 +98,8 @@ def run_batch(
         If the folder is none, is itself the output folder of a batch, or no file of it is of the
         recipe.
     RecipeError
-        If the recipe is wrong, or reads no inputs; also where that shows only when it is carried
+        If the recipe is wrong, wants an index in a format that is not installed, or reads no
+        inputs; also where that shows only when it is carried
         out and no unit has a result by then: the batch stops, instead of failing every file.
     WriteError
         If the output folder cannot be written, holds the results of another input folder, another
@@ -128,6 +133,9 @@ def run_batch(
     """
     loaded = recipe if isinstance(recipe, Recipe) else Recipe.load(recipe)
     kind, address = parse_scheduler(scheduler)
+    wrong = format_error(loaded)
+    if wrong is not None:
+        raise wrong
     count = _workers(workers)
     if watch is not None and not watch > 0.0:
         raise DataError(f"watch = {watch!r}: seconds between two looks are needed, such as 5")
@@ -139,7 +147,7 @@ def run_batch(
     found = find_units(loaded, source, out=target)
     if not found.units and watch is None:
         raise ReadError(_nothing(loaded, source, found))
-    found = replace(found, messages=(*found.messages, *require_own_source(target, source)))
+    first = (*require_own_source(target, source), *guard_notes(loaded))
     task = Task(
         text=loaded.text,
         name=loaded.name,
@@ -150,11 +158,10 @@ def run_batch(
         resume=resume and not fresh,
     )
     if dry_run:
-        return _rehearse(task, found, tell)
+        return _rehearse(task, replace(found, messages=(*found.messages, *first)), tell)
     stop = Stop(cancel)
     strict = fail_fast or loaded.batch_options.get("on_error") == "stop"
-    batch = _Batch(loaded, task, stop, tell, strict=strict)
-    batch.names.update(u.name for u in found.units)
+    batch = _Batch(loaded, task, stop, tell, found, strict=strict)
     with locked(target), stop.at_signals():
         record_source(target, source)
         count = count if watch is not None else min(count, len(found.units))
@@ -163,28 +170,50 @@ def run_batch(
                 kind, _AHEAD * count
             )
             rounds = new_units(
-                loaded, source, target, every=watch, stop=stop, first=found, rows=batch.rows
-            )
+                loaded, source, target, every=watch, stop=stop, first=found, rows=batch.rows,
+                look=batch.look,
+            )  # fmt: skip
             for units in rounds:
                 batch.work(units, lambda u: work_through(task, u, make, width=width, stop=stop))
                 if watch is not None:
-                    told_index(loaded, task, batch.rows, batch.names)
-    return finished_report(loaded, task, batch, found)
+                    told_index(loaded, task, batch)
+    return finished_report(loaded, task, batch, first)
 
 
 class _Batch:
     """Rows so far, and what is told of them."""
 
     def __init__(
-        self, recipe: Recipe, task: Task, stop: Stop, tell: Tell | None, *, strict: bool
+        self,
+        recipe: Recipe,
+        task: Task,
+        stop: Stop,
+        tell: Tell | None,
+        found: Found,
+        *,
+        strict: bool,
     ) -> None:
         self.recipe, self.task, self.stop, self.strict = recipe, task, stop, strict
         self._tell = tell
         self.rows: dict[str, dict[str, Any]] = {}
-        self.names: set[str] = set()
+        self.found = found
+        self.names: set[str] = {u.name for u in found.units}
+        self.changed: set[str] = set()
         self.began = time.perf_counter()
         self._worked = 0
         self.wrong: str | None = None
+
+    def look(self, found: Found, changed: frozenset[str] = frozenset()) -> bool:
+        """Note what is there now; return whether units are gone.
+
+        The results of units that are gone or changed stay on the disk, where the index finds them.
+        """
+        names = {u.name for u in found.units}
+        gone = self.names - names
+        for name in gone | changed:
+            self.rows.pop(name, None)
+        self.found, self.names, self.changed = found, names, set(changed)
+        return bool(gone)
 
     @property
     def total(self) -> int:
@@ -219,6 +248,7 @@ class _Batch:
             row["groups"] = dict(unit.groups)  # of this pattern, whatever a mark of before says
             row |= {"file_time": file_time(unit)} if changed else {}
             self.rows[row["unit"]] = row
+            self.changed.discard(row["unit"])
             self._report(row)
             if row.get("error") == RecipeError.__name__ and all(
                 "error" in r for r in self.rows.values()
@@ -226,7 +256,9 @@ class _Batch:
                 self.wrong = row["reason"]
                 self.stop.because(f"stopped: {row['reason']}")
             if self.strict and row["status"] in ("failed", "refused"):
-                self.stop.because(f"stopped at the first unit that failed ({row['unit']})")
+                self.stop.because(
+                    f"stopped at the first unit that failed ({one_line_name(row['unit'])})"
+                )
         if self.wrong is not None:
             raise RecipeError(self.wrong)
         if self.stop.reason == DISK_FULL:
@@ -261,6 +293,8 @@ def _nothing(recipe: Recipe, folder: Path, found: Found) -> str:
     text = f"{folder}: no file" + (f" matches {files}" if files else " of a known format")
     if found.left_out:
         text += f" and the pattern of [batch] ({len(found.left_out)} do not fit the pattern)"
+    if found.closed:
+        text += f"; {len(found.closed)} folder(s) in it cannot be read"
     if found.outputs:
         text += f"; {len(found.outputs)} output folder(s) of batches in it do not count"
     return f"{text}; check the folder, and 'files' of [input] in {recipe.name}"
@@ -280,9 +314,10 @@ def _rehearse(task: Task, found: Found, tell: Tell | None) -> BatchReport:
             row |= {"status": "unreadable", "reason": str(exc.strerror or exc), "link": None}
         else:
             place = identity.folder(Path(task.out), unit)
-            done = earlier_row(task, unit, identity) is not None
+            done = earlier_row(task, unit, identity)
             link = (place / marks.RESULT).relative_to(task.out).as_posix()
-            row |= {"status": "done before" if done else "to do", "link": link}
+            row |= {"status": "to do" if done is None else "done before", "link": link}
+            row |= {k: v for k, v in (done or {}).items() if k == "former_title"}
         rows.append({**row, "skipped": row["status"] == "done before", "seconds": 0.0})
         if tell is not None:
             event = {k: row[k] for k in ("unit", "status", "reason")}
@@ -294,5 +329,6 @@ def _rehearse(task: Task, found: Found, tell: Tell | None) -> BatchReport:
         "skipped": n["done before"],
         "open": len(rows) - n["done before"],
     }
-    report = BatchReport(tuple(rows), counts, time.perf_counter() - began, 0, found.messages)
+    messages = (*found.messages, *title_notes(rows))
+    report = BatchReport(tuple(rows), counts, time.perf_counter() - began, 0, messages)
     return replace(report, stopped="a dry run: nothing was written")

@@ -12,6 +12,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from metrosep.batch.left_out import CLOSED, LeftOut, sentences
+from metrosep.batch.names import safe_name, utf8_name
 from metrosep.batch.output_folders import count_files, is_output_folder
 from metrosep.core.errors import ReadError, RecipeError
 from metrosep.recipe.methods import METHODS
@@ -21,18 +23,16 @@ if TYPE_CHECKING:
 
 __all__ = ["Found", "Unit", "find_units", "one_file_each", "safe_name"]
 
-_LONGEST = 80
-_RESERVED = {"con", "prn", "aux", "nul", *(f"{d}{n}" for d in ("com", "lpt") for n in range(10))}
-
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """What one result is made of.
+    r"""What one result is made of.
 
     Parameters
     ----------
     name : str
-        Path of the file, or of the folder of a set, below the input folder; parts joined by ``/``.
+        Path of the file, or of the folder of a set, below the input folder; parts joined by ``/``,
+        bytes that are no UTF-8 as ``\xff``.
     target : str
         Absolute path of the file or folder that the recipe is given.
     files : tuple of str
@@ -58,18 +58,45 @@ class Found:
     ----------
     units : tuple of Unit
         By name.
-    left_out : tuple of str
-        Files or folders that do not fit the pattern of ``[batch]``.
     messages : tuple of str
         In plain words.
-    outputs : tuple of str
-        Output folders of other batches; what lies in them is no input.
+    apart : tuple of LeftOut
+        What is no input, one for each reason.
     """
 
     units: tuple[Unit, ...]
-    left_out: tuple[str, ...] = ()
     messages: tuple[str, ...] = ()
-    outputs: tuple[str, ...] = ()
+    apart: tuple[LeftOut, ...] = ()
+
+    def names(self, what: str) -> tuple[str, ...]:
+        """Return what was left out for a reason.
+
+        Parameters
+        ----------
+        what : str
+            Of `LeftOut`.
+
+        Returns
+        -------
+        tuple of str
+            Names below the input folder.
+        """
+        return next((a.names for a in self.apart if a.what == what), ())
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Files or folders that do not fit the pattern of ``[batch]``."""
+        return self.names("pattern")
+
+    @property
+    def closed(self) -> tuple[str, ...]:
+        """Folders that cannot be read."""
+        return self.names(CLOSED)
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Output folders of other batches; what lies in them is no input."""
+        return self.names("outputs")
 
 
 def find_units(
@@ -114,12 +141,9 @@ def find_units(
         raise RecipeError(
             f"{recipe.name}: this recipe reads no inputs, so there is no batch of it; use 'run'"
         )
-    if not root.is_dir():
-        what = "is a file, not a folder" if root.exists() else "does not exist"
-        raise ReadError(f"{root}: {what}; a batch needs the folder of its inputs")
     method = METHODS.get(recipe.steps[0]["op"])
     of_results = method is not None and method.reads == "results"
-    if not of_results and is_output_folder(root):
+    if _is_output(root) and not of_results:
         raise ReadError(
             f"{root}: is the output folder of a batch, and its results would be taken for inputs; give "
             "the folder of the measured files"
@@ -144,12 +168,32 @@ def find_units(
                 left.append(_relative(target, root))
             else:
                 units.append(unit)
+    n = sum(count_files(root / name) for name in outputs or ())
+    reasons = (
+        ("pattern", "do not fit the pattern of [batch]", left),
+        ("links", "are links to folders", links),
+        (CLOSED, "are folders that cannot be read", closed),
+        ("case", "are no plain files, or fit 'files' of [input] only in another case,", cased),
+        ("odd", "are no plain files (a pipe, a socket or a device)", odd),
+        ("outputs", f"are output folders of batches ({n} files)", outputs or []),
+    )
+    apart = tuple(LeftOut(w, why, tuple(sorted(names))) for w, why, names in reasons if names)
     return Found(
         tuple(sorted(units, key=lambda u: u.name)),
-        tuple(sorted(left)),
-        tuple(_messages(left, links, closed, cased, odd, outputs or [], root)),
-        tuple(outputs or ()),
+        tuple(sentences([a.record() for a in apart], str(root))),
+        apart,
     )
+
+
+def _is_output(root: Path) -> bool:
+    """Return whether an input folder is an output folder; refuse what is no folder, or closed."""
+    try:
+        if root.is_dir():
+            return is_output_folder(root)
+        what = "is a file, not a folder" if root.exists() else "does not exist"
+    except OSError as exc:
+        raise ReadError(f"{root}: the folder cannot be read ({exc.strerror or exc})") from None
+    raise ReadError(f"{root}: {what}; a batch needs the folder of its inputs")
 
 
 def one_file_each(recipe: Recipe) -> bool:
@@ -178,30 +222,6 @@ def one_file_each(recipe: Recipe) -> bool:
     return method.reads == "table"
 
 
-def safe_name(text: str) -> str:
-    """Return a text as the name of one folder that cannot lead elsewhere.
-
-    Parameters
-    ----------
-    text : str
-        Of a file or a group of the pattern.
-
-    Returns
-    -------
-    str
-        Letters, digits, ``.``, ``-`` and ``_``, at most 80; other signs become ``_``.
-
-    Examples
-    --------
-    >>> safe_name("../../etc/passwd"), safe_name("part 7"), safe_name("")
-    ('_.._etc_passwd', 'part_7', '_')
-    """
-    name = re.sub(r"[^\w.-]", "_", text)[:_LONGEST].lstrip(".").rstrip(".")
-    if not name or name.split(".")[0].casefold() in _RESERVED or name[:6].casefold() == "index.":
-        name = f"_{name}"
-    return name
-
-
 def _walk(
     root: Path, out: Path | None, links: list[str], closed: list[str], outputs: list[str] | None
 ) -> Iterator[tuple[Path, list[str]]]:
@@ -216,15 +236,20 @@ def _walk(
     for place, folders, files in os.walk(root, onerror=refuse):
         here = Path(place)
         kept = []
-        for name in sorted(folders):
-            if name.startswith("."):
+        for name in (n for n in sorted(folders) if not n.startswith(".")):
+            inside = here / name
+            if inside.is_symlink():
+                links.append(_relative(inside, root))
                 continue
-            if (here / name).is_symlink():
-                links.append(_relative(here / name, root))
-            elif avoid is not None and (here / name).resolve() == avoid:
+            if avoid is not None and inside.resolve() == avoid:
                 continue
-            elif outputs is not None and is_output_folder(here / name):
-                outputs.append(_relative(here / name, root))
+            try:
+                is_output = is_output_folder(inside)
+            except OSError:  # its files may not be looked at, even where it can be listed
+                closed.append(_relative(inside, root))
+                continue
+            if is_output and outputs is not None:
+                outputs.append(_relative(inside, root))
             else:
                 kept.append(name)
         folders[:] = kept
@@ -306,37 +331,14 @@ def _unit(
         match = match or regex.fullmatch(name)
         if match is None:
             return None
-        groups = {k: v or "" for k, v in match.groupdict().items()}
+        groups = {k: utf8_name(v or "") for k, v in match.groupdict().items()}
     keys = recipe.batch_options.get("key") or ()
     stem = target.stem if target == files[0] else target.name
     stem = stem if name != "." else root.resolve().name
     key = "_".join(safe_name(groups[k]) for k in keys) if keys else safe_name(stem)
     absolute = tuple(os.path.abspath(f) for f in files)  # noqa: PTH100  # links stay links
-    return Unit(name, os.path.abspath(target), absolute, safe_name(key), groups)  # noqa: PTH100
+    return Unit(utf8_name(name), os.path.abspath(target), absolute, safe_name(key), groups)  # noqa: PTH100
 
 
 def _relative(path: Path, root: Path) -> str:
     return path.relative_to(root).as_posix()
-
-
-def _messages(
-    left: list[str],
-    links: list[str],
-    closed: list[str],
-    cased: list[str],
-    odd: list[str],
-    outputs: list[str],
-    root: Path,
-) -> Iterator[str]:
-    n = sum(count_files(root / name) for name in outputs)
-    for items, why in (
-        (left, "do not fit the pattern of [batch]"),
-        (links, "are links to folders"),
-        (closed, "are folders that cannot be read"),
-        (cased, "are no plain files, or fit 'files' of [input] only in another case,"),
-        (odd, "are no plain files (a pipe, a socket or a device)"),
-        (outputs, f"are output folders of batches ({n} files)"),
-    ):
-        if items:
-            shown = ", ".join(items[:3]) + (" ..." if len(items) > 3 else "")
-            yield f"{len(items)} below {root} {why} and are left out: {shown}"

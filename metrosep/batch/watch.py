@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from typing import Any
 from metrosep.batch.companions import files_read
 from metrosep.batch.loop import Stop
 from metrosep.batch.units import Found, Unit, find_units
+from metrosep.core.errors import ReadError
 from metrosep.recipe.recipe import Recipe
 
 __all__ = ["file_time", "new_units"]
@@ -29,6 +31,7 @@ def new_units(
     stop: Stop,
     first: Found,
     rows: Mapping[str, Mapping[str, Any]] | None = None,
+    look: Callable[[Found, frozenset[str]], bool] | None = None,
 ) -> Iterator[tuple[Unit, ...]]:
     """Yield units that are new or changed, again and again.
 
@@ -47,32 +50,49 @@ def new_units(
     rows : mapping of str to mapping, optional
         What became of the units so far, by name; it grows while this goes on. A unit whose row
         says ``again`` is tried once more after 1, 2, 4 ... looks, at most `_MOST_LOOKS`.
+    look : callable, optional
+        Given what each look into a hot folder found, with the names of units whose files are not
+        those any more that were handed out; returns whether units are gone. Called once more at
+        the end.
 
     Yields
     ------
     tuple of Unit
         Of one look. In a hot folder a unit counts when size and time of its files were the same
-        at two looks: what is still being written waits.
+        at two looks: what is still being written waits. Empty where units are only gone.
     """
     if every is None:
         yield first.units
         return
     seen: dict[str, object] = {}
     taken: dict[str, object] = {}
+    handed: dict[str, object] = {}
     patience = _Patience({} if rows is None else rows)
     while not stop:
         ready = []
-        for unit in find_units(recipe, folder, out=out).units:
-            state = _state(unit)
+        found = find_units(recipe, folder, out=out)
+        states = {unit.name: _state(unit) for unit in found.units}
+        gone = look is not None and look(found, _changed(states, handed))
+        for unit in found.units:
+            state = states[unit.name]
             if unit.name in taken and patience.is_over(unit.name):
                 del taken[unit.name]
             if state is not None and seen.get(unit.name) == state != taken.get(unit.name):
                 ready.append(unit)
-                taken[unit.name] = state
+                taken[unit.name] = handed[unit.name] = state
             seen[unit.name] = state
-        if ready:
+        if ready or gone:
             yield tuple(ready)
         _sleep(every, stop)
+    with contextlib.suppress(ReadError):  # a folder that went at the end: what was found stays
+        found = find_units(recipe, folder, out=out)
+        if look is not None:
+            look(found, _changed({u.name: _state(u) for u in found.units}, handed))
+
+
+def _changed(states: Mapping[str, object], handed: Mapping[str, object]) -> frozenset[str]:
+    """Return the units whose files are not those any more that were handed out."""
+    return frozenset(n for n, s in states.items() if n in handed and handed[n] != s)
 
 
 def file_time(unit: Unit) -> str | None:

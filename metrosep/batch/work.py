@@ -25,10 +25,12 @@ from metrosep.batch.failures import (
     worth_another_try,
 )
 from metrosep.batch.marks import FAILED, RESULT, Identity, unit_record
+from metrosep.batch.names import is_utf8
 from metrosep.batch.rows import row_of
+from metrosep.batch.titles import former_title
 from metrosep.batch.units import Unit
 from metrosep.core.blas import one_thread
-from metrosep.core.errors import MetrosepError, RecipeError, WriteError
+from metrosep.core.errors import MetrosepError, ReadError, RecipeError, WriteError
 
 if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe
@@ -97,6 +99,7 @@ def do_unit(task: Task, unit: Unit) -> dict[str, Any]:
         done = earlier_row(task, unit, identity)
         if done is not None:
             return {**done, "seconds": time.perf_counter() - began, "skipped": True}
+        _require_utf8(unit)
         refusal = _memory_refusal(task, unit)
         if refusal is not None:
             row = record_failure(task, unit, refusal, status="refused", identity=identity)
@@ -212,7 +215,8 @@ def earlier_row(task: Task, unit: Unit, identity: Identity) -> dict[str, Any] | 
     Returns
     -------
     dict or None
-        None where there is work to do; a failure by the content of the input is finished.
+        None where there is work to do; a failure by the content of the input is finished. With
+        ``former_title`` where the recipe has another title now.
     """
     if not task.resume:
         return None
@@ -223,8 +227,13 @@ def earlier_row(task: Task, unit: Unit, identity: Identity) -> dict[str, Any] | 
             continue
         if name == FAILED and (found.get("again", True) or found.get("metrosep") != __version__):
             continue
-        return row_of(found, _link(folder, task, name))
+        return {**row_of(found, _link(folder, task, name)), **former_title(found, task.text)}
     return None
+
+
+def _require_utf8(unit: Unit) -> None:
+    if not is_utf8(unit):
+        raise ReadError(f"{unit.name}: the name is not UTF-8; rename the file")
 
 
 def _memory_refusal(task: Task, unit: Unit) -> MemoryError | None:
@@ -247,6 +256,7 @@ class _TooLargeError(MetrosepError, MemoryError):
 def _carry_out(
     task: Task, unit: Unit, identity: Identity, before: Mapping[str, tuple[int, int]]
 ) -> dict[str, Any]:
+    from metrosep.recipe.reading_words import in_recipe_words
     from metrosep.recipe.run import run_recipe
 
     recipe = _recipe(task.text, task.name, task.folder, task.recipe_hash)
@@ -258,10 +268,13 @@ def _carry_out(
     stage.mkdir()
     try:
         inside = stage if recipe.outputs else None
-        done = run_recipe(recipe, unit.target, out=inside, progress=None, with_result=False)
-        document = {**done.document}
+        told = {"unit": unit_record(unit, identity)}  # in the reports too: made again, same bytes
+        with in_recipe_words(recipe):
+            done = run_recipe(
+                recipe, unit.target, out=inside, progress=None, with_result=False, more=told
+            )
+        document = done.document
         _require_unchanged(unit, before, identity, document)
-        document["unit"] = unit_record(unit, identity)
         (folder / RESULT).unlink(missing_ok=True)
         for file in sorted(stage.iterdir()):
             file.replace(folder / file.name)

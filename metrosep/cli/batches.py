@@ -72,8 +72,8 @@ def batch(
     """Carry out RECIPE on every file below DIR, each with its own verdict.
 
     A batch that was stopped or killed goes on where it was when it is started again. Exit codes, the
-    worst counts: 5 internal error, 6 files that failed, 1 rejected, 3 inconclusive, 0 all accepted;
-    130 interrupted.
+    worst counts: 5 internal error, 6 files that failed or folders that cannot be read, 1 rejected,
+    3 inconclusive, 0 all accepted; 130 interrupted.
     """
     from metrosep.batch import run_batch
     from metrosep.recipe.preflight import require_limits
@@ -93,9 +93,9 @@ def batch(
     if as_json or quiet:
         return code
     for message in report.messages:
-        say(f"note: {message}")
+        say(f"note: {_one_line(message)}")
     for row in report.rows if options["dry_run"] else ():
-        say(f"{row['status']:12} {row['unit']} -> {row['link'] or row['reason']}")
+        say(_one_line(f"{row['status']:12} {row['unit']} -> {row['link'] or row['reason']}"))
     say(report.summary())
     if report.out is not None:
         say(f"index    {report.out / 'index.json'}")
@@ -136,9 +136,17 @@ def _progress(*, quiet: bool) -> Iterator[Tell | None]:
             yield _rewritten
 
 
+def _one_line(text: str) -> str:
+    """Return a text with names of files for one line of a terminal."""
+    from metrosep.batch.names import one_line_name
+
+    return one_line_name(text)
+
+
 def _line(event: Mapping[str, Any]) -> None:
     reason = f": {event['reason']}" if event["reason"] else ""
-    say(f"metrosep: {event['done']}/{event['total']} {event['status']} {event['unit']}{reason}")
+    text = f"{event['done']}/{event['total']} {event['status']} {event['unit']}{reason}"
+    say(f"metrosep: {_one_line(text)}")
 
 
 def _rewritten(event: Mapping[str, Any]) -> None:
@@ -147,7 +155,7 @@ def _rewritten(event: Mapping[str, Any]) -> None:
         print("\r\033[K", end="", file=sys.stderr)
         _line(event)
     left = "" if event["eta_s"] is None else f", {_duration(event['eta_s'])} left"
-    text = f"{event['done']}/{event['total']} units{left}  {event['unit']}"[:78]
+    text = _one_line(f"{event['done']}/{event['total']} units{left}  {event['unit']}")[:78]
     print(f"\r\033[K{text}", end="", file=sys.stderr, flush=True)
 
 
@@ -168,11 +176,11 @@ def _rich(stack: contextlib.ExitStack) -> Tell:
 
     def tell(event: Mapping[str, Any]) -> None:
         left = "" if event["eta_s"] is None else f"{_duration(event['eta_s'])} left  "
-        words = f"{left}{event['status']} {event['unit']}"
+        words = _one_line(f"{left}{event['status']} {event['unit']}")
         bar.update(number, completed=event["done"], total=event["total"], words=words)
         if event["status"] in ("failed", "refused"):
             bar.console.print(
-                f"{event['status']} {event['unit']}: {event['reason']}",
+                _one_line(f"{event['status']} {event['unit']}: {event['reason']}"),
                 markup=False,
                 highlight=False,
             )

@@ -56,12 +56,20 @@ def check_recipes(
     Returns
     -------
     int
-        0 if all are right, else 2.
+        0 if all are right, also where a warning is printed, else 2.
     """
+    from metrosep.recipe.guard_room import guard_notes
+
     found = {name: _checked(name, overrides) for name in files}
+    warned = {name: list(guard_notes(r)) if r else [] for name, (r, _) in found.items()}
     if as_json:
         items = [
-            {"file": n, "errors": errors, **({"defaults": _defaults(r)} if explain and r else {})}
+            {
+                "file": n,
+                "errors": errors,
+                "warnings": warned[n],
+                **({"defaults": _defaults(r)} if explain and r else {}),
+            }
             for n, (r, errors) in found.items()
         ]
         content = items[0] if len(items) == 1 else {"files": items}
@@ -69,7 +77,9 @@ def check_recipes(
     for name, (recipe, errors) in {} if as_json else found.items():
         for error in errors:
             click.echo(f"error: {error}")
-        if not errors:
+        for warning in warned[name]:
+            click.echo(f"warning: {warning}")
+        if not errors and not warned[name]:
             click.echo(f"{name}: nothing wrong")
         if explain and recipe is not None:
             for line in _explained(recipe):
@@ -261,17 +271,12 @@ def _of_table(
 
 
 def _of_plugins(recipe: Recipe) -> Iterator[Exception]:
-    """Yield formats that nothing installed writes; reports and controllers were checked before."""
-    from metrosep.batch.index import index_formats
+    """Yield the first format that nothing installed writes; reports and controllers were checked before."""
+    from metrosep.batch.index import format_error
 
-    known = index_formats()
-    for name in recipe.batch_options.get("index") or ():
-        if name not in known:
-            yield recipe.place("[batch]").error(
-                f"index format {name!r} is written by nothing that is installed; there are "
-                f"{', '.join(sorted(known))}",
-                "index",
-            )
+    wrong = format_error(recipe)
+    if wrong is not None:
+        yield wrong
 
 
 def _defaults(recipe: Recipe) -> list[dict[str, Any]]:

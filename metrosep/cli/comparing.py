@@ -33,7 +33,7 @@ _MOST_LINES = 8
 def diff(a: str, b: str, tolerances: tuple[str, ...], as_json: bool) -> int:
     """Compare A and B: two results (result.json or their folders), recipes (.toml) or tables.
 
-    A difference is B minus A. Values are compared with the uncertainty of their difference, tables
+    A folder of a batch stands for the one result below it. A difference is B minus A. Values are compared with the uncertainty of their difference, tables
     entry by entry at the same positions. Exit code 0: equal within the tolerances; 1: different; 2:
     usage; 4: unreadable.
     """
@@ -83,7 +83,35 @@ def _load(name: str) -> tuple[str, Any]:
             f"{name} is no result.json, no recipe (.toml), and no table with its {path.name}.json "
             "beside it; give one of these"
         )
-    return "result", load_document(path)
+    return "result", load_document(_with_result(path) if path.is_dir() else path)
+
+
+def _with_result(folder: Path) -> Path:
+    """Return the folder of a result: this one, or the only one of a batch below it."""
+    from metrosep.core.errors import ReadError
+
+    if (folder / "result.json").is_file():
+        return folder
+    found = _below(folder, "result.json")
+    if len(found) == 1:
+        return found[0]
+    if found:
+        shown = ", ".join(f.relative_to(folder).as_posix() for f in found[:_MOST_LINES])
+        more = f" and {len(found) - _MOST_LINES} more" if len(found) > _MOST_LINES else ""
+        raise click.UsageError(
+            f"{folder} holds {len(found)} results; give one of its folders: {shown}{more}"
+        )
+    failed = _below(folder, "failed.json")
+    reason = _json(failed[0] / "failed.json") if len(failed) == 1 else None
+    if isinstance(reason, dict) and reason.get("reason"):
+        raise ReadError(f"{folder} holds no result, since its unit failed: {reason['reason']}")
+    return folder
+
+
+def _below(folder: Path, name: str) -> list[Path]:
+    """Return the folders of a file one or two below: a batch writes <key>/<8 digits>/result.json."""
+    found = [f.parent for pattern in (f"*/{name}", f"*/*/{name}") for f in folder.glob(pattern)]
+    return sorted(f for f in found if not any(p.startswith(".") for p in f.parts[-2:]))
 
 
 def _bytes(path: Path) -> bytes:

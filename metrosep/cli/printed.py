@@ -34,11 +34,9 @@ def recipe_words(recipe: Recipe, message: str) -> str:
     str
         In terms of the recipe.
     """
-    from metrosep.recipe.step_words import step_words
+    from metrosep.recipe import reading_words
 
-    for step in recipe.steps:
-        message = step_words(message, step["op"])
-    return message
+    return reading_words.recipe_words(recipe, message)
 
 
 def print_named(recipe: Recipe, result: Result, *, as_json: bool, command: bool = False) -> None:

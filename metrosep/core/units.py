@@ -149,6 +149,16 @@ _ALIASES = {
     "-": "1",
 }
 
+_DECIMAL = {
+    factor: round(math.log10(factor))
+    for _, factor in _TABLE.values()
+    if factor == float(f"1e{round(math.log10(factor))}")
+}
+"""Power of ten of each factor that is one."""
+
+_LONGEST = 6
+"""Characters of an exponent; a longer one is zero or infinite anyway."""
+
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _QUANTITY = re.compile(rf"^\s*({_NUMBER})\s*(.*?)\s*$")
 _NOT_SUFFIXES = frozenset({"1", "-", "%", "min", "h", "v", "sec"})
@@ -230,7 +240,7 @@ def parse_quantity(value: str | float, *, dimension: str, name: str = "value") -
     Returns
     -------
     float
-        Value in SI.
+        Value in SI; of text with a decimal unit the float nearest to what is written.
 
     Raises
     ------
@@ -264,10 +274,22 @@ def parse_quantity(value: str | float, *, dimension: str, name: str = "value") -
         raise UnitError(
             f"{name} {value!r} has no unit; write it with one of {_example(dimension)}"
         )
-    number = float(digits) * parse_unit(unit_text, dimension=dimension).factor
+    number = _scaled(digits, parse_unit(unit_text, dimension=dimension).factor)
     if not math.isfinite(number):
         raise UnitError(f"{name} {value!r} is not finite")
     return number
+
+
+def _scaled(digits: str, factor: float) -> float:
+    """Return a typed number times a factor: the float nearest to it where the factor is a power of ten.
+
+    12 * 1e-9 is 1.2000000000000002e-08, since 1e-9 is rounded before the product is.
+    """
+    power = _DECIMAL.get(factor)
+    mantissa, _, exponent = digits.lower().partition("e")
+    if power is None or len(exponent) > _LONGEST:
+        return float(digits) * factor
+    return float(f"{mantissa}e{int(exponent or 0) + power}")
 
 
 def parse_sensitivity(text: str) -> float:

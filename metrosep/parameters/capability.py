@@ -15,6 +15,7 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
+from metrosep.parameters.rounding_floor import RELATIVE_FLOOR
 
 __all__ = ["LEAST_VALUES", "Capability", "ControlLimits", "capability_of", "control_limits"]
 
@@ -87,7 +88,8 @@ def capability_of(
     Returns
     -------
     Capability or None
-        ``None`` with fewer than 20 values, without a limit, or without any scatter.
+        ``None`` with fewer than 20 values, without a limit, or without any scatter: at most 1e-12 of
+        the mean or a limit is rounding.
 
     Raises
     ------
@@ -115,12 +117,13 @@ def capability_of(
     """
     limits = [v for v in (lower, upper) if v is not None]
     if any(not math.isfinite(v) for v in limits) or (len(limits) == 2 and limits[0] >= limits[1]):
-        raise DataError(f"the limits {lower} ... {upper} are not in order")
+        shown = " ... ".join("none" if v is None else f"{v:.10g}" for v in (lower, upper))
+        raise DataError(f"the limits {shown} are not in order")
     known = _known(values)
     if len(known) < LEAST_VALUES or not limits:
         return None
     mean, sd = float(np.mean(known)), float(np.std(known, ddof=1))
-    if not sd > abs(mean) * 1e-12:  # equal values differ by rounding only
+    if not sd > RELATIVE_FLOOR * max(abs(mean), *(abs(v) for v in limits)):  # rounding only
         return None
     n = len(known)
     below = math.inf if lower is None else mean - lower

@@ -75,10 +75,10 @@ def decide(
     low = -math.inf if lower is None else real_number(lower, "lower")
     high = math.inf if upper is None else real_number(upper, "upper")
     if math.isnan(low) or math.isnan(high) or low > high:
-        raise DataError(f"the limits {lower} ... {upper} are not in order")
+        raise DataError(f"the limits {_text(lower)} ... {_text(upper)} are not in order")
     for name, number in (("U", U), ("guard_factor", guard_factor)):
         if not (math.isfinite(real_number(number, name)) and number >= 0.0):
-            raise DataError(f"{name} must be finite and not negative, got {number}")
+            raise DataError(f"{name} must be finite and not negative, got {_text(number)}")
     guard = guard_factor * U
     below, above = (_allowance(value, limit, guard) for limit in (low, high))
     if low + guard - below <= value <= high - guard + above:
@@ -86,6 +86,12 @@ def decide(
     if value <= low - guard + below or value >= high + guard - above:
         return "reject"
     return "inconclusive"
+
+
+def _text(number: float | None) -> str:
+    """Return a number for a message: a limit of a recipe tells itself with its unit."""
+    own = getattr(number, "text", None)
+    return own if isinstance(own, str) else "none" if number is None else f"{number:.10g}"
 
 
 def _allowance(value: float, limit: float, guard: float) -> float:

@@ -8,7 +8,7 @@ the process that makes the parts stays what it was.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -19,6 +19,8 @@ from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.false_discovery import benjamini_hochberg
 from metrosep.parameters.capability import control_limits
+from metrosep.parameters.rounding_floor import constant, term_floors
+from metrosep.parameters.series_pairs import correlations
 
 __all__ = ["PartSeries", "TermSeries", "part_series"]
 
@@ -55,6 +57,9 @@ class TermSeries:
         Probability of so large a slope by chance.
     drifts : bool
         Whether it is beyond chance among all terms (false discovery rate).
+    constant : bool
+        Whether the values differ by rounding only (`metrosep.parameters.rounding_floor`): slope and
+        drift with their u are zero then, limits and p NaN.
     """
 
     name: str
@@ -72,6 +77,7 @@ class TermSeries:
     u_drift: float
     p: float
     drifts: bool = False
+    constant: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,13 +92,15 @@ class PartSeries:
         Of the terms without their slopes, so that two drifts alone are no correlation; NaN where
         fewer than five parts have both.
     correlated : tuple of (str, str, float)
-        Pairs beyond chance, the strongest first.
+        Pairs beyond chance, the strongest first; of terms that say the same the first stands for all.
     n_parts : int
         Length of the series.
     rate : float
         False discovery rate of both lists.
     messages : tuple of str
         In plain words.
+    same : tuple of tuple of str
+        Groups of terms that say the same: correlation of size 0.9999 or more from one to the next.
     """
 
     terms: tuple[TermSeries, ...]
@@ -101,6 +109,7 @@ class PartSeries:
     n_parts: int
     rate: float
     messages: tuple[str, ...] = field(default=())
+    same: tuple[tuple[str, ...], ...] = ()
 
     @property
     def drifting(self) -> tuple[TermSeries, ...]:
@@ -129,6 +138,7 @@ class PartSeries:
             ],
             "correlation": self.correlation.tolist(),
             "correlated": [list(c) for c in self.correlated],
+            "same": [list(s) for s in self.same],
             "messages": list(self.messages),
         }
 
@@ -138,6 +148,7 @@ def part_series(
     *,
     units: Mapping[str, str] | None = None,
     rate: float = 0.05,
+    sizes: Mapping[str, float] | None = None,
 ) -> PartSeries:
     """Return control limits, drifts and correlations of terms over a series of parts.
 
@@ -149,6 +160,9 @@ def part_series(
         SI unit by term; ``"m"`` where it is not named.
     rate : float, optional
         False discovery rate, 0 < rate < 1.
+    sizes : mapping of str to float, optional
+        Largest value by SI unit of what else was measured, limits too: beside it, values may be
+        rounding that would be a trend alone.
 
     Returns
     -------
@@ -172,6 +186,11 @@ def part_series(
     takes the scatter about the line as independent from part to part. Correlation is that of the
     remainders about both lines, tested with n - 3 degrees of freedom; over all pairs the false
     discovery rate is held (Benjamini and Hochberg).
+
+    A term whose values have a range of at most 1e-12 of the largest value of its unit (m and rad;
+    at most 1e-15 there), or of its own largest, is constant: neither test counts it. Pairs with a
+    correlation of size 0.9999 or more are identities, such as Sq and the RMS of the residual; they are named in `same`
+    and not tested, and the first term of each group takes part in the other tests alone.
 
     References
     ----------
@@ -197,15 +216,20 @@ def part_series(
     ]
     if not known:
         raise TooFewSamplesError(f"no term has {_FEWEST} values; {'; '.join(messages)}")
-    terms = [_term(name, (units or {}).get(name, "m"), v) for name, v in known.items()]
+    floors = term_floors(known, units or {}, sizes)
+    terms = [_term(k, (units or {}).get(k, "m"), v, floors[k]) for k, v in known.items()]
+    messages += [
+        f"{t.name}: the same in all parts to within rounding" for t in terms if t.constant
+    ]
     tested = np.array([t.p for t in terms])
     sure = np.zeros(len(terms), dtype=bool)
     fine = ~np.isnan(tested)
     sure[fine] = benjamini_hochberg(tested[fine], rate=rate)
     terms = [_marked(t, is_drift=bool(s)) for t, s in zip(terms, sure, strict=True)]
-    correlation, pairs = _correlations(terms, rate)
+    moving = {t.name: None if t.constant else t.values for t in terms}
+    correlation, pairs, same = correlations(moving, fewest=_FEWEST, rate=rate)
     n = len(next(iter(columns.values())))
-    return PartSeries(tuple(terms), correlation, pairs, n, rate, tuple(messages))
+    return PartSeries(tuple(terms), correlation, pairs, n, rate, tuple(messages), same)
 
 
 def _columns(table: Mapping[str, ArrayLike]) -> dict[str, FloatArray]:
@@ -229,12 +253,19 @@ def _columns(table: Mapping[str, ArrayLike]) -> dict[str, FloatArray]:
     return columns
 
 
-def _term(name: str, unit: str, values: FloatArray) -> TermSeries:
+def _term(name: str, unit: str, values: FloatArray, floor: float) -> TermSeries:
     from scipy.special import stdtr
 
     index = np.flatnonzero(~np.isnan(values))
     v = values[index]
     mean = float(v.mean())
+    if constant(v, floor):
+        none = math.nan
+        kept = frozen_float(values, name=name, ndim=1)
+        return TermSeries(
+            name, unit, kept, mean, none, none, none, (), (), 0.0, 0.0, 0.0, 0.0, none,
+            constant=True,
+        )  # fmt: skip
     chart = control_limits(values)
     lower, upper, range_upper = (
         (math.nan, math.nan, math.nan)
@@ -290,47 +321,3 @@ def _marked(term: TermSeries, *, is_drift: bool) -> TermSeries:
     from dataclasses import replace
 
     return replace(term, drifts=is_drift)
-
-
-def _correlations(
-    terms: Sequence[TermSeries], rate: float
-) -> tuple[FloatArray, tuple[tuple[str, str, float], ...]]:
-    from scipy.special import stdtr
-
-    n = len(terms)
-    matrix = np.full((n, n), np.nan)
-    pairs: list[tuple[int, int, float, float]] = []
-    for i in range(n):
-        matrix[i, i] = 1.0
-        for j in range(i + 1, n):
-            both = ~(np.isnan(terms[i].values) | np.isnan(terms[j].values))
-            if int(both.sum()) < _FEWEST:
-                continue
-            a, b = (_without_line(terms[k].values, both) for k in (i, j))
-            size = math.sqrt(float(a @ a) * float(b @ b))
-            if size == 0.0:
-                continue
-            r = max(-1.0, min(1.0, float(a @ b) / size))
-            matrix[i, j] = matrix[j, i] = r
-            dof = int(both.sum()) - 3
-            left = 1.0 - r * r  # zero where one term is a multiple of the other
-            p = 2.0 * float(stdtr(dof, -abs(r) * math.sqrt(dof / left))) if left > 0.0 else 0.0
-            pairs.append((i, j, r, p))
-    matrix.setflags(write=False)
-    if not pairs:
-        return matrix, ()
-    sure = benjamini_hochberg(np.array([p for *_, p in pairs]), rate=rate)
-    kept = sorted(
-        (pair for pair, s in zip(pairs, sure, strict=True) if s), key=lambda pair: -abs(pair[2])
-    )
-    return matrix, tuple((terms[i].name, terms[j].name, r) for i, j, r, _ in kept)
-
-
-def _without_line(values: FloatArray, both: NDArray[np.bool_]) -> FloatArray:
-    """Return values less their line, zero where rounding is all that is left."""
-    index = np.flatnonzero(both)
-    v = values[index]
-    x = index - index.mean()
-    left = v - v.mean() - (float(x @ v) / float(x @ x)) * x
-    rounding = float(np.abs(v).max()) * np.finfo(float).eps * v.size
-    return np.zeros_like(left) if float(np.abs(left).max()) <= rounding else np.asarray(left)

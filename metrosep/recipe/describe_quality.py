@@ -102,7 +102,8 @@ def series_of(produced: Any, inputs: Any = None) -> Description:
             t.drift,
             t.unit,
             f"drift of {t.name} from the first to the last part"
-            + (", beyond chance" if t.drifts else ", not beyond chance"),
+            + (", beyond chance" if t.drifts else ", not beyond chance")
+            + (": the same in all parts to within rounding" if t.constant else ""),
             u=t.u_drift,
             symbol=f"drift {t.name}",
         )
@@ -138,6 +139,9 @@ def series_of(produced: Any, inputs: Any = None) -> Description:
         found,
         (chart,),
         {"": columns},
-        document={"correlated": [list(c) for c in produced.correlated]},
+        document={
+            "correlated": [list(c) for c in produced.correlated],
+            "same": [list(s) for s in produced.same],
+        },
         audit={"n_parts": produced.n_parts, "false_discovery_rate": produced.rate},
     )

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import os
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from metrosep.core.errors import RecipeError
-from metrosep.recipe.override_marks import as_given
+from metrosep.recipe.override_marks import as_given, toml_problem
 from metrosep.recipe.schema import Place
 
 __all__ = [
@@ -180,7 +180,7 @@ def texts_of(text: str) -> list[str]:
     return [own, *(b.text for b in bases)]
 
 
-def with_texts(text: str, texts: Sequence[str]) -> str:
+def with_texts(text: str, texts: Sequence[str], here: Collection[tuple[int, str]] = ()) -> str:
     """Return a recipe with other texts in place of its own and of those that it builds on.
 
     Parameters
@@ -189,6 +189,8 @@ def with_texts(text: str, texts: Sequence[str]) -> str:
         As `Layers.text`.
     texts : sequence of str
         As `texts_of` gives them.
+    here : collection of (int, str), optional
+        Files that start at the folder of the nearest recipe: which text names them, and how.
 
     Returns
     -------
@@ -196,7 +198,10 @@ def with_texts(text: str, texts: Sequence[str]) -> str:
         With its record.
     """
     _, bases = _split(text)
-    made = [replace(b, text=t) for b, t in zip(bases, texts[1:], strict=True)]
+    made = [
+        replace(b, text=t, files={n: s for n, s in b.files.items() if (k, n) not in here})
+        for k, (b, t) in enumerate(zip(bases, texts[1:], strict=True), 1)
+    ]
     return texts[0] + _record(made)
 
 
@@ -299,8 +304,8 @@ def _record(bases: Sequence[_Base]) -> str:
 def _parsed(text: str, name: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as exc:
-        raise RecipeError(f"{name}: not valid TOML: {exc}") from None
+    except (ValueError, RecursionError) as exc:
+        raise RecipeError(f"{name}: not valid TOML: {toml_problem(exc)}") from None
 
 
 def _read(target: Path, wanted: str, place: Place) -> str:

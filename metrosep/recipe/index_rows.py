@@ -37,7 +37,7 @@ def index_columns(document: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def index_rows(document: Mapping[str, Any]) -> Iterator[tuple[Any, ...]]:
-    """Yield a row for each characteristic, and one for each unit without any.
+    """Yield a row for each characteristic, one for each unit without any, or that is not begun.
 
     Parameters
     ----------
@@ -57,3 +57,6 @@ def index_rows(document: Mapping[str, Any]) -> Iterator[tuple[Any, ...]]:
         each: Sequence[Mapping[str, Any]] = row["characteristics"] or ({},)
         for characteristic in each:
             yield (*head, *(characteristic.get(k) for k in keys), *tail)
+    for name in (document.get("not_begun") or {}).get("units", ()):
+        empty = (None,) * (len(keys))
+        yield (name, None, *("" for _ in groups), *empty, "not begun", None, None)

@@ -7,8 +7,9 @@ from typing import Any
 
 from metrosep.core.errors import UnitError
 from metrosep.core.units import parse_quantity, parse_unit
+from metrosep.recipe.readable import digits_of, readable_unit
 
-__all__ = ["Limit", "dimension_of", "limit_problem", "parse_limit"]
+__all__ = ["Limit", "dimension_of", "limit_problem", "order_problem", "parse_limit"]
 
 _BASES: dict[str, dict[str, int]] = {
     "length": {"m": 1},
@@ -51,6 +52,12 @@ class Limit(float):
         made = super().__new__(cls, value)
         made.dimension = dimension
         return made
+
+    @property
+    def text(self) -> str:
+        """For a message: with a readable unit, where it is a length, an angle or a time."""
+        name, factor = readable_unit([self], self.dimension)
+        return f"{digits_of(self / factor, 6)} {name}".rstrip()
 
     def __repr__(self) -> str:
         """Return it as any float is written: documents and hashes do not see the dimension."""
@@ -176,6 +183,32 @@ def limit_problem(name: str, limit: float, of: str, unit: str) -> str | None:
         example = _EXAMPLES.get(needed, f"2 {unit}")
         right = f'write it with its unit, such as {name} = "{example}"'
     return f"{name} is {_word(given)}, but {of} is {_word(needed, unit)}; {right}"
+
+
+def order_problem(lower: float | None, upper: float | None) -> str | None:
+    """Return why two limits cannot be put in order, or None where they can.
+
+    Parameters
+    ----------
+    lower, upper : float or None
+        In SI; a plain float counts as a pure number.
+
+    Returns
+    -------
+    str or None
+        For a person, where they are of different kinds. A pure zero belongs to every kind.
+
+    Examples
+    --------
+    >>> order_problem(parse_limit(1), parse_limit("3 nm"))
+    'lower is a pure number, but upper is a length; both limits of a check are of one kind'
+    """
+    known = [v for v in (lower, upper) if v is not None]
+    kinds = [v.dimension if isinstance(v, Limit) else "" for v in known]
+    if len(set(kinds)) < 2 or any(v == 0.0 and not k for v, k in zip(known, kinds, strict=True)):
+        return None
+    low, high = (_word(k, k) for k in kinds)
+    return f"lower is {low}, but upper is {high}; both limits of a check are of one kind"
 
 
 def _word(dimension: str, unit: str | None = None) -> str:

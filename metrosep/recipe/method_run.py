@@ -37,6 +37,7 @@ def run_method(
     out: Path | None,
     tell: Callable[[str], None],
     with_result: bool = True,
+    more: Mapping[str, Any] | None = None,
 ) -> Result:
     """Read, separate, judge and write.
 
@@ -52,6 +53,8 @@ def run_method(
         Told what is being done.
     with_result : bool, optional
         Also write result.json into `out`.
+    more : mapping, optional
+        Further keys of the document, such as the unit of a batch; the reports hold them too.
 
     Returns
     -------
@@ -80,6 +83,7 @@ def run_method(
     known = {(i["name"], i["sha256"]) for i in records}
     records += [n for n in named if (n["name"], n["sha256"]) not in known]
     document = _document(recipe, produced, described, history, warnings, records)
+    document |= more or {}
     if out is None:
         return Result(document, produced)
     with staged(out) as stage:

@@ -17,16 +17,19 @@ from metrosep.core.errors import RecipeError
 __all__ = [
     "Mark",
     "as_given",
+    "holds_mark",
     "key_parts",
     "marks_after",
     "marks_of",
     "overrides_in",
     "parsed",
     "split_override",
+    "toml_problem",
     "without_marks",
 ]
 
 _MARK = re.compile(r"  # (set|added) by -s (.*?)(?=  # (?:set|added) by -s |$)")
+_BEGIN = re.compile(r"  # (set|added) by -s")
 _IN_RECORD = "#| "
 """Begins the lines of a recipe that another one builds on (`metrosep.recipe.extends`)."""
 _PIECE = re.compile(r'"[^"]*"|\'[^\']*\'|[^."\']+')
@@ -138,8 +141,54 @@ def parsed(text: str) -> dict[str, Any] | None:
     """
     try:
         return tomllib.loads(text)
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):  # also numbers of thousands of digits
         return None
+
+
+def toml_problem(error: Exception) -> str:
+    """Return why `tomllib` could not read a text.
+
+    Parameters
+    ----------
+    error : Exception
+        What it raised.
+
+    Returns
+    -------
+    str
+        For a person; Python names no place for numbers and lists beyond all measure.
+
+    Examples
+    --------
+    >>> toml_problem(RecursionError())
+    'it is nested too deeply'
+    """
+    if isinstance(error, RecursionError):
+        return "it is nested too deeply"
+    if isinstance(error, tomllib.TOMLDecodeError):
+        return str(error)
+    return "a whole number has thousands of digits"
+
+
+def holds_mark(given: str) -> bool:
+    """Return whether an override holds the words that begin a mark, and could not be told from it.
+
+    Parameters
+    ----------
+    given : str
+        The override.
+
+    Returns
+    -------
+    bool
+        Whether it does.
+
+    Examples
+    --------
+    >>> holds_mark("title=a  # set by -s title=b"), holds_mark("title=a # set by -s title=b")
+    (True, False)
+    """
+    return _BEGIN.search(given) is not None
 
 
 def without_marks(comment: str) -> str:

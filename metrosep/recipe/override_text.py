@@ -15,7 +15,7 @@ from typing import Any
 
 from metrosep.recipe.override_marks import marks_after, parsed, without_marks
 
-__all__ = ["toml_text", "with_value"]
+__all__ = ["put", "toml_text", "with_value"]
 
 Path = Sequence[str | int]
 
@@ -86,15 +86,30 @@ def with_value(text: str, path: Path, value: Any, given: str) -> str | None:
     wanted = parsed(text)
     if wanted is None:
         return None
-    missing = _put(wanted, path, _PROBE)
+    missing = put(wanted, path, _PROBE)
     for made in _candidates(text.split("\n"), path, wanted, missing, given):
         if parsed("\n".join(made)) == wanted:
             return "\n".join(made).replace(toml_text(_PROBE), toml_text(value))
     return None
 
 
-def _put(data: Any, path: Path, value: Any) -> int:
-    """Put a value into parsed TOML; return how many keys of the path were there."""
+def put(data: Any, path: Path, value: Any) -> int:
+    """Put a value into parsed TOML.
+
+    Parameters
+    ----------
+    data : dict
+        Changed in place; tables that are missing on the way are made.
+    path : sequence of str or int
+        Keys and indices that lead to the value.
+    value : object
+        New value.
+
+    Returns
+    -------
+    int
+        How many keys of the path were there.
+    """
     holder, there = data, 0
     for key in path[:-1]:
         if isinstance(key, int) or key in holder:

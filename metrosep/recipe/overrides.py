@@ -9,20 +9,27 @@ recipe with these values in its text (`metrosep.recipe.override_text`).
 
 from __future__ import annotations
 
-import difflib
+import math
 import tomllib
 import unicodedata
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
 from metrosep.core.errors import RecipeError, UnitError
 from metrosep.recipe.batch_keys import BATCH
-from metrosep.recipe.extends import layers_of, texts_of, with_texts
+from metrosep.recipe.extends import Layers, layers_of, texts_of, with_texts
 from metrosep.recipe.kinds import KINDS
-from metrosep.recipe.override_marks import key_parts, split_override
-from metrosep.recipe.override_text import with_value
+from metrosep.recipe.override_items import NAMED_BY, Override, near, number_of
+from metrosep.recipe.override_marks import (
+    holds_mark,
+    key_parts,
+    overrides_in,
+    split_override,
+    toml_problem,
+)
+from metrosep.recipe.override_text import put, with_value
 from metrosep.recipe.pipeline_keys import Key
 from metrosep.recipe.schema import Field
 from metrosep.recipe.steps import (
@@ -41,24 +48,18 @@ __all__ = ["input_fields_of", "with_overrides"]
 Fields = Mapping[str, Field | Key]
 
 _TOPS = ("title", "input", "step", "check", "output", "batch")
-_NAMED_BY = {"step": ("op",), "check": ("name", "metric"), "output": ("kind",)}
 _COLUMN: Fields = {name: Field("text") for name in ("column", "unit", "scale")}
 _RANGE: Fields = {name: Field("size") for name in ("shortest", "longest")}
 _ANY = Field("any")
 _NOT_IN_A_LINE = ("Cc", "Cs", "Zl", "Zp")
 """Kinds of characters that a comment cannot hold, or that break a line."""
+_DEEPEST = 16
+"""Tables and lists in one another, and parts of a key."""
+_BITS = 63
+"""Of a whole number, beside its sign: what every reader of TOML takes."""
 
-
-@dataclass(frozen=True, slots=True)
-class _Override:
-    """One override as it was given, and its two sides."""
-
-    given: str
-    key: str
-    raw: str
-
-    def error(self, problem: str) -> RecipeError:
-        return RecipeError(f"-s {self.given}: {problem}", key=self.key)
+Set = tuple[Override, tuple[str | int, ...], Field, Any]
+"""An override, where it goes, what that takes, and the value."""
 
 
 def with_overrides(text: str, name: str, folder: Path, overrides: Sequence[str]) -> str:
@@ -83,8 +84,9 @@ def with_overrides(text: str, name: str, folder: Path, overrides: Sequence[str])
     Raises
     ------
     RecipeError
-        If an override has no ``=``, names a key, step, check or output that is not there, or one
-        that another override names too; if the text is not TOML.
+        If an override has no ``=``, names a key, step, check or output that is not there, may mean
+        several, or means one that another override names too; if its value is too long or too deep,
+        or cannot be recorded; if the text is not TOML.
 
     Examples
     --------
@@ -99,59 +101,98 @@ def with_overrides(text: str, name: str, folder: Path, overrides: Sequence[str])
     names = "Sq"  # of the drawing  # set by -s step.parameters.names=Sq
     """
     layers = layers_of(text, name, folder)
-    found: list[tuple[_Override, tuple[str | int, ...], Any]] = []
+    found: list[Set] = []
     for given in overrides:
         override = _split(given)
-        path, field = _resolved(override, layers.data)
-        for other, its, _ in found:
+        path, field = _resolved(override, layers.data, name)
+        for other, its, _, _ in found:
             if path[: len(its)] == its or its[: len(path)] == path:
                 raise override.error(f"-s {other.given} sets it too; leave one of them out")
-        found.append((override, path, _typed(override.raw, field)))
+        found.append((override, path, field, _typed(override, field)))
     texts = texts_of(layers.text)
-    for override, path, value in found:
+    here: list[tuple[int, str]] = []
+    for override, path, field, value in found:
         k = _holder(texts, path)
+        here += [(k, value)] if field.kind == "file" and isinstance(value, str) else []
         made = with_value(texts[k], path, value, override.given)
         if made is None:
             raise override.error(
                 f"{name} writes this in a way that cannot be changed line by line; edit it there"
             )
         texts[k] = made
-    return with_texts(layers.text, texts)
+    made = with_texts(layers.text, texts, here)
+    _require_meant(made, name, folder, layers, found)
+    return made
 
 
-def _split(given: str) -> _Override:
+def _require_meant(
+    text: str, name: str, folder: Path, before: Layers, found: Sequence[Set]
+) -> None:
+    """Refuse a text that does not say what was given, all of it and nothing else."""
+    wanted, listed = deepcopy(dict(before.data)), overrides_in(text)
+    for override, path, _, value in found:
+        put(wanted, path, value)
+        if override.given not in listed:
+            raise override.error(f"it would not be listed as an override; edit {name} instead")
+    data = layers_of(text, name, folder).data
+    if data == wanted:
+        return
+    pairs = list(zip(data.get("step", ()), wanted.get("step", ()), strict=True))
+    for override, path, field, value in found:
+        moved = (t[k] for s, t in pairs for k in t if s.get(k) == value != t[k])
+        seen = next(moved, None) if field.kind == "file" else None
+        if seen is not None:
+            base = before.bases[_holder(texts_of(text), path) - 1][0]
+            raise override.error(
+                f"{base} names the file {value} of its own folder elsewhere, and the record could "
+                f"not tell the two apart; write ./{value} for the one in the folder of {name}, {seen} "
+                "for the other"
+            )
+    raise found[0][0].error(f"{name} writes this in a way that cannot be changed; edit it there")
+
+
+def _split(given: str) -> Override:
     pair = split_override(given)
     if pair is None:
         raise RecipeError(
             f"-s {given}: write KEY=VALUE, such as step.form.robust=tukey, step.2.degree=5 or "
             'check.Sa.upper="12 nm"'
         )
-    override = _Override(given.strip(), *pair)
+    override = Override(given.strip(), *pair)
     if any(unicodedata.category(c) in _NOT_IN_A_LINE and c != "\t" for c in given):
-        raise _Override(repr(given), *pair).error("a line break or the like cannot stand here")
+        raise Override(repr(given), *pair).error("a line break or the like cannot stand here")
+    if holds_mark(given):
+        raise override.error(
+            'two blanks and "# set by -s" or "# added by -s" mark an override in a recipe, and cannot '
+            "stand in one; write one blank before #"
+        )
     return override
 
 
-def _resolved(override: _Override, data: Mapping[str, Any]) -> tuple[tuple[str | int, ...], Field]:
+def _resolved(
+    override: Override, data: Mapping[str, Any], file: str
+) -> tuple[tuple[str | int, ...], Field]:
     """Return where in the recipe the value goes, and of which kind it is."""
     parts = key_parts(override.key)
     if parts is None:
         raise override.error("a part of the key is empty; write it such as step.2.degree=5")
+    if len(parts) > _DEEPEST:
+        raise override.error(f"the key has {len(parts)} parts; no key of a recipe is so deep")
     top, rest = parts[0], parts[1:]
     if top not in _TOPS:
         raise override.error(
-            f'unknown key "{top}"; what can be set: {", ".join(_TOPS)}.{_near(top, _TOPS)}'
+            f'unknown key "{top}"; what can be set: {", ".join(_TOPS)}.{near(top, _TOPS)}'
         )
     if top == "title":
         if rest:
             raise override.error("title is a text; there is no key in it")
         return ("title",), Field("text")
     path: tuple[str | int, ...] = (top,)
-    if top in _NAMED_BY:
-        number = _number(override, top, rest, data)
+    if top in NAMED_BY:
+        number = number_of(override, top, rest, data, file)
         item, rest, path = data[top][number], rest[1:], (top, number)
         what = f"{top} {number + 1}"
-        label = next((str(item[k]) for k in _NAMED_BY[top] if k in item), "")
+        label = next((str(item[k]) for k in NAMED_BY[top] if k in item), "")
         what += f" ({label})" if label else ""
         fields = _item_fields(top, item, data)
     else:
@@ -161,33 +202,6 @@ def _resolved(override: _Override, data: Mapping[str, Any]) -> tuple[tuple[str |
         known = f": {', '.join(fields)}" if fields else ""
         raise override.error(f"this is all of {what}; name one of its keys{known}")
     return (*path, *rest), _field(override, rest, fields, item, what)
-
-
-def _number(override: _Override, top: str, rest: Sequence[str], data: Mapping[str, Any]) -> int:
-    """Return which step, check or output is meant, from 0."""
-    items = data.get(top, [])
-    items = items if isinstance(items, list) else []
-    names = [
-        [str(i[k]) for k in _NAMED_BY[top] if k in i] if isinstance(i, dict) else [] for i in items
-    ]
-    shown = [f"{n + 1} {own[0]}" if own else str(n + 1) for n, own in enumerate(names)]
-    there = f"the recipe has {', '.join(shown)}" if items else f"the recipe has no {top}"
-    if not rest:
-        raise override.error(f"say which {top}, by its number or name; {there}")
-    wanted = rest[0]
-    for level in range(len(_NAMED_BY[top])):
-        found = [n for n, own in enumerate(names) if wanted in own[level : level + 1]]
-        if len(found) > 1:
-            numbers = " or ".join(f"{top}.{n + 1}" for n in found)
-            raise override.error(f"{top} {wanted} is ambiguous; {there}; write {numbers}")
-        if found:
-            return found[0]
-    if wanted.isdecimal() and 1 <= int(wanted) <= len(items):
-        return int(wanted) - 1
-    near = _near(wanted, [name for own in names for name in own])
-    raise override.error(
-        f"there is no {top} {wanted}; {there}; -s changes what is there and adds no {top}.{near}"
-    )
 
 
 def _first_op(data: Mapping[str, Any]) -> Any:
@@ -239,14 +253,14 @@ def input_fields_of(op: Any) -> Mapping[str, Field] | None:
 
 
 def _field(
-    override: _Override, rest: Sequence[str], fields: Fields | None, held: Any, what: str
+    override: Override, rest: Sequence[str], fields: Fields | None, held: Any, what: str
 ) -> Field:
     """Return the kind of a key, tables inside tables followed; of any kind where that is free."""
     key = rest[0]
     if fields is not None and key not in fields:
         known = ", ".join(fields)
         raise override.error(
-            f'unknown key "{key}" in {what}; known: {known}.{_near(key, list(fields))}'
+            f'unknown key "{key}" in {what}; known: {known}.{near(key, list(fields))}'
         )
     found = _ANY if fields is None else fields[key]
     field = found.field if isinstance(found, Key) else found
@@ -266,14 +280,35 @@ def _field(
     return _field(override, rest[1:], inner, own, f"{key} of {what}")
 
 
-def _typed(raw: str, field: Field) -> Any:
+def _typed(override: Override, field: Field) -> Any:
     """Return the value as TOML if the key takes that, else as a text if it takes a text."""
+    raw = override.raw
     try:
         read = tomllib.loads(f"v = {raw}")
         given = [read["v"], raw] if len(read) == 1 else [raw]
     except tomllib.TOMLDecodeError:
         given = [raw]
-    return next((v for v in given if _suits(v, field)), given[0])
+    except (ValueError, RecursionError) as exc:
+        why = toml_problem(exc)
+        raise override.error(f"the value cannot be read: {why}; a text goes in quotes") from None
+    value = next((v for v in given if _suits(v, field)), given[0])
+    problem = _beyond(value)
+    if problem is not None:
+        raise override.error(f"the value cannot be read: {problem}; a text goes in quotes")
+    return value
+
+
+def _beyond(value: Any, depth: int = 0) -> str | None:
+    """Return why a value cannot be kept as it is."""
+    if depth > _DEEPEST:
+        return "it is nested too deeply"
+    if isinstance(value, int) and value.bit_length() > _BITS:
+        return f"a whole number cannot have more than {_BITS + 1} bits"
+    if isinstance(value, float) and math.isnan(value):
+        return "nan is no number"
+    inner = value.values() if isinstance(value, Mapping) else value
+    each = inner if isinstance(value, Mapping | list) else ()
+    return next((p for v in each if (p := _beyond(v, depth + 1)) is not None), None)
 
 
 def _suits(value: Any, field: Field) -> bool:
@@ -281,7 +316,7 @@ def _suits(value: Any, field: Field) -> bool:
         return False
     try:
         KINDS[field.kind](value)
-    except (TypeError, ValueError, UnitError):
+    except (TypeError, ValueError, OverflowError, UnitError):
         return False
     return True
 
@@ -295,8 +330,3 @@ def _holder(texts: Sequence[str], path: Sequence[str | int]) -> int:
         if (found := next(deep, None)) is not None:
             return found
     return next((n for n, d in enumerate(each) if top in d), 0)
-
-
-def _near(word: str, known: Sequence[str]) -> str:
-    found = difflib.get_close_matches(word, known, n=1)
-    return f' Did you mean "{found[0]}"?' if found else ""

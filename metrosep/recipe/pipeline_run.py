@@ -199,7 +199,13 @@ def _key_in(exc: MetrosepError, recipe: Recipe, number: int) -> str:
 
 
 def run_pipeline(
-    recipe: Recipe, files: list[Path], *, out: Path | None, tell: Tell, with_result: bool = True
+    recipe: Recipe,
+    files: list[Path],
+    *,
+    out: Path | None,
+    tell: Tell,
+    with_result: bool = True,
+    more: Mapping[str, Any] | None = None,
 ) -> Result:
     """Read one file, carry the steps out, judge and write.
 
@@ -215,6 +221,8 @@ def run_pipeline(
         Told what is being done.
     with_result : bool, optional
         Also write result.json into `out`.
+    more : mapping, optional
+        Further keys of the document, such as the unit of a batch; the reports hold them too.
 
     Returns
     -------
@@ -238,7 +246,7 @@ def run_pipeline(
     obj = _read(recipe, files, tell)
     measured = measure_object(recipe, obj, tell=tell)
     described = measurement_of(measured)
-    document = _document(recipe, measured, described)
+    document = {**_document(recipe, measured, described), **(more or {})}
     if out is None:
         return Result(document, measured)
     with staged(out) as stage:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from metrosep.core.errors import DataError, RecipeError
 from metrosep.parameters.decision import decide
-from metrosep.recipe.limits import limit_problem
+from metrosep.recipe.limits import limit_problem, order_problem
 from metrosep.recipe.pipeline import STEPS as MEASURING
 from metrosep.recipe.pipeline_checks import known_unit
 from metrosep.recipe.schema import Place
@@ -96,8 +96,15 @@ def _check_limits(check: Mapping[str, Any], place: Place, *, has_table: bool) ->
             guard_factor=check.get("guard_factor", 1.0),
         )
     except DataError as exc:
-        key = next((k for k in ("upper", "lower") if k in check), None)
-        raise place.error(str(exc), key) from None
+        problem, named = str(exc), str(exc).partition(" ")[0]
+        keys = [k for k in ("upper", "lower") if k in check]
+        if named in check:  # U or guard_factor
+            keys = [named]
+        elif len(keys) > 1:
+            problem = order_problem(check["lower"], check["upper"]) or problem
+        errors = [place.error(problem, k) for k in keys] or [place.error(problem)]
+        given = (e for e in errors if e.line is None)  # an override wrote it
+        raise next(given, errors[0]) from None
 
 
 def require_limits(recipe: Recipe) -> None:

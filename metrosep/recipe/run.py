@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import os
-import platform
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +27,7 @@ from metrosep.recipe.parts import write_arrays
 from metrosep.recipe.preflight import RESULT_NAME
 from metrosep.recipe.result import SCHEMA, Result, clean, plot_data
 from metrosep.recipe.staging import staged
+from metrosep.recipe.versions import versions
 from metrosep.separation.base import ErrorEstimate
 
 if TYPE_CHECKING:
@@ -53,6 +53,7 @@ def run_recipe(
     out: PathLike | None,
     progress: Progress | None,
     with_result: bool = True,
+    more: Mapping[str, Any] | None = None,
 ) -> Result:
     """Carry out a recipe; see `Recipe.run`.
 
@@ -68,6 +69,8 @@ def run_recipe(
         Told what is being done.
     with_result : bool, optional
         Also write result.json into `out`; a batch writes its own.
+    more : mapping, optional
+        Further keys of the document, such as the unit of a batch; the reports hold them too.
 
     Returns
     -------
@@ -85,20 +88,24 @@ def run_recipe(
     if recipe.is_pipeline:
         from metrosep.recipe.pipeline_run import run_pipeline
 
-        return run_pipeline(recipe, files, out=folder, tell=tell, with_result=with_result)
+        return run_pipeline(
+            recipe, files, out=folder, tell=tell, with_result=with_result, more=more
+        )
     if recipe.is_method:
         from metrosep.recipe.method_run import run_method
 
-        return run_method(recipe, files, out=folder, tell=tell, with_result=with_result)
+        return run_method(recipe, files, out=folder, tell=tell, with_result=with_result, more=more)
     tell(f"reading {len(files)} file(s)")
     runs = read_inputs(recipe, files)
     if folder is None:
-        return separated_result(recipe, runs, separate_inputs(recipe, runs, tell))
+        alone = separated_result(recipe, runs, separate_inputs(recipe, runs, tell))
+        return Result({**alone.document, **(more or {})}, alone.produced)
     refuse_foreign(recipe, folder)
     with staged(folder) as stage:
         estimate = separate_inputs(recipe, runs, tell)
         tables = write_tables(recipe, runs, estimate, stage, tell)
         document, names = _document(recipe, runs, estimate, tables)
+        document |= more or {}
         result = Result(document, estimate)
         names += write_arrays(recipe, estimate, document, stage, tell)
         names += write_reports(recipe, document, stage, tell)
@@ -329,21 +336,3 @@ def _plan(recipe: Recipe, estimate: ErrorEstimate) -> dict[str, Any] | None:
         if step["op"] == "plan_feedrates":
             return plan_document(plan_after(estimate, step))
     return None
-
-
-def versions() -> dict[str, str]:
-    """Return the versions that a result depends on.
-
-    Returns
-    -------
-    dict of str to str
-        Of Python, numpy and scipy.
-    """
-    import numpy as np
-    import scipy
-
-    return {
-        "python": platform.python_version(),
-        "numpy": np.__version__,
-        "scipy": scipy.__version__,
-    }

@@ -197,7 +197,7 @@ def _value(value: Any, field: Field, place: Place, key: str) -> Any:
         raise place.error(f"{key} = {value!r} is not one of {known}.{hint}", key)
     try:
         return KINDS[field.kind](value)
-    except (TypeError, ValueError, UnitError) as exc:
+    except (TypeError, ValueError, OverflowError, UnitError) as exc:
         raise place.error(f"{key} = {value!r}: {exc}", key) from None
 
 

@@ -15,7 +15,7 @@ from metrosep.recipe.key_values import DIMENSIONS, placeholder, typed_number
 from metrosep.recipe.readable import readable_text
 from metrosep.recipe.schema import Field
 
-__all__ = ["StepKeys", "keys_of_step", "step_words"]
+__all__ = ["StepKeys", "in_words", "keys_of_step", "step_words"]
 
 _COMMAND_COLUMNS = ("x", "z", "angle", "time", "repeat", "feed", "run", "direction", "readings")
 """Columns that the command has an option for; the others are given with ``--column``."""
@@ -132,8 +132,26 @@ def step_words(message: str, op: str, *, command: bool = False) -> str:
     'one reading and no --set sd="... nm"'
     """
     keys = keys_of_step(op)
-    if keys is None:
-        return readable_text(message)
+    return readable_text(message) if keys is None else in_words(message, keys, command=command)
+
+
+def in_words(message: str, keys: StepKeys, *, command: bool = False) -> str:
+    """Return a message of the library with its arguments as these keys.
+
+    Parameters
+    ----------
+    message : str
+        Of the library.
+    keys : StepKeys
+        That there are.
+    command : bool, optional
+        As `step_words` has it.
+
+    Returns
+    -------
+    str
+        The message; words that are none of the keys stay.
+    """
 
     def words(found: re.Match[str]) -> str:
         name, value, unit, verb, asked, key, typed = found.groups()

@@ -5,14 +5,15 @@ from __future__ import annotations
 import base64
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from metrosep.core.errors import TooFewSamplesError
+from metrosep.parameters.rounding_floor import constant
 from metrosep.parameters.series import PartSeries, part_series
 from metrosep.recipe.part_order import order_words, parts_in_order
-from metrosep.report.index_view import link_of, require_index
+from metrosep.report.index_view import link_of, require_index, rounding_floors
 from metrosep.report.rows import one_line
 from metrosep.report.text import readable_unit
 
@@ -90,7 +91,8 @@ def batch_series(document: Document, folder: Path | None = None) -> PartSeries |
     Returns
     -------
     PartSeries or None
-        None where fewer than five parts have a term in common.
+        None where fewer than five parts have a term in common. A term that is the same in all parts
+        to within rounding is left out.
 
     Raises
     ------
@@ -98,7 +100,8 @@ def batch_series(document: Document, folder: Path | None = None) -> PartSeries |
         If it is no index.
     """
     table, units, parts = batch_table(document, folder)
-    moving = {t: v for t, v in table.items() if _moves(v)}
+    floor = rounding_floors(document)
+    moving = {t: v for t, v in table.items() if not constant(v, floor.get(units[t], 0.0))}
     if len(parts) < _FEWEST or not moving:
         return None
     chosen = dict(list(moving.items())[:_MOST_TERMS])
@@ -121,7 +124,8 @@ def series_section(document: Document, folder: Path | None = None) -> dict[str, 
     Returns
     -------
     dict or None
-        ``data`` (SVG, base64), ``caption``, ``drifts`` and ``pairs`` (lines of text); None where
+        ``data`` (SVG, base64), ``caption``, ``drifts`` and ``pairs`` (lines of text), ``same`` (the
+        groups of terms that say the same, in one line); None where
         there is nothing to show.
 
     Raises
@@ -143,13 +147,17 @@ def series_section(document: Document, folder: Path | None = None) -> dict[str, 
             "Left: drift from the first to the last part over its standard uncertainty, and the "
             "surest terms with control limits. Right: correlation after each term's own line is taken "
             f"off. Beyond chance: false discovery rate {100 * found.rate:g} % over all terms, and over "
-            "all pairs."
+            "all pairs; of terms that say the same (correlation 0.9999 and more) one is counted. "
+            "Values that differ by rounding only are left out."
         ),
         "drifts": [_drift_line(t) for t in found.drifting[:_MOST_LINES]],
         "pairs": [
-            f"{one_line(a)} and {one_line(b)}: {r:+.2f}".replace("-", "−")
+            f"{one_line(a)} and {one_line(b)}: {r:+.{2 if abs(r) < 0.995 else 4}f}".replace(
+                "-", "−"
+            )
             for a, b, r in found.correlated[:_MOST_LINES]
         ],
+        "same": "; ".join(", ".join(map(one_line, group)) for group in found.same),
     }
 
 
@@ -158,12 +166,6 @@ def _drift_line(term: Any) -> str:
     shown = "" if unit == "1" else f" {unit}"
     text = f"{one_line(term.name)}: {term.drift / factor:+.3g} ± {2 * term.u_drift / factor:.2g}{shown}"
     return text.replace("-", "−") + " (k = 2)"
-
-
-def _moves(values: Sequence[float]) -> bool:
-    """Whether the values are not all the same."""
-    known = [v for v in values if not math.isnan(v)]
-    return max(known) > min(known)
 
 
 def _wavelengths(row: Document, folder: Path | None) -> list[tuple[str, float]]:

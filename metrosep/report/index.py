@@ -74,19 +74,21 @@ def render_index(document: Document, *, folder: str | os.PathLike[str] | None = 
     source = place.joinpath("index.html.j2").read_text("utf-8")
     rows, series = require_index(document), series_of(document)
     shown = [s for s in series if s.trend or any(s.verdicts)] or series
-    columns = shown[:_MOST_COLUMNS]
+    columns, charted = shown[:_MOST_COLUMNS], [s for s in shown if s.trend] or shown
     units = [_row(r, i, columns, None if folder is None else Path(folder), document)
              for i, r in enumerate(rows)]  # fmt: skip
     page = environment.from_string(source).render(
         title=one_line(document.get("title") or "Batch"),
         total=len(rows),
+        missing=len((document.get("not_begun") or {}).get("units") or ()),
         counts=_counts(rows),
         notes=_notes(document),
         failed=[u for u in units if u["status"] in ("failed", "refused")],
         doubtful=[u for u in units if u["status"] in ("rejected", "inconclusive")],
         series=[_series_row(s) for s in series],
         least=LEAST_VALUES,
-        trends=_trends([s for s in shown if s.trend] or shown, order_words(document)),
+        trends=_trends([s for s in charted if s.moves], order_words(document)),
+        flat=[_label(s) for s in charted if not s.moves and any(v is not None for v in s.values)],
         together=series_section(document, None if folder is None else Path(folder)),
         groups=[one_line(g) for g in document.get("groups") or []],
         columns=[{"label": _label(s), "unit": s.unit} for s in columns],
@@ -140,10 +142,12 @@ def _notes(document: Document) -> list[str]:
         "other_version": "of another version of metrosep",
         "former_content": "of former contents of the files",
         "gone": "of files that are gone",
+        "unreadable": "of files that cannot be read now",
     }
     apart = document.get("apart") or {}
     texts = [f"{apart[k]} {words.get(k, one_line(k))}" for k in sorted(apart) if apart[k]]
-    notes = [f"Kept apart, not counted here: {', '.join(texts)}."] if texts else []
+    notes = [f"{one_line(n)[:1].upper()}{one_line(n)[1:]}." for n in document.get("notes") or ()]
+    notes += [f"Kept apart, not counted here: {', '.join(texts)}."] if texts else []
     return notes + [f"{one_line(n)[:1].upper()}{one_line(n)[1:]}." for n in order_notes(document)]
 
 
@@ -213,7 +217,7 @@ def _series_row(series: Series) -> dict[str, Any]:
         "limits": _limits(series),
         "cp": cp,
         "cpk": cpk,
-        "spark": [_piece(p) for p in spark_points(_thinned(series.ordered))],
+        "spark": [_piece(p) for p in spark_points(_thinned(series.ordered)) if series.moves],
     }
 
 

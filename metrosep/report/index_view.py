@@ -11,6 +11,7 @@ from urllib.parse import quote
 
 from metrosep.core.errors import DataError
 from metrosep.parameters.capability import Capability, ControlLimits, capability_of, control_limits
+from metrosep.parameters.rounding_floor import constant, floors
 from metrosep.recipe.part_order import parts_in_order
 from metrosep.report.comparison import known_number
 from metrosep.report.rows import one_line
@@ -21,6 +22,7 @@ __all__ = [
     "Series",
     "link_of",
     "require_index",
+    "rounding_floors",
     "series_of",
     "spark_points",
     "status_stamp",
@@ -63,13 +65,16 @@ class Series:
     capability : Capability or None
         Of the values, where there are enough and limits.
     control : ControlLimits or None
-        Of the values in the order of the parts.
+        Of the values in the order of the parts; None, as capability, where they differ by rounding
+        only.
     trend : bool
         Whether the recipe asks for its trend.
     number : int
         From 1; 2 for the second check of one metric under one name.
     ordered : tuple of (float or None)
         Values in the order of the parts, as charts show them; parts without a place are left out.
+    moves : bool
+        Whether the values differ by more than rounding.
     """
 
     metric: str
@@ -87,6 +92,7 @@ class Series:
     trend: bool
     number: int = 1
     ordered: tuple[float | None, ...] = ()
+    moves: bool = True
 
 
 def require_index(document: Any) -> Sequence[Document]:
@@ -175,6 +181,39 @@ def link_of(link: Any) -> str | None:
     return quote(link.encode("utf-8", "replace"), safe="/")
 
 
+def rounding_floors(document: Document) -> dict[str, float]:
+    """Return the spread up to which values of a batch differ by rounding only, by SI unit.
+
+    Parameters
+    ----------
+    document : mapping
+        Index of a batch.
+
+    Returns
+    -------
+    dict of str to float
+        1e-12 of the largest value or limit of all parts, at most 1e-15 m or rad; see
+        `metrosep.parameters.rounding_floor`.
+
+    Raises
+    ------
+    DataError
+        If it is not an index, or a number is none.
+    """
+    entries = [
+        e
+        for row in require_index(document)
+        for e in row.get("characteristics") or []
+        if isinstance(e, Mapping)
+    ]
+    numbers = (
+        (one_line(e.get("unit") or "1"), known_number(e.get(k), k))
+        for e in entries
+        for k in ("value", "lower", "upper")
+    )
+    return floors((unit, value) for unit, value in numbers if value is not None)
+
+
 def series_of(document: Document) -> list[Series]:
     """Return the characteristics of a batch, those with a trend first.
 
@@ -214,12 +253,21 @@ def series_of(document: Document) -> list[Series]:
             found.setdefault((*key, counted[key]), {})[i] = entry
     wanted = {one_line(t) for t in document.get("trend") or []}
     order = parts_in_order(document)
-    made = [_series(k, entries, len(rows), wanted, order) for k, entries in found.items()]
+    floor = rounding_floors(document)
+    made = [
+        _series(k, entries, len(rows), wanted, order, floor.get(k[2], 0.0))
+        for k, entries in found.items()
+    ]
     return sorted(made, key=lambda s: (not s.trend, not any(s.verdicts)))
 
 
 def _series(
-    key: _Key, entries: Mapping[int, Document], n: int, wanted: set[str], order: Sequence[int]
+    key: _Key,
+    entries: Mapping[int, Document],
+    n: int,
+    wanted: set[str],
+    order: Sequence[int],
+    floor: float,
 ) -> Series:
     metric, name, si, number = key
     columns = {
@@ -241,6 +289,7 @@ def _series(
     ordered = tuple(values[i] for i in order)
     low, high = (None if v is None else v / factor for v in (lower, upper))
     in_order = low is None or high is None or low < high
+    moves = not constant(known, floor)
     return Series(
         metric,
         name,
@@ -252,11 +301,12 @@ def _series(
         low,
         high,
         same,
-        capability_of(values, lower=low, upper=high) if same and in_order else None,
-        control_limits(ordered),
+        capability_of(values, lower=low, upper=high) if same and in_order and moves else None,
+        control_limits(ordered) if moves else None,
         trend=bool(wanted & {metric, name}),
         number=number,
         ordered=ordered,
+        moves=moves,
     )
 
 

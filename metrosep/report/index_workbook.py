@@ -120,8 +120,12 @@ def _units(
                 sheet.write_number(i, column, value)
         for column, key in enumerate(("hash", "link"), start=len(names) + len(shown)):
             _text(sheet, i, column, row.get(key))
-    if rows:
-        sheet.autofilter(0, 0, len(rows), len(names) + len(shown) + 1)
+    missing = (document.get("not_begun") or {}).get("units") or ()
+    for i, name in enumerate(missing, start=len(rows) + 1):
+        _text(sheet, i, 0, name)
+        _text(sheet, i, len(names) - 2, "not begun")
+    if rows or missing:
+        sheet.autofilter(0, 0, len(rows) + len(missing), len(names) + len(shown) + 1)
 
 
 def _capability(book: Any, series: Sequence[Series], head: Any) -> None:
@@ -165,6 +169,7 @@ def _provenance(book: Any, document: Document, head: Any) -> None:
         ("metrosep", document.get("metrosep")),
         ("recipe", recipe.get("name")),
         ("SHA-256 of the recipe", recipe.get("sha256")),
+        *(("note", note) for note in document.get("notes") or ()),
         *(("", line) for line in str(recipe.get("text") or "").splitlines()),
     ]
     _text(sheet, 0, 0, document.get("title") or "Batch", head)

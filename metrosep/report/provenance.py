@@ -29,7 +29,8 @@ def header_rows(document: Document) -> list[tuple[str, str]]:
         Empty for a result that no batch made.
     """
     unit = document.get("unit") or {}
-    rows = [(in_words(str(k)), str(v)) for k, v in (unit.get("groups") or {}).items()]
+    groups = sorted((unit.get("groups") or {}).items())  # as a result.json holds them
+    rows = [(in_words(str(k)), str(v)) for k, v in groups]
     if unit.get("name"):
         rows.append(("file", str(unit["name"])))
     return [(name.capitalize(), one_line(value)) for name, value in rows]

@@ -187,7 +187,10 @@ def number(value: float | None, factor: float, decimals: int) -> str:
     shown = value / factor
     if decimals > _MOST_ZEROS and 0.0 < abs(shown) < 10.0**-_MOST_ZEROS:
         return f"{shown:.2e}".replace("-", "−")
-    return f"{shown:.{decimals}f}".replace("-", "−")
+    text = f"{shown:.{decimals}f}"
+    if float(text) == 0.0:
+        text = text.lstrip("-")  # what rounds to zero has no sign
+    return text.replace("-", "−")
 
 
 def size(n_bytes: Any) -> str:

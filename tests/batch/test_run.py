@@ -180,10 +180,9 @@ def test_the_report_tells_and_writes_the_index_again(recipe, inbox, tmp_path):
         report.index(tmp_path / "index.pptx")
 
 
-def test_an_index_format_that_is_missing_is_named(recipe_text, inbox, tmp_path):
-    text = recipe_text + '[batch]\nindex = ["csv", "pptx"]\ntrend = ["roughness", "Sz"]\n'
+def test_a_trend_of_nothing_is_named(recipe_text, inbox, tmp_path):
+    text = recipe_text + '[batch]\ntrend = ["roughness", "Sz"]\n'
     report = run(Recipe.parse(text), inbox, tmp_path / "qa")
-    assert any("'pptx'" in m for m in report.messages)
     assert any('trend "Sz"' in m and "roughness" in m for m in report.messages)
     assert not any('trend "roughness"' in m for m in report.messages)
 
@@ -248,7 +247,7 @@ def test_each_unit_is_told_in_order_with_the_time_left(recipe, inbox, tmp_path):
     }  # fmt: skip
     assert events[0]["eta_s"] > 0.0
     assert events[-1]["eta_s"] == 0.0
-    assert events[2]["reason"] == "roughness: inconclusive"
+    assert events[2]["reason"] == ("roughness 10 nm, within U of 10 nm (U 0.2 nm): inconclusive")
 
 
 def test_cancel_keeps_what_is_done(recipe, inbox, tmp_path):

@@ -180,3 +180,45 @@ def test_help_names_it(capsys):
     for verb in ("run", "batch", "check"):
         assert call(verb, "--help") == 0
         assert "-s KEY=VALUE" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("by_hand", [False, True])
+def test_a_batch_tells_of_results_that_keep_a_former_title(home, capsys, by_hand):
+    common = ("batch", "r.toml", "in", "-o", "qa", "--scheduler", "serial")
+    call(*common)
+    assert "former" not in capsys.readouterr().err
+    new = () if by_hand else ("-s", "title=NEW")
+    if by_hand:
+        (home / "r.toml").write_text(RECIPE.replace('"lens"', '"NEW"'))
+    told = (
+        'note: 2 result(s) were done before the title was changed and keep the former one ("lens") '
+        "in result.json and their reports; --fresh does them again with the new one"
+    )
+    for extra in ((), ("--dry-run",)):
+        call(*common, *new, *extra)
+        assert told in capsys.readouterr().err.splitlines()
+    rows = json.loads((home / "qa" / "index.json").read_text())["rows"]
+    assert [r["former_title"] for r in rows] == ["lens", "lens"]
+    call(*common, *new, "--fresh")
+    call(*common, *new)
+    assert "former" not in capsys.readouterr().err
+    titles = {result(f.parent)["title"] for f in (home / "qa").glob("*/*/result.json")}
+    assert titles == {"NEW"}
+    index = json.loads((home / "qa" / "index.json").read_text())
+    assert not any("former_title" in r for r in index["rows"])
+
+
+def test_a_batch_tells_of_a_title_that_was_taken_out(home, capsys):
+    common = ("batch", "r.toml", "in", "-o", "qa", "--scheduler", "serial")
+    (home / "r.toml").write_text(RECIPE.replace('title = "lens"\n', ""))
+    call(*common)
+    call(*common)
+    assert "former" not in capsys.readouterr().err
+    call(*common, "-s", "title=x")
+    assert "keep the former one (none)" in capsys.readouterr().err
+
+
+def test_a_value_beyond_all_measure_ends_with_2(home, capsys):
+    for value in ("title=" + "7" * 5000, "step.form.fix=" + "[" * 3000):
+        assert call("run", "r.toml", "in/a.x3p", "-o", "out", "-s", value) == 2
+        assert "the value cannot be read" in capsys.readouterr().err

@@ -115,3 +115,18 @@ def test_a_term_twice_is_refused(tmp_path):
     text = SERIES.replace('["z8_nm", "z9_nm"]', '["a_nm", "a_nm"]').replace("drift.z8", "drift.a")
     with pytest.raises(DataError, match="twice"):
         Recipe.parse(text, folder=tmp_path).run()
+
+
+def test_a_term_that_is_the_same_in_all_parts_is_accepted_and_an_identity_is_named(tmp_path):
+    z9 = 3 * np.random.default_rng(2).standard_normal(30)
+    rows = [f"{i},5,{b:.9g},{2 * b:.9g}" for i, b in enumerate(z9)]
+    (tmp_path / "parts.csv").write_text("\n".join(["part,z8_nm,z9_nm,s_nm", *rows]) + "\n")
+    text = SERIES.replace('"z9_nm"]', '"z9_nm", "s_nm"]')
+    result = Recipe.parse(text, folder=tmp_path).run(out=tmp_path / "out")
+    found = {c["metric"]: c for c in result.document["characteristics"]}
+    assert result.verdict == "accept"
+    assert found["drift.z8"]["value"] == 0.0
+    assert found["drift.z8"]["definition"].endswith("the same in all parts to within rounding")
+    assert result.document["separation"]["same"] == [["z9", "s"]]
+    assert found["correlated"]["value"] == 0
+    assert "Series of parts" in render_html(result.document)

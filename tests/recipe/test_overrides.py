@@ -475,3 +475,270 @@ def test_columns_of_repeated_runs_and_names_of_methods():
     assert (made.steps[0]["lag"], made.steps[0]["lines"]) == ("fit", "auto")
     with pytest.raises(RecipeError, match='unknown key "readings"'):
         parsed(text, "input.readings=a")
+
+
+def checks(*each):
+    """Give a recipe with these checks: (name or None, metric)."""
+    text = 'metrosep = 1\n[input]\n[[step]]\nop = "parameters"\nnames = ["Sa", "Sq", "Sz"]\n'
+    for name, metric in each:
+        label = "" if name is None else f"name = {json.dumps(name)}\n"
+        text += f'[[check]]\n{label}metric = "{metric}"\nupper = "1 nm"\n'
+    return text
+
+
+NUMBERS = checks(("2", "Sa"), ("1", "Sq"), ("fine", "Sz"))
+AMBIGUOUS = [
+    (
+        NUMBERS,
+        "2",
+        "it is the name of check 1 and the number of check 2; write check.Sa or check.Sq",
+    ),
+    (
+        NUMBERS,
+        "1",
+        "it is the number of check 1 and the name of check 2; write check.Sa or check.Sq",
+    ),
+    (
+        checks(("Sq", "Sa"), ("y", "Sq")),
+        "Sq",
+        "it is the name of check 1 and the metric of check 2; write check.1 or check.2",
+    ),
+    (
+        checks(("inner zone", "Sa"), (None, "Sa")),
+        "Sa",
+        "it is the metric of check 1 and the metric of check 2; write check.1 or check.2",
+    ),
+    (
+        checks((None, "Sa"), ("x", "Sz"), ("y", "Sa"), ("Sa", "Sq")),
+        "Sa",
+        (
+            "it is the metric of check 1, the metric of check 3 and the name of check 4; "
+            "write check.1, check.3 or check.4"
+        ),
+    ),
+    (
+        checks(("2", "Sa"), ("x.y", "Sa"), ("1", "Sq")),
+        "2",
+        (
+            'it is the name of check 1 and the number of check 2; write check."x.y" for check 2, and '
+            "give check 1 another name in r.toml"
+        ),
+    ),
+    (
+        checks(("2", "Sa"), ("1", "Sa")),
+        "1",
+        (
+            "it is the number of check 1 and the name of check 2; "
+            "give check 1 and check 2 other names in r.toml"
+        ),
+    ),
+]
+
+
+@pytest.mark.parametrize(("text", "word", "message"), AMBIGUOUS)
+def test_a_word_that_fits_several_is_refused_whatever_it_is_to_each(text, word, message):
+    with pytest.raises(RecipeError) as caught:
+        parsed(text, f"check.{word}.upper=50 um", name="r.toml")
+    start = f"-s check.{word}.upper=50 um: check {word} is ambiguous; "
+    assert str(caught.value) == start + message
+
+
+@pytest.mark.parametrize(
+    ("text", "word", "which"),
+    [
+        (checks(("1", "Sa"), ("2", "Sq")), "2", 1),  # a name that is its own number
+        (checks(("Sa", "Sa"), ("2", "Sq")), "Sa", 0),
+        (NUMBERS, "3", 2),
+        (NUMBERS, "fine", 2),
+        (NUMBERS, "Sa", 0),
+        (checks(("4", "Sa"), ("x", "Sq")), "4", 0),  # there is no fourth
+        (checks(("x.y", "Sa"), ("1", "Sa")), '"x.y"', 0),
+    ],
+)
+def test_a_word_that_fits_one_is_that_one(text, word, which):
+    made = parsed(text, f"check.{word}.upper=50 um")
+    exact = 1e-18  # m, rounding of a text to SI
+    changed = [c["upper"] == pytest.approx(50e-6, abs=exact) for c in made.checks]
+    assert changed == [n == which for n in range(len(changed))]
+
+
+def test_each_way_that_a_refusal_proposes_sets_the_one_that_it_names():
+    text = checks(("2", "Sa"), ('it\'s "x.y"', "Sq"), ("a=b", "Sz"), (None, "Sz"))
+    with pytest.raises(RecipeError, match=r"write check.1 or check.Sq$"):
+        parsed(text, "check.2.upper=3 nm")
+    with pytest.raises(RecipeError, match=r"write check.3 or check.4$"):
+        parsed(text, "check.Sz.upper=3 nm")
+    text = checks(("3", "Sa"), (None, "Sq"), ("a=b.c", "Sa"), (None, "Sq"))
+    with pytest.raises(RecipeError, match=r'write check.1 or check."a=b.c"$'):
+        parsed(text, "check.3.upper=3 nm")
+    made = parsed(text, 'check."a=b.c".upper=3 nm')
+    assert [c["upper"] > 2e-9 for c in made.checks] == [False, False, True, False]
+
+
+MARKED = "a # set by -s title=b"
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        "title=Lot 7  # set by -s title=Lot 8",
+        "title=Lot 7  # added by -s title=Lot 8",
+        "title=Lot 7  # set by -s",
+        'check."a  # set by -s b".upper=3 nm',
+    ],
+)
+def test_what_looks_like_the_mark_of_an_override_is_refused(given):
+    with pytest.raises(RecipeError, match=r'two blanks and "# set by -s" .* cannot stand in one'):
+        parsed(PLAIN, given)
+
+
+def test_every_override_that_is_done_is_listed():
+    made = parsed(PLAIN, f"title={MARKED}")
+    assert (made.title, made.overrides) == (MARKED, (f"title={MARKED}",))
+
+
+DIGITS = "7" * 5000
+
+
+@pytest.mark.parametrize(
+    ("given", "match"),
+    [
+        (f"title={DIGITS}", "the value cannot be read: .*digits.* a text goes in quotes$"),
+        (f"step.2.order={DIGITS}", "the value cannot be read: "),
+        ("step.form.fix=" + "[" * 3000, "the value cannot be read: it is nested too deeply"),
+        ("step.form.fix=" + "[" * 3000 + "]" * 3000, "it is nested too deeply"),
+        ("step.form.fix={ k = " + "[" * 40 + "]" * 40 + " }", "it is nested too deeply"),
+        ("step.form.fix={ " + ".".join("a" * 3000) + " = 1 }", "it is nested too deeply"),
+        ("step.2.order=0x" + "F" * 5000, "whole number .* more than 64 bits"),
+        ("check.1.guard_factor=" + "9" * 400, "whole number .* more than 64 bits"),
+        ("check.1.upper=" + "9" * 400, "whole number .* more than 64 bits"),
+        ("check.1.upper=nan", "the value cannot be read: nan is no number"),
+        (f"step.{DIGITS}.form=plane", "there is no step 777"),
+        ("step.form.fix." + ".".join("a" * 3000) + "=1", "the key has 3003 parts"),
+    ],
+)
+def test_a_value_beyond_all_measure_is_refused(given, match):
+    with pytest.raises(RecipeError, match=match) as caught:
+        parsed(PLAIN, given)
+    longest = 600  # letters, a message that a terminal shows
+    assert len(str(caught.value)) < longest
+
+
+@pytest.mark.parametrize("title", ["7" * 23, "x" * 5000, f'"{DIGITS}"'])
+def test_a_long_text_is_a_text(title):
+    made = parsed(PLAIN, f"title={title}")
+    assert (made.title, made.overrides) == (title.strip('"'), (f"title={title}",))
+
+
+@pytest.mark.parametrize("value", [DIGITS, "[" * 3000, "9" * 400])
+def test_such_a_value_in_the_recipe_is_refused_too(value):
+    with pytest.raises(RecipeError, match=r"^r.toml"):
+        parsed(PLAIN.replace('"10 nm"', value), name="r.toml")
+    marked = PLAIN.replace('"10 nm"', f'"10 nm"  # set by -s check.1.upper={value}')
+    assert parsed(marked).overrides == ()
+
+
+KINDS_OF_LIMITS = checks((None, "Sku")).replace('upper = "1 nm"', "lower = 1\nupper = 9\nU = 0")
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (
+            "check.Sku.upper=3 nm",
+            (
+                "recipe.toml, -s check.Sku.upper=3 nm: lower is a pure number, but upper is a length; "
+                "both limits of a check are of one kind"
+            ),
+        ),
+        (
+            "check.Sku.lower=12",
+            "recipe.toml, -s check.Sku.lower=12: the limits 12 ... 9 are not in order",
+        ),
+        (
+            "check.Sku.upper=0.5",
+            "recipe.toml, -s check.Sku.upper=0.5: the limits 1 ... 0.5 are not in order",
+        ),
+        (
+            "check.Sku.guard_factor=-1",
+            (
+                "recipe.toml, -s check.Sku.guard_factor=-1: guard_factor must be finite and not "
+                "negative, got -1"
+            ),
+        ),
+        ("check.Sku.U=-1", "recipe.toml, -s check.Sku.U=-1: U must be finite and not negative"),
+    ],
+)
+def test_limits_that_do_not_fit_are_told_by_the_override(given, message):
+    with pytest.raises(RecipeError) as caught:
+        parsed(KINDS_OF_LIMITS, given)
+    assert str(caught.value).startswith(message)
+
+
+@pytest.mark.parametrize(
+    ("line", "new", "at"),
+    [("U = 0", "U = -1", 10), ("upper = 9", "upper = 0.5", 9), ("U = 0", "guard_factor = -1", 10)],
+)
+def test_limits_that_do_not_fit_name_their_line(line, new, at):
+    with pytest.raises(RecipeError, match=rf"^r.toml:{at}: "):
+        parsed(KINDS_OF_LIMITS.replace(line, new), name="r.toml")
+
+
+STEP = '[[step]]\nop = "rank"\nmachine = "{}"\nradius = "10 mm"\nform = "plane"\n'
+
+
+@pytest.fixture
+def two_folders(tmp_path):
+    for name in ("base", "near"):
+        (tmp_path / name).mkdir()
+        for file in ("machine.toml", "other.toml"):
+            (tmp_path / name / file).write_text(f"# {file} of {name}\n")
+    (tmp_path / "base" / "identify.toml").write_text(
+        "metrosep = 1\n" + STEP.format("machine.toml")
+    )
+    (tmp_path / "near" / "r.toml").write_text('metrosep = 1\nextends = "../base/identify.toml"\n')
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    "value", ["machine.toml", "./machine.toml", "other.toml", "../base/other.toml", "nowhere.toml"]
+)
+def test_a_file_is_named_from_the_folder_of_the_recipe_that_is_run(two_folders, value):
+    plain = ms.Recipe.load(two_folders / "near" / "r.toml")
+    made = ms.Recipe.load(two_folders / "near" / "r.toml", overrides=[f"step.1.machine={value}"])
+    assert plain.steps[0]["machine"] == "../base/machine.toml"
+    assert made.steps[0]["machine"] == value
+    assert made.overrides == (f"step.1.machine={value}",)
+    # as if it stood in that recipe
+    (two_folders / "near" / "hand.toml").write_text("metrosep = 1\n" + STEP.format(value))
+    by_hand = ms.Recipe.load(two_folders / "near" / "hand.toml")
+    assert recipe_hash(made) == recipe_hash(by_hand)
+    assert recipe_hash(made) != recipe_hash(plain)
+    again = ms.Recipe.parse(made.text, name=made.name, folder=made.folder)
+    assert (again, again.overrides) == (made, made.overrides)
+
+
+def test_a_file_that_stands_elsewhere_too_stays_that_of_its_folder(two_folders):
+    (two_folders / "base" / "identify.toml").write_text(
+        'metrosep = 1\n[input]\nx = "X"\nreadings = ["a"]\n[[step]]\nop = "dual_servo"\n'
+        'quantity = "error"\nbefore = "machine.toml"\nafter = "other.toml"\n'
+    )
+
+    def files(*given):
+        overrides = [f"step.1.{key}" for key in given]
+        made = ms.Recipe.load(two_folders / "near" / "r.toml", overrides=overrides)
+        again = ms.Recipe.parse(made.text, name=made.name, folder=made.folder)
+        assert (again, again.overrides) == (made, tuple(overrides))
+        return [made.steps[0][key] for key in ("before", "after")]
+
+    assert files("before=machine.toml") == ["machine.toml", "../base/other.toml"]
+    assert files("before=./other.toml") == ["./other.toml", "../base/other.toml"]
+    assert files("before=other.toml", "after=other.toml") == ["other.toml", "other.toml"]
+    assert files("before=other.toml", "after=machine.toml") == ["other.toml", "machine.toml"]
+    with pytest.raises(RecipeError) as caught:
+        files("before=other.toml")
+    assert str(caught.value) == (
+        "-s step.1.before=other.toml: identify.toml names the file other.toml of its own folder "
+        "elsewhere, and the record could not tell the two apart; write ./other.toml for the one in "
+        "the folder of r.toml, ../base/other.toml for the other"
+    )

@@ -9,6 +9,7 @@ import pytest
 from metrosep.core.errors import DataError
 from metrosep.report.batch_series import batch_series, batch_table, series_section
 from metrosep.report.index import render_index
+from metrosep.report.index_view import series_of
 
 EXACT = 1e-15
 """Values are passed on as they are."""
@@ -114,3 +115,51 @@ def test_equal_values_have_no_section():
 def test_what_is_no_index_is_refused():
     with pytest.raises(DataError, match=r"index\.json"):
         batch_table({"schema": "metrosep.result/1"})
+
+
+def piston_and_waviness(n=30):
+    """Rounding of zero that rises, roughness under two names, and a pair that moves together."""
+    common = np.array(noise(n, 5))
+    sq = 2e-8 + np.array(noise(n, 6)) / 10
+    return {
+        "Sq": sq.tolist(),
+        "residual.rms": (sq * (1 + 1e-15)).tolist(),
+        "piston": [1e-24 * (i + math.sin(7.0 * i)) for i in range(n)],
+        "Z8": common.tolist(),
+        "Z9": (common + 0.4 * np.array(noise(n, 7))).tolist(),
+    }
+
+
+def test_rounding_of_zero_is_no_finding():
+    section = series_section(index_of(piston_and_waviness()))
+    page = render_index(index_of(piston_and_waviness()))
+
+    assert section["drifts"] == []
+    assert "4 terms" in section["caption"]
+    assert "piston" not in " ".join(section["pairs"])
+    assert "piston over the batch" not in page  # no chart with control limits
+    assert "to within rounding, so without a chart: piston." in page
+    series = {s.metric: s for s in series_of(index_of(piston_and_waviness()))}
+    assert series["piston"].control is None
+    assert series["Sq"].control is not None
+
+
+def test_a_limit_tells_what_is_small_too():
+    # nothing but the piston, judged against a limit of 12 nm: Cpk would be 1e15
+    index = index_of({"piston": piston_and_waviness()["piston"]})
+    for row in index["rows"]:
+        row["characteristics"][0] |= {"upper": 12e-9, "lower": -12e-9}
+
+    assert series_section(index) is None
+    series = series_of(index)[0]
+    assert (series.control, series.capability) == (None, None)
+
+
+def test_identities_are_one_sentence_and_the_pair_is_listed():
+    section = series_section(index_of(piston_and_waviness()))
+
+    assert section["same"] == "Sq, residual.rms"
+    assert len(section["pairs"]) == 1
+    assert section["pairs"][0].startswith("Z8 and Z9: +0.")
+    page = render_index(index_of(piston_and_waviness()))
+    assert "These say the same (correlation 0.9999 and more): Sq, residual.rms." in page

@@ -74,3 +74,53 @@ def test_the_pages_ask_for_nothing(tab, index, document, tmp_path):
         assert asked == []
         assert tab.errors == []
         assert tab.run("[...document.images].every(i => i.naturalWidth > 0)") is True
+
+
+@pytest.fixture
+def long_index(tmp_path):
+    """Long names and reasons, three values: what a phone made one letter wide."""
+    rows = []
+    for i in range(40):
+        name = f"shift_{i % 3}/LENS_with_a_long_name_{i:04}_d0.x3p"
+        entries = [
+            {"metric": m, "name": m, "unit": "m", "value": 1e-8 + i * 1e-10, "upper": 1.2e-8}
+            for m in ("Sq", "Sz", "residual.rms")
+        ]
+        status = "rejected" if i % 2 else "failed"
+        reason = (
+            "rough Sq 14.2 nm > 12 nm (U 0.3 nm): reject; the file ends after 512 of 4096 bytes"
+        )
+        rows.append({"unit": name, "status": status, "reason": reason, "hash": "0a1b2c3d4e5f",
+                     "link": f"LENS_{i}/0a1b2c3d/result.json",
+                     "characteristics": [] if status == "failed" else entries})  # fmt: skip
+    document = {"schema": "metrosep.index/1", "title": "Lot", "rows": rows}
+    return write_index(document, tmp_path / "index.html")
+
+
+WIDTHS = (
+    "JSON.stringify([...document.querySelectorAll('{} tbody tr td:nth-child({})')]"
+    ".map(c => c.clientWidth))"
+)
+
+
+@pytest.mark.parametrize("width", [390, 800, 1400])
+def test_names_and_reasons_can_be_read_on_a_narrow_screen(tab, long_index, width):
+    tab.show(width, 844, "light")
+    try:
+        _open(tab, long_index)
+        page, shown = json.loads(
+            tab.run(
+                "JSON.stringify([document.documentElement.scrollWidth,"
+                " document.documentElement.clientWidth])"
+            )
+        )
+        reasons = json.loads(tab.run(WIDTHS.format(".reasons", 3)))
+        names = json.loads(tab.run(WIDTHS.format("table", 1)))
+        height = tab.run("document.documentElement.scrollHeight")
+    finally:
+        tab.show(1400, 900, "light")
+
+    assert page <= shown  # tables scroll in their own boxes
+    assert min(reasons) >= 230
+    assert min(names) >= 120
+    assert height <= 12000  # 40 units, twice, with charts; it was more than twice that

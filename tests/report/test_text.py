@@ -67,3 +67,17 @@ def test_white_letters_are_legible_on_every_stamp():
 def test_an_unknown_verdict_is_refused():
     with pytest.raises(DataError, match="expected 'accept'"):
         stamp("ok")
+
+
+@pytest.mark.parametrize(
+    ("value", "factor", "decimals", "wanted"),
+    [
+        (-1e-12, 1e-9, 1, "0.0"),
+        (-1e-24, 1.0, 0, "0"),
+        (-0.0, 1.0, 2, "0.00"),
+        (-6e-11, 1e-9, 1, "\u22120.1"),
+        (-1e-24, 1.0, 12, "\u22121.00e\u221224"),
+    ],
+)
+def test_zero_has_no_minus(value, factor, decimals, wanted):
+    assert number(value, factor, decimals) == wanted

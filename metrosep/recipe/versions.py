@@ -1,0 +1,25 @@
+"""Versions of what computes: of Python, numpy and scipy."""
+
+from __future__ import annotations
+
+import platform
+
+__all__ = ["versions"]
+
+
+def versions() -> dict[str, str]:
+    """Return the versions that a result depends on.
+
+    Returns
+    -------
+    dict of str to str
+        Of Python, numpy and scipy.
+    """
+    import numpy as np
+    import scipy
+
+    return {
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "scipy": scipy.__version__,
+    }
