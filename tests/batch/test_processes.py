@@ -163,6 +163,7 @@ def suicidal(task: Task, unit: Unit) -> dict[str, object]:
     return {"unit": unit.name, "status": "accepted", "reason": None}
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
 def test_a_killed_worker_costs_one_more_try_and_the_culprit_is_found(tmp_path, monkeypatch):
     monkeypatch.setattr("metrosep.batch.loop.do_unit", suicidal)

@@ -100,6 +100,7 @@ def test_what_failed_is_told(run, put, tmp_path):
     assert "failed: it ends too early" in err
 
 
+@pytest.mark.slow
 def test_the_commands_of_the_page_run(run, tmp_path, monkeypatch):
     """Recipe, batch, report and diff of docs/how-to/qa-for-the-engineer.md on three parts."""
     monkeypatch.chdir(tmp_path)

@@ -138,7 +138,9 @@ def test_check_accepts_a_right_one_and_refuses_it_for_data(home, capsys):
     assert "-s is for recipes (.toml)" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("scheduler", ["serial", "processes"])
+@pytest.mark.parametrize(
+    "scheduler", ["serial", pytest.param("processes", marks=pytest.mark.slow)]
+)
 def test_batches_with_and_without_it_keep_apart_and_resume(home, scheduler):
     common = (
         "batch",

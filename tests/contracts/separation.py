@@ -196,6 +196,7 @@ class SeparationContract:
             pytest.skip("the noise is found from the readings")
         self.check_scatter(lambda r: self.method().separate(r, u_reading=self.sd))
 
+    @pytest.mark.slow
     def test_noise_is_found_from_redundancy(self):
         if not self.has_redundancy:
             pytest.skip("the method has no redundancy")

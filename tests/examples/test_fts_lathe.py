@@ -89,6 +89,7 @@ def test_recipe_ranks_as_the_table(folder):
     assert result.verdict == "accept"
 
 
+@pytest.mark.slow
 def test_wavefront_recipe_holds_zernike_terms(folder):
     result = ms.Recipe.load(folder / "wavefront.toml").run()
     table = describe(result.produced).tables["zernike"]

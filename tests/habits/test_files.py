@@ -56,14 +56,22 @@ def test_pins_are_names_and_versions_only(repository):
     assert not wrong
 
 
+def trees_with(folder, *words):
+    """Yield path and tree of the files that hold one of the words: to parse all takes long."""
+    for path in sorted(folder.rglob("*.py")):
+        text = path.read_text(encoding="utf-8")
+        if any(word in text for word in words):
+            yield path, ast.parse(text)
+
+
 def test_no_comparison_with_hidden_tolerance(repository):
     banned = {f"{module}.{name}" for module in ("np", "numpy") for name in ("allclose", "isclose")}
     folders = ("metrosep", "tests", "examples", "data_formats", "tools")
     found = [
         f"{path.relative_to(repository)}:{node.lineno}"
         for folder in folders
-        for path in sorted((repository / folder).rglob("*.py"))
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        for path, tree in trees_with(repository / folder, ".allclose", ".isclose")
+        for node in ast.walk(tree)
         if isinstance(node, ast.Attribute)
         and node.attr in ("allclose", "isclose")
         and ast.unparse(node) in banned
@@ -74,9 +82,9 @@ def test_no_comparison_with_hidden_tolerance(repository):
 
 def test_assert_allclose_always_names_its_tolerance(repository):
     found = []
-    for path in sorted((repository / "tests").rglob("*.py")):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Call) and ast.unparse(node.func).endswith("assert_allclose"):
+    for path, tree in trees_with(repository / "tests", "assert_allclose"):
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Call) and _called(node) == "assert_allclose":
                 given = {keyword.arg for keyword in node.keywords}
                 if not given & {"atol", "rtol", None}:
                     found.append(f"{path.relative_to(repository)}:{node.lineno}")
@@ -87,9 +95,9 @@ def test_assert_allclose_always_names_its_tolerance(repository):
 def test_approx_never_keeps_its_hidden_floor(repository):
     """Without abs= it forgives 1e-12, which is everything in a test of square nanometres."""
     found = []
-    for path in sorted((repository / "tests").rglob("*.py")):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            is_call = isinstance(node, ast.Call) and ast.unparse(node.func).endswith("approx")
+    for path, tree in trees_with(repository / "tests", "approx"):
+        for node in ast.walk(tree):
+            is_call = isinstance(node, ast.Call) and _called(node) == "approx"
             if is_call and "abs" not in {keyword.arg for keyword in node.keywords}:
                 found.append(f"{path.relative_to(repository)}:{node.lineno}")
 
@@ -119,6 +127,12 @@ def test_every_module_states_its_public_names(modules):
 
 def test_every_module_has_a_docstring(modules):
     assert not [path for path, tree in modules.items() if not ast.get_docstring(tree)]
+
+
+def _called(node: ast.Call) -> str:
+    """Return the last name of what is called."""
+    called = node.func
+    return called.attr if isinstance(called, ast.Attribute) else getattr(called, "id", "")
 
 
 def _assigned(node: ast.stmt) -> list[str]:

@@ -89,6 +89,7 @@ def test_noise_free_motion_is_exact():
     assert r.c0 == pytest.approx(7 * NM, abs=1e-4 * NM)
 
 
+@pytest.mark.slow
 def test_uncertainty_is_the_scatter_with_correlated_noise():
     """White least squares would claim a third of the true scatter here."""
     t = np.arange(2000) / 1000.0
@@ -302,6 +303,7 @@ class TestDelay:
             assert abs(r.cv) < 1e-6
             assert not any("copy of the command" in m for m in r.messages)
 
+    @pytest.mark.slow
     @pytest.mark.parametrize("noise", ["white", "slow"])
     def test_its_uncertainty_is_honest(self, noise):
         """White least squares states a sixth of the scatter in slow noise."""

@@ -106,6 +106,7 @@ def test_twenty_seeds_scatter_as_stated():
     assert np.abs(scores).max() < 3.5
 
 
+@pytest.mark.slow
 def test_twenty_seeds_on_a_coarser_grid():
     """The same, at 1/25 of the points and so five times the uncertainty."""
     scores = np.array(

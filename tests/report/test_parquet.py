@@ -145,6 +145,7 @@ for data in (render_parquet([document]), render_index_parquet(index)):
 """
 
 
+@pytest.mark.slow
 def test_the_bytes_are_the_same_in_another_process(tmp_path):
     document, index = _one(), _index()
     first = write_parquet(document, tmp_path / "a.parquet").read_bytes()

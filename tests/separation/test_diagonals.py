@@ -248,6 +248,7 @@ def test_diagonal_test_reports_each_line_and_the_angles():
     assert test.to_frame().loc["npp", "B_um"] == test.tests["npp"]["B"].value / UM
 
 
+@pytest.mark.slow
 def test_uncertainty_of_a_length_error_is_that_of_repeats():
     rng = np.random.default_rng(3)
     results = [

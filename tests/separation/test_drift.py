@@ -70,6 +70,7 @@ def test_maps_and_gaps():
     assert any("lack a reading" in m for m in part.messages)
 
 
+@pytest.mark.slow
 def test_uncertainty_of_one_and_of_many_sequences():
     rng = np.random.default_rng(1)
     noise = rng.normal(size=(4000, 4))

@@ -154,6 +154,7 @@ def test_gaps_are_not_bridged_by_invention(contract_machine, as_runset):
     assert estimate.sd([20.75e-3])[0] > 1.1 * estimate.sd([16e-3])[0]
 
 
+@pytest.mark.slow
 def test_more_runs_shrink_the_uncertainty(contract_machine, as_runset):
     x = np.linspace(2e-3, 43e-3, 100)
     sd = []

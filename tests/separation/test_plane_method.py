@@ -114,6 +114,7 @@ def test_the_class_gives_what_the_function_gives():
     assert found.audit["coupling_p"] == pytest.approx(fit.interaction.p, abs=1e-15)
 
 
+@pytest.mark.slow
 def test_uncertainty_of_the_coupling_with_gaps_is_its_scatter():
     """Closed form on a whole map; with gaps the scatter of 800 maps is the law."""
     sd, rng = 2e-9, np.random.default_rng(5)

@@ -180,6 +180,7 @@ def test_fourier_sums_in_blocks_equal_the_whole():
     np.testing.assert_allclose(series, basis @ both, rtol=0.0, atol=1e-10)
 
 
+@pytest.mark.slow
 def test_fast_sampling_does_not_hide_slow_modes(contract_machine, as_runset):
     """48 coefficients at 8 kHz span 6 ms and could not tell a 12 Hz mode from geometry."""
     scores = {}
