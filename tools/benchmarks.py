@@ -347,7 +347,7 @@ def main():
             print(row.title, statistics.median(row.seconds), row.peer_seconds, file=sys.stderr)
     page = report(lines, versions, list(slopes(quick=arguments.quick)))
     share = 20 if arguments.quick else 1
-    batch = bench_batch.section(n=1000 // share, n_html=200 // share)
+    batch = bench_batch.section(n=1000 // share, n_html=120 // share)
     page += "\n" + "\n".join([*batch, *bench_workbench.section(rounds=9 if share == 1 else 3)])
     Path(arguments.out).write_text(page, encoding="utf-8")
     print(page)
