@@ -72,10 +72,13 @@ def largest_child(stop):
     except ImportError:
         return [None]
     most = [0]
+    others = {child.pid for child in psutil.Process().children(recursive=True)}
 
     def look():
         while not stop.wait(0.1):
             for child in psutil.Process().children(recursive=True):
+                if child.pid in others:  # of another benchmark
+                    continue
                 try:
                     most[0] = max(most[0], child.memory_info().rss)
                 except psutil.Error:  # it ended meanwhile

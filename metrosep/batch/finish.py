@@ -142,9 +142,8 @@ def told_index(
     for name in wanted:
         try:
             write_index(document, Path(task.out) / f"index.{name}", name)
-        except (
-            Exception
-        ) as exc:  # a table that Excel holds, a writer with a fault: no verdict lost
+        # a table that Excel holds, a writer with a fault: no verdict is lost
+        except Exception as exc:
             if name == "json":
                 raise
             kind = "" if isinstance(exc, MetrosepError) else f"{type(exc).__name__}: "

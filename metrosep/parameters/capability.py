@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError
+from metrosep.parameters.decision import limits_error
 from metrosep.parameters.rounding_floor import RELATIVE_FLOOR
 
 __all__ = ["LEAST_VALUES", "Capability", "ControlLimits", "capability_of", "control_limits"]
@@ -117,8 +117,7 @@ def capability_of(
     """
     limits = [v for v in (lower, upper) if v is not None]
     if any(not math.isfinite(v) for v in limits) or (len(limits) == 2 and limits[0] >= limits[1]):
-        shown = " ... ".join("none" if v is None else f"{v:.10g}" for v in (lower, upper))
-        raise DataError(f"the limits {shown} are not in order")
+        raise limits_error(lower, upper)
     known = _known(values)
     if len(known) < LEAST_VALUES or not limits:
         return None

@@ -14,7 +14,7 @@ from typing import Literal
 from metrosep.core.errors import DataError
 from metrosep.spectral._checks import real_number
 
-__all__ = ["Verdict", "decide", "worst"]
+__all__ = ["Verdict", "decide", "limits_error", "ordered_limits", "worst"]
 
 _ROUNDING = 4.0 * sys.float_info.epsilon
 """Of each of the numbers, their difference and their product: 9.4 is 10 - 2 * 0.3."""
@@ -69,13 +69,8 @@ def decide(
     >>> decide(90e-9, upper=100e-9, U=5e-9), decide(98e-9, upper=100e-9, U=5e-9)
     ('accept', 'inconclusive')
     """
-    if lower is None and upper is None:
-        raise DataError("a decision needs a lower or an upper limit")
+    low, high = ordered_limits(lower, upper)
     value = real_number(value, "value")
-    low = -math.inf if lower is None else real_number(lower, "lower")
-    high = math.inf if upper is None else real_number(upper, "upper")
-    if math.isnan(low) or math.isnan(high) or low > high:
-        raise DataError(f"the limits {_text(lower)} ... {_text(upper)} are not in order")
     for name, number in (("U", U), ("guard_factor", guard_factor)):
         if not (math.isfinite(real_number(number, name)) and number >= 0.0):
             raise DataError(f"{name} must be finite and not negative, got {_text(number)}")
@@ -86,6 +81,49 @@ def decide(
     if value <= low - guard + below or value >= high + guard - above:
         return "reject"
     return "inconclusive"
+
+
+def ordered_limits(lower: float | None, upper: float | None) -> tuple[float, float]:
+    """Return both limits of a decision, infinite where there is none.
+
+    Parameters
+    ----------
+    lower, upper : float or None
+        SI; at least one of them.
+
+    Returns
+    -------
+    tuple of (float, float)
+        Lower, upper.
+
+    Raises
+    ------
+    DataError
+        If there is no limit, one of them is no number, or they cross.
+    """
+    if lower is None and upper is None:
+        raise DataError("a decision needs a lower or an upper limit")
+    low = -math.inf if lower is None else real_number(lower, "lower")
+    high = math.inf if upper is None else real_number(upper, "upper")
+    if math.isnan(low) or math.isnan(high) or low > high:
+        raise limits_error(lower, upper)
+    return low, high
+
+
+def limits_error(lower: float | None, upper: float | None) -> DataError:
+    """Return the error that two limits are not in order.
+
+    Parameters
+    ----------
+    lower, upper : float or None
+        As they were given.
+
+    Returns
+    -------
+    DataError
+        To be raised.
+    """
+    return DataError(f"the limits {_text(lower)} ... {_text(upper)} are not in order")
 
 
 def _text(number: float | None) -> str:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from metrosep.core.errors import DataError
-from metrosep.parameters.decision import Verdict, decide
+from metrosep.parameters.decision import Verdict, decide, ordered_limits
 
 __all__ = ["Decision", "Rule", "conformance_probability", "guard_factor", "judge"]
 
@@ -117,7 +117,7 @@ def conformance_probability(
     """
     from scipy.special import ndtr
 
-    low, high = _checked_limits(lower, upper)
+    low, high = ordered_limits(lower, upper)
     _standard_uncertainty(u)
     if math.isnan(value):
         return math.nan
@@ -128,16 +128,6 @@ def conformance_probability(
     if a > 0.0:
         a, b = -b, -a
     return float(ndtr(b) - ndtr(a))
-
-
-def _checked_limits(lower: float | None, upper: float | None) -> tuple[float, float]:
-    if lower is None and upper is None:
-        raise DataError("a decision needs a lower or an upper limit")
-    low = -math.inf if lower is None else float(lower)
-    high = math.inf if upper is None else float(upper)
-    if math.isnan(low) or math.isnan(high) or low > high:
-        raise DataError(f"the limits {lower} ... {upper} are not in order")
-    return low, high
 
 
 @dataclass(frozen=True, slots=True)
@@ -259,7 +249,7 @@ def judge(
     >>> result.verdict, round(result.acceptance[1], 4), round(result.probability, 3)
     ('inconclusive', 9.5888, 0.945)
     """
-    low, high = _checked_limits(lower, upper)
+    low, high = ordered_limits(lower, upper)
     _standard_uncertainty(u)
     if not (math.isfinite(coverage_factor) and coverage_factor > 0.0):
         raise DataError(f"a coverage factor must be positive, got {coverage_factor}")

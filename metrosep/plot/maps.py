@@ -98,13 +98,9 @@ def separation_maps(
         grid = figure.subplots(n_rows, n_columns, squeeze=False)
         image: Any = None
         for axes, (title, values) in zip(grid.flat, maps, strict=False):
-            image = _draw(
-                axes, title, values / factor, dx, dy, origin, largest / factor, prefix + unit
-            )
-            whole = (pv or {}).get(title)
-            if whole is not None:
-                text = f"P-V {whole / factor:.3g} {prefix}{unit}"
-                axes.set_title("\n".join(filter(None, (title, text))), fontsize=9.0)
+            image = _draw(axes, values / factor, dx, dy, origin, largest / factor)
+            words = _height(values / factor, (pv or {}).get(title), factor, prefix + unit)
+            axes.set_title("\n".join(filter(None, (title, words))), fontsize=9.0)
         for axes in list(grid.flat)[len(maps) :]:
             axes.set_axis_off()
         where: dict[str, Any] = {"ax": grid, "shrink": 0.85, "aspect": 25}
@@ -148,15 +144,21 @@ def _flattened(
     return out
 
 
+def _height(shown: FloatArray, whole: float | None, factor: float, unit: str) -> str:
+    """Return the P-V of a map in words: that of the whole one, where only some pixels are shown."""
+    if whole is not None:
+        return f"P-V {whole / factor:.3g} {unit}"
+    known = shown[np.isfinite(shown)]
+    return f"P-V {np.ptp(known):.3g} {unit}" if known.size else "not determined"
+
+
 def _draw(
     axes: Any,
-    title: str,
     values: FloatArray,
     dx: float | None,
     dy: float | None,
     origin: tuple[float, float],
     limit: float,
-    unit: str,
 ) -> Any:
     import matplotlib as mpl
 
@@ -181,9 +183,6 @@ def _draw(
         interpolation="nearest",
     )
     axes.grid(visible=False)
-    known = values[np.isfinite(values)]
-    text = f"P-V {np.ptp(known):.3g} {unit}" if known.size else "not determined"
-    axes.set_title("\n".join(filter(None, (title, text))), fontsize=9.0)
     place = "mm" if dx and dy else "pixel"
     axes.set_xlabel(f"x / {place}")
     axes.set_ylabel(f"y / {place}")
