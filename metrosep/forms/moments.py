@@ -50,8 +50,8 @@ __all__ = [
 
 Kind = Literal["total", "tensor"]
 
-_SAMPLE = 16384
-"""Pixels of the coarse map that gives a first polynomial."""
+_SAMPLE = 4096
+"""Pixels of the coarse map that gives a first polynomial, or 64 for each term of it."""
 
 _CLOSE = 1e-6
 """Share of the sum of squares that must remain for one pass to be enough."""
@@ -406,9 +406,10 @@ def solve_grid(
         change = inverse @ right
         return a + change, table(a + change), sums.squares - float(change @ right)
 
-    few = grid.every(max(int(np.sqrt(grid.z.size / _SAMPLE)), 1))
+    wanted = max(_SAMPLE, 64 * (len(terms) if functions is None else len(functions)))
+    few = grid.every(max(int(np.sqrt(grid.z.size / wanted)), 1))
     heights = few.z[few.valid()]
-    middle = float(np.median(heights[:: heights.size // 4096 + 1])) if heights.size else 0.0
+    middle = float(np.median(heights[:: heights.size // 1024 + 1])) if heights.size else 0.0
     a = _constant(functions, len(terms)) * (middle if np.isfinite(middle) else 0.0)
     c = table(a)
     if refine and few.z.size < grid.z.size and heights.size >= 10 * len(terms):

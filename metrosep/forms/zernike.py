@@ -6,6 +6,7 @@ the rms height of that term over the disc; of one normalised to "peak" it is its
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from copy import copy
 from functools import lru_cache
@@ -107,7 +108,7 @@ class Zernike(LinearForm):
         self._values = self._given(coefficients)
         self._norms: FloatArray = np.array(
             [
-                1.0 if self.normalisation == "peak" else np.sqrt((n + 1) * (2 if m else 1))
+                1.0 if self.normalisation == "peak" else math.sqrt((n + 1) * (2 if m else 1))
                 for n, m in self.nm
             ]
         )
@@ -413,9 +414,9 @@ class Zernike(LinearForm):
 
     def _fitted(self, fit: ZernikeFit) -> LinearFit:
         a, inverse, squares, n, radius = fit
-        named = dict(zip(self.names, (float(v) for v in a / self._norms), strict=True))
-        scaled = inverse / np.outer(self._norms, self._norms)
-        return LinearFit(self._copy(named, radius), scaled, squares, n)
+        form = copy(self)
+        form.radius, form._values = radius, tuple((a / self._norms).tolist())  # noqa: SLF001
+        return LinearFit(form, inverse / np.outer(self._norms, self._norms), squares, n)
 
     def __repr__(self) -> str:
         known = "" if all(v is not None for v in self._values) else ", not fitted"

@@ -103,7 +103,8 @@ def fit_zernike_grid(
     _enough(inside.size, len(nm))
     degree = max(n for n, _ in nm)
     separable = degree <= _SEPARABLE
-    px, py = (values(p, 2 * degree if separable else 0) for p in (u, v))
+    px = values(u, 2 * degree if separable else 0)
+    py = px if np.array_equal(u, v) else values(v, 2 * degree if separable else 0)
     grid = Grid(inside, part, px, py, _reach(u, v))
     with one_blas_thread():
         if separable:

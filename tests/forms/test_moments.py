@@ -9,6 +9,7 @@ from metrosep.core.errors import (
     InvalidSamplesError,
     TooFewSamplesError,
 )
+from metrosep.forms._moment_sums import inverse_of
 from metrosep.forms.moments import evaluate_grid, fit_grid_polynomial, remove_grid
 
 EXACT = 1e-13
@@ -345,3 +346,31 @@ def test_other_bad_arguments_raise():
         fit_grid_polynomial(z, 1, weights=np.full((9, 9), 2.0))
     with pytest.raises(InvalidSamplesError, match="between 0 and 1"):
         fit_grid_polynomial(z, 1, weights=np.full((9, 9), np.nan))
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.5, -0.5, 1 - 1e-6, 1 - 1e-11])
+def test_inverse_of_two_correlated_terms_and_its_condition(correlation):
+    # [[1, r], [r, 1]] has the inverse [[1, -r], [-r, 1]] / (1 - r^2) and the condition
+    # (1 + |r|) / (1 - |r|); each of the two ways to an inverse has its share of the cases
+    scale = np.array([3.0, 0.2])
+    normal = np.array([[1.0, correlation], [correlation, 1.0]]) * np.outer(scale, scale)
+    inverse, condition = inverse_of(normal, "two terms")
+    rest = (1.0 - correlation) * (1.0 + correlation)
+    expected = np.array([[1.0, -correlation], [-correlation, 1.0]]) / np.outer(scale, scale) / rest
+    loss = 1e-15 * (1 + abs(correlation)) / (1 - abs(correlation))
+    np.testing.assert_allclose(inverse, expected, rtol=10 * loss)
+    assert condition == pytest.approx(
+        (1 + abs(correlation)) / (1 - abs(correlation)), rel=1e-15 + 10 * loss, abs=0.0
+    )
+
+
+@pytest.mark.parametrize("correlation", [1.0, 1 - 1e-14])
+def test_terms_that_are_the_same_have_no_inverse(correlation):
+    with pytest.raises(DegenerateFitError, match="do not determine two terms"):
+        inverse_of(np.array([[1.0, correlation], [correlation, 1.0]]), "two terms")
+
+
+def test_numpys_buffer_is_left_as_it_was():
+    before = np.getbufsize()
+    fit_grid_polynomial(_noise((40, 50)), 3)
+    assert np.getbufsize() == before
