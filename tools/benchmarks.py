@@ -172,7 +172,6 @@ def rows(folder, *, quick):
         surface(poly),
         {"prysm_polynomial": stored("poly", poly), "surfalize_polynomial": folder / "poly.npy"},
         ">= 300x",
-        1 if not quick else 2,
     )
     n = 1024 // small
     zern = zernike_map(n)
@@ -182,6 +181,7 @@ def rows(folder, *, quick):
         (np.linspace(-10e-3, 10e-3, n), zern),
         {"prysm_zernike": stored("zern", zern)},
         ">= 500x",
+        9,
     )
     n = 4096 // small
     rough = texture(n)
