@@ -163,7 +163,7 @@ constraints: $(VENV)/.created
 	    --output-file constraints.txt
 
 clean:
-	rm -rf $(VENV) $(PEERS) $(CLIENTS) $(DEMO) docs/_build docs/reference/generated .mypy_cache .ruff_cache \
+	rm -rf $(VENV) $(PEERS) $(CLIENTS) $(NOTEBOOK) $(DEMO) docs/_build docs/reference/generated .mypy_cache .ruff_cache \
 	    .pytest_cache .hypothesis .import_linter_cache .benchmarks
 	find metrosep tests tools docs examples data_formats -name __pycache__ -type d -prune \
 	    -exec rm -rf {} + 2>/dev/null || true

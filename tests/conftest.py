@@ -2,6 +2,8 @@
 
 import importlib.util
 import os
+import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +31,28 @@ def repository() -> Path:
 def rng() -> np.random.Generator:
     """Seeded random generator."""
     return np.random.default_rng(20260101)
+
+
+@pytest.fixture
+def calls() -> Callable[[Callable[[], object]], int]:
+    """Count the functions that a function calls: work in Python, the same on every machine."""
+
+    def count(function: Callable[[], object]) -> int:
+        n = 0
+
+        def tick(_frame, event, _argument):
+            nonlocal n
+            n += event in ("call", "c_call")
+
+        function()  # imports and caches
+        sys.setprofile(tick)
+        try:
+            function()
+        finally:
+            sys.setprofile(None)
+        return n
+
+    return count
 
 
 @pytest.fixture(scope="session")

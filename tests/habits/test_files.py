@@ -104,6 +104,24 @@ def test_approx_never_keeps_its_hidden_floor(repository):
     assert not found, "write abs= (0.0 for a ratio): " + ", ".join(found)
 
 
+CLOCKS = re.compile(r"\b(perf_counter|process_time|thread_time)\(")
+
+DAMAGED = ("tests/io/", "tests/controllers/test_isg_cross.py")
+"""Tests of files that must not hang the reader: there a limit of seconds is a limit of safety."""
+
+
+def test_speed_is_printed_by_benchmarks_and_asserted_nowhere(repository):
+    found = [
+        name
+        for path in sorted((repository / "tests").rglob("*.py"))
+        if CLOCKS.search(path.read_text(encoding="utf-8"))
+        and not (name := path.relative_to(repository).as_posix()).startswith(
+            ("tests/benchmarks/", *DAMAGED)
+        )
+    ]
+    assert not found, "count `calls`, or print the time in tests/benchmarks: " + ", ".join(found)
+
+
 def test_no_module_is_longer_than_a_reader_can_hold(repository):
     lengths = {
         path.relative_to(repository).as_posix(): path.read_text(encoding="utf-8").count("\n")

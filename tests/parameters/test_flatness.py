@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from itertools import combinations
 
 import numpy as np
@@ -270,15 +269,12 @@ def test_integers_are_accepted():
 
 
 @pytest.mark.parametrize("gaps", [False, True])
-def test_a_million_pixels_in_time(gaps):
+def test_a_million_pixels_take_few_steps(gaps, calls):
     rng = np.random.default_rng(1)
     y, x = np.mgrid[-1:1:1000j, -1:1:1000j]
     z = 1e-6 * (x * x + 0.3 * y**3 + np.sin(3 * x + y)) + 1e-9 * rng.normal(size=x.shape)
     if gaps:
         z[rng.random(z.shape) < 0.05] = np.nan
     surface = Surface(z, dx=1e-5, dy=1e-5)
-    start = time.perf_counter()
-    result = flatness_deviation(surface)
-    elapsed = time.perf_counter() - start
-    assert elapsed < 2.0  # about 0.05 to 0.15 s on a quiet machine; benchmarks measure that
-    assert result.is_optimal
+    assert flatness_deviation(surface).is_optimal
+    assert calls(lambda: flatness_deviation(surface)) < z.size / 50

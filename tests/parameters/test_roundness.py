@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from itertools import combinations
 
 import numpy as np
@@ -438,11 +437,10 @@ def test_wild_trace_ends_with_a_named_error_or_an_answer():
 
 
 @pytest.mark.parametrize("reference", REFERENCES)
-def test_a_hundred_thousand_points_in_time(reference):
+def test_a_hundred_thousand_points_take_few_steps(reference, calls):
     rng = np.random.default_rng(0)
     angle = turn(100_000)
     profile = Profile(angle, 1e-6 * np.cos(2 * angle) + 1e-8 * rng.normal(size=angle.size))
-    start = time.perf_counter()
     result = roundness_deviation(profile, reference=reference)
-    assert time.perf_counter() - start < 1.0  # about 0.02 s on a quiet machine
+    assert calls(lambda: roundness_deviation(profile, reference=reference)) < angle.size / 50
     assert reference == "LS" or result.is_optimal

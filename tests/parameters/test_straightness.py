@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from itertools import combinations
 
 import numpy as np
@@ -281,7 +280,7 @@ def test_uneven_positions_are_noted():
 
 
 @pytest.mark.parametrize("shape", ["noise", "walk", "parabola", "sine", "cubic"])
-def test_a_million_points_in_time(shape):
+def test_a_million_points_take_few_steps(shape, calls):
     rng = np.random.default_rng(0)
     x = np.linspace(-1.0, 1.0, 1_000_000)
     z = {
@@ -292,10 +291,8 @@ def test_a_million_points_in_time(shape):
         "cubic": 4 * x**3 - 3 * x,
     }[shape]
     profile = Profile(x, z)
-    start = time.perf_counter()
     result = straightness_deviation(profile)
-    elapsed = time.perf_counter() - start
-    assert elapsed < 1.0  # the target is 0.3 s on a quiet machine; benchmarks measure that
+    assert calls(lambda: straightness_deviation(profile)) < x.size / 50
     assert result.is_optimal
     if shape == "parabola":
         assert result.value == pytest.approx(1.0, rel=1e-11, abs=0.0)
