@@ -4,23 +4,21 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import click
 
 from metrosep.cli.options import say
+from metrosep.cli.rendering import TOGETHER, Rendered, RenderTask, Writer, rendered
 
 __all__ = ["report"]
 
 _FORBIDDEN = '<>:"/\\|?*'
 """In file names of Windows."""
 
-_TOGETHER = frozenset({"csv", "parquet"})
-"""Formats that hold all results in one file."""
-
-Writer = Callable[[Mapping[str, Any], Path], Any]
+_MANY = 8
+"""Results from which all processors share the work, where --workers says nothing."""
 
 
 @click.command()
@@ -46,6 +44,12 @@ Writer = Callable[[Mapping[str, Any], Path], Any]
     type=click.Choice(["a-2b", "a-3b"]),
     help="PDF/A for archives; a-2b cannot hold the result as an attachment.",
 )
+@click.option(
+    "--workers",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="How many at once; if omitted, one for few results, processors for many.",
+)
 @click.pass_context
 def report(
     context: click.Context,
@@ -54,47 +58,69 @@ def report(
     out: str,
     pdf_engine: str,
     pdf_standard: str | None,
+    workers: int | None,
 ) -> int:
     """Make the reports of RESULT again: result.json, its folder, or a folder with many below it.
 
     Where the folder has the index.json of a batch, its rows say which results count; what is left
     out is told. Nothing is computed and no input is touched; the same result gives the same bytes. Several
-    results give one file each, but one results.csv and one results.parquet for all. Exit code 4: a
-    result was unreadable, the others are done.
+    results give one file each, but one results.csv and one results.parquet for all; --workers
+    changes the time, not the bytes. Exit code 4: a result was unreadable, the others are done.
     """
-    from metrosep.core.errors import ReadError
-
     if pdf_standard is not None and pdf_engine == "matplotlib":
         raise click.UsageError("--pdf-standard needs --pdf-engine typst; leave one of them out")
     writers = _writers(formats, pdf_engine, pdf_standard)
     quiet = bool((context.obj or {}).get("quiet"))
     files = _files(results, quiet=quiet)
-    folder = _folder(out)
-    documents, unread = [], 0
-    for file, name in zip(files, _names(files), strict=True):
+    folder, alone = _folder(out), len(files) == 1
+    tasks = [
+        RenderTask(f, n, folder, writers, alone) for f, n in zip(files, _names(files), strict=True)
+    ]
+    if workers is None:
+        workers = (os.cpu_count() or 1) if len(files) >= _MANY else 1
+    read = []
+    for task, outcome in zip(tasks, _outcomes(tasks, workers), strict=True):
+        for target in () if quiet else outcome.written:
+            say(f"report   {target}")
+        if outcome.missing:
+            raise click.ClickException(outcome.missing)
+        if outcome.unread:
+            say(f"error: {' '.join(outcome.unread.split())}")
+        else:
+            read.append(task.file)
+    if not alone and read and not TOGETHER.isdisjoint(writers):
+        _write_together(read, folder, writers, quiet=quiet)
+    return 4 if len(read) < len(files) else 0
+
+
+def _outcomes(tasks: Sequence[RenderTask], workers: int) -> Iterator[Rendered]:
+    """Do them, and give what became of each in their order."""
+    from concurrent.futures import BrokenExecutor
+
+    from metrosep.batch.executors import executor
+
+    workers = min(workers, len(tasks))
+    with executor("processes" if workers > 1 else "serial", workers) as make:
         try:
-            document = _write(file, name, folder, writers, alone=len(files) == 1, quiet=quiet)
-        except ReadError as exc:
-            say(f"error: {' '.join(str(exc).split())}")
-            unread += 1
-            continue
-        if not _TOGETHER.isdisjoint(writers):
-            documents.append(document)
-    if len(files) > 1 and documents:
-        _write_together(documents, folder, writers, quiet=quiet)
-    return 4 if unread else 0
+            yield from make().map(rendered, tasks)
+        except BrokenExecutor:
+            raise click.ClickException(
+                "a worker process died, perhaps for want of memory; use --workers 1"
+            ) from None
 
 
 def _write_together(
-    documents: Sequence[Mapping[str, Any]], folder: Path, kinds: Iterable[str], *, quiet: bool
+    files: Sequence[Path], folder: Path, kinds: Iterable[str], *, quiet: bool
 ) -> None:
     """Write the long forms: one file of a kind for all results."""
     from metrosep.core.atomic import atomic_write
     from metrosep.core.errors import UnsupportedFeatureError
+    from metrosep.recipe.result import load_document
     from metrosep.report.csv_long import render_csv
     from metrosep.report.parquet import render_parquet
 
-    for kind in (k for k in kinds if k in _TOGETHER):
+    documents = [load_document(file) for file in files]
+    for kind in (k for k in kinds if k in TOGETHER):
         target = folder / f"results.{kind}"
         try:
             data = (
@@ -105,40 +131,6 @@ def _write_together(
         atomic_write(target, data)
         if not quiet:
             say(f"report   {target}")
-
-
-def _write(
-    file: Path,
-    name: str,
-    folder: Path,
-    writers: Mapping[str, Writer],
-    *,
-    alone: bool,
-    quiet: bool,
-) -> Mapping[str, Any]:
-    """Write the reports of one result; what is wrong with it is told with its name."""
-    from metrosep.core.errors import CorruptFileError, DataError, UnsupportedFeatureError
-    from metrosep.recipe.result import load_document
-    from metrosep.report.csv_long import long_rows
-
-    document = load_document(file)
-    for kind, write in writers.items():
-        target = folder / f"{name}.{kind}"
-        together = kind in _TOGETHER and not alone
-        try:
-            if together:  # written when all are read; what is damaged is told here
-                list(long_rows([document]))
-            else:
-                write(document, target)
-        except UnsupportedFeatureError as exc:
-            raise click.ClickException(str(exc)) from None
-        except (DataError, AttributeError, KeyError, TypeError, ValueError) as exc:
-            raise CorruptFileError(
-                file, f"no {kind} can be made of it: {exc}", hint="run the recipe again"
-            ) from exc
-        if not quiet and not together:
-            say(f"report   {target}")
-    return document
 
 
 def _writers(formats: str, pdf_engine: str, pdf_standard: str | None) -> dict[str, Writer]:

@@ -29,6 +29,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 __all__ = [
     "AmbiguousFormatError",
     "CorruptFileError",
@@ -57,7 +59,15 @@ __all__ = [
 
 
 class MetrosepError(Exception):
-    """Base of every error that metrosep raises on purpose."""
+    """Base of every error that metrosep raises on purpose; it travels between processes whole."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Restore from args and attributes: some errors are made from more than their message."""
+        return _restored, (type(self), self.args), self.__dict__
+
+
+def _restored(kind: type[BaseException], args: tuple[Any, ...]) -> BaseException:
+    return kind.__new__(kind, *args)
 
 
 class ReadError(MetrosepError):

@@ -205,3 +205,34 @@ def test_the_csv_names_recipe_and_status(run, results, tmp_path):
         (row,) = csv.DictReader(lines)
     assert row["status"] == "rejected"
     assert row["recipe"] == "ab" * 32
+
+
+def test_workers_change_the_time_and_not_the_bytes(run, results, tmp_path):
+    (results / "ring/aa/result.json").write_text("{", encoding="utf-8")
+    told = []
+    for workers in (1, 2):
+        out = tmp_path / f"out{workers}"
+        code, _, err = run(results, "--format", "html,csv", "-o", out, "--workers", workers)
+        assert code == 4
+        told.append(err.replace(str(out), "OUT"))
+
+    assert told[0] == told[1]
+    assert "ring/aa/result.json" in told[0]
+    assert _names(tmp_path / "out1") == ["disc_aa.html", "results.csv", "ring_bb.html"]
+    for file in (tmp_path / "out1").iterdir():
+        assert file.read_bytes() == (tmp_path / "out2" / file.name).read_bytes()
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_report_that_cannot_be_written_is_told(run, results, tmp_path, workers):
+    (tmp_path / "out" / "ring_bb.html").mkdir(parents=True)
+
+    code, _, err = run(results, "-o", tmp_path / "out", "--workers", workers)
+
+    assert code == 2
+    assert "ring_bb.html: is a folder" in err
+    assert "Traceback" not in err
+
+
+def test_no_worker_gives_2(run, results, tmp_path):
+    assert run(results, "-o", tmp_path, "--workers", 0)[0] == 2
