@@ -134,7 +134,8 @@ class Form(ABC):
 
     def units_of(self) -> dict[str, str]:
         """Return the unit of each parameter; those of the class unless they depend on the form."""
-        return {k: self.units[k] for k in self.parameters}
+        units = self.units
+        return {k: units[k] for k in self.parameters}
 
     def start(self, x: FloatArray, y: FloatArray, z: FloatArray) -> Form:
         """Return the form with values for its unknown parameters, good enough to start a fit.
