@@ -91,6 +91,11 @@ def sample(request):
 
 
 INDIRECT = [pytest.param(c.values, id=c.id) for c in CASES]
+SOME = [
+    pytest.param(*case.values, id=case.id, marks=[] if i % 3 == 0 else pytest.mark.slow)
+    for i, case in enumerate(INDIRECT)
+]
+"""A third at every run, all of them with the slow ones."""
 
 
 def flips(data, n_positions):
@@ -104,7 +109,7 @@ def flips(data, n_positions):
 
 
 @pytest.mark.usefixtures("little_memory")
-@pytest.mark.parametrize("sample", INDIRECT, indirect=True)
+@pytest.mark.parametrize("sample", SOME, indirect=True)
 def test_flipped_bytes(sample):
     results = {sample.outcome(data) is None for data in flips(sample.data, 100)}
 
@@ -112,7 +117,7 @@ def test_flipped_bytes(sample):
 
 
 @pytest.mark.usefixtures("little_memory")
-@pytest.mark.parametrize("sample", INDIRECT, indirect=True)
+@pytest.mark.parametrize("sample", SOME, indirect=True)
 def test_cut_short(sample):
     for end in np.unique(np.linspace(1, len(sample.data) - 1, 60).astype(int)).tolist():
         obj = sample.outcome(sample.data[:end])
@@ -133,7 +138,7 @@ def test_every_byte_flipped_and_every_cut(sample):
         sample.outcome(data[:end])
 
 
-@pytest.mark.parametrize("sample", INDIRECT, indirect=True)
+@pytest.mark.parametrize("sample", SOME, indirect=True)
 def test_several_changes_at_once(sample):
     n = len(sample.data)
     change = st.tuples(st.integers(0, n - 1), st.binary(min_size=1, max_size=8))
@@ -155,7 +160,7 @@ def test_several_changes_at_once(sample):
     changed()
 
 
-@pytest.mark.parametrize("sample", INDIRECT, indirect=True)
+@pytest.mark.parametrize("sample", SOME, indirect=True)
 def test_other_formats_content_is_refused_and_not_read(sample):
     """The reader is called by name on the first sample of every other format."""
     for other in {c.values[0]: c.values[1] for c in CASES}.values():

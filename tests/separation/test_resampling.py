@@ -359,6 +359,7 @@ def test_integers_and_lists_are_taken():
     assert table[3, 7] == 307.0
 
 
+@pytest.mark.slow
 def test_revolutions_are_not_resampled_one_sample_at_a_time(calls):
     angle = uneven(10 * 4096 + 5000, 4096.7)
     signal = motion(angle)

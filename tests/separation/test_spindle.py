@@ -563,6 +563,7 @@ def test_result_as_plain_values():
         result.motion[0, 0] = 1.0
 
 
+@pytest.mark.slow
 def test_revolutions_are_not_analysed_one_sample_at_a_time(calls):
     def effort(n):
         x = np.random.default_rng(0).normal(size=(20, n)) * NM
