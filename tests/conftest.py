@@ -1,10 +1,12 @@
 """Fixtures shared by all tests."""
 
 import importlib.util
+import math
 import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -34,10 +36,13 @@ def rng() -> np.random.Generator:
 
 
 @pytest.fixture
-def calls() -> Callable[[Callable[[], object]], int]:
-    """Count the functions that a function calls: work in Python, the same on every machine."""
+def calls() -> Callable[[Callable[[], Any]], tuple[int, Any]]:
+    """Count the functions that a function calls: work in Python, the same on every machine.
 
-    def count(function: Callable[[], object]) -> int:
+    Also returned is what the function returns.
+    """
+
+    def count(function: Callable[[], Any]) -> tuple[int, Any]:
         n = 0
 
         def tick(_frame, event, _argument):
@@ -47,12 +52,29 @@ def calls() -> Callable[[Callable[[], object]], int]:
         function()  # imports and caches
         sys.setprofile(tick)
         try:
-            function()
+            result = function()
         finally:
             sys.setprofile(None)
-        return n
+        return n, result
 
     return count
+
+
+@pytest.fixture
+def spiral_program() -> Callable[[Path, int], Path]:
+    """Write a spiral of many blocks, as a long program of a lathe has them."""
+
+    def write(path: Path, blocks: int) -> Path:
+        with path.open("w") as stream:
+            stream.write("%\nG21 G90 G94 G40\nG0 X20.0 C0.0\nG0 Z5.0\nG1 Z0.0 F100\nG93\n")
+            for i in range(blocks):
+                x, c = 20 * (1 - i / blocks), 0.5 * i
+                z = 0.02 * math.sin(x) * math.cos(2 * math.radians(c))
+                stream.write(f"N{i + 10} X{x:.6f} C{c:.5f} Z{z:.6f} F6000.0\n")
+            stream.write("G94\nG0 Z5.0\nM30\n%\n")
+        return path
+
+    return write
 
 
 @pytest.fixture(scope="session")

@@ -48,6 +48,8 @@ class Rendered:
     ----------
     written : tuple of Path
         The reports.
+    document : mapping, optional
+        The result, where the caller writes it into a file with others.
     unread : str
         Why the result could not be read, if it could not.
     missing : str
@@ -55,6 +57,7 @@ class Rendered:
     """
 
     written: tuple[Path, ...] = ()
+    document: Mapping[str, Any] | None = None
     unread: str = ""
     missing: str = ""
 
@@ -86,11 +89,13 @@ def rendered(task: RenderTask) -> Rendered:
     except ReadError as exc:
         return Rendered(unread=str(exc))
     written: list[Path] = []
+    shared = None
     for kind, write in task.writers.items():
         target = task.folder / f"{task.name}.{kind}"
         try:
             if kind in TOGETHER and not task.alone:
                 list(long_rows([document]))  # written by the caller; what is damaged is told here
+                shared = document
                 continue
             write(document, target)
         except UnsupportedFeatureError as exc:
@@ -101,4 +106,4 @@ def rendered(task: RenderTask) -> Rendered:
             )
             return Rendered(tuple(written), unread=str(told))
         written.append(target)
-    return Rendered(tuple(written))
+    return Rendered(tuple(written), shared)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -72,25 +73,28 @@ def report(
     writers = _writers(formats, pdf_engine, pdf_standard)
     quiet = bool((context.obj or {}).get("quiet"))
     files = _files(results, quiet=quiet)
-    folder, alone = _folder(out), len(files) == 1
+    folder = _folder(out)
     tasks = [
-        RenderTask(f, n, folder, writers, alone) for f, n in zip(files, _names(files), strict=True)
+        RenderTask(file, name, folder, writers, alone=len(files) == 1)
+        for file, name in zip(files, _names(files), strict=True)
     ]
-    if workers is None:
-        workers = (os.cpu_count() or 1) if len(files) >= _MANY else 1
-    read = []
-    for task, outcome in zip(tasks, _outcomes(tasks, workers), strict=True):
+    if workers is None:  # what is one file for all is done sooner than a worker starts
+        n_pages = len(files) if writers.keys() - TOGETHER else 0
+        workers = (os.cpu_count() or 1) if n_pages >= _MANY else 1
+    documents, unread = [], 0
+    for outcome in _outcomes(tasks, workers):
         for target in () if quiet else outcome.written:
             say(f"report   {target}")
         if outcome.missing:
             raise click.ClickException(outcome.missing)
         if outcome.unread:
             say(f"error: {' '.join(outcome.unread.split())}")
-        else:
-            read.append(task.file)
-    if not alone and read and not TOGETHER.isdisjoint(writers):
-        _write_together(read, folder, writers, quiet=quiet)
-    return 4 if len(read) < len(files) else 0
+            unread += 1
+        elif outcome.document is not None:
+            documents.append(outcome.document)
+    if documents:
+        _write_together(documents, folder, writers, quiet=quiet)
+    return 4 if unread else 0
 
 
 def _outcomes(tasks: Sequence[RenderTask], workers: int) -> Iterator[Rendered]:
@@ -110,16 +114,14 @@ def _outcomes(tasks: Sequence[RenderTask], workers: int) -> Iterator[Rendered]:
 
 
 def _write_together(
-    files: Sequence[Path], folder: Path, kinds: Iterable[str], *, quiet: bool
+    documents: Sequence[Mapping[str, Any]], folder: Path, kinds: Iterable[str], *, quiet: bool
 ) -> None:
     """Write the long forms: one file of a kind for all results."""
     from metrosep.core.atomic import atomic_write
     from metrosep.core.errors import UnsupportedFeatureError
-    from metrosep.recipe.result import load_document
     from metrosep.report.csv_long import render_csv
     from metrosep.report.parquet import render_parquet
 
-    documents = [load_document(file) for file in files]
     for kind in (k for k in kinds if k in TOGETHER):
         target = folder / f"results.{kind}"
         try:

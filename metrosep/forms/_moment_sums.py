@@ -38,9 +38,6 @@ _BUFFER = 512
 """Elements of numpy's buffer. Rows shorter than it, of which a part is taken, are copied to fill it
 first, which doubles the time of a difference and triples that of a comparison."""
 
-_EDGE = 16
-"""Rows or columns that are looked at together when the measured part is sought from the edges."""
-
 _SMALLEST_EIGENVALUE = 1e-13
 """Of the normal matrix with ones on its diagonal: below it, rounding decides the answer."""
 
@@ -118,20 +115,22 @@ def bounding_box(z: FloatArray, weights: FloatArray | None) -> tuple[slice, slic
 
 def _used(z: FloatArray) -> slice:
     """Return the rows from the first to the last with a valid pixel: a look at the edges."""
-    n = z.shape[0]
-    ends = []
-    for lines in (z, z[::-1]):
-        if n and (lines[0] == lines[0]).any():  # mostly so
-            ends.append(0)
-            continue
-        for start in range(0, n, _EDGE):
-            valid = ~np.isnan(lines[start : start + _EDGE]).all(axis=1)
-            if valid.any():
-                ends.append(start + int(valid.argmax()))
-                break
-        else:
-            return slice(0, 0)
-    return slice(ends[0], n - ends[1])
+    first = _unused(z)
+    return slice(first, z.shape[0] - _unused(z[::-1])) if first < z.shape[0] else slice(0, 0)
+
+
+def _unused(z: FloatArray) -> int:
+    """Return how many rows come before the first with a valid pixel."""
+    n_lines = int(z.shape[0])
+    if z.size and z[0, 0] == z[0, 0]:  # no NaN: mostly so, and quick to see
+        return 0
+    start, n_rows = 0, 1
+    while start < n_lines:
+        valid = ~np.isnan(z[start : start + n_rows]).all(axis=1)
+        if valid.any():
+            return start + int(valid.argmax())
+        start, n_rows = start + n_rows, 2 * n_rows
+    return n_lines
 
 
 def residual_sums(grid: Grid, c: FloatArray, degree: int, *, with_weights: bool = True) -> Sums:
@@ -187,7 +186,7 @@ def _blocks(grid: Grid, height: int) -> Iterator[_Block]:
     if grid.reach is None or not rows:
         for start in starts.tolist():
             part = slice(start, min(start + height, rows))
-            yield _Block(part, _measured(grid.z[part]), 0, n_columns)
+            yield _Block(part, _used(grid.z[part].T), 0, n_columns)
         return
     edges = [
         extreme.reduceat(end, starts).tolist()
@@ -197,18 +196,6 @@ def _blocks(grid: Grid, height: int) -> Iterator[_Block]:
     for start, first, from_here, to_here, after in zip(starts.tolist(), *edges, strict=True):
         part = slice(start, min(start + height, rows))
         yield _Block(part, slice(first, max(first, after)), from_here, to_here)
-
-
-def _measured(z: FloatArray) -> slice:
-    """Return the columns of a block from the first to the last with a height."""
-    n = z.shape[1]
-    if z[0, 0] == z[0, 0] and z[0, -1] == z[0, -1]:  # no NaN: mostly so, and quick to see
-        return slice(0, n)
-    if not (np.isnan(z[:, 0]).all() or np.isnan(z[:, -1]).all()):
-        return slice(0, n)
-    used: NDArray[np.bool_] = np.logical_not(np.isnan(z).all(axis=0))
-    first = int(used.argmax())
-    return slice(first, n - int(used[::-1].argmax())) if used[first] else slice(0, 0)
 
 
 def _fill(

@@ -168,11 +168,11 @@ class Zernike(LinearForm):
         DataError
             If a name is not one of the parameters.
         """
-        return self._copy({**self.parameters, **values}, self.radius)
+        return self._copy(self._given({**self.parameters, **values}), self.radius)
 
-    def _copy(self, values: Any, radius: float | None) -> Zernike:
+    def _copy(self, values: tuple[float | None, ...], radius: float | None) -> Zernike:
         form = copy(self)
-        form.radius, form._values = radius, self._given(values)  # noqa: SLF001  # of this class
+        form.radius, form._values = radius, values  # noqa: SLF001  # of this class
         return form
 
     def _on_disc(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -414,8 +414,7 @@ class Zernike(LinearForm):
 
     def _fitted(self, fit: ZernikeFit) -> LinearFit:
         a, inverse, squares, n, radius = fit
-        form = copy(self)
-        form.radius, form._values = radius, tuple((a / self._norms).tolist())  # noqa: SLF001
+        form = self._copy(tuple((a / self._norms).tolist()), radius)
         return LinearFit(form, inverse / np.outer(self._norms, self._norms), squares, n)
 
     def __repr__(self) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 import subprocess
 import sys
@@ -31,20 +30,10 @@ print(json.dumps([peak, result.n_moves, result.n_changed, result.read_back_error
 """
 
 
-def write_spiral(path: Path) -> None:
-    with path.open("w") as stream:
-        stream.write("%\nG21 G90 G94 G40\nG0 X20.0 C0.0\nG0 Z5.0\nG1 Z0.0 F100\nG93\n")
-        for i in range(BLOCKS):
-            x, c = 20 * (1 - i / BLOCKS), 0.5 * i
-            z = 0.02 * math.sin(x) * math.cos(2 * math.radians(c))
-            stream.write(f"N{i + 10} X{x:.6f} C{c:.5f} Z{z:.6f} F6000.0\n")
-        stream.write("G94\nG0 Z5.0\nM30\n%\n")
-
-
 @pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="Linux tells the peak there")
-def test_a_million_blocks(tmp_path):
-    write_spiral(tmp_path / "in.nc")
+def test_a_million_blocks(tmp_path, spiral_program):
+    spiral_program(tmp_path / "in.nc", BLOCKS)
     done = subprocess.run(
         [sys.executable, "-c", PROGRAM, tmp_path / "in.nc", tmp_path / "out.nc"],
         capture_output=True,

@@ -276,5 +276,6 @@ def test_a_million_pixels_take_few_steps(gaps, calls):
     if gaps:
         z[rng.random(z.shape) < 0.05] = np.nan
     surface = Surface(z, dx=1e-5, dy=1e-5)
-    assert flatness_deviation(surface).is_optimal
-    assert calls(lambda: flatness_deviation(surface)) < z.size / 50
+    steps, result = calls(lambda: flatness_deviation(surface))
+    assert steps < z.size / 50
+    assert result.is_optimal
