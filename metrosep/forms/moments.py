@@ -8,14 +8,16 @@ the columns and rows, the sums of least squares are two small matrices, gathered
 
 The normal matrix follows from M, because a product of two Legendre polynomials is a short sum of
 others. The domain is the bounding box of the valid pixels, scaled to [-1, 1], heights are counted
-from their median, and a second pass over the residual takes back what rounding lost.
+from one in their midst, and a second pass over the residual takes back what rounding lost.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal, NamedTuple, cast
 
 import numpy as np
@@ -315,8 +317,8 @@ def _fit(
     remove: bool,
 ) -> tuple[GridPolynomial, FloatArray | None]:
     rows, columns = bounding_box(z, weights)
-    px, cx, hx = _axis(z.shape[1], columns, degree)
-    py, cy, hy = _axis(z.shape[0], rows, degree)
+    px, cx, hx = _axis(z.shape[1], columns.start, columns.stop, degree)
+    py, cy, hy = _axis(z.shape[0], rows.start, rows.stop, degree)
     inside = None if weights is None else weights[rows, columns]
     grid = Grid(z[rows, columns], inside, px[:, columns], py[:, rows])
     what = f"the {len(terms)} terms of a polynomial of degree {degree}"
@@ -409,8 +411,8 @@ def solve_grid(
     wanted = max(_SAMPLE, 64 * (len(terms) if functions is None else len(functions)))
     few = grid.every(max(int(np.sqrt(grid.z.size / wanted)), 1))
     heights = few.z[few.valid()]
-    middle = float(np.median(heights[:: heights.size // 1024 + 1])) if heights.size else 0.0
-    a = _constant(functions, len(terms)) * (middle if np.isfinite(middle) else 0.0)
+    middle = _middle(heights)
+    a = _constant(functions, len(terms)) * middle
     c = table(a)
     if refine and few.z.size < grid.z.size and heights.size >= 10 * len(terms):
         sums = residual_sums(few, c, degree)
@@ -433,6 +435,13 @@ def solve_grid(
     return GridSolution(a, c, inverse, squares, sums.n_valid)
 
 
+def _middle(heights: FloatArray) -> float:
+    """Return the median of nine heights: a start that one outlier does not carry off."""
+    few = sorted(heights[heights.size // 18 :: heights.size // 9 + 1].tolist())
+    middle = few[len(few) // 2] if few else 0.0
+    return middle if math.isfinite(middle) else 0.0
+
+
 def _constant(functions: FloatArray | None, n_terms: int) -> FloatArray:
     """Return what makes a height of 1; zeros where what is fitted holds no constant."""
     if functions is None:
@@ -445,8 +454,14 @@ def _constant(functions: FloatArray | None, n_terms: int) -> FloatArray:
     return out
 
 
-def _axis(n: int, used: slice, degree: int) -> tuple[FloatArray, float, float]:
-    """Return Legendre values at all pixels of an axis, scaled to the used part of it."""
-    centre = 0.5 * (used.start + used.stop - 1)
-    half_width = 0.5 * (used.stop - 1 - used.start) or 1.0
-    return values((np.arange(n) - centre) / half_width, 2 * degree), centre, half_width
+@lru_cache(maxsize=8)
+def _axis(n: int, first: int, after: int, degree: int) -> tuple[FloatArray, float, float]:
+    """Return Legendre values at all pixels of an axis, scaled to the used part of it.
+
+    Kept, as the maps of a batch mostly have the same axes.
+    """
+    centre = 0.5 * (first + after - 1)
+    half_width = 0.5 * (after - 1 - first) or 1.0
+    out = values((np.arange(n, dtype=np.float64) - centre) / half_width, 2 * degree)
+    out.setflags(write=False)
+    return out, centre, half_width

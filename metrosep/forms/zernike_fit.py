@@ -103,9 +103,8 @@ def fit_zernike_grid(
     _enough(inside.size, len(nm))
     degree = max(n for n, _ in nm)
     separable = degree <= _SEPARABLE
-    px = values(u, 2 * degree if separable else 0)
-    py = px if np.array_equal(u, v) else values(v, 2 * degree if separable else 0)
-    grid = Grid(inside, part, px, py, _reach(u, v))
+    px, py, reach = _on_disc(u.tobytes(), v.tobytes(), 2 * degree if separable else 0)
+    grid = Grid(inside, part, px, py, reach)
     with one_blas_thread():
         if separable:
             return (*_separable(grid, degree, nm), size)
@@ -217,6 +216,23 @@ def zernike_map(
         out = grid_values(table, *(values(p, degree) for p in inside))
     out[outside] = np.nan
     return out
+
+
+@lru_cache(maxsize=4)
+def _on_disc(
+    columns: bytes, rows: bytes, degree: int
+) -> tuple[FloatArray, FloatArray, tuple[UnsignedArray, UnsignedArray]]:
+    """Return Legendre values along both axes, given by their bytes, and what lies on the disc.
+
+    Kept, as the maps of a batch mostly have the same axes.
+    """
+    u, v = np.frombuffer(columns), np.frombuffer(rows)
+    px = values(u, degree)
+    py = px if rows == columns else values(v, degree)
+    reach = _reach(u, v)
+    for kept in (px, py, *reach):
+        kept.setflags(write=False)
+    return px, py, reach
 
 
 def _reach(u: FloatArray, v: FloatArray) -> tuple[UnsignedArray, UnsignedArray]:

@@ -230,6 +230,18 @@ def test_planted_coefficients_come_back(terms, order):
     assert fit.n_valid == np.count_nonzero(~np.isnan(z))
 
 
+def test_axes_kept_from_another_map_are_not_taken_for_those_of_this_one():
+    x, _, _ = _disc(60)
+    elsewhere = x * 0.5 + 0.01  # as many pixels, closer and off the centre
+
+    for u, v in ((x, x), (x, elsewhere), (elsewhere, x), (x, x)):
+        z = u**2 + 3.0 * v[:, None] ** 2 + 0.1 * u
+        fit = Zernike(6, radius=0.05).fit_grid(u, v, z)
+
+        left = fit.form(*np.meshgrid(u, v)) - z
+        assert np.nanmax(np.abs(left)) < COEFFICIENT * z.max()
+
+
 def test_many_terms_in_blocks():
     form = Zernike(120, radius=0.05)
     a, x, z = _planted(form, n=201)
