@@ -13,12 +13,9 @@ from one in their midst, and a second pass over the residual takes back what rou
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal, NamedTuple, cast
+from typing import Literal, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,15 +28,8 @@ from metrosep.core.errors import (
     InvalidSamplesError,
     TooFewSamplesError,
 )
-from metrosep.forms._moment_sums import (
-    Grid,
-    Sums,
-    bounding_box,
-    grid_values,
-    inverse_of,
-    normal_matrix,
-    residual_sums,
-)
+from metrosep.forms._moment_solve import Span, solve_grid
+from metrosep.forms._moment_sums import Grid, bounding_box, grid_values
 from metrosep.forms._orthogonal import values
 
 __all__ = [
@@ -51,21 +41,6 @@ __all__ = [
 ]
 
 Kind = Literal["total", "tensor"]
-
-_SAMPLE = 4096
-"""Pixels of the coarse map that gives a first polynomial, or 64 for each term of it."""
-
-_CLOSE = 1e-6
-"""Share of the sum of squares that must remain for one pass to be enough."""
-
-_SMALL = 1e-24
-"""Of the form's sum of squares: a change that small is rounding."""
-
-_OF_RESIDUAL = 1e-16
-"""Of the sum of squares left: what may still be missing from the fit."""
-
-_MOST_PASSES = 5
-"""Of refinement; one is the rule only where there was no start from a coarse map."""
 
 MAX_DEGREE = 40
 """Far above what a surface needs; the normal matrix has up to 1681 rows there."""
@@ -183,9 +158,9 @@ def fit_grid_polynomial(
     result: NaN rows are the same as cropped rows. Cost: two passes over the map.
     """
     heights, given = _checked(z, weights)
-    terms = _terms(degree, kind)
+    span = _span(degree, kind)
     with one_blas_thread():
-        fit, _ = _fit(heights, given, degree, terms, refine=refine, remove=False)
+        fit, _ = _fit(heights, given, span, refine=refine, remove=False)
     return fit
 
 
@@ -229,9 +204,9 @@ def remove_grid(
         If the valid pixels do not determine the terms.
     """
     heights, given = _checked(z, weights)
-    terms = _terms(degree, kind)
+    span = _span(degree, kind)
     with one_blas_thread():
-        fit, residual = _fit(heights, given, degree, terms, refine=refine, remove=True)
+        fit, residual = _fit(heights, given, span, refine=refine, remove=True)
     return cast("FloatArray", residual), fit
 
 
@@ -299,23 +274,28 @@ def _checked(z: ArrayLike, weights: ArrayLike | None) -> tuple[FloatArray, Float
     return heights, given
 
 
-def _terms(degree: int, kind: Kind) -> tuple[tuple[int, int], ...]:
+def _span(degree: int, kind: Kind) -> Span:
     if int(degree) != degree or not 0 <= degree <= MAX_DEGREE:
         raise DataError(f"degree must be a whole number from 0 to {MAX_DEGREE}, got {degree}")
     if kind not in ("total", "tensor"):
         raise DataError(f'kind must be "total" or "tensor", got {kind!r}')
-    return polynomial_terms(int(degree), kind)
+    return _legendre(int(degree), kind)
+
+
+@lru_cache(maxsize=16)
+def _legendre(degree: int, kind: Kind) -> Span:
+    return Span(degree, polynomial_terms(degree, kind))
 
 
 def _fit(
     z: FloatArray,
     weights: FloatArray | None,
-    degree: int,
-    terms: tuple[tuple[int, int], ...],
+    span: Span,
     *,
     refine: bool,
     remove: bool,
 ) -> tuple[GridPolynomial, FloatArray | None]:
+    degree, terms = span.degree, span.terms
     rows, columns = bounding_box(z, weights)
     px, cx, hx = _axis(z.shape[1], columns.start, columns.stop, degree)
     py, cy, hy = _axis(z.shape[0], rows.start, rows.stop, degree)
@@ -323,7 +303,7 @@ def _fit(
     grid = Grid(z[rows, columns], inside, px[:, columns], py[:, rows])
     what = f"the {len(terms)} terms of a polynomial of degree {degree}"
     _, c, inverse, squares, n_valid = solve_grid(
-        grid, degree, terms, refine=refine, what=what, enough=_enough
+        grid, span, refine=refine, what=what, enough=_enough
     )
     c.setflags(write=False)
     fit = GridPolynomial(c, terms, (cx, cy), (hx, hy), z.shape, n_valid, squares, inverse)
@@ -336,122 +316,6 @@ def _enough(n: int, needed: int) -> None:
             f"{n} valid pixels cannot determine {needed} terms; lower the degree or measure more "
             "of the part"
         )
-
-
-class GridSolution(NamedTuple):
-    """What `solve_grid` finds: coefficients of what is fitted, the same in Legendre terms, ..."""
-
-    coefficients: FloatArray
-    legendre: FloatArray
-    inverse: FloatArray
-    residual_sum: float
-    n_valid: int
-
-
-def solve_grid(
-    grid: Grid,
-    degree: int,
-    terms: tuple[tuple[int, int], ...],
-    *,
-    functions: FloatArray | None = None,
-    refine: bool = True,
-    what: str = "the terms",
-    enough: Callable[[int, int], None] | None = None,
-) -> GridSolution:
-    """Return the least squares of Legendre terms, or of sums of them, over a map.
-
-    Parameters
-    ----------
-    grid : Grid
-        Map and Legendre values.
-    degree : int
-        Highest degree along x or y.
-    terms : tuple of (int, int)
-        Legendre terms.
-    functions : ndarray, shape (n_functions, n_terms), optional
-        What is fitted, each as a sum of `terms`; the terms themselves by default.
-    refine : bool, optional
-        Start from a fit to a coarse map, and fit what is left until nothing is.
-    what : str, optional
-        Name of what is fitted, for the message.
-    enough : callable, optional
-        Raises its error for a number of valid pixels and of fitted functions.
-
-    Returns
-    -------
-    GridSolution
-        Coefficients, inverse normal matrix, sum of squares, valid pixels.
-
-    Raises
-    ------
-    InvalidSamplesError
-        If a height is infinite.
-    DegenerateFitError
-        If the valid pixels do not determine what is fitted.
-    """
-    i, j = np.array(terms).T
-
-    def normal_for(sums: Sums) -> FloatArray:
-        normal: FloatArray = normal_matrix(sums.weights, degree)[i, j][:, i, j]
-        return normal if functions is None else functions @ normal @ functions.T
-
-    def table(a: FloatArray) -> FloatArray:
-        c = np.zeros((degree + 1, degree + 1))
-        c[i, j] = a if functions is None else a @ functions
-        return c
-
-    def improved(
-        a: FloatArray, sums: Sums, inverse: FloatArray
-    ) -> tuple[FloatArray, FloatArray, float]:
-        """Return the fit plus the fit to the residual it left, and the squares left then."""
-        right = sums.heights[i, j] if functions is None else functions @ sums.heights[i, j]
-        change = inverse @ right
-        return a + change, table(a + change), sums.squares - float(change @ right)
-
-    wanted = max(_SAMPLE, 64 * (len(terms) if functions is None else len(functions)))
-    few = grid.every(max(int(np.sqrt(grid.z.size / wanted)), 1))
-    heights = few.z[few.valid()]
-    middle = _middle(heights)
-    a = _constant(functions, len(terms)) * middle
-    c = table(a)
-    if refine and few.z.size < grid.z.size and heights.size >= 10 * len(terms):
-        sums = residual_sums(few, c, degree)
-        with suppress(DegenerateFitError):
-            a, c, _ = improved(a, sums, inverse_of(normal_for(sums), what)[0])
-    sums = residual_sums(grid, c, degree)
-    if enough is not None:
-        enough(sums.n_valid, len(a))
-    normal = normal_for(sums)
-    inverse, condition = inverse_of(normal, what)
-    a, c, squares = improved(a, sums, inverse)
-    for _ in range(_MOST_PASSES if refine else 0):
-        gain, form = sums.squares - squares, float(a @ normal @ a)
-        missing = gain * (condition * np.finfo(float).eps) ** 2
-        is_exact = missing <= max(_SMALL * form, _OF_RESIDUAL * squares)
-        if is_exact and (squares > _CLOSE * sums.squares or gain <= _SMALL * form):
-            break
-        sums = residual_sums(grid, c, degree, with_weights=False)
-        a, c, squares = improved(a, sums, inverse)
-    return GridSolution(a, c, inverse, squares, sums.n_valid)
-
-
-def _middle(heights: FloatArray) -> float:
-    """Return the median of nine heights: a start that one outlier does not carry off."""
-    few = sorted(heights[heights.size // 18 :: heights.size // 9 + 1].tolist())
-    middle = few[len(few) // 2] if few else 0.0
-    return middle if math.isfinite(middle) else 0.0
-
-
-def _constant(functions: FloatArray | None, n_terms: int) -> FloatArray:
-    """Return what makes a height of 1; zeros where what is fitted holds no constant."""
-    if functions is None:
-        one = np.zeros(n_terms)
-        one[0] = 1.0
-        return one
-    alone = (functions[:, 0] != 0.0) & (np.count_nonzero(functions, axis=1) == 1)
-    out = np.zeros(functions.shape[0])
-    out[alone] = 1.0 / functions[alone, 0]
-    return out
 
 
 @lru_cache(maxsize=8)

@@ -16,16 +16,15 @@ from numpy.typing import ArrayLike
 from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, DegenerateFitError, InvalidSamplesError
+from metrosep.forms._moment_solve import Span, Terms, solve_grid
 from metrosep.forms._moment_sums import Grid, UnsignedArray, grid_values, inverse_of
 from metrosep.forms._orthogonal import values
 from metrosep.forms.linear import solve_blocks
-from metrosep.forms.moments import polynomial_terms, solve_grid
+from metrosep.forms.moments import polynomial_terms
 from metrosep.forms.polynomial_fit import uniform_axis
 from metrosep.forms.zernike_terms import zernike_values
 
 __all__ = ["RIM", "ZernikeFit", "fit_zernike_grid", "fit_zernike_points", "zernike_map"]
-
-Terms = tuple[tuple[int, int], ...]
 
 ZernikeFit = tuple[FloatArray, FloatArray, float, int, float]
 """Coefficients (1 at the rim), inverse normal matrix, sum of squares, points, radius."""
@@ -107,7 +106,7 @@ def fit_zernike_grid(
     grid = Grid(inside, part, px, py, reach)
     with one_blas_thread():
         if separable:
-            return (*_separable(grid, degree, nm), size)
+            return (*_separable(grid, nm), size)
         return (*_in_blocks(grid, u, v, nm), size)
 
 
@@ -207,10 +206,7 @@ def zernike_map(
             line = np.full(int(some.sum()), v[row])
             out[row, some] = coefficients @ zernike_values(u[some], line, nm)
         return out
-    functions, terms = _in_legendre(nm)
-    i, j = np.array(terms).T
-    table = np.zeros((degree + 1, degree + 1))
-    table[i, j] = coefficients @ functions
+    table = _in_legendre(nm).table(coefficients)
     inside = np.clip(u, -1.0 - RIM, 1.0 + RIM), np.clip(v, -1.0 - RIM, 1.0 + RIM)
     with one_blas_thread():
         out = grid_values(table, *(values(p, degree) for p in inside))
@@ -298,7 +294,7 @@ def _enough(n: int, needed: int) -> None:
 
 
 @lru_cache(maxsize=16)
-def _in_legendre(nm: Terms) -> tuple[FloatArray, Terms]:
+def _in_legendre(nm: Terms) -> Span:
     """Return each Zernike term as a sum of Legendre products, by exact quadrature."""
     degree = max(n for n, _ in nm)
     nodes, weights = np.polynomial.legendre.leggauss(degree + 1)
@@ -313,13 +309,12 @@ def _in_legendre(nm: Terms) -> tuple[FloatArray, Terms]:
         odd_y = m < 0
         row[((i + j - n) % 2 != 0) | ((j % 2 == 1) != odd_y)] = 0.0
     out.setflags(write=False)
-    return out, terms
+    return Span(degree, terms, out)
 
 
-def _separable(grid: Grid, degree: int, nm: Terms) -> tuple[FloatArray, FloatArray, float, int]:
-    functions, terms = _in_legendre(nm)
+def _separable(grid: Grid, nm: Terms) -> tuple[FloatArray, FloatArray, float, int]:
     what = f"{len(nm)} Zernike terms"
-    found = solve_grid(grid, degree, terms, functions=functions, what=what, enough=_enough)
+    found = solve_grid(grid, _in_legendre(nm), what=what, enough=_enough)
     return found.coefficients, found.inverse, found.residual_sum, found.n_valid
 
 
