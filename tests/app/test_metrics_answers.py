@@ -58,7 +58,27 @@ def test_equal_recipes_of_other_files_have_other_marks(answers, tmp_path):
     assert header["verdict"] == "reject"
 
 
-def test_a_limit_that_cannot_be_judged_leaves_the_numbers_of_runs(tmp_path):
+STEPS = """[input]
+files = ["runs.csv"]
+x = "x_mm"
+z = "z_um"
+run = "run"
+[[step]]
+op = "separate"
+method = "mean"
+"""
+NO_UNCERTAINTY = """[[check]]
+metric = "residual_rms"
+upper = "1 um"
+"""
+
+
+@pytest.mark.parametrize(
+    ("own", "base"),
+    [(STEPS + NO_UNCERTAINTY, None), ('extends = "base.toml"\n', STEPS + NO_UNCERTAINTY)],
+    ids=["own", "inherited"],
+)
+def test_a_limit_that_cannot_be_judged_leaves_the_numbers_of_runs(tmp_path, own, base):
     rng = np.random.default_rng(1)
     x = np.arange(0.0, 20.0, 0.05)
     rows = ["run,x_mm,z_um"]
@@ -66,10 +86,9 @@ def test_a_limit_that_cannot_be_judged_leaves_the_numbers_of_runs(tmp_path):
         z = np.cos(x) + 0.01 * rng.standard_normal(x.size)
         rows += [f"{k},{a:.3f},{b:.5f}" for a, b in zip(x, z, strict=True)]
     (tmp_path / "runs.csv").write_text("\n".join(rows) + "\n")
-    (tmp_path / "r.toml").write_text(
-        'metrosep = 1\n[input]\nfiles = ["runs.csv"]\nx = "x_mm"\nz = "z_um"\nrun = "run"\n'
-        '[[step]]\nop = "separate"\nmethod = "mean"\n[[check]]\nmetric = "residual_rms"\nupper = "1 um"\n'
-    )
+    (tmp_path / "r.toml").write_text("metrosep = 1\n" + own)
+    if base is not None:
+        (tmp_path / "base.toml").write_text("metrosep = 1\n" + base)
     answers = Answers(Session(Places([tmp_path])))
     answers.answer({"k": "open", "path": str(tmp_path / "r.toml")})
     header, _ = answers.answer({"k": "metrics", "level": "full"})
