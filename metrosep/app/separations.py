@@ -197,8 +197,11 @@ class MethodResults:
 
 
 def _shown(recipe: Recipe) -> str:
-    """Return what tells results apart: another view of a recipe gives no other numbers."""
-    return f"{recipe.name}\0{recipe.recorded['text']}"
+    """Return what tells results apart: another view of a recipe gives no other numbers.
+
+    With the limits, which may have been left out of what the text says.
+    """
+    return f"{recipe.name}\0{recipe.recorded['text']}\0{text_key(recipe.checks)}"
 
 
 def _input_key(recipe: Recipe) -> str:

@@ -19,7 +19,7 @@ _FORBIDDEN = '<>:"/\\|?*'
 """In file names of Windows."""
 
 _MANY = 8
-"""Results from which all processors share the work, where --workers says nothing."""
+"""Results with files of their own from which all processors share the work, without --workers."""
 
 
 @click.command()
@@ -79,8 +79,8 @@ def report(
         for file, name in zip(files, _names(files), strict=True)
     ]
     if workers is None:  # what is one file for all is done sooner than a worker starts
-        n_pages = len(files) if writers.keys() - TOGETHER else 0
-        workers = (os.cpu_count() or 1) if n_pages >= _MANY else 1
+        n_own = len(files) if writers.keys() - TOGETHER else 0
+        workers = (os.cpu_count() or 1) if n_own >= _MANY else 1
     documents, unread = [], 0
     for outcome in _outcomes(tasks, workers):
         for target in () if quiet else outcome.written:

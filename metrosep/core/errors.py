@@ -67,7 +67,11 @@ class MetrosepError(Exception):
 
 
 def _restored(kind: type[BaseException], args: tuple[Any, ...]) -> BaseException:
-    return kind.__new__(kind, *args)
+    native: Any = kind
+    while native.__module__ != "builtins":  # whose own maker a second base would hide
+        native = native.__base__
+    made: BaseException = native.__new__(kind, *args)
+    return made
 
 
 class ReadError(MetrosepError):

@@ -119,12 +119,20 @@ def _used(z: FloatArray) -> slice:
     return slice(first, z.shape[0] - _unused(z[::-1])) if first < z.shape[0] else slice(0, 0)
 
 
+def _used_columns(z: FloatArray) -> slice:
+    """Return the columns from the first to the last with a valid pixel, of rows that are few."""
+    if z.size and z[0, 0] == z[0, 0] and z[0, -1] == z[0, -1]:  # no NaN: quick to see
+        return slice(0, z.shape[1])
+    used = np.flatnonzero(~np.isnan(z).all(axis=0))
+    return slice(int(used[0]), int(used[-1]) + 1) if used.size else slice(0, 0)
+
+
 def _unused(z: FloatArray) -> int:
     """Return how many rows come before the first with a valid pixel."""
     n_lines = int(z.shape[0])
     if z.size and z[0, 0] == z[0, 0]:  # no NaN: mostly so, and quick to see
         return 0
-    start, n_rows = 0, 1
+    start, n_rows = 0, 16
     while start < n_lines:
         valid = ~np.isnan(z[start : start + n_rows]).all(axis=1)
         if valid.any():
@@ -186,7 +194,7 @@ def _blocks(grid: Grid, height: int) -> Iterator[_Block]:
     if grid.reach is None or not rows:
         for start in starts.tolist():
             part = slice(start, min(start + height, rows))
-            yield _Block(part, _used(grid.z[part].T), 0, n_columns)
+            yield _Block(part, _used_columns(grid.z[part]), 0, n_columns)
         return
     edges = [
         extreme.reduceat(end, starts).tolist()

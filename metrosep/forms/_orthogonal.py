@@ -12,7 +12,10 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 
-__all__ = ["Basis", "linearisation", "values", "values_and_slopes"]
+__all__ = ["KEPT", "Basis", "linearisation", "values", "values_and_slopes"]
+
+KEPT = 1 << 18
+"""Values on an axis up to which they are kept: maps of a batch mostly have the same axes."""
 
 Basis = Literal["power", "legendre", "chebyshev"]
 

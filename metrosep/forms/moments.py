@@ -30,7 +30,7 @@ from metrosep.core.errors import (
 )
 from metrosep.forms._moment_solve import Span, solve_grid
 from metrosep.forms._moment_sums import Grid, bounding_box, grid_values
-from metrosep.forms._orthogonal import values
+from metrosep.forms._orthogonal import KEPT, values
 
 __all__ = [
     "GridPolynomial",
@@ -297,8 +297,8 @@ def _fit(
 ) -> tuple[GridPolynomial, FloatArray | None]:
     degree, terms = span.degree, span.terms
     rows, columns = bounding_box(z, weights)
-    px, cx, hx = _axis(z.shape[1], columns.start, columns.stop, degree)
-    py, cy, hy = _axis(z.shape[0], rows.start, rows.stop, degree)
+    px, cx, hx = _axis(z.shape[1], columns, degree)
+    py, cy, hy = _axis(z.shape[0], rows, degree)
     inside = None if weights is None else weights[rows, columns]
     grid = Grid(z[rows, columns], inside, px[:, columns], py[:, rows])
     what = f"the {len(terms)} terms of a polynomial of degree {degree}"
@@ -318,14 +318,18 @@ def _enough(n: int, needed: int) -> None:
         )
 
 
-@lru_cache(maxsize=8)
-def _axis(n: int, first: int, after: int, degree: int) -> tuple[FloatArray, float, float]:
-    """Return Legendre values at all pixels of an axis, scaled to the used part of it.
+def _axis(n: int, used: slice, degree: int) -> tuple[FloatArray, float, float]:
+    """Return Legendre values at all pixels of an axis, scaled to the used part of it."""
+    made = _kept_axis if n * (2 * degree + 1) <= KEPT else _made_axis
+    return made(n, used.start, used.stop, degree)
 
-    Kept, as the maps of a batch mostly have the same axes.
-    """
+
+def _made_axis(n: int, first: int, after: int, degree: int) -> tuple[FloatArray, float, float]:
     centre = 0.5 * (first + after - 1)
     half_width = 0.5 * (after - 1 - first) or 1.0
     out = values((np.arange(n, dtype=np.float64) - centre) / half_width, 2 * degree)
     out.setflags(write=False)
     return out, centre, half_width
+
+
+_kept_axis = lru_cache(maxsize=32)(_made_axis)

@@ -18,7 +18,7 @@ from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, DegenerateFitError, InvalidSamplesError
 from metrosep.forms._moment_solve import Span, Terms, solve_grid
 from metrosep.forms._moment_sums import Grid, UnsignedArray, grid_values, inverse_of
-from metrosep.forms._orthogonal import values
+from metrosep.forms._orthogonal import KEPT, values
 from metrosep.forms.linear import solve_blocks
 from metrosep.forms.moments import polynomial_terms
 from metrosep.forms.polynomial_fit import uniform_axis
@@ -102,7 +102,9 @@ def fit_zernike_grid(
     _enough(inside.size, len(nm))
     degree = max(n for n, _ in nm)
     separable = degree <= _SEPARABLE
-    px, py, reach = _on_disc(u.tobytes(), v.tobytes(), 2 * degree if separable else 0)
+    highest = 2 * degree if separable else 0
+    on_disc = _kept_disc if max(u.size, v.size) * (highest + 1) <= KEPT else _on_disc
+    px, py, reach = on_disc(u.tobytes(), v.tobytes(), highest)
     grid = Grid(inside, part, px, py, reach)
     with one_blas_thread():
         if separable:
@@ -214,14 +216,10 @@ def zernike_map(
     return out
 
 
-@lru_cache(maxsize=4)
 def _on_disc(
     columns: bytes, rows: bytes, degree: int
 ) -> tuple[FloatArray, FloatArray, tuple[UnsignedArray, UnsignedArray]]:
-    """Return Legendre values along both axes, given by their bytes, and what lies on the disc.
-
-    Kept, as the maps of a batch mostly have the same axes.
-    """
+    """Return Legendre values along both axes, given by their bytes, and what lies on the disc."""
     u, v = np.frombuffer(columns), np.frombuffer(rows)
     px = values(u, degree)
     py = px if rows == columns else values(v, degree)
@@ -229,6 +227,9 @@ def _on_disc(
     for kept in (px, py, *reach):
         kept.setflags(write=False)
     return px, py, reach
+
+
+_kept_disc = lru_cache(maxsize=8)(_on_disc)
 
 
 def _reach(u: FloatArray, v: FloatArray) -> tuple[UnsignedArray, UnsignedArray]:
@@ -295,7 +296,7 @@ def _enough(n: int, needed: int) -> None:
 
 @lru_cache(maxsize=16)
 def _in_legendre(nm: Terms) -> Span:
-    """Return each Zernike term as a sum of Legendre products, by exact quadrature."""
+    """Return Zernike terms, each as a sum of Legendre products by exact quadrature."""
     degree = max(n for n, _ in nm)
     nodes, weights = np.polynomial.legendre.leggauss(degree + 1)
     p = values(nodes, degree) * weights * (np.arange(degree + 1)[:, None] + 0.5)

@@ -75,8 +75,12 @@ upper = "1 um"
 
 @pytest.mark.parametrize(
     ("own", "base"),
-    [(STEPS + NO_UNCERTAINTY, None), ('extends = "base.toml"\n', STEPS + NO_UNCERTAINTY)],
-    ids=["own", "inherited"],
+    [
+        (STEPS + NO_UNCERTAINTY, None),
+        (STEPS + NO_UNCERTAINTY + '[view]\ntab = "report"\n', None),
+        ('extends = "base.toml"\n', STEPS + NO_UNCERTAINTY),
+    ],
+    ids=["own", "own with a view", "inherited"],
 )
 def test_a_limit_that_cannot_be_judged_leaves_the_numbers_of_runs(tmp_path, own, base):
     rng = np.random.default_rng(1)
@@ -91,7 +95,10 @@ def test_a_limit_that_cannot_be_judged_leaves_the_numbers_of_runs(tmp_path, own,
         (tmp_path / "base.toml").write_text("metrosep = 1\n" + base)
     answers = Answers(Session(Places([tmp_path])))
     answers.answer({"k": "open", "path": str(tmp_path / "r.toml")})
-    header, _ = answers.answer({"k": "metrics", "level": "full"})
-    assert "uncertainty" in header["refused"]
-    assert header["verdict"] is None
+    for _ in range(2):  # what was shown without limits is never taken for what was judged
+        header, _ = answers.answer({"k": "metrics", "level": "full"})
+        assert "uncertainty" in header["refused"]
+        assert header["verdict"] is None
+        with pytest.raises(ms.errors.RecipeError, match="uncertainty of residual_rms"):
+            answers.answer({"k": "report"})
     assert {r["symbol"] for r in header["rows"]} >= {"pv", "residual_rms"}

@@ -25,6 +25,13 @@ MADE = [
 ]
 
 
+class TwofoldError(errors.MetrosepError, MemoryError):
+    """A base that has its own way of making errors comes second."""
+
+
+MADE.append(TwofoldError("what, where; what to do"))
+
+
 def sent(error):
     return pickle.loads(pickle.dumps(error))  # noqa: S301  # what we have just made
 

@@ -9,6 +9,7 @@ from metrosep.core.errors import (
     InvalidSamplesError,
     TooFewSamplesError,
 )
+from metrosep.forms import moments
 from metrosep.forms._moment_sums import inverse_of
 from metrosep.forms.moments import evaluate_grid, fit_grid_polynomial, remove_grid
 
@@ -162,6 +163,45 @@ def test_nan_rows_are_the_same_as_cropped_rows():
     assert np.nanmax(np.abs(residual[20:140, 7:87] - cropped)) < EXACT * 10
     assert np.abs(fit.coefficients - reference.coefficients).max() < EXACT
     assert fit.centre == (reference.centre[0] + 7, reference.centre[1] + 20)
+
+
+@pytest.mark.parametrize("degree", [3, 7])
+def test_axes_kept_from_another_map_are_not_taken_for_those_of_this_one(degree):
+    rng = np.random.default_rng(9)
+    whole = rng.standard_normal((60, 60))
+    top, left = whole.copy(), whole.copy()
+    top[:20] = np.nan
+    left[:, :15] = np.nan
+
+    for z, cropped in ((whole, whole), (top, whole[20:]), (left, whole[:, 15:]), (whole, whole)):
+        residual, fit = remove_grid(z, degree)
+        expected, alone = remove_grid(np.ascontiguousarray(cropped), degree)
+
+        assert fit.half_width == alone.half_width
+        shift = 60 - cropped.shape[1], 60 - cropped.shape[0]  # what is missing is missing before
+        assert fit.centre == (alone.centre[0] + shift[0], alone.centre[1] + shift[1])
+        left_over = residual[60 - cropped.shape[0] :, 60 - cropped.shape[1] :] - expected
+        assert np.abs(left_over).max() < EXACT * np.ptp(whole)
+
+
+def test_long_axes_are_not_kept():
+    before = moments._kept_axis.cache_info().currsize
+
+    fit_grid_polynomial(np.zeros((2, 100_000)), 1, kind="tensor")
+
+    kept = moments._kept_axis.cache_info()
+    assert kept.currsize <= before + 1  # that of the two rows
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5])
+def test_a_measured_part_that_wanders_from_row_to_row_agrees_with_the_dense_solution(share):
+    y, x = np.mgrid[:300, :300]
+    z = 1e-6 * np.sin(x / 40.0) + 2e-6 * np.cos(y / 70.0)
+    z[np.abs(x - y) > share * 300] = np.nan
+
+    residual, _ = remove_grid(z, 3)
+
+    assert np.nanmax(np.abs(residual - (z - _dense(z, 3)))) < DENSE * np.nanmax(z)
 
 
 def test_a_large_tilt_does_not_hide_a_picometre():

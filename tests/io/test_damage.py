@@ -95,7 +95,7 @@ SOME = [
     pytest.param(*case.values, id=case.id, marks=[] if i % 3 == 0 else pytest.mark.slow)
     for i, case in enumerate(INDIRECT)
 ]
-"""A third at every run, all of them with the slow ones."""
+"""A third at every run, the others with the slow ones."""
 
 
 def flips(data, n_positions):
