@@ -32,8 +32,8 @@ class Form(ABC):
     units : mapping of str to str
         SI unit of each parameter, in their order.
     has_centre : bool
-        Whether the form has a vertex or centre, which a fit puts in the middle of a map whose
-        origin was not declared; periodic forms and polynomials have none.
+        Whether the form has a vertex or centre, which a fit puts in the middle of what was
+        measured, on a map that declares no origin; periodic forms and polynomials have none.
     is_everywhere : bool
         Whether the form has a height at every point, so that no valid point is left out.
     is_linear : bool

@@ -45,7 +45,8 @@ class Expression(Shape):
     units : mapping of str to str, optional
         SI units of parameters, for reports; "" where not given.
     has_centre : bool, optional
-        Whether x and y count from the middle of a map whose origin was not declared.
+        Whether x and y count from the middle of what was measured, on a map that declares no
+        origin.
     **parameters : float or None
         Values by name, SI; None where not known: a fit then needs a starting value.
 

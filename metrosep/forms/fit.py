@@ -35,6 +35,9 @@ __all__ = ["fit", "remove"]
 
 FloatArray = NDArray[np.float64]
 
+_CENTRED = 1e-3
+"""Of the extent of a map: a middle of the measured part so close to that of the map is the same."""
+
 
 def fit(
     obj: Surface | Profile | PointSet,
@@ -59,8 +62,8 @@ def fit(
         Ideal surface. Parameters that are None are found, and those named in `free`.
     free : sequence of str, optional
         Rigid-body freedoms ("piston", "tilt_x", "tilt_y", "shift_x", "shift_y", "rotation_z") and
-        names of parameters. Piston and tilt if omitted; for a polynomial without coefficients
-        only these.
+        names of parameters. Piston and tilt if omitted; for a linear form without coefficients
+        that holds piston or tilt itself only these.
     fixed : mapping of str to float, optional
         Freedoms and parameters held at a value, SI.
     robust : {"tukey", "huber"}, optional
@@ -71,7 +74,7 @@ def fit(
         Of the deviation; "normal" is the distance to the nearest point of the form.
     centre : tuple of (float, float), optional, m
         Origin of the form in the coordinates of `obj`. If omitted: the coordinates as they are,
-        but the middle of a map whose origin was not declared, for a form with a vertex.
+        but for a form with a vertex the middle of what was measured, if a map declares no origin.
     start : mapping of str to float, optional
         Where to begin, instead of the guess from the data.
     max_iterations : int, optional
@@ -133,7 +136,16 @@ def fit(
             direction=direction,
             max_iterations=max_iterations,
         )
-        return _result(obj, points, freedoms, placed, answer, robust, n_iterations=n_iterations)
+        return _result(
+            obj,
+            points,
+            freedoms,
+            placed,
+            answer,
+            robust,
+            assumed=centre is None and form.has_centre,
+            n_iterations=n_iterations,
+        )
 
 
 def remove(
@@ -163,6 +175,25 @@ def _check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
         raise DataError(f"{name} must be one of {', '.join(choices)}, got {value!r}")
 
 
+def _axis_note(
+    obj: Surface | Profile | PointSet, points: Points, *, assumed: bool
+) -> tuple[str, ...]:
+    """Say where the form was centred, where that is neither declared nor the middle of the map."""
+    if not assumed or not isinstance(obj, Surface) or obj.origin != (0.0, 0.0):
+        return ()
+    off = max(
+        abs(float(p[0] + p[-1])) / (2.0 * float(np.ptp(p) or 1.0)) for p in (points.x, points.y)
+    )
+    if off < _CENTRED:
+        return ()
+    x0, y0 = (format_length(c) for c in points.centre)
+    note = (
+        "the map declares no origin, so the form is centred on the middle of what was measured, "
+        f"x = {x0}, y = {y0}; give centre= if its axis lies elsewhere"
+    )
+    return (note,)
+
+
 def _result(
     obj: Surface | Profile | PointSet,
     points: Points,
@@ -171,6 +202,7 @@ def _result(
     answer: Answer,
     robust: str | None,
     *,
+    assumed: bool,
     n_iterations: int = 0,
 ) -> FitResult:
     names, n, residual = freedoms.names, answer.n, answer.residual
@@ -204,7 +236,7 @@ def _result(
             history=history,
         )
     outside = 0 if placed.form.is_everywhere else points.n_valid - n
-    notes = list(freedoms.notes)
+    notes = [*freedoms.notes, *_axis_note(obj, points, assumed=assumed)]
     if robust is not None:
         good = spread(residual.ravel())
         notes.append(

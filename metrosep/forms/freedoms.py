@@ -84,8 +84,8 @@ def choose_freedoms(
     form : Form
         As the caller gave it.
     free : sequence of str or None
-        Names; None means piston and tilt for a form with known parameters, and only the
-        coefficients for a linear form without them.
+        Names; None means piston and tilt, but only the coefficients for a linear form without
+        them that holds piston or a tilt itself.
     fixed : mapping of str to float
         Names and the values at which they are held, SI.
     is_profile : bool
@@ -106,7 +106,7 @@ def choose_freedoms(
     held = known_values(fixed, form, "fixed")
     unknown = [k for k, v in form.parameters.items() if v is None and k not in held]
     is_open = form.is_linear and bool(unknown)
-    asked = _asked(form, free, default=() if is_open else DEFAULT)
+    asked = _asked(form, free, default=() if is_open and form.spanned else DEFAULT)
     if is_profile:
         across = [n for n in asked if n in ("tilt_y", "shift_y", "rotation_z")]
         if free is not None and across:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import frozen_float, same_length
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
+from metrosep.core.middle import measured_middle
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.surface import Surface
@@ -290,7 +291,7 @@ def points_of(
         x of a profile).
     middle : bool
         Without a centre: whether a map whose origin was not declared (it is 0, 0) is measured from
-        its middle. Otherwise its coordinates are taken as they are.
+        the middle of its measured part. Otherwise its coordinates are taken as they are.
 
     Returns
     -------
@@ -320,7 +321,7 @@ def points_of(
         y: FloatArray = obj.origin[1] + obj.dy * np.arange(rows, dtype=np.float64)
         if centre is None:
             undeclared = middle and obj.origin == (0.0, 0.0)
-            centre = (float(x.mean()), float(y.mean())) if undeclared else (0.0, 0.0)
+            centre = measured_middle(obj.z, x, y) if undeclared else (0.0, 0.0)
         x0, y0 = float(centre[0]), float(centre[1])
         points = Points(x - x0, y - y0, obj.z, (x0, y0))
     elif isinstance(obj, PointSet):

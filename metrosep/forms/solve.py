@@ -24,6 +24,8 @@ Linearise = Callable[[FloatArray], Iterable[FloatArray]]
 
 _DEGENERATE = 1e-13
 """Smallest eigenvalue of the scaled Gram matrix that still determines a direction: 1000 eps."""
+_NEARLY_TIED = 1e-8
+"""Below it, the direction is named where a fit does not settle: correlation above 0.99999999."""
 _STEP_SHARE, _STEP_SHARE_LARGE, _LARGE = 1e-10, 1e-6, 200_000
 """Steps whose effect on the heights is below this share of the residual end the iteration; they are
 taken. With few points the residual may be large and the convergence linear; on a large map, which
@@ -273,7 +275,7 @@ def _descend(job: _Job, values: FloatArray, max_iterations: int, *, caution: flo
             _determined(normal, job.names)
             return Solution(values + step, normal, accepted, trace)
         moved, trial = _trial(job, values + step)
-        if _is_better(trial, normal):
+        if _is_better(trial, normal, job.height):
             values, normal = moved, trial
             accepted += 1
             trace.append(float(np.sqrt(normal.mean_square)))
@@ -282,10 +284,15 @@ def _descend(job: _Job, values: FloatArray, max_iterations: int, *, caution: flo
             damping = max(damping * 10.0, least)
             if damping > _MAX_DAMPING:
                 break
+    advice = "give a start closer to the answer, or free fewer parameters"
+    if float(np.linalg.eigvalsh(scaled_gram(normal, job.names)[0])[0]) < _NEARLY_TIED:
+        advice = (
+            f"the points hardly tell {' from '.join(tied(normal, job.names))}: hold one with "
+            "fixed={...} or leave it out of free"
+        )
     raise NotConvergedError(
         f"the fit of {', '.join(job.names)} did not settle in {max_iterations} steps (RMS "
-        f"{trace[-1]:.3g} m, last step still moves the form by {effect:.3g} m RMS); give a start "
-        "closer to the answer, or free fewer parameters"
+        f"{trace[-1]:.3g} m, last step still moves the form by {effect:.3g} m RMS); {advice}"
     )
 
 
@@ -295,11 +302,16 @@ def _resolution(normal: Normal, values: FloatArray) -> float:
     return 4.0 * float(np.sqrt(moves @ moves))
 
 
-def _is_better(trial: Normal, normal: Normal) -> bool:
-    """Whether a trial lowers the residual, keeps the points and still feels every parameter."""
+def _is_better(trial: Normal, normal: Normal, height: float) -> bool:
+    """Whether a trial lowers the residual, keeps the points and still feels every parameter.
+
+    Heights are rounded, and with them the mean of r^2, by twice the rounding times r: where the
+    sag is a million times the residual, the last steps lower it by less.
+    """
+    rounding = 2.0 * _ROUNDING * height * float(np.sqrt(normal.mean_square))
     return bool(
         trial.n >= 0.95 * normal.n
-        and trial.mean_square <= normal.mean_square * (1.0 + 1e-12)
+        and trial.mean_square <= normal.mean_square * (1.0 + 1e-12) + rounding
         and trial.works.all()
     )
 

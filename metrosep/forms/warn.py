@@ -17,6 +17,9 @@ FloatArray = NDArray[np.float64]
 
 _STRONG = 0.99
 """Correlation above which two parameters are hardly told apart."""
+_LEAST_TILT = 1e-12
+"""m, of the difference between a plane and a turned form: no instrument measures less."""
+
 _TILT_SHARE = 0.1
 """Of the residual: a tilt whose kind matters more than this is named."""
 
@@ -91,7 +94,7 @@ def _kind_of_tilt(points: Points, placed: Placement, rms: float) -> list[str]:
     if difference.size == 0:
         return []
     largest = float(np.ptp(difference))
-    if largest <= _TILT_SHARE * rms:
+    if largest <= max(_TILT_SHARE * rms, _LEAST_TILT):
         return []
     return [
         (

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from metrosep.core._arrays import as_float
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
+from metrosep.core.middle import measured_middle
 from metrosep.core.surface import Surface
 from metrosep.machine._mesh import SurfaceMesh, centred_form, checked_centre
 
@@ -114,7 +115,7 @@ def _coordinates(
         x = source.origin[0] + source.dx * np.arange(source.shape[1])
         y = source.origin[1] + source.dy * np.arange(source.shape[0])
         if centre is None and source.origin == (0.0, 0.0):
-            centre = (float(x.mean()), float(y.mean()))
+            centre = measured_middle(source.z, x, y)
         grid_x, grid_y = np.meshgrid(x, y)
         return grid_x, grid_y, source.z, checked_centre(centre)
     if not (isinstance(source, tuple | list) and len(source) == 3):

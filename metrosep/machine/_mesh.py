@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
+from metrosep.core.middle import measured_middle
 from metrosep.core.surface import Surface
 from metrosep.forms.grid import GridForm
 
@@ -85,15 +86,18 @@ class _Moved:
 def centred_form(surface: Any, centre: tuple[float, float] | None) -> Any:
     """Return height and gradient of a form or map, measured from the axis of the part.
 
-    Without a centre a form counts from its own origin, and a map from its middle if its origin was
-    not declared (it is 0, 0), else from its coordinates' zero.
+    Without a centre a form counts from its own origin, and a map from the middle of what was
+    measured if its origin was not declared (it is 0, 0), else from its coordinates' zero.
     """
     form = surface
     if isinstance(surface, Surface):
         form = GridForm(surface)
         if centre is None and surface.origin == (0.0, 0.0):
-            dx, dy = surface.dx or 0.0, surface.dy or 0.0
-            centre = (0.5 * dx * (surface.shape[1] - 1), 0.5 * dy * (surface.shape[0] - 1))
+            x, y = (
+                (d or 0.0) * np.arange(n)
+                for d, n in zip((surface.dx, surface.dy), surface.shape[::-1], strict=True)
+            )
+            centre = measured_middle(surface.z, x, y)
     if not callable(form) or not callable(getattr(form, "gradient", None)):
         raise DataError(
             "the nominal surface must be a form of metrosep.forms (with a gradient) or a Surface, "

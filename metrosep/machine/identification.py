@@ -82,8 +82,8 @@ def identify(
     radius, inner_radius : float, m, optional
         Points between them are used; all if omitted.
     centre : tuple of (float, float), m, optional
-        Axis of the part in the coordinates of the map; the middle of a map whose origin was not
-        declared (0, 0), else zero.
+        Axis of the part in the coordinates of the map; the middle of what was measured if its
+        origin was not declared (0, 0), else zero.
     tool : tuple of (float, float, float), m, optional
         Tool point in the frame of the last element of the tool branch.
     positions : callable, optional

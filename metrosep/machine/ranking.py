@@ -89,7 +89,8 @@ def rank(
     inner_radius : float, m, optional
         Inner radius; the part lies between both.
     centre : tuple of (float, float), m, optional
-        Axis of the part in the coordinates of the surface; of a map without origin its middle.
+        Axis of the part in the coordinates of the surface; of a map without origin the middle
+        of what was measured.
     tool : tuple of (float, float, float), m, optional
         Tool point in the frame of the last element of the tool branch.
     positions : callable, optional

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
+from metrosep.core.middle import measured_middle
 from metrosep.core.surface import Surface
 from metrosep.forms.base import Form
 from metrosep.optics._checks import pair_of, positive, real_number, whole_number
@@ -153,8 +154,8 @@ def map_points(
     inner_radius : float, m
         Of a central hole.
     centre : tuple of (float, float) or None, m
-        Optical axis in the coordinates of the map; None: its middle if no origin was declared,
-        else (0, 0).
+        Optical axis in the coordinates of the map; None: the middle of what was measured
+        if no origin was declared, else (0, 0).
     form : Form or None
         Ideal surface about that axis: its slopes are exact, and only the rest is differenced.
     vertex_height : float, m, optional
@@ -275,9 +276,10 @@ def _about_the_axis(
     if centre is not None:
         axis = pair_of(centre, "centre")
     elif surface.origin == (0.0, 0.0):
-        axis = (float(x.mean()), float(y.mean()))
+        axis = measured_middle(surface.z, x, y)
         note = (
-            "the map declares no origin (it is 0, 0), so the optical axis is taken in its middle, x "
+            "the map declares no origin (it is 0, 0), so the optical axis is taken in the middle of "
+            "what was measured, x "
             f"= {1e3 * axis[0]:.6g} mm, y = {1e3 * axis[1]:.6g} mm; pass centre=(0, 0) if its corner "
             "lies on the axis"
         )

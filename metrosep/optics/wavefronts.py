@@ -405,8 +405,9 @@ def wavefront(
     inner_radius : float, m, optional
         Of a central hole.
     centre : tuple of (float, float), m, optional
-        Optical axis in the coordinates of a map. If omitted: (0, 0), but the middle of a map whose
-        origin was not declared, which is the same as declared (0, 0); a message says so.
+        Optical axis in the coordinates of a map. If omitted: (0, 0), but the middle of what was
+        measured on a map whose origin was not declared, which is the same as declared (0, 0); a
+        message says so.
     form : Form, optional
         Ideal surface of a map, about the centre: makes the slopes of a steep part exact.
     grid : {"polar", "square"}, optional

@@ -155,8 +155,8 @@ def identify_setting(
     nose_radius : float, m, optional
         Programmed nose radius, > 0; a dR that would leave no nose is then refused.
     centre : tuple of (float, float), m, optional
-        Spindle axis in the coordinates of the map. If omitted (0, 0), or the middle of a map whose
-        origin was not declared.
+        Spindle axis in the coordinates of the map. If omitted (0, 0), or the middle of what was
+        measured on a map whose origin was not declared.
     region : tuple of (float, float), m, optional
         Inner and outer radius of what is used.
     start : ToolSetting, optional

@@ -357,8 +357,8 @@ class ToolSetting:
         nose_radius : float, m, optional
             Programmed nose radius; a dR that would leave no nose is then refused.
         centre : tuple of (float, float), m, optional
-            Spindle axis in the coordinates of the map; its origin, or the middle of a map whose
-            origin was not declared, if omitted.
+            Spindle axis in the coordinates of the map; its origin, or the middle of what was
+            measured on a map whose origin was not declared, if omitted.
         region : tuple of (float, float), m, optional
             Inner and outer radius of what is used.
         start : ToolSetting, optional

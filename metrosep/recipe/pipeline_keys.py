@@ -119,7 +119,7 @@ FORM: Mapping[str, Key] = {
     "direction": _text("of the deviation", "vertical", "normal", default="vertical"),
     "centre": Key(
         Field("lengths"),
-        'origin of the form in the data, ["1.5 mm", "2 mm"]; the middle of a map without origin',
+        'origin of the form in the data, ["1.5 mm", "2 mm"]; the middle of what was measured on a map without origin',
     ),
 }
 

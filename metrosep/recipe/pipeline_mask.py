@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core.errors import DataError, TooFewSamplesError
+from metrosep.core.middle import measured_middle
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
@@ -132,18 +133,9 @@ def middle_of(obj: Measured) -> tuple[float, float]:
     stray points, dropouts and a rim that is cut off on one side over less than half of the rows.
     """
     x, y = _positions(obj)
-    valid = ~np.isnan(np.atleast_2d(obj.z))
-    if not valid.any():
+    if obj.n_invalid == obj.z.size:
         raise TooFewSamplesError("no sample was measured (all are NaN): there is no middle")
-    return _chords(valid, x), _chords(valid.T, y)
-
-
-def _chords(valid: Flags, at: FloatArray) -> float:
-    rows = valid[valid.any(axis=1)]
-    first = np.argmax(rows, axis=1)
-    last = rows.shape[1] - 1 - np.argmax(rows[:, ::-1], axis=1)
-    middles: FloatArray = 0.5 * (at.ravel()[first] + at.ravel()[last])
-    return float(np.median(middles))
+    return measured_middle(np.atleast_2d(obj.z), x.ravel(), y.ravel())
 
 
 def _positions(obj: Measured) -> tuple[FloatArray, FloatArray]:

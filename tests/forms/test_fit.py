@@ -742,3 +742,118 @@ def test_too_few_iterations_are_an_error():
             start={"R": 200e-3, "k": 3.0},
             max_iterations=1,
         )
+
+
+# ---- where the form is centred, and what is free, if nothing is said ---------------------------
+
+
+def fringe(X, Y, terms=(4, 7, 9), coefficients=(300e-9, -50e-9, 100e-9)):
+    return Zernike(terms, "fringe", coefficients=coefficients, radius=10e-3)(X, Y)
+
+
+@pytest.mark.parametrize("form", [Sphere(), Conic(k=-1.2), Zernike(9, "fringe"), Polynomial(4)])
+@pytest.mark.parametrize(
+    "margin", [((0, 0), (40, 0)), ((13, 0), (0, 0)), ((7, 2), (1, 30))], ids=["left", "low", "all"]
+)
+def test_a_margin_of_nan_changes_nothing(form, margin):
+    X, Y, inside, step = disc()
+    z = np.where(inside, Sphere(R=70e-3)(X, Y) + 1e-4 * X + 20e-9 * np.sin(900.0 * X + Y), np.nan)
+    cropped = fit(ms.Surface(z, step, step), form)
+
+    padded = fit(ms.Surface(np.pad(z, margin, constant_values=np.nan), step, step), form)
+
+    (low, high), (left, right) = margin
+    ny, nx = padded.residual.shape
+    same = padded.residual.z[low : ny - high, left : nx - right]
+    assert np.nanmax(np.abs(same - cropped.residual.z)) < FM
+    if form.has_centre:
+        expected = cropped.centre[0] + left * step, cropped.centre[1] + low * step
+        assert padded.centre == pytest.approx(expected, abs=1e-12)
+        told = [n for n in padded.notes if "middle of what was measured" in n]
+        assert len(told) == 1
+        assert not any("middle of what" in n for n in cropped.notes)
+        for name, value in cropped.params.items():
+            assert padded.params[name] == pytest.approx(value, rel=EXACT, abs=FM)
+
+
+def test_a_declared_origin_or_centre_is_not_moved_by_a_margin():
+    X, Y, inside, step = disc()
+    z = np.where(inside, fringe(X, Y), np.nan)[:, 30:]  # an edge is missing
+    known = centred(np.pad(z, ((0, 0), (30, 0)), constant_values=np.nan), step, step)
+
+    for found in (
+        fit(known, Zernike(9, "fringe", radius=10e-3)),
+        fit(
+            ms.Surface(z, step, step),
+            Zernike(9, "fringe", radius=10e-3),
+            centre=(20 * step, 50 * step),
+        ),
+    ):
+        assert found.params["Z7"] == pytest.approx(-50e-9, abs=FM)
+        assert found.params["Z4"] == pytest.approx(300e-9, abs=FM)
+        assert not found.notes
+
+
+@pytest.mark.parametrize("radius", [10e-3, None])
+@pytest.mark.parametrize("robust", [None, "tukey"])
+def test_terms_without_piston_and_tilt_are_fitted_beside_them(radius, robust):
+    X, Y, _, step = disc()
+    z = np.where(np.hypot(X, Y) < 10.01e-3, fringe(X, Y), np.nan) + 1e-6 + 2e-5 * X - 1e-5 * Y
+
+    found = fit(centred(z, step, step), Zernike((4, 7, 9), "fringe", radius=radius), robust=robust)
+
+    planted = {"piston": 1e-6, "tilt_x": 2e-5, "tilt_y": -1e-5}
+    planted |= {"Z4": 300e-9, "Z7": -50e-9, "Z9": 100e-9}
+    assert found.params == pytest.approx(planted, rel=EXACT, abs=FM)
+    assert not found.warnings
+
+
+def test_terms_that_hold_the_piston_have_no_other_freedom():
+    X, _, inside, step = disc()
+    z = np.where(inside, 1e-6 + 2e-5 * X, np.nan)
+
+    assert fit(centred(z, step, step), Zernike(1)).names == ("Z0",)
+    assert fit(centred(z, step, step), Polynomial(0)).names == ("c_0_0",)
+
+
+# ---- a sag that is millions of residuals high --------------------------------------------------
+
+
+@pytest.mark.parametrize("robust", ["tukey", "huber", None])
+@pytest.mark.parametrize("noise", [1e-9, 1e-10, 1e-11])
+@pytest.mark.parametrize("form", [Sphere(), Conic(), Conic(R=50e-3, k=-0.7)], ids=repr)
+def test_the_last_steps_are_taken_where_rounding_hides_their_gain(form, noise, robust):
+    x = np.linspace(-6e-3, 6e-3, 61)
+    X, Y = np.meshgrid(x, x)
+    truth = Sphere(R=50e-3) if isinstance(form, Sphere) else Conic(R=50e-3, k=-0.7)
+    for seed in range(3):
+        z = truth(X - 1e-4, Y + 2e-4) + noise * np.random.default_rng(seed).normal(size=X.shape)
+
+        found = fit(
+            centred(z, x[1] - x[0], x[1] - x[0]),
+            form,
+            free=("piston", "shift_x", "shift_y"),
+            robust=robust,
+        )
+
+        planted = {"shift_x": 1e-4, "shift_y": -2e-4, "R": 50e-3, "k": -0.7}
+        for name in found.names:
+            off = found.params[name] - planted.get(name, 0.0)
+            assert abs(off) < 5.0 * found.u[name], name
+        assert found.rms == pytest.approx(noise, rel=0.05)
+
+
+@pytest.mark.parametrize("radius", [5.0, 10.0])
+def test_shift_and_tilt_of_a_shallow_sphere_are_named(radius):
+    x = np.linspace(-6e-3, 6e-3, 61)
+    X, Y = np.meshgrid(x, x)
+    z = Sphere(R=radius)(X, Y) + 1e-9 * np.random.default_rng(3).normal(size=X.shape)
+
+    with pytest.raises(
+        (DegenerateFitError, NotConvergedError), match=r"tell .*shift_x from tilt_x"
+    ):
+        fit(
+            centred(z, x[1] - x[0], x[1] - x[0]),
+            Sphere(),
+            free=("piston", "tilt_x", "shift_x"),
+        )
