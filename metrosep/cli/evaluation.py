@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Evaluation", "Limits", "Settings", "evaluate"]
 
+_EXAMPLES = {"m": ("1 nm", "0 nm"), "": ("0.001", "0"), "1": ("0.001", "0")}
+"""Of an uncertainty and of none, by the unit of the parameter."""
+
 
 @dataclass(frozen=True, slots=True)
 class Settings:
@@ -209,9 +212,10 @@ def _verdicts(tables: Sequence[ParameterTable], limits: Limits) -> dict[str, dic
         if U is None and quantity.u is not None:
             U = 2.0 * quantity.u
         if U is None:
+            some, none = _EXAMPLES.get(quantity.unit, ("0.001 SI", "0 SI"))
             raise DataError(
-                f"the uncertainty of {symbol} is not known; state it: --U '{symbol}=1 nm', or "
-                f"--U '{symbol}=0 nm' for simple acceptance"
+                f"the uncertainty of {symbol} is not known; state it: --U '{symbol}={some}', or "
+                f"--U '{symbol}={none}' for simple acceptance"
             )
         verdict = decide(
             quantity.value, lower=lower, upper=upper, U=U, guard_factor=limits.guard_factor

@@ -93,9 +93,12 @@ def parameter_value(text: str, unit: str, name: str) -> float:
         return parse_quantity(text.strip(), dimension=_DIMENSIONS[unit], name=name)
     try:
         if unit in ("1", ""):
-            return float(text)
-    except ValueError:
-        raise UnitError(f"{name} is {text!r}; a pure number is needed") from None
+            share = text.strip().endswith("%")
+            return parse_quantity(text.strip(), dimension="number") if share else float(text)
+    except (ValueError, UnitError):
+        raise UnitError(
+            f"{name} is {text!r}; a pure number is needed, such as 0.01 or 1 %"
+        ) from None
     raise UnitError(
         f"{name} is in {unit or 'SI'}: write {text.split(maxsplit=1)[0]} SI if it is that"
     )

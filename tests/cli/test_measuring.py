@@ -97,6 +97,20 @@ def test_filter_makes_the_profile_rough(metrosep, sine):
     assert json.loads(out)["rq_nm"] > 35.0
 
 
+def test_a_share_is_a_limit_in_percent(metrosep, tmp_path):
+    x = np.arange(60) * 1e-6
+    path = tmp_path / "ramp.h5"
+    ms.write(ms.Surface(np.tile(0.2 * x, (60, 1)), 1e-6, 1e-6), path)
+    sdr = np.sqrt(1.0 + 0.2**2) - 1.0  # 1.98 %
+
+    for limit, code in (("1.9 %", 1), ("2.1 %", 0)):
+        given = ("--params", "Sdr", "--upper", f"Sdr={limit}", "--U", "Sdr=0", "--json")
+        found, out, _ = metrosep("measure", path, "--form", "none", *given)
+        table = json.loads(out)["parameters"]["Sdr"]
+        assert found == code
+        np.testing.assert_allclose(table["value"], sdr, rtol=1e-6, atol=0)
+
+
 @pytest.mark.parametrize(
     ("limit", "U", "code"), [("60 nm", "2 nm", 0), ("40 nm", "2 nm", 1), ("51 nm", "2 nm", 3)]
 )
@@ -122,6 +136,8 @@ def test_exit_code_is_the_verdict(metrosep, waves, limit, U, code):
     ("options", "code", "match"),
     [
         (("--params", "Sq", "--upper", "Sq=5 nm"), 2, "state it: --U"),
+        (("--params", "Sdr", "--upper", "Sdr=1 %"), 2, "--U 'Sdr=0.001', or --U 'Sdr=0' for"),
+        (("--params", "Sdr", "--upper", "Sdr=1 nm"), 2, "a pure number is needed"),
         (("--params", "Sq", "--upper", "Sa=5 nm"), 2, "which was not measured"),
         (("--params", "Sq", "--upper", "Sq=5", "--U", "Sq=1 nm"), 2, "unit"),
         (("--params", "Sq", "--upper", "Sq"), 2, "NAME=VALUE"),
