@@ -9,7 +9,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
+from metrosep.core.errors import (
+    DataError,
+    InvalidSamplesError,
+    NotUniformError,
+    TooFewSamplesError,
+)
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
@@ -101,11 +106,26 @@ def check_not_repeated(profile: Profile) -> None:
     if len(profile) < 2:
         raise TooFewSamplesError("a closed profile needs at least 2 samples, got 1")
     span = float(profile.x[-1] - profile.x[0])
-    if abs(span - 2.0 * math.pi) < 0.1 * profile.dx:
+    if abs(span - 2.0 * math.pi) < 0.1 * profile_step(profile):
         raise InvalidSamplesError(
             "x spans one whole turn of 2 pi including both ends, so the last sample repeats the "
             "first; a closed profile has the period n dx: drop the last sample"
         )
+
+
+def profile_step(profile: Profile) -> float:
+    """Return the step of a uniform profile of two samples and more, or say how uneven it is."""
+    if profile.is_uniform:
+        return profile.dx
+    steps = np.diff(profile.x)
+    mean = float(profile.x[-1] - profile.x[0]) / steps.size
+    off = float(np.abs(steps - mean).max())
+    raise NotUniformError(
+        "the steps of the profile are not uniform: they depart from their mean "
+        f"{format_length(mean)} by up to {format_length(off)}, {100.0 * off / mean:.3g} % of it, "
+        "where 0.0001 % is allowed; if x was only rounded, read the heights alone with "
+        "metrosep.read, z=... and lateral_step=..., else resample them with numpy.interp"
+    )
 
 
 def surface_steps(surface: Surface) -> tuple[float, float]:
@@ -124,7 +144,8 @@ def require_valid(z: FloatArray, minimum: int, what: str) -> None:
     n_valid = int(np.count_nonzero(~np.isnan(z)))
     if n_valid < minimum:
         raise TooFewSamplesError(
-            f"{what} needs at least {minimum} measured samples, got {n_valid} of {z.size}"
+            f"{what} needs at least {counted(minimum, 'measured sample')}, "
+            f"got {n_valid} of {z.size}"
         )
 
 
@@ -136,17 +157,18 @@ def profile_task(
     what: str,
     minimum: int,
     closed: bool = False,
+    name: str = "cutoff",
 ) -> Task:
-    """Return the checked task of a profile filter; the length of a closed one is ``n dx``."""
+    """Return the checked task of a profile filter; all of a closed one lies inside."""
     if nesting_index is not None:
         raise DataError("nesting_index is for surfaces; a profile takes cutoff=, in m")
     if cutoff is None:
         raise DataError("a profile filter needs cutoff=, a wavelength in m")
     require_valid(profile.z, minimum, what)
-    dx = profile.dx
+    dx = profile_step(profile)
     inside = (slice(0, len(profile)),) if closed else measured_box(profile.z)
     z = profile.z[inside]
-    wavelength = _wavelength(cutoff, "cutoff", dx, dx * (z.size if closed else z.size - 1))
+    wavelength = checked_wavelength(cutoff, name, dx, dx * z.size)
     return Task(z, inside, (dx,), (wavelength,))
 
 
@@ -182,10 +204,9 @@ def surface_task(
         raise TooFewSamplesError(
             f"{what} needs at least 3 measured rows and 3 columns, got {n_y} x {n_x}"
         )
-    ends = 0 if closed else 1
     wavelengths = (
-        _wavelength(index_y, "nesting_index in y", dy, dy * (n_y - ends)),
-        _wavelength(index_x, "nesting_index in x", dx, dx * (n_x - ends)),
+        checked_wavelength(index_y, "nesting_index in y", dy, dy * n_y),
+        checked_wavelength(index_x, "nesting_index in x", dx, dx * n_x),
     )
     return Task(z, inside, (dy, dx), wavelengths)
 
@@ -245,18 +266,47 @@ def kind_of_band(profile: Profile, *, short: bool) -> ProfileKind | None:
     return "R" if short and before != "W" else before
 
 
-def _wavelength(value: object, name: str, step: float, length: float) -> float:
-    wavelength = real_number(value, name, "a wavelength in m")
-    if not (math.isfinite(wavelength) and wavelength > 0.0):
-        raise InvalidSamplesError(f"{name} must be positive and finite, got {wavelength} m")
-    if wavelength < 2.0 * step * (1.0 - ON_LIMIT):
+def checked_wavelength(value: object, name: str, step: float, length: float) -> float:
+    """Return a cut-off that exceeds two steps and is at most the length ``n dx``, whoever filters."""
+    wavelength = positive_length(value, name, "a wavelength in m")
+    limit = 2.0 * step
+    if wavelength <= limit * (1.0 + ON_LIMIT):
+        given, least = _told_apart(wavelength, limit)
         raise DataError(
-            f"{name} {format_length(wavelength)} lies below the sampling limit of two steps, "
-            f"{format_length(2.0 * step)}: such waves are not in the data; is the unit m?"
+            f"{name} {given} does not exceed the sampling limit of two steps, {least}: shorter "
+            "waves are not in the data; is the unit m?"
         )
-    if wavelength > length * (1.0 + ON_LIMIT):
-        raise DataError(
-            f"{name} {format_length(wavelength)} is longer than the data, "
-            f"{format_length(length)}: remove a form instead, or measure a longer piece"
-        )
+    check_not_longer(wavelength, name, length)
     return wavelength
+
+
+def positive_length(value: object, name: str, what: str) -> float:
+    """Return a length that is positive and finite."""
+    length = real_number(value, name, what)
+    if not (math.isfinite(length) and length > 0.0):
+        raise InvalidSamplesError(f"{name} must be positive and finite, got {length} m")
+    return length
+
+
+def check_not_longer(size: float, name: str, length: float) -> None:
+    """Refuse a cut-off or an element longer than what was measured: n steps of n samples."""
+    if size > length * (1.0 + ON_LIMIT):
+        given, longest = _told_apart(size, length)
+        raise DataError(
+            f"{name} {given} is longer than what was measured, {longest}: remove a form instead, or "
+            "measure a longer piece"
+        )
+
+
+def counted(n: int, noun: str) -> str:
+    """Return a number with its noun, such as ``1 sample`` and ``2 samples``."""
+    return f"{n} {noun}" if n == 1 else f"{n} {noun}s"
+
+
+def _told_apart(a: float, b: float) -> tuple[str, str]:
+    """Return two lengths with as many digits, from four on, as tell them apart; equal ones with 4."""
+    for digits in range(4, 10):
+        texts = format_length(a, digits=digits), format_length(b, digits=digits)
+        if texts[0] != texts[1]:
+            return texts
+    return format_length(a), format_length(b)

@@ -8,12 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
+from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
 from metrosep.filters import _arguments as arguments
-from metrosep.spectral._checks import real_number
 
 FloatArray = NDArray[np.float64]
 
@@ -62,24 +61,22 @@ def checked_element(
     if isinstance(obj, Profile):
         if len(obj) < 2:
             raise TooFewSamplesError("a morphological filter needs 2 samples, got 1")
-        steps: tuple[float, ...] = (obj.dx,)
+        steps: tuple[float, ...] = (arguments.profile_step(obj),)
     else:
         steps = arguments.surface_steps(obj)
     name = "length" if radius is None else "radius"
-    size = real_number(length if radius is None else radius, name, "a length in m")
-    if not (math.isfinite(size) and size > 0.0):
-        raise InvalidSamplesError(f"{name} must be positive and finite, got {size} m")
+    size = arguments.positive_length(length if radius is None else radius, name, "a length in m")
+    # unlike a cut-off, a segment of just two steps is of use: it reaches a neighbour on each side
     smallest = max(steps) * (2.0 if radius is None else 1.0)
     if size < smallest * (1.0 - _ON_LIMIT):
         raise DataError(
             f"{name} {format_length(size)} reaches no neighbour on this grid: it must be at least "
             f"{format_length(smallest)}; is the unit m?"
         )
-    longest = min(s * (n - 1) for s, n in zip(steps, obj.z.shape, strict=True))
-    if radius is None and size > longest * (1.0 + _ON_LIMIT):
-        raise DataError(
-            f"length {format_length(size)} is longer than the data, {format_length(longest)}"
-        )
+    if radius is None:
+        inside = arguments.measured_box(obj.z)
+        longest = min(s * (b.stop - b.start) for s, b in zip(steps, inside, strict=True))
+        arguments.check_not_longer(size, name, longest)
     return Element(None if radius is None else size, size if radius is None else None), steps
 
 

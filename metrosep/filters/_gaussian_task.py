@@ -58,7 +58,8 @@ class GaussianTask:
                 raise TooFewSamplesError(
                     f'end="cut" takes one cut-off {format_length(cutoff)} off each end of '
                     f"{format_length((part.stop - part.start) * step)} and leaves "
-                    f'{max(n_left, 0)} samples: measure longer, or use end="moment"'
+                    f"{arguments.counted(max(n_left, 0), 'sample')}: measure longer, or use "
+                    'end="moment"'
                 )
             kept.append(slice(part.start + n_lost, part.stop - n_lost))
         return tuple(kept)
@@ -81,14 +82,14 @@ def gaussian_task(
             arguments.check_not_repeated(obj)
         if upr is not None:
             cutoff = _cutoff_of_upr(obj, upr, cutoff, end)
-        # closed=True: a length of n steps and the whole array; the box is taken here
         task = arguments.profile_task(
             obj,
             cutoff=cutoff,
             nesting_index=nesting_index,
             what="a Gaussian filter",
             minimum=1 if end == "closed" else 2,
-            closed=True,
+            closed=end == "closed",
+            name="cutoff" if upr is None else "the cut-off",
         )
     else:
         if upr is not None or end == "closed":
@@ -101,25 +102,8 @@ def gaussian_task(
             nesting_index=nesting_index,
             what="an areal Gaussian filter",
             minimum=3,
-            closed=True,
         )
-    inside = task.inside if end == "closed" else arguments.measured_box(obj.z)
-    for part, step, wavelength in zip(inside, task.steps, task.wavelengths, strict=True):
-        _check_cutoff(wavelength, step, (part.stop - part.start) * step)
-    return GaussianTask(inside, task.steps, task.wavelengths)
-
-
-def _check_cutoff(wavelength: float, step: float, length: float) -> None:
-    if wavelength <= 2.0 * step * (1.0 + arguments.ON_LIMIT):
-        raise DataError(
-            f"the cut-off {format_length(wavelength)} does not exceed the sampling limit of two "
-            f"steps, {format_length(2.0 * step)}: shorter waves are not in the data; is it in m?"
-        )
-    if wavelength > length * (1.0 + arguments.ON_LIMIT):
-        raise DataError(
-            f"the cut-off {format_length(wavelength)} is longer than what was measured, "
-            f"{format_length(length)}: remove a form instead, or measure a longer piece"
-        )
+    return GaussianTask(task.inside, task.steps, task.wavelengths)
 
 
 def _cutoff_of_upr(profile: Profile, upr: float, cutoff: float | None, end: str) -> float:
@@ -131,4 +115,4 @@ def _cutoff_of_upr(profile: Profile, upr: float, cutoff: float | None, end: str)
     number = real_number(upr, "upr", "a number of undulations per revolution")
     if not (math.isfinite(number) and number >= 1.0):
         raise DataError(f"upr must be finite and at least 1 undulation per revolution, got {upr}")
-    return profile.dx * len(profile) / number
+    return arguments.profile_step(profile) * len(profile) / number

@@ -14,7 +14,7 @@ from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.units import format_length
-from metrosep.filters._arguments import ALL_THE_SAME
+from metrosep.filters._arguments import ALL_THE_SAME, counted
 from metrosep.filters._gaussian_task import End
 from metrosep.filters.gaussian import gaussian
 from metrosep.filters.kind import DoubleFilterError, ProfileKind, profile_kind
@@ -255,7 +255,8 @@ def _middle(profile: Profile, sections: int, length: float) -> Profile:
     n = sections * int(length / profile.dx * (1.0 + 1e-9))
     if n > len(profile):
         raise TooFewSamplesError(
-            f"{sections} sections of {format_length(length)} need {n} samples, {len(profile)} are "
+            f"{counted(sections, 'section')} of {format_length(length)} "
+            f"{'needs' if sections == 1 else 'need'} {counted(n, 'sample')}, {len(profile)} are "
             "left: measure longer, or ask for fewer sections"
         )
     first = (len(profile) - n) // 2

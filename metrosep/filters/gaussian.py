@@ -76,9 +76,9 @@ def gaussian(
     obj : Profile or Surface
         Uniform; NaN = not measured.
     cutoff : float, m
-        Cut-off wavelength of a profile: more than two steps, at most its length ``n dx``.
+        Cut-off wavelength of a profile: more than two steps, at most its measured length ``n dx``.
     nesting_index : float or tuple of (float, float), m
-        Cut-off of a surface, one for both axes or ``(x, y)``.
+        Cut-off of a surface, one for both axes or ``(x, y)``; limits as of `cutoff`.
     upr : float, undulations per revolution, >= 1
         Cut-off of a closed profile instead of `cutoff`; 15, 50, 150 are usual.
     band : {"long", "short"} or Band, optional
@@ -99,8 +99,8 @@ def gaussian(
     -------
     Profile or Surface
         Same grid (less the ends that were cut); NaN where not measured, unless `fill`, or where
-        support is low. The short band of a profile is of kind R (of a W profile W); the long band
-        keeps its kind.
+        support is low, which the history counts as ``n_unsupported``. The short band of a profile
+        is of kind R (of a W profile W); the long band keeps its kind.
 
     Raises
     ------
@@ -272,17 +272,27 @@ def _filtered(
     low = _mean(obj.z, task, end, min_support, fill)
     if end == "cut":
         low = low[kept].copy()
-    if np.isnan(low).all():
+    lost = np.isnan(low)
+    if lost.all():
         raise TooFewSamplesError(
             f"no sample has {min_support:g} of the weighting function on measured samples: "
             "lower min_support, or use a shorter cut-off"
         )
+    if lost.any():
+        lost &= ~np.isnan(obj.z[kept])
     if band == "short":
         np.subtract(obj.z[kept], low, out=low)
     low.setflags(write=False)  # so that the object takes it without a copy
     step = Step(
         "gaussian",
-        {**task.named, "band": band, "end": end, "min_support": min_support, "fill": fill},
+        {
+            **task.named,
+            "band": band,
+            "end": end,
+            "min_support": min_support,
+            "fill": fill,
+            "n_unsupported": int(np.count_nonzero(lost)),
+        },
     )
     return arguments.like(obj, low, step=step, short=band == "short", kept=kept)
 

@@ -43,7 +43,7 @@ def dilation(
         Radius of the disc (profile) or ball (surface), at least one step.
     length : float, m, optional
         Length of the flat segment (profile) or side of the square (surface), from two steps up
-        to the length of the data. Give one of the two.
+        to the measured length ``n dx``. Give one of the two.
 
     Returns
     -------
@@ -94,7 +94,7 @@ def erosion(
         Radius of the disc (profile) or ball (surface), at least one step.
     length : float, m, optional
         Length of the flat segment (profile) or side of the square (surface), from two steps up
-        to the length of the data. Give one of the two.
+        to the measured length ``n dx``. Give one of the two.
 
     Returns
     -------
@@ -166,7 +166,7 @@ def closing(
         Radius of the disc (profile) or ball (surface), at least one step.
     length : float, m, optional
         Length of the flat segment (profile) or side of the square (surface), from two steps up
-        to the length of the data. Give one of the two.
+        to the measured length ``n dx``. Give one of the two.
     band : {"long", "short"}, optional
         The envelope e >= z, or z - e.
     refilter : bool, optional
@@ -247,7 +247,7 @@ def opening(
         Radius of the disc (profile) or ball (surface), at least one step.
     length : float, m, optional
         Length of the flat segment (profile) or side of the square (surface), from two steps up
-        to the length of the data. Give one of the two.
+        to the measured length ``n dx``. Give one of the two.
     band : {"long", "short"}, optional
         The envelope e <= z, or z - e.
     refilter : bool, optional

@@ -12,6 +12,7 @@ The width constant a in ``g = exp(-pi (x / (a Lc))^2)`` makes the transmission 1
 from __future__ import annotations
 
 import math
+import operator
 from typing import Any, Literal, overload
 
 import numpy as np
@@ -53,7 +54,7 @@ def regression_constant(order: int) -> float:
     Raises
     ------
     DataError
-        If the degree is another one.
+        If the degree is another one, or no whole number: a bool, a float, a text.
 
     Notes
     -----
@@ -69,10 +70,9 @@ def regression_constant(order: int) -> float:
     >>> round(regression_constant(2), 7)
     0.7309134
     """
-    if order not in (0, 1, 2):
-        raise DataError(f"order must be 0, 1 or 2, got {order!r}")
+    degree = _checked_order(order)
     u = math.log(2.0)
-    if order == 2:
+    if degree == 2:
         u = 1.7
         for _ in range(6):  # Newton: the derivative of (1 + u) e^-u is -u e^-u
             u += (1.0 + u - 0.5 * math.exp(u)) / u
@@ -127,9 +127,9 @@ def robust_gaussian(
     obj : Profile or Surface
         Uniform; NaN = not measured.
     cutoff : float, m
-        Cut-off wavelength of a profile, from two steps up to its measured length.
+        Cut-off wavelength of a profile: more than two steps, at most its measured length ``n dx``.
     nesting_index : float or tuple of (float, float), m
-        Cut-off of a surface, one for both axes or ``(x, y)``.
+        Cut-off of a surface, one for both axes or ``(x, y)``; limits as of `cutoff`.
     band : {"long", "short"}, optional
         The mean line w, or z - w.
     order : {0, 1, 2}, optional
@@ -138,7 +138,7 @@ def robust_gaussian(
         False leaves all weights at 1 (c infinite): linear Gaussian regression.
     unsupported : {"raise", "nan"}, optional
         What to do where a measured sample has no accepted one near enough to carry the line.
-    tolerance : float, dimensionless, > 0, optional
+    tolerance : float, dimensionless, > 0 and finite, optional
         Relative change of c at which the iteration ends.
     max_iterations : int, optional
         Largest number of regressions after the first.
@@ -155,7 +155,7 @@ def robust_gaussian(
     ------
     DataError
         If the argument is of the wrong name for the object, the cut-off is outside its limits, an
-        option is unknown, or the surface has no lateral step.
+        option is unknown or of the wrong type, or the surface has no lateral step.
     DoubleFilterError
         If the profile is a roughness profile, or the short band of a surface is asked that has
         passed a filter with the short band already, and `refilter` is false.
@@ -194,14 +194,13 @@ def robust_gaussian(
     """
     arguments.check_object(obj)
     arguments.check_band(band)
-    kernel_constant = regression_constant(order)
+    order = _checked_order(order)
     if unsupported not in ("raise", "nan"):
         raise DataError(f'unsupported must be "raise" or "nan", got {unsupported!r}')
-    whole_number(max_iterations, "max_iterations", minimum=0)
-    if not real_number(tolerance, "tolerance") > 0.0 or max_iterations < 1:
-        raise DataError(
-            f"need tolerance > 0 and max_iterations >= 1, got {tolerance} and {max_iterations}"
-        )
+    max_iterations = whole_number(max_iterations, "max_iterations")
+    tolerance = real_number(tolerance, "tolerance")
+    if not (math.isfinite(tolerance) and tolerance > 0.0):
+        raise DataError(f"tolerance > 0 and finite is needed, got {tolerance}")
     arguments.check_single_filtering(obj, refilter, band=band)
     if isinstance(obj, Profile):
         task = arguments.profile_task(
@@ -224,12 +223,26 @@ def robust_gaussian(
             "nesting_index_x_m": task.wavelengths[1],
             "nesting_index_y_m": task.wavelengths[0],
         }
-    kernel = Kernel.of(task.steps, task.wavelengths, kernel_constant, order)
+    kernel = Kernel.of(task.steps, task.wavelengths, regression_constant(order), order)
     low, facts = _iterate(task.z, kernel, tolerance, max_iterations if robust else 0)
     if facts["n_unsupported"] and unsupported == "raise":
         _refuse_unsupported(task, low)
     step = Step("robust_gaussian", {**named, "band": band, "order": order, **facts})
     return arguments.finish(obj, task.place(low, obj.z.shape), band=band, step=step)
+
+
+def _checked_order(order: object) -> int:
+    """Return a degree as a Python integer; a bool, a float or a text is none."""
+    message = f"order must be one of the whole numbers 0, 1 and 2, got {order!r}"
+    if isinstance(order, bool | np.bool_):
+        raise DataError(message)
+    try:
+        degree = operator.index(order)  # type: ignore[arg-type]
+    except TypeError:
+        raise DataError(message) from None
+    if degree not in (0, 1, 2):
+        raise DataError(message)
+    return degree
 
 
 def _iterate(
@@ -253,9 +266,10 @@ def _iterate(
         settled = _stands_still(former_low, low, valid, rounding)
     if not settled:
         raise NotConvergedError(
-            f"the robust filter did not settle in {max_iterations} iterations, c still moves by "
-            f"more than {tolerance:.1e} of itself; raise max_iterations or tolerance, or choose a "
-            "longer cut-off"
+            "the robust filter did not settle in "
+            f"{arguments.counted(max_iterations, 'iteration')}, c still moves by more than "
+            f"{tolerance:.1e} of itself; raise max_iterations or tolerance, or choose a longer "
+            "cut-off"
         )
     low += trend
     low[~valid] = np.nan
@@ -320,7 +334,7 @@ def _refuse_unsupported(task: arguments.Task, low: FloatArray) -> None:
         int(i) + box.start for i, box in zip(np.argwhere(lost)[0], task.inside, strict=True)
     )
     raise DegenerateFitError(
-        f"the mean line is undefined at {int(lost.sum())} measured samples, first at index {first}: "
-        "no accepted sample lies near enough (a feature or gap wider than the cut-off); use a "
-        'longer cut-off or a lower order, or say unsupported="nan"'
+        f"the mean line is undefined at {arguments.counted(int(lost.sum()), 'measured sample')}, "
+        f"first at index {first}: no accepted sample lies near enough (a feature or gap wider than "
+        'the cut-off); use a longer cut-off or a lower order, or say unsupported="nan"'
     )

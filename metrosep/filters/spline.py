@@ -91,15 +91,15 @@ def spline(
     obj : Profile or Surface
         Uniform; NaN = not measured.
     cutoff : float, m
-        Cut-off wavelength of a profile, from two steps up to its length.
+        Cut-off wavelength of a profile: more than two steps, at most its measured length ``n dx``.
     nesting_index : float or tuple of (float, float), m
-        Cut-off of a surface, one for both axes or ``(x, y)``.
+        Cut-off of a surface, one for both axes or ``(x, y)``; limits as of `cutoff`.
     band : {"long", "short"}, optional
         The mean line w, or z - w.
     end : {"natural", "closed"}, optional
         Free ends, or a closed line whose length is n steps; a surface is closed in both axes.
-    tension : float, dimensionless, 0 <= tension < 1, optional
-        Share b of the first difference.
+    tension : float, dimensionless, 0 <= tension <= 1, optional
+        Share b of the first difference; at 1 the second one has no part.
     fill : bool, optional
         Also give the mean line (``band="long"``) in the gaps. Beyond the first and the last
         measured row, column or sample it stays NaN: nothing is extrapolated.
@@ -111,8 +111,8 @@ def spline(
     Returns
     -------
     Profile or Surface
-        Same grid; NaN where not measured unless `fill`. A profile of the short band is of kind R
-        (of a W profile W).
+        Same grid; NaN where not measured unless `fill`; no measured sample is lost. A profile of
+        the short band is of kind R (of a W profile W).
 
     Raises
     ------
@@ -161,7 +161,9 @@ def spline(
     """
     arguments.check_object(obj)
     arguments.check_band(band)
-    _check_options(end, tension)
+    if end not in ("natural", "closed"):
+        raise DataError(f'end must be "natural" or "closed", got {end!r}')
+    tension = _checked_tension(tension)
     whole_number(max_iterations, "max_iterations", minimum=0)
     closed = end == "closed"
     arguments.check_single_filtering(obj, refilter, band=band)
@@ -197,11 +199,11 @@ def spline(
     return arguments.finish(obj, low, band=band, step=step)
 
 
-def _check_options(end: str, tension: float) -> None:
-    if end not in ("natural", "closed"):
-        raise DataError(f'end must be "natural" or "closed", got {end!r}')
-    if not 0.0 <= real_number(tension, "tension") < 1.0:
-        raise DataError(f"tension must lie in 0 <= tension < 1, got {tension}")
+def _checked_tension(tension: object) -> float:
+    share = real_number(tension, "tension")
+    if not 0.0 <= share <= 1.0:
+        raise DataError(f"tension must lie in 0 <= tension <= 1, got {tension}")
+    return share
 
 
 def _mean(task: arguments.Task, end: str, tension: float, max_iterations: int) -> FloatArray:
@@ -211,7 +213,7 @@ def _mean(task: arguments.Task, end: str, tension: float, max_iterations: int) -
     trend = _constant(z) if end == "closed" else _linear(z)
     rest = np.where(missing, 0.0, z - trend)
     stiffness = [
-        1.0 / (2.0 * np.sin(np.pi * min(s / w, 0.5)))
+        1.0 / (2.0 * np.sin(np.pi * s / w))
         for s, w in zip(task.steps, task.wavelengths, strict=True)
     ]
     with one_blas_thread():
@@ -263,9 +265,10 @@ def _with_gaps(
         direction = residual + (power / former) * direction
     if power > target:
         raise NotConvergedError(
-            f"the spline over the gaps did not settle in {max_iterations} iterations: gaps of "
-            f"{missing.sum()} samples are large for this cut-off; crop them, use the Gaussian "
-            "filter, or raise max_iterations"
+            "the spline over the gaps did not settle in "
+            f"{arguments.counted(max_iterations, 'iteration')}: gaps of "
+            f"{arguments.counted(int(missing.sum()), 'sample')} are large for this cut-off; crop "
+            "them, use the Gaussian filter, or raise max_iterations"
         )
     return z + spread(gap)
 

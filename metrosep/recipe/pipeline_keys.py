@@ -156,7 +156,7 @@ FILTER: Mapping[str, Key] = {
     "order": Key(
         Field("integer", choices=(0, 1, 2)), "degree of the local polynomial (robust)", 2
     ),
-    "tension": Key(Field("number"), "0 to below 1 (spline)", 0.0),
+    "tension": Key(Field("number"), "0 to 1 (spline)", 0.0),
     "radius": Key(Field("size"), "of the ball or disc (closing, opening)"),
     "length": Key(Field("size"), "of the flat element (closing, opening)"),
     "sections": Key(

@@ -209,7 +209,7 @@ def test_bands_kind_origin_and_history():
         ({"radius": 5, "length": 5}, DataError, "give one structuring element"),
         ({"radius": 0.5}, DataError, "reaches no neighbour"),
         ({"length": 1.5}, DataError, "reaches no neighbour"),
-        ({"length": 100}, DataError, "longer than the data"),
+        ({"length": 100}, DataError, "longer than what was measured"),
         ({"radius": np.inf}, InvalidSamplesError, "positive and finite"),
         ({"radius": -5}, InvalidSamplesError, "positive and finite"),
         ({"radius": 5, "band": "x"}, DataError, "band must be"),

@@ -234,14 +234,14 @@ def test_integers_are_taken_as_metres():
     [
         ({"nesting_index": 8e-5}, DataError, "a profile takes cutoff="),
         ({}, DataError, "needs cutoff="),
-        ({"cutoff": 0.9e-6}, DataError, "below the sampling limit"),
-        ({"cutoff": 1.1e-3}, DataError, "longer than the data"),
+        ({"cutoff": 0.9e-6}, DataError, "does not exceed the sampling limit"),
+        ({"cutoff": 1.1e-3}, DataError, "longer than what was measured"),
         ({"cutoff": -1e-6}, InvalidSamplesError, "positive and finite"),
         ({"cutoff": np.inf}, InvalidSamplesError, "positive and finite"),
         ({"cutoff": "0.8 mm"}, DataError, "a wavelength in m"),
         ({"cutoff": 8e-5, "band": "middle"}, DataError, "band must be"),
         ({"cutoff": 8e-5, "end": "mirror"}, DataError, "end must be"),
-        ({"cutoff": 8e-5, "tension": 1.0}, DataError, "tension must lie"),
+        ({"cutoff": 8e-5, "tension": 1.1}, DataError, "tension must lie"),
     ],
 )
 def test_bad_options_of_a_profile(options, error, match):
