@@ -160,14 +160,17 @@ def convert(
 
     from metrosep.core.errors import WriteError
     from metrosep.io.read import read
-    from metrosep.io.write import write
+    from metrosep.io.write import WITHOUT_HISTORY, write
 
     if Path(target).exists() and not force:
         raise WriteError(f"{target}: exists already; choose another name or give --force")
     obj = read(source, **reading)
     write(obj, target, format=target_format)
     say(f"{obj!r} -> {target}")
-    if Path(target).suffix.lower() == ".int" or target_format == "int":
+    name = (target_format or Path(target).suffix.lstrip(".")).lower()
+    if name in WITHOUT_HISTORY and any(s.name != "read" for s in obj.history):
+        say(f"{name} holds no history: {target} does not tell what was removed or filtered before")
+    if name == "int":
         say(
             "Code V INT holds 16 bits and neither steps nor the mean height; both stand in its comments"
         )

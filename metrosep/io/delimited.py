@@ -16,6 +16,7 @@ from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
 from metrosep.io.dialect import body_start, decode, detect, is_comment, unmeasured_rows
 from metrosep.io.measurement import measurement
+from metrosep.io.own_notes import is_marked
 from metrosep.io.registry import Match
 from metrosep.io.select import ColumnSpec
 from metrosep.io.source import HEAD_BYTES, RawFile
@@ -49,7 +50,10 @@ def sniff(head: bytes, name: str) -> Match:
         text, _ = decode(head, name)
     except ReadError:
         return Match.NO
-    lines = [line for line in text.split("\n") if line.strip() and not is_comment(line)]
+    every = text.split("\n")
+    lines = [line for line in every if line.strip() and not is_comment(line)]
+    if not lines and any(is_marked(line.lstrip('# "')) for line in every):
+        return Match.MAYBE  # a table that metrosep wrote, under a history as long as the head
     if len(head) == HEAD_BYTES:
         lines = lines[:-1]
     above = unmeasured_rows(lines)
@@ -147,12 +151,14 @@ def read(
         when `y` is given, or the columns are called x, y and z and all three declare a length, or
         three columns without names get a unit of length each; or of three and more columns
         without names, `unit` and `lateral_step`: a matrix of heights, first row at the smallest y.
+        What metrosep wrote brings its history, and a profile its kind and cut-offs.
 
     Raises
     ------
     ReadError
         If the text is no table, a row does not fit, a column is missing, positions are not
-        monotonic, or the file has three and more columns and nothing says what they are.
+        monotonic, the file has three and more columns and nothing says what they are, or the kind
+        or a cut-off that metrosep noted above the table is damaged.
     UnitError
         If a length or time has no unit.
     """

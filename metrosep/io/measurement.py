@@ -24,6 +24,7 @@ from metrosep.io.delimited_maps import (
 )
 from metrosep.io.grid import to_grid
 from metrosep.io.headers import header_unit
+from metrosep.io.own_notes import header_notes
 from metrosep.io.select import ColumnSpec, pick, sensitivity, to_si
 from metrosep.io.source import RawFile, lateral_steps, refuse_options
 from metrosep.io.table import Column, Table
@@ -84,7 +85,8 @@ def measurement(
     Raises
     ------
     ReadError
-        If the columns do not say what they are, or do not make an object.
+        If the columns do not say what they are, or do not make an object, or the kind or a cut-off
+        that metrosep noted above them is damaged.
     UnitError
         If a length or time has no unit.
     """
@@ -280,21 +282,31 @@ def _surface(
     if np.isnan(values[2]).all():
         raise FormatMismatchError(f"{file.path}: the heights hold no number; nothing was measured")
     heights, (dx, dy), origin = to_grid(file, *values)
-    metadata = _metadata(
-        file,
-        table,
-        format_id,
-        {"row_order_in_file": "a list of points with their positions", **facts},
-    )
-    history = file.history(format_id, used)
-    return Surface(heights, dx, dy, origin=origin, metadata=metadata, history=history)
+    order = {"row_order_in_file": "a list of points with their positions"}
+    described = _described(file, table, format_id, {**order, **facts}, used)
+    return Surface(heights, dx, dy, origin=origin, **described)
 
 
-def _metadata(
-    file: RawFile, table: Table, format_id: str, facts: dict[str, Any]
+def _described(
+    file: RawFile,
+    table: Table,
+    format_id: str,
+    facts: dict[str, Any],
+    used: dict[str, Any],
+    *,
+    is_profile: bool = False,
 ) -> dict[str, Any]:
+    """Return metadata and history, which go on from those that metrosep wrote above the table."""
+    notes = header_notes(file, table.header.get("comments", ()))
     units = {c.name: c.unit.name for c in table.columns if c.unit is not None}
-    return file.metadata(format_id, table.header, warnings=table.warnings, units=units, **facts)
+    own = notes.facts if is_profile else {}
+    warnings = (*table.warnings, *notes.warnings)
+    return {
+        "metadata": file.metadata(
+            format_id, table.header, warnings=warnings, units=units, **facts, **own
+        ),
+        "history": (*notes.history, *file.history(format_id, used)),
+    }
 
 
 def _recording(
@@ -336,8 +348,7 @@ def _recording(
         t,
         values,
         units={c.name: SI_NAMES.get(c.unit.dimension, "") for c in chosen if c.unit is not None},
-        metadata=_metadata(file, table, format_id, facts),
-        history=file.history(format_id, {"channels": tuple(values)}),
+        **_described(file, table, format_id, facts, {"channels": tuple(values)}),
     )
 
 
@@ -387,8 +398,7 @@ def _profile(
     return Profile(
         positions,
         heights,
-        metadata=_metadata(file, table, format_id, facts),
-        history=file.history(format_id, used),
+        **_described(file, table, format_id, facts, used, is_profile=True),
     )
 
 

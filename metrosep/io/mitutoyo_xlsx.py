@@ -12,9 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, FormatMismatchError, UnitError
 from metrosep.core.profile import Profile
-from metrosep.core.units import Unit, parse_unit
+from metrosep.core.units import Unit, format_length, parse_quantity, parse_unit
 from metrosep.io.maps import make_profile, only_channels
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, lateral_steps, refuse_options
@@ -27,6 +28,9 @@ _SHEETS = ("Certificate", "DATA")
 _X, _Z = "E", "F"
 _RESULT = re.compile(r"([RPW][aqzptvc])\s+-?[\d.]+\s+(\S+)\s*")
 _KIND = re.compile(r"CUV\s+(\S+)")
+_CUTOFFS = {"CUT": "lambda_c_m", "LS": "lambda_s_m"}
+_OFF = frozenset({"NONE", "OFF", "NO"})
+_COUNT = re.compile(r"[1-9]\d{0,3}")
 
 
 def sniff(head: bytes, name: str) -> Match:
@@ -90,7 +94,9 @@ def read(
     -------
     Profile
         Heights in m. It is the profile that the tester evaluated, filtered by it: the settings are in
-        ``metadata["header"]["settings"]``.
+        ``metadata["header"]["settings"]``. Of roughness, ``metadata`` has the cut-offs as
+        ``lambda_c_m`` and ``lambda_s_m`` and the sections that the tester took as ``n_sections``,
+        where the file states them; a setting that is not understood is a warning.
 
     Raises
     ------
@@ -120,16 +126,62 @@ def read(
         for column, value in cells.items()
     }
     kinds = [m[1] for s in settings if (m := _KIND.fullmatch(s))]
+    positions = x * units[0].factor
+    applied, warnings = _applied(settings) if kinds[:1] == ["R"] else ({}, [])
+    warnings += _misfit(applied, positions)
     return make_profile(
         file,
         FORMAT,
-        x * units[0].factor,
+        positions,
         z * units[1].factor,
         header={"results": results, "settings": settings, "certificate": certificate},
         override=override[0] if override else None,
+        warnings=warnings,
         units_in_file=(units[0].name, units[1].name),
         profile_kind=kinds[0] if kinds else None,
+        **applied,
     )
+
+
+def _applied(settings: list[str]) -> tuple[dict[str, Any], list[str]]:
+    """Return cut-offs and number of sections by their keys, and what was not understood."""
+    found: dict[str, Any] = {}
+    warnings = []
+    for setting in settings:
+        name, _, text = setting.partition(" ")
+        text = text.strip()
+        if name in _CUTOFFS and text.upper() not in _OFF:
+            length = _length(text)
+            if length is not None:
+                found.setdefault(_CUTOFFS[name], length)
+                continue
+        elif name == "N" and _COUNT.fullmatch(text):
+            found.setdefault("n_sections", int(text))
+            continue
+        elif name != "N":
+            continue
+        warnings.append(f"the setting {setting[:40]!r} is not understood and was not taken")
+    return found, warnings
+
+
+def _length(text: str) -> float | None:
+    try:
+        length = parse_quantity(text, dimension="length")
+    except UnitError:
+        return None
+    return length if length > 0.0 else None
+
+
+def _misfit(applied: dict[str, Any], x: FloatArray) -> list[str]:
+    """Return a warning where cut-off and number of sections are not those of the profile."""
+    if not {"lambda_c_m", "n_sections"} <= set(applied):
+        return []
+    n, cutoff = applied["n_sections"], applied["lambda_c_m"]
+    step = abs(float(x[-1] - x[0])) / (x.size - 1)
+    if abs(n * cutoff - x.size * step) <= n * step:  # a section holds whole steps
+        return []
+    length = format_length(x.size * step)
+    return [f"N {n} sections of CUT {format_length(cutoff)} are not the {length} of the profile"]
 
 
 def _units(file: RawFile, results: list[str], declared: Any) -> tuple[Unit, Unit]:

@@ -1,7 +1,8 @@
 """`write`: an object becomes a file that others read, whole or not at all.
 
 Text is written in SI with the unit in every column name and with as many digits as it takes to
-read back the same number. Comment lines above the table carry the history.
+read back the same number. Comment lines above the table carry the history,
+and of a profile its kind and cut-offs; `read` takes them up again.
 """
 
 from __future__ import annotations
@@ -10,25 +11,23 @@ import csv
 import importlib
 import inspect
 import io
-import json
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep._version import __version__
 from metrosep.core.atomic import atomic_write
 from metrosep.core.errors import UnsupportedFeatureError, WriteError
 from metrosep.core.profile import Profile
-from metrosep.core.provenance import Step, history_as_dicts
 from metrosep.core.recording import Recording
 from metrosep.core.runset import RunSet
 from metrosep.core.surface import Surface
+from metrosep.io.own_notes import header_lines
 
-__all__ = ["SUFFIXES", "write"]
+__all__ = ["SUFFIXES", "WITHOUT_HISTORY", "write"]
 
 _SUFFIXES = {
     ".x3p": "x3p",
@@ -42,6 +41,9 @@ _SUFFIXES = {
 
 SUFFIXES = tuple(_SUFFIXES)
 """Ends of the names of files that `write` makes."""
+
+WITHOUT_HISTORY = ("int", "sdf", "sur")
+"""Formats that do not tell what was removed from a map or filtered off before it was written."""
 
 _Writer = tuple[str, str, tuple[type, ...]]
 
@@ -91,8 +93,9 @@ def write(
 
     Notes
     -----
-    csv, xyz, x3p, sdf and h5 keep every digit; h5 keeps the history too and gives the same object
-    back. int has 16 bits and sur 32: they round heights to steps of P-V/65534 and about
+    csv, xyz, x3p, sdf and h5 keep every digit. csv, xyz, x3p and h5 keep the history, and of a
+    profile its kind and cut-offs, so that what was filtered is not filtered again; h5 keeps all
+    metadata and gives the same object back. sdf, sur and int keep no history. int has 16 bits and sur 32: they round heights to steps of P-V/65534 and about
     P-V/2.1e9. In text "not measured" is an empty field in CSV and ``nan`` in xyz. ``read`` gives a
     profile, a recording or a surface back, `read_runs` a set of runs from CSV (``x="x_m"``,
     ``z="z_m"``, ``feed="feed_m_s"``, ``time="t_s"``, ``run="run"``).
@@ -155,15 +158,14 @@ def _does_not_hold(obj: object, name: str, path: Path) -> UnsupportedFeatureErro
 
 
 def _csv(obj: Surface | Profile | Recording | RunSet) -> bytes:
-    history = obj.history
     if isinstance(obj, Profile):
-        return _table(["x_m", "z_m"], [_texts(obj.x), _texts(obj.z)], history)
+        return _table(["x_m", "z_m"], [_texts(obj.x), _texts(obj.z)], obj)
     if isinstance(obj, Surface):
-        return _table(["x_m", "y_m", "z_m"], _grid_texts(obj), history)
+        return _table(["x_m", "y_m", "z_m"], _grid_texts(obj), obj)
     if isinstance(obj, Recording):
         names = [f"{n} [{obj.units[n]}]" if obj.units.get(n) else n for n in obj.channels]
         columns = [_texts(obj.t), *(_texts(c) for c in obj.channels.values())]
-        return _table(["t_s", *names], columns, history)
+        return _table(["t_s", *names], columns, obj)
     return _runs(obj)
 
 
@@ -182,14 +184,16 @@ def _runs(runs: RunSet) -> bytes:
         parts += [_texts(run.x), _texts(run.z)]
         for column, part in zip(columns, parts, strict=True):
             column.extend(part)
-    return _table(names, columns, runs.history)
+    return _table(names, columns, runs)
 
 
 def _table(
-    names: Sequence[str], columns: Sequence[Sequence[str]], history: tuple[Step, ...]
+    names: Sequence[str],
+    columns: Sequence[Sequence[str]],
+    obj: Surface | Profile | Recording | RunSet,
 ) -> bytes:
     stream = io.StringIO()
-    stream.write(_comments(history))
+    stream.write(_comments(obj))
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(names)
     writer.writerows(zip(*columns, strict=True))
@@ -199,7 +203,7 @@ def _table(
 def _xyz(surface: Surface) -> bytes:
     columns = [[t or "nan" for t in column] for column in _grid_texts(surface)]
     rows = "\n".join(" ".join(row) for row in zip(*columns, strict=True))
-    return f"{_comments(surface.history)}x_m y_m z_m\n{rows}\n".encode()
+    return f"{_comments(surface)}x_m y_m z_m\n{rows}\n".encode()
 
 
 def _grid_texts(surface: Surface) -> list[list[str]]:
@@ -224,10 +228,5 @@ def _texts(values: NDArray[np.floating]) -> list[str]:
     return ["" if v != v else repr(v) for v in values.tolist()]
 
 
-def _comments(history: Iterable[Step]) -> str:
-    lines = [f"# metrosep {__version__}: SI units, empty or nan = not measured"]
-    lines += [
-        f"# history: {json.dumps(entry, sort_keys=True, default=str)}"
-        for entry in history_as_dicts(tuple(history))
-    ]
-    return "\n".join(lines) + "\n"
+def _comments(obj: Surface | Profile | Recording | RunSet) -> str:
+    return "".join(f"# {line}\n" for line in header_lines(obj))

@@ -22,6 +22,7 @@ from metrosep.core.errors import (
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
 from metrosep.io.maps import height_only as channels
+from metrosep.io.own_notes import OwnNotes, comment_notes
 from metrosep.io.registry import Match
 from metrosep.io.source import MAX_PIXELS, RawFile, flat_map, lateral_steps, refuse_options
 from metrosep.io.x3p_container import Container, flatten, md5, parse_xml
@@ -88,12 +89,14 @@ def read(
     Returns
     -------
     Surface or Profile
-        SI; wrong checksums and other oddities are listed in ``metadata["warnings"]``.
+        SI; with the history that metrosep wrote into the comment, and the kind and the cut-offs of
+        a profile. Wrong checksums and other oddities are listed in ``metadata["warnings"]``.
 
     Raises
     ------
     CorruptFileError
-        If archive, XML, sizes or scales are damaged, or no point was measured.
+        If archive, XML, sizes or scales are damaged, no point was measured, or the kind or a
+        cut-off that metrosep noted is damaged.
     FormatMismatchError
         If the file is no zip archive, or the positions of a profile are not monotonic.
     UnsupportedFeatureError
@@ -133,10 +136,12 @@ def read(
     warnings.extend(flat_map(values["CZ"]))
     header = flatten(root)
     _note_rotation(header, warnings)
+    notes = comment_notes(file, header.get("Record2/Comment", ""))
+    warnings.extend(notes.warnings)
     has_positions = axes[0].is_absolute or axes[1].is_absolute
     build = _profile if feature(root) == "PRF" else _gridded if has_positions else _surface
     try:
-        return build(file, axes, shape, values, header, override, warnings)
+        return build(file, axes, shape, values, header, override, warnings, notes)
     except DataError as exc:
         raise FormatMismatchError(f"{file.path}: {exc}") from None
 
@@ -189,6 +194,7 @@ def _surface(
     header: dict[str, str],
     override: tuple[float, float] | None,
     warnings: list[str],
+    notes: OwnNotes,
 ) -> Surface:
     z = values["CZ"].reshape(shape)
     origin = []
@@ -208,7 +214,7 @@ def _surface(
         lateral_step_in_file_m=own,
         lateral_step_override_m=override,
     )
-    history = file.history(FORMAT, {"lateral_step_m": override})
+    history = (*notes.history, *file.history(FORMAT, {"lateral_step_m": override}))
     return Surface(z, dx, dy, origin=(origin[0], origin[1]), metadata=metadata, history=history)
 
 
@@ -220,6 +226,7 @@ def _gridded(
     header: dict[str, str],
     override: tuple[float, float] | None,
     warnings: list[str],
+    notes: OwnNotes,
 ) -> Surface:
     refuse_options(file, "an X3P file with a position for each point", lateral_step=override)
     z, steps, origin = on_grid(file, axes, shape, values, warnings)
@@ -232,7 +239,7 @@ def _gridded(
         lateral_step_override_m=None,
         n_points=shape[0] * shape[1],
     )
-    history = file.history(FORMAT)
+    history = (*notes.history, *file.history(FORMAT))
     return Surface(z, *steps, origin=origin, metadata=metadata, history=history)
 
 
@@ -244,6 +251,7 @@ def _profile(
     header: dict[str, str],
     override: tuple[float, float] | None,
     warnings: list[str],
+    notes: OwnNotes,
 ) -> Profile:
     z = values["CZ"]
     own = None if axes[0].is_absolute else axes[0].increment
@@ -265,5 +273,7 @@ def _profile(
         warnings,
         lateral_step_in_file_m=own,
         lateral_step_override_m=override[0] if override else None,
+        **notes.facts,
     )
-    return Profile(x, z, metadata=metadata, history=file.history(FORMAT))
+    history = (*notes.history, *file.history(FORMAT))
+    return Profile(x, z, metadata=metadata, history=history)

@@ -1,13 +1,13 @@
 """Bytes of an X3P file from a surface or a profile; the same object gives the same bytes.
 
 Heights are stored as double precision numbers in metres, so that reading them back gives the same
-numbers; NaN marks what was not measured. The history of the object travels in the comment.
+numbers; NaN marks what was not measured. The history of the object travels in the
+comment, and of a profile its kind and cut-offs.
 """
 
 from __future__ import annotations
 
 import io
-import json
 import zipfile
 from xml.etree import ElementTree as ET
 
@@ -17,8 +17,8 @@ from metrosep._version import __version__
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import WriteError
 from metrosep.core.profile import Profile
-from metrosep.core.provenance import history_as_dicts
 from metrosep.core.surface import Surface
+from metrosep.io.own_notes import comment_text
 from metrosep.io.x3p_container import md5
 
 __all__ = ["x3p_bytes"]
@@ -129,8 +129,7 @@ def _document(
     probing = ET.SubElement(record2, "ProbingSystem")
     _text(probing, "Type", "Software")
     _text(probing, "Identification", "not available")
-    history = json.dumps(history_as_dicts(obj.history), sort_keys=True, default=str)
-    _text(record2, "Comment", f"metrosep history: {history}")
+    _text(record2, "Comment", comment_text(obj))
     record3 = ET.SubElement(root, "Record3")
     matrix = ET.SubElement(record3, "MatrixDimension")
     for name, count in zip(("SizeX", "SizeY", "SizeZ"), (*size, 1), strict=True):

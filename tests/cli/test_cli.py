@@ -8,6 +8,7 @@ import sys
 import numpy as np
 import pytest
 
+import metrosep as ms
 from metrosep.cli.main import main
 from metrosep.separation import machine_axis
 
@@ -336,3 +337,49 @@ def test_demo_end_to_end_as_a_process(tmp_path):
     ]
     assert "report   out/report.html" in done.stderr
     assert "table    out/x-straightness.comp" in done.stderr
+
+
+@pytest.mark.parametrize("name", ["mit.csv", "mit.x3p", "mit.h5"])
+def test_a_converted_profile_is_measured_as_the_export_itself(metrosep, corpus, tmp_path, name):
+    """Rz as the instrument prints it, 18.485 um from its 4 sections; not filtered again."""
+    export, target = corpus / "st" / "mitutoyo_2_mock.xlsx", tmp_path / name
+    assert metrosep("convert", export, target)[0] == 0
+
+    for path in (export, target):
+        edition = ("--edition", "ISO 4287:1997", "--params", "Ra,Rz", "--json")
+        code, out, _ = metrosep("measure", path, *edition)
+        again, _, err = metrosep("measure", path, "--lambda-c", "2.5 mm", "--end", "cut", *edition)
+
+        found = json.loads(out)
+        assert code == 0
+        assert found["rz_nm"] == pytest.approx(18485.0, abs=0.6)
+        assert found["ra_nm"] == pytest.approx(3308.0, abs=0.6)
+        assert found["evaluations"][0]["settings"]["sections"] == 4
+        assert again == 2
+        assert "filtering again" in err
+
+
+def test_sections_that_were_asked_stay_and_the_cut_off_is_named(metrosep, corpus):
+    export = corpus / "st" / "mitutoyo_2_mock.xlsx"
+
+    _, out, _ = metrosep("measure", export, "--params", "Rz", "--sections", 5)
+
+    assert "mean of 5 sections" in out
+    assert "2.5 mm" in out
+
+
+def test_convert_names_the_formats_that_lose_the_history(metrosep, tmp_path):
+    wavy = ms.Surface(1e-8 * np.sin(np.arange(400.0).reshape(20, 20)), 1e-6, 1e-6)
+    ms.write(ms.filters.gaussian(wavy, nesting_index=8e-6, band="short"), tmp_path / "a.x3p")
+    ms.write(wavy, tmp_path / "plain.x3p")
+
+    said = {
+        (source, end): metrosep(
+            "convert", tmp_path / f"{source}.x3p", tmp_path / f"{source}.{end}"
+        )[2]
+        for source in ("a", "plain")
+        for end in ("sdf", "sur", "int", "csv", "xyz", "h5")
+    }
+
+    loud = {key for key, err in said.items() if "holds no history" in err}
+    assert loud == {("a", "sdf"), ("a", "sur"), ("a", "int")}

@@ -1,6 +1,7 @@
 """Mitutoyo workbooks: printed results of the real one, units, hostile archives, damage."""
 
 import io
+import re
 import time
 import tracemalloc
 import zipfile
@@ -212,3 +213,98 @@ def test_size_of_the_directory_is_not_believed(samples, put):
 
 def test_damage(samples, survives_damage):
     survives_damage(mitutoyo_xlsx, samples / "plain.xlsx", every=29)
+
+
+@pytest.fixture
+def with_settings(samples, repacked):
+    """Write the plain sample, 4 points of 1.5 um, with other texts in column B."""
+
+    def write(*settings):
+        with zipfile.ZipFile(samples / "plain.xlsx") as old:
+            sheet = old.read("xl/worksheets/sheet2.xml").decode()
+            strings = old.read("xl/sharedStrings.xml").decode()
+        n = strings.count("<si>")
+        texts = "".join(f"<si><t>{text}</t></si>" for text in settings)
+        sheet = re.sub(r'<c r="B\d" t="s"><v>\d</v></c>', "", sheet)
+        for k in range(len(settings)):
+            cell = f'<c r="B{k + 1}" t="s"><v>{n + k}</v></c>'
+            sheet = sheet.replace(f'<c r="C{k + 1}">', f'{cell}<c r="C{k + 1}">')
+        return repacked(
+            {
+                "xl/worksheets/sheet2.xml": sheet.encode(),
+                "xl/sharedStrings.xml": strings.replace("</sst>", texts + "</sst>").encode(),
+            }
+        )
+
+    return write
+
+
+def test_cut_offs_and_sections_of_the_real_file(corpus):
+    """CUT 2.5mm, N 4, LS 8 um stand in it; 4 x 2.5 mm are its length but for a step a section."""
+    metadata = ms.read(corpus / "st" / "mitutoyo_2_mock.xlsx").metadata
+
+    assert metadata["lambda_c_m"] == 2.5e-3
+    assert metadata["lambda_s_m"] == pytest.approx(8 * UM, rel=1e-15, abs=0.0)
+    assert metadata["n_sections"] == 4
+    assert metadata["warnings"] == ()
+
+
+def test_a_file_without_settings_declares_none(corpus):
+    metadata = ms.read(corpus / "st" / "mitutoyo_mock.xlsx").metadata
+
+    assert not {"lambda_c_m", "lambda_s_m", "n_sections"} & set(metadata)
+
+
+def test_sections_other_than_those_of_the_cut_off_deserve_a_note(corpus):
+    profile = ms.read(corpus / "st" / "mitutoyo_2_mock.xlsx")
+
+    five = ms.parameters.profile_parameters(profile, kind="R", names=["Rz"])
+    four = ms.parameters.profile_parameters(profile, kind="R", names=["Rz"], sections=4)
+
+    assert any("2.5 mm" in n and "sections=4" in n for n in five.context.notes)
+    assert not any("lambda_c" in n for n in four.context.notes)
+    assert four["Rz"].value == pytest.approx(18.485 * UM, abs=0.0006 * UM)
+
+
+@pytest.mark.parametrize("curve", ["CUV P", "CUV DF", "CUV"])
+def test_a_cut_off_that_was_not_applied_is_not_declared(with_settings, curve):
+    metadata = ms.read(with_settings("CUT 2.5mm", "N 4", curve)).metadata
+
+    assert not {"lambda_c_m", "n_sections"} & set(metadata)
+    assert metadata["header"]["settings"] == ["CUT 2.5mm", "N 4", curve]
+
+
+@pytest.mark.parametrize(
+    "setting",
+    ["CUT 0.25", "CUT x", "CUT 0mm", "CUT -1mm", "CUT", "CUT 1e999mm", "N x", "N 0", "N 1.5"],
+)
+def test_a_setting_that_is_not_understood_is_a_warning(with_settings, setting):
+    metadata = ms.read(with_settings(setting, "CUV R")).metadata
+
+    assert not {"lambda_c_m", "n_sections"} & set(metadata)
+    assert metadata["profile_kind"] == "R"
+    assert [w for w in metadata["warnings"] if repr(setting) in w]
+
+
+@pytest.mark.parametrize(
+    ("cut", "n", "fits"),
+    [
+        ("3um", 2, True),
+        ("3um", 5, False),
+        ("2.5mm", 4, False),
+        ("3.5um", 2, True),
+        ("6um", 1, True),
+    ],
+)
+def test_sections_that_do_not_make_the_profile_are_a_warning(with_settings, cut, n, fits):
+    metadata = ms.read(with_settings(f"CUT {cut}", f"N {n}", "CUV R")).metadata
+
+    assert metadata["n_sections"] == n
+    assert any("sections of CUT" in w for w in metadata["warnings"]) is not fits
+
+
+def test_a_filter_that_is_switched_off_is_no_cut_off(with_settings):
+    metadata = ms.read(with_settings("LS NONE", "CUV R")).metadata
+
+    assert "lambda_s_m" not in metadata
+    assert metadata["warnings"] == ()

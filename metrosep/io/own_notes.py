@@ -1,0 +1,286 @@
+"""What metrosep writes of an object beside its numbers, in text that others ignore, and reads again.
+
+One line for each fact that a later evaluation asks (which profile it is, by which cut-offs) and one
+for each step of the history, so that a filtered profile stays one after CSV or X3P. A fact that is
+damaged is refused, since without it the profile could be filtered twice; a damaged step is left
+out with a warning. Facts are plain words, since spreadsheets quote and divide what holds commas.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from metrosep._version import __version__
+from metrosep.core.errors import CorruptFileError
+from metrosep.core.profile import Profile
+from metrosep.core.provenance import Step
+from metrosep.core.recording import Recording
+from metrosep.core.runset import RunSet
+from metrosep.core.surface import Surface
+from metrosep.io.native_json import decode_history, encode_history
+from metrosep.io.source import RawFile
+
+__all__ = [
+    "OwnNotes",
+    "comment_notes",
+    "comment_text",
+    "header_lines",
+    "header_notes",
+    "is_marked",
+]
+
+_KINDS = ("P", "W", "R")
+_CUTOFFS = ("lambda_c_m", "lambda_s_m", "lambda_f_m")
+_COUNT = "n_sections"
+_FACTS = ("profile_kind", *_CUTOFFS, _COUNT)
+_EXPECTED = {"profile_kind": "P, W or R", _COUNT: "a whole number from 1"}
+_MOST_SECTIONS = 9999
+
+_MARK = re.compile(r"metrosep \S+: SI units, empty or nan = not measured")
+_FACT = re.compile(rf"({'|'.join(_FACTS)})\s*:(.*)")
+_DECIMAL = re.compile(r"\d+(?:\.\d*)?(?:[eE][+-]?\d+)?")
+_STEP = "history:"
+_COMMENT = "metrosep history:"
+_DEEPEST = 40
+"""Values in a step lie at most this deep in each other; those that metrosep writes less than 10."""
+
+_CHAIN = {"primary": "P", "roughness": "R", "waviness": "W"}
+"""Steps of the filter chain, and what they make of a profile."""
+
+
+@dataclass(frozen=True, slots=True)
+class OwnNotes:
+    """What a file that metrosep wrote says of its object.
+
+    Parameters
+    ----------
+    facts : mapping of str to str, float or int, optional
+        For the metadata: ``profile_kind``, cut-offs in m, ``n_sections``.
+    history : tuple of Step, optional
+        Before this file was read.
+    warnings : tuple of str, optional
+        What was left out.
+    """
+
+    facts: Mapping[str, Any] = field(default_factory=dict)
+    history: tuple[Step, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+def header_lines(obj: Surface | Profile | Recording | RunSet) -> list[str]:
+    """Return the lines above a table that metrosep writes, without a mark of comments.
+
+    Parameters
+    ----------
+    obj : Surface, Profile, Recording or RunSet
+        What is written.
+
+    Returns
+    -------
+    list of str
+        The line by which `header_notes` knows them, facts, steps; the same object gives the same.
+    """
+    steps = [f"{_STEP} {_one_step(step)}" for step in obj.history]
+    first = f"metrosep {__version__}: SI units, empty or nan = not measured"
+    return [first, *_fact_lines(obj), *steps]
+
+
+def is_marked(comment: str) -> bool:
+    """Return whether a comment is the line by which `header_notes` knows those of metrosep.
+
+    Parameters
+    ----------
+    comment : str
+        Without its mark.
+
+    Returns
+    -------
+    bool
+        True for the first line of `header_lines`, of any version.
+    """
+    return _MARK.match(comment) is not None
+
+
+def comment_text(obj: Surface | Profile) -> str:
+    """Return the text of a field for comments.
+
+    Parameters
+    ----------
+    obj : Surface or Profile
+        What is written.
+
+    Returns
+    -------
+    str
+        History on the first line, facts on the others; the same object gives the same.
+    """
+    return "\n".join([f"{_COMMENT} {encode_history(obj.history).decode()}", *_fact_lines(obj)])
+
+
+def header_notes(file: RawFile, comments: Iterable[str]) -> OwnNotes:
+    """Return what comments above a table say, if metrosep wrote them.
+
+    Parameters
+    ----------
+    file : RawFile
+        For the message.
+    comments : iterable of str
+        Without their marks.
+
+    Returns
+    -------
+    OwnNotes
+        Empty for the comments of others.
+
+    Raises
+    ------
+    CorruptFileError
+        If a fact is damaged or stands there twice.
+    """
+    lines = [str(line).strip() for line in comments]
+    start = next((i for i, line in enumerate(lines) if is_marked(line)), None)
+    if start is None:
+        return OwnNotes()
+    facts: dict[str, Any] = {}
+    history: list[Step] = []
+    warnings: list[str] = []
+    for line in lines[start + 1 :]:
+        if line.startswith(_STEP):
+            step = _steps(f"[{line.removeprefix(_STEP)}]")
+            if step is None:
+                warnings.append(_lost(line))
+            else:
+                history.extend(step)
+        else:
+            _take_fact(file, line, facts)
+    return _notes(facts, history, warnings)
+
+
+def comment_notes(file: RawFile, comment: str) -> OwnNotes:
+    """Return what a field for comments says, if metrosep wrote it.
+
+    Parameters
+    ----------
+    file : RawFile
+        For the message.
+    comment : str
+        Text of the field.
+
+    Returns
+    -------
+    OwnNotes
+        Empty for the comment of others.
+
+    Raises
+    ------
+    CorruptFileError
+        If a fact is damaged or stands there twice.
+    """
+    first, *others = comment.strip().split("\n")
+    if not first.startswith(_COMMENT):
+        return OwnNotes()
+    facts: dict[str, Any] = {}
+    for line in others:
+        _take_fact(file, line.strip(), facts)
+    history = _steps(first.removeprefix(_COMMENT))
+    return _notes(facts, history or (), () if history is not None else (_lost(first),))
+
+
+def _fact_lines(obj: Surface | Profile | Recording | RunSet) -> list[str]:
+    found = obj.metadata if isinstance(obj, Profile) else {}
+    texts = {name: _fact_text(name, found.get(name)) for name in _FACTS}
+    return [f"{name}: {text}" for name, text in texts.items() if text]
+
+
+def _fact_text(name: str, value: Any) -> str:
+    """Return a fact as text, empty for what is none."""
+    if name == "profile_kind":
+        return str(value) if value in _KINDS else ""
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return ""
+    text = repr(int(value) if isinstance(value, int) else float(value))
+    return text if _fact_value(name, text) is not None else ""
+
+
+def _fact_value(name: str, text: str) -> str | float | int | None:
+    """Return the fact of a text, None for what is none."""
+    if name == "profile_kind":
+        return text if text in _KINDS else None
+    if len(text) > 40 or not _DECIMAL.fullmatch(text):
+        return None
+    if name == _COUNT:
+        return int(text) if text.isdecimal() and 1 <= int(text) <= _MOST_SECTIONS else None
+    number = float(text)
+    return number if 0.0 < number < math.inf else None
+
+
+def _take_fact(file: RawFile, line: str, facts: dict[str, Any]) -> None:
+    match = _FACT.fullmatch(line)
+    if match is None:
+        return
+    name, text = match[1], match[2].strip().rstrip(',;\t "')
+    value = _fact_value(name, text)
+    if value is None or name in facts:
+        twice = name in facts
+        raise CorruptFileError(
+            file.path,
+            f"what metrosep noted of the object {'stands there twice' if twice else 'is damaged'}",
+            field=name,
+            expected="one line" if twice else _EXPECTED.get(name, "a positive length in m"),
+            found=None if twice else repr(text)[:40],
+            hint="correct that line, or remove it if it is not known",
+        )
+    facts[name] = value
+
+
+def _notes(facts: dict[str, Any], history: Sequence[Step], warnings: Sequence[str]) -> OwnNotes:
+    return OwnNotes(facts or _facts_of(history), tuple(history), tuple(warnings))
+
+
+def _facts_of(history: Sequence[Step]) -> dict[str, Any]:
+    """Return the facts that follow from the steps, for files without lines of facts."""
+    facts: dict[str, Any] = {}
+    for step in history:
+        if step.name in _CHAIN:
+            facts["profile_kind"] = _CHAIN[step.name]
+            cutoffs = {n: _fact_text(n, step.parameters.get(n)) for n in _CUTOFFS}
+            facts |= {n: float(text) for n, text in cutoffs.items() if text}
+        elif step.parameters.get("band") == "short" and facts.get("profile_kind") != "W":
+            facts["profile_kind"] = "R"
+    return facts
+
+
+def _one_step(step: Step) -> str:
+    return encode_history((step,)).decode()[1:-1]
+
+
+def _steps(text: str) -> tuple[Step, ...] | None:
+    """Return the steps of a JSON list, None for anything else."""
+    try:
+        if not isinstance(entries := json.loads(text), list) or _depth(entries) > _DEEPEST:
+            return None
+        if not all(isinstance(entry["step"], str) and entry["step"] for entry in entries):
+            return None
+        return decode_history(text.encode())
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return None
+
+
+def _depth(value: Any) -> int:
+    """Return how deep values lie in each other; without recursion, since a stranger wrote them."""
+    depth, level = 0, [value]
+    while level and depth <= _DEEPEST:
+        depth += 1
+        inside = [list(v.values()) if isinstance(v, dict) else v for v in level]
+        level = [child for v in inside if isinstance(v, list) for child in v]
+    return depth
+
+
+def _lost(line: str) -> str:
+    shown = line if len(line) <= 60 else line[:60] + " ..."
+    return f"a step of the history is damaged and was left out: {shown!r}"
