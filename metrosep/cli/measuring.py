@@ -1,4 +1,4 @@
-"""Commands that measure: measure, form, verify-softgauge."""
+"""Commands that measure: measure, form; verify-softgauge has a module of its own."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from metrosep.cli.options import file_options, json_option, name_values, say
+from metrosep.cli.softgauge import verify_softgauge
 
 _WORST_FIRST = (4, 2, 1, 3)
 """Exit codes: a file that was not measured, then reject, then inconclusive."""
@@ -91,7 +92,9 @@ def flat_values(quantities: Any) -> dict[str, float | None]:
 @click.option("--kind", type=click.Choice(["P", "W", "R"]), help="Which profile it is then.")
 @click.option("--edition", help='"ISO 21920-2:2021" (default) or "ISO 4287:1997".')
 @click.option(
-    "--sections", type=click.IntRange(min=1), help="Section lengths; one per cut-off, else 5."
+    "--sections",
+    type=click.IntRange(min=1),
+    help="Section lengths; as many cut-offs as fit, else 5.",
 )
 @click.option("--centre", is_flag=True, help="Subtract the mean again (instruments do not).")
 @click.option("--line", type=click.Choice(["lsq", "secant"]), default="lsq", show_default=True)
@@ -442,84 +445,3 @@ def _numbers(texts: tuple[str, ...], option: str, ideal: Any) -> dict[str, float
             raise click.UsageError(f"{option}: {name} is none of {', '.join(units)}")
         found[name] = parameter_value(text, units[name], name)
     return found
-
-
-@click.command("verify-softgauge")
-@click.argument("file")
-@click.option("--lambda-c", metavar="LENGTH", help="Cut-off, where the file names none.")
-@click.option(
-    "--kind",
-    type=click.Choice(["P", "W", "R"]),
-    default="P",
-    show_default=True,
-    help="What the profile in the file is; R: it is filtered already.",
-)
-@click.option("--edition", default="ISO 4287:1997", show_default=True)
-@click.option("--sections", type=int, help="Sampling lengths; as many as fit if omitted.")
-@click.option("--centre", is_flag=True, help="Subtract the means again.")
-@click.option("--line", type=click.Choice(["lsq", "secant"]), default="lsq", show_default=True)
-@click.option(
-    "--relative-tolerance", default=0.0, show_default=True, help="Added, share of the value."
-)
-@file_options
-@json_option
-def verify_softgauge(
-    file: str,
-    lambda_c: str | None,
-    kind: Any,
-    edition: str,
-    sections: int | None,
-    centre: bool,
-    line: str,
-    relative_tolerance: float,
-    reading: dict[str, Any],
-    as_json: bool,
-) -> int:
-    """Compare our parameters with those that a software gauge FILE (ISO 5436-2 .smd) expects.
-
-    The exit code is 0 when all agree, 1 when one does not, 3 when some could not be compared.
-    """
-    from pathlib import Path
-
-    from metrosep.core.errors import InvalidSamplesError
-    from metrosep.core.profile import Profile
-    from metrosep.io.read import read
-    from metrosep.parameters.softgauge import verify_softgauge as compare
-
-    profile = read(file, **reading)
-    if not isinstance(profile, Profile):
-        raise InvalidSamplesError(
-            f"{file}: a software gauge is a profile, this is {type(profile).__name__}"
-        )
-    rows = compare(
-        profile,
-        lambda_c=_length(lambda_c, "lambda_c"),
-        kind=kind,
-        edition=edition,
-        sections=sections,
-        centre=centre,
-        line=line,
-        relative_tolerance=relative_tolerance,
-    )
-    if as_json:
-        content = {"file": Path(file).name, "rows": [r.to_dict() for r in rows]}
-        click.echo(json.dumps(content, sort_keys=True, allow_nan=False))
-    else:
-        for row in rows:
-            click.echo(_gauge_line(row))
-    if any(r.agrees is False for r in rows):
-        return 1
-    return 3 if any(r.agrees is None for r in rows) else 0
-
-
-def _gauge_line(row: Any) -> str:
-    from metrosep.core.units import format_engineering
-
-    head = f"{row.expected.symbol:<6} expected {row.expected.printed:<16}"
-    if row.agrees is None:
-        return f"{head} not compared: {row.reason}"
-    computed = format_engineering(row.computed, row.unit, digits=7)
-    off = format_engineering(row.deviation, row.unit, digits=3)
-    allowed = format_engineering(row.tolerance, row.unit, digits=3)
-    word = "agrees" if row.agrees else "DIFFERS"
-    return f"{head} computed {computed:<14} off by {off} (allowed {allowed})  {word}"

@@ -30,6 +30,13 @@ from metrosep.spectral._checks import instance_of, real_number
 FloatArray = NDArray[np.float64]
 FilterBand = Literal["long", "short"]
 
+SHORTFALL = 0.1
+"""Of one section: a length that lacks no more than this of n cut-offs holds n sections.
+
+Instruments round a section to whole samples, and a lambda_s filter with cut ends takes one lambda_s
+at each end: 1/15 of a section where lambda_c / lambda_s is 30, the smallest standard ratio.
+"""
+
 ON_LIMIT = 1e-9
 """A wavelength this close to a limit, relative, lies on it: decimals are not exact in binary."""
 

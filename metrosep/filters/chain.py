@@ -14,7 +14,7 @@ from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.units import format_length
-from metrosep.filters._arguments import ALL_THE_SAME, counted
+from metrosep.filters._arguments import ALL_THE_SAME, SHORTFALL, counted
 from metrosep.filters._gaussian_task import End
 from metrosep.filters.gaussian import gaussian
 from metrosep.filters.kind import DoubleFilterError, ProfileKind, profile_kind
@@ -108,7 +108,8 @@ def roughness(
         instruments do with run-in and run-out.
     sections : int, optional
         Keep this many section lengths of lambda-c in the middle, each of ``floor(lambda_c / dx)``
-        samples; without it everything is kept.
+        samples, or all where no more than a tenth of one section lacks; without it everything is
+        kept.
     refilter : bool, optional
         Filter a profile that was filtered already.
 
@@ -252,16 +253,19 @@ def _in_order(short: float | None, short_name: str, long: float | None, long_nam
 
 def _middle(profile: Profile, sections: int, length: float) -> Profile:
     """Return whole sections from the middle of a profile."""
-    n = sections * int(length / profile.dx * (1.0 + 1e-9))
-    if n > len(profile):
+    whole = int(length / profile.dx * (1.0 + 1e-9))
+    n = sections * whole
+    if len(profile) < n - SHORTFALL * whole:
         raise TooFewSamplesError(
             f"{counted(sections, 'section')} of {format_length(length)} "
             f"{'needs' if sections == 1 else 'need'} {counted(n, 'sample')}, {len(profile)} are "
             "left: measure longer, or ask for fewer sections"
         )
+    n = min(n, len(profile))
     first = (len(profile) - n) // 2
     part = slice(first, first + n)
-    step = Step("sections", {"sections": sections, "section_length_m": float(length)})
+    section = float(length) if n == sections * whole else n * profile.dx / sections
+    step = Step("sections", {"sections": sections, "section_length_m": section})
     return Profile(
         profile.x[part],
         profile.z[part],

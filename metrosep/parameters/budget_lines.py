@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
+from metrosep.parameters._flags import true_or_false
 from metrosep.parameters.budget import Contribution
 from metrosep.parameters.repeats import TypeA
 
@@ -92,13 +93,18 @@ def repeatability_line(repeats: TypeA, *, of_mean: bool = True) -> Contribution:
     Contribution
         u = s / sqrt(n), or s, with n - 1 degrees of freedom.
 
+    Raises
+    ------
+    DataError
+        If `of_mean` is not True or False.
+
     Examples
     --------
     >>> from metrosep.parameters.repeats import type_a
     >>> repeatability_line(type_a([1.0, 2.0, 3.0, 4.0, 5.0])).dof
     4
     """
-    value = repeats.u if of_mean else repeats.s
+    value = repeats.u if true_or_false(of_mean, "of_mean") else repeats.s
     return Contribution("repeatability", value, dof=repeats.dof)
 
 

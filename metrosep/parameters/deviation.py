@@ -9,6 +9,7 @@ from __future__ import annotations
 from metrosep.core.errors import DataError
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
+from metrosep.parameters._flags import true_or_false
 from metrosep.parameters.flatness import flatness_deviation
 from metrosep.parameters.form_result import FormDeviation, Kind, Reference
 from metrosep.parameters.roundness import roundness_deviation
@@ -60,8 +61,8 @@ def form_deviation(
     Raises
     ------
     DataError
-        If the kind is unknown, the object or an option does not belong to it, or the reference
-        does not exist for it.
+        If the kind is unknown, the object or an option does not belong to it, an option is of the
+        wrong type, or the reference does not exist for it.
     TooFewSamplesError
         If the valid samples do not exceed the freedoms of the reference.
     DegenerateFitError
@@ -87,6 +88,7 @@ def form_deviation(
     >>> result
     FormDeviation(STRt = 3 um, MZ, proven by its support)
     """
+    normal, exact = true_or_false(normal, "normal"), true_or_false(exact, "exact")
     options = {"normal": normal, "exact": exact, "radius": radius is not None}
     if kind not in _OPTIONS:
         raise DataError(f"a form is straightness, flatness or roundness, not {kind!r}")

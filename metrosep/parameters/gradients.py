@@ -3,8 +3,8 @@
 Both come from the same two slopes at each pixel. A slope is taken from the widest symmetric
 stencil whose pixels are all valid: seven points, else five, else three; at an edge or beside a
 hole it is one-sided with three points, else two. All but the last are exact for parabolas. A
-pixel without a valid neighbour in x and one in y has no slope and is left out, so a hole adds no
-slope of its own.
+pixel that was not measured, or has no valid neighbour in x and in y, has no slope and is left out,
+so a hole adds no slope of its own.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class GradientStatistics:
     Parameters
     ----------
     n_used : int
-        Pixels that have a slope in x and in y.
+        Measured pixels that have a slope in x and in y.
     Sdq : float
         Root mean square gradient, dimensionless (tangent of an angle).
     Sdr : float
@@ -196,6 +196,9 @@ def _slope(tile: FloatArray, axis: int, step: float) -> FloatArray:
 def _fill_from_ladder(slope: FloatArray, tile: FloatArray, stride: int) -> None:
     """Replace, in place, slopes that seven points could not give."""
     width = tile.shape[1]
+    inner = slice(_REACH, -_REACH)
+    # Seven points do not use the pixel itself, which may be the one that was not measured.
+    np.copyto(slope, np.nan, where=np.isnan(tile[inner, inner]))
     missing_y, missing_x = np.nonzero(np.isnan(slope))
     index = (missing_y + _REACH) * width + missing_x + _REACH
     heights = tile.reshape(-1)

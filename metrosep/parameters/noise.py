@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.core.errors import DataError, InvalidSamplesError, NotUniformError
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
+from metrosep.parameters._flags import true_or_false
 from metrosep.parameters.repeat_noise import residuals_of, stack_repeats
 
 __all__ = [
@@ -421,7 +422,8 @@ class NoiseFromRepeats(Noise):
     InvalidSamplesError
         If profiles and surfaces are mixed, or the points differ.
     DataError
-        If the method is not known, or a point is missing and the method shifts.
+        If the method is not known, a point is missing and the method shifts, or `remove_mean` is
+        not True or False.
 
     Notes
     -----
@@ -442,6 +444,7 @@ class NoiseFromRepeats(Noise):
     ) -> None:
         if method not in ("shift", "combine"):
             raise DataError(f'the method is "shift" or "combine", got {method!r}')
+        remove_mean = true_or_false(remove_mean, "remove_mean")
         stack = stack_repeats(objects)
         gaps = int(np.isnan(stack[0]).sum())
         if gaps and method == "shift":

@@ -17,6 +17,7 @@ from metrosep.core.errors import DataError
 from metrosep.core.profile import Profile
 from metrosep.core.units import format_length
 from metrosep.filters.kind import DoubleFilterError, ProfileKind, profile_kind
+from metrosep.parameters._flags import true_or_false
 from metrosep.parameters._profile_rows import (
     HEIGHT_THRESHOLD,
     NEW,
@@ -30,7 +31,7 @@ from metrosep.parameters._profile_rows import (
 )
 from metrosep.parameters._rows import evaluated
 from metrosep.parameters.material_ratio import CoreLine
-from metrosep.parameters.sections import Evaluation
+from metrosep.parameters.sections import Evaluation, sections_in
 from metrosep.parameters.table import Context, ParameterTable
 from metrosep.spectral._checks import instance_of, symbols
 
@@ -40,7 +41,11 @@ _OFFSET_SHARE = 0.05
 """A mean of the heights above this share of q deserves a note: sk and ku depend on it."""
 
 _CUTOFF_SHARE = 0.01
-"""A section length further from the cut-off than this share of it (and a step) deserves a note."""
+"""A section further from the cut-off than this share of it (and a step) is not one of the standard;
+the note then says what to do."""
+
+_SAME_LENGTH = 0.5 * (1.0 + 1e-6)
+"""Of a step: sections of whole samples come no nearer to a cut-off."""
 
 _OTHER_SPELLINGS = {
     "mr1": "mrk1",
@@ -173,6 +178,7 @@ def profile_parameters(
         raise DataError(f'kind is "P", "W" or "R", got {kind!r}')
     if line not in ("lsq", "secant"):
         raise DataError(f'line is "lsq" or "secant", got {line!r}')
+    centre = true_or_false(centre, "centre")
     _check_kind(profile, kind)
     wanted = _wanted(names, kind, chosen)
     evaluation = Evaluation.of(
@@ -297,19 +303,44 @@ def _notes(
 
 def _cutoff_note(profile: Profile, e: Evaluation, kind: str) -> list[str]:
     """Return a note where the sections are not those of the cut-off (nor of lambda_f for W)."""
-    length = float(e.section_lengths.mean())
+    used = float(e.section_lengths.mean())
     names = ("lambda_c_m", "lambda_f_m") if kind == "W" else ("lambda_c_m",)
     cutoffs = [c for c in map(profile.metadata.get, names) if isinstance(c, float) and c > 0.0]
-    if not cutoffs or any(abs(length - c) <= max(_CUTOFF_SHARE * c, e.dx) for c in cutoffs):
+    if not cutoffs:
         return []
-    n = max(1, int(e.whole.size * e.dx / cutoffs[0] * (1.0 + 1e-9)))
-    chain = f", or metrosep.filters.roughness(..., sections={n})" if kind == "R" else ""
+    nearest = min(cutoffs, key=lambda c: abs(used - c))
+    off = abs(used - nearest)
+    if off <= _SAME_LENGTH * e.dx:
+        return []
+    if off <= max(_CUTOFF_SHARE * nearest, e.dx):
+        note = (
+            f"Sections are {format_length(used)} long, the cut-off is {format_length(nearest)}: "
+            "they divide the length that is left."
+        )
+        return [note]
+    cutoff = cutoffs[0]
     note = (
-        f"Used are sections of {format_length(length)}, while lambda_c is "
-        f"{format_length(cutoffs[0])}: the standard takes sections of one cut-off; pass "
-        f"sections={n}{chain}."
+        f"Used are sections of {format_length(used)}, {used / cutoff:.3g} times lambda_c, which is "
+        f"{format_length(cutoff)}: the standard takes sections of one cut-off; "
     )
-    return [note]
+    return [note + _advice(e, cutoff, kind)]
+
+
+def _advice(e: Evaluation, cutoff: float, kind: str) -> str:
+    """Return how to come to sections of one cut-off."""
+    length = e.whole.size * e.dx
+    n = sections_in(length, cutoff)
+    off = length / n - cutoff
+    chain = f", or metrosep.filters.roughness(..., sections={n})" if kind == "R" else ""
+    if abs(off) <= max(_CUTOFF_SHARE * cutoff, e.dx):
+        return f"pass sections={n}."
+    if off > 0.0:
+        cut = f"crop the profile to {format_length(n * cutoff)} and pass sections={n}"
+        return f"the length is no whole number of them: {cut}{chain}."
+    count = "one" if n == 1 else str(n)
+    if n == len(e.parts):
+        return f"the length is short of {count}: measure longer."
+    return f"pass sections={n}, or measure longer: the length is short of {count}."
 
 
 def _robust(profile: Profile) -> bool:

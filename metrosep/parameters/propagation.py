@@ -17,6 +17,7 @@ from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
+from metrosep.parameters._flags import true_false_or_none, true_or_false
 from metrosep.parameters._named import (
     EXTREMES,
     PEAK_TO_VALLEY,
@@ -239,6 +240,8 @@ def monte_carlo(
     '100.0 107.9 +7.9 nm'
     """
     effects = _checked_causes(obj, noise, effects)
+    adaptive = true_or_false(adaptive, "adaptive")
+    centre = true_false_or_none(centre, "centre")
     whole_number(draws, "draws", minimum=0)
     whole_number(max_draws, "max_draws", minimum=0)
     whole_number(seed, "seed", minimum=0)

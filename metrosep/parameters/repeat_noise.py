@@ -17,6 +17,7 @@ from metrosep.core.errors import InvalidSamplesError, TooFewSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
+from metrosep.parameters._flags import true_or_false
 from metrosep.parameters._named import with_heights
 
 __all__ = ["NoiseEstimate", "mean_of_repeats", "noise_of_repeats", "stack_repeats"]
@@ -164,6 +165,8 @@ def noise_of_repeats(
         If there are fewer than 2 repeats or fewer than 2 points valid in all.
     InvalidSamplesError
         If profiles and surfaces are mixed, or the points differ.
+    DataError
+        If `remove_mean` is not True or False.
 
     Notes
     -----
@@ -171,6 +174,7 @@ def noise_of_repeats(
     or (R - 1) (n - 1) when the means were removed. The autocorrelation runs over pairs of valid
     points, without wrapping, up to its first zero along each axis.
     """
+    remove_mean = true_or_false(remove_mean, "remove_mean")
     stack = stack_repeats(objects)
     valid = np.isfinite(stack[0])
     residuals = residuals_of(stack, remove_mean=remove_mean)

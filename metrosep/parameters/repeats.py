@@ -17,6 +17,7 @@ from metrosep.core.errors import InvalidSamplesError, TooFewSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
+from metrosep.parameters._flags import true_false_or_none, true_or_false
 from metrosep.parameters._named import Evaluate, value_of, with_heights
 from metrosep.parameters.budget import coverage_factor
 from metrosep.parameters.repeat_noise import (
@@ -207,12 +208,14 @@ def from_repeats(
     InvalidSamplesError
         If profiles and surfaces are mixed, or the points differ.
     DataError
-        If the name is not known or an evaluation is not finite.
+        If the name is not known, an evaluation is not finite, or `centre` is not True, False or
+        None.
 
     Notes
     -----
     All repeats are evaluated on the points that are valid in all of them.
     """
+    centre = true_false_or_none(centre, "centre")
     stack = stack_repeats(objects)
     common = [with_heights(o, z) for o, z in zip(objects, stack, strict=True)]
     values = np.array([value_of(evaluate, o, centre=centre) for o in common])
@@ -278,6 +281,8 @@ def noise_free_rms(objects: Sequence[Profile | Surface], *, centre: bool = True)
         If there are fewer than 2 repeats or fewer than 2 points valid in all.
     InvalidSamplesError
         If profiles and surfaces are mixed, or the points differ.
+    DataError
+        If `centre` is not True or False.
 
     Notes
     -----
@@ -289,6 +294,7 @@ def noise_free_rms(objects: Sequence[Profile | Surface], *, centre: bool = True)
     the noise; near the noise floor the first holds part of the second (u some 10 % too large).
     Then u(rms) = u(mean square) / (2 rms), or its root near zero.
     """
+    centre = true_or_false(centre, "centre")
     stack = stack_repeats(objects)
     noise = noise_of_repeats(objects, remove_mean=centre)
     z = stack[:, np.isfinite(stack[0])]

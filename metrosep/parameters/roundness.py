@@ -23,6 +23,7 @@ from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_length
+from metrosep.parameters._flags import true_or_false
 from metrosep.parameters.circle import CirclePoints, CircleSolution, best_circle
 from metrosep.parameters.form_result import FormDeviation, Reference, Support, form_table
 
@@ -81,7 +82,7 @@ def roundness_deviation(
         If x spans more than one turn, so that it is not one turn in rad.
     DataError
         If the reference does not exist for a circle, or the radius is missing, not positive, or
-        contained in z already.
+        contained in z already, or `exact` is not True or False.
     NotConvergedError
         If the deviations are so large for the radius that an exact circle is not found.
 
@@ -111,6 +112,7 @@ def roundness_deviation(
     """
     if reference not in ("MZ", "LS", "MC", "MI"):
         raise DataError(f"roundness has the references MZ, LS, MC and MI, not {reference!r}")
+    exact = true_or_false(exact, "exact")
     valid = np.flatnonzero(~np.isnan(profile.z))
     x, z = profile.x[valid], profile.z[valid]
     gap, closed = _check_angles(x, len(profile))

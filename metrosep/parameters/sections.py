@@ -18,11 +18,20 @@ from numpy.typing import NDArray
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.profile import Profile
+from metrosep.filters._arguments import SHORTFALL
 from metrosep.parameters._range import check_range
 from metrosep.parameters.amplitude import Amplitudes, amplitudes
-from metrosep.spectral._checks import whole_number
+from metrosep.spectral._checks import finite_number, whole_number
 
-__all__ = ["MIN_VALID_SHARE", "Evaluation", "section_slices", "sections_that_fit", "trim"]
+__all__ = [
+    "MIN_VALID_SHARE",
+    "SHORTFALL",
+    "Evaluation",
+    "section_slices",
+    "sections_in",
+    "sections_that_fit",
+    "trim",
+]
 
 _MIN_SECTION = 2
 """Fewest samples in a section."""
@@ -30,8 +39,8 @@ _MIN_SECTION = 2
 MIN_VALID_SHARE = 0.5
 """Least share of valid samples of one section among several: with fewer it is no full section."""
 
-_ROUNDING = 1e-6
-"""Of a section: a profile that is shorter than n cut-offs by rounding alone holds n."""
+_ROUNDING = 1e-9
+"""Relative, of a length: the mean step of a profile is rounded."""
 
 
 def section_slices(n: int, sections: int) -> tuple[slice, ...]:
@@ -77,26 +86,63 @@ def sections_that_fit(profile: Profile, cutoff: float) -> int:
     Parameters
     ----------
     profile : Profile
-        Uniform; its length is samples times step, with what was not measured.
+        Uniform; missing ends do not count, as they are cut off before sections are formed.
     cutoff : float, m
-        Length of a section.
+        Length of a section, > 0.
 
     Returns
     -------
     int
-        Number of whole sections.
+        Number of sections, as `sections_in` counts them.
 
     Raises
     ------
+    DataError
+        If `cutoff` is not finite and positive.
     NotUniformError
         If the positions are not uniform.
+    TooFewSamplesError
+        If fewer than two samples are valid.
 
     Examples
     --------
     >>> sections_that_fit(Profile(np.arange(8001) * 0.5e-6, np.zeros(8001)), 0.8e-3)
     5
     """
-    return max(1, int(len(profile) * profile.dx / cutoff + _ROUNDING))
+    kept = trim(profile.z)
+    return sections_in((kept.stop - kept.start) * profile.dx, cutoff)
+
+
+def sections_in(length: float, cutoff: float) -> int:
+    """Return how many sections of one cut-off a length holds, at least 1.
+
+    Parameters
+    ----------
+    length : float, m
+        Evaluation length, samples times step.
+    cutoff : float, m
+        Length of a section, > 0.
+
+    Returns
+    -------
+    int
+        The largest number of cut-offs of which the length lacks no more than a tenth of one. As n
+        sections divide the length, one is from 1 - 0.1 / n to 1 + 0.9 / n cut-offs long, unless
+        the length is below 0.9 of a cut-off.
+
+    Raises
+    ------
+    DataError
+        If `cutoff` is not finite and positive.
+
+    Examples
+    --------
+    >>> sections_in(9.996e-3, 2.5e-3), sections_in(3.995e-3, 0.8e-3), sections_in(3.9e-3, 0.8e-3)
+    (4, 5, 4)
+    """
+    if finite_number(cutoff, "the cut-off", "a wavelength in m") <= 0.0:
+        raise DataError(f"the cut-off must be positive, got {cutoff}")
+    return max(1, int(length / cutoff * (1.0 + _ROUNDING) + SHORTFALL))
 
 
 def trim(z: FloatArray) -> slice:

@@ -1,78 +1,38 @@
 """Type F1 software gauges (ISO 5436-2): profile and expected values in one file, compared.
 
-The ``.smd`` file holds a primary profile, form-free and lambda_s filtered, and lines
-``PARAMETER_VALUE symbol value unit uncertainty``. The word after the value is the unit where it is
-no number or exactly ``1``; any other number there is the uncertainty of a pure number. P parameters are taken from the profile as it
-is; R and W ones after a Gaussian filter with the lambda_c of the file's ``PROFILE_FILTER`` line or
-of the caller.
+The ``.smd`` file holds a primary profile, form-free and lambda_s filtered, and the expected values.
+P parameters are taken from the profile as it is; R and W ones after a Gaussian filter with the
+lambda_c of the file's ``PROFILE_FILTER`` lines or of the caller. A damaged file proves nothing.
 """
 
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from decimal import Decimal, InvalidOperation
-from typing import Any
+from typing import Any, Literal
 
-from metrosep.core.errors import DataError, MetrosepError, UnitError
+from metrosep.core.errors import DataError, MetrosepError
 from metrosep.core.profile import Profile
-from metrosep.core.units import parse_unit
+from metrosep.core.units import format_engineering
 from metrosep.filters.kind import ProfileKind
+from metrosep.parameters._flags import true_or_false
+from metrosep.parameters._gauge_lines import Expectation, GaugeSettings, expectations
 from metrosep.parameters._profile_rows import named_edition
 from metrosep.parameters.sections import sections_that_fit
 from metrosep.spectral._checks import finite_number, instance_of, whole_number
 
-__all__ = ["Expectation", "GaugeRow", "GaugeSettings", "expectations", "verify_softgauge"]
+__all__ = [
+    "Expectation",
+    "GaugeResult",
+    "GaugeRow",
+    "GaugeSettings",
+    "expectations",
+    "verify_softgauge",
+]
 
-_SYMBOL = re.compile(r"[A-Za-z][\w()]*")
-_LENGTH = r"([-+.\dEe]+)\s*([^\s\d.]\w*)"
-_FILTER = re.compile(r"^PROFILE_FILTER\s+(?P<name>\w+)(?P<rest>.*)$", re.IGNORECASE)
-_PURE = {"1": 1.0, "-": 1.0, "none": 1.0, "%": 0.01}
 _DIMENSIONS = {"m": "length", "1": "number", "rad": "angle"}
-
-
-@dataclass(frozen=True, slots=True)
-class Expectation:
-    """A value that a software gauge expects.
-
-    Parameters
-    ----------
-    symbol : str
-        Such as ``"Ra"``.
-    value : float
-        In SI.
-    half_digit : float
-        Half of the last printed digit, in SI.
-    u : float or None
-        Uncertainty as printed, in SI; None where it is not given or zero.
-    printed : str
-        Value and unit as the file has them.
-    dimension : str, optional
-        Of the unit: ``"length"``, ``"number"``, ``"angle"``, ...; empty where it is not known.
-    """
-
-    symbol: str
-    value: float
-    half_digit: float
-    u: float | None
-    printed: str
-    dimension: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class GaugeSettings:
-    """What the file says about the evaluation.
-
-    Parameters
-    ----------
-    lambda_c, lambda_s : float or None, m
-        Cut-offs; None where they are not given.
-    """
-
-    lambda_c: float | None = None
-    lambda_s: float | None = None
+_ANEW = "take the file anew from its publisher"
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,13 +44,13 @@ class GaugeRow:
     expected : Expectation
         From the file.
     computed : float
-        In SI; NaN where it could not be worked out.
+        In SI; NaN where it was not compared.
     unit : str
         SI unit.
     tolerance : float
         Half of the last printed digit, and the printed uncertainty where there is one.
     reason : str
-        Why nothing was computed; empty otherwise.
+        Why nothing was compared; empty otherwise.
     """
 
     expected: Expectation
@@ -106,7 +66,7 @@ class GaugeRow:
 
     @property
     def agrees(self) -> bool | None:
-        """Whether the deviation is within the tolerance; None where nothing was computed."""
+        """Whether the deviation is within the tolerance; None where nothing was compared."""
         if math.isnan(self.computed):
             return None
         return abs(self.deviation) <= self.tolerance
@@ -134,45 +94,74 @@ class GaugeRow:
         }
 
 
-def expectations(lines: Iterable[str]) -> tuple[tuple[Expectation, ...], GaugeSettings]:
-    """Return the expected values and settings that record 2 of an ``.smd`` file states.
+@dataclass(frozen=True, slots=True)
+class GaugeResult:
+    """What a software gauge proves; a sequence of its rows.
 
     Parameters
     ----------
-    lines : iterable of str
-        Of record 2.
-
-    Returns
-    -------
-    expected : tuple of Expectation
-        In the order of the file.
-    settings : GaugeSettings
-        Cut-offs.
-
-    Raises
-    ------
-    DataError
-        If a line of this kind cannot be understood, or a symbol stands twice.
-
-    Examples
-    --------
-    >>> expected, _ = expectations(["PARAMETER_VALUE Ra 0.4213 um 0.0002"])
-    >>> round(expected[0].value, 10), round(expected[0].u, 11)
-    (4.213e-07, 2e-10)
+    rows : tuple of GaugeRow
+        One per expected value.
+    damage : tuple of str, optional
+        Why the file proves nothing at all: gaps.
+    unread : tuple of str, optional
+        Lines that seem to state a value and were not taken.
+    doubts : tuple of str, optional
+        What the reader warned of, such as a wrong checksum: told with any result. Publishers sum
+        in more than one way, so it alone decides nothing; values that all agree outweigh it.
     """
-    found: list[Expectation] = []
-    settings = GaugeSettings()
-    for line in lines:
-        text = line.strip()
-        if text.upper().startswith("PARAMETER_VALUE"):
-            found.append(_expectation(text))
-        elif match := _FILTER.match(text):
-            settings = _settings(match)
-    symbols = [e.symbol for e in found]
-    twice = sorted({s for s in symbols if symbols.count(s) > 1})
-    if twice:
-        raise DataError(f"the file expects two values of {', '.join(twice)}; keep one of them")
-    return tuple(found), settings
+
+    rows: tuple[GaugeRow, ...]
+    damage: tuple[str, ...] = ()
+    unread: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
+
+    def __iter__(self) -> Iterator[GaugeRow]:
+        return iter(self.rows)
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def __getitem__(self, index: int) -> GaugeRow:
+        return self.rows[index]
+
+    @property
+    def n_agree(self) -> int:
+        """Number of values that agree."""
+        return sum(r.agrees is True for r in self.rows)
+
+    @property
+    def result(self) -> Literal["verified", "differs", "not verified"]:
+        """Verified: all agree; differs: one does not; not verified: neither can be said."""
+        if not self.damage and any(r.agrees is False for r in self.rows):
+            return "differs"
+        left = self.damage or self.unread or self._missing or not self.rows
+        return "not verified" if left else "verified"
+
+    @property
+    def _missing(self) -> list[str]:
+        return [r.expected.symbol for r in self.rows if r.agrees is None]
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why the file is not verified, or is only in part, and what to doubt; else empty."""
+        missing = self._missing
+        n = f"{len(missing)} of {len(self.rows)} values were not compared: {', '.join(missing)}"
+        return (*self.doubts, *self.damage, *self.unread, *((n,) if missing else ()))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON.
+
+        Returns
+        -------
+        dict
+            Keys ``result``, ``reasons``, ``rows``.
+        """
+        return {
+            "result": self.result,
+            "reasons": list(self.reasons),
+            "rows": [r.to_dict() for r in self.rows],
+        }
 
 
 def verify_softgauge(
@@ -185,7 +174,7 @@ def verify_softgauge(
     centre: bool = False,
     line: str = "lsq",
     relative_tolerance: float = 0.0,
-) -> tuple[GaugeRow, ...]:
+) -> GaugeResult:
     """Return the comparison of computed with expected parameters of a software gauge.
 
     Parameters
@@ -209,10 +198,10 @@ def verify_softgauge(
 
     Returns
     -------
-    tuple of GaugeRow
-        One per expected value. A parameter that metrosep does not have, cannot give for this
-        profile (no cut-off, filtered already), or that the file gives in a unit of another
-        dimension, stands there with the reason.
+    GaugeResult
+        One row per expected value. A parameter that metrosep does not have, cannot give for this
+        profile (no cut-off, filtered already), that the file gives in a unit of another dimension
+        or with a value that decides nothing, stands there with the reason.
 
     Raises
     ------
@@ -224,7 +213,10 @@ def verify_softgauge(
     -----
     The ends are cut by one cut-off at each side for R and W (run-in and run-out), as instruments
     do. A value agrees when it is within half of its last printed digit plus the printed
-    uncertainty.
+    uncertainty. A zero without decimals is a placeholder, and a length or an angle whose tolerance
+    reaches down to 0 would agree with nothing at all: neither is compared. Heights that are
+    not measured make the whole file prove nothing; what the reader warned of (the checksum) is
+    told with the result.
 
     References
     ----------
@@ -232,13 +224,19 @@ def verify_softgauge(
     """
     instance_of(profile, Profile, "a software gauge")
     _check_options(kind, edition, sections, line, relative_tolerance)
+    centre = true_or_false(centre, "centre")
     header = profile.metadata.get("header")
     lines: Sequence[str] = header.get("information", ()) if isinstance(header, Mapping) else ()
     expected, settings = expectations(lines)
     if not expected:
         raise DataError(
-            "the file expects nothing: it has no line PARAMETER_VALUE; a software gauge of type F1 "
-            "states its values in record 2"
+            "; ".join(
+                (
+                    "the file expects nothing: it has no line PARAMETER_VALUE",
+                    *settings.unread,
+                    "a software gauge of type F1 states its values in record 2",
+                )
+            )
         )
     cutoff = lambda_c if lambda_c is not None else settings.lambda_c
     tables: dict[str, Any] = {}
@@ -257,79 +255,20 @@ def verify_softgauge(
                 line=line,
             )
         rows.append(_row(item, tables[letter], relative_tolerance))
-    return tuple(rows)
+    doubts = tuple(f"{w}; {_ANEW}" for w in profile.metadata.get("warnings", ()))
+    return GaugeResult(tuple(rows), _damage(profile), settings.unread, doubts)
 
 
-def _expectation(text: str) -> Expectation:
-    words = text.split()[1:]
-    if len(words) < 2 or _SYMBOL.fullmatch(words[0]) is None:
-        raise DataError(f"expected PARAMETER_VALUE symbol value unit uncertainty, found {text!r}")
-    symbol, number, rest = words[0], words[1], words[2:]
-    try:
-        printed = Decimal(number)
-    except InvalidOperation:
-        raise DataError(f"the value in {text!r} is no number") from None
-    if not printed.is_finite():
-        raise DataError(f"the value in {text!r} is not finite")
-    # "Psk 0.0888 1" states the unit of a pure number, "Psk 0.0888 0.01" its uncertainty
-    stated = rest.pop(0) if rest and (rest[0] == "1" or not _is_number(rest[0])) else ""
-    if len(rest) > 1:
-        raise DataError(f"expected PARAMETER_VALUE symbol value unit uncertainty, found {text!r}")
-    factor, dimension = _unit(stated or "1", text)
-    u = abs(_uncertainty(rest[0], text)) * factor if rest else 0.0
-    half = 0.5 * 10.0 ** int(printed.as_tuple().exponent)
-    return Expectation(
-        symbol=symbol,
-        value=float(printed) * factor,
-        half_digit=half * factor,
-        u=u or None,
-        printed=f"{number} {stated}".strip(),
-        dimension=dimension,
+def _damage(profile: Profile) -> tuple[str, ...]:
+    """Return why a file proves nothing, whatever its numbers are."""
+    if not profile.n_invalid:
+        return ()
+    return (
+        (
+            f"{profile.n_invalid} of {len(profile)} heights are not measured, and expected values "
+            f"are of the whole profile: neither agreement nor difference proves anything; {_ANEW}"
+        ),
     )
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
-
-
-def _uncertainty(word: str, text: str) -> float:
-    u = float(word) if _is_number(word) else math.nan
-    if not math.isfinite(u):
-        raise DataError(f"the uncertainty {word!r} in {text!r} is no finite number")
-    return u
-
-
-def _unit(unit: str, text: str) -> tuple[float, str]:
-    """Return factor to SI and dimension of a unit."""
-    if unit.lower() in _PURE:
-        return _PURE[unit.lower()], "number"
-    try:
-        found = parse_unit(unit)
-    except UnitError as error:
-        raise DataError(f"the unit in {text!r} is not known: {error}") from None
-    return found.factor, found.dimension
-
-
-def _cutoff(number: str, unit: str, text: str) -> float:
-    factor, dimension = _unit(unit, text)
-    if not _is_number(number) or dimension != "length":
-        raise DataError(f"the cut-off {number} {unit} in {text!r} is no length")
-    return float(number) * factor
-
-
-def _settings(match: re.Match[str]) -> GaugeSettings:
-    found: dict[str, float] = {}
-    for key in ("LC", "LS"):
-        part = re.search(rf"\b{key}\s*=?\s*{_LENGTH}", match["rest"], re.IGNORECASE)
-        if part is not None:
-            found[key] = _cutoff(part[1], part[2], match[0])
-    if "gauss" not in match["name"].lower():
-        raise DataError(f"the file asks for the filter {match['name']}; only Gaussian is defined")
-    return GaugeSettings(lambda_c=found.get("LC"), lambda_s=found.get("LS"))
 
 
 def _table(
@@ -376,20 +315,36 @@ def _table(
 
 def _row(item: Expectation, table: Any, relative_tolerance: float) -> GaugeRow:
     tolerance = item.half_digit + (item.u or 0.0) + relative_tolerance * abs(item.value)
-    if isinstance(table, MetrosepError):
-        return GaugeRow(item, math.nan, "", tolerance, str(table))
-    try:
-        quantity = table[item.symbol]
-    except (KeyError, DataError) as error:
-        return GaugeRow(item, math.nan, "", tolerance, str(error.args[0]))
-    needed = _DIMENSIONS.get(quantity.unit, quantity.unit)
-    if item.dimension not in ("", needed):
-        unit = item.printed.partition(" ")[2] or "1"
-        reason = (
-            f"the file gives it in {unit}, a {item.dimension}, but {item.symbol} is a {needed}"
-        )
+    quantity, reason = None, ""
+    if item.is_placeholder:
+        reason = f"{item.printed} is a placeholder: no expected value was filled in"
+    elif isinstance(table, MetrosepError):
+        reason = str(table)
+    else:
+        try:
+            quantity = table[item.symbol]
+        except (KeyError, DataError) as error:
+            reason = str(error.args[0])
+        else:
+            reason = _undecided(item, quantity)
+    if quantity is None or reason:
         return GaugeRow(item, math.nan, "", tolerance, reason)
     return GaugeRow(item, float(quantity.value), quantity.unit, tolerance)
+
+
+def _undecided(item: Expectation, quantity: Any) -> str:
+    """Return why comparing with a quantity would say nothing."""
+    needed = _DIMENSIONS.get(quantity.unit, quantity.unit)
+    unit = item.printed.partition(" ")[2] or "1"
+    if item.dimension not in ("", needed):
+        return f"the file gives it in {unit}, a {item.dimension}, but {item.symbol} is a {needed}"
+    allowed = item.half_digit + (item.u or 0.0)
+    if needed != "number" and allowed >= abs(item.value):
+        width = format_engineering(allowed, quantity.unit, digits=3)
+        return f"the file allows {width}, so that 0 would agree as well; write digits that decide"
+    if math.isnan(quantity.value):
+        return f"{item.symbol} has no value for this profile"
+    return ""
 
 
 def _check_options(

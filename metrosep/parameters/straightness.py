@@ -16,6 +16,7 @@ from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
+from metrosep.parameters._flags import true_or_false
 from metrosep.parameters.chebyshev_line import least_squares_line, minimum_zone_line
 from metrosep.parameters.form_result import FormDeviation, Reference, Support, form_table
 
@@ -55,7 +56,7 @@ def straightness_deviation(
     TooFewSamplesError
         If fewer than 3 samples are valid: two always lie on a line.
     DataError
-        If the reference does not exist for a line.
+        If the reference does not exist for a line, or `normal` is not True or False.
     NotConvergedError
         If the exchange of the minimum zone does not end.
 
@@ -77,6 +78,7 @@ def straightness_deviation(
     >>> round(zone.value * 1e6, 6), zone.support.indices.tolist(), zone.is_optimal
     (2.0, [0, 3, 1], True)
     """
+    normal = true_or_false(normal, "normal")
     valid = np.flatnonzero(~np.isnan(profile.z))
     if valid.size <= _FREEDOMS:
         raise TooFewSamplesError(

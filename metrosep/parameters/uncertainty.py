@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
+from metrosep.parameters._flags import true_false_or_none
 from metrosep.parameters._named import MEAN_ABSOLUTE, MEAN_SQUARE, is_centred, valid_heights
 from metrosep.parameters.noise import StationaryNoise, WhiteNoise, sampling_of
 
@@ -280,7 +281,8 @@ def noise_influence(
     Raises
     ------
     DataError
-        If the parameter has no closed form: use `monte_carlo`.
+        If the parameter has no closed form: use `monte_carlo`; or `centre` is not True, False or
+        None.
     TooFewSamplesError
         If fewer than 2 heights are valid.
     NotUniformError
@@ -307,6 +309,7 @@ def noise_influence(
     >>> [f"{1e9 * v:.4f}" for v in (result.value, result.bias, result.u)]
     ['35.3553', '0.0564', '0.0894']
     """
+    centre = true_false_or_none(centre, "centre")
     c = _Covariance(noise, obj)
     if name == "slope":
         return _slope(c, obj)

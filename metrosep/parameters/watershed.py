@@ -40,8 +40,8 @@ class Peaks:
     heights : ndarray, shape (n,), m
         As in the map.
     prominences : ndarray, shape (n,), m
-        Height above the saddle to a higher hill; infinite for the highest peak of a region that
-        is not connected with a higher one.
+        Height above the saddle to a higher hill; above the lowest pixel of its region for a peak
+        that no saddle joins to a higher one: the highest of the map, or of an island in holes.
     threshold : float, m
         Least prominence that was asked for.
     """
@@ -83,7 +83,10 @@ def significant_peaks(z: ArrayLike, *, pruning: float = 0.05) -> Peaks:
     Neighbours are the eight pixels around one. A flat top is one peak, at the pixel nearest its
     middle. At the edge of the map or of a hole the highest pixel may be no more than the flank of
     a hill outside: it takes part in the pruning, but is not given as a peak. So the number of
-    peaks over the area is not biased by the length of the edge. O(n log n).
+    peaks over the area is not biased by the length of the edge. What joins an island that holes
+    surround to the rest was not measured. Its highest peak counts by its height above the lowest
+    pixel of the island, which is Sz for a map in one piece: there it always stays, as in Wolf
+    pruning. The standard knows no islands. O(n log n).
 
     References
     ----------
@@ -110,6 +113,7 @@ def significant_peaks(z: ArrayLike, *, pruning: float = 0.05) -> Peaks:
     filled = np.where(measured, heights, -math.inf)
     labels, tops, complete = _hills(filled, measured)
     prominences = _prominences(filled, labels, filled.reshape(-1)[tops])
+    _limit_to_region(prominences, filled, measured, tops)
     # A flat shoulder ends its own paths, at no height above the saddle to the hill behind it.
     kept = np.nonzero((prominences >= threshold) & (prominences > 0.0) & complete)[0]
     kept = kept[np.argsort(-filled.reshape(-1)[tops[kept]], kind="stable")]
@@ -189,6 +193,22 @@ def _prominences(filled: FloatArray, labels: NDArray[np.int32], tops: FloatArray
         parent[j] = i
         prominence[j] = height[j] - level
     return prominence
+
+
+def _limit_to_region(
+    prominence: FloatArray, filled: FloatArray, measured: NDArray[np.bool_], tops: IntArray
+) -> None:
+    """Give peaks without a higher neighbour, in place, their height over their region's lowest."""
+    from scipy import ndimage
+
+    alone = np.nonzero(np.isinf(prominence))[0]
+    if alone.size == 1:  # a map in one piece
+        prominence[alone] = filled.reshape(-1)[tops[alone]] - filled[measured].min()
+        return
+    regions, n = ndimage.label(measured, structure=np.ones((3, 3), dtype=bool))
+    lowest = np.asarray(ndimage.minimum(filled, regions, np.arange(1, n + 1)))
+    at = tops[alone]
+    prominence[alone] = filled.reshape(-1)[at] - lowest[regions.reshape(-1)[at] - 1]
 
 
 def _highest_saddles(

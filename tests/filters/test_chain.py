@@ -133,6 +133,32 @@ def test_bad_options() -> None:
         primary(p, lambda_s=1.0 * UM)
 
 
+def test_sections_that_lack_a_few_samples_are_those_that_were_meant() -> None:
+    """7 x 0.8 mm as it was traced: the S-filter takes 5 samples at each end, the L-filter 0.8 mm."""
+    trace = Profile(np.arange(11_200) * 0.5 * UM, np.cos(np.arange(11_200) / 16.0))
+    filtered = {"lambda_s": 2.5 * UM, "lambda_c": LAMBDA_C, "end": "cut"}
+
+    kept = roughness(trace, **filtered, sections=5)
+
+    step = next(s for s in kept.history if s.name == "sections")
+    assert len(kept) == len(roughness(trace, **filtered)) == 7990
+    assert step.parameters["sections"] == 5
+    assert step.parameters["section_length_m"] == pytest.approx(799 * UM, rel=1e-12, abs=0.0)
+    with pytest.raises(TooFewSamplesError, match=r"6 sections of 800 um need 9600 samples, 7990"):
+        roughness(trace, **filtered, sections=6)
+
+
+@pytest.mark.parametrize(("samples", "holds"), [(7840, True), (7839, False)])
+def test_a_tenth_of_one_section_may_lack(samples: int, holds: bool) -> None:
+    trace = Profile(np.arange(samples) * 0.5 * UM, np.cos(np.arange(samples) / 16.0))
+
+    if holds:
+        assert len(roughness(trace, lambda_c=LAMBDA_C, sections=5)) == samples
+    else:
+        with pytest.raises(TooFewSamplesError, match="5 sections"):
+            roughness(trace, lambda_c=LAMBDA_C, sections=5)
+
+
 @pytest.mark.parametrize("sections", [1.5, "a", True, 0, -1, np.nan])
 def test_sections_that_are_no_whole_number_are_refused(sections: object) -> None:
     p = Profile(X, np.zeros(X.size))

@@ -100,6 +100,8 @@ def test_sine_grid_with_a_hole():
     assert table["Sz"].value == pytest.approx(200 * NM, rel=STATED, abs=0.0)
     assert (table.context.n_valid, table.context.n_total) == (245_000, 250_000)
     assert table["Sdr"].value == pytest.approx(4.934787e-6, rel=AREA, abs=0.0)
+    off = table["Sdq"].value / (math.pi * 1e-3) - 1
+    assert off == pytest.approx(-2e-8, abs=5e-9)  # as sdq.md prints it
 
 
 def test_moments_of_integers_are_exact(rng):

@@ -156,6 +156,26 @@ def test_direction_of_a_planted_wave(angle, dy):
     assert abs(math.remainder(holed - a, math.pi)) < DEGREE
 
 
+@pytest.mark.parametrize(
+    ("waves", "largest"), [(8, 3.5), (10, 2.6), (12.8, 1.8), (16, 0.65), (20, 0.15), (32, 0.08)]
+)
+def test_error_of_the_direction_falls_with_the_waves_on_the_map(rng, waves, largest):
+    """The table of docs/parameters/std.md, with some room for other directions."""
+    y, x = np.mgrid[:256, :256] * 2 * np.pi * waves / 256
+    errors = []
+    for angle in rng.uniform(0, 180, 24):
+        t = math.radians(angle)
+        z = np.cos(x * math.cos(t) + y * math.sin(t) + rng.uniform(0, 2 * np.pi))
+        try:
+            found = math.degrees(texture_direction(autocorrelation(z, UM, UM)))
+        except DataError:
+            assert waves <= 10  # the maximum splits
+            continue
+        errors.append(abs(math.remainder(found - angle, 180)))
+    assert max(errors) < largest
+    assert len(errors) >= 18
+
+
 @pytest.mark.parametrize("crossed", [True, False])
 def test_no_direction_where_none_dominates(rng, crossed):
     z = sine_grid() if crossed else rng.normal(size=(200, 200))

@@ -81,6 +81,57 @@ def test_a_hole_adds_no_slope_of_its_own():
     assert g.Sdr == pytest.approx((np.sqrt(1 + s2[keep]) - 1).mean(), rel=EDGE, abs=0.0)
 
 
+def slope_by_hand(line, i, step):
+    """The widest complete stencil at a pixel of a line, by the rule of the docs; NaN if none."""
+
+    def at(k):
+        return line[i + k] if 0 <= i + k < line.size else np.nan
+
+    if np.isnan(at(0)):
+        return np.nan
+    for weights in (
+        {-3: -1 / 60, -2: 9 / 60, -1: -45 / 60, 1: 45 / 60, 2: -9 / 60, 3: 1 / 60},
+        {-2: 1 / 12, -1: -8 / 12, 1: 8 / 12, 2: -1 / 12},
+        {-1: -0.5, 1: 0.5},
+        {0: -1.5, 1: 2.0, 2: -0.5},
+        {0: 1.5, -1: -2.0, -2: 0.5},
+        {0: -1.0, 1: 1.0},
+        {0: 1.0, -1: -1.0},
+    ):
+        value = sum(w * at(k) for k, w in weights.items())
+        if not np.isnan(value):
+            return value / step
+    return np.nan
+
+
+@pytest.mark.parametrize("share", [0.0, 0.002, 0.05, 0.4])
+def test_slopes_are_those_of_the_rule_pixel_by_pixel(rng, share):
+    z = rng.standard_normal((40, 50))
+    z[rng.random(z.shape) < share] = np.nan
+    z[20, 20] = np.nan  # alone: seven points reach over it
+    z[10:12, 10] = np.nan
+    zx, zy = surface_slopes(z, 2.0, 3.0)
+    want_x = np.array([[slope_by_hand(row, j, 2.0) for j in range(50)] for row in z])
+    want_y = np.array([[slope_by_hand(column, i, 3.0) for i in range(40)] for column in z.T]).T
+    assert np.array_equal(np.isnan(zx), np.isnan(want_x))
+    assert np.array_equal(np.isnan(zy), np.isnan(want_y))
+    assert zx == pytest.approx(want_x, rel=ROUNDING, abs=ROUNDING, nan_ok=True)
+    assert zy == pytest.approx(want_y, rel=ROUNDING, abs=ROUNDING, nan_ok=True)
+    s2 = (want_x**2 + want_y**2)[~np.isnan(want_x + want_y)]
+    g = gradient_statistics(z, 2.0, 3.0)
+    assert g.n_used == s2.size
+    assert g.Sdq == pytest.approx(np.sqrt(s2.mean()), rel=ROUNDING, abs=0.0)
+    assert g.Sdr == pytest.approx((np.sqrt(1 + s2) - 1).mean(), rel=ROUNDING, abs=0.0)
+
+
+def test_a_pixel_that_was_not_measured_does_not_count(rng):
+    z = rng.standard_normal((60, 60))
+    z[20, 20] = np.nan
+    z[40:42, 10] = np.nan
+    assert gradient_statistics(z, 1.0, 1.0).n_used == 3597
+    assert all(np.isnan(s[20, 20]) for s in surface_slopes(z, 1.0, 1.0))
+
+
 def test_nan_rows_give_the_numbers_of_the_cropped_map(rng):
     z = rng.normal(size=(30, 40))
     padded = np.full((41, 40), np.nan)

@@ -72,6 +72,7 @@ def test_what_the_terms_do_not_hold_counts_three_rms():
     surface = disc(lambda r, t: 100 * NM * radial_12(r))
     expected = 3 * 100 * NM / math.sqrt(13)
     assert robust_peak_to_valley(surface) == pytest.approx(expected, rel=2 * SAMPLED_DISC, abs=0.0)
+    assert robust_peak_to_valley(surface) == pytest.approx(86.322 * NM, abs=5e-4 * NM)  # pvr.md
     both = disc(lambda r, t: 100 * NM * (2 * r**2 - 1) + 10 * NM * np.sign(np.sin(60 * r**2 * 9)))
     assert robust_peak_to_valley(both) == pytest.approx((200 + 30) * NM, rel=SAMPLED_DISC, abs=0.0)
 

@@ -180,11 +180,153 @@ def test_reason_keeps_its_quotes(tmp_path):
         (["PARAMETER_VALUE Ra 0.4 um nan"], "Ra 0.4 um nan"),
         (["PARAMETER_VALUE Ra 0.4 um 0.1 0.2"], "expected PARAMETER_VALUE"),
         (["PARAMETER_VALUE Psk 0.4 0.1 0.2"], "expected PARAMETER_VALUE"),
+        (["PARAMETER_VALUE Ra 0.4 um -0.02"], "'-0.02' in .* is negative"),
+        (["PARAMETER_VALUE Psk 0.4 -0.02"], "'-0.02' in .* is negative"),
+        (["PARAMETER_VALUE Ra 1e400 um"], "not finite"),
+        (["PARAMETER_VALUE Ra 0e400 um"], "not finite"),
+        (["PROFILE_FILTER Gaussian LC"], "cut-off LC in .* no number"),
+        (["PROFILE_FILTER Gaussian LC 0.8"], "cut-off LC in .* no number"),
+        (["PROFILE_FILTER Gaussian LC 0.8 mm LC 2.5 mm"], "two cut-offs LC"),
+        (
+            ["PROFILE_FILTER Gaussian LC 0.8 mm", "PROFILE_FILTER Gaussian LC 0.25 mm"],
+            "two cut-offs LC: .*LC 0.8 mm.*LC 0.25 mm",
+        ),
+        (
+            ["PROFILE_FILTER Gaussian LS 8 um", "PROFILE_FILTER Gaussian LS 2.5 um"],
+            "two cut-offs LS",
+        ),
+        (["PROFILE_FILTER Gaussian LS 2.5 um", "PROFILE_FILTER Spline LC 0.8 mm"], "Spline"),
     ],
 )
 def test_a_line_that_cannot_be_understood_is_quoted(lines, match):
     with pytest.raises(DataError, match=match):
         expectations(lines)
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        ["PROFILE_FILTER Gaussian LC 0.8 mm", "PROFILE_FILTER Gaussian LS 2.5 um"],
+        ["PROFILE_FILTER Gaussian LS 2.5 um", "PROFILE_FILTER Gaussian LC 0.8 mm"],
+        ["PROFILE_FILTER Gaussian LS 2.5 um LC 0.8 mm", "PROFILE_FILTER GAUSS LC 800 um"],
+    ],
+)
+def test_filter_lines_add_up(lines):
+    _, settings = expectations(lines)
+
+    assert settings.lambda_c == pytest.approx(0.8e-3, abs=1e-15)
+    assert settings.lambda_s == pytest.approx(2.5e-6, abs=1e-18)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "PARAMETR_VALUE Ra 0.4 um",
+        "PARAMETER_VALUERa 0.4 um",
+        "PARAMETER_VALUE: Ra 0.4 um",
+        "Parameter Value Ra 0.4 um",
+        "PROFIL_FILTER Gaussian LC 2.5 mm",
+        "PROFILE FILTER Gaussian LC 2.5 mm",
+    ],
+)
+def test_keyword_with_a_slip_is_told(line):
+    expected, settings = expectations(["PARAMETER_VALUE Pa 0.3 um", line])
+
+    assert len(expected) == 1
+    assert settings.lambda_c is None
+    (told,) = settings.unread
+    assert repr(line) in told
+
+
+def test_other_keywords_and_comments_are_no_slips():
+    """Keywords of the standard, and a comment over several lines."""
+    _, settings = expectations(
+        [
+            "DATE 03-Jan-2026",
+            "TIME 12:00",
+            "CREATED_BY somebody",
+            "INSTRUMENT_ID 1",
+            "INSTRUMENT_SERIAL 2",
+            "LAST_ADJUSTMENT 03-Jan-2026",
+            "PROBING_SYSTEM Contacting TIP 2 um",
+            "OFFSET 0 mm",
+            "SPEED 0.5 mm/s",
+            "COMMENT /* first",
+            "Parameter values by reference software",
+            "last */",
+            "PARAMETER_VALUE Pa 0.3 um",
+        ]
+    )
+
+    assert settings.unread == ()
+
+
+def test_value_in_a_comment_is_told():
+    lines = ["COMMENT /* not", "PARAMETER_VALUE Pq 1 um", "*/", "PARAMETER_VALUE Pa 0.3 um"]
+
+    expected, settings = expectations(lines)
+
+    assert [e.symbol for e in expected] == ["Pa"]
+    assert "'PARAMETER_VALUE Pq 1 um' stands in a comment" in settings.unread[0]
+
+
+@pytest.mark.parametrize(
+    ("line", "agrees"),
+    [
+        ("PARAMETER_VALUE Pa 0 mm 0", None),
+        ("PARAMETER_VALUE Pa 0 um", None),
+        ("PARAMETER_VALUE Pa 0.0 mm 0.001", None),
+        ("PARAMETER_VALUE Pa 0.3 um 0.4", None),
+        ("PARAMETER_VALUE Pa 0.3 um 0.2", True),
+        ("PARAMETER_VALUE Psk 0", None),
+        ("PARAMETER_VALUE Psk 0 1 0", None),
+        ("PARAMETER_VALUE Psk 0.000 1 0", True),
+        ("PARAMETER_VALUE Psk 0 1 0.001", None),
+        ("PARAMETER_VALUE Psk 0.001 1 0.01", True),
+    ],
+)
+def test_a_value_that_decides_nothing_is_not_compared(tmp_path, line, agrees):
+    """Pa of 318 nm: where 0 is within the tolerance too, agreeing would say nothing.
+
+    The skewness of a sine is 0, so a zero with decimals is a value there.
+    """
+    (row,) = found = verify_softgauge(gauge(tmp_path / "a.smd", sine(), 1e-3, [line]))
+
+    assert row.agrees is agrees
+    assert bool(row.reason) is (agrees is None)
+    assert found.result == ("verified" if agrees else "not verified")
+
+
+def test_what_the_reader_warned_of_is_told_with_the_result(tmp_path):
+    lines = ["PARAMETER_VALUE Pt 1.0000 um 0.001", "PARAMETER_VALUE Pq 9.9 um 0"]
+    sound = gauge(tmp_path / "a.smd", sine(), 1e-3, lines)
+    warned = ms.Profile(sound.x, sound.z, metadata={**sound.metadata, "warnings": ("odd",)})
+
+    assert verify_softgauge(sound).result == verify_softgauge(warned).result == "differs"
+    assert not verify_softgauge(sound).reasons
+    assert "odd" in verify_softgauge(warned).reasons[0]
+
+
+def test_result_is_a_sequence_of_its_rows(tmp_path):
+    lines = [
+        "PARAMETER_VALUE Pt 1.000 um 0",
+        "PARAMETER_VALUE Pzz 1 um",
+        "PARAMETER_VALUE Rt 1 um",
+    ]
+
+    found = verify_softgauge(gauge(tmp_path / "a.smd", sine(), 1e-3, lines))
+
+    assert [r.expected.symbol for r in found] == ["Pt", "Pzz", "Rt"]
+    assert (len(found), found.n_agree, found[0].agrees) == (3, 1, True)
+    assert found.reasons == ("2 of 3 values were not compared: Pzz, Rt",)
+    assert set(found.to_dict()) == {"result", "reasons", "rows"}
+
+
+def test_misspelt_keyword_is_named_where_nothing_is_expected(tmp_path):
+    profile = gauge(tmp_path / "a.smd", sine(100), 1e-3, ["PARAMETR_VALUE Ra 0.4 um"])
+
+    with pytest.raises(DataError, match=r"expects nothing.*'PARAMETR_VALUE Ra 0.4 um'"):
+        verify_softgauge(profile)
 
 
 def test_a_file_without_expectations_is_no_gauge(tmp_path):

@@ -107,7 +107,7 @@ def test_prominences_are_those_of_a_flooding(rng):
                 assert prominence == pytest.approx(height - level, rel=ROUNDING, abs=0.0)
                 break
         else:
-            assert np.isinf(prominence)
+            assert prominence == height - z.min()
 
 
 def test_holes_are_neither_peaks_nor_bridges():
@@ -117,7 +117,57 @@ def test_holes_are_neither_peaks_nor_bridges():
     assert len(peaks) == 24
     assert not np.isnan(peaks.heights).any()
     z[:, 100] = np.nan
-    assert np.isinf(significant_peaks(z).prominences).sum() == 2
+    peaks = significant_peaks(z)  # two pieces, of which each has a highest peak
+    assert np.sort(peaks.prominences)[-3:] == pytest.approx([2.0, 4.0, 4.0], rel=1e-2, abs=0.0)
+
+
+def test_an_island_counts_by_its_own_height():
+    z = sine_grid()
+    plain = len(significant_peaks(z))
+    y, x = np.mgrid[-10:11, -10:11] / 5.0
+    for height, more in ((1e-6, 0), (0.19, 0), (0.21, 1)):  # 5 % of Sz 4 is 0.2
+        island = z.copy()
+        island[88:113, 88:113] = np.nan  # at a saddle of the grid, no peak is lost
+        without = len(significant_peaks(island))
+        island[90:111, 90:111] = height * np.exp(-(x**2) - y**2)
+        assert without == plain
+        assert len(significant_peaks(island)) == plain + more
+
+
+@pytest.mark.parametrize("pruning", [0.0, 0.05, 0.3])
+def test_prominences_of_islands_are_those_of_a_flooding(rng, pruning):
+    # Lower the level until the peak's region holds a higher pixel; where none comes, the whole
+    # island is flooded and the peak stands on its lowest pixel.
+    from scipy.ndimage import gaussian_filter, label
+
+    eight = np.ones((3, 3))
+    for _ in range(4):
+        z = gaussian_filter(rng.standard_normal((26, 34)), 1.0)
+        z += np.linspace(0, 1, 34)
+        z[:, 11], z[13] = np.nan, np.nan
+        z[14:, 12:] *= 0.05  # a flat piece
+        filled = np.where(np.isnan(z), -np.inf, z)
+        pieces, _ = label(~np.isnan(z), structure=eight)
+        want = {}
+        for i in range(1, 25):
+            for j in range(1, 33):
+                around = z[i - 1 : i + 2, j - 1 : j + 2]
+                if np.isnan(around).any() or z[i, j] < around.max():
+                    continue
+                base = z[pieces == pieces[i, j]].min()
+                for level in np.sort(z[z < z[i, j]])[::-1]:
+                    regions, _ = label(filled >= level, structure=eight)
+                    if filled[regions == regions[i, j]].max() > z[i, j]:
+                        base = level
+                        break
+                if z[i, j] - base >= pruning * np.ptp(z[~np.isnan(z)]):
+                    want[i, j] = z[i, j] - base
+        peaks = significant_peaks(z, pruning=pruning)
+        places = list(zip(peaks.rows.tolist(), peaks.columns.tolist(), strict=True))
+        assert set(places) == set(want)
+        assert peaks.prominences.tolist() == pytest.approx(
+            [want[p] for p in places], rel=ROUNDING, abs=0.0
+        )
 
 
 def test_nan_rows_are_cropped_rows_and_transposing_exchanges_axes(rng):
