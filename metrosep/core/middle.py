@@ -8,10 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
+from metrosep.core.surface import Surface
+from metrosep.core.units import format_length
 
-__all__ = ["measured_middle"]
+__all__ = ["assumed_axis", "measured_middle"]
 
 Positions = NDArray[np.floating[Any]]
+
+_CENTRED = 1e-3
+"""Of the extent of a map: a middle of the measured part so close to that of the map is the same."""
 
 
 def measured_middle(z: FloatArray, x: Positions, y: Positions) -> tuple[float, float]:
@@ -49,6 +54,41 @@ def measured_middle(z: FloatArray, x: Positions, y: Positions) -> tuple[float, f
     if valid.all() or not valid.any():
         return 0.5 * float(x[0] + x[-1]), 0.5 * float(y[0] + y[-1])
     return _of_chords(valid, x), _of_chords(valid.T, y)
+
+
+def assumed_axis(surface: object) -> tuple[str, ...]:
+    """Return the sentence that tells where an axis was taken, if nothing but the data says so.
+
+    Parameters
+    ----------
+    surface : object
+        What was measured.
+
+    Returns
+    -------
+    tuple of str
+        Empty for anything but a map without an origin whose measured part lies off its middle.
+    """
+    if not isinstance(surface, Surface) or surface.origin != (0.0, 0.0):
+        return ()
+    if surface.dx is None or surface.dy is None:
+        return ()
+    rows, columns = surface.shape
+    x, y = surface.dx * np.arange(columns), surface.dy * np.arange(rows)
+    middle = measured_middle(surface.z, x, y)
+    off = max(
+        abs(m - 0.5 * float(p[-1])) / float(p[-1] or 1.0)
+        for m, p in zip(middle, (x, y), strict=True)
+    )
+    if off < _CENTRED:
+        return ()
+    x0, y0 = (format_length(m) for m in middle)
+    return (
+        (
+            "the map declares no origin, so its axis is taken in the middle of what was measured, "
+            f"x = {x0}, y = {y0}; give centre= if it lies elsewhere"
+        ),
+    )
 
 
 def _of_chords(valid: NDArray[np.bool_], at: Positions) -> float:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from metrosep.core._arrays import CheckedArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError
+from metrosep.core.middle import assumed_axis
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
@@ -34,9 +35,6 @@ from metrosep.forms.warn import fit_warnings
 __all__ = ["fit", "remove"]
 
 FloatArray = NDArray[np.float64]
-
-_CENTRED = 1e-3
-"""Of the extent of a map: a middle of the measured part so close to that of the map is the same."""
 
 
 def fit(
@@ -175,25 +173,6 @@ def _check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
         raise DataError(f"{name} must be one of {', '.join(choices)}, got {value!r}")
 
 
-def _axis_note(
-    obj: Surface | Profile | PointSet, points: Points, *, assumed: bool
-) -> tuple[str, ...]:
-    """Say where the form was centred, where that is neither declared nor the middle of the map."""
-    if not assumed or not isinstance(obj, Surface) or obj.origin != (0.0, 0.0):
-        return ()
-    off = max(
-        abs(float(p[0] + p[-1])) / (2.0 * float(np.ptp(p) or 1.0)) for p in (points.x, points.y)
-    )
-    if off < _CENTRED:
-        return ()
-    x0, y0 = (format_length(c) for c in points.centre)
-    note = (
-        "the map declares no origin, so the form is centred on the middle of what was measured, "
-        f"x = {x0}, y = {y0}; give centre= if its axis lies elsewhere"
-    )
-    return (note,)
-
-
 def _result(
     obj: Surface | Profile | PointSet,
     points: Points,
@@ -236,7 +215,7 @@ def _result(
             history=history,
         )
     outside = 0 if placed.form.is_everywhere else points.n_valid - n
-    notes = [*freedoms.notes, *_axis_note(obj, points, assumed=assumed)]
+    notes = [*freedoms.notes, *(assumed_axis(obj) if assumed else ())]
     if robust is not None:
         good = spread(residual.ravel())
         notes.append(

@@ -38,11 +38,12 @@ _KINDS = ("P", "W", "R")
 _CUTOFFS = ("lambda_c_m", "lambda_s_m", "lambda_f_m")
 _COUNT = "n_sections"
 _FACTS = ("profile_kind", *_CUTOFFS, _COUNT)
-_EXPECTED = {"profile_kind": "P, W or R", _COUNT: "a whole number from 1"}
+_EXPECTED = {"profile_kind": "P, W or R"}
 _MOST_SECTIONS = 9999
 
 _MARK = re.compile(r"metrosep \S+: SI units, empty or nan = not measured")
 _FACT = re.compile(rf"({'|'.join(_FACTS)})\s*:(.*)")
+_WORD = re.compile(rf"(?<!\S)({'|'.join(_FACTS)})\s*:\s*(\S+)")
 _DECIMAL = re.compile(r"\d+(?:\.\d*)?(?:[eE][+-]?\d+)?")
 _STEP = "history:"
 _COMMENT = "metrosep history:"
@@ -156,8 +157,8 @@ def header_notes(file: RawFile, comments: Iterable[str]) -> OwnNotes:
                 warnings.append(_lost(line))
             else:
                 history.extend(step)
-        else:
-            _take_fact(file, line, facts)
+        elif match := _FACT.fullmatch(line):
+            warnings += _take_fact(file, match[1], match[2], facts)
     return _notes(facts, history, warnings)
 
 
@@ -181,14 +182,20 @@ def comment_notes(file: RawFile, comment: str) -> OwnNotes:
     CorruptFileError
         If a fact is damaged or stands there twice.
     """
-    first, *others = comment.strip().split("\n")
-    if not first.startswith(_COMMENT):
+    _, mark, text = comment.partition(_COMMENT)
+    if not mark:
         return OwnNotes()
+    text = text.lstrip()
+    try:
+        end = json.JSONDecoder().raw_decode(text)[1]
+    except (ValueError, RecursionError):
+        end = 0
+    history = _steps(text[:end])
     facts: dict[str, Any] = {}
-    for line in others:
-        _take_fact(file, line.strip(), facts)
-    history = _steps(first.removeprefix(_COMMENT))
-    return _notes(facts, history or (), () if history is not None else (_lost(first),))
+    warnings = [] if history is not None else [_lost(f"{mark} {text}", "the history")]
+    for found in _WORD.finditer(text, end):  # line ends may have become blanks on the way
+        warnings += _take_fact(file, found[1], found[2], facts)
+    return _notes(facts, history or (), warnings)
 
 
 def _fact_lines(obj: Surface | Profile | Recording | RunSet) -> list[str]:
@@ -219,31 +226,32 @@ def _fact_value(name: str, text: str) -> str | float | int | None:
     return number if 0.0 < number < math.inf else None
 
 
-def _take_fact(file: RawFile, line: str, facts: dict[str, Any]) -> None:
-    match = _FACT.fullmatch(line)
-    if match is None:
-        return
-    name, text = match[1], match[2].strip().rstrip(',;\t "')
+def _take_fact(file: RawFile, name: str, text: str, facts: dict[str, Any]) -> list[str]:
+    """Add a fact; return a warning for one that decides nothing, and refuse other damage."""
+    text = text.strip().rstrip(',;\t "')
     value = _fact_value(name, text)
-    if value is None or name in facts:
-        twice = name in facts
-        raise CorruptFileError(
-            file.path,
-            f"what metrosep noted of the object {'stands there twice' if twice else 'is damaged'}",
-            field=name,
-            expected="one line" if twice else _EXPECTED.get(name, "a positive length in m"),
-            found=None if twice else repr(text)[:40],
-            hint="correct that line, or remove it if it is not known",
-        )
-    facts[name] = value
+    if value is not None and name not in facts:
+        facts[name] = value
+        return []
+    if name == _COUNT:
+        return [f"{name} of the file, {text[:40]!r}, is damaged or stands there twice: left out"]
+    twice = name in facts
+    raise CorruptFileError(
+        file.path,
+        f"what metrosep noted of the object {'stands there twice' if twice else 'is damaged'}",
+        field=name,
+        expected="one line" if twice else _EXPECTED.get(name, "a positive length in m"),
+        found=None if twice else repr(text)[:40],
+        hint="correct that line, or remove it if it is not known",
+    )
 
 
 def _notes(facts: dict[str, Any], history: Sequence[Step], warnings: Sequence[str]) -> OwnNotes:
-    return OwnNotes(facts or _facts_of(history), tuple(history), tuple(warnings))
+    return OwnNotes({**_facts_of(history), **facts}, tuple(history), tuple(warnings))
 
 
 def _facts_of(history: Sequence[Step]) -> dict[str, Any]:
-    """Return the facts that follow from the steps, for files without lines of facts."""
+    """Return the facts that follow from the steps, for files that lack lines of facts."""
     facts: dict[str, Any] = {}
     for step in history:
         if step.name in _CHAIN:
@@ -281,6 +289,9 @@ def _depth(value: Any) -> int:
     return depth
 
 
-def _lost(line: str) -> str:
+def _lost(line: str, what: str = "a step of the history") -> str:
     shown = line if len(line) <= 60 else line[:60] + " ..."
-    return f"a step of the history is damaged and was left out: {shown!r}"
+    return (
+        f"{what} is damaged and was left out, so what was removed or filtered may not be known: "
+        f"{shown!r}"
+    )

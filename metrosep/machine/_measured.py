@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from metrosep.core._arrays import as_float
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
-from metrosep.core.middle import measured_middle
+from metrosep.core.middle import assumed_axis, measured_middle
 from metrosep.core.surface import Surface
 from metrosep.machine._mesh import SurfaceMesh, centred_form, checked_centre
 
@@ -30,6 +30,7 @@ class Measured:
     n_given: int
     stride: int
     centre: tuple[float, float]
+    notes: tuple[str, ...] = ()
 
     def on_map(self, values: FloatArray) -> FloatArray:
         """Return values of the points in the shape that was given, NaN elsewhere."""
@@ -59,7 +60,8 @@ def measured_points(
     max_points: int,
 ) -> Measured:
     """Return the points that are measured, inside the radii and on the form; not the very centre."""
-    x, y, z, centre = _coordinates(source, centre)
+    given = centre
+    x, y, z, centre = _coordinates(source, form, centre)
     shape = z.shape
     stride = 1
     while np.prod([-(-s // stride) for s in shape]) > max(max_points, 1):
@@ -101,11 +103,24 @@ def measured_points(
         azimuth=np.zeros(1),
         form=nominal,
     )
-    return Measured(mesh, pz[keep], index[keep], shape, n_given, stride, centre)
+    notes = assumed_axis(source) if given is None and not _on_same_grid(source, form) else ()
+    return Measured(mesh, pz[keep], index[keep], shape, n_given, stride, centre, notes)
+
+
+def _on_same_grid(source: Any, form: Any) -> bool:
+    """Whether both are maps of the same pixels that declare no origin."""
+    if not (isinstance(source, Surface) and isinstance(form, Surface)):
+        return False
+    return (source.shape, source.dx, source.dy, source.origin) == (
+        form.shape,
+        form.dx,
+        form.dy,
+        form.origin,
+    )
 
 
 def _coordinates(
-    source: Any, centre: tuple[float, float] | None
+    source: Any, form: Any, centre: tuple[float, float] | None
 ) -> tuple[FloatArray, FloatArray, FloatArray, tuple[float, float]]:
     if isinstance(source, Surface):
         if source.dx is None or source.dy is None:
@@ -115,7 +130,8 @@ def _coordinates(
         x = source.origin[0] + source.dx * np.arange(source.shape[1])
         y = source.origin[1] + source.dy * np.arange(source.shape[0])
         if centre is None and source.origin == (0.0, 0.0):
-            centre = measured_middle(source.z, x, y)
+            # a nominal map of the same pixels stands where the measured one does
+            centre = measured_middle((form if _on_same_grid(source, form) else source).z, x, y)
         grid_x, grid_y = np.meshgrid(x, y)
         return grid_x, grid_y, source.z, checked_centre(centre)
     if not (isinstance(source, tuple | list) and len(source) == 3):

@@ -362,7 +362,7 @@ def _as_given(residual: FloatArray, source: Any) -> Surface | FloatArray:
 def _messages(
     solver: Solver, points: Measured, used: NDArray[np.bool_], inflation: float, no_form: bool
 ) -> tuple[str, ...]:
-    found = []
+    found = list(points.notes)
     if no_form:
         found.append("no form was given: the part is taken as nominally plane")
     hidden = [solver.names[i] for i in range(len(solver.names)) if i not in solver.visible]

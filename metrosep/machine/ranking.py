@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core.errors import DataError
+from metrosep.core.middle import assumed_axis
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.units import format_length
 from metrosep.machine._mesh import N_AZIMUTH, N_RHO, SurfaceMesh, polar_mesh
@@ -225,6 +226,7 @@ def rank(
         audit=freeze_mapping(audit),
         typed=amounts.typed,
         messages=(
+            *(assumed_axis(surface) if centre is None else ()),
             *_large_angles(amounts, errors, mean),
             *_reach(maker),
             *_messages(amounts, gram, space, mesh),

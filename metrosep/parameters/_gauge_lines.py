@@ -55,6 +55,8 @@ class Expectation:
         Value and unit as the file has them.
     dimension : str, optional
         Of the unit: ``"length"``, ``"number"``, ``"angle"``, ...; empty where it is not known.
+    problem : str, optional
+        Why it cannot be compared, such as a unit that is not known.
     """
 
     symbol: str
@@ -63,6 +65,7 @@ class Expectation:
     u: float | None
     printed: str
     dimension: str = ""
+    problem: str = ""
 
     @property
     def is_placeholder(self) -> bool:
@@ -129,7 +132,7 @@ def expectations(lines: Iterable[str]) -> tuple[tuple[Expectation, ...], GaugeSe
             found.append(_expectation(text))
         elif keyword == _FILTER:
             filters.append(text)
-        elif meant := _meant(text):
+        elif (meant := _meant(text)) and _states(text, meant):
             unread.append(f"the line {text!r} was not taken: write {meant} if that is meant")
         elif _keyword(raw) == _VALUE:
             unread.append(f"the line {raw.strip()!r} stands in a comment and was not compared")
@@ -154,6 +157,14 @@ def _meant(text: str) -> str:
     return ""
 
 
+def _states(text: str, meant: str) -> bool:
+    """Whether a line states something behind its first words; a heading does not."""
+    words = text.upper().split()
+    if meant == _FILTER:
+        return any(word.startswith(tuple(_CUTOFFS)) for word in words[1:])
+    return any(_is_number(word) for word in words[1:4])
+
+
 def _expectation(text: str) -> Expectation:
     words = text.split()[1:]
     if len(words) < 2 or _SYMBOL.fullmatch(words[0]) is None:
@@ -169,7 +180,11 @@ def _expectation(text: str) -> Expectation:
     stated = rest.pop(0) if rest and (rest[0] == "1" or not _is_number(rest[0])) else ""
     if len(rest) > 1:
         raise DataError(f"expected PARAMETER_VALUE symbol value unit uncertainty, found {text!r}")
-    factor, dimension = _unit(stated or "1", text)
+    try:
+        factor, dimension = _unit(stated or "1", text)
+        problem = ""
+    except DataError as error:  # of this value, not of the others
+        factor, dimension, problem = 1.0, "", str(error)
     u = _uncertainty(rest[0], text) * factor if rest else 0.0
     half = 0.5 * 10.0 ** int(printed.as_tuple().exponent)
     return Expectation(
@@ -179,6 +194,7 @@ def _expectation(text: str) -> Expectation:
         u=u or None,
         printed=f"{number} {stated}".strip(),
         dimension=dimension,
+        problem=problem,
     )
 
 
@@ -214,7 +230,10 @@ def _cutoff(number: str, unit: str, text: str) -> float:
     factor, dimension = _unit(unit, text)
     if not _is_number(number) or dimension != "length":
         raise DataError(f"the cut-off {number} {unit} in {text!r} is no length")
-    return float(number) * factor
+    cutoff = float(number) * factor
+    if not 0.0 < cutoff < math.inf:
+        raise DataError(f"the cut-off {number} {unit} in {text!r} is not positive and finite")
+    return cutoff
 
 
 def _cutoffs(lines: Iterable[str]) -> dict[str, float]:
@@ -237,6 +256,8 @@ def _stated(rest: str, text: str) -> Iterator[tuple[str, float]]:
     """Yield the cut-offs that stand behind the name of a filter."""
     for key in _CUTOFFS:
         for place in re.finditer(rf"\b{key}(?![A-Za-z_])\s*=?\s*", rest, re.IGNORECASE):
+            if re.match(r"(none|off)\b", rest[place.end() :], re.IGNORECASE):
+                continue
             part = re.match(_LENGTH, rest[place.end() :])
             if part is None:
                 raise DataError(f"the cut-off {key} in {text!r} has no number with a unit")

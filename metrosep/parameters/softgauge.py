@@ -224,6 +224,8 @@ def verify_softgauge(
     """
     instance_of(profile, Profile, "a software gauge")
     _check_options(kind, edition, sections, line, relative_tolerance)
+    if lambda_c is not None and finite_number(lambda_c, "lambda_c", "a wavelength in m") <= 0.0:
+        raise DataError(f"lambda_c must be positive, got {lambda_c}")
     centre = true_or_false(centre, "centre")
     header = profile.metadata.get("header")
     lines: Sequence[str] = header.get("information", ()) if isinstance(header, Mapping) else ()
@@ -316,7 +318,9 @@ def _table(
 def _row(item: Expectation, table: Any, relative_tolerance: float) -> GaugeRow:
     tolerance = item.half_digit + (item.u or 0.0) + relative_tolerance * abs(item.value)
     quantity, reason = None, ""
-    if item.is_placeholder:
+    if item.problem:
+        reason = item.problem
+    elif item.is_placeholder:
         reason = f"{item.printed} is a placeholder: no expected value was filled in"
     elif isinstance(table, MetrosepError):
         reason = str(table)

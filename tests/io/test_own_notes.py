@@ -147,8 +147,6 @@ def test_a_band_that_was_filtered_off_is_roughness_in_a_history_too(tmp_path, tr
         ("lambda_c_m: 0.00025", "lambda_c_m: -1", "lambda_c_m"),
         ("lambda_c_m: 0.00025", "lambda_c_m: nan", "lambda_c_m"),
         ("lambda_c_m: 0.00025", "lambda_c_m: 1_0", "lambda_c_m"),
-        ("lambda_c_m: 0.00025", "n_sections: 1.5", "n_sections"),
-        ("lambda_c_m: 0.00025", f"n_sections: {'9' * 5000}", "n_sections"),
     ],
 )
 def test_a_damaged_kind_is_one_sentence(edited, name, old, new, field):
@@ -160,6 +158,41 @@ def test_a_damaged_kind_is_one_sentence(edited, name, old, new, field):
         ms.read(path)
     assert path.name in str(caught.value)
     assert len(str(caught.value)) < 400
+
+
+@pytest.mark.parametrize("name", ["p.csv", "p.x3p"])
+@pytest.mark.parametrize("count", ["1.5", "9" * 5000, "none"])
+def test_a_damaged_count_of_sections_decides_nothing_and_is_told(edited, name, count):
+    read = ms.read(edited(name, "lambda_c_m: 0.00025", f"n_sections: {count}"))
+
+    assert profile_kind(read) == "R"
+    assert "n_sections" not in read.metadata
+    assert any("n_sections" in w for w in read.metadata["warnings"])
+
+
+@pytest.mark.parametrize("name", ["p.csv", "p.x3p"])
+def test_a_kind_whose_line_was_taken_out_is_that_of_the_history(edited, name):
+    """The cut-off is still there; what the error for a damaged line advises."""
+    mark = "# " if name == "p.csv" else ""
+    read = ms.read(edited(name, f"{mark}profile_kind: R\n", ""))
+
+    assert profile_kind(read) == "R"
+    assert read.metadata["lambda_c_m"] == pytest.approx(0.25e-3, rel=1e-12, abs=0.0)
+    with pytest.raises(DoubleFilterError):
+        roughness(read, lambda_c=0.25e-3)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [("\nprofile_kind", " profile_kind"), ("metrosep history:", "By Ann\nmetrosep history:")],
+    ids=["line ends are blanks", "a line before"],
+)
+def test_a_comment_that_another_program_reflowed_keeps_kind_and_history(edited, old, new):
+    read = ms.read(edited("p.x3p", old, new))
+
+    assert profile_kind(read) == "R"
+    assert "roughness" in [s.name for s in read.history]
+    assert read.metadata["lambda_c_m"] == pytest.approx(0.25e-3, rel=1e-12, abs=0.0)
 
 
 HOSTILE = [

@@ -260,6 +260,33 @@ def test_a_map_with_gaps_keeps_its_gaps_and_its_place(lathe):
     assert found.residual.history[-1].name == "identify"
 
 
+def test_a_margin_that_was_not_measured_moves_no_axis(lathe):
+    X, Y = grid()
+    step = X[0, 1] - X[0, 0]
+    z = cut(TORIC, X, Y, B0Z=20e-6)[2]
+    z = np.where(np.hypot(X, Y) < 0.7 * R, z, np.nan)
+    padded = np.pad(z, ((3, 0), (0, 21)), constant_values=np.nan)
+
+    for heights, told in ((z, 0), (padded, 1)):
+        found = identify(lathe, Surface(heights, step, step), form=TORIC, terms=["B0Z"])
+        assert found["B0Z"].value == pytest.approx(20e-6, abs=1e-10)
+        assert sum("middle of what was measured" in m for m in found.messages) == told
+
+
+def test_a_nominal_map_of_the_same_pixels_stands_where_the_measured_one_does(lathe):
+    """An edge that is missing in one of them moves neither against the other."""
+    X, Y = grid()
+    step = X[0, 1] - X[0, 0]
+    nominal = Surface(TORIC(X, Y), step, step)
+    z = cut(TORIC, X, Y, B0Z=20e-6)[2]
+    z[:, 50:] = np.nan
+
+    found = identify(lathe, Surface(z, step, step), form=nominal, terms=["B0Z"])
+
+    assert found["B0Z"].value == pytest.approx(20e-6, abs=1e-9)
+    assert not any("middle of what was measured" in m for m in found.messages)
+
+
 def test_the_centre_of_the_part_is_left_out_and_counted(lathe):
     X, Y = grid()  # an odd grid: one pixel lies on the axis
     step = X[0, 1] - X[0, 0]

@@ -115,6 +115,20 @@ def test_gaps_stay_gaps_and_lonely_pixels_are_named():
     assert "1 pixels have no measured neighbour in x or y and are left out" in front.messages
 
 
+def test_a_margin_that_was_not_measured_moves_no_axis():
+    part = a_map(Sphere(R=30e-3), 41, 0.5e-3)
+    z = np.where(
+        np.isnan(part.z) | (np.add.outer(*2 * [(np.arange(41) - 20) ** 2]) > 390), np.nan, part.z
+    )
+    padded = np.pad(z, ((0, 0), (17, 2)), constant_values=np.nan)
+
+    alone = wavefront(Surface(z, 0.5e-3, 0.5e-3), radius=9e-3).zernike(9)
+    beside = wavefront(Surface(padded, 0.5e-3, 0.5e-3), radius=9e-3).zernike(9)
+
+    for term in ("Z1", "Z2", "Z3", "Z4", "Z5", "Z6", "Z7", "Z8"):
+        assert beside[term] == pytest.approx(alone[term], rel=1e-9, abs=1e-15)
+
+
 def test_mirrored_map_mirrors_the_tilt():
     z = np.zeros((20, 20)) + 1e-9 * np.arange(20)
     right = wavefront(Surface(z, 1e-3, 1e-3)).zernike(3)

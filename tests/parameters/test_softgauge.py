@@ -173,7 +173,6 @@ def test_reason_keeps_its_quotes(tmp_path):
         (["PARAMETER_VALUE Ra lots um 0"], "no number"),
         (["PARAMETER_VALUE Ra"], "expected PARAMETER_VALUE"),
         (["PARAMETER_VALUE Ra nan um 0"], "not finite"),
-        (["PARAMETER_VALUE Ra 1.0 furlong 0"], "furlong"),
         (["PARAMETER_VALUE Ra 1 um 0", "PARAMETER_VALUE Ra 2 um 0"], "two values of Ra"),
         (["PROFILE_FILTER Spline LC 0.8 mm"], "Spline"),
         (["PARAMETER_VALUE Ra 0.4 um 1..2"], "Ra 0.4 um 1..2"),
@@ -338,3 +337,41 @@ def test_rows_are_plain_for_json(tmp_path):
     profile = gauge(tmp_path / "a.smd", sine(), 1e-3, ["PARAMETER_VALUE Rzz 1 um"])
 
     assert verify_softgauge(profile)[0].to_dict()["computed"] is None
+
+
+def test_a_unit_that_is_not_known_leaves_the_other_values(tmp_path):
+    lines = ["PARAMETER_VALUE RPc 30 1/cm", "PARAMETER_VALUE Pt 1.000 um 0.5"]
+
+    found = verify_softgauge(gauge(tmp_path / "a.smd", sine(), 1e-3, lines))
+
+    assert (found[0].agrees, found[1].agrees) == (None, True)
+    assert "1/cm" in found[0].reason
+    assert found.result == "not verified"
+
+
+def test_a_heading_is_no_slip_of_a_keyword(tmp_path):
+    lines = ["Parameter values:", "PARAMETER_VALUE Pt 1.000 um 0.5", "PROFILE FILTERS as usual"]
+
+    assert verify_softgauge(gauge(tmp_path / "a.smd", sine(), 1e-3, lines)).result == "verified"
+
+
+@pytest.mark.parametrize("word", ["NONE", "off"])
+def test_a_filter_that_is_off_has_no_cutoff(word):
+    _, settings = expectations([f"PROFILE_FILTER Gaussian LS {word} LC 0.8 mm"])
+
+    assert settings.lambda_s is None
+    assert settings.lambda_c == pytest.approx(0.8e-3, rel=1e-15, abs=0.0)
+
+
+@pytest.mark.parametrize("length", ["-0.8 mm", "0 mm", "1e999 mm"])
+def test_a_cutoff_of_the_file_must_be_positive(length):
+    with pytest.raises(DataError, match="PROFILE_FILTER Gaussian LC"):
+        expectations([f"PROFILE_FILTER Gaussian LC {length}"])
+
+
+@pytest.mark.parametrize("lambda_c", [np.nan, 0.0, -1e-3, np.inf, "0.8 mm"])
+def test_a_cutoff_of_the_caller_must_be_positive(tmp_path, lambda_c):
+    sound = gauge(tmp_path / "a.smd", sine(), 1e-3, ["PARAMETER_VALUE Pt 1.000 um 0.5"])
+
+    with pytest.raises(DataError, match="lambda_c"):
+        verify_softgauge(sound, lambda_c=lambda_c)
