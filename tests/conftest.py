@@ -10,8 +10,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import settings
 
 REPOSITORY = Path(__file__).resolve().parents[1]
+
+settings.register_profile("metrosep", deadline=None)
+settings.load_profile(
+    "metrosep"
+)  # speed is measured by benches, on a machine that does nothing else
 
 
 @pytest.fixture(scope="session")

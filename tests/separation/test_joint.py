@@ -28,10 +28,10 @@ def test_noise_free_waves_come_back(contract_machine, as_runset):
     ("case", "waves", "limit"),
     [
         ("sine", "STANDARD", 3.5),
-        ("locked", "LONG_ONLY", 3.5),
+        pytest.param("locked", "LONG_ONLY", 3.5, marks=pytest.mark.slow),
         ("modal", "STANDARD", 9.0),
-        ("floor", "STANDARD", 16.0),
-        ("modal", "WITH_SHORT", 10.0),
+        pytest.param("floor", "STANDARD", 16.0, marks=pytest.mark.slow),
+        pytest.param("modal", "WITH_SHORT", 10.0, marks=pytest.mark.slow),
     ],
 )
 def test_required_columns_on_three_seeds(contract_machine, as_runset, case, waves, limit):
