@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
 
-__all__ = ["assumed_axis", "measured_middle"]
+__all__ = ["Axis", "assumed_axis", "measured_middle"]
 
 Positions = NDArray[np.floating[Any]]
 
@@ -56,39 +56,52 @@ def measured_middle(z: FloatArray, x: Positions, y: Positions) -> tuple[float, f
     return _of_chords(valid, x), _of_chords(valid.T, y)
 
 
-def assumed_axis(surface: object) -> tuple[str, ...]:
-    """Return the sentence that tells where an axis was taken, if nothing but the data says so.
+class Axis(NamedTuple):
+    """Where the axis of a part is taken.
 
     Parameters
     ----------
-    surface : object
+    position : tuple of (float, float), m
+        In the coordinates of the map.
+    notes : tuple of str
+        What the caller should be told: where it was taken, if nothing but the data says so.
+    """
+
+    position: tuple[float, float]
+    notes: tuple[str, ...] = ()
+
+
+def assumed_axis(surface: Surface) -> Axis:
+    """Return the axis of a part whose centre was not given.
+
+    Parameters
+    ----------
+    surface : Surface
         What was measured.
 
     Returns
     -------
-    tuple of str
-        Empty for anything but a map without an origin whose measured part lies off its middle.
+    Axis
+        (0, 0) of a map that declares its origin, else the middle of what was measured; with a note
+        where that lies off the middle of the map.
     """
-    if not isinstance(surface, Surface) or surface.origin != (0.0, 0.0):
-        return ()
-    if surface.dx is None or surface.dy is None:
-        return ()
+    if surface.origin != (0.0, 0.0):
+        return Axis((0.0, 0.0))
     rows, columns = surface.shape
-    x, y = surface.dx * np.arange(columns), surface.dy * np.arange(rows)
+    x, y = (surface.dx or 0.0) * np.arange(columns), (surface.dy or 0.0) * np.arange(rows)
     middle = measured_middle(surface.z, x, y)
     off = max(
         abs(m - 0.5 * float(p[-1])) / float(p[-1] or 1.0)
         for m, p in zip(middle, (x, y), strict=True)
     )
     if off < _CENTRED:
-        return ()
+        return Axis(middle)
     x0, y0 = (format_length(m) for m in middle)
-    return (
-        (
-            "the map declares no origin, so its axis is taken in the middle of what was measured, "
-            f"x = {x0}, y = {y0}; give centre= if it lies elsewhere"
-        ),
+    note = (
+        "the map declares no origin, so its axis is taken in the middle of what was measured, "
+        f"x = {x0}, y = {y0}; give centre= if it lies elsewhere"
     )
+    return Axis(middle, (note,))
 
 
 def _of_chords(valid: NDArray[np.bool_], at: Positions) -> float:

@@ -5,17 +5,17 @@ All are rows of one array, ``out[k]`` being degree k, by three-term recurrences.
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, lru_cache
 from typing import Literal
 
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
 
-__all__ = ["KEPT", "Basis", "linearisation", "values", "values_and_slopes"]
+__all__ = ["Basis", "linearisation", "values", "values_and_slopes", "values_on_axis"]
 
-KEPT = 1 << 18
-"""Values on an axis up to which they are kept: maps of a batch mostly have the same axes."""
+_KEPT = 1 << 18
+"""Values on an axis up to which they are kept."""
 
 Basis = Literal["power", "legendre", "chebyshev"]
 
@@ -41,6 +41,20 @@ def values(u: FloatArray, degree: int, *, basis: Basis = "legendre") -> FloatArr
         out[k + 1] *= a
         if b:
             out[k + 1] -= b * out[k - 1]
+    return out
+
+
+def values_on_axis(u: FloatArray, degree: int) -> FloatArray:
+    """Return Legendre values on an axis, read-only: maps of a batch mostly have the same axes."""
+    if u.size * (degree + 1) > _KEPT:
+        return values(u, degree)
+    return _kept_values(u.tobytes(), degree)
+
+
+@lru_cache(maxsize=32)
+def _kept_values(u: bytes, degree: int) -> FloatArray:
+    out = values(np.frombuffer(u), degree)
+    out.setflags(write=False)
     return out
 
 

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from metrosep.core._arrays import CheckedArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError
-from metrosep.core.middle import assumed_axis
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
@@ -134,16 +133,7 @@ def fit(
             direction=direction,
             max_iterations=max_iterations,
         )
-        return _result(
-            obj,
-            points,
-            freedoms,
-            placed,
-            answer,
-            robust,
-            assumed=centre is None and form.has_centre,
-            n_iterations=n_iterations,
-        )
+        return _result(obj, points, freedoms, placed, answer, robust, n_iterations=n_iterations)
 
 
 def remove(
@@ -181,7 +171,6 @@ def _result(
     answer: Answer,
     robust: str | None,
     *,
-    assumed: bool,
     n_iterations: int = 0,
 ) -> FitResult:
     names, n, residual = freedoms.names, answer.n, answer.residual
@@ -215,7 +204,7 @@ def _result(
             history=history,
         )
     outside = 0 if placed.form.is_everywhere else points.n_valid - n
-    notes = [*freedoms.notes, *(assumed_axis(obj) if assumed else ())]
+    notes = [*freedoms.notes, *points.notes]
     if robust is not None:
         good = spread(residual.ravel())
         notes.append(

@@ -30,7 +30,7 @@ from metrosep.core.errors import (
 )
 from metrosep.forms._moment_solve import Span, solve_grid
 from metrosep.forms._moment_sums import Grid, bounding_box, grid_values
-from metrosep.forms._orthogonal import KEPT, values
+from metrosep.forms._orthogonal import values, values_on_axis
 
 __all__ = [
     "GridPolynomial",
@@ -320,16 +320,7 @@ def _enough(n: int, needed: int) -> None:
 
 def _axis(n: int, used: slice, degree: int) -> tuple[FloatArray, float, float]:
     """Return Legendre values at all pixels of an axis, scaled to the used part of it."""
-    made = _kept_axis if n * (2 * degree + 1) <= KEPT else _made_axis
-    return made(n, used.start, used.stop, degree)
-
-
-def _made_axis(n: int, first: int, after: int, degree: int) -> tuple[FloatArray, float, float]:
-    centre = 0.5 * (first + after - 1)
-    half_width = 0.5 * (after - 1 - first) or 1.0
-    out = values((np.arange(n, dtype=np.float64) - centre) / half_width, 2 * degree)
-    out.setflags(write=False)
-    return out, centre, half_width
-
-
-_kept_axis = lru_cache(maxsize=32)(_made_axis)
+    centre = 0.5 * (used.start + used.stop - 1)
+    half_width = 0.5 * (used.stop - 1 - used.start) or 1.0
+    u = (np.arange(n, dtype=np.float64) - centre) / half_width
+    return values_on_axis(u, 2 * degree), centre, half_width

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import frozen_float, same_length
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
-from metrosep.core.middle import measured_middle
+from metrosep.core.middle import assumed_axis
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.surface import Surface
@@ -118,6 +118,8 @@ class Points:
         In the coordinates of the object.
     is_scattered : bool
         Whether positions are those of single points, not of rows and columns.
+    notes : tuple of str
+        Where the centre was taken, if nothing but the data says so.
     """
 
     x: FloatArray
@@ -125,6 +127,7 @@ class Points:
     z: FloatArray
     centre: tuple[float, float]
     is_scattered: bool = False
+    notes: tuple[str, ...] = ()
     _counted: list[int] = field(default_factory=list, init=False, repr=False)
 
     @property
@@ -319,11 +322,11 @@ def points_of(
         rows, columns = obj.shape
         x: FloatArray = obj.origin[0] + obj.dx * np.arange(columns, dtype=np.float64)
         y: FloatArray = obj.origin[1] + obj.dy * np.arange(rows, dtype=np.float64)
-        if centre is None:
-            undeclared = middle and obj.origin == (0.0, 0.0)
-            centre = measured_middle(obj.z, x, y) if undeclared else (0.0, 0.0)
-        x0, y0 = float(centre[0]), float(centre[1])
-        points = Points(x - x0, y - y0, obj.z, (x0, y0))
+        if centre is None and middle:
+            (x0, y0), notes = assumed_axis(obj)
+        else:
+            (x0, y0), notes = centre or (0.0, 0.0), ()
+        points = Points(x - x0, y - y0, obj.z, (x0, y0), notes=notes)
     elif isinstance(obj, PointSet):
         x0, y0 = (0.0, 0.0) if centre is None else (float(centre[0]), float(centre[1]))
         points = Points(obj.x - x0, obj.y - y0, obj.z[None, :], (x0, y0), is_scattered=True)

@@ -18,7 +18,7 @@ from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, DegenerateFitError, InvalidSamplesError
 from metrosep.forms._moment_solve import Span, Terms, solve_grid
 from metrosep.forms._moment_sums import Grid, UnsignedArray, grid_values, inverse_of
-from metrosep.forms._orthogonal import KEPT, values
+from metrosep.forms._orthogonal import values, values_on_axis
 from metrosep.forms.linear import solve_blocks
 from metrosep.forms.moments import polynomial_terms
 from metrosep.forms.polynomial_fit import uniform_axis
@@ -102,10 +102,8 @@ def fit_zernike_grid(
     _enough(inside.size, len(nm))
     degree = max(n for n, _ in nm)
     separable = degree <= _SEPARABLE
-    highest = 2 * degree if separable else 0
-    on_disc = _kept_disc if max(u.size, v.size) * (highest + 1) <= KEPT else _on_disc
-    px, py, reach = on_disc(u.tobytes(), v.tobytes(), highest)
-    grid = Grid(inside, part, px, py, reach)
+    px, py = (values_on_axis(p, 2 * degree if separable else 0) for p in (u, v))
+    grid = Grid(inside, part, px, py, _reach(u.tobytes(), v.tobytes()))
     with one_blas_thread():
         if separable:
             return (*_separable(grid, nm), size)
@@ -216,28 +214,21 @@ def zernike_map(
     return out
 
 
-def _on_disc(
-    columns: bytes, rows: bytes, degree: int
-) -> tuple[FloatArray, FloatArray, tuple[UnsignedArray, UnsignedArray]]:
-    """Return Legendre values along both axes, given by their bytes, and what lies on the disc."""
+@lru_cache(maxsize=4)
+def _reach(columns: bytes, rows: bytes) -> tuple[UnsignedArray, UnsignedArray]:
+    """Return, for each row, the first column on the disc and the first one after it.
+
+    Positions by their bytes, and read-only: maps of a batch mostly have the same axes.
+    """
     u, v = np.frombuffer(columns), np.frombuffer(rows)
-    px = values(u, degree)
-    py = px if rows == columns else values(v, degree)
-    reach = _reach(u, v)
-    for kept in (px, py, *reach):
-        kept.setflags(write=False)
-    return px, py, reach
-
-
-_kept_disc = lru_cache(maxsize=8)(_on_disc)
-
-
-def _reach(u: FloatArray, v: FloatArray) -> tuple[UnsignedArray, UnsignedArray]:
-    """Return, for each row, the first column on the disc and the first one after it."""
     half = np.sqrt(np.maximum((1.0 + RIM) ** 2 - v * v, 0.0))
     number = np.uint16 if u.size < 32768 else np.uint64  # small whole numbers compare quickly
     first, after = np.searchsorted(u, -half, side="left"), np.searchsorted(u, half, side="right")
-    return first.astype(number), after.astype(number)
+    from_here: UnsignedArray = first.astype(number)
+    to_here: UnsignedArray = after.astype(number)
+    from_here.setflags(write=False)
+    to_here.setflags(write=False)
+    return from_here, to_here
 
 
 def _axis(values_: ArrayLike, name: str) -> FloatArray:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from metrosep.core._arrays import as_float
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
-from metrosep.core.middle import assumed_axis, measured_middle
+from metrosep.core.middle import Axis, assumed_axis
 from metrosep.core.surface import Surface
 from metrosep.machine._mesh import SurfaceMesh, centred_form, checked_centre
 
@@ -60,8 +60,8 @@ def measured_points(
     max_points: int,
 ) -> Measured:
     """Return the points that are measured, inside the radii and on the form; not the very centre."""
-    given = centre
-    x, y, z, centre = _coordinates(source, form, centre)
+    x, y, z = _coordinates(source)
+    centre, notes = _axis(source, form, centre)
     shape = z.shape
     stride = 1
     while np.prod([-(-s // stride) for s in shape]) > max(max_points, 1):
@@ -103,12 +103,18 @@ def measured_points(
         azimuth=np.zeros(1),
         form=nominal,
     )
-    notes = assumed_axis(source) if given is None and not _on_same_grid(source, form) else ()
     return Measured(mesh, pz[keep], index[keep], shape, n_given, stride, centre, notes)
 
 
+def _axis(source: Any, form: Any, centre: tuple[float, float] | None) -> Axis:
+    """Return the given axis; of a map that of a nominal one of the same pixels, else its own."""
+    if centre is not None or not isinstance(source, Surface):
+        return Axis(checked_centre(centre))
+    return assumed_axis(form if _on_same_grid(source, form) else source)
+
+
 def _on_same_grid(source: Any, form: Any) -> bool:
-    """Whether both are maps of the same pixels that declare no origin."""
+    """Whether both are maps of the same pixels."""
     if not (isinstance(source, Surface) and isinstance(form, Surface)):
         return False
     return (source.shape, source.dx, source.dy, source.origin) == (
@@ -120,8 +126,8 @@ def _on_same_grid(source: Any, form: Any) -> bool:
 
 
 def _coordinates(
-    source: Any, form: Any, centre: tuple[float, float] | None
-) -> tuple[FloatArray, FloatArray, FloatArray, tuple[float, float]]:
+    source: Any,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     if isinstance(source, Surface):
         if source.dx is None or source.dy is None:
             raise DataError(
@@ -129,11 +135,8 @@ def _coordinates(
             )
         x = source.origin[0] + source.dx * np.arange(source.shape[1])
         y = source.origin[1] + source.dy * np.arange(source.shape[0])
-        if centre is None and source.origin == (0.0, 0.0):
-            # a nominal map of the same pixels stands where the measured one does
-            centre = measured_middle((form if _on_same_grid(source, form) else source).z, x, y)
         grid_x, grid_y = np.meshgrid(x, y)
-        return grid_x, grid_y, source.z, checked_centre(centre)
+        return grid_x, grid_y, source.z
     if not (isinstance(source, tuple | list) and len(source) == 3):
         raise DataError(f"the map is a Surface or a tuple (x, y, z), got {type(source).__name__}")
     try:
@@ -146,4 +149,4 @@ def _coordinates(
         )
     if not (np.isfinite(x).all() and np.isfinite(y).all()) or np.isinf(z).any():
         raise InvalidSamplesError("coordinates must be finite, heights finite or NaN")
-    return x, y, z, checked_centre(centre)
+    return x, y, z

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
-from metrosep.core.middle import measured_middle
+from metrosep.core.middle import assumed_axis
 from metrosep.core.surface import Surface
 from metrosep.forms.grid import GridForm
 
@@ -92,12 +92,7 @@ def centred_form(surface: Any, centre: tuple[float, float] | None) -> Any:
     form = surface
     if isinstance(surface, Surface):
         form = GridForm(surface)
-        if centre is None and surface.origin == (0.0, 0.0):
-            x, y = (
-                (d or 0.0) * np.arange(n)
-                for d, n in zip((surface.dx, surface.dy), surface.shape[::-1], strict=True)
-            )
-            centre = measured_middle(surface.z, x, y)
+        centre = assumed_axis(surface).position if centre is None else centre
     if not callable(form) or not callable(getattr(form, "gradient", None)):
         raise DataError(
             "the nominal surface must be a form of metrosep.forms (with a gradient) or a Surface, "

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.core.errors import DataError
 from metrosep.core.middle import assumed_axis
 from metrosep.core.provenance import freeze_mapping
+from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
 from metrosep.machine._mesh import N_AZIMUTH, N_RHO, SurfaceMesh, polar_mesh
 from metrosep.machine._positions import Positions, axis_positions
@@ -159,6 +160,9 @@ def rank(
     if response == "wavefront" and wavefront is None:
         wavefront = path_hook(mode, n)
     freedoms = removed_freedoms(removed)
+    notes: tuple[str, ...] = ()
+    if centre is None and isinstance(surface, Surface):
+        centre, notes = assumed_axis(surface)
     mesh = polar_mesh(
         surface,
         radius=radius,
@@ -226,7 +230,7 @@ def rank(
         audit=freeze_mapping(audit),
         typed=amounts.typed,
         messages=(
-            *(assumed_axis(surface) if centre is None else ()),
+            *notes,
             *_large_angles(amounts, errors, mean),
             *_reach(maker),
             *_messages(amounts, gram, space, mesh),

@@ -16,7 +16,6 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, DegenerateFitError
-from metrosep.core.middle import assumed_axis
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.quantity import Quantity
@@ -222,9 +221,8 @@ def identify_setting(
     if start is not None:
         values |= {"dx": start.dx, "dy": start.dy, "dR": start.dR}
     found, said = settle_in_period(task, values)
-    said = (*(assumed_axis(surface) if centre is None else ()), *said)
     u_dy = None if start is None else start.u_dy
-    return _result(surface, task, found, said, nose_radius, u_dy)
+    return _result(surface, task, found, (*points.notes, *said), nose_radius, u_dy)
 
 
 def _result(

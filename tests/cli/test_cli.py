@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.cli.main import main
 from metrosep.separation import machine_axis
 
 
@@ -25,19 +24,6 @@ def runs_csv(tmp_path_factory):
         ]
     path.write_text("\n".join(lines) + "\n")
     return path
-
-
-@pytest.fixture
-def metrosep(capsys):
-    """Run a command line in this process: (code, stdout, stderr)."""
-
-    def call(*words):
-        with pytest.raises(SystemExit) as stop:
-            main([str(w) for w in words])
-        out = capsys.readouterr()
-        return stop.value.code, out.out, out.err
-
-    return call
 
 
 COLUMNS = ("--x", "x_mm", "--z", "z_um", "--feed", "feed_mm_min", "--run", "run")

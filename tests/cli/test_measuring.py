@@ -6,24 +6,10 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.cli.main import main
 
 NM = 1e-9
 EXACT = 1e-9
 """Relative: JSON keeps all digits, x3p and h5 as well."""
-
-
-@pytest.fixture
-def metrosep(capsys):
-    """Run a command line in this process: (code, stdout, stderr)."""
-
-    def call(*words):
-        with pytest.raises(SystemExit) as stop:
-            main([str(w) for w in words])
-        out = capsys.readouterr()
-        return stop.value.code, out.out, out.err
-
-    return call
 
 
 @pytest.fixture

@@ -5,7 +5,6 @@ import json
 import numpy as np
 import pytest
 
-from metrosep.cli.main import main
 from metrosep.recipe.methods import METHODS
 from metrosep.recipe.pipeline import STEPS as PIPELINE
 
@@ -23,17 +22,6 @@ def readings(tmp_path):
     ]
     file.write_text("\n".join(["angle_deg,m1_nm,m2_nm", *rows]) + "\n", "ascii")
     return file
-
-
-@pytest.fixture
-def metrosep(capsys):
-    def call(*words):
-        with pytest.raises(SystemExit) as stop:
-            main([str(w) for w in words])
-        out = capsys.readouterr()
-        return stop.value.code, out.out, out.err
-
-    return call
 
 
 NAMED = ("--method", "donaldson", "--readings", "m1_nm,m2_nm", "--angle", "angle_deg")

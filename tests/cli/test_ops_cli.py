@@ -5,21 +5,9 @@ import tomllib
 
 import pytest
 
-from metrosep.cli.main import main
 from metrosep.recipe.methods import METHODS
 
 REV = 'repeat = "revolution"'
-
-
-@pytest.fixture
-def metrosep(capsys):
-    def call(*words):
-        with pytest.raises(SystemExit) as stop:
-            main([str(w) for w in words])
-        out = capsys.readouterr()
-        return stop.value.code, out.out, out.err
-
-    return call
 
 
 REACHED = ",".join(f"reached_{i}_mm" for i in range(1, 6))

@@ -9,26 +9,11 @@ import json
 import numpy as np
 import pytest
 
-from metrosep.cli.main import main
-
 N = 8000
 Z_UM = 0.5 * np.sin(2 * np.pi * np.arange(N) / 100 + 0.3)
 FILTER = "PROFILE_FILTER Gaussian LC 0.8 mm"
 RA = "PARAMETER_VALUE Ra 0.318 um 0"
 PQ = "PARAMETER_VALUE Pq 0.354 um 0"
-
-
-@pytest.fixture
-def metrosep(capsys):
-    """Run a command line in this process: (code, stdout, stderr)."""
-
-    def call(*words):
-        with pytest.raises(SystemExit) as stop:
-            main([str(w) for w in words])
-        out = capsys.readouterr()
-        return stop.value.code, out.out, out.err
-
-    return call
 
 
 @pytest.fixture

@@ -4,7 +4,6 @@ import tomllib
 
 import pytest
 
-from metrosep.cli.main import main
 from metrosep.recipe.kinds import KINDS
 from metrosep.recipe.methods import METHODS
 from metrosep.recipe.step_words import step_words
@@ -13,17 +12,6 @@ SINGLE = ("length", "size", "uncertainty", "angle", "time", "speed", "frequency"
 KEYS = [(op, key) for op, m in METHODS.items() for key in m.fields if key != "op"]
 OPEN = ("any", "windows", "places", "pairs", "table", "column", "range", "limit")  # no single form
 ROUNDING = 1e-5  # of a printed number of six digits
-
-
-@pytest.fixture
-def metrosep(capsys):
-    def call(*words):
-        with pytest.raises(SystemExit) as stop:
-            main([str(w) for w in words])
-        out = capsys.readouterr()
-        return stop.value.code, out.out, out.err
-
-    return call
 
 
 @pytest.mark.parametrize(("op", "key"), KEYS)

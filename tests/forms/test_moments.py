@@ -9,7 +9,7 @@ from metrosep.core.errors import (
     InvalidSamplesError,
     TooFewSamplesError,
 )
-from metrosep.forms import moments
+from metrosep.forms import _orthogonal
 from metrosep.forms._moment_sums import inverse_of
 from metrosep.forms.moments import evaluate_grid, fit_grid_polynomial, remove_grid
 
@@ -185,11 +185,11 @@ def test_axes_kept_from_another_map_are_not_taken_for_those_of_this_one(degree):
 
 
 def test_long_axes_are_not_kept():
-    before = moments._kept_axis.cache_info().currsize
+    before = _orthogonal._kept_values.cache_info().currsize
 
     fit_grid_polynomial(np.zeros((2, 100_000)), 1, kind="tensor")
 
-    kept = moments._kept_axis.cache_info()
+    kept = _orthogonal._kept_values.cache_info()
     assert kept.currsize <= before + 1  # that of the two rows
 
 
