@@ -134,7 +134,7 @@ if TYPE_CHECKING:
         run_polynomial as run_polynomial,
         straightness_lines as straightness_lines,
     )
-    from metrosep.process.tip_path import (
+    from metrosep.process.tips import (
         TipPath as TipPath,
         tip_path as tip_path,
     )
@@ -261,7 +261,7 @@ _HOMES = {
         "run_polynomial",
         "straightness_lines",
     ),
-    "tip_path": (
+    "tips": (
         "TipPath",
         "tip_path",
     ),

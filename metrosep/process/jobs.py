@@ -14,7 +14,7 @@ from typing import Any, get_args
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError
+from metrosep.core.errors import DataError, LimitError
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.units import format_length
 from metrosep.forms.base import Form
@@ -39,12 +39,14 @@ from metrosep.process.spirals import (
     checked_options,
     checked_radius,
 )
-from metrosep.process.tip_path import Edge, TipSurface, tips
+from metrosep.process.tips import Edge, TipSurface, tips
 from metrosep.process.tool_settings import ToolSetting
 
 __all__ = ["JobPlan", "TurningJob"]
 
 _LEAD_IN = 3
+_MOST_PLANS = 5
+"""Searches with a tighter tolerance until the tip path, which is more curved, holds it too."""
 _USUAL_NOSE = 0.5e-3
 """m: the nose for which a message says what a program of cut points does."""
 _OF_THE_JOB = {
@@ -180,8 +182,8 @@ class TurningJob:
         return (
             "cut points: these are points of the surface, no tip path. Run as a tip path, a round "
             f"nose of {format_length(_USUAL_NOSE)} cuts up to about {format_length(deep)} too deep, "
-            "which no budget here counts; give the nose of the tool, or offset the points for it in "
-            "the controller"
+            "which no budget here counts; give the nose of the tool (nose_radius in a recipe, "
+            "TurningJob(..., nose=RoundNose(...)) in Python), or offset the points for it elsewhere"
         )
 
     def path(
@@ -281,20 +283,37 @@ class TurningJob:
         named = _named(options, _OF_THE_JOB)
         if named:
             raise DataError(named)
-        found = points_for_tolerance(
-            self.form,
-            self.radius,
-            self.feed,
-            tolerance,
-            distribution=distribution,
-            interpolation=interpolation,
-            annulus=annulus,
-            lead_in=lead_in,
-            core=self.core,
-            sense=self._way,
-            **options,
+        edge, wanted, reached = self._edge(), tolerance, math.nan
+        for _ in range(_MOST_PLANS):
+            found = points_for_tolerance(
+                self.form,
+                self.radius,
+                self.feed,
+                wanted,
+                distribution=distribution,
+                interpolation=interpolation,
+                annulus=annulus,
+                lead_in=lead_in,
+                core=self.core,
+                sense=self._way,
+                **options,
+            )
+            if edge is None:
+                return JobPlan(found, self.time(found.path))
+            error = found.path.error_map(TipSurface(self.form, edge))
+            reached = error.peak_to_valley(annulus=annulus, azimuth=options.get("azimuth"))
+            if reached <= tolerance:
+                said = "the search is that of cut points, the P-V that of the tip path"
+                messages = (*found.messages, said)
+                tip = replace(
+                    found, peak_to_valley=reached, tolerance=float(tolerance), messages=messages
+                )
+                return JobPlan(tip, self.time(tip.path))
+            wanted *= 0.98 * tolerance / reached
+        raise LimitError(
+            f"no number of blocks was found whose tip path holds {tolerance:.6g} m P-V; the last leaves "
+            f"{reached:.6g} m: take a smaller nose or a larger tolerance"
         )
-        return JobPlan(found, self.time(found.path))
 
     def time(self, path: SpiralPath | JobPlan) -> MachiningTime:
         """Return the time of one pass.

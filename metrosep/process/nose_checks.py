@@ -22,7 +22,7 @@ from metrosep.process._setting_checks import map_extent
 from metrosep.process._setting_model import known_form, polar_slopes
 from metrosep.process.nose import RoundNose, smallest_length
 from metrosep.process.setting_maps import polar_axes
-from metrosep.process.tip_path import Edge, tips
+from metrosep.process.tips import Edge, tips
 
 __all__ = ["NoseCheck", "clearance_check", "gouge_check", "window_check"]
 
@@ -146,9 +146,9 @@ def gouge_check(
     radius, halved until half of it agrees; and the difference of the slopes over each radial step,
     which no kink between two points can escape. The radial step is R/40 or less, and an eighth of
     the smallest lateral length where the form knows one (period, pixel), up to five million points;
-    azimuths are at least 12 and turn by the golden angle from radius to radius. What is narrower
-    than the step, between two points, is not seen, and the messages say how wide that is. NaN (off
-    the surface) is left out with a message.
+    azimuths are at least 12 and turn by the golden angle from radius to radius. What is
+    narrower lies between two points and is not seen; the messages say how wide that is for a form
+    that does not repeat. NaN (off the surface) is left out with a message.
 
     Examples
     --------
@@ -192,8 +192,13 @@ def gouge_check(
             "n_rho, or a narrower region"
         )
         said = (first, *said)
-    elif not math.isfinite(length):
-        said = (*said, f"hollows narrower than {format_length(step)} are not seen")
+    elif form.period is None:
+        arc = 2.0 * math.pi * outer / n_theta
+        said = (
+            *said,
+            f"hollows narrower than {format_length(step)} along rho, or than {format_length(arc)} "
+            "along the cut, may not be seen",
+        )
     audit = {**_audit(form, nose, (inner, outer), n_rho, n_theta), "step_um": step * 1e6}
     return NoseCheck(
         not (bad or coarse), worst, nose.tip_radius, "m", where, float(theta[at]), bad, said,

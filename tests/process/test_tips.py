@@ -8,7 +8,7 @@ import pytest
 from metrosep.core.errors import DataError, InvalidSamplesError, LimitError, UnitError
 from metrosep.forms import Expression, SineGrid, Sphere, Toric
 from metrosep.process import RoundNose, tip_path
-from metrosep.process.tip_path import Edge, TipSurface
+from metrosep.process.tips import Edge, TipSurface
 
 NM, UM, MM = 1e-9, 1e-6, 1e-3
 R = 0.6e-3

@@ -148,10 +148,9 @@ def tip_path(
     """
     form = known_form(form)
     edge = Edge.of(nose, sense)
+    given = np.atleast_1d(finite_positions(X, "X")), finite_positions(azimuth, "azimuth")
     try:
-        places = np.broadcast_arrays(
-            np.atleast_1d(finite_positions(X, "X")), finite_positions(azimuth, "azimuth")
-        )
+        places = np.broadcast_arrays(*given)
     except ValueError:
         raise InvalidSamplesError(
             f"X of shape {np.shape(X)} and azimuth of shape {np.shape(azimuth)} do not broadcast: "
