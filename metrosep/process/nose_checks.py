@@ -196,8 +196,10 @@ def gouge_check(
         arc = 2.0 * math.pi * outer / n_theta
         said = (
             *said,
-            f"hollows narrower than {format_length(step)} along rho, or than {format_length(arc)} "
-            "along the cut, may not be seen",
+            (
+                f"hollows narrower than {format_length(step)} along rho, or than {format_length(arc)} "
+                "along the cut, may not be seen"
+            ),
         )
     audit = {**_audit(form, nose, (inner, outer), n_rho, n_theta), "step_um": step * 1e6}
     return NoseCheck(

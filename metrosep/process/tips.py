@@ -44,6 +44,8 @@ _CLOSE = 1e-11
 """rad: of the contact; the height is then right to R psi^2, 1e-25 m."""
 _LEVEL = 1e-13
 """Of the slope of S(P) - z by R psi at the contact: rounding of the slopes."""
+_ON_AXIS = 1e-12
+"""m: a contact that near to the spindle axis is on it."""
 _MOST_STEPS = 60
 
 
@@ -232,8 +234,8 @@ def tips(
             f"at {int(border.sum())} tips, the first at {_place(x, phi, np.flatnonzero(border)[0])}, "
             f"the nose touches the border of the {form.name}: air was assumed beyond it"
         )
-    if (rho < 0.0).any():
-        furthest = float(-np.nanmin(rho))
+    furthest = float(-np.fmin.reduce(rho, initial=0.0))
+    if furthest > _ON_AXIS:
         said.append(
             f"within {format_length(furthest)} of the spindle axis the edge touches beyond the axis, "
             "where it runs backwards, flank first"
