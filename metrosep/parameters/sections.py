@@ -14,7 +14,6 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, TooFewSamplesError
@@ -286,6 +285,8 @@ class Evaluation:
         TooFewSamplesError
             If a section, or every window, has less than half of its samples.
         """
+        from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
         if self.by_section:
             return max(self.section_values(lambda a: a.z))
         n, z = self.window, self.whole

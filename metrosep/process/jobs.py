@@ -166,14 +166,12 @@ class TurningJob:
     def _way(self) -> Sense:
         return self.sense or "counterclockwise"
 
-    def _edge(self, tool: ToolSetting | None = None) -> Edge | None:
-        """Return the edge of the tool, or where a setting really puts it; None without a nose."""
+    @property
+    def _surface(self) -> Form | TipSurface:
+        """What the program is a sample of: the heights of the tip, without a nose the form."""
         if self.nose is None:
-            return None
-        edge = Edge.of(self.nose, self.sense)
-        if tool is None:
-            return edge
-        return replace(edge, radius=edge.radius + tool.dR, dx=tool.dx, dy=tool.dy)
+            return self.form
+        return TipSurface(self.form, Edge.of(self.nose, self.sense))
 
     def _no_tip_path(self, rho: FloatArray, azimuth: FloatArray) -> str:
         """Return what a program of cut points does to a part, first order."""
@@ -283,7 +281,7 @@ class TurningJob:
         named = _named(options, _OF_THE_JOB)
         if named:
             raise DataError(named)
-        edge, wanted, reached = self._edge(), tolerance, math.nan
+        wanted, reached = tolerance, math.nan
         for _ in range(_MOST_PLANS):
             found = points_for_tolerance(
                 self.form,
@@ -298,9 +296,9 @@ class TurningJob:
                 sense=self._way,
                 **options,
             )
-            if edge is None:
+            if self.nose is None:
                 return JobPlan(found, self.time(found.path))
-            error = found.path.error_map(TipSurface(self.form, edge))
+            error = found.path.error_map(self._surface)
             reached = error.peak_to_valley(annulus=annulus, azimuth=options.get("azimuth"))
             if reached <= tolerance:
                 said = "the search is that of cut points, the P-V that of the tip path"
@@ -397,20 +395,18 @@ class TurningJob:
         if not isinstance(others, list | tuple):
             raise DataError(f"others must be a list of contributions, got {type(others).__name__}")
         removed = checked_removed(removed)
-        edge = self._edge()
-        surface = self.form if edge is None else TipSurface(self.form, edge)
-        error = spiral.error_map(surface, sub_points=sub_points)
+        error = spiral.error_map(self._surface, sub_points=sub_points)
         rho, azimuth, weights = error.rho, error.theta, error.area
-        messages = [self._no_tip_path(rho, azimuth)] if edge is None else []
+        messages = [] if self.nose else [self._no_tip_path(rho, azimuth)]
         messages += error.messages
         if self.nose is not None:
             fits = gouge_check(self.form, self.nose, region=(self.core, self.radius))
             messages += fits.messages if fits.ok else (f"not in the budget: {fits.messages[0]}",)
-        if edge is not None and edge.rake and tool is not None:
-            messages.append(
-                f"the map of the tool setting is that of a nose without rake; this one has "
-                f"{math.degrees(edge.rake):.4g} degrees, which changes most what dR does"
-            )
+            if self.nose.rake and tool is not None:
+                messages.append(
+                    "the map of the tool setting is that of a nose without rake; this one has "
+                    f"{math.degrees(self.nose.rake):.4g} degrees, which changes most what dR does"
+                )
         causes: list[Contribution] = []
         if tool is not None:
             causes.append(setting_cause(self.form, tool, rho, azimuth, weights, removed, messages))
@@ -496,15 +492,11 @@ class TurningJob:
         if not 0.0 < gain <= 1.0:
             raise DataError(f"gain must lie above 0 and at most at 1, got {gain}")
         spiral = self._own(path)
-        edge = self._edge()
-        points = spiral.points(self.form if edge is None else TipSurface(self.form, edge))
-        if edge is None:
-            messages = [self._no_tip_path(points.rho, points.azimuth)]
-            change, residual, said = self._cut_points(points, tool)
+        points = spiral.points(self._surface)
+        if self.nose is None:
+            change, residual, messages = self._cut_points(points, tool)
         else:
-            messages = []
-            change, residual, said = self._tips(points, tool)
-        messages += said
+            change, residual, messages = self._tips(points, self.nose, tool)
         z = points.z + change
         audit: dict[str, Any] = {"n_points": len(points), "gain": gain, **self._tool()}
         if tool is not None:
@@ -512,38 +504,30 @@ class TurningJob:
         if follow_up is not None:
             z -= gain * held_on_points(follow_up, spiral, points.rho, messages)
         return CorrectedProgram(
-            points.rho,
-            points.azimuth,
-            points.z,
-            frozen(z),
-            points.lead_in,
-            freeze_mapping(residual),
-            tuple(messages),
-            freeze_mapping(audit),
-            "cut points" if edge is None else "tip",
-        )
+            points.rho, points.azimuth, points.z, frozen(z), points.lead_in,
+            freeze_mapping(residual), tuple(messages), freeze_mapping(audit),
+            "cut points" if self.nose is None else "tip",
+        )  # fmt: skip
 
     def _cut_points(
         self, points: PathPoints, tool: ToolSetting | None
     ) -> tuple[FloatArray, dict[str, float], list[str]]:
         """Return what the setting changes of the points of the surface, residual and messages."""
+        said = [self._no_tip_path(points.rho, points.azimuth)]
         if tool is None:
-            return np.zeros(len(points)), {}, []
+            return np.zeros(len(points)), {}, said
         found = corrected_path(self.form, tool, points.rho, points.azimuth)
-        said = [f"tool setting: {m}" for m in tool.messages]
+        said += [f"tool setting: {m}" for m in tool.messages]
         return found.change, dict(found.residual_pv), [*said, *found.messages]
 
     def _tips(
-        self, points: PathPoints, tool: ToolSetting | None
+        self, points: PathPoints, nose: RoundNose, tool: ToolSetting | None
     ) -> tuple[FloatArray, dict[str, float], list[str]]:
         """Return what the setting changes of the tips, residual and messages; refuse a gouge."""
-        if (
-            self.nose is None or (edge := self._edge(tool)) is None
-        ):  # pragma: no cover - asked before
-            raise DataError("a tip path needs a nose")
-        outer = float(points.rho.max())
-        fits = gouge_check(self.form, self.nose, region=(self.core, min(self.radius, outer)))
+        fits = gouge_check(self.form, nose, region=(self.core, self.radius))
         fits.require()
+        nominal = Edge.of(nose, self.sense)
+        edge = nominal if tool is None else _as_set(nominal, tool)
         made = tips(self.form, points.rho, points.azimuth, edge, strict=True)
         said = [*fits.messages, *made.messages]
         on_part = points.rho <= self.radius
@@ -556,14 +540,10 @@ class TurningJob:
             )
         if tool is None:
             return np.zeros(len(points)), {}, said
-        nominal = tips(
-            self.form, points.rho, points.azimuth, Edge.of(self.nose, self.sense), strict=True
-        )
-        c = math.cos(edge.rake) + edge.sign * math.sin(edge.rake) * made.along_y
-        effect = np.stack([-made.along_x, -made.along_y, c - np.hypot(c, made.along_x)])
-        _, residual, unknown = left_over(tool, effect, np.abs(made.rho))
+        plain = tips(self.form, points.rho, points.azimuth, nominal, strict=True)
+        _, residual, unknown = left_over(tool, edge.by_setting(made), np.abs(made.rho))
         said += [f"tool setting: {m}" for m in tool.messages]
-        return made.z - nominal.z, residual, [*said, *unknown]
+        return made.z - plain.z, residual, [*said, *unknown]
 
     def _tool(self) -> dict[str, Any]:
         """Return what an audit says of the nose."""
@@ -583,6 +563,11 @@ class TurningJob:
                     theirs, ours = f"{theirs:.6g} m", f"{ours:.6g} m"
                 raise DataError(f"the path has the {name} {theirs}, the job has {ours}")
         return spiral
+
+
+def _as_set(edge: Edge, tool: ToolSetting) -> Edge:
+    """Return the edge where a setting really puts it."""
+    return replace(edge, radius=edge.radius + tool.dR, dx=tool.dx, dy=tool.dy)
 
 
 def _check_causes(tool: object, follow_up: object, *, float_too: bool) -> None:

@@ -188,6 +188,11 @@ class Edge:
         lean = self.sign * math.sin(self.rake)
         return self.dx + self.radius * np.sin(psi), self.dy - lean * up, up * math.cos(self.rake)
 
+    def by_setting(self, made: TipPath) -> FloatArray:
+        """Return the change of the cut height at contacts with dx, dy and dR, shape (3, n)."""
+        c = math.cos(self.rake) + self.sign * math.sin(self.rake) * made.along_y
+        return np.stack([-made.along_x, -made.along_y, c - np.hypot(c, made.along_x)])
+
 
 def tips(
     form: Form,
@@ -361,18 +366,38 @@ def _refined(
 
 
 class TipSurface:
-    """The heights of the tip as a function of its place on the part, with its gradient."""
+    """The heights of the tip as a function of its place on the part, with its gradient.
+
+    Parameters
+    ----------
+    form : Form
+        The surface wanted.
+    edge : Edge
+        Of the tool.
+    """
 
     def __init__(self, form: Form, edge: Edge) -> None:
         self._form, self._edge = form, edge
 
     def __call__(self, x: ArrayLike, y: ArrayLike = 0.0) -> FloatArray:
-        """Return the height of the tip."""
+        """Return the height of the tip.
+
+        Parameters
+        ----------
+        x, y : array_like, m
+            Places of the tip on the part.
+        """
         found, shape = self._tips(x, y)
         return np.asarray(found.z.reshape(shape))
 
     def gradient(self, x: ArrayLike, y: ArrayLike = 0.0) -> tuple[FloatArray, FloatArray]:
-        """Return dZ/dx and dZ/dy of the tip."""
+        """Return dZ/dx and dZ/dy of the tip.
+
+        Parameters
+        ----------
+        x, y : array_like, m
+            Places of the tip on the part.
+        """
         found, shape = self._tips(x, y)
         px, py, _ = self._edge.point(found.psi)
         # dZ/dX = sX and dZ/dphi = (X + x) sY - y sX, by the envelope theorem
