@@ -13,6 +13,7 @@ from typing import Any, Literal
 import numpy as np
 
 from metrosep.core.errors import DataError, TooFewSamplesError
+from metrosep.core.units import format_length
 from metrosep.filters.kind import ProfileKind
 from metrosep.parameters._rows import Row
 from metrosep.parameters.elements import ProfileElements, profile_elements
@@ -46,7 +47,7 @@ _EDITIONS: dict[str, Edition] = {
 }
 
 HEIGHT_THRESHOLD = 0.1
-"""Peaks and valleys below this share of Rz do not count for RSm and Rc (default of both)."""
+"""Portions below this share of Rz (1997), of Rp or Rv (2021) do not count for RSm and Rc."""
 
 SPACING_THRESHOLD = 0.01
 """Portions shorter than this share of a section do not count (1997 only)."""
@@ -78,7 +79,7 @@ class Work:
 
     @property
     def elements(self) -> list[ProfileElements]:
-        """Elements of each section (1997) or of the whole (2021), none of them empty."""
+        """Elements of each section (1997), or of the whole in both directions (2021); none empty."""
         if self._elements is None:
             self._elements = _elements(self.evaluation)
         return self._elements
@@ -92,19 +93,7 @@ class Work:
 
 
 def _elements(e: Evaluation) -> list[ProfileElements]:
-    heights = e.section_values(lambda a: a.z)
-    if e.by_section:
-        found = [
-            profile_elements(
-                x, z, min_height=HEIGHT_THRESHOLD * h, min_width=SPACING_THRESHOLD * float(width)
-            )
-            for x, z, h, width in zip(
-                e.positions, e.parts, heights, e.section_lengths, strict=True
-            )
-        ]
-    else:
-        limit = HEIGHT_THRESHOLD * float(np.mean(heights))
-        found = [profile_elements(e.x, e.whole, min_height=limit)]
+    found = _elements_of_sections(e) if e.by_section else [_elements_both_ways(e)]
     for k, elements in enumerate(found):
         if len(elements) == 0:
             where = f"section {k + 1} of {len(found)}" if e.by_section else "the evaluation length"
@@ -113,6 +102,32 @@ def _elements(e: Evaluation) -> list[ProfileElements]:
                 "portions above the thresholds); use longer sections"
             )
     return found
+
+
+def _elements_of_sections(e: Evaluation) -> list[ProfileElements]:
+    heights = e.section_values(lambda a: a.z)
+    return [
+        profile_elements(
+            x, z, min_height=HEIGHT_THRESHOLD * h, min_width=SPACING_THRESHOLD * float(width)
+        )
+        for x, z, h, width in zip(e.positions, e.parts, heights, e.section_lengths, strict=True)
+    ]
+
+
+def _elements_both_ways(e: Evaluation) -> ProfileElements:
+    """Return the elements of the whole and of its mirror image, thresholds of Rp and Rv."""
+    # a profile on one side of z = 0 has a negative Rp or Rv, and no crossing
+    limits = {
+        "min_height": HEIGHT_THRESHOLD * max(float(np.mean(e.section_values(lambda a: a.p))), 0.0),
+        "min_depth": HEIGHT_THRESHOLD * max(float(np.mean(e.section_values(lambda a: a.v))), 0.0),
+    }
+    one = profile_elements(e.x, e.whole, pairs="both", **limits)
+    other = profile_elements(-e.x[::-1], e.whole[::-1], pairs="both", **limits)
+    return ProfileElements(
+        np.concatenate([one.start, -(other.start + other.spacing)]),
+        np.concatenate([one.spacing, other.spacing]),
+        np.concatenate([one.height, other.height]),
+    )
 
 
 def _mean_of_elements(work: Work, of: Callable[[ProfileElements], float]) -> float:
@@ -143,8 +158,15 @@ class ProfileRow:
     def text(self, edition: Edition, e: Evaluation) -> str:
         n = len(e.parts)
         by_section = self.reach == "sections" or (self.reach == "field" and e.by_section)
-        if self.reach == "largest":
-            over = f"largest of {n} sections"
+        if self.reach == "largest" and n > 1:
+            over = (
+                f"largest of {n} sections"
+                if e.by_section
+                else (
+                    f"largest in a window of one section length, {format_length(e.window * e.dx)}, that "
+                    "slides over the evaluation length"
+                )
+            )
         elif by_section and n > 1:
             over = f"mean of {n} sections"
         else:
@@ -169,7 +191,7 @@ ROWS = (
     ProfileRow("z", "z", "m", "highest peak plus deepest valley", "sections", "ISO 4287:1997, 4.1.3",
          lambda w: float(np.mean(w.evaluation.section_values(lambda h: h.z)))),
     ProfileRow("z1max", "zx", "m", "highest peak plus deepest valley", "largest", "ISO 4288:1996",
-         lambda w: max(w.evaluation.section_values(lambda h: h.z))),
+         lambda w: w.evaluation.largest_height),
     ProfileRow("t", "t", "m", "highest minus lowest sample", "whole", "ISO 4287:1997, 4.1.5",
          lambda w: w.evaluation.amplitude.z),
     ProfileRow("c", "c", "m", "mean height of the profile elements", "field", "ISO 4287:1997, 4.1.4",

@@ -35,7 +35,8 @@ def chosen_rows(
     unknown = sorted(wanted - {r.symbol for r in rows})
     if unknown:
         raise DataError(
-            f"{', '.join(unknown)}: not {what}; there are " + ", ".join(r.symbol for r in rows)
+            f"{', '.join(unknown)}: not offered as {what}; offered are "
+            + ", ".join(r.symbol for r in rows)
         )
     return [r for r in rows if r.symbol in wanted]
 

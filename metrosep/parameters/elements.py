@@ -87,8 +87,9 @@ def profile_elements(
     min_width : float, m, >= 0, optional
         Portions narrower than this do not count.
     pairs : {"first", "both"}, optional
-        "first": pairs of portions from the first crossing that survives, up or down. "both": also
-        the pairs that begin one crossing later, so the direction of x does not matter.
+        "first" (1997): pairs of portions from the first crossing that survives, up or down.
+        "both" (2021): each two neighbouring portions, a hill and the next dale or a dale and the
+        next hill.
 
     Returns
     -------
@@ -108,13 +109,16 @@ def profile_elements(
        crosses in its middle. 2. Portions below a threshold are dropped, and neighbours of one
        sign joined; the crossing that counts is the one next to the later portion. 3. Elements run
        from crossing to next but one; what touches an end or a gap is incomplete and left out.
-       A portion that an end cuts below a threshold gives no crossing either.
-       O(n).
+       A portion that an end cuts below a threshold gives no crossing either with "first"; with
+       "both" it joins nothing, and its neighbour keeps its own crossing. O(n).
+
+    A dropped portion joins the one before it, so widths depend on the direction of x. ISO 21920-2
+    looks in both: its Rsm and Rc are means over the elements of the profile and of its mirror image.
 
     References
     ----------
-    .. [1] ISO 4287:1997, 3.2.7 and 4.3.1 (recalled); ISO 21920-2:2021, feature parameters
-       (recalled).
+    .. [1] ISO 4287:1997, 3.2.7 and 4.3.1 (recalled); ISO 21920-2:2021 as Mahr describes it in
+       public (MarSurf, surface parameters): both directions, 10 % of Rp and of Rv.
 
     Examples
     --------
@@ -189,19 +193,16 @@ def _elements_of_run(
     """Return rows start, spacing, height of the complete elements of one run."""
     size = np.where(p.extreme > 0, min_height, min_depth)
     keep = np.flatnonzero((np.abs(p.extreme) >= size) & (p.right - p.left >= min_width))
-    if keep.size < 3:
+    if keep.size < 2:
         return np.empty((3, 0))
     up = p.extreme[keep] > 0
-    later = np.flatnonzero(up[1:] != up[:-1]) + 1
-    crossing = p.left[keep[later]]
-    extreme = np.maximum.reduceat(np.abs(p.extreme[keep]), np.concatenate([[0], later]))
-    # crossing k lies between merged portions k and k + 1; an element is portions k + 1 and k + 2
-    n = max(crossing.size - 2, 0)
-    begin = np.arange(0, n, 2 if pairs == "first" else 1)
-    return np.stack(
-        [
-            crossing[begin],
-            crossing[begin + 2] - crossing[begin],
-            extreme[begin + 1] + extreme[begin + 2],
-        ]
-    )
+    first = np.concatenate([[0], np.flatnonzero(up[1:] != up[:-1]) + 1])
+    extreme = np.maximum.reduceat(np.abs(p.extreme[keep]), first)
+    # merged portion k runs from left[k] to left[k + 1]; what was dropped belongs to the one before
+    left = p.left[keep[first]]
+    last = p.extreme.size - 1
+    ends_low = pairs == "both" and keep[-1] < last
+    edges = np.append(left, p.left[last]) if ends_low else left
+    begin = 1 if pairs == "first" or keep[0] == 0 else 0
+    at = np.arange(begin, edges.size - 2, 2 if pairs == "first" else 1)
+    return np.stack([edges[at], edges[at + 2] - edges[at], extreme[at] + extreme[at + 1]])

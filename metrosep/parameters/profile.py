@@ -155,13 +155,16 @@ def profile_parameters(
     Missing ends are cut off before sections are formed. Inside, heights use the valid samples,
     gradients the complete 7-point stencils, and elements never bridge a gap. Where less than half
     of one of several sections is valid, what needs the sections is unavailable. O(n log n).
-    1997: a, q, sk, ku, dq, Sm, c per section, then their mean. 2021: these over the whole.
+    1997: a, q, sk, ku, dq, Sm, c per section, then their mean; Sm and c drop what is below 10 % of z
+    of the section. 2021: these over the whole; sm and c are means over the elements of both
+    directions and drop what is below 10 % of p or v; zx is the largest height in a window of one
+    section length that slides sample by sample, and a window counts where half of it is valid.
     Both: p, v, z are means of the section values; t is over the whole.
 
     References
     ----------
     .. [1] ISO 4287:1997, 4.1 to 4.5; ISO 13565-2:1996 (clauses recalled).
-    .. [2] ISO 21920-2:2021 (recalled).
+    .. [2] ISO 21920-2:2021 (recalled; p, v, z, zx, sm, c, dq as Mahr describes them in public).
 
     Examples
     --------
@@ -218,7 +221,10 @@ def _wanted(names: Sequence[str] | None, kind: ProfileKind, edition: Edition) ->
     unknown = [n for n in names if _plain(n, kind) not in by_plain]
     if unknown:
         known = ", ".join(r.symbol(kind, edition) for r in rows)
-        raise DataError(f"{', '.join(unknown)}: not in {edition} for kind {kind}; it has {known}")
+        raise DataError(
+            f"{', '.join(unknown)}: not offered for kind {kind} with edition {edition}; offered are "
+            f"{known}"
+        )
     plain = {_plain(n, kind) for n in names}
     return [r for p, r in by_plain.items() if p in plain]
 
@@ -249,6 +255,7 @@ def _settings(e: Evaluation, kind: str, *, centre: bool, line: str) -> dict[str,
         "centre": centre,
         "line": line,
         "height_threshold": HEIGHT_THRESHOLD,
+        "height_threshold_of": f"{kind}z" if e.by_section else f"{kind}p and {kind}v",
         "spacing_threshold": SPACING_THRESHOLD if e.by_section else None,
     }
 

@@ -271,6 +271,38 @@ class Evaluation:
         """Number of valid samples of each section."""
         return tuple(int(np.count_nonzero(~np.isnan(p))) for p in self.parts)
 
+    @property
+    def window(self) -> int:
+        """Samples of one section length: the window of `largest_height` in 2021."""
+        return max(round(self.whole.size / len(self.parts)), 1)
+
+    @property
+    def largest_height(self) -> float:
+        """Largest height of the sections (1997), or in a window of their length that slides, m.
+
+        Raises
+        ------
+        TooFewSamplesError
+            If a section, or every window, has less than half of its samples.
+        """
+        from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
+        if self.by_section:
+            return max(self.section_values(lambda a: a.z))
+        n, z = self.window, self.whole
+        valid = ~np.isnan(z)
+        inside = slice(n // 2, n // 2 + z.size - n + 1)  # the middles of the complete windows
+        highest = maximum_filter1d(np.where(valid, z, -np.inf), n)[inside]
+        lowest = minimum_filter1d(np.where(valid, z, np.inf), n)[inside]
+        so_far = np.concatenate([[0], np.cumsum(valid)])
+        full = _is_full(so_far[n:] - so_far[:-n], n, len(self.parts))
+        if not full.any():
+            raise TooFewSamplesError(
+                f"no window of {n} samples, one section length, holds {n / 2:g} valid ones; use fewer "
+                "sections or crop the profile"
+            )
+        return float((highest - lowest)[full].max())
+
     def check_sections(self) -> None:
         """Refuse sections of which one has too few valid samples to count as a full one.
 
@@ -346,8 +378,10 @@ class Evaluation:
         return value
 
 
-def _is_full(n_valid: int, n: int, sections: int) -> bool:
-    return n_valid > 0 and (sections == 1 or n_valid >= MIN_VALID_SHARE * n)
+def _is_full(n_valid: int | NDArray[np.int_], n: int, sections: int) -> NDArray[np.bool_]:
+    """Return whether a section, or each of several windows, has enough valid samples."""
+    least = 1 if sections == 1 else max(MIN_VALID_SHARE * n, 1)
+    return np.asarray(n_valid) >= least
 
 
 def _section(z: FloatArray, s: slice, centre: bool) -> FloatArray:

@@ -134,6 +134,10 @@ if TYPE_CHECKING:
         run_polynomial as run_polynomial,
         straightness_lines as straightness_lines,
     )
+    from metrosep.process.tips import (
+        TipPath as TipPath,
+        tip_path as tip_path,
+    )
     from metrosep.process.tool_settings import (
         ToolSetting as ToolSetting,
     )
@@ -256,6 +260,10 @@ _HOMES = {
         "StraightnessLines",
         "run_polynomial",
         "straightness_lines",
+    ),
+    "tips": (
+        "TipPath",
+        "tip_path",
     ),
     "tool_settings": ("ToolSetting",),
 }

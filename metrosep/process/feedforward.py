@@ -247,7 +247,7 @@ def corrected_path(
     secant = np.sqrt(1.0 + slope * slope)
     z = height - setting.dR * (1.0 - 1.0 / secant)
     plain = form.height(r * np.cos(azimuth), r * np.sin(azimuth))
-    u, rest, said = _left_over(setting, np.stack([-slope, -tangential, 1.0 - secant]), cut_rho)
+    u, rest, said = left_over(setting, np.stack([-slope, -tangential, 1.0 - secant]), cut_rho)
     core = abs(setting.dy)
     if core > 0.0:
         said += (
@@ -400,7 +400,7 @@ def _landed(form: Form, r: FloatArray, azimuth: FloatArray, setting: ToolSetting
     return x
 
 
-def _left_over(
+def left_over(
     setting: ToolSetting, effect: FloatArray, rho: FloatArray
 ) -> tuple[FloatArray | None, dict[str, float], tuple[str, ...]]:
     """Return u of the cut height, P-V per factor for one u, and what is not known."""

@@ -6,23 +6,30 @@ are actual minus nominal along z, out of the material. After slow-tool-servo, se
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, get_args
 
 import numpy as np
 
-from metrosep.core.errors import DataError
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import DataError, LimitError
 from metrosep.core.provenance import freeze_mapping
+from metrosep.core.units import format_length
 from metrosep.forms.base import Form
 from metrosep.process._follow_result import FollowUp, FollowUpMap
 from metrosep.process._job_causes import cause_of, checked_removed, frozen, setting_cause
 from metrosep.process._log_places import held_on_points, on_spiral
+from metrosep.process._setting_model import polar_slopes
 from metrosep.process.arc_lengths import checked_finite, checked_positive
 from metrosep.process.budget import Contribution, ErrorBudget
+from metrosep.process.feedforward import corrected_path, left_over
 from metrosep.process.interpolation import Interpolation
 from metrosep.process.machining_times import MachiningTime, machining_time
-from metrosep.process.path_points import PointPlan, points_for_tolerance
+from metrosep.process.nose import RoundNose
+from metrosep.process.nose_checks import gouge_check
+from metrosep.process.path_points import PathPoints, PointPlan, points_for_tolerance
 from metrosep.process.predictions import CorrectedProgram, Prediction
 from metrosep.process.spirals import (
     Distribution,
@@ -32,11 +39,16 @@ from metrosep.process.spirals import (
     checked_options,
     checked_radius,
 )
+from metrosep.process.tips import Edge, TipSurface, tips
 from metrosep.process.tool_settings import ToolSetting
 
 __all__ = ["JobPlan", "TurningJob"]
 
 _LEAD_IN = 3
+_MOST_PLANS = 5
+"""Searches with a tighter tolerance until the tip path, which is more curved, holds it too."""
+_USUAL_NOSE = 0.5e-3
+"""m: the nose for which a message says what a program of cut points does."""
 _OF_THE_JOB = {
     name: f"{name} is that of the job: leave it out, or make another TurningJob"
     for name in ("radius", "feed", "core", "sense")
@@ -93,13 +105,17 @@ class TurningJob:
     core : float, m, optional
         Radius at which the path ends.
     sense : {"counterclockwise", "clockwise"}, optional
-        How the tool goes round the part, seen from above.
+        How the tool goes round the part, seen from above; counterclockwise where it makes no
+        difference, to be given for a nose with rake.
+    nose : RoundNose, optional
+        Of the tool. With it programs are tip paths; without it they are cut points, points of the
+        surface, and say so.
 
     Raises
     ------
     DataError
-        If the form is none, a number is not positive and finite, the core not below the radius, or
-        the sense not known.
+        If the form is none, a number is not positive and finite, the core not below the radius, the
+        sense not known, or the nose none.
     UnitError
         If the radius is above 5 m.
 
@@ -119,7 +135,8 @@ class TurningJob:
     rpm: float
     block_time: float = 0.0
     core: float = 0.0
-    sense: Sense = "counterclockwise"
+    sense: Sense | None = None
+    nose: RoundNose | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.form, Form):
@@ -137,10 +154,35 @@ class TurningJob:
             raise DataError(f"block_time must be a time from 0 on, in s, got {block}")
         object.__setattr__(self, "block_time", block)
         object.__setattr__(self, "core", checked_core(self.core, self.radius))
+        if self.nose is not None:
+            Edge.of(self.nose, self.sense)
+        object.__setattr__(self, "sense", self.sense or get_args(Sense)[0])
         if self.sense not in get_args(Sense):
             raise DataError(
                 f"sense must be one of {', '.join(get_args(Sense))}, got {self.sense!r}"
             )
+
+    @property
+    def _way(self) -> Sense:
+        return self.sense or "counterclockwise"
+
+    @property
+    def _surface(self) -> Form | TipSurface:
+        """What the program is a sample of: the heights of the tip, without a nose the form."""
+        if self.nose is None:
+            return self.form
+        return TipSurface(self.form, Edge.of(self.nose, self.sense))
+
+    def _no_tip_path(self, rho: FloatArray, azimuth: FloatArray) -> str:
+        """Return what a program of cut points does to a part, first order."""
+        _, slope, _ = polar_slopes(self.form, rho, azimuth)
+        deep = _USUAL_NOSE * float(np.nanmax(np.hypot(1.0, slope) - 1.0))
+        return (
+            "cut points: these are points of the surface, no tip path. Run as a tip path, a round "
+            f"nose of {format_length(_USUAL_NOSE)} cuts up to about {format_length(deep)} too deep, "
+            "which no budget here counts; give the nose of the tool (nose_radius in a recipe, "
+            "TurningJob(..., nose=RoundNose(...)) in Python), or offset the points for it elsewhere"
+        )
 
     def path(
         self,
@@ -189,7 +231,7 @@ class TurningJob:
             interpolation=interpolation,
             lead_in=lead_in,
             core=self.core,
-            sense=self.sense,
+            sense=self._way,
             **options,
         )
 
@@ -239,20 +281,37 @@ class TurningJob:
         named = _named(options, _OF_THE_JOB)
         if named:
             raise DataError(named)
-        found = points_for_tolerance(
-            self.form,
-            self.radius,
-            self.feed,
-            tolerance,
-            distribution=distribution,
-            interpolation=interpolation,
-            annulus=annulus,
-            lead_in=lead_in,
-            core=self.core,
-            sense=self.sense,
-            **options,
+        wanted, reached = tolerance, math.nan
+        for _ in range(_MOST_PLANS):
+            found = points_for_tolerance(
+                self.form,
+                self.radius,
+                self.feed,
+                wanted,
+                distribution=distribution,
+                interpolation=interpolation,
+                annulus=annulus,
+                lead_in=lead_in,
+                core=self.core,
+                sense=self._way,
+                **options,
+            )
+            if self.nose is None:
+                return JobPlan(found, self.time(found.path))
+            error = found.path.error_map(self._surface)
+            reached = error.peak_to_valley(annulus=annulus, azimuth=options.get("azimuth"))
+            if reached <= tolerance:
+                said = "the search is that of cut points, the P-V that of the tip path"
+                messages = (*found.messages, said)
+                tip = replace(
+                    found, peak_to_valley=reached, tolerance=float(tolerance), messages=messages
+                )
+                return JobPlan(tip, self.time(tip.path))
+            wanted *= 0.98 * tolerance / reached
+        raise LimitError(
+            f"no number of blocks was found whose tip path holds {tolerance:.6g} m P-V; the last leaves "
+            f"{reached:.6g} m: take a smaller nose or a larger tolerance"
         )
-        return JobPlan(found, self.time(found.path))
 
     def time(self, path: SpiralPath | JobPlan) -> MachiningTime:
         """Return the time of one pass.
@@ -328,15 +387,26 @@ class TurningJob:
         -----
         A log is placed by the turn that its radius tells and by its azimuth. Between its samples
         lie straight lines; a stretch of more than 2.5 steps without a sample is a hole, NaN there.
+        With a nose the interpolation error is that of the tip path, at the place of the tip. Cusps
+        are not in the budget.
         """
         spiral = self._own(path)
         _check_causes(tool, follow_up, float_too=True)
         if not isinstance(others, list | tuple):
             raise DataError(f"others must be a list of contributions, got {type(others).__name__}")
         removed = checked_removed(removed)
-        error = spiral.error_map(self.form, sub_points=sub_points)
+        error = spiral.error_map(self._surface, sub_points=sub_points)
         rho, azimuth, weights = error.rho, error.theta, error.area
-        messages = list(error.messages)
+        messages = [] if self.nose else [self._no_tip_path(rho, azimuth)]
+        messages += error.messages
+        if self.nose is not None:
+            fits = gouge_check(self.form, self.nose, region=(self.core, self.radius))
+            messages += fits.messages if fits.ok else (f"not in the budget: {fits.messages[0]}",)
+            if self.nose.rake and tool is not None:
+                messages.append(
+                    "the map of the tool setting is that of a nose without rake; this one has "
+                    f"{math.degrees(self.nose.rake):.4g} degrees, which changes most what dR does"
+                )
         causes: list[Contribution] = []
         if tool is not None:
             causes.append(setting_cause(self.form, tool, rho, azimuth, weights, removed, messages))
@@ -358,6 +428,7 @@ class TurningJob:
             "minutes": self.time(spiral).seconds / 60.0,
             "removed": list(removed),
             "n_samples": int(rho.size),
+            **self._tool(),
         }
         return Prediction(budget, rho, azimuth, removed, tuple(messages), freeze_mapping(audit))
 
@@ -369,14 +440,14 @@ class TurningJob:
         follow_up: FollowUp | FollowUpMap | None = None,
         gain: float = 1.0,
     ) -> CorrectedProgram:
-        """Return the program that makes up for the tool setting and a logged follow-up error.
+        """Return the program that makes up for the nose, its setting and a logged follow-up error.
 
         Parameters
         ----------
         path : SpiralPath or JobPlan
             The program.
         tool : ToolSetting, optional
-            What the errors of the setting are; inverted exactly.
+            What the errors of the setting are.
         follow_up : FollowUp or FollowUpMap, optional
             Log of the dry run with places on the part; its negative is added.
         gain : float, optional
@@ -385,7 +456,8 @@ class TurningJob:
         Returns
         -------
         CorrectedProgram
-            Points with nominal and commanded height.
+            Points with nominal and commanded height: of the tip (``quantity == "tip"``) if the job
+            has a nose, else of the surface (``"cut points"``), which the first message says.
 
         Raises
         ------
@@ -399,49 +471,86 @@ class TurningJob:
         InvalidSamplesError
             If the form has no height at a point.
         LimitError
-            If there are too many points to work on.
+            If there are too many points to work on, the nose gouges, or the surface touches it
+            beyond its window.
 
         Notes
         -----
+        A tip path is that of `tip_path` for the nose as it is set: R + dR, its tip off by dx and dy.
         The correction must not begin or end with a step, which the spline would carry on as a wave.
         The lead-in, and up to an eighth of a turn before the log begins (a turn at the centre),
         take the value of its end; holes up to an eighth of a turn are bridged. Longer ones are
         refused.
         """
-        from metrosep.process.feedforward import corrected_path
-
-        if tool is None and follow_up is None:
+        if tool is None and follow_up is None and self.nose is None:
             raise DataError(
-                "give the tool setting or the follow-up error that is to be made up for"
+                "give the tool setting or the follow-up error that is to be made up for, or the job a "
+                "nose"
             )
         _check_causes(tool, follow_up, float_too=False)
         gain = checked_finite(gain, "gain")
         if not 0.0 < gain <= 1.0:
             raise DataError(f"gain must lie above 0 and at most at 1, got {gain}")
         spiral = self._own(path)
-        points = spiral.points(self.form)
-        messages: list[str] = []
-        z, residual = points.z.copy(), {}
-        audit: dict[str, Any] = {"n_points": len(points), "gain": gain}
+        points = spiral.points(self._surface)
+        if self.nose is None:
+            change, residual, messages = self._cut_points(points, tool)
+        else:
+            change, residual, messages = self._tips(points, self.nose, tool)
+        z = points.z + change
+        audit: dict[str, Any] = {"n_points": len(points), "gain": gain, **self._tool()}
         if tool is not None:
-            found = corrected_path(self.form, tool, points.rho, points.azimuth)
-            z += found.change
-            residual = dict(found.residual_pv)
-            messages += [f"tool setting: {m}" for m in tool.messages]
-            messages += found.messages
-            audit |= {k: v for k, v in found.audit.items() if k.startswith("d")}
+            audit |= {f"{n}_um": getattr(tool, n) * 1e6 for n in ("dx", "dy", "dR")}
         if follow_up is not None:
             z -= gain * held_on_points(follow_up, spiral, points.rho, messages)
         return CorrectedProgram(
-            points.rho,
-            points.azimuth,
-            points.z,
-            frozen(z),
-            points.lead_in,
-            freeze_mapping(residual),
-            tuple(messages),
-            freeze_mapping(audit),
-        )
+            points.rho, points.azimuth, points.z, frozen(z), points.lead_in,
+            freeze_mapping(residual), tuple(messages), freeze_mapping(audit),
+            "cut points" if self.nose is None else "tip",
+        )  # fmt: skip
+
+    def _cut_points(
+        self, points: PathPoints, tool: ToolSetting | None
+    ) -> tuple[FloatArray, dict[str, float], list[str]]:
+        """Return what the setting changes of the points of the surface, residual and messages."""
+        said = [self._no_tip_path(points.rho, points.azimuth)]
+        if tool is None:
+            return np.zeros(len(points)), {}, said
+        found = corrected_path(self.form, tool, points.rho, points.azimuth)
+        said += [f"tool setting: {m}" for m in tool.messages]
+        return found.change, dict(found.residual_pv), [*said, *found.messages]
+
+    def _tips(
+        self, points: PathPoints, nose: RoundNose, tool: ToolSetting | None
+    ) -> tuple[FloatArray, dict[str, float], list[str]]:
+        """Return what the setting changes of the tips, residual and messages; refuse a gouge."""
+        fits = gouge_check(self.form, nose, region=(self.core, self.radius))
+        fits.require()
+        nominal = Edge.of(nose, self.sense)
+        edge = nominal if tool is None else _as_set(nominal, tool)
+        made = tips(self.form, points.rho, points.azimuth, edge, strict=True)
+        said = [*fits.messages, *made.messages]
+        on_part = points.rho <= self.radius
+        starts = float(made.rho[on_part][0])
+        if starts < self.radius - self.feed:
+            said.append(
+                f"the first tip on the path touches the part at rho = {format_length(starts)} only: "
+                f"outside it nothing is cut; begin {format_length(self.radius - starts)} further out, "
+                "with a larger radius"
+            )
+        if tool is None:
+            return np.zeros(len(points)), {}, said
+        plain = tips(self.form, points.rho, points.azimuth, nominal, strict=True)
+        _, residual, unknown = left_over(tool, edge.by_setting(made), np.abs(made.rho))
+        said += [f"tool setting: {m}" for m in tool.messages]
+        return made.z - plain.z, residual, [*said, *unknown]
+
+    def _tool(self) -> dict[str, Any]:
+        """Return what an audit says of the nose."""
+        if self.nose is None:
+            return {"quantity": "cut points"}
+        found = {"quantity": "tip", "nose_radius_mm": self.nose.radius * 1e3, "sense": self._way}
+        return found | {"rake_deg": math.degrees(self.nose.rake)}
 
     def _own(self, path: SpiralPath | JobPlan) -> SpiralPath:
         spiral = path.path if isinstance(path, JobPlan) else path
@@ -454,6 +563,11 @@ class TurningJob:
                     theirs, ours = f"{theirs:.6g} m", f"{ours:.6g} m"
                 raise DataError(f"the path has the {name} {theirs}, the job has {ours}")
         return spiral
+
+
+def _as_set(edge: Edge, tool: ToolSetting) -> Edge:
+    """Return the edge where a setting really puts it."""
+    return replace(edge, radius=edge.radius + tool.dR, dx=tool.dx, dy=tool.dy)
 
 
 def _check_causes(tool: object, follow_up: object, *, float_too: bool) -> None:

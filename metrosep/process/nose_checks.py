@@ -20,13 +20,22 @@ from metrosep.core.units import format_length
 from metrosep.forms.base import Form
 from metrosep.process._setting_checks import map_extent
 from metrosep.process._setting_model import known_form, polar_slopes
-from metrosep.process.nose import RoundNose
+from metrosep.process.nose import RoundNose, smallest_length
 from metrosep.process.setting_maps import polar_axes
+from metrosep.process.tips import Edge, tips
 
 __all__ = ["NoseCheck", "clearance_check", "gouge_check", "window_check"]
 
 FloatArray = NDArray[np.float64]
 Travel = Literal["growing", "falling", "both"]
+
+_MOST, _USUAL, _FEWEST_AZIMUTHS = 5_000_000, 300_000, 12
+"""Points of a mesh at most, and where 12 azimuths are enough to stay below."""
+_GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
+"""Share of the azimuth step by which each radius is turned: no two come to lie on a line."""
+_BLOCK = 1 << 17
+_HALVINGS, _SETTLED = 20, 0.01
+"""Of the step of a derivative, from 1e-3 R down, until half of it agrees within 1 %."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +58,10 @@ class NoseCheck:
         In plain words.
     audit : mapping
         Mesh and nose.
+    left : float, m
+        Height that stays at the worst place where the nose cannot reach; 0 where it fits.
+    step : float, m
+        Radial step of the mesh; NaN where hollows are not what is checked.
 
     Examples
     --------
@@ -66,6 +79,8 @@ class NoseCheck:
     n_bad: int
     messages: tuple[str, ...] = ()
     audit: Mapping[str, Any] = field(default_factory=dict)
+    left: float = 0.0
+    step: float = math.nan
 
     def require(self) -> None:
         """Raise the first message as an error unless the nose fits.
@@ -85,8 +100,8 @@ def gouge_check(
     *,
     radius: float | None = None,
     region: tuple[float, float] | None = None,
-    n_rho: int = 401,
-    n_theta: int = 360,
+    n_rho: int | None = None,
+    n_theta: int | None = None,
 ) -> NoseCheck:
     """Return whether the nose fits into every hollow of the surface along rho.
 
@@ -101,13 +116,15 @@ def gouge_check(
     region : tuple of (float, float), m, optional
         Inner and outer radius instead.
     n_rho, n_theta : int, optional
-        Of the mesh that is searched.
+        Of the mesh that is searched; by default from the nose and the form, see Notes.
 
     Returns
     -------
     NoseCheck
-        ``worst`` is the smallest concave radius of curvature (infinite without hollows), ``limit``
-        the tip radius of the projected nose.
+        ``worst`` is the concave radius of curvature at the worst place (infinite without hollows),
+        ``limit`` the tip radius of the projected nose, ``left`` the height that stays there above
+        the surface when the nose cannot reach it, ``step`` the radial step of the mesh. A mesh
+        that is coarser than a quarter of the smallest length of the form is not ok.
 
     Raises
     ------
@@ -120,11 +137,18 @@ def gouge_check(
 
     Notes
     -----
-    Curvature is ``z_rr / (1 + z_r^2)^(3/2)``, z_rr from a central difference of the slopes. Where
-    it is below that of the nose everywhere, the nose touches nowhere else, however far: the slope
-    of the nose outruns that of the surface on both sides of the contact. The tip is the flattest
-    place of the ellipse, so this is safe for steep slopes. Between the points of the mesh nothing
-    is seen; NaN (off the surface) is left out with a message.
+    The edge touches along a line where ``z_rr < e''``, with ``e'' = (c^2 + z_r^2)^(3/2) / (R c^2)``
+    and ``c = cos(rake) +- z_t sin(rake)`` for the two ways of the tool, z_t the slope along the cut;
+    the worse of both counts. Where that holds everywhere the nose touches nowhere else, however far:
+    the slope of the nose outruns that of the surface on both sides of the contact.
+
+    z_rr is taken twice. A central difference of the slopes, with a step of a thousandth of the nose
+    radius, halved until half of it agrees; and the difference of the slopes over each radial step,
+    which no kink between two points can escape. The radial step is R/40 or less, and an eighth of
+    the smallest lateral length where the form knows one (period, pixel), up to five million points;
+    azimuths are at least 12 and turn by the golden angle from radius to radius. What is
+    narrower lies between two points and is not seen; the messages say how wide that is for a form
+    that does not repeat. NaN (off the surface) is left out with a message.
 
     Examples
     --------
@@ -133,28 +157,148 @@ def gouge_check(
     >>> round(gouge_check(grid, RoundNose(1e-3), radius=500e-6).worst * 1e3, 2)
     5.07
     """
-    form, rho, theta, said, audit = _mesh(form, nose, radius, region, n_rho, n_theta)
-    h = 1e-5 * float(rho.max())
-    _, slope, _ = polar_slopes(form, rho, theta)
-    after, before = (polar_slopes(form, rho + s * h, theta)[1] for s in (1.0, -1.0))
-    curvature = (after - before) / (2.0 * h) / (1.0 + slope * slope) ** 1.5
-    known, said = _defined(curvature, rho, form, said)
-    at = int(np.nanargmax(np.where(known, curvature, np.nan)))
-    hollow = max(float(curvature[at]), 0.0)
+    form = known_form(form)
+    _check_nose(nose)
+    inner, outer, said = map_extent(radius, region)
+    length = smallest_length(form)
+    n_rho, n_theta = _fine_mesh(outer - inner, nose, length, n_rho, n_theta)
+    rho, theta = polar_axes((inner, outer), n_rho, n_theta)
+    step = (outer - inner) / (n_rho - 1)
+    theta += (np.mod(_GOLDEN * np.arange(n_rho), 1.0) * 2.0 * math.pi / n_theta)[:, None]
+    rho, theta = rho.ravel(), theta.ravel()
+    blocks = [slice(k, k + _BLOCK) for k in range(0, rho.size, _BLOCK)]
+    share = np.concatenate([_share(form, nose, rho[k], theta[k], step) for k in blocks])
+    known, said = _defined(share, rho, form, said)
+    at = int(np.nanargmax(np.where(known, share, np.nan)))
+    where, hollow, resolved = _sharpest(form, float(rho[at]), float(theta[at]), step)
     worst = 1.0 / hollow if hollow > 0.0 else math.inf
-    bad = int(np.count_nonzero(curvature[known] * nose.tip_radius >= 1.0))
+    bad = int(np.count_nonzero(share[known] >= 1.0))
+    coarse = step > 0.25 * length
+    left = 0.0
     if bad:
-        said = (
-            (
-                f"the nose gouges: its tip radius {format_length(nose.tip_radius)} is larger than the "
-                f"concave radius {format_length(worst)} of the {form.name} at {_place(rho[at], theta[at])} "
-                f"({bad} points of the mesh); take a smaller nose"
-            ),
-            *said,
+        left = _left(form, nose, where, float(theta[at]))
+        size = format_length(worst) if resolved else "0 (a kink)"
+        first = (
+            f"the nose gouges: its tip radius {format_length(nose.tip_radius)} is larger than the "
+            f"concave radius {size} of the {form.name} at {_place(where, theta[at])} ({bad} points "
+            f"of the mesh); a path that gouges nothing leaves {format_length(left)} there; take a "
+            "smaller nose"
         )
+        said = (first, *said)
+    elif coarse:
+        first = (
+            f"not judged: the radial step of the mesh, {format_length(step)}, is more than a quarter "
+            f"of the smallest length of the {form.name}, {format_length(length)}; give a larger "
+            "n_rho, or a narrower region"
+        )
+        said = (first, *said)
+    elif form.period is None:
+        arc = 2.0 * math.pi * outer / n_theta
+        said = (
+            *said,
+            (
+                f"hollows narrower than {format_length(step)} along rho, or than {format_length(arc)} "
+                "along the cut, may not be seen"
+            ),
+        )
+    audit = {**_audit(form, nose, (inner, outer), n_rho, n_theta), "step_um": step * 1e6}
     return NoseCheck(
-        not bad, worst, nose.tip_radius, "m", float(rho[at]), float(theta[at]), bad, said, audit
-    )
+        not (bad or coarse), worst, nose.tip_radius, "m", where, float(theta[at]), bad, said,
+        freeze_mapping(audit), left, step,
+    )  # fmt: skip
+
+
+def _fine_mesh(
+    extent: float, nose: RoundNose, length: float, n_rho: int | None, n_theta: int | None
+) -> tuple[int, int]:
+    """Return radii and azimuths that see hollows as wide as the step, as many as are affordable."""
+    if n_rho is None:
+        usual = max(extent / 2000.0, nose.radius / 400.0)
+        step = min(nose.radius / 40.0, length / 8.0, usual)
+        n_rho = min(math.ceil(extent / step), _MOST // _FEWEST_AZIMUTHS) + 1
+    if n_theta is None:
+        n_theta = min(360, max(_FEWEST_AZIMUTHS, _USUAL // n_rho)) if _is_count(n_rho) else 1
+    return n_rho, n_theta
+
+
+def _is_count(n: object) -> bool:
+    return isinstance(n, int | np.integer) and not isinstance(n, bool) and int(n) > 0
+
+
+def _bent(form: Form, rho: FloatArray, theta: FloatArray, width: float) -> FloatArray:
+    """Return the mean of z_rr over a width along rho."""
+    after, before = (polar_slopes(form, rho + s * width, theta)[1] for s in (0.5, -0.5))
+    return np.asarray((after - before) / width)
+
+
+def _share(
+    form: Form, nose: RoundNose, rho: FloatArray, theta: FloatArray, step: float
+) -> FloatArray:
+    """Return z_rr over what the nose has there, the worse of both ways of the tool."""
+    _, slope, across = polar_slopes(form, rho, theta)
+    h = 1e-3 * nose.radius
+    second, open_ = _bent(form, rho, theta, h), np.arange(rho.size)
+    for _ in range(_HALVINGS):
+        h *= 0.5
+        finer = _bent(form, rho[open_], theta[open_], h)
+        change = finer - second[open_]
+        settled = ~(np.abs(change) > _SETTLED * np.maximum(np.abs(finer), _SETTLED / nose.radius))
+        # the error of a central difference falls by four with half the step
+        second[open_] = np.where(settled, finer + change / 3.0, finer)
+        open_ = open_[~settled]
+        if not open_.size:
+            break
+    second = np.maximum(second, _bent(form, rho, theta, step))
+    c = math.cos(nose.rake) + np.multiply.outer((-1.0, 1.0), across * math.sin(nose.rake))
+    own = np.hypot(c, slope) ** 3 / (nose.radius * c * c)
+    return np.asarray(second / own.min(axis=0))
+
+
+def _sharpest(form: Form, rho: float, theta: float, step: float) -> tuple[float, float, bool]:
+    """Return place and size of the largest concave curvature within a step, and whether it settles."""
+    width, last, settled = step, -math.inf, 0
+    for _ in range(_HALVINGS + 20):
+        width *= 0.5
+        tried = rho + width * np.array([-0.5, 0.0, 0.5])
+        angle = np.full(3, theta)
+        slope = polar_slopes(form, tried, angle)[1]
+        found = _bent(form, tried, angle, width) / np.hypot(1.0, slope) ** 3
+        if np.isnan(found).all():
+            return rho, max(last, 0.0), True
+        best = int(np.nanargmax(found))
+        rho, now = float(tried[best]), float(found[best])
+        settled = settled + 1 if abs(now - last) <= 1e-6 * abs(now) else 0
+        last = now
+        if settled == 2 or now <= 0.0:
+            break
+    return rho, last, settled == 2 or last <= 0.0
+
+
+def _left(form: Form, nose: RoundNose, rho: float, theta: float) -> float:
+    """Return the height that stays at a place when the tool cuts nothing of the surface, m."""
+    height = float(form.height(*(np.array([rho * f(theta)]) for f in (math.cos, math.sin)))[0])
+    found = [0.0]
+    for sense in ("counterclockwise", "clockwise") if nose.rake else ("counterclockwise",):
+        edge = Edge.of(nose, sense)
+        psi, cut = np.linspace(-edge.half, edge.half, 2001), np.full(1, np.nan)
+        for _ in range(2):  # all of the edge, then about the best
+            ex, ey, ez = edge.point(psi)
+            at = np.sqrt(np.maximum(rho * rho - ey * ey, 0.0))
+            made = tips(
+                form,
+                at - ex,
+                theta - np.arctan2(ey, at),
+                edge,
+                strict=False,
+                step=nose.radius / 400.0,
+            )
+            cut = made.z + ez
+            if np.isnan(cut).all():
+                break
+            best = int(np.nanargmin(cut))
+            psi = np.linspace(psi[max(best - 2, 0)], psi[min(best + 2, psi.size - 1)], 201)
+        found.append(float(np.fmin.reduce(cut)) - height)
+    return float(np.fmax.reduce(found))
 
 
 def clearance_check(
@@ -257,7 +401,7 @@ def window_check(
     Returns
     -------
     NoseCheck
-        ``worst`` is the steepest slope along rho and ``limit`` half the window, rad.
+        ``worst`` is the angle on the nose of the furthest contact and ``limit`` half the window, rad.
 
     Raises
     ------
@@ -267,6 +411,11 @@ def window_check(
         If the mesh has too few points.
     UnitError
         If the radius cannot be in metres.
+
+    Notes
+    -----
+    The contact lies at ``tan(psi) = z_r / (cos(rake) +- z_t sin(rake))``, with rake further round the
+    nose than the slope; the worse of both ways of the tool counts.
 
     Examples
     --------
@@ -280,11 +429,12 @@ def window_check(
     if nose.window is None:
         raise DataError("the nose has no window: give RoundNose(..., window=...)")
     form, rho, theta, said, audit = _mesh(form, nose, radius, region, n_rho, n_theta)
-    _, slope, _ = polar_slopes(form, rho, theta)
+    _, slope, across = polar_slopes(form, rho, theta)
     known, said = _defined(slope, rho, form, said)
+    c = math.cos(nose.rake) - np.abs(across * math.sin(nose.rake))
     return _steepest(
-        np.arctan(np.abs(slope)), known, rho, theta, 0.5 * nose.window, said, audit,
-        f"the {form.name} touches the nose beyond its window: its slope along rho is",
+        np.arctan2(np.abs(slope), c), known, rho, theta, 0.5 * nose.window, said, audit,
+        f"the {form.name} touches the nose beyond its window: the contact lies at",
         "half the window",
     )  # fmt: skip
 
@@ -333,16 +483,22 @@ def _mesh(
     _check_nose(nose)
     inner, outer, said = map_extent(radius, region)
     rho, theta = polar_axes((inner, outer), n_rho, n_theta)
-    audit = {
+    audit = freeze_mapping(_audit(form, nose, (inner, outer), n_rho, n_theta))
+    return form, rho.ravel(), theta.ravel(), said, audit
+
+
+def _audit(
+    form: Form, nose: RoundNose, region: tuple[float, float], n_rho: int, n_theta: int
+) -> dict[str, Any]:
+    return {
         "form": repr(form),
         "nose_radius_mm": nose.radius * 1e3,
         "rake_deg": math.degrees(nose.rake),
-        "inner_um": inner * 1e6,
-        "outer_um": outer * 1e6,
+        "inner_um": region[0] * 1e6,
+        "outer_um": region[1] * 1e6,
         "n_rho": n_rho,
         "n_theta": n_theta,
     }
-    return form, rho.ravel(), theta.ravel(), said, freeze_mapping(audit)
 
 
 def _defined(

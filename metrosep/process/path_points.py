@@ -52,7 +52,8 @@ class PathPoints:
     s : ndarray, shape (n,), m
         Arc length travelled since the rim, negative before it.
     z : ndarray, shape (n,), m
-        Programmed height, out of the material.
+        Height of the form at the point, out of the material: a cut point. The tip of a nose stands
+        elsewhere, see `tip_path`.
     lead_in : int
         How many points lie before the rim.
     """

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -69,7 +69,7 @@ class Prediction:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CorrectedProgram:
-    """The points of a program with heights that make up for known errors.
+    """A program with heights that make up for known errors: of the tip, or of points to be cut.
 
     Parameters
     ----------
@@ -85,6 +85,9 @@ class CorrectedProgram:
         What to know.
     audit : mapping
         Settings, units in the keys.
+    quantity : {"cut points", "tip"}
+        What the points are. Cut points are points of the surface, which a tool with a nose must not
+        be sent to as they are; "tip" are places of the tip, the lowest point of the edge.
     """
 
     rho: FloatArray
@@ -95,6 +98,7 @@ class CorrectedProgram:
     residual_pv: Mapping[str, float]
     messages: tuple[str, ...]
     audit: Mapping[str, Any]
+    quantity: Literal["cut points", "tip"] = "cut points"
 
     @property
     def change(self) -> FloatArray:
@@ -107,16 +111,18 @@ class CorrectedProgram:
         Returns
         -------
         DataFrame
-            Columns rho_um, azimuth_deg, z_nominal_nm, z_command_nm.
+            Columns rho_um, azimuth_deg, z_nominal_nm, z_command_nm, the names of lengths with what
+            they belong to in front: cut_point_rho_um, tip_z_command_nm.
         """
         import pandas as pd
 
+        of = self.quantity.removesuffix("s").replace(" ", "_")
         return pd.DataFrame(
             {
-                "rho_um": 1e6 * self.rho,
+                f"{of}_rho_um": 1e6 * self.rho,
                 "azimuth_deg": np.degrees(self.azimuth),
-                "z_nominal_nm": 1e9 * self.nominal,
-                "z_command_nm": 1e9 * self.z,
+                f"{of}_z_nominal_nm": 1e9 * self.nominal,
+                f"{of}_z_command_nm": 1e9 * self.z,
             }
         )
 

@@ -149,7 +149,8 @@ def _predict(_: Any, options: Mapping[str, Any]) -> JobResult:
         rpm=rest["rpm"],
         block_time=rest.get("block_time", 0.0),
         core=rest.get("core", 0.0),
-        sense=rest.get("sense", "counterclockwise"),
+        sense=rest.get("sense"),
+        nose=_nose(rest),
     )
     plan, path = _path(job, rest)
     tool = None
@@ -164,13 +165,24 @@ def _predict(_: Any, options: Mapping[str, Any]) -> JobResult:
     if known is not None and (doubt := _other_surface(job, rest)):
         doubts, known = (doubt,), None
     program = None
-    if tool is not None or known is not None:
+    if tool is not None or known is not None or job.nose is not None:
         gain = float(rest.get("gain", 1.0))
         program = job.compensated(path, tool=tool, follow_up=known, gain=gain)
     history = getattr(log, "history", ())
     return JobResult(
         plan, prediction, rest.get("measured"), program, path, _allowed(job, plan), history, doubts
     )
+
+
+def _nose(rest: Mapping[str, Any]) -> Any:
+    """Return the nose of the tool, or None where its radius is not given."""
+    from metrosep.process import RoundNose
+
+    if "nose_radius" not in rest:
+        if also := [k for k in ("rake", "window") if k in rest]:
+            raise DataError(f"{also[0]} belongs to a nose; give its radius: nose_radius")
+        return None
+    return RoundNose(rest["nose_radius"], rest.get("rake", 0.0), window=rest.get("window"))
 
 
 _ALIKE = 0.2
@@ -385,6 +397,9 @@ PROCESSES: Mapping[str, Method] = {
             "u_dx": Field("uncertainty"),
             "u_dy": Field("uncertainty"),
             "u_dR": Field("uncertainty"),
+            "nose_radius": Field("size"),
+            "rake": Field("angle"),
+            "window": Field("angle"),
             "follow_up": Field("file"),
             "log_time": Field("text"),
             "log_command": Field("text"),

@@ -258,7 +258,7 @@ def test_only_what_is_asked_is_computed_and_names_are_checked(monkeypatch):
     monkeypatch.setattr(areal, "autocorrelation", never)
     monkeypatch.setattr(areal, "significant_peaks", never)
     assert list(areal_parameters(sine_grid(n=50), names=("Sdq", "Sa"))) == ["Sa", "Sdq"]
-    with pytest.raises(DataError, match="Ra: not an areal parameter"):
+    with pytest.raises(DataError, match="Ra: not offered as an areal parameter"):
         areal_parameters(sine_grid(n=50), names=["Sa", "Ra"])
     with pytest.raises(DataError, match="sequence"):
         areal_parameters(sine_grid(n=50), names="Sa")

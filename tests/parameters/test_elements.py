@@ -105,6 +105,16 @@ def test_small_portion_at_the_end_gives_no_crossing():
     assert high.start == pytest.approx([2.5 * UM], rel=1e-9, abs=0.0)
 
 
+def test_what_an_end_cuts_low_takes_no_crossing_from_its_neighbour():
+    x = np.arange(8) * UM
+    z = np.array([-0.05, 1.0, 1, -1, -1, 1, 1, -0.05])  # crossings 1/21, 2.5, 4.5, 7 - 1/21
+
+    both = profile_elements(x, z, min_height=0.1, pairs="both")
+
+    assert both.start == pytest.approx(np.array([1 / 21, 2.5]) * UM, rel=1e-9, abs=0.0)
+    assert both.spacing == pytest.approx((4.5 - 1 / 21) * UM * np.ones(2), rel=1e-9, abs=0.0)
+
+
 def test_zeros_cross_in_their_middle():
     x = np.arange(9) * UM
     z = np.array([-1.0, 0, 0, 0, 1, 0, -1, 0, 1])

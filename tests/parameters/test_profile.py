@@ -248,7 +248,9 @@ def test_context_says_how():
     assert "gaussian" in table.context.chain
     assert "mean of 4 sections (ISO 4287:1997, 4.2.1" in table["Ra"].definition
     assert not any("Nobody" in n or "dealt with" in n for n in table.context.notes)
-    assert profile_parameters(profile, kind="R").context.settings["spacing_threshold"] is None
+    new = profile_parameters(profile, kind="R").context.settings
+    assert new["spacing_threshold"] is None
+    assert (settings["height_threshold_of"], new["height_threshold_of"]) == ("Rz", "Rp and Rv")
     json.dumps(table.to_dict(), allow_nan=False)
 
 
@@ -337,6 +339,139 @@ def test_filtered_data_asked_as_other_raise(declared, kind):
         profile_parameters(profile, kind=kind)
 
 
+# the definitions of 2021 that differ from those of 1997
+
+
+def three_waves():
+    """Sine with two smaller waves, one spike up and one down beside the border of two sections."""
+    i = np.arange(4000)
+    z = np.sin(2 * np.pi * i / 160) + 0.3 * np.sin(2 * np.pi * i / 47 + 1)
+    z += 0.1 * np.cos(2 * np.pi * i / 11)
+    z[1590] += 4.0
+    z[1612] -= 3.0
+    return z
+
+
+def tilted_triangles(periods=20):
+    """Triangles, hill then dale; the 0.15 um hill is below a tenth of Rp, the 0.25 um dale of Rv."""
+    parts = []
+    for hill, width, dale, breadth in (
+        (2.0, 40, -3.0, 50), (0.15, 12, -2.0, 36), (1.0, 30, -0.25, 10), (0.6, 24, -1.5, 44),
+    ):  # fmt: skip
+        for height, n in ((hill, width), (dale, breadth)):
+            t = (np.arange(n) + 0.5) / n
+            parts.append(height * (1.0 - np.abs(2.0 * t - 1.0)))
+    return np.tile(np.concatenate(parts), periods)
+
+
+def counted_elements(z, least_hill, least_dale):
+    """Return widths (in steps) and heights of the elements of 2021 in the direction of x.
+
+    Portion by portion as a person counts on paper: cut at the crossings, strike out what is too
+    low, join what is left of equal sign, pair each with its right neighbour.
+    """
+    crossings = [
+        k + z[k] / (z[k] - z[k + 1]) for k in range(len(z) - 1) if (z[k] >= 0) != (z[k + 1] >= 0)
+    ]
+    bounds = [0.0, *crossings, len(z) - 1.0]
+    kept = []  # left, right, height, sign, whole
+    for j, (a, b) in enumerate(pairwise(bounds)):
+        inside = z[int(np.ceil(a)) : int(np.floor(b)) + 1]
+        sign = 1 if inside[np.argmax(np.abs(inside))] >= 0 else -1
+        height = np.max(sign * inside)
+        whole = 0 < j < len(bounds) - 2
+        if height < (least_hill if sign > 0 else least_dale):
+            if whole and kept:
+                kept[-1][1] = b
+        elif kept and kept[-1][3] == sign:
+            kept[-1][1:3] = [b, max(kept[-1][2], height)]
+            kept[-1][4] &= whole
+        else:
+            kept.append([a, b, height, sign, whole])
+    pairs = [(p, q) for p, q in pairwise(kept) if p[4] and q[4]]
+    return [q[1] - p[0] for p, q in pairs], [p[2] + q[2] for p, q in pairs]
+
+
+def by_hand_2021(z, sections):
+    """Return Rsm in steps, Rc and Rzx of a profile whose samples the sections divide."""
+    parts = np.split(z, sections)
+    limits = 0.1 * np.mean([p.max() for p in parts]), 0.1 * np.mean([-p.min() for p in parts])
+    ways = [counted_elements(way, *limits) for way in (z, z[::-1])]
+    widths, heights = (np.concatenate([way[k] for way in ways]) for k in (0, 1))
+    n = z.size // sections
+    slid = max(np.ptp(z[k : k + n]) for k in range(z.size - n + 1))
+    return widths.mean(), heights.mean(), slid
+
+
+@pytest.mark.parametrize("kind", ["R", "W"])
+@pytest.mark.parametrize("seed", [None, 3, 4])
+def test_elements_and_largest_height_of_2021_are_those_counted_by_hand(seed, kind):
+    z = three_waves()
+    if seed is not None:
+        noise = np.random.default_rng(seed).standard_normal(6006)
+        z = np.convolve(noise, np.ones(7) / 7, mode="valid") ** 3  # peaks beside a quiet middle
+    spacing, height, slid = by_hand_2021(z, 6 if z.size % 5 else 5)
+
+    table = profile_parameters(trace(z), kind=kind, sections=6 if z.size % 5 else 5)
+
+    assert table[f"{kind}sm"].value == pytest.approx(spacing * UM, rel=EXACT, abs=0.0)
+    assert table[f"{kind}c"].value == pytest.approx(height * UM, rel=EXACT, abs=0.0)
+    assert table[f"{kind}zx"].value == pytest.approx(slid * UM, rel=EXACT, abs=0.0)
+
+
+def test_published_values_of_the_definitions_of_2021():
+    """Reference values of specs/metrology-2.md, 4.1, computed by foreign code.
+
+    Rc of the triangles is the sum of their heights by hand, which ends ...462 where the page has
+    ...446: hills 1.95 and 1 (1 - 1/30), dales 2.94 and 1.5 (1 - 1/44), in 19, 19, 20 and 19 pairs.
+    """
+    hill, dale = 29 / 30, 1.5 * 43 / 44
+    pairs = 19 * (hill + dale) + 19 * (1.95 + dale) + 20 * (hill + 2.94) + 19 * (1.95 + 2.94)
+    waves = profile_parameters(trace(three_waves(), dx=0.5 * UM), kind="R")
+    triangles = profile_parameters(trace(tilted_triangles()), kind="R")
+
+    for table, symbol, value in (
+        (waves, "Rz", 3.39447964), (waves, "Rzx", 6.06247830), (waves, "Rt", 6.06247830),
+        (waves, "Rp", 1.79365095), (waves, "Rv", 1.60082869),
+        (waves, "Rsm", 73.7816334), (waves, "Rc", 2.61031714),
+        (triangles, "Rp", 1.95), (triangles, "Rv", 2.94),
+        (triangles, "Rsm", 123.506085), (triangles, "Rc", pairs / 77),
+    ):  # fmt: skip
+        assert table[symbol].value / UM == pytest.approx(value, rel=1e-8, abs=0.0), symbol
+    old = profile_parameters(trace(three_waves(), dx=0.5 * UM), kind="R", edition=OLD)
+    assert old["Rz1max"].value / UM == pytest.approx(4.88736213, rel=1e-8, abs=0.0)
+
+
+def test_triangles_longer_and_longer_tend_to_two_elements_a_period_of_246():
+    """Per period of 246 um the small hill joins dales, the small dale hills: 4 portions are left."""
+    table = profile_parameters(trace(tilted_triangles(200)), kind="R", sections=5)
+
+    assert table["Rsm"].value / UM == pytest.approx(123.0, rel=1e-3, abs=0.0)
+
+
+@pytest.mark.parametrize("where", [700, 799, 950, 1199])
+def test_a_spike_and_a_pit_count_together_wherever_the_border_of_sections_lies(where):
+    """A hill of 3 um and a pit of 3 um lie 100 samples apart, on either side of no border or one."""
+    z = sine()
+    z[where], z[where + 100] = 3.0, -3.0
+
+    table = profile_parameters(trace(z), kind="R")
+
+    assert table["Rzx"].value == pytest.approx(6 * UM, rel=EXACT, abs=0.0)
+    assert "slides" in table["Rzx"].definition
+
+
+def test_window_counts_only_where_half_of_it_is_measured():
+    z = np.full(4000, np.nan)
+    z[::3] = sine()[::3]
+    table = profile_parameters(trace(z), kind="R")
+    assert "no window of 800 samples" in table.unavailable["Rzx"]
+    z[:801] = sine(801)
+    z[:400] *= 5.0
+    table = profile_parameters(trace(z), kind="R", names=["Rzx"])
+    assert table["Rzx"].value == pytest.approx(0.5 * UM, rel=EXACT, abs=0.0)
+
+
 # properties
 
 
@@ -395,7 +530,8 @@ def test_reversed_x(rough, edition):
     one = profile_parameters(trace(rough), kind="R", edition=edition)
     other = profile_parameters(trace(rough[::-1]), kind="R", edition=edition)
 
-    for symbol in set(one) - {"RSm", "Rsm", "Rc"}:  # elements pair from the first crossing on
+    # 1997: elements pair from the first crossing on; 2021 looks in both directions
+    for symbol in set(one) - ({"RSm", "Rc"} if edition == OLD else set()):
         assert other[symbol].value == pytest.approx(one[symbol].value, rel=ROUNDING, abs=0.0)
 
 
@@ -474,7 +610,8 @@ def test_section_of_few_samples_does_not_count_as_a_full_one():
     old = profile_parameters(gapped(1001, 2000), kind="R", edition=OLD)
 
     assert "section 2 of 5 holds 1 valid sample" in new.unavailable["Rz"]
-    assert {"Rp", "Rv", "Rz", "Rzx", "Rsm"} <= set(new.unavailable)
+    assert {"Rp", "Rv", "Rz", "Rsm"} <= set(new.unavailable)
+    assert new["Rzx"].value == pytest.approx(2 * UM, rel=EXACT, abs=0.0)  # of a complete window
     assert new["Rt"].value == pytest.approx(2 * UM, rel=EXACT, abs=0.0)
     assert {"Ra", "Rq", "Rz", "Rdq", "RSm"} <= set(old.unavailable)
     assert "section 2 of 5" in old.unavailable["Rdq"]
@@ -543,7 +680,7 @@ def test_bad_options_raise():
         profile_parameters(trace(sine()), kind="Q")
     with pytest.raises(DataError, match="secant"):
         profile_parameters(trace(sine()), line="tangent")
-    with pytest.raises(DataError, match="RzJIS: not in"):
+    with pytest.raises(DataError, match="RzJIS: not offered for kind R with edition ISO 21920"):
         profile_parameters(trace(sine()), kind="R", names=["Ra", "RzJIS"])
     with pytest.raises(DataError, match="sequence"):
         profile_parameters(trace(sine()), kind="R", names="Ra")

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from metrosep.core.profile import Profile
-from metrosep.errors import DataError, TooFewSamplesError, UnitError
-from metrosep.forms import Conic, Expression, SineGrid
+from metrosep.errors import DataError, LimitError, TooFewSamplesError, UnitError
+from metrosep.forms import Conic, Expression, SineGrid, Sphere, Toric
 from metrosep.process._follow_result import FollowUpMap
 from metrosep.process.budget import Contribution
 from metrosep.process.jobs import TurningJob
+from metrosep.process.nose import RoundNose
 from metrosep.process.predictions import pv_quantities
 from metrosep.process.setting_fit import identify_setting
 from metrosep.process.spirals import SpiralPath
@@ -152,7 +153,9 @@ def test_compensation_of_the_log_takes_a_share():
     inside = half.rho <= 150e-6
     expected = -3 * NM * np.cos(2 * np.pi * half.rho * np.cos(half.azimuth) / 100e-6)
     np.testing.assert_allclose(half.change[inside], expected[inside], atol=STRAIGHT)
-    assert list(half.to_frame()) == ["rho_um", "azimuth_deg", "z_nominal_nm", "z_command_nm"]
+    columns = ["cut_point_rho_um", "azimuth_deg"]
+    columns += ["cut_point_z_nominal_nm", "cut_point_z_command_nm"]
+    assert list(half.to_frame()) == columns
     assert any("3 of" in m and "first or last value" in m for m in half.messages)  # the lead-in
     np.testing.assert_array_equal(half.change[:3], half.change[3])
 
@@ -458,3 +461,151 @@ def test_budget_of_a_job_weighs_by_area():
 def test_bad_input(call, error, match):
     with pytest.raises(error, match=match):
         call()
+
+
+# the nose: what the edge of the tool really cuts when its tip is sent to the points of a program
+
+BOWL = Toric(Rb=110e-3, Rd=70e-3)
+PER_TURN = 60
+CUSP = (
+    4e-6**2 / (8 * 0.5e-3) * 1.02
+)  # feed^2 / 8R of turns 4 um apart, the bowl's curvature beside
+
+
+def bowl_job(**options):
+    return TurningJob(BOWL, 3e-3, 4e-6, rpm=60, core=2.9e-3, **options)
+
+
+def cut_by_a_circle(program, R, rays=(0, 7, 15, 41)):
+    """Return cut minus wanted where a circle of radius R, its tip on every point, runs over rays."""
+    found = []
+    for ray in rays:
+        on = slice(program.lead_in + ray, None, PER_TURN)  # one azimuth, a feed apart
+        x, z, phi = program.rho[on], program.z[on], program.azimuth[on][0]
+        rho = np.linspace(2.935e-3, 3.015e-3, 4001)
+        cut = np.min(z + R - np.sqrt(R**2 - (rho[:, None] - x) ** 2), axis=1)
+        found.append(cut - BOWL(rho * np.cos(phi), rho * np.sin(phi)))
+    return np.concatenate(found)
+
+
+def over_the_surface(program, R, rake=0.0, sign=1.0, dx=0.0, dy=0.0):
+    """Return how far above the surface the lowest of 20001 points of the edge is, tip by tip."""
+    psi = np.linspace(-0.3, 0.3, 20001)
+    up = R * (1 - np.cos(psi))
+    found = []
+    for x, phi, z in zip(program.rho, program.azimuth, program.z, strict=True):
+        across = dy - sign * up * np.sin(rake)
+        along = x + dx + R * np.sin(psi)
+        px, py = (
+            along * np.cos(phi) - across * np.sin(phi),
+            along * np.sin(phi) + across * np.cos(phi),
+        )
+        found.append((z + up * np.cos(rake) - BOWL(px, py)).min())
+    return np.array(found)
+
+
+EDGE_POINTS = 0.6e-3 * (0.3 / 20000) ** 2
+"""m: R dpsi^2 / 2 over half a step of the edge's points, times four."""
+
+
+def test_a_job_with_a_nose_sends_the_tip_where_a_circle_cuts_the_surface():
+    job = bowl_job(nose=RoundNose(0.5e-3))
+    program = job.compensated(job.path(step=2 * np.pi / PER_TURN))
+
+    error = cut_by_a_circle(program, 0.5e-3)
+    assert program.quantity == "tip"
+    assert error.min() > -1e-12
+    assert error.max() < CUSP
+    assert [c.split("_")[0] for c in program.to_frame()] == ["tip", "azimuth", "tip", "tip"]
+    assert not any("cut points" in m for m in program.messages)
+
+
+def test_points_of_the_surface_say_that_they_are_no_tip_path_and_how_deep_a_nose_would_cut():
+    job = bowl_job()
+    path = job.path(step=2 * np.pi / PER_TURN)
+    program = job.compensated(path, tool=ToolSetting(dx=1e-12))
+
+    deep = -cut_by_a_circle(program, 0.5e-3).min()
+    assert deep > 400 * NM  # this is what was written in silence
+    assert program.quantity == "cut points"
+    first = program.messages[0]
+    assert first == job.predict(path).messages[0]
+    assert first.startswith("cut points: these are points of the surface, no tip path")
+    said = float(first.split("up to about ")[1].split(" nm")[0])
+    assert said == pytest.approx(deep / NM, rel=0.05, abs=0.0)
+    assert all("cut_point" in c or "azimuth" in c for c in program.to_frame())
+    assert program.audit["quantity"] == "cut points"
+
+
+@pytest.mark.parametrize(
+    ("rake", "sense"),
+    [(0.0, None), (-30.0, "counterclockwise"), (-30.0, "clockwise"), (10.0, "clockwise")],
+)
+@pytest.mark.parametrize("setting", [(0.0, 0.0, 0.0), (2e-6, -3e-6, 20e-6)])
+def test_every_tip_touches_the_surface_with_the_edge_as_it_is_set(rake, sense, setting):
+    dx, dy, dR = setting
+    rake = np.deg2rad(rake)
+    job = bowl_job(nose=RoundNose(0.6e-3, rake), sense=sense)
+    path = job.path(step=2 * np.pi / 17)
+
+    program = job.compensated(path, tool=ToolSetting(dx=dx, dy=dy, dR=dR))
+
+    sign = -1.0 if sense == "clockwise" else 1.0
+    above = over_the_surface(program, 0.6e-3 + dR, rake, sign, dx, dy)
+    assert np.abs(above).max() < EDGE_POINTS
+    if dR:
+        plain = job.compensated(path)
+        deep = over_the_surface(plain, 0.6e-3 + dR, rake, sign, dx, dy)
+        assert deep.min() < -60 * NM  # the setting matters here
+
+
+def test_blocks_between_tips_leave_what_the_tip_path_leaves():
+    """specs/cutting-path.md, 6.2: one turn at 5.9 mm, 90 straight lines, 220.65 -> 223.80 nm."""
+    job = {
+        nose: TurningJob(BOWL, 5.9001e-3, 1e-8, rpm=60, core=5.89999e-3, nose=nose)
+        for nose in (None, RoundNose(0.6e-3))
+    }
+    found = [
+        j.predict(j.path(step=2 * np.pi / 90, interpolation="linear")).budget.contributions[0].pv
+        for j in job.values()
+    ]
+    # the turn shrinks by 0.1 um, as small a feed as the spiral takes
+    assert found == pytest.approx([220.65 * NM, 223.80 * NM], rel=1e-3, abs=0.0)
+
+
+def test_a_nose_that_the_surface_does_not_let_in_makes_no_program():
+    grooved = Expression("-8e-7*exp(-(r-2.95e-3)**2/(2*(6e-6)**2))")  # 45 um at the bottom
+    job = TurningJob(grooved, 3e-3, 4e-6, rpm=60, core=2.9e-3, nose=RoundNose(0.1e-3))
+    path = job.path(step=0.5)
+    with pytest.raises(LimitError, match=r"gouges: .* concave radius 45 um .* leaves 152\.2 nm"):
+        job.compensated(path)
+    assert any("not in the budget: the nose gouges" in m for m in job.predict(path).messages)
+
+
+def test_a_nose_with_rake_needs_the_way_of_the_tool():
+    with pytest.raises(DataError, match=r'sense="counterclockwise" or sense="clockwise"'):
+        bowl_job(nose=RoundNose(0.6e-3, np.deg2rad(-30)))
+    assert bowl_job(nose=RoundNose(0.6e-3)).sense == "counterclockwise"
+    with pytest.raises(DataError, match="RoundNose"):
+        bowl_job(nose=0.6e-3)
+    blunt = bowl_job(nose=RoundNose(0.6e-3, window=np.deg2rad(2)))
+    with pytest.raises(LimitError, match="beyond its sharp window of 2 degrees"):
+        blunt.compensated(blunt.path(step=0.5))
+
+
+def test_a_dome_whose_rim_the_nose_misses_is_said():
+    dome = TurningJob(Sphere(R=-20e-3), 3e-3, 4e-6, rpm=60, core=2.9e-3, nose=RoundNose(0.6e-3))
+    program = dome.compensated(dome.path(step=0.5))
+    # the contact lies R sin(psi) nearer to the axis: 3 mm (1 - 0.6 / 20.6)
+    assert any("touches the part at rho = 2.913 mm only" in m for m in program.messages)
+
+
+def test_a_plan_for_a_nose_holds_its_tolerance_on_the_tip_path():
+    """Hollows of 127 um beside a nose of 80 um: the tip path is bent 2.7 times as much as they are."""
+    grid = SineGrid(amplitude=2e-6, wavelength=100e-6)
+    job = TurningJob(grid, 60e-6, 3e-6, rpm=20, core=20e-6, nose=RoundNose(80e-6))
+    plain = TurningJob(grid, 60e-6, 3e-6, rpm=20, core=20e-6).plan(50 * NM)
+    plan = job.plan(50 * NM)
+    assert plan.n_points > 1.1 * plain.n_points
+    for path, holds in ((plan.path, True), (plain.path, False)):
+        assert (job.predict(path).budget.contributions[0].pv <= 50 * NM) is holds
