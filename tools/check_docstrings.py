@@ -1,16 +1,13 @@
 """Validate the docstring of every public name with numpydoc; exit 1 when one is wrong.
 
-Public is what stands in the ``__all__`` of a package or module of metrosep, and the public methods
-and properties of public classes. Which checks apply is in pyproject.toml under
+What is public says `public_names`; which checks apply is in pyproject.toml under
 ``tool.numpydoc_validation``.
 """
 
 from __future__ import annotations
 
 import enum
-import importlib
 import inspect
-import pkgutil
 import re
 import sys
 import tomllib
@@ -18,6 +15,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from numpydoc.validate import ERROR_MSGS, validate
+from public_names import public_objects
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -39,40 +37,6 @@ def enabled_checks() -> frozenset[str]:
     pyproject = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     listed = set(pyproject["tool"]["numpydoc_validation"]["checks"])
     return frozenset(set(ERROR_MSGS) - listed if "all" in listed else listed)
-
-
-def module_names() -> Iterator[str]:
-    """Dotted names of all public modules below metrosep; its own names are defined in them."""
-    package = importlib.import_module("metrosep")
-    for found in pkgutil.walk_packages(package.__path__, "metrosep."):
-        if not any(part.startswith("_") for part in found.name.split(".")):
-            yield found.name
-
-
-def public_objects() -> dict[str, object]:
-    """Every public function, class, method and property, by the dotted name of its definition."""
-    found: dict[str, object] = {}
-    for module_name in module_names():
-        module = importlib.import_module(module_name)
-        for name in getattr(module, "__all__", ()):
-            value = getattr(module, name)
-            if inspect.ismodule(value) or not callable(value):
-                continue
-            owner = getattr(value, "__module__", "") or ""
-            if not owner.startswith("metrosep") or "<" in getattr(value, "__qualname__", "<"):
-                continue
-            path = f"{owner}.{value.__qualname__}"
-            found[path] = value
-            if inspect.isclass(value) and not getattr(value, "_is_protocol", False):
-                found.update(_members(path, value))  # of a protocol: what implements it
-    return dict(sorted(found.items()))
-
-
-def _members(path: str, owner: type) -> Iterator[tuple[str, object]]:
-    for name, value in vars(owner).items():
-        is_method = inspect.isfunction(value) or isinstance(value, classmethod | staticmethod)
-        if not name.startswith("_") and (is_method or isinstance(value, property)):
-            yield f"{path}.{name}", value
 
 
 def faults(path: str, value: object, checks: frozenset[str]) -> Iterator[str]:

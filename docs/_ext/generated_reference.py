@@ -1,7 +1,6 @@
 """Write the reference pages from the code, at the start of a build.
 
-- One page per package and its public names (``__all__`` of the package, or of its modules where
-  the package itself names nothing).
+- One page per package and the names that it exports.
 - The command line from click.
 - The table of formats from ``data_formats/*/format.toml``.
 - The table of controllers from the facts that each dialect states.
@@ -14,18 +13,18 @@ from __future__ import annotations
 
 import importlib
 import inspect
-import pkgutil
+import sys
 import tomllib
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from types import ModuleType
-
     from sphinx.application import Sphinx
 
 ROOT = Path(__file__).resolve().parents[2]
+sys.path.append(str(ROOT / "tools"))
+
+from public_names import exported  # noqa: E402
 
 PACKAGES = {
     "core": "Objects, units, errors",
@@ -72,77 +71,21 @@ def generate(app: Sphinx) -> None:
 
 
 def package_page(name: str, title: str) -> str:
-    """Page of one package: each module's text, then its public names."""
-    package = importlib.import_module(f"metrosep.{name}")
-    lines = [*_heading(title, "="), f"``metrosep.{name}``", "", *_doc(package)]
-    lines += _exports(package)
-    for module in _modules(package):
-        names = [n for n in getattr(module, "__all__", ()) if _defined_in(module, n)]
-        if names:
-            lines += _heading(f"``{module.__name__}``", "-") + _doc(module)
-            for public in names:
-                lines += _directive(module, public)
+    """Page of one package: what it is, and the names that it exports."""
+    path = f"metrosep.{name}"
+    lines = [*_heading(title, "="), f"``{path}``", ""]
+    lines += [*(inspect.getdoc(importlib.import_module(path)) or "").splitlines(), ""]
+    for public, value in sorted(exported(path).items()):
+        lines += _directive(f"{path}.{public}", value)
     return "\n".join(lines) + "\n"
 
 
-def _modules(package: ModuleType) -> Iterator[ModuleType]:
-    for found in sorted(
-        pkgutil.walk_packages(package.__path__, package.__name__ + "."), key=lambda m: m.name
-    ):
-        if not any(part.startswith("_") for part in found.name.split(".")):
-            yield importlib.import_module(found.name)
-
-
-def _exports(package: ModuleType) -> list[str]:
-    names = sorted(getattr(package, "__all__", ()))
-    if not names:
-        return []
-    role = {True: "class", False: "func"}
-    links = []
-    for name in names:
-        value = getattr(package, name)
-        owner = _owner(package, name, value)
-        if inspect.isclass(value) or inspect.isfunction(value):
-            links.append(f":py:{role[inspect.isclass(value)]}:`{name} <{owner}.{name}>`")
-        else:
-            links.append(f"``{name}``")
-    return ["Names of the package: " + ", ".join(links), ""]
-
-
-def _owner(package: ModuleType, name: str, value: Any) -> str | None:
-    """Module under which a name is documented: a public one where it is written in a private one."""
-    written: str | None = getattr(value, "__module__", None)
-    if written is None or not written.rpartition(".")[2].startswith("_"):
-        return written
-    for module in _modules(package):
-        if name in getattr(module, "__all__", ()):
-            return module.__name__
-    return written
-
-
-def _defined_in(module: ModuleType, name: str) -> bool:
-    value = getattr(module, name)
-    if not callable(value):
-        return True
-    written = getattr(value, "__module__", module.__name__)
-    if not written.rpartition(".")[2].startswith("_"):
-        return bool(written == module.__name__)
-    package = importlib.import_module(module.__name__.rpartition(".")[0])
-    return _owner(package, name, value) == module.__name__
-
-
-def _directive(module: ModuleType, name: str) -> list[str]:
-    value = getattr(module, name)
-    target = f"{module.__name__}.{name}"
+def _directive(target: str, value: object) -> list[str]:
     if inspect.isclass(value):
         return [f".. autoclass:: {target}", "   :members:", ""]
     if inspect.isfunction(value):
         return [f".. autofunction:: {target}", ""]
     return [f".. py:data:: {target}", "   :no-index-entry:", ""]
-
-
-def _doc(module: ModuleType) -> list[str]:
-    return [*(inspect.getdoc(module) or "").splitlines(), ""]
 
 
 # ---- command line ------------------------------------------------------------------------------

@@ -6,6 +6,29 @@ levels, fills, crops or guesses a unit.
 
 from __future__ import annotations
 
-from metrosep.io.registry import formats, identify
+from typing import TYPE_CHECKING
 
-__all__ = ["formats", "identify"]
+from metrosep.core._lazy import lazy_names
+
+if TYPE_CHECKING:
+    from metrosep.io.check import check_file as check_file
+    from metrosep.io.readings import read_readings as read_readings
+    from metrosep.io.registry import formats as formats, identify as identify
+    from metrosep.io.runs import read_runs as read_runs
+    from metrosep.io.stream import open_stream as open_stream
+
+_HOMES = {
+    "check": ("check_file",),
+    "readings": ("read_readings",),
+    "registry": ("formats", "identify"),
+    "runs": ("read_runs",),
+    "stream": ("open_stream",),
+}
+
+__all__ = ["check_file", "formats", "identify", "open_stream", "read_readings", "read_runs"]
+
+__getattr__ = lazy_names(__name__, _HOMES)
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -7,13 +7,16 @@ from typing import TYPE_CHECKING
 from metrosep.core._lazy import lazy_names
 
 if TYPE_CHECKING:
+    from metrosep.plot.bars import draw_bars as draw_bars
     from metrosep.plot.charts import draw_chart as draw_chart
+    from metrosep.plot.disc import disc_map as disc_map
     from metrosep.plot.drift import allan_plot as allan_plot, drift_chart as drift_chart
     from metrosep.plot.error import before_after as before_after
     from metrosep.plot.evidence_chart import evidence_plot as evidence_plot
     from metrosep.plot.feed_chart import feed_map as feed_map
     from metrosep.plot.flats import flat_maps as flat_maps
     from metrosep.plot.harmonics import harmonic_bars as harmonic_bars
+    from metrosep.plot.loop_chart import closed_loop_plot as closed_loop_plot
     from metrosep.plot.maps import separation_maps as separation_maps
     from metrosep.plot.multipoint import (
         probe_transfer as probe_transfer,
@@ -27,10 +30,26 @@ if TYPE_CHECKING:
         probe_layout as probe_layout,
         probe_residuals as probe_residuals,
     )
+    from metrosep.plot.sensitivity_chart import (
+        sensitivity_bars as sensitivity_bars,
+        sensitivity_maps as sensitivity_maps,
+        sensitivity_pareto as sensitivity_pareto,
+    )
     from metrosep.plot.separation import (
         parts_plot as parts_plot,
         reversal_quartet as reversal_quartet,
         separation_parts as separation_parts,
+    )
+    from metrosep.plot.servo_chart import (
+        before_after_chart as before_after_chart,
+        calibration_chart as calibration_chart,
+        follow_up_chart as follow_up_chart,
+        static_error_chart as static_error_chart,
+        straightness_chart as straightness_chart,
+    )
+    from metrosep.plot.setting_chart import (
+        setting_map as setting_map,
+        setting_profiles as setting_profiles,
     )
     from metrosep.plot.spectra import residual_psd as residual_psd, spectrum as spectrum
     from metrosep.plot.speed_chart import speed_plot as speed_plot
@@ -39,13 +58,31 @@ if TYPE_CHECKING:
         stitch_layout as stitch_layout,
         stitched_surface as stitched_surface,
     )
-    from metrosep.plot.style import figure_png as figure_png, figure_svg as figure_svg
+    from metrosep.plot.style import (
+        COLOURS as COLOURS,
+        DASHED as DASHED,
+        DOTTED as DOTTED,
+        axes_or_new as axes_or_new,
+        figure_png as figure_png,
+        figure_svg as figure_svg,
+        house_style as house_style,
+        label_decades as label_decades,
+    )
     from metrosep.plot.summary import (
         charts_of as charts_of,
         drawable as drawable,
         overview as overview,
     )
     from metrosep.plot.table import table_plot as table_plot
+    from metrosep.plot.toolpath_chart import (
+        path_error_counts as path_error_counts,
+        path_error_figure as path_error_figure,
+        path_error_line as path_error_line,
+    )
+    from metrosep.plot.wavefront_chart import (
+        wavefront_map as wavefront_map,
+        zernike_bars as zernike_bars,
+    )
 
 _HOMES = {
     "charts": ("draw_chart",),
@@ -90,8 +127,42 @@ _HOMES = {
         "stitched_surface",
     ),
     "style": (
+        "COLOURS",
+        "DASHED",
+        "DOTTED",
+        "axes_or_new",
         "figure_png",
         "figure_svg",
+        "house_style",
+        "label_decades",
+    ),
+    "bars": ("draw_bars",),
+    "disc": ("disc_map",),
+    "loop_chart": ("closed_loop_plot",),
+    "sensitivity_chart": (
+        "sensitivity_bars",
+        "sensitivity_maps",
+        "sensitivity_pareto",
+    ),
+    "servo_chart": (
+        "before_after_chart",
+        "calibration_chart",
+        "follow_up_chart",
+        "static_error_chart",
+        "straightness_chart",
+    ),
+    "setting_chart": (
+        "setting_map",
+        "setting_profiles",
+    ),
+    "toolpath_chart": (
+        "path_error_counts",
+        "path_error_figure",
+        "path_error_line",
+    ),
+    "wavefront_chart": (
+        "wavefront_map",
+        "zernike_bars",
     ),
     "summary": (
         "charts_of",

@@ -2,14 +2,13 @@
 
 import ast
 import enum
-import importlib
 import inspect
-import pkgutil
 import re
 import textwrap
 from collections.abc import Callable, Iterator
 
-import metrosep as ms
+from public_names import public_objects
+
 from metrosep.core import errors
 
 IMPLICIT = frozenset({"self", "cls"})
@@ -21,54 +20,20 @@ TOO_WIDE = frozenset({"Exception", "BaseException", "MetrosepError"})
 INTERNAL = frozenset({"AssertionError", "NotImplementedError", "StopIteration", "SystemExit"})
 
 
-def _public() -> dict[str, object]:
-    """Public functions, classes, methods and properties, by dotted name."""
-    names = [
-        module.name
-        for module in pkgutil.walk_packages(ms.__path__, "metrosep.")
-        if not any(part.startswith("_") for part in module.name.split("."))
-    ]
-    found: dict[str, object] = {}
-    for module_name in names:
-        module = importlib.import_module(module_name)
-        for name in getattr(module, "__all__", ()):
-            value = getattr(module, name)
-            owner = getattr(value, "__module__", None) or ""
-            if not owner.startswith("metrosep"):
-                continue
-            if inspect.isfunction(value):
-                found[f"{owner}.{value.__qualname__}"] = value
-            elif inspect.isclass(value):
-                path = f"{owner}.{value.__qualname__}"
-                found[path] = value
-                if getattr(value, "_is_protocol", False):
-                    continue  # what implements it is documented
-                found.update(
-                    (f"{path}.{key}", member)
-                    for key, member in vars(value).items()
-                    if not key.startswith("_") and _is_member(member)
-                )
-    return found
-
-
-def _is_member(member: object) -> bool:
-    return inspect.isfunction(member) or isinstance(member, classmethod | staticmethod | property)
-
-
 def test_the_walk_finds_public_names():
-    found = _public()
+    found = public_objects()
 
     assert "metrosep.core.runset.RunSet" in found
     assert "metrosep.core.runset.RunSet.by_feed" in found
 
 
 def test_every_public_name_has_a_docstring():
-    assert not [path for path, value in _public().items() if not inspect.getdoc(value)]
+    assert not [path for path, value in public_objects().items() if not inspect.getdoc(value)]
 
 
 def test_every_parameter_is_documented():
     found = []
-    for path, value in _public().items():
+    for path, value in public_objects().items():
         if isinstance(value, property):
             continue
         missing = _signature(value) - _documented(inspect.getdoc(value) or "")
@@ -80,7 +45,7 @@ def test_every_parameter_is_documented():
 
 def test_every_raised_error_is_documented():
     found = []
-    for path, value in _public().items():
+    for path, value in public_objects().items():
         documented = _section(inspect.getdoc(value) or "", "Raises")
         missing = {name for name in _raised(value) if not _covers(documented, name)}
         if missing:
