@@ -77,8 +77,10 @@ def _hidden_folder(folder: Path) -> Path:
     return stage
 
 
-def keep_replaced(stage: Path, folder: Path, tables: Collection[str]) -> None:
-    """Keep the tables of a folder that other ones of a stage will replace."""
+def keep_replaced(
+    stage: Path, folder: Path, tables: Collection[str], *, overwrite: bool = True
+) -> None:
+    """Keep the tables of a folder that other ones of a stage will replace, or refuse that."""
     from metrosep.controllers._pairs import is_written, keep_old
     from metrosep.controllers.base import sidecar_path
 
@@ -86,7 +88,7 @@ def keep_replaced(stage: Path, folder: Path, tables: Collection[str]) -> None:
         new = stage / name
         if new.is_file():
             pair = (new.read_bytes(), sidecar_path(new).read_bytes())
-            if not is_written(folder / name, *pair, overwrite=True):
+            if not is_written(folder / name, *pair, overwrite=overwrite):
                 keep_old(folder / name)
 
 
