@@ -158,7 +158,9 @@ class Prepared:
         there = is_written(self.target, self.data, self.sidecar, overwrite=self.overwrite)
         if there and stage is None:
             return
-        write_pair(self.target if stage is None else stage / self.target.name, self.data, self.sidecar)
+        write_pair(
+            self.target if stage is None else stage / self.target.name, self.data, self.sidecar
+        )
 
 
 def prepare(
