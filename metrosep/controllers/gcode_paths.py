@@ -234,7 +234,7 @@ def rewrite_path(
     ...     _ = path.write_text("G21 G90\nG0 X10.0 C0.0 Z1.0\nG1 C90.0 F100\nM30\n")
     ...     found = rewrite_path(path, path.with_name("b.nc"), lambda x, c: 2e-6 * np.sin(c))
     ...     print(found.target.read_text())
-    (METROSEP CORRECTED Z 45dd1d5ae1b6)
+    (METROSEP CORRECTED Z 1f2a97461d3f)
     G21 G90
     G0 X10.0 C0.0 Z1.0
     G1 C90.0 Z1.002000 F100
