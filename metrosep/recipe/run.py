@@ -13,6 +13,7 @@ from metrosep.core.errors import ReadError, RecipeError
 from metrosep.core.natural_order import by_number
 from metrosep.core.provenance import history_as_dicts
 from metrosep.core.runset import RunSet
+from metrosep.core.units import format_length
 from metrosep.recipe.characteristics import DECISION_RULE, characteristics
 from metrosep.recipe.input_options import reading_options
 from metrosep.recipe.inputs_read import input_records
@@ -173,6 +174,7 @@ def _document(
             *runs.metadata.get("warnings", ()),
             *estimate.messages,
             *_about_tables(described),
+            *_about_polynomial(basis["polynomial"]),
             *(plan or {}).get("messages", ()),
         ],
         "provenance": history_as_dicts(estimate.history),
@@ -337,8 +339,23 @@ def _polynomial(recipe: Recipe, runs: RunSet, estimate: ErrorEstimate) -> dict[s
         if step["op"] == "polynomial":
             options = {k: v for k, v in step.items() if k != "op"}
             domain = (estimate.start, estimate.stop)
-            return fit_polynomial(runs, domain=domain, **options).to_dict()
+            fit = fit_polynomial(runs, domain=domain, **options)
+            return {**fit.to_dict(), "effect": fit.effect(estimate)}
     return None
+
+
+def _about_polynomial(polynomial: Mapping[str, Any] | None) -> list[str]:
+    effect = (polynomial or {}).get("effect") or {}
+    if not effect or effect["helps"]:
+        return []
+    low, high = (format_length(effect[f"{k}_pv_m"], digits=3) for k in ("after", "before"))
+    return [
+        (
+            f"the polynomial of degree {(polynomial or {})['degree']} does not help: of the separated error "
+            f"{100 * effect['rest']:.3g} % of the RMS stay, P-V {high} -> {low}; write a table, or take a "
+            "higher degree"
+        )
+    ]
 
 
 def _plan(recipe: Recipe, estimate: ErrorEstimate) -> dict[str, Any] | None:

@@ -21,15 +21,15 @@ def error_um(x_mm):
     return 1.9 * np.sin(2 * np.pi * x_mm / 31.0 + 0.4) + 0.6 * np.cos(2 * np.pi * x_mm / 13.0)
 
 
-def write_runs(path, *, samples=801, lost=LOST_UM, seed=5, feeds=(310, 470, 730), gain=1.0):
+def write_runs(path, *, samples=801, lost=LOST_UM, seed=5, ways=(1, -1, 1, -1)):
     """Two passes each way at three feedrates, 0 ... 60 mm, 20 nm of noise."""
     rng = np.random.default_rng(seed)
     rows = ["x_mm,z_um,feed_mm_min,run"]
     number = 0
-    for feed in feeds:
-        for way in (1, -1, 1, -1):
+    for feed in (310, 470, 730):
+        for way in ways:
             x = np.linspace(0.0, 60.0, samples)[::way]
-            z = gain * error_um(x) + (lost if way < 0 else 0.0) + rng.normal(0, 0.02, x.size)
+            z = error_um(x) + (lost if way < 0 else 0.0) + rng.normal(0, 0.02, x.size)
             rows += [f"{a:.6f},{b:.6f},{feed},{number}" for a, b in zip(x, z, strict=True)]
             number += 1
     path.write_text("\n".join(rows) + "\n")
@@ -154,3 +154,124 @@ def test_a_rerun_leaves_the_table_that_a_machine_may_use(metrosep, tmp_path, rou
     assert table.read_bytes() != held
     assert table.with_name("x.comp.1").read_bytes() == held
     assert table.with_name("x.comp.1.json").read_bytes() == beside
+
+
+@pytest.mark.parametrize(("degree", "helps"), [(2, False), (8, True)])
+def test_a_polynomial_that_does_not_help_says_so(metrosep, tmp_path, degree, helps):
+    """Two periods of a wave: no parabola follows them, a polynomial of degree 8 does."""
+    path = tmp_path / "runs.csv"
+    rng = np.random.default_rng(3)
+    rows = ["x_mm,z_um,feed_mm_min,run"]
+    for number, feed in enumerate((310, 470, 730)):
+        x = np.linspace(0.0, 60.0, 301)
+        z = np.sin(2 * np.pi * x / 29.0) + rng.normal(0, 0.01, x.size)
+        rows += [f"{a:.6f},{b:.6f},{feed},{number}" for a, b in zip(x, z, strict=True)]
+    path.write_text("\n".join(rows) + "\n")
+
+    code, _, err = metrosep("separate", path, *COLUMNS, "--poly", degree)
+
+    assert code == 0, err
+    x = np.linspace(0.0, 60.0, 601)
+    wave = np.sin(2 * np.pi * x / 29.0)
+    line = np.polyval(np.polyfit(x, wave, 1), x)
+    rest = (wave - np.polyval(np.polyfit(x, wave, degree), x)).std() / (wave - line).std()
+    assert (rest <= 0.7) == helps
+    assert ("does not help" in err) == (not helps)
+    if not helps:
+        said = float(err.split("of the separated error ")[1].split(" %")[0])
+        assert said == pytest.approx(100 * rest, abs=2.0)
+
+
+def test_the_demo_says_that_its_polynomial_does_not_help(metrosep, tmp_path):
+    code, _, err = metrosep("demo", "-o", tmp_path / "demo")
+    assert code == 0
+    assert "the polynomial of degree 5 does not help" in err
+
+
+@pytest.mark.parametrize("dialect", ["pmac", "pmac-plane", "pmac-backlash"])
+def test_a_pmac_file_is_saved_by_hand_after_the_trial(tmp_path, dialect):
+    from metrosep import controllers
+    from metrosep.compensation import CompensationMap, CompensationTable
+
+    x = np.linspace(0.0, 40e-3, 21)
+    own = CompensationTable.from_error(
+        lambda x: 2e-6 * np.sin(x / 7e-3), positions=x, axis="X", reference=0.0
+    )
+    split = CompensationTable(
+        positions=x, forward=own.forward, reverse=own.forward - 1e-6, axis="X", compensates="X",
+        reference=0.0, is_exact_inverse=True,
+    )  # fmt: skip
+    plane = CompensationMap.from_error(
+        lambda x, y: 1e-4 * x * np.sin(y / 9e-3), x=x, y=x, reference=(0.0, 0.0)
+    )
+    made, more = {
+        "pmac": (own, {"source_motor": 1, "target_motor": 1}),
+        "pmac-plane": (plane, {"x_motor": 1, "y_motor": 2, "target_motor": 3}),
+        "pmac-backlash": (split, {"motor": 1}),
+    }[dialect]
+    path = tmp_path / "table.pmc"
+
+    controllers.write(made, path, dialect, count="10 nm", allow_unverified=True, **more)
+
+    commands = [line.partition(";")[0].strip().upper() for line in path.read_text().splitlines()]
+    assert "SAVE" not in commands
+    assert [c for c in commands if c][-1] == "I51=1"
+    steps = json.loads((tmp_path / "table.pmc.json").read_text())["activation"]
+    assert [("after this trial" in step) for step in steps if "SAVE" in step] == [True]
+
+
+@pytest.fixture(scope="module")
+def sources(tmp_path_factory):
+    """A result of an axis, and a map, from which every dialect can write."""
+    from metrosep import Recipe, Surface, write
+
+    folder = tmp_path_factory.mktemp("sources")
+    for name, ways in {"forward": (1, 1), "both": (1, -1)}.items():
+        runs = write_runs(folder / f"{name}.csv", samples=301, lost=0.4, ways=ways)
+        Recipe.parse(
+            'metrosep = 1\n[input]\nx = "x_mm"\nz = "z_um"\nfeed = "feed_mm_min"\nrun = "run"\n'
+            '[[step]]\nop = "separate"\n'
+        ).run(runs, out=folder / name)
+    y, x = np.mgrid[0.0:40e-3:21j, 0.0:50e-3:26j]
+    write(
+        Surface(3e-6 * np.cos(x / 9e-3) * (1 + y / 0.05) + 1e-4 * y, 2e-3, 2e-3),
+        folder / "map.x3p",
+    )
+    return folder
+
+
+def _dialects():
+    from metrosep import controllers
+
+    return [info.id for info in controllers.describe()]
+
+
+@pytest.mark.parametrize("dialect", _dialects())
+def test_every_warning_of_a_sidecar_is_on_the_terminal(metrosep, sources, tmp_path, dialect):
+    from metrosep.controllers.registry import find
+    from metrosep.controllers.safety import CHECKS
+
+    info = find(dialect).info
+    out = tmp_path / f"table{info.suffix}"
+    machine = [w for k, v in info.example.items() for w in ("--machine", f"{k}={v}")]
+    waive = [w for check in CHECKS for w in ("--waive", check)]
+    own, cross = (("--compensates", axis) for axis in "XZ")
+    tries = [(sources / n, *a) for a in (own, cross) for n in ("forward", "both")]
+    if info.carries == "map":
+        tries = [(sources / "map.x3p", "--spacing", "2 mm")]
+    shapes = ((), ("--poly", "9"), ("--spacing", "15 mm"))
+    refused = []
+    for words in (t + s for t in tries for s in shapes):
+        call = ("table", *words, "--format", dialect, *machine, *waive, "--sign-confirmed")
+        code, _, err = metrosep(*call, "-o", out)
+        if code == 0:
+            break
+        refused.append(err)
+    else:
+        pytest.skip(refused[0])
+
+    findings = json.loads(out.with_name(out.name + ".json").read_text())["findings"]
+    for found in findings:
+        assert found["problem"] in err
+        assert found["fix"] in err
+        assert err.count("warning: ") >= len(findings)
