@@ -399,9 +399,9 @@ def print_table(path: str, made: dict[str, Any], *, warnings_only: bool = False)
         Leave out the numbers of the dry-run.
     """
     verification = made.get("verification")
-    printed = isinstance(verification, dict) and {"residuals", "before_pv_m"} & verification.keys()
-    if printed and not warnings_only:
-        print_verification(verification)
+    numbers = verification if isinstance(verification, dict) and not warnings_only else {}
+    if {"residuals", "before_pv_m"} & numbers.keys():
+        print_verification(numbers)
     for text in _warnings_of(made):
         say(f"warning: {path}: {text}")
 
