@@ -14,7 +14,7 @@ from metrosep.controllers.base import load_bytes, sidecar_path
 from metrosep.core.atomic import atomic_stream, atomic_write
 from metrosep.core.errors import WriteError
 
-__all__ = ["is_written", "keep_old", "paired_stream", "refuse_existing", "write_pair"]
+__all__ = ["paired_stream", "refuse_existing", "write_pair"]
 
 
 def refuse_existing(target: Path) -> None:

@@ -47,7 +47,7 @@ from metrosep.core.errors import (
     TableError,
 )
 
-__all__ = ["Prepared", "dry_run_carried", "prepare", "read", "simulate", "write"]
+__all__ = ["dry_run_carried", "read", "simulate", "write"]
 
 FloatArray = NDArray[np.float64]
 PathLike = str | os.PathLike[str]

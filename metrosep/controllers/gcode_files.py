@@ -17,8 +17,6 @@ from metrosep.core.errors import DataError, ReadError, WriteError
 __all__ = [
     "SCHEMAS",
     "check_files",
-    "mark_text",
-    "marked",
     "require_hash",
     "require_uncorrected",
     "require_unmarked",

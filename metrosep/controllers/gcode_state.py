@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from metrosep.controllers.gcode_words import Token, refuse_block
 from metrosep.core.errors import DataError, UnitError
 
-__all__ = ["INCH", "MM", "SAFE_M", "ModalState", "checked_system"]
+__all__ = ["INCH", "MM", "SAFE_M", "ModalState"]
 
 MM, INCH = 1e-3, 25.4e-3
 

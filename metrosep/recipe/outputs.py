@@ -26,7 +26,6 @@ __all__ = [
     "dry_runs",
     "make_carried",
     "make_table",
-    "table_names",
     "write_reports",
     "write_tables",
 ]

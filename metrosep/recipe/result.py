@@ -26,7 +26,6 @@ from metrosep.separation.base import ErrorEstimate
 __all__ = [
     "SCHEMA",
     "Result",
-    "as_stored",
     "clean",
     "load_document",
     "measured_runs",

@@ -13,7 +13,7 @@ from pathlib import Path
 from metrosep.core.errors import MetrosepError, WriteError
 from metrosep.recipe.preflight import RESULT_NAME
 
-__all__ = ["keep_replaced", "staged"]
+__all__ = ["staged"]
 
 
 @contextmanager

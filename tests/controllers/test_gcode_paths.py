@@ -654,7 +654,7 @@ def test_unusable_errors_are_refused(error, options, part):
 
 def test_sidecar_says_what_the_program_cannot(folder):
     surface = quadrant_map()
-    text, result = folder.rewrite(START, error_correction(surface, c_sense=-1, c_zero=0.5))
+    _, result = folder.rewrite(START, error_correction(surface, c_sense=-1, c_zero=0.5))
 
     found = json.loads((folder.path / "out.nc.json").read_text())
     source = (folder.path / "in.nc").read_bytes()
