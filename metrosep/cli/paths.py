@@ -56,6 +56,12 @@ __all__ = ["path"]
     metavar="N",
     help="M code of this machine that moves nothing and changes no coordinates; may be repeated.",
 )
+@click.option(
+    "--g-system",
+    "g_system",
+    type=click.Choice(["A", "B", "C", "mill"]),
+    help="G codes of the control: A, B or C of lathes, or a mill; what G90, G92, G94 mean.",
+)
 @click.option("--again", is_flag=True, help="IN holds a correction already: add this one to it.")
 @click.option("--outside", type=click.Choice(["refuse", "zero", "hold"]), help="Beyond the map.")
 @click.option("--stroke", metavar="LENGTH", help='Largest correction: "100 um" if omitted.')
@@ -146,6 +152,7 @@ def _words(message: str) -> str:
         ),
         ("say c_rollover", "say --c-rollover or --c-linear"),
         ("or say again if", "or say --again if"),
+        ("g_system='mill' (or 'B')", "--g-system mill (or B)"),
         ("units= says", "--column-unit says"),
         ("columns=", "--column"),
     ):
@@ -223,6 +230,7 @@ def _program(
         "blocks_per_s": options["blocks_per_s"],
         "c_rollover": options["c_rollover"],
         "harmless_m": options["harmless_m"] or None,
+        "g_system": options["g_system"],
         "again": options["again"] or None,
     }
     lengths = _lengths(options, ("tolerance", "resolution", "stroke"))
@@ -235,7 +243,15 @@ def _points(
 ) -> PointResult:
     from metrosep.controllers.point_lists import rewrite_points
 
-    for name in ("tolerance", "path_unit", "outside", "blocks_per_s", "c_rollover", "harmless_m"):
+    for name in (
+        "tolerance",
+        "path_unit",
+        "outside",
+        "blocks_per_s",
+        "c_rollover",
+        "harmless_m",
+        "g_system",
+    ):
         if options[name] not in (None, ()):
             raise click.UsageError(f"--{name.replace('_', '-')} is for programs, not for --points")
     columns = {

@@ -31,6 +31,8 @@ Quantity = Literal["error", "compensation"]
 Removed = Literal["offset", "line"]
 
 _ESTIMATE_POINTS = 401
+_USEFUL = 0.7
+"""Share of the RMS that a correction may leave, as for tables: more is pointless."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -162,6 +164,42 @@ class PolynomialFit:
             raise DataError(f"direction is +1 or -1, got {direction!r}")
         values = self.evaluate(position, clamp=True)
         return values if self.quantity == "compensation" else -values
+
+    def effect(self, estimate: ErrorEstimate) -> dict[str, Any]:
+        """Return what the polynomial leaves of a separated error, both without their line.
+
+        Parameters
+        ----------
+        estimate : ErrorEstimate
+            Error e = actual - nominal.
+
+        Returns
+        -------
+        dict
+            P-V before and after in m, ``rest`` as the share of the RMS that stays, and whether it
+            ``helps``: at least 30 % of the RMS go. Empty where the estimate is not known.
+        """
+        x = np.linspace(*self.domain, 2001)
+        line = np.linspace(-1.0, 1.0, x.size)
+        found = []
+        for direction in estimate.directions:
+            error = estimate.evaluate(x, direction=direction or None)
+            known = np.isfinite(error)
+            if known.sum() < 3:
+                continue
+            pair = [v[known] for v in (error, error + self.correction(x))]
+            pair = [v - np.polyval(np.polyfit(line[known], v, 1), line[known]) for v in pair]
+            found.append([*(float(np.ptp(v)) for v in pair), *(float(v.std()) for v in pair)])
+        if not found:
+            return {}
+        before, after, rms, left = np.array(found).max(axis=0)
+        rest = float(left / rms) if rms > 0.0 else 1.0
+        return {
+            "before_pv_m": float(before),
+            "after_pv_m": float(after),
+            "rest": rest,
+            "helps": rest <= _USEFUL,
+        }
 
     def horner(self, *, x_unit: str = "mm", y_unit: str = "um", digits: int = 9) -> str:
         """Return the polynomial in Horner form for a controller, with units and range.

@@ -2,7 +2,8 @@
 
 SINUMERIK multiplies two sag tables, most controllers sum several tables of one output. Both forms
 are bilinear between the nodes exactly as the map is, so what is lost is lost at the nodes alone:
-the residual is reported there.
+the residual is reported there. A product is not zero at the reference of the map as the map is: the
+constant by which it differs there is free, moves the zero of the machine, and is reported.
 """
 
 from __future__ import annotations
@@ -33,6 +34,12 @@ _ZERO = 1e-18
 _ROUNDING = 1e-12
 """Of the largest correction: what the tables add at the reference below it is rounding."""
 
+_LITTLE = 1e-12
+"""A picometre of RMS: what saves less is not worth a shift of the zero."""
+
+_MOST_CONSTANT, _SCANNED, _REFINED = 20.0, 161, 5
+"""Largest constant in largest corrections; constants that are tried; valleys that are refined."""
+
 _CONVENTIONS = {
     "product": (
         "c(x, y) = first(x) * second(y); first in m carries the sign of the correction, second is a "
@@ -60,7 +67,7 @@ class ProductTables:
         Over the second axis (rows): a factor without unit, at most 1, for "product"; corrections in
         m for "sum".
     residual : ndarray, shape (m, n), m
-        Map minus tables at the nodes.
+        Map plus `constant` minus tables at the nodes.
     residual_pv, residual_rms : float, m
         Its P-V, and its RMS about zero.
     share : float, dimensionless
@@ -68,9 +75,11 @@ class ProductTables:
     at_reference : float, m
         What the tables add at the reference of the map; the zero of the machine moves by it.
     singular_values : ndarray, m
-        Of the map, falling; ``share`` of the product is that of all but the first.
+        Of the map plus `constant`, falling; ``share`` of the product is that of all but the first.
     map : CompensationMap
         What they stand for.
+    constant : float, m
+        What the tables add everywhere beside the map; 0 for a sum.
 
     Notes
     -----
@@ -88,6 +97,7 @@ class ProductTables:
     at_reference: float
     singular_values: FloatArray
     map: CompensationMap
+    constant: float = 0.0
 
     def __repr__(self) -> str:
         sign = "*" if self.form == "product" else "+"
@@ -112,8 +122,8 @@ class ProductTables:
         said = [left]
         if self.at_reference != 0.0:
             said.append(
-                f"at the reference the tables add {format_length(self.at_reference, digits=3)}: set "
-                "the zero of the machine with the tables active"
+                f"the zero of the machine moves by {format_length(self.at_reference, digits=3)}, which "
+                "the tables add at the reference: set the zero with the tables active"
             )
         return tuple(said)
 
@@ -151,11 +161,11 @@ class ProductTables:
         Returns
         -------
         CompensationMap
-            Map minus residual at every node.
+            What the tables add at every node: map plus constant minus residual.
         """
         return replace(
             self.map,
-            values=self.map.values - self.residual,
+            values=self.map.values + self.constant - self.residual,
             history=(
                 *self.map.history,
                 Step("rank_one", {"form": self.form, "share": self.share}),
@@ -207,12 +217,15 @@ class ProductTables:
             "residual_rms_m": self.residual_rms,
             "residual_share": self.share,
             "at_reference_m": self.at_reference,
+            "constant_m": self.constant,
             "singular_values_m": self.singular_values.tolist(),
             "messages": list(self.messages),
         }
 
 
-def rank_one(corrections: CompensationMap, *, form: Form = "product") -> ProductTables:
+def rank_one(
+    corrections: CompensationMap, *, form: Form = "product", keep_zero: bool = False
+) -> ProductTables:
     """Return two tables of one axis each that come closest to a map.
 
     Parameters
@@ -221,6 +234,8 @@ def rank_one(corrections: CompensationMap, *, form: Form = "product") -> Product
         Map, shape (m, n).
     form : {"product", "sum"}, optional
         "product" for ``f(x) g(y)``, "sum" for ``f(x) + g(y)``.
+    keep_zero : bool, optional
+        Add no constant to the map of a product: more stays, the zero of the machine moves less.
 
     Returns
     -------
@@ -236,9 +251,10 @@ def rank_one(corrections: CompensationMap, *, form: Form = "product") -> Product
 
     Notes
     -----
-    Least squares over the nodes, each with the same weight. Product: the first singular pair,
-    ``c = sum s_k v_k(x) w_k(y)``; what stays is ``sqrt(sum_{k>1} s_k^2 / sum s_k^2)`` of the RMS
-    (Eckart and Young). Its gauge ``f -> a f, g -> g / a`` is fixed by ``max |g| = 1`` with the plus
+    Least squares over the nodes, each with the same weight. Product: the first singular pair of the
+    map plus a constant k, ``c + k = sum s_k v_k(x) w_k(y)`` (Eckart and Young); k is where the sum of
+    the other ``s_k^2`` is smallest, at most 20 times the largest correction: for a map f(x) + g(y) it
+    would fall forever. Its gauge ``f -> a f, g -> g / a`` is fixed by ``max |g| = 1`` with the plus
     sign at the first such entry. Sum: the gauge ``f + a, g - a`` is fixed by ``f = g = 0`` at the
     reference, exactly, under which the least squares are done.
 
@@ -264,6 +280,9 @@ def rank_one(corrections: CompensationMap, *, form: Form = "product") -> Product
     if scale < _ZERO:
         raise TableError("the map is zero everywhere: there is nothing to make tables of")
     with one_blas_thread():
+        free = form == "product" and not keep_zero
+        constant = scale * _constant(values / scale, _LITTLE / scale) if free else 0.0
+        values = values + constant
         rows, sizes, columns = np.linalg.svd(values / scale, full_matrices=False)
         if form == "product":
             f, g = _gauged(scale * sizes[0] * columns[0], rows[:, 0])
@@ -289,11 +308,42 @@ def rank_one(corrections: CompensationMap, *, form: Form = "product") -> Product
         residual=residual,
         residual_pv=float(np.ptp(residual)),
         residual_rms=rms,
-        share=rms / float(np.sqrt(np.mean(values**2))),
+        share=rms / float(np.sqrt(np.mean(corrections.values**2))),
         at_reference=at_zero if abs(at_zero) > _ROUNDING * scale else 0.0,
         singular_values=sizes,
         map=corrections,
+        constant=constant,
     )
+
+
+def _constant(values: FloatArray, little: float) -> float:
+    """Return the constant with which a map of largest value 1 comes closest to a product.
+
+    What is left has several minima: the best five brackets of a scan are refined. No constant where
+    it saves no more than `little` of the RMS.
+    """
+    from scipy.optimize import minimize_scalar
+
+    def left(k: float) -> float:
+        return float((np.linalg.svd(values + k, compute_uv=False)[1:] ** 2).sum())
+
+    if min(values.shape) < 2:
+        return 0.0
+    scan = _MOST_CONSTANT * np.sinh(6.0 * np.linspace(-1.0, 1.0, _SCANNED)) / np.sinh(6.0)
+    rest = np.array([left(k) for k in scan])
+    inner = np.arange(1, _SCANNED - 1)
+    valleys = inner[(rest[1:-1] <= rest[:-2]) & (rest[1:-1] <= rest[2:])]
+    best = valleys[np.argsort(rest[valleys], kind="stable")[:_REFINED]]
+    found = [
+        minimize_scalar(
+            left, bounds=(scan[i - 1], scan[i + 1]), method="bounded", options={"xatol": _ROUNDING}
+        ).x
+        for i in best
+    ]
+    ends = [float(scan[i]) for i in (0, -1)]
+    k = min((*map(float, found), *ends), key=left)
+    saved = np.sqrt(left(0.0) / values.size) - np.sqrt(left(k) / values.size)
+    return k if saved > little else 0.0
 
 
 def _gauged(f: FloatArray, g: FloatArray) -> tuple[FloatArray, FloatArray]:

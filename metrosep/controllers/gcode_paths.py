@@ -14,6 +14,7 @@ import hashlib
 import json
 import math
 import os
+import shutil
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,11 +28,14 @@ from metrosep.controllers.gcode_columns import open_program, pieces
 from metrosep.controllers.gcode_corrections import PathCorrection, as_path_correction
 from metrosep.controllers.gcode_files import (
     check_files,
+    mark_text,
+    marked,
     require_hash,
     require_uncorrected,
+    require_unmarked,
 )
 from metrosep.controllers.gcode_rewrite import Rewriter
-from metrosep.controllers.gcode_state import INCH, MM, ModalState
+from metrosep.controllers.gcode_state import INCH, MM, ModalState, checked_system
 from metrosep.core.errors import DataError, MetrosepError, UnitError
 from metrosep.core.units import format_length
 
@@ -134,6 +138,7 @@ def rewrite_path(
     stroke: float = _STROKE,
     blocks_per_s: float | None = None,
     harmless_m: Iterable[int] = (),
+    g_system: str | None = None,
     again: bool = False,
     overwrite: bool = False,
 ) -> PathResult:
@@ -176,6 +181,9 @@ def rewrite_path(
     harmless_m : iterable of int, optional
         M codes of this machine that neither move an axis nor change the coordinates; others than
         the usual ones are refused.
+    g_system : {"A", "B", "mill"}, optional
+        What G90, G92, G94, G98 and G99 mean: A and B are systems of G codes of Fanuc lathes. Without
+        it a block with G90, G92 or G94 that may be a turning cycle of system A is refused.
     again : bool, optional
         Correct a program that holds a correction already, for what was measured on a part cut with it.
     overwrite : bool, optional
@@ -211,6 +219,7 @@ def rewrite_path(
 
     Notes
     -----
+    The corrected program bears a comment METROSEP CORRECTED, by which it is known under any name.
     Memory does not grow with the program. A block with X or C but no Z gets a Z word where the
     rounded Z differs from the one in force. Blocks before X (and C, where it matters) are known
     are left alone if they are rapid. Subprograms, variables, arcs, cycles, and changes of offset
@@ -225,6 +234,7 @@ def rewrite_path(
     ...     _ = path.write_text("G21 G90\nG0 X10.0 C0.0 Z1.0\nG1 C90.0 F100\nM30\n")
     ...     found = rewrite_path(path, path.with_name("b.nc"), lambda x, c: 2e-6 * np.sin(c))
     ...     print(found.target.read_text())
+    (METROSEP CORRECTED Z 1f2a97461d3f)
     G21 G90
     G0 X10.0 C0.0 Z1.0
     G1 C90.0 Z1.002000 F100
@@ -242,6 +252,8 @@ def rewrite_path(
         diameter=diameter,
         stated_diameter=diameter is not None,
         harmless_m=frozenset(int(m) for m in harmless_m),
+        g_system=checked_system(g_system),
+        stated_absolute=g_system == "A",
     )
     start, end = Path(source), Path(target)
     check_files(start, end, overwrite=overwrite)
@@ -249,15 +261,16 @@ def rewrite_path(
         require_uncorrected(start)
     rewriter = Rewriter(made, settings, state)
     with open_program(start) as stream:
-        return _stream(rewriter, stream, start, end, made)
+        return _stream(rewriter, stream, start, end, made, again=again)
 
 
 def _stream(
-    rewriter: Rewriter, stream: Any, start: Path, end: Path, made: PathCorrection
+    rewriter: Rewriter, stream: Any, start: Path, end: Path, made: PathCorrection, *, again: bool
 ) -> PathResult:
     """Rewrite piece by piece; the sidecar is written when the program lies whole on the disk."""
-    hashes = hashlib.sha256(), hashlib.sha256()
+    hashes = [hashlib.sha256(), hashlib.sha256()]
     result: list[PathResult] = []
+    mark: str | None = mark_text(rewriter.settings.axes, made.audit)
 
     def text(written: Path) -> str:
         require_hash(written, hashes[1].hexdigest())
@@ -269,11 +282,23 @@ def _stream(
         with paired_stream(end, text) as out:
             for lines in pieces(stream, start):
                 hashes[0].update("".join(lines).encode("latin-1"))
-                data = "".join(rewriter.rewrite(lines)).encode("latin-1")
+                if not again:
+                    require_unmarked(lines, start)
+                new = rewriter.rewrite(lines)
+                if mark is not None:
+                    new, mark = marked(new, mark), None
+                data = "".join(new).encode("latin-1")
                 hashes[1].update(data)
                 out.write(data)
             _require_moves(rewriter, start)
             rewriter.finish()
+            same = not (rewriter.tally.changed or rewriter.tally.added)
+            if same and stream.seekable():  # nothing to mark: the program as it was
+                for file in (out, stream):
+                    file.seek(0)
+                out.truncate()
+                shutil.copyfileobj(stream, out)
+                hashes[1] = hashes[0]
     except MetrosepError as error:
         if str(error).startswith("line "):
             raise _named(error, start) from None
@@ -406,6 +431,8 @@ def _result(
         "sign": "correction c = -e is added to the commanded Z; e = actual - nominal",
         "lookup": "at the uncorrected position of each block; rapid moves too",
         "axes": list(rewriter.settings.axes),
+        "mark": mark_text(rewriter.settings.axes, made.audit) if tally.changed else None,
+        "g_system": state.g_system,
         "unit": "mm" if state.scale == MM else "inch",
         "x_is_diameter": bool(state.diameter),
         "outside": rewriter.settings.outside,

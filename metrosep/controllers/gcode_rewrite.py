@@ -109,7 +109,10 @@ class Rewriter:
         self.tally = Tally()
         self._readers: tuple[dict[str, Mover | None], dict[str, Mover | None]] = ({}, {})
         self._again = ModalState(
-            scale=state.scale, diameter=state.diameter, harmless_m=state.harmless_m
+            scale=state.scale,
+            diameter=state.diameter,
+            harmless_m=state.harmless_m,
+            g_system=state.g_system,
         )
         self._turned = False
         self._edge = (0.0, False, math.nan, math.nan)

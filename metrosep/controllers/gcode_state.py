@@ -13,7 +13,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 from metrosep.controllers.gcode_words import Token, refuse_block
-from metrosep.core.errors import UnitError
+from metrosep.core.errors import DataError, UnitError
 
 __all__ = ["INCH", "MM", "SAFE_M", "ModalState"]
 
@@ -22,6 +22,20 @@ MM, INCH = 1e-3, 25.4e-3
 _NEUTRAL = frozenset({90, 150, 170, 180, 190, 400, 610, 611, 690, 901, 911, 970, 500, 960})
 _FEEDS = {930: "G93", 940: "G94", 950: "G95", 980: "G98", 990: "G99"}
 _UNITS = {200: INCH, 210: MM}
+_CYCLES = {
+    900: "a turning cycle",
+    920: "a threading cycle",
+    940: "a facing cycle",
+    200: "a turning cycle",
+    210: "a threading cycle",
+    240: "a facing cycle",
+}
+"""Of lathes of Fanuc and its kin: the first three in system A of G codes, the others in C."""
+_OF_SYSTEM_A = frozenset({900, 920, 940})
+_RETURNS = frozenset({980, 990})
+"""Feed modes in system A; where cycles return to on mills and in system B."""
+_ONE_SHOT = frozenset({280, 300, 530})
+"""Codes that take the axis words of their block themselves."""
 _FRAMES = frozenset({*range(540, 600, 10), 541, 591, 592, 593, 921, 922})
 _LENGTHS = frozenset({430, 431, 432, 440, 490})
 _HOMES = frozenset({280, 300, 530})
@@ -84,6 +98,7 @@ _BELONGS: dict[str, tuple[frozenset[int], frozenset[int]]] = {
 }
 """Words that mean something only beside one of these G (tenths) or M codes."""
 
+_MOTIONS = frozenset({0, 10, 20, 30})
 _AXES = "XCZ"
 _OTHER_AXES = "YABUVW"
 
@@ -120,6 +135,8 @@ class ModalState:
         After the first block that is more than ``%``.
     harmless_m : frozenset of int
         M codes of this machine that neither move nor change the coordinates.
+    g_system : str or None
+        "A" or "B" of Fanuc lathes, or "mill"; None where nobody said.
     ended : bool
         After M2 or M30.
     messages : dict of str to int
@@ -143,6 +160,7 @@ class ModalState:
     spun: int = 0
     begun: bool = False
     harmless_m: frozenset[int] = frozenset()
+    g_system: str | None = None
     ended: bool = False
     messages: dict[str, int] = field(default_factory=dict)
 
@@ -199,6 +217,7 @@ class ModalState:
                 "a switch on the machine decides whether this block is carried out",
                 "take the block out or the slash away",
             )
+        self._refuse_cycle(codes, words, line)
         for code in sorted(codes):
             self._g(code, axes, words, line)
         for word in words:
@@ -220,6 +239,30 @@ class ModalState:
             Number of the line.
         """
         self.messages.setdefault(message, line)
+
+    def _refuse_cycle(self, codes: set[int], words: list[Token], line: int) -> None:
+        """Refuse a turning cycle, and what may be one; later blocks with X alone repeat it."""
+        moving = any(w.letter in _AXES + _OTHER_AXES for w in words)
+        if self.g_system == "A":
+            found = codes & _OF_SYSTEM_A
+        elif self.g_system is None and moving and not codes & (_MOTIONS | _ONE_SHOT):
+            found = codes & _CYCLES.keys()
+        else:
+            return
+        for code in sorted(found):
+            system = "A" if code in _OF_SYSTEM_A else "C"
+            way = "post-process the cycle to plain moves"
+            if self.g_system is None:
+                way += ", or say g_system='mill' (or 'B') if it is none"
+            raise refuse_block(
+                line,
+                f"G{code / 10:g}",
+                f"with an axis word it is {_CYCLES[code]} in system {system} of G codes of lathes, which "
+                "moves on its own"
+                if self.g_system is None
+                else f"in system A of G codes it is {_CYCLES[code]}, which moves on its own",
+                way,
+            )
 
     def _take_feed(self, words: list[Token], axes: set[str], codes: set[int], line: int) -> None:
         feeds = [w for w in words if w.letter == "F"]
@@ -322,6 +365,8 @@ class ModalState:
             self.motion = None
         elif code in _UNITS:
             self._units(_UNITS[code], name, line)
+        elif code in _RETURNS and self.g_system in ("B", "mill"):
+            return
         elif code in _FEEDS:
             self.feed_mode = _FEEDS[code]
         elif code == 900:
@@ -436,6 +481,18 @@ class ModalState:
         self.cut |= self.motion == 1
         if self.motion == 1 and self.spindle and not self.spun:
             self.spun = self.spindle
+
+
+def checked_system(name: str | None) -> str | None:
+    """Return the system of G codes of a program, refusing those that are not known."""
+    if name == "C":
+        raise DataError(
+            "g_system='C' cannot be corrected: its cycles are G20, G21 and G24 and its units G70 and G71, "
+            "which no document at hand confirms; post-process the path in system A or B"
+        )
+    if name not in (None, "A", "B", "mill"):
+        raise DataError(f"g_system is {name!r}; it is 'A', 'B' or 'mill'")
+    return name
 
 
 def _smoothing(text: str) -> str:

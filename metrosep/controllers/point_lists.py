@@ -26,8 +26,11 @@ from metrosep.controllers.gcode_columns import open_program, pieces
 from metrosep.controllers.gcode_corrections import PathCorrection, as_path_correction
 from metrosep.controllers.gcode_files import (
     check_files,
+    mark_text,
+    marked,
     require_hash,
     require_uncorrected,
+    require_unmarked,
 )
 from metrosep.controllers.gcode_words import decimals_of, format_number
 from metrosep.core.errors import (
@@ -220,6 +223,8 @@ def rewrite_points(
         require_uncorrected(start)
     with open_program(start) as stream:
         lines = [line for piece in pieces(stream, start, mark=True) for line in piece]
+    if not again:
+        require_unmarked(lines, start)
     head, sep = _layout(lines, start, separator)
     found = _columns(lines, head, sep, columns or {}, units or {}, start, needs_c=made.needs_c)
     rows = _rows(lines, head, sep, found, start)
@@ -235,6 +240,9 @@ def rewrite_points(
     left = np.abs((reread.values["Z"] - rows.values["Z"]) * scale - dz)
     if left.size and (left > 0.5 * step * (1 + 1e-6) + 1e-14).any():
         raise TableError("Z does not read back as meant; this is a bug in metrosep")
+    mark = mark_text(("Z",), made.audit)
+    final = marked(rows.lines, mark, is_list=True) if changed else rows.lines
+    data = "".join(final).encode("latin-1")
     source_hash = hashlib.sha256("".join(lines).encode("latin-1")).hexdigest()
     return _finish(
         made,
@@ -243,6 +251,7 @@ def rewrite_points(
         (source_hash, data),
         (dz, changed, step, float(left.max())),
         diameter=diameter,
+        mark=mark if len(final) > len(rows.lines) else None,
     )
 
 
@@ -495,12 +504,18 @@ def _finish(
     numbers: tuple[FloatArray, int, float, float],
     *,
     diameter: bool,
+    mark: str | None,
 ) -> PointResult:
     start, end = files
     dz, changed, step, left = numbers
     messages = [] if changed else ["no point changed: less than half of the last digit"]
     if "VZ" not in columns:
         messages.append("no column of speed is changed; a PVT list needs columns T and VZ")
+    if changed and mark is None:
+        messages.append(
+            "the list has no comment line, so it bears no mark of its correction: only the sidecar says "
+            "that it is corrected; keep both together"
+        )
     audit = {
         "schema": "metrosep.points/1",
         "metrosep": __version__,
@@ -509,6 +524,7 @@ def _finish(
         "file_sha256": hashlib.sha256(content[1]).hexdigest(),
         "correction": dict(made.audit),
         "sign": "correction c = -e is added to the commanded Z; e = actual - nominal",
+        "mark": mark,
         "columns": {k: v.index for k, v in columns.items()},
         "x_is_diameter": diameter,
         "n_points": int(dz.size),

@@ -66,6 +66,9 @@ _FACTOR_DECIMALS = 12
 _SAME = 1e-12
 """Below a picometre nothing is left of a map."""
 
+_DIGITS = 10.0
+"""Last digits of the file by which a large constant may coarsen it anyway: a hundredth of a nanometre."""
+
 _RESIDUAL = 0.1
 """Share of the map's span that a product of two tables may miss."""
 
@@ -345,6 +348,12 @@ class SinumerikCecProduct(Dialect):
             "flag",
             default=False,
         ),
+        Option(
+            "keep_zero",
+            "let the product add no constant to the map: more of it stays, the zero moves less",
+            "flag",
+            default=False,
+        ),
         AlongOption(
             "first_spacing",
             "spacing of the columns, to resample",
@@ -407,8 +416,9 @@ class SinumerikCecProduct(Dialect):
         keys = ("first_spacing", "second_spacing")
         spacings = tuple(along_axis(o[k], a, k) for k, a in zip(keys, table.axes, strict=True))
         even, error = even_map(table, (spacings[0], spacings[1]), (keys[0], keys[1]))
-        product = rank_one(even)
+        product = rank_one(even, keep_zero=bool(o["keep_zero"]))
         missed = _missed(product, o)
+        _require_fine(product, 10.0 ** -o["decimals"] * units(turns=False))
         carried = product.as_map()
         for positions, axis in ((even.x, even.axes[0]), (even.y, even.axes[1])):
             check_count(positions, o, axis)
@@ -438,6 +448,7 @@ class SinumerikCecProduct(Dialect):
                 "residual_rms_m": product.residual_rms,
                 "residual_share": product.share,
                 "at_reference_m": product.at_reference,
+                "constant_m": product.constant,
                 "convention": product.convention,
             },
             step=10.0 ** -o["decimals"] * unit,
@@ -520,6 +531,18 @@ def _missed(product: ProductTables, o: Mapping[str, Any]) -> float:
             "accept_residual=True"
         )
     return missed
+
+
+def _require_fine(product: ProductTables, step: float) -> None:
+    """Refuse a large constant: a step of the file then weighs more than what it saves."""
+    weight = float(np.abs(product.first.forward).max() / np.abs(product.map.values).max())
+    if product.constant != 0.0 and step * weight > max(0.1 * product.residual_rms, _DIGITS * step):
+        raise LimitError(
+            f"the product needs the constant {format_length(product.constant, digits=3)}, which is "
+            f"{weight:.3g} times the largest correction: the last digit of the file then counts for more "
+            "than the constant saves; the map is rather a sum of two tables: write one table over each "
+            "axis, give more decimals=, or say keep_zero=True"
+        )
 
 
 def _findings(product: ProductTables, missed: float) -> tuple[Finding, ...]:

@@ -10,6 +10,7 @@ import sys
 import click
 import numpy as np
 import pytest
+from controllers.program_marks import unmarked
 
 import metrosep as ms
 from metrosep.cli.errors import report_error
@@ -58,7 +59,7 @@ def test_error_of_the_map_is_subtracted(call, tmp_path):
 
     assert code == 0
     assert out == ""
-    found = (tmp_path / "out.nc").read_text()
+    found = unmarked((tmp_path / "out.nc").read_text())
     # e = 0.4 um at (4, 0); 0.12 um at (0, 4); X -4 at 180 deg is (4, 0) again
     assert z_words(found) == pytest.approx([1 - 4e-4, 1 - 1.2e-4, 0.5 - 4e-4], abs=HALF_MM)
     assert (
@@ -79,7 +80,7 @@ def test_sense_zero_and_json(call, tmp_path):
     assert code == 0
     assert json.loads(out)["n_changed"] == 3
     # C 0 is at 90 deg: (0, 4); C 90 turns back to 0 deg: (4, 0); X -4 at -90 deg: (0, 4)
-    found = (tmp_path / "out.nc").read_text()
+    found = unmarked((tmp_path / "out.nc").read_text())
     assert z_words(found) == pytest.approx([1 - 1.2e-4, 1 - 4e-4, 0.5 - 1.2e-4], abs=HALF_MM)
     assert "Z0.9998800" in found
 
@@ -191,7 +192,7 @@ def test_profile_needs_no_sense(call, tmp_path):
     code, _, err = call("in.nc", "--error", "error.csv", "-o", "out.nc")
 
     assert code == 0, err
-    assert z_words((tmp_path / "out.nc").read_text()) == [0.996]
+    assert z_words(unmarked((tmp_path / "out.nc").read_text())) == [0.996]
 
 
 WORDS = ("--error", "error.x3p", "--centre", "middle")

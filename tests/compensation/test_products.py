@@ -78,7 +78,9 @@ def test_what_stays_is_that_of_the_other_singular_values():
 
 def test_no_product_at_all():
     """The unit matrix of order n: all singular values are 1, sqrt(1 - 1/n) of the RMS stay."""
-    tables = rank_one(CompensationMap(np.arange(9.0), np.arange(9.0), 1e-6 * np.eye(9)))
+    tables = rank_one(
+        CompensationMap(np.arange(9.0), np.arange(9.0), 1e-6 * np.eye(9)), keep_zero=True
+    )
     assert tables.share == pytest.approx(np.sqrt(8 / 9), abs=1e-12)
 
 
@@ -103,11 +105,21 @@ def test_null_space_of_the_sum_is_the_twist():
 
 
 def test_null_space_of_the_product_is_the_sum():
-    """sin in x plus cos in y, orthogonal and of equal size: half of the power stays."""
+    """sin in x plus cos in y, orthogonal and of equal size: half of the power stays.
+
+    With a constant k it falls forever, (k + f)(1 + g/k) = k + f + g + f g / k: at 20 times the largest
+    correction f g / k stays, whose RMS is half of the product of the amplitudes.
+    """
     t = np.arange(8) * np.pi / 4
     values = 1e-6 * (np.sin(t) + np.cos(t)[:, None])
-    tables = rank_one(CompensationMap(t, t, values, axes=("A", "C")))
+    map_ = CompensationMap(t, t, values, axes=("A", "C"))
+    tables = rank_one(map_, keep_zero=True)
     assert tables.share == pytest.approx(np.sqrt(0.5), abs=1e-12)
+    free = rank_one(map_)
+    largest = np.abs(values).max()
+    assert abs(free.constant) == pytest.approx(20 * largest, abs=1e-9 * largest)
+    rest = 1e-12 / abs(free.constant) / 2
+    assert free.residual_rms == pytest.approx(rest, abs=0.01 * rest)
     assert rank_one(tables.map, form="sum").share == pytest.approx(
         _constrained_share(values), abs=1e-12
     )
@@ -174,3 +186,36 @@ def test_bad_input_is_refused():
         rank_one(made(lambda x, y: x * y)).correction([0.0, 1.0], [0.0, 1.0, 2.0])
     with pytest.raises(ValueError, match="read-only"):
         rank_one(made(lambda x, y: x * y)).residual[0, 0] = 1.0
+
+
+def test_a_constant_is_free_and_reported():
+    """f g is not zero where the map is: values of an independent check of the specification."""
+    x, y = np.linspace(-30e-3, 50e-3, 41), np.linspace(-20e-3, 40e-3, 31)
+    f = lambda x: 2e-6 * np.cos(2 * np.pi * (x - 0.007) / 0.11)  # noqa: E731
+    g = lambda y: 0.6 + y / 0.05 + (y / 0.06) ** 2  # noqa: E731
+    error = CompensationMap.from_error(
+        lambda x, y: f(x) * g(y) - f(0.0) * g(0.0), x=x, y=y, reference=(0.0, 0.0)
+    )
+    kept = rank_one(error, keep_zero=True)
+    assert np.ptp(error.values) == pytest.approx(6.538595e-6, abs=1e-12)
+    assert kept.residual_pv == pytest.approx(2.046478e-6, abs=1e-12)
+    assert kept.share == pytest.approx(0.362825, abs=1e-6)
+    assert kept.constant == 0.0
+
+    tables = rank_one(error)
+
+    assert tables.constant == pytest.approx(-1.105348384e-6, abs=1e-9 * 6.5e-6)
+    assert np.abs(tables.residual).max() < 2e-15
+    assert tables.at_reference == pytest.approx(tables.constant, abs=1e-14)
+    assert "the zero of the machine moves by -1.11 um" in " ".join(tables.messages)
+    added = tables.second.forward[:, None] * tables.first.forward
+    assert np.abs(added - error.values - tables.constant).max() < 2e-15
+    assert np.abs(tables.as_map().values - added).max() < 2e-15
+
+
+@pytest.mark.parametrize(("turned", "k"), [(False, 1.0), (True, -1.0)])
+def test_the_constant_turns_over_with_the_map(turned, k):
+    error = lambda x, y: k * (f_of(x) * g_of(y) - f_of(0.0) * g_of(0.0))  # noqa: E731
+    one, two = rank_one(made(error)), rank_one(made(lambda x, y: -error(x, y)))
+    assert one.constant == pytest.approx(-two.constant, abs=1e-14)
+    assert one.residual_rms == pytest.approx(two.residual_rms, abs=1e-14)

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from controllers.program_marks import unmarked
 
 from metrosep.compensation.maps import CompensationMap
 from metrosep.compensation.table import CompensationTable
@@ -62,7 +63,7 @@ class Folder:
         options.setdefault("overwrite", True)
         made = correction or error_correction(tilt())
         result = rewrite_path(self.path / "in.nc", self.path / "out.nc", made, **options)
-        return (self.path / "out.nc").read_bytes().decode("latin-1"), result
+        return unmarked((self.path / "out.nc").read_bytes().decode("latin-1")), result
 
     def refused(self, text, correction=None, **options):
         with pytest.raises(MetrosepError) as caught:
@@ -440,6 +441,9 @@ def test_a_correction_is_not_added_twice_unasked(folder):
     with pytest.raises(DataError, match="changed since"):
         rewrite_path(once, twice, constant(1e-6), overwrite=True)
     (folder.path / "out.nc.json").write_text('{"schema": "something else"}')
+    with pytest.raises(DataError, match="METROSEP CORRECTED Z"):
+        rewrite_path(once, twice, constant(1e-6), overwrite=True)
+    once.write_text(unmarked(once.read_text()))
     rewrite_path(once, twice, constant(1e-6), overwrite=True)
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from controllers.program_marks import unmarked
 
 from metrosep.compensation.table import CompensationTable
 from metrosep.controllers.gcode_corrections import error_correction, nose_correction
@@ -61,7 +62,7 @@ class Folder:
         source = self.path / "in.nc"
         source.write_bytes(text.encode("latin-1"))
         result = rewrite_path(source, self.path / "out.nc", correction, **options)
-        return (self.path / "out.nc").read_bytes().decode("latin-1"), result
+        return unmarked((self.path / "out.nc").read_bytes().decode("latin-1")), result
 
     def refused(self, text: str, correction: object = None, **options):
         with pytest.raises(MetrosepError) as caught:
@@ -653,13 +654,14 @@ def test_unusable_errors_are_refused(error, options, part):
 
 def test_sidecar_says_what_the_program_cannot(folder):
     surface = quadrant_map()
-    text, result = folder.rewrite(START, error_correction(surface, c_sense=-1, c_zero=0.5))
+    _, result = folder.rewrite(START, error_correction(surface, c_sense=-1, c_zero=0.5))
 
     found = json.loads((folder.path / "out.nc.json").read_text())
     source = (folder.path / "in.nc").read_bytes()
     assert found == result.audit
     assert found["source_sha256"] == hashlib.sha256(source).hexdigest() == result.sha256_source
-    assert found["file_sha256"] == hashlib.sha256(text.encode()).hexdigest()
+    written = (folder.path / "out.nc").read_bytes()
+    assert found["file_sha256"] == hashlib.sha256(written).hexdigest()
     assert found["correction"]["c_sense"] == -1
     assert found["correction"]["c_zero_rad"] == 0.5
     assert re.fullmatch("[0-9a-f]{64}", found["correction"]["sha256"])

@@ -8,6 +8,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+from controllers.program_marks import unmarked
 from hypothesis import given, settings, strategies as st
 
 from metrosep.controllers.gcode_paths import rewrite_path
@@ -48,7 +49,7 @@ def rewritten(program: str, correction, **options) -> str:
         source = Path(folder) / "in.nc"
         source.write_text(program)
         rewrite_path(source, Path(folder) / "out.nc", correction, **options)
-        return (Path(folder) / "out.nc").read_text()
+        return unmarked((Path(folder) / "out.nc").read_text())
 
 
 def positions(text: str) -> np.ndarray:

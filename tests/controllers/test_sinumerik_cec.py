@@ -1,5 +1,6 @@
 """SINUMERIK CEC: files written by hand, an interpreter of its own, products of two tables."""
 
+import json
 import re
 from pathlib import Path
 
@@ -406,8 +407,8 @@ def test_map_that_is_no_product_is_refused_unless_waived(bump):
     )
 
     with pytest.raises(LimitError, match=r"no product.*misses it by up to.*accept_residual"):
-        SinumerikCecProduct().encode(made, **OVER)
-    encoded = SinumerikCecProduct().encode(made, **OVER, accept_residual=True)
+        SinumerikCecProduct().encode(made, **OVER, keep_zero=True)
+    encoded = SinumerikCecProduct().encode(made, **OVER, keep_zero=True, accept_residual=True)
 
     # the best product of rank one: what singular values say about it
     left, sizes, right = np.linalg.svd(made.values)
@@ -436,7 +437,7 @@ def test_product_over_a_turning_axis():
         X[:3], c, np.outer([0, 1e-6, 3e-6], [1, 2, 3]), axes=("X", "C"), reference=(0, 0)
     )
 
-    encoded = SinumerikCecProduct().encode(made, **OVER)
+    encoded = SinumerikCecProduct().encode(made, **OVER, keep_zero=True)
 
     assert b"$AN_CEC_STEP[1]=90.0\n" in encoded.data
     back = SinumerikCecProduct().decode(encoded.data, NOWHERE)
@@ -488,7 +489,7 @@ def test_product_round_trip(seed, n, m):
         1e-6 * np.outer(rng.normal(size=m), rng.normal(size=n)),
     )
 
-    encoded = SinumerikCecProduct().encode(made, **OVER)
+    encoded = SinumerikCecProduct().encode(made, **OVER, keep_zero=True)
     back = SinumerikCecProduct().decode(encoded.data, NOWHERE)
 
     assert encoded.quantisation <= 2 * QUANTUM  # the factor is at most one
@@ -632,3 +633,41 @@ def test_only_the_first_table_of_a_product_takes_the_sign(twisted, sign):
     product = first[top] * float(entries[1][middle]) * 1e-3
     assert product * sign == pytest.approx(-twisted.values[middle, top], abs=1e-12)
     assert product * sign > 2.9e-6
+
+
+def test_the_control_leaves_nanometres_of_a_product_that_is_not_zero_at_its_reference(tmp_path):
+    """470 nm stay of this map where the product must be zero with it; the noise is 5 nm.
+
+    The file is evaluated by the interpreter of this test, as the control does; the zero of the machine
+    is set with the tables active.
+    """
+    x, y = np.linspace(-24e-3, 56e-3, 33), np.linspace(-18e-3, 30e-3, 25)
+    rng = np.random.default_rng(11)
+    f = 1.7e-6 * np.cos(2 * np.pi * (x - 0.011) / 0.1)
+    g = 0.7 + y / 0.045 + (y / 0.05) ** 2
+    error = np.outer(g, f) + rng.normal(0.0, 5e-9, (y.size, x.size))
+    error -= error[9, 12]  # zero at X 6 mm, Y 0 mm
+    made = CompensationMap(x, y, -error, reference=(float(x[12]), float(y[9])))
+    path, plain = tmp_path / "sag.ini", tmp_path / "plain.ini"
+
+    names = {"first_input_axis": "AX1", "second_input_axis": "AX2", "output_axis": "AX3"}
+    for target, more in ((path, {}), (plain, {"keep_zero": True, "accept_residual": True})):
+        controllers.write(
+            made, target, "sinumerik-cec-product", sign_confirmed=True,
+            allow_unverified=True, **names, **more,
+        )  # fmt: skip
+
+    left = {}
+    for target in (path, plain):
+        value = interpreter(target.read_text())
+        moved = [
+            [-value("AX3", {"AX1": a * 1e3, "AX2": b * 1e3}, {}) * 1e-3 for a in x] for b in y
+        ]
+        left[target] = error + np.array(moved) - moved[9][12]
+    level = left[path] - left[path].mean()
+    assert np.sqrt(np.mean(level**2)) < 5.5e-9
+    assert np.sqrt(np.mean((left[plain] - left[plain].mean()) ** 2)) > 100e-9
+    said = json.loads((tmp_path / "sag.ini.json").read_text())
+    away = said["at_reference_m"]
+    assert abs(away) > 100e-9
+    assert any("the zero of the machine moves by" in f["problem"] for f in said["findings"])

@@ -241,7 +241,9 @@ def test_two_tables_that_multiply_keep_a_quarter_of_the_map(mill):
     share = np.sqrt((singular[1:] ** 2).sum() / (singular**2).sum())
 
     assert share == pytest.approx(0.244, abs=5e-4)
-    assert rank_one(mill[1]["tables"]["Z"]).share == pytest.approx(share, abs=1e-9)
+    kept = rank_one(mill[1]["tables"]["Z"], keep_zero=True)
+    assert kept.share == pytest.approx(share, abs=1e-9)
+    assert rank_one(mill[1]["tables"]["Z"]).share < 0.09  # a constant is free
 
 
 @pytest.mark.parametrize("name", ["carriers", "tool_path", "volumetric_map"])

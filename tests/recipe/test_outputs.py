@@ -65,7 +65,7 @@ def test_a_failing_second_run_leaves_the_first_whole(runs, tmp_path, monkeypatch
 
     monkeypatch.setattr("metrosep.report.html.write_html", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        Recipe.parse(GOOD.replace("0.5 mm", "1 mm")).run(runs, out=tmp_path)
+        Recipe.parse(GOOD.replace("0.5 mm", "1 mm")).run(runs, out=tmp_path, overwrite=True)
 
     assert {f.name: f.read_bytes() for f in tmp_path.iterdir()} == before
     assert set(before) == {"x.comp", "x.comp.json", "report.html", "result.json"}

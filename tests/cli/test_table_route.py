@@ -1,0 +1,277 @@
+"""From readings to a controller's file: every route gives the same bytes, and keeps what was there.
+
+The readings are written here as text, from a formula; what the file does is looked up here, as the
+controller's manual says, without our simulator.
+"""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+UM = 1e-6
+COLUMNS = ("--x", "x_mm", "--z", "z_um", "--feed", "feed_mm_min", "--run", "run")
+AXES = ("--axis", "X", "--compensates", "X", "--spacing", "1.5 mm")
+LOST_UM = 1.37
+"""Reverse minus forward of the machine below."""
+
+
+def error_um(x_mm):
+    return 1.9 * np.sin(2 * np.pi * x_mm / 31.0 + 0.4) + 0.6 * np.cos(2 * np.pi * x_mm / 13.0)
+
+
+def write_runs(path, *, samples=801, lost=LOST_UM, seed=5, ways=(1, -1, 1, -1)):
+    """Two passes each way at three feedrates, 0 ... 60 mm, 20 nm of noise."""
+    rng = np.random.default_rng(seed)
+    rows = ["x_mm,z_um,feed_mm_min,run"]
+    number = 0
+    for feed in (310, 470, 730):
+        for way in ways:
+            x = np.linspace(0.0, 60.0, samples)[::way]
+            z = error_um(x) + (lost if way < 0 else 0.0) + rng.normal(0, 0.02, x.size)
+            rows += [f"{a:.6f},{b:.6f},{feed},{number}" for a, b in zip(x, z, strict=True)]
+            number += 1
+    path.write_text("\n".join(rows) + "\n")
+    return path
+
+
+def looked_up(path, x_mm, way):
+    """What LinuxCNC adds to the command, by its manual: nominal minus the column, linear between."""
+    nominal, forward, reverse = np.loadtxt(path).T
+    return np.interp(x_mm, nominal, nominal - (forward if way > 0 else reverse))
+
+
+@pytest.mark.parametrize("samples", [301, 2600])
+def test_separate_with_table_and_table_of_its_result_give_the_same_bytes(
+    metrosep, tmp_path, samples
+):
+    runs = write_runs(tmp_path / "runs.csv", samples=samples)
+    a, b, c = tmp_path / "a.comp", tmp_path / "b.comp", tmp_path / "inside" / "c.comp"
+
+    for call in (
+        ("separate", runs, *COLUMNS, "--table", f"linuxcnc={a}", *AXES),
+        ("separate", runs, *COLUMNS, "-o", tmp_path / "result"),
+        ("table", tmp_path / "result", "-o", b, *AXES),
+        ("separate", runs, *COLUMNS, "-o", c.parent, "--table", "linuxcnc=c.comp", *AXES),
+        ("table", c.parent, "-o", tmp_path / "d.comp", *AXES),
+    ):
+        code, _, err = metrosep(*call)
+        assert code == 0, err
+
+    files = [a, b, c, tmp_path / "d.comp"]
+    assert len({f.read_bytes() for f in files}) == 1
+    assert len({f.with_name(f.name + ".json").read_bytes() for f in files}) == 1
+    x = np.linspace(2.0, 58.0, 57)
+    added = 1e3 * np.array([looked_up(b, x, 1), looked_up(b, x, -1)])
+    left = [*added, error_um(x), error_um(x) + LOST_UM]
+    line = np.polyval(np.polyfit(x, left.mean(axis=0), 1), x)  # of both ways together
+    assert np.abs(left - line).max() < 0.06  # linear between entries: 1.5^2 / 8 times the bend
+
+
+def test_a_result_holds_the_runs_as_they_were_measured(metrosep, tmp_path):
+    runs = write_runs(tmp_path / "runs.csv", samples=2600)
+    assert metrosep("separate", runs, *COLUMNS, "-o", tmp_path / "out")[0] == 0
+
+    stored = json.loads((tmp_path / "out" / "result.json").read_text())["runs"]
+
+    assert len(stored) == 12
+    for i, run in enumerate(stored):
+        way = (1, -1)[i % 2]
+        assert run["direction"] == ("forward", "reverse")[i % 2]
+        assert len(run["x_m"]) <= 2001
+        assert sum(run["n"]) == 2600
+        true = (error_um(np.array(run["x_m"]) * 1e3) + (LOST_UM if way < 0 else 0)) * UM
+        away = np.array(run["z_m"]) - true
+        assert abs(away.mean()) < 0.005 * UM  # not levelled
+    assert len(json.dumps(stored, indent=1)) < 12 / 10 * 1.5e6
+
+
+def test_a_result_of_an_older_version_names_the_command_that_makes_it_again(metrosep, tmp_path):
+    runs = write_runs(tmp_path / "runs.csv", samples=301)
+    out = tmp_path / "out"
+    assert metrosep("separate", runs, *COLUMNS, "-o", out)[0] == 0
+    document = json.loads((out / "result.json").read_text())
+    del document["runs"]
+    (out / "result.json").write_text(json.dumps(document))
+
+    code, _, err = metrosep("table", out, "-o", tmp_path / "x.comp", *AXES)
+
+    assert code == 4
+    assert "run the separation again" in err
+    assert not (tmp_path / "x.comp").exists()
+
+
+@pytest.mark.parametrize("route", ["beside", "inside", "recipe", "table"])
+def test_a_rerun_leaves_the_table_that_a_machine_may_use(metrosep, tmp_path, route):
+    first = write_runs(tmp_path / "one.csv", samples=301)
+    other = write_runs(tmp_path / "two.csv", samples=301, seed=8)
+    out = tmp_path / "out"
+    table = tmp_path / "x.comp" if route in ("beside", "table") else out / "x.comp"
+
+    def again(runs, *more):
+        if route == "beside":
+            words = ("separate", runs, *COLUMNS, "--table", f"linuxcnc={table}", *AXES)
+        elif route == "inside":
+            words = ("separate", runs, *COLUMNS, "-o", out, "--table", "linuxcnc=x.comp", *AXES)
+        elif route == "recipe":
+            recipe = tmp_path / "recipe.toml"
+            recipe.write_text(
+                'metrosep = 1\n[input]\nx = "x_mm"\nz = "z_um"\nfeed = "feed_mm_min"\nrun = "run"\n'
+                '[[step]]\nop = "separate"\n[[output]]\nkind = "table"\ncontroller = "linuxcnc"\n'
+                'axis = "X"\ncompensates = "X"\nspacing = "1.5 mm"\npath = "x.comp"\n'
+                'waive = ["active"]\n'
+            )
+            words = ("run", recipe, runs, "-o", out)
+        else:
+            shutil.rmtree(tmp_path / "result", ignore_errors=True)
+            metrosep("separate", runs, *COLUMNS, "-o", tmp_path / "result")
+            words = ("table", tmp_path / "result", "-o", table, *AXES)
+        waive = () if route == "recipe" else ("--waive", "active")
+        return metrosep(*words, *waive, *more)
+
+    code, _, err = again(first)
+    assert code == 0, err
+    sidecar = table.with_name("x.comp.json")
+    held, beside = table.read_bytes(), sidecar.read_bytes()
+    code, _, err = again(first)  # the same bytes: nothing is replaced
+    assert code == 0, err
+    result = out / "result.json"
+    before = result.read_bytes() if result.exists() else None
+
+    code, _, err = again(other)
+
+    assert code == 2
+    assert "exists already" in err
+    assert "--force" in err
+    assert (table.read_bytes(), sidecar.read_bytes()) == (held, beside)
+    assert before is None or result.read_bytes() == before
+    assert not list(table.parent.glob("x.comp.1*"))
+
+    code, _, err = again(other, "--force")
+
+    assert code == 0, err
+    assert table.read_bytes() != held
+    assert table.with_name("x.comp.1").read_bytes() == held
+    assert table.with_name("x.comp.1.json").read_bytes() == beside
+
+
+@pytest.mark.parametrize(("degree", "helps"), [(2, False), (8, True)])
+def test_a_polynomial_that_does_not_help_says_so(metrosep, tmp_path, degree, helps):
+    """Two periods of a wave: no parabola follows them, a polynomial of degree 8 does."""
+    path = tmp_path / "runs.csv"
+    rng = np.random.default_rng(3)
+    rows = ["x_mm,z_um,feed_mm_min,run"]
+    for number, feed in enumerate((310, 470, 730)):
+        x = np.linspace(0.0, 60.0, 301)
+        z = np.sin(2 * np.pi * x / 29.0) + rng.normal(0, 0.01, x.size)
+        rows += [f"{a:.6f},{b:.6f},{feed},{number}" for a, b in zip(x, z, strict=True)]
+    path.write_text("\n".join(rows) + "\n")
+
+    code, _, err = metrosep("separate", path, *COLUMNS, "--poly", degree)
+
+    assert code == 0, err
+    x = np.linspace(0.0, 60.0, 601)
+    wave = np.sin(2 * np.pi * x / 29.0)
+    line = np.polyval(np.polyfit(x, wave, 1), x)
+    rest = (wave - np.polyval(np.polyfit(x, wave, degree), x)).std() / (wave - line).std()
+    assert (rest <= 0.7) == helps
+    assert ("does not help" in err) == (not helps)
+    if not helps:
+        said = float(err.split("of the separated error ")[1].split(" %")[0])
+        assert said == pytest.approx(100 * rest, abs=2.0)
+
+
+def test_the_demo_says_that_its_polynomial_does_not_help(metrosep, tmp_path):
+    code, _, err = metrosep("demo", "-o", tmp_path / "demo")
+    assert code == 0
+    assert "the polynomial of degree 5 does not help" in err
+
+
+@pytest.mark.parametrize("dialect", ["pmac", "pmac-plane", "pmac-backlash"])
+def test_a_pmac_file_is_saved_by_hand_after_the_trial(tmp_path, dialect):
+    from metrosep import controllers
+    from metrosep.compensation import CompensationMap, CompensationTable
+
+    x = np.linspace(0.0, 40e-3, 21)
+    own = CompensationTable.from_error(
+        lambda x: 2e-6 * np.sin(x / 7e-3), positions=x, axis="X", reference=0.0
+    )
+    split = CompensationTable(
+        positions=x, forward=own.forward, reverse=own.forward - 1e-6, axis="X", compensates="X",
+        reference=0.0, is_exact_inverse=True,
+    )  # fmt: skip
+    plane = CompensationMap.from_error(
+        lambda x, y: 1e-4 * x * np.sin(y / 9e-3), x=x, y=x, reference=(0.0, 0.0)
+    )
+    made, more = {
+        "pmac": (own, {"source_motor": 1, "target_motor": 1}),
+        "pmac-plane": (plane, {"x_motor": 1, "y_motor": 2, "target_motor": 3}),
+        "pmac-backlash": (split, {"motor": 1}),
+    }[dialect]
+    path = tmp_path / "table.pmc"
+
+    controllers.write(made, path, dialect, count="10 nm", allow_unverified=True, **more)
+
+    commands = [line.partition(";")[0].strip().upper() for line in path.read_text().splitlines()]
+    assert "SAVE" not in commands
+    assert [c for c in commands if c][-1] == "I51=1"
+    steps = json.loads((tmp_path / "table.pmc.json").read_text())["activation"]
+    assert [("after this trial" in step) for step in steps if "SAVE" in step] == [True]
+
+
+@pytest.fixture(scope="module")
+def sources(tmp_path_factory):
+    """A result of an axis, and a map, from which every dialect can write."""
+    from metrosep import Recipe, Surface, write
+
+    folder = tmp_path_factory.mktemp("sources")
+    for name, ways in {"forward": (1, 1), "both": (1, -1)}.items():
+        runs = write_runs(folder / f"{name}.csv", samples=301, lost=0.4, ways=ways)
+        Recipe.parse(
+            'metrosep = 1\n[input]\nx = "x_mm"\nz = "z_um"\nfeed = "feed_mm_min"\nrun = "run"\n'
+            '[[step]]\nop = "separate"\n'
+        ).run(runs, out=folder / name)
+    y, x = np.mgrid[0.0:40e-3:21j, 0.0:50e-3:26j]
+    write(
+        Surface(3e-6 * np.cos(x / 9e-3) * (1 + y / 0.05) + 1e-4 * y, 2e-3, 2e-3),
+        folder / "map.x3p",
+    )
+    return folder
+
+
+def _dialects():
+    from metrosep import controllers
+
+    return [info.id for info in controllers.describe()]
+
+
+@pytest.mark.parametrize("dialect", _dialects())
+def test_every_warning_of_a_sidecar_is_on_the_terminal(metrosep, sources, tmp_path, dialect):
+    from metrosep.controllers.registry import find
+    from metrosep.controllers.safety import CHECKS
+
+    info = find(dialect).info
+    out = tmp_path / f"table{info.suffix}"
+    machine = [w for k, v in info.example.items() for w in ("--machine", f"{k}={v}")]
+    waive = [w for check in CHECKS for w in ("--waive", check)]
+    own, cross = (("--compensates", axis) for axis in "XZ")
+    tries = [(sources / n, *a) for a in (own, cross) for n in ("forward", "both")]
+    if info.carries == "map":
+        tries = [(sources / "map.x3p", "--spacing", "2 mm")]
+    shapes = ((), ("--poly", "9"), ("--spacing", "15 mm"))
+    refused = []
+    for words in (t + s for t in tries for s in shapes):
+        call = ("table", *words, "--format", dialect, *machine, *waive, "--sign-confirmed")
+        code, _, err = metrosep(*call, "-o", out)
+        if code == 0:
+            break
+        refused.append(err)
+    else:
+        pytest.skip(refused[0])
+
+    findings = json.loads(out.with_name(out.name + ".json").read_text())["findings"]
+    for found in findings:
+        assert found["problem"] in err
+        assert found["fix"] in err
+        assert err.count("warning: ") >= len(findings)
