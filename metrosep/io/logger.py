@@ -6,7 +6,7 @@ field, so that damage is named by its line; a unit is what the file or the calle
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -25,26 +25,28 @@ from metrosep.io.dialect import MISSING, decode, is_number
 from metrosep.io.measurement import SI_NAMES
 from metrosep.io.source import RawFile
 
-__all__ = ["Channels", "head_lines", "plain_block", "text_lines", "to_number", "with_units"]
+__all__ = ["Channels", "first_lines", "plain_block", "text_lines", "to_number", "with_units"]
 
 
-def head_lines(head: bytes) -> list[str]:
-    """Return the lines at the start of a file, or none where it is not text.
+_LONGEST_TOP = 2**24
+"""Bytes that a recogniser looks at: no header of text is longer."""
 
-    Parameters
-    ----------
-    head : bytes
-        First bytes of the file.
 
-    Returns
-    -------
-    list of str
-        Without line ends; the last one may be cut off.
-    """
-    try:
-        return decode(head, "")[0].split("\n")
-    except ReadError:
-        return []
+def first_lines(file: RawFile, encoding: str | None = None) -> Iterator[str]:
+    """Yield whole lines from the top, as `text_lines` gives them, no further than they are asked for."""
+    shown = 0
+    for end in (len(file.head), _LONGEST_TOP):
+        is_whole = file.size <= end
+        with file.stream() as handle:
+            content = file.head if end == len(file.head) else handle.read(end)
+        try:
+            lines = decode(content, file.path, encoding)[0].split("\n")
+        except ReadError:
+            return
+        yield from lines[shown : len(lines) - (not is_whole)]
+        if is_whole:
+            return
+        shown = max(shown, len(lines) - 1)
 
 
 def text_lines(file: RawFile) -> list[str]:

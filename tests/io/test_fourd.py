@@ -1,5 +1,7 @@
 """4Sight maps: scale, invalid marker, several measurements, stale pixel, damage."""
 
+from pathlib import Path
+
 import h5py
 import numpy as np
 import pytest
@@ -139,7 +141,7 @@ def test_other_hdf5_is_not_4d(tmp_path):
     with h5py.File(path, "w") as handle:
         handle["genraw"] = [1.0]
 
-    assert fourd.sniff(path.read_bytes(), "x.4D") is Match.NO
+    assert fourd.sniff(RawFile(Path("x.4D"), path.read_bytes())) is Match.NO
     with pytest.raises(ms.errors.CorruptFileError, match="no map of 4Sight"):
         fourd.read(RawFile(path))
 
