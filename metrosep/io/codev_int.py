@@ -163,7 +163,7 @@ def _top(file: RawFile) -> tuple[list[str], str, str, int | None]:
             continue
         others.append(text)
         if len(others) == 2:
-            return comments, *others, number if _HEADER.match(text) else None
+            return comments, others[0], text, number if _HEADER.match(text) else None
     return comments, "", (others or [""])[-1], None
 
 
