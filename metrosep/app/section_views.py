@@ -274,7 +274,7 @@ def _lanczos(patch: FloatArray, v: FloatArray, u: FloatArray) -> FloatArray:
     """Return heights within 8 x 8 pixels: of their fitted plane, and by Lanczos-4 of what it leaves."""
     # p = m + r y + c x + s x y about the middle; weights a, b with sum 1 of rows and columns:
     # z(v, u) = sum a b (z - p) + p(v, u), and m drops out
-    t = _REACH - 0.5
+    t = _REACH.astype(np.float64) - 0.5
     y, x = v - 0.5, u - 0.5
     a, b = (w / w.sum(axis=1, keepdims=True) for w in (_sinc4(y, t), _sinc4(x, t)))
     squares = float(t @ t)

@@ -57,7 +57,7 @@ def _lost_samples(file: RawFile) -> bool:
     with file.stream() as handle:
         kept = b""
         while part := handle.read(2**20):
-            if line.search(kept + part):
+            if _OVERRUN.encode() in (both := kept + part) and line.search(both):
                 return True
             kept = part[-2 * len(_OVERRUN) :]
     return False

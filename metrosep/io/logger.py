@@ -34,19 +34,19 @@ _LONGEST_TOP = 2**24
 
 def first_lines(file: RawFile, encoding: str | None = None) -> Iterator[str]:
     """Yield whole lines from the top, as `text_lines` gives them, no further than they are asked for."""
-    shown = 0
-    for end in (len(file.head), _LONGEST_TOP):
-        is_whole = file.size <= end
-        with file.stream() as handle:
-            content = file.head if end == len(file.head) else handle.read(end)
+    shown, content = 0, file.head
+    while True:
         try:
             lines = decode(content, file.path, encoding)[0].split("\n")
         except ReadError:
             return
+        is_whole = len(content) >= file.size
         yield from lines[shown : len(lines) - (not is_whole)]
-        if is_whole:
+        if is_whole or len(content) >= _LONGEST_TOP:
             return
         shown = max(shown, len(lines) - 1)
+        with file.stream() as handle:
+            content = handle.read(_LONGEST_TOP)
 
 
 def text_lines(file: RawFile) -> list[str]:
