@@ -1,8 +1,8 @@
 """4D Technology 4Sight ``.h5``/``.4D``: maps of an interferometer in HDF5, one or several per file.
 
 Height in m is ``data * wavelength * wedge``: data are waves, `wedge` is 0.5 where a wave of path is
-half a wave of surface. 3.4e38 (the largest float32) is not measured. The order of the rows is not
-described anywhere; they are taken as a camera image, top row first, and the metadata says so.
+half a wave of surface. 3.4e38 (the largest float32) is not measured. The top row of the camera image
+comes first: maps of one part that was turned in the instrument fit together so, and not mirrored.
 Layout and sources are in ``data_formats/fourd/SPEC.md``.
 """
 
@@ -140,7 +140,7 @@ def read(
         wavelength_m=wavelength,
         wedge=wedge,
         height_per_wave_m=wavelength * wedge,
-        row_order_is_assumed=True,
+        orientation_evidence="rotation",
     )
 
 
