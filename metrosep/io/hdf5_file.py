@@ -73,7 +73,18 @@ def has_magic(head: bytes) -> bool:
 
 
 def look_into(file: RawFile) -> Hdf5File | None:
-    """Return the tree of a file to recognise it by, ``None`` where it is no HDF5 or is damaged."""
+    """Return the tree of a file to recognise it by, ``None`` where it is no HDF5 or is damaged.
+
+    Parameters
+    ----------
+    file : RawFile
+        The file.
+
+    Returns
+    -------
+    Hdf5File or None
+        Kept for the reader that follows.
+    """
     if not has_magic(file.head):
         return None
     try:

@@ -33,7 +33,20 @@ _LONGEST_TOP = 2**24
 
 
 def first_lines(file: RawFile, encoding: str | None = None) -> Iterator[str]:
-    """Yield whole lines from the top, as `text_lines` gives them, no further than they are asked for."""
+    """Yield whole lines from the top, as `text_lines` gives them, no further than they are asked for.
+
+    Parameters
+    ----------
+    file : RawFile
+        The file.
+    encoding : str, optional
+        Found from the content if omitted.
+
+    Yields
+    ------
+    str
+        Without line end; none where the file is not text.
+    """
     shown, content = 0, file.head
     while True:
         try:

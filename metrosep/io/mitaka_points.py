@@ -58,7 +58,18 @@ class Points:
 
 
 def is_mlp(file: RawFile) -> bool:
-    """Return whether a file has the first line of either version, and the lines on the autofocus."""
+    """Return whether a file has the first line of either version, and the lines on the autofocus.
+
+    Parameters
+    ----------
+    file : RawFile
+        The file.
+
+    Returns
+    -------
+    bool
+        What `read_points` demands first.
+    """
     lines = list(itertools.islice(first_lines(file), _MAX_HEADER))
     known = bool(lines) and (_OLD.fullmatch(lines[0]) or _NEW.fullmatch(lines[0]))
     return bool(known) and all(any(line.startswith(m) for line in lines) for m in _MARKS)

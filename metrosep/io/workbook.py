@@ -56,7 +56,20 @@ _PLACE = re.compile(r"([A-Z]{1,3})(\d{1,7})")
 
 
 def zip_members(file: RawFile, *wanted: str) -> dict[str, bytes]:
-    """Return the members by name with the start of those wanted; of a cut archive, those in its head."""
+    """Return the members by name with the start of those wanted; of a cut archive, those in its head.
+
+    Parameters
+    ----------
+    file : RawFile
+        The file.
+    *wanted : str
+        Names of members whose start is wanted.
+
+    Returns
+    -------
+    dict of str to bytes
+        Empty where it is no zip archive; no bytes of a member that is damaged or not wanted.
+    """
     if not file.head.startswith(_LOCAL_HEADER):
         return {}
     try:

@@ -4,7 +4,6 @@ import json
 import os
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,6 @@ from metrosep.app.places import Places
 from metrosep.app.sessions import Session
 
 FOREIGN = "a text of somebody else"
-AT_ONCE = 1.0  # seconds that a refusal may take
 RECIPE = """metrosep = 1
 extends = "{extends}"
 [input]
@@ -123,16 +121,14 @@ def test_devices_pipes_and_huge_files_end_in_one_sentence(folders, what, text, c
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no pipes with names")
-def test_workbench_refuses_a_pipe_at_once(folders):
+@pytest.mark.timeout(20)  # no writer ever comes: reading it would wait for ever
+def test_workbench_refuses_a_pipe(folders):
     inside, _ = folders
     os.mkfifo(inside / "pipe.toml")
     (inside / "r.toml").write_text(RECIPE.format(extends="pipe.toml"))
-    begun = time.perf_counter()
 
     with pytest.raises(ms.errors.RecipeError, match="device or a pipe"):
         Session(Places([inside])).open("r.toml")
-
-    assert time.perf_counter() - begun < AT_ONCE
 
 
 def test_no_text_of_a_foreign_file_gets_into_a_result(folders):

@@ -162,7 +162,9 @@ def test_real_4d_files_open_by_themselves(corpus, name, pv_nm, n_invalid):
 
     assert surface.metadata["format"] == "fourd"
     assert np.isnan(surface.z).sum() == n_invalid
-    assert np.nanmax(surface.z) - np.nanmin(surface.z) == pytest.approx(pv_nm * NM, rel=1e-8)
+    assert np.nanmax(surface.z) - np.nanmin(surface.z) == pytest.approx(
+        pv_nm * NM, rel=1e-8, abs=0.0
+    )
 
 
 TWINCAT = """Name;YT Scope Project
