@@ -15,6 +15,7 @@ from typing import Any, cast
 from metrosep.app.view_tables import view_of, with_view
 from metrosep.core.atomic import atomic_write
 from metrosep.core.errors import DataError
+from metrosep.recipe.extends import Admits
 from metrosep.recipe.recipe import Recipe
 
 __all__ = ["Edit", "RecipeDocument", "start_runs_text", "start_text"]
@@ -188,17 +189,26 @@ class RecipeDocument:
         Where relative file names start.
     name : str, optional
         For messages.
+    admits : callable, optional
+        Whether a path that the recipe names may be read; it holds for every later edit.
 
     Raises
     ------
     RecipeError
-        If the text is no recipe.
+        If the text is no recipe, or names a file that may not be read.
     """
 
-    def __init__(self, text: str, folder: Path | str = ".", name: str = "recipe.toml") -> None:
+    def __init__(
+        self,
+        text: str,
+        folder: Path | str = ".",
+        name: str = "recipe.toml",
+        admits: Admits | None = None,
+    ) -> None:
         self.folder = Path(folder)
         self.name = name
-        self._recipe = Recipe.parse(text, name=name, folder=self.folder)
+        self.admits = admits
+        self._recipe = Recipe.parse(text, name=name, folder=self.folder, admits=admits)
         self._text = text
         self._undone: list[tuple[str, str]] = []
         self._done: list[tuple[str, str]] = []
@@ -257,7 +267,7 @@ class RecipeDocument:
         self._undone.clear()
 
     def _replace(self, text: str) -> None:
-        recipe = Recipe.parse(text, name=self.name, folder=self.folder)
+        recipe = Recipe.parse(text, name=self.name, folder=self.folder, admits=self.admits)
         self._text, self._recipe = text, recipe
 
     def undo(self) -> None:
@@ -279,9 +289,19 @@ class RecipeDocument:
             To try an edit on.
         """
         made = object.__new__(RecipeDocument)
-        made.folder, made.name = self.folder, self.name
+        made.folder, made.name, made.admits = self.folder, self.name, self.admits
         made._take(self)
         return made
+
+    def anew(self) -> RecipeDocument:
+        """Return a document of its own with the same text and nothing to undo.
+
+        Returns
+        -------
+        RecipeDocument
+            To go on with, or to try an edit on.
+        """
+        return RecipeDocument(self._text, self.folder, self.name, self.admits)
 
     def adopt(self, other: RecipeDocument) -> None:
         """Take over text and history of a copy.

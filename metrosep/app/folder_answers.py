@@ -110,7 +110,7 @@ def recipe_of_folder(document: RecipeDocument, pattern: str, each: str = "file")
     RecipeError
         If the pattern is none.
     """
-    made = RecipeDocument(document.text, document.folder, document.name)
+    made = document.anew()
     files = list(document.recipe.input.get("files", ()))
     held = document.recipe.batch_options.get("each")
     edits = [Edit(("input", "files"), files or None, [pattern])]

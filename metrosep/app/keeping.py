@@ -218,6 +218,7 @@ class Keeper:
                 self._known[path] = None
             aside = False
             target = self._own(path)
+            target.parent.mkdir(parents=True, exist_ok=True)
             self.write(target, content)
             self._known[target] = content
         except (WriteError, OSError) as exc:

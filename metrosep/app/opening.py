@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import re
+import sys
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -33,6 +35,7 @@ from metrosep.core.errors import (
     RecipeError,
     UnitError,
 )
+from metrosep.core.plain_files import RECIPE_BYTES, read_plain
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
 from metrosep.recipe.input_options import reading_options
@@ -58,6 +61,9 @@ Read: TypeAlias = Callable[..., Any]
 
 READING = ("unit", "lateral_step", "channel", "format", "x", "z", "scale")
 """Options of a reader that a recipe of a map or profile keeps in ``[input]``."""
+
+_LONGEST_NAME = 100
+"""Letters of a name that the name of a session takes up: 255 bytes are the most of many disks."""
 
 _COLUMNS = tuple(key for key in INPUT if key != "files")
 """Those of repeated runs."""
@@ -110,7 +116,7 @@ class Opened:
 
 
 def autosave_path(file: Path, others: Sequence[Path] = ()) -> Path:
-    """Return where the session of a file is kept: beside it.
+    """Return where the session of a file is kept: in the user's folder of state, not beside the data.
 
     Parameters
     ----------
@@ -122,18 +128,44 @@ def autosave_path(file: Path, others: Sequence[Path] = ()) -> Path:
     Returns
     -------
     Path
-        ``<name>.session.toml``; of a set with letters that tell it from other sets.
-
-    Examples
-    --------
-    >>> autosave_path(Path("part.sdf")).name
-    'part.sdf.session.toml'
+        ``<name>.<letters>.session.toml``; the letters tell it from files of other folders and from
+        other sets.
     """
-    which = ""
-    if others:
-        names = "\0".join(sorted(str(f) for f in (file, *others)))
-        which = f".set-{hashlib.sha256(names.encode()).hexdigest()[:8]}"
-    return file.with_name(f"{file.name}{which}.session.toml")
+    names = "\0".join(sorted(os.path.realpath(f) for f in (file, *others)))
+    which = hashlib.sha256(names.encode()).hexdigest()[:12]
+    return _state_folder() / f"{file.name[:_LONGEST_NAME]}.{which}.session.toml"
+
+
+def _state_folder() -> Path:
+    """Return where this user's programs keep what they go on with."""
+    if sys.platform == "win32":
+        given = os.environ.get("LOCALAPPDATA")
+        home = Path(given) if given else Path.home() / "AppData" / "Local"
+    elif sys.platform == "darwin":
+        home = Path.home() / "Library" / "Application Support"
+    else:
+        given = os.environ.get("XDG_STATE_HOME", "")  # relative ones are to be ignored (XDG)
+        home = Path(given) if Path(given).is_absolute() else Path.home() / ".local" / "state"
+    return home / "metrosep" / "sessions"
+
+
+def _left_beside(kept: Path, file: Path) -> tuple[str, ...]:
+    """Return a sentence on a session that an older version kept beside the file, if there is one."""
+    older = file.with_name(f"{file.name}.session.toml")
+    if older == kept or not older.is_file():
+        return ()
+    said = (
+        f"{older.name}: an older version of metrosep kept a session here, which is not taken up; open "
+        "it as a recipe to go on with it, or delete it"
+    )
+    return (said,)
+
+
+def _kept(places: Places, file: Path, others: Sequence[Path] = ()) -> Path:
+    """Return where a session is kept; that of an upload goes with it."""
+    if places.is_upload(file):
+        return file.with_name(f"{file.name}.session.toml")
+    return autosave_path(file, others)
 
 
 def open_files(
@@ -181,12 +213,16 @@ def open_files(
     if recipes:
         others = [f for f in files if f not in recipes]
         return _of_recipe(places, recipes[0], others, given, read)
-    kept, stamps = autosave_path(files[0], files[1:]), stamps_of(files)
-    opened, messages = _taken_up(kept, files, given, read)
+    kept, stamps = _kept(places, files[0], files[1:]), stamps_of(files)
+    opened, messages = _taken_up(places, kept, files, given, read)
     if opened is not None:
         return _stamped(opened, stamps)
-    fresh = _runs(files, given) if are_runs(files, given) else _one(files[0], given, read)
-    said, displaced = (*messages, *fresh.messages), bool(messages)
+    fresh = (
+        _runs(places, files, given)
+        if are_runs(files, given)
+        else _one(places, files[0], given, read)
+    )
+    said, displaced = (*messages, *fresh.messages), kept.is_file() and bool(messages)
     return _stamped(replace(fresh, kept=kept, messages=said, displaced=displaced), stamps)
 
 
@@ -246,7 +282,9 @@ def open_with(
             "is not for that; open it without keeping the recipe"
         )
     new = tomllib.loads(opened.document.text)["input"]
-    made = RecipeDocument(document.text, opened.document.folder, opened.document.name)
+    made = RecipeDocument(
+        document.text, opened.document.folder, opened.document.name, places.admits
+    )
     return replace(opened, document=_with_input(made, new), displaced=opened.kept.is_file())
 
 
@@ -258,7 +296,7 @@ def _checked(given: dict[str, Any]) -> dict[str, Any]:
     return given
 
 
-def _one(file: Path, given: Mapping[str, Any], read: Read | None) -> Opened:
+def _one(places: Places, file: Path, given: Mapping[str, Any], read: Read | None) -> Opened:
     """Open a file that has no session yet: a map or a profile."""
     chosen = {k: v for k, v in given.items() if k in READING}
     obj = _obj(file, reading_options(chosen), read)
@@ -267,21 +305,23 @@ def _one(file: Path, given: Mapping[str, Any], read: Read | None) -> Opened:
         f"{file.name}: is one profile; {' and '.join(left)} not used: they belong to repeated runs"
     )
     kind = _kind(obj)
-    document = RecipeDocument(start_text(file.name, kind, chosen), file.parent, _name(file))
+    text = start_text(file.name, kind, chosen)
+    document = RecipeDocument(text, file.parent, _name(file), places.admits)
     return Opened(kind, (file,), file, document, Evaluations(obj), (said,) if left else ())
 
 
 def _taken_up(
-    kept: Path, files: Sequence[Path], given: Mapping[str, Any], read: Read | None
+    places: Places, kept: Path, files: Sequence[Path], given: Mapping[str, Any], read: Read | None
 ) -> tuple[Opened | None, tuple[str, ...]]:
     """Return the session that was kept for files; or why it is not used, where there is one."""
     if not kept.is_file():
-        return None, ()
+        return None, _left_beside(kept, files[0])
     try:
         held = kept.read_bytes()
-        document = RecipeDocument(text_of_session(held)[0], kept.parent, _name(files[0]))
+        text = text_of_session(held)[0]
+        document = RecipeDocument(text, files[0].parent, _name(files[0]), places.admits)
         document = _with_input(document, given)
-        names = [kept.parent / n for n in document.recipe.input.get("files") or ()]
+        names = [files[0].parent / n for n in document.recipe.input.get("files") or ()]
         if {f.resolve() for f in names} != set(files):
             return None, (
                 f"{kept.name}: the session kept there is of other files, and is not used",
@@ -301,10 +341,10 @@ def _with_input(document: RecipeDocument, given: Mapping[str, Any]) -> RecipeDoc
         return document
     held = tomllib.loads(document.text).get("input", {})
     edits = [Edit(("input", k), held.get(k), v) for k, v in given.items() if held.get(k) != v]
-    made = RecipeDocument(document.text, document.folder, document.name)
+    made = document.anew()
     if edits:
         made.edit(edits)
-    return RecipeDocument(made.text, document.folder, document.name)
+    return made.anew()
 
 
 def read_again(opened: Opened, recipe: Recipe, read: Read | None = None) -> Opened:
@@ -339,7 +379,7 @@ def read_again(opened: Opened, recipe: Recipe, read: Read | None = None) -> Open
     return _stamped(replace(opened, kind=_kind(obj), material=Evaluations(obj)), stamps)
 
 
-def _runs(files: list[Path], given: Mapping[str, Any]) -> Opened:
+def _runs(places: Places, files: list[Path], given: Mapping[str, Any]) -> Opened:
     for file in files:
         if not holds_columns(file):
             raise DataError(
@@ -356,10 +396,11 @@ def _runs(files: list[Path], given: Mapping[str, Any]) -> Opened:
         )
     chosen = {k: v for k, v in given.items() if k in _COLUMNS}
     names, name = [f.name for f in files], _name(files[0])
-    document = RecipeDocument(start_runs_text(names, chosen), folder, name)
+    document = RecipeDocument(start_runs_text(names, chosen), folder, name, places.admits)
     separations = Separations(files)
     feeds = fewest_feeds(separations.runs(document.recipe))  # a wrong column shows now
-    document = RecipeDocument(start_runs_text(names, chosen, feeds), folder, name)
+    text = start_runs_text(names, chosen, feeds)
+    document = RecipeDocument(text, folder, name, places.admits)
     said = () if feeds > 1 else (ONE_FEED,)
     return Opened("runs", tuple(files), files[0], document, separations, said)
 
@@ -369,16 +410,17 @@ def _of_recipe(
 ) -> Opened:
     """Open a recipe: as it was left, unless it was changed by other hands since."""
     try:
-        content = file.read_bytes()
+        content = read_plain(file, RECIPE_BYTES)
         text = _decoded(content)
     except (OSError, UnicodeDecodeError) as exc:
         raise RecipeError(f"{file.name}: the recipe cannot be read ({exc})") from None
     base = hashlib.sha256(content).hexdigest()
-    kept = autosave_path(file)
-    left = _Left(RecipeDocument(text, file.parent, file.name))
+    kept = _kept(places, file)
+    left = _Left(RecipeDocument(text, file.parent, file.name, places.admits))
     if kept.is_file():
         left = _left(kept, file, left.document, base)
-    document, messages = _with_input(left.document, given), left.messages
+    document = _with_input(left.document, given)
+    messages = left.messages if kept.is_file() else _left_beside(kept, file)
     recipe = document.recipe
     found: list[Path] = []
     if not recipe.reads_nothing:
@@ -415,7 +457,7 @@ def _left(kept: Path, file: Path, document: RecipeDocument, base: str) -> _Left:
     try:
         held = kept.read_bytes()
         text, of = text_of_session(held)
-        left = RecipeDocument(text, file.parent, file.name)
+        left = RecipeDocument(text, file.parent, file.name, document.admits)
         changed = of != base if of else kept.stat().st_mtime_ns < file.stat().st_mtime_ns
     except (OSError, UnicodeDecodeError, RecipeError) as exc:
         said = f"{kept.name}: the session kept there is not used ({exc})"

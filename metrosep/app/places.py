@@ -159,6 +159,21 @@ class Places:
         found = Path(os.path.realpath(self.roots[0] / path))
         return found if any(found.is_relative_to(root) for root in self.roots) else None
 
+    def admits(self, path: Path) -> bool:
+        """Return whether a path that a recipe names lies inside the opened folders.
+
+        Parameters
+        ----------
+        path : Path
+            Links are followed.
+
+        Returns
+        -------
+        bool
+            It need not exist.
+        """
+        return self.inside(str(Path.cwd() / path)) is not None
+
     def _words(self) -> str:
         return ", ".join(map(str, self.roots)) or "none"
 

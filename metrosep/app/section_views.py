@@ -22,10 +22,16 @@ from metrosep.core.surface import Surface
 __all__ = ["SectionView", "section_profile", "section_view"]
 
 FloatArray = NDArray[np.float64]
-Reading = Literal["bilinear", "nearest"]
+Reading = Literal["lanczos", "bilinear", "nearest"]
 
 _ON_PIXEL = 1e-8
 """Part of a pixel below which a point lies on the pixel's centre line."""
+
+_REACH = np.arange(-3, 5)
+"""Neighbours on each axis of a point between pixel 0 and pixel 1: eight."""
+
+_AT_ONCE = 20_000
+"""Samples whose neighbours are held at a time: 10 MB."""
 
 _MOST_SAMPLES = 10_000_000
 """Largest number of samples of a section; a line that needs more is a slip of the unit."""
@@ -52,7 +58,7 @@ class SectionView:
     n_samples : int
         Samples that were read.
     method : str
-        ``"bilinear"`` or ``"nearest"``.
+        ``"lanczos"``, ``"bilinear"`` or ``"nearest"``.
     unit : str
         Of distance and length: ``"m"``, or ``"px"`` for a map without lateral calibration.
     """
@@ -75,7 +81,7 @@ def section_view(
     b: Sequence[float],
     *,
     columns: int = 1000,
-    method: Reading = "bilinear",
+    method: Reading = "lanczos",
 ) -> SectionView:
     """Return a section for the screen.
 
@@ -88,7 +94,7 @@ def section_view(
         where the map is not calibrated.
     columns : int, optional
         Pixel columns of the screen, >= 1. Fewer come back where there are fewer samples.
-    method : {"bilinear", "nearest"}, optional
+    method : {"lanczos", "bilinear", "nearest"}, optional
         How heights between pixels are read, see `section_profile`.
 
     Returns
@@ -111,7 +117,7 @@ def section_view(
     wide: Any = columns
     if isinstance(wide, bool) or not isinstance(wide, int | np.integer) or wide < 1:
         raise DataError(f"columns must be a whole number from 1, got {columns!r}")
-    distance, z, length = _read(surface, a, b, method)
+    distance, z, length, _ = _read(surface, a, b, method)
     n = z.size
     wide = min(n, int(wide))
     first = np.arange(wide) * n // wide
@@ -136,7 +142,7 @@ def section_profile(
     a: Sequence[float],
     b: Sequence[float],
     *,
-    method: Reading = "bilinear",
+    method: Reading = "lanczos",
 ) -> Profile:
     """Return the heights of a map along the line from a to b.
 
@@ -146,10 +152,11 @@ def section_profile(
         The map.
     a, b : sequence of 2 floats, m
         Ends (x, y). Pixels from the first one where the map is not calibrated.
-    method : {"bilinear", "nearest"}, optional
-        ``"bilinear"``: from the four neighbours; NaN unless all of those that carry weight are
-        valid, and beyond the centres of the outermost pixels. ``"nearest"``: the pixel in which
-        the point lies, up to the rim.
+    method : {"lanczos", "bilinear", "nearest"}, optional
+        ``"lanczos"``: from 8 x 8 pixels; bilinear where one of them is missing. ``"bilinear"``:
+        from the four neighbours; NaN unless all of those that carry weight are valid, and beyond
+        the centres of the outermost pixels. ``"nearest"``: the pixel in which the point lies, up
+        to the rim.
 
     Returns
     -------
@@ -165,9 +172,12 @@ def section_profile(
 
     Notes
     -----
-    Bilinear reading averages: of uncorrelated noise on the pixels it leaves two thirds of the RMS
-    on a slanting line, all of it along a row. `nearest` keeps it, and repeats pixels. Neither
-    fills a gap.
+    On a slanting line ``"lanczos"`` (a plane with twist through the 64 pixels, and what it leaves by
+    a windowed sinc) keeps the RMS of waves from 3 pixels on within 1 %. ``"bilinear"`` averages, and
+    keeps 84 % at 4.3 pixels, two thirds of noise: prefer it on steps, where the other overshoots by
+    a tenth of their height. ``"nearest"`` keeps the RMS, and repeats pixels. None
+    fills a gap. Along pixel centres each gives the pixels themselves. The history says which
+    share was read bilinearly.
 
     Examples
     --------
@@ -175,16 +185,17 @@ def section_profile(
     >>> section_profile(plane, (0, 0), (0.6, 0.8)).z.round(12).tolist()
     [0.0, 2.2]
     """
-    distance, z, _ = _read(surface, a, b, method)
+    distance, z, _, share = _read(surface, a, b, method)
     unit = "m" if _is_calibrated(surface) else "px"
     ends = {f"from_{unit}": [float(v) for v in a], f"to_{unit}": [float(v) for v in b]}
-    step = Step("section", {**ends, "reading": method})
+    step = Step("section", {**ends, "reading": method, "bilinear_share": share})
     return Profile(distance, z, metadata=surface.metadata, history=(*surface.history, step))
 
 
 def _read(
     surface: Surface, a: Sequence[float], b: Sequence[float], method: str
-) -> tuple[FloatArray, FloatArray, float]:
+) -> tuple[FloatArray, FloatArray, float, float]:
+    """Return distances, heights, length, and the share of heights that were read bilinearly."""
     if not isinstance(surface, Surface):
         raise DataError(f"a section is cut through a Surface, got {type(surface).__name__}")
     (ax, ay), (bx, by) = _point(a, "a"), _point(b, "b")
@@ -202,13 +213,16 @@ def _read(
     part = np.linspace(0.0, 1.0, n)
     column = (ax - x0) / dx + part * ((bx - ax) / dx)
     row = (ay - y0) / dy + part * ((by - ay) / dy)
-    if method == "bilinear":
+    share = 1.0 if method == "bilinear" else 0.0
+    if method in ("lanczos", "bilinear"):
         z = _bilinear(surface.z, row, column)
+        if method == "lanczos":
+            share = _refined(surface.z, row, column, z)
     elif method == "nearest":
         z = _nearest(surface.z, row, column)
     else:
-        raise DataError(f'method must be "bilinear" or "nearest", got {method!r}')
-    return part * length, z, length
+        raise DataError(f'method must be "lanczos", "bilinear" or "nearest", got {method!r}')
+    return part * length, z, length, share
 
 
 def _point(point: Sequence[float], name: str) -> tuple[float, float]:
@@ -236,6 +250,45 @@ def _bilinear(z: FloatArray, row: FloatArray, column: FloatArray) -> FloatArray:
             height = _at(z, i[carries] + di, j[carries] + dj)
             total[carries] += weight[carries] * height
     return total
+
+
+def _refined(z: FloatArray, row: FloatArray, column: FloatArray, heights: FloatArray) -> float:
+    """Put better heights in place of bilinear ones; return the share that had no 64 neighbours."""
+    (i, v), (j, u) = _split(row), _split(column)
+    between = ~np.isnan(heights) & ((u > 0.0) | (v > 0.0))
+    low, high = _REACH[0], _REACH[-1]
+    inside = (i + low >= 0) & (i + high < z.shape[0]) & (j + low >= 0) & (j + high < z.shape[1])
+    which = np.flatnonzero(between & inside)
+    done = 0
+    for k in np.array_split(which, max(1, -(-which.size // _AT_ONCE))):
+        patch = z[i[k, None, None] + _REACH[:, None], j[k, None, None] + _REACH]
+        whole = ~np.isnan(patch).any(axis=(1, 2))
+        some, patch = k[whole], patch[whole]
+        heights[some] = _lanczos(patch, v[some], u[some])
+        done += some.size
+    n = int(np.count_nonzero(between))
+    return (n - done) / n if n else 0.0
+
+
+def _lanczos(patch: FloatArray, v: FloatArray, u: FloatArray) -> FloatArray:
+    """Return heights within 8 x 8 pixels: of their fitted plane, and by Lanczos-4 of what it leaves."""
+    # p = m + r y + c x + s x y about the middle; weights a, b with sum 1 of rows and columns:
+    # z(v, u) = sum a b (z - p) + p(v, u), and m drops out
+    t = _REACH.astype(np.float64) - 0.5
+    y, x = v - 0.5, u - 0.5
+    a, b = (w / w.sum(axis=1, keepdims=True) for w in (_sinc4(y, t), _sinc4(x, t)))
+    squares = float(t @ t)
+    r = np.einsum("nij,i->n", patch, t) / (t.size * squares)
+    c = np.einsum("nij,j->n", patch, t) / (t.size * squares)
+    s = np.einsum("nij,i,j->n", patch, t, t) / squares**2
+    weighted = np.einsum("nij,ni,nj->n", patch, a, b)
+    ya, xb = a @ t, b @ t
+    return np.asarray(weighted + r * (y - ya) + c * (x - xb) + s * (y * x - ya * xb))
+
+
+def _sinc4(place: FloatArray, t: FloatArray) -> FloatArray:
+    d = place[:, None] - t
+    return np.asarray(np.sinc(d) * np.sinc(d / 4.0))
 
 
 def _split(index: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:

@@ -164,7 +164,7 @@ def _with_draft(
     if found:
         at = found[_number(message, len(found))]
         old = _stored(document, at)
-    trial = RecipeDocument(document.text, document.folder, document.name)
+    trial = document.anew()
     try:
         trial.edit([Edit(("output", at), old, dict(draft))])
     except RecipeError as exc:

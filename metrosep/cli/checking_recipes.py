@@ -90,12 +90,13 @@ def check_recipes(
 def _checked(name: str, overrides: Sequence[str]) -> tuple[Recipe | None, list[str]]:
     """Return the recipe, if it can be had, and what is wrong."""
     from metrosep.core.errors import RecipeError
+    from metrosep.core.plain_files import RECIPE_BYTES, read_plain_text
     from metrosep.recipe.overrides import with_overrides
     from metrosep.recipe.recipe import Recipe
 
     target = Path(name)
     try:
-        text = target.read_text(encoding="utf-8")
+        text = read_plain_text(target, RECIPE_BYTES)
     except (OSError, UnicodeDecodeError) as exc:
         reason = getattr(exc, "strerror", None) or exc
         return None, [f"{name}: the recipe cannot be read ({reason})"]

@@ -51,24 +51,22 @@ _LARGEST = 10.0
 _PICTURES = ("TextureImageOffset", "IconOffset")
 
 
-def sniff(head: bytes, name: str) -> Match:
-    """Return how sure we are that bytes begin an Alicona file.
+def sniff(file: RawFile) -> Match:
+    """Return how sure we are that a file is an Alicona file.
 
     Parameters
     ----------
-    head : bytes
-        First bytes of the file.
-    name : str
-        File name; not used.
+    file : RawFile
+        The file.
 
     Returns
     -------
     Match
         YES when the magic text is followed by the tag Version.
     """
-    if not head.startswith(_MAGIC):
+    if not file.head.startswith(_MAGIC):
         return Match.NO
-    first = head[len(_MAGIC) : len(_MAGIC) + 8]
+    first = file.head[len(_MAGIC) : len(_MAGIC) + 8]
     return Match.YES if first == b"Version\0" else Match.MAYBE
 
 

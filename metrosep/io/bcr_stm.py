@@ -53,22 +53,20 @@ class _Header(NamedTuple):
     is_float: bool
 
 
-def sniff(head: bytes, name: str) -> Match:
-    """Return how sure we are that bytes begin a BCR-STM file.
+def sniff(file: RawFile) -> Match:
+    """Return how sure we are that a file is a BCR-STM file.
 
     Parameters
     ----------
-    head : bytes
-        First bytes of the file.
-    name : str
-        File name; not used.
+    file : RawFile
+        The file.
 
     Returns
     -------
     Match
         YES when the first line is the one of the format, in either encoding.
     """
-    return Match.NO if _encoding(head) is None else Match.YES
+    return Match.NO if _encoding(file.head) is None else Match.YES
 
 
 def _encoding(head: bytes) -> tuple[str, int] | None:

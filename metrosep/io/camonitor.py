@@ -16,7 +16,7 @@ import numpy as np
 from metrosep.core.errors import CorruptFileError, FormatMismatchError
 from metrosep.core.recording import Recording
 from metrosep.io.dialect import MISSING, is_number
-from metrosep.io.logger import Channels, head_lines, text_lines, to_number
+from metrosep.io.logger import Channels, first_lines, text_lines, to_number
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, refuse_options
 
@@ -32,26 +32,30 @@ _ALARM = re.compile(r"(?:^|\s)([A-Z_]+) (MINOR|MAJOR|INVALID|NO_ALARM)$")
 _SNIFFED = 20
 
 
-def sniff(head: bytes, name: str) -> Match:
-    """Return how sure we are that bytes begin the output of camonitor.
+def sniff(file: RawFile) -> Match:
+    """Return how sure we are that a file is the output of camonitor.
 
     Parameters
     ----------
-    head : bytes
-        First bytes of the file.
-    name : str
-        File name; not used.
+    file : RawFile
+        The file.
 
     Returns
     -------
     Match
-        YES when the first lines are a name, a date, a time and a value.
+        YES when the first lines are a name, a date, a time and a value, or silent variables.
     """
-    lines = [line.strip() for line in head_lines(head)]
-    lines = [line for line in (lines[:-1] or lines) if line][:_SNIFFED]
-    matches = [_LINE.fullmatch(line) for line in lines]
-    whole = all(m or _SILENT.fullmatch(line) for m, line in zip(matches, lines, strict=True))
-    return Match.YES if whole and any(m and m.group(5) for m in matches) else Match.NO
+    rest = (text for line in first_lines(file) if (text := line.strip()))
+    found = False
+    for number, text in enumerate(rest, start=1):
+        match = _LINE.fullmatch(text)
+        if match is None and _SILENT.fullmatch(text) is None:
+            found &= next(rest, None) is None  # only the last line may have been cut off
+            break
+        found |= match is not None and bool(match.group(5))
+        if found and number >= _SNIFFED:
+            break
+    return Match.YES if found else Match.NO
 
 
 def channels(file: RawFile) -> tuple[str, ...]:

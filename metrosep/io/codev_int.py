@@ -8,6 +8,7 @@ guessed. The format has no lateral step. See ``data_formats/codev-int/SPEC.md``.
 
 from __future__ import annotations
 
+import itertools
 import re
 from typing import Any, NamedTuple
 
@@ -17,7 +18,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, FormatMismatchError, UnsupportedFeatureError
 from metrosep.core.surface import Surface
 from metrosep.io.binary import check_area
-from metrosep.io.logger import head_lines
+from metrosep.io.logger import first_lines
 from metrosep.io.maps import (
     height_only as channels,
     make_surface,
@@ -30,6 +31,7 @@ from metrosep.io.source import RawFile, lateral_steps, refuse_options
 
 __all__ = ["channels", "read", "sniff"]
 
+_LINE_END = re.compile(rb"\r\r\n|\r\n|\r|\n")
 FORMAT = "codev-int"
 _HEADER = re.compile(r"\s*(GRD\s+\S+\s+\S+|ZRN\s+\S+)\s(?=.*\bSSZ\b)", re.IGNORECASE)
 _COMMENT = re.compile(rb"^[ \t]*!.*$", re.MULTILINE)
@@ -48,23 +50,20 @@ class _Header(NamedTuple):
     start: int
 
 
-def sniff(head: bytes, name: str) -> Match:
-    """Return how sure we are that bytes begin a Code V interferogram.
+def sniff(file: RawFile) -> Match:
+    """Return how sure we are that a file is a Code V interferogram.
 
     Parameters
     ----------
-    head : bytes
-        First bytes of the file.
-    name : str
-        File name; not used.
+    file : RawFile
+        The file.
 
     Returns
     -------
     Match
         YES when the line below comments and title declares a grid (or coefficients) and its scale.
     """
-    lines = [t for t in head_lines(head[:16384]) if not t.lstrip().startswith("!")]
-    return Match.YES if len(lines) > 1 and _HEADER.match(lines[1]) else Match.NO
+    return Match.NO if _top(file)[-1] is None else Match.YES
 
 
 def read(
@@ -142,27 +141,30 @@ def read(
 
 def _header(file: RawFile) -> _Header:
     """Return the header: comments, the title, and the line of keywords."""
+    comments, title, text, number = _top(file)
+    if number is None:
+        raise FormatMismatchError(
+            f"{file.path}: is not a Code V interferogram: expected 'GRD nx ny SUR WVL ... SSZ ...' below "
+            f"the title, found {text[:40]!r}; leave out format= to have it recognised"
+        )
+    ends = (m.end() for m in _LINE_END.finditer(file.data))
+    start = next(itertools.islice(ends, number - 1, None), file.size)
+    return _Header(title, comments, _keywords(file, text, number), number, start)
+
+
+def _top(file: RawFile) -> tuple[list[str], str, str, int | None]:
+    """Return comments, title, the line below it, and its number if it is a line of keywords."""
     comments: list[str] = []
     others: list[str] = []
-    start = 0
-    for number in range(1, 1000):
-        end = file.head.find(b"\n", start)
-        if end < 0:
-            break
-        text = file.head[start:end].decode("latin-1").strip()
-        start = end + 1
+    for number, line in enumerate(first_lines(file), start=1):
+        text = line.strip()
         if text.startswith("!"):
             comments.append(text[1:].strip())
             continue
         others.append(text)
         if len(others) == 2:
-            if not _HEADER.match(text):
-                break
-            return _Header(others[0], comments, _keywords(file, text, number), number, start)
-    raise FormatMismatchError(
-        f"{file.path}: is not a Code V interferogram: expected 'GRD nx ny SUR WVL ... SSZ ...' below the "
-        f"title, found {(others or [''])[-1][:40]!r}; leave out format= to have it recognised"
-    )
+            return comments, others[0], text, number if _HEADER.match(text) else None
+    return comments, "", (others or [""])[-1], None
 
 
 def _keywords(file: RawFile, text: str, line: int) -> dict[str, str]:

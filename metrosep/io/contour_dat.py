@@ -6,6 +6,7 @@ count). Positions usually fall; they are turned. See ``data_formats/contour-dat/
 
 from __future__ import annotations
 
+import itertools
 import re
 from typing import Any
 
@@ -15,7 +16,7 @@ from metrosep.core.errors import CorruptFileError, FormatMismatchError, UnitErro
 from metrosep.core.profile import Profile
 from metrosep.core.units import Unit, parse_unit
 from metrosep.io.dialect import is_number
-from metrosep.io.logger import head_lines, text_lines, to_number
+from metrosep.io.logger import first_lines, text_lines, to_number
 from metrosep.io.maps import (
     height_only as channels,
     make_profile,
@@ -31,15 +32,13 @@ _WORD = re.compile(r"\s*([A-Za-zµμ]+)\s*")
 _COUNT = re.compile(r"\s*(\d{1,10})\s*")
 
 
-def sniff(head: bytes, name: str) -> Match:
-    """Return how sure we are that bytes begin a contour file.
+def sniff(file: RawFile) -> Match:
+    """Return how sure we are that a file is a contour file.
 
     Parameters
     ----------
-    head : bytes
-        First bytes of the file.
-    name : str
-        File name; not used.
+    file : RawFile
+        The file.
 
     Returns
     -------
@@ -47,7 +46,7 @@ def sniff(head: bytes, name: str) -> Match:
         YES for a unit of length, a count and a row of two numbers of fixed width, each on a line of
         its own. Without the blanks of fixed width it is a plain table (format ``delimited``).
     """
-    lines = head_lines(head)[:3]
+    lines = list(itertools.islice(first_lines(file), 3))
     if len(lines) < 3 or _unit(lines[0]) is None or not _COUNT.fullmatch(lines[1]):
         return Match.NO
     fields = lines[2].split(",")
@@ -86,7 +85,7 @@ def read(
     refuse_options(file, "a contour with its own unit", unit=unit)
     only_channels(file, "contour", channel)
     override = lateral_steps(lateral_step)
-    if sniff(file.head, file.name) is Match.NO:
+    if sniff(file) is Match.NO:
         raise FormatMismatchError(
             f"{file.path}: is no contour file: expected a unit such as mm in line 1, a count in line 2 "
             "and 'x, z' in line 3; leave out format= to have it recognised"

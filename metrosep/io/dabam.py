@@ -26,7 +26,7 @@ from metrosep.core.errors import (
 )
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
-from metrosep.io.logger import text_lines
+from metrosep.io.logger import first_lines, text_lines
 from metrosep.io.maps import make_profile, only_channels
 from metrosep.io.registry import Match
 from metrosep.io.sidecar import also_read, beside, number_rows
@@ -35,7 +35,7 @@ from metrosep.io.source import RawFile, lateral_steps, refuse_options
 __all__ = ["channels", "read", "sniff"]
 
 FORMAT = "dabam"
-_MARKS = (b'"FILE_FORMAT"', b'"X1_FACTOR"', b'"FILE_HEADER_LINES"')
+_MARKS = ('"FILE_FORMAT"', '"X1_FACTOR"', '"FILE_HEADER_LINES"')
 _SUFFIXES = (".dat", ".DAT")
 _MAX_JSON = 2**20
 _MAX_COLUMNS = 1000
@@ -48,23 +48,24 @@ _WORDS = (
 """How titles name the quantity of a further column; the files write "Heigth" as well."""
 
 
-def sniff(head: bytes, name: str) -> Match:
-    """Return how sure we are that bytes begin the JSON of a DABAM profile.
+def sniff(file: RawFile) -> Match:
+    """Return how sure we are that a file is the JSON of a DABAM profile.
 
     Parameters
     ----------
-    head : bytes
-        First bytes of the file.
-    name : str
-        File name; not used.
+    file : RawFile
+        The file.
 
     Returns
     -------
     Match
         YES for JSON with the three keys that say how to read the columns.
     """
-    text = head.removeprefix(b"\xef\xbb\xbf").lstrip()
-    return Match.YES if text[:1] == b"{" and all(m in text for m in _MARKS) else Match.NO
+    top = next((line for line in first_lines(file) if line.strip()), "")
+    if not top.lstrip().startswith("{") or file.size > _MAX_JSON:
+        return Match.NO
+    text = "\n".join(first_lines(file))
+    return Match.YES if all(m in text for m in _MARKS) else Match.NO
 
 
 def channels(file: RawFile) -> tuple[str, ...]:
@@ -164,14 +165,10 @@ def read(
 
 def _header(file: RawFile) -> dict[str, Any]:
     """Return the JSON, refused unless the keys that say how to read the columns are usable."""
-    if sniff(file.head, file.name) is Match.NO:
+    if sniff(file) is Match.NO:
         raise FormatMismatchError(
             f"{file.path}: is no DABAM description: expected JSON with FILE_FORMAT, FILE_HEADER_LINES "
             "and X1_FACTOR; pass the .txt of the entry, not its .dat"
-        )
-    if file.size > _MAX_JSON:
-        raise UnsupportedFeatureError(
-            f"{file.path}: a DABAM description is at most {_MAX_JSON} bytes"
         )
     try:
         header = json.loads("\n".join(text_lines(file)))

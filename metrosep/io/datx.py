@@ -14,7 +14,7 @@ from typing import Any
 from metrosep.core.errors import CorruptFileError, UnsupportedFeatureError
 from metrosep.core.surface import Surface
 from metrosep.io.binary import check_area, check_scale
-from metrosep.io.hdf5_file import Hdf5File, has_names, open_hdf5
+from metrosep.io.hdf5_file import Hdf5File, look_into, open_hdf5
 from metrosep.io.maps import lateral_or_none, make_surface, only_channels, scaled
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, lateral_steps, refuse_options
@@ -32,23 +32,21 @@ _SAME_STEP = 1e-3
 """Largest relative difference of the two places where the file states its step."""
 
 
-def sniff(head: bytes, name: str) -> Match:
-    """Return how sure we are that bytes begin an Mx file.
+def sniff(file: RawFile) -> Match:
+    """Return how sure we are that a file is an Mx file.
 
     Parameters
     ----------
-    head : bytes
-        First bytes of the file.
-    name : str
-        File name; not used.
+    file : RawFile
+        The file.
 
     Returns
     -------
     Match
-        YES for HDF5 with the names of the graph, the attributes and a surface.
+        YES for HDF5 with a graph or attributes, and a surface that they or its place name.
     """
-    known = has_names(head, b"MetaData", b"Attributes", b"Surface")
-    return Match.YES if known else Match.NO
+    handle = look_into(file)
+    return Match.YES if handle is not None and any(_paths(handle)) else Match.NO
 
 
 def channels(file: RawFile) -> tuple[str, ...]:
@@ -150,8 +148,7 @@ def read(
 
 def _surfaces(file: RawFile, handle: Hdf5File, warnings: list[str]) -> dict[str, str]:
     """Return channel name to path of each map; those that the graph leads to come first."""
-    linked = [p for p in _linked(handle) if p in handle.datasets]
-    others = sorted(p for p in handle.datasets if p.startswith(_SURFACES) and p not in linked)
+    linked, others = _paths(handle)
     paths = [*linked, *others]
     if not paths:
         raise CorruptFileError(file.path, "holds no surface", expected=f"{_SURFACES}{{...}}")
@@ -163,6 +160,16 @@ def _surfaces(file: RawFile, handle: Hdf5File, warnings: list[str]) -> dict[str,
             "identifiers: name one with channel="
         )
     return {path.rsplit("/", 1)[-1]: path for path in paths}
+
+
+def _paths(handle: Hdf5File) -> tuple[list[str], list[str]]:
+    """Return the maps that the graph leads to, and the others; none where the file is not of Mx."""
+    if "/MetaData" not in handle and "/Attributes" not in handle:
+        return [], []
+    linked = [p for p in _linked(handle) if p in handle.datasets]
+    return linked, sorted(
+        p for p in handle.datasets if p.startswith(_SURFACES) and p not in linked
+    )
 
 
 def _linked(handle: Hdf5File) -> list[str]:

@@ -7,6 +7,7 @@ for "not measured". No unit is ever guessed. See ``data_formats/delimited/SPEC.m
 
 from __future__ import annotations
 
+import itertools
 import re
 from typing import Any
 
@@ -15,8 +16,8 @@ from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
 from metrosep.io.dialect import body_start, decode, detect, is_comment, unmeasured_rows
+from metrosep.io.logger import first_lines
 from metrosep.io.measurement import measurement
-from metrosep.io.own_notes import is_marked
 from metrosep.io.registry import Match
 from metrosep.io.select import ColumnSpec
 from metrosep.io.source import HEAD_BYTES, RawFile
@@ -30,15 +31,13 @@ _MAX_TITLES = 5
 """Lines above a table with which a short text still counts as one."""
 
 
-def sniff(head: bytes, name: str) -> Match:
-    """Return how sure we are that bytes begin a table of numbers.
+def sniff(file: RawFile) -> Match:
+    """Return how sure we are that a file is a table of numbers.
 
     Parameters
     ----------
-    head : bytes
-        First bytes of the file.
-    name : str
-        File name, for messages only.
+    file : RawFile
+        The file.
 
     Returns
     -------
@@ -47,21 +46,22 @@ def sniff(head: bytes, name: str) -> Match:
         ambiguous, so that `read` can say why), else NO; plain numbers are never YES.
     """
     try:
-        text, _ = decode(head, name)
+        text, _ = decode(file.head, file.name)
     except ReadError:
         return Match.NO
     every = text.split("\n")
     lines = [line for line in every if line.strip() and not is_comment(line)]
-    if not lines and any(is_marked(line.lstrip('# "')) for line in every):
-        return Match.MAYBE  # a table that metrosep wrote, under a history as long as the head
-    if len(head) == HEAD_BYTES:
+    if len(file.head) == HEAD_BYTES:
         lines = lines[:-1]
+    if not lines:  # comments as long as the head, such as a history that metrosep wrote
+        rest = (s for s in first_lines(file) if s.strip() and not is_comment(s))
+        lines = list(itertools.islice(rest, 300))
     above = unmeasured_rows(lines)
     if above > 1 and above == len(lines):
         return Match.MAYBE  # a map whose first rows were not measured
     sample = lines[: above + 300]
     try:
-        start = body_start(sample, detect(sample, name))
+        start = body_start(sample, detect(sample, file.name))
     except ReadError:
         return _mostly_digits(sample)
     n_rows = len(sample) - start

@@ -40,24 +40,22 @@ _PROFILES, _SURFACES = (1, 4), (2, 5, 8)
 _OTHERS = {3: "a binary image", 10: "an intensity image", 12: "a colour image", 20: "a spectrum"}
 
 
-def sniff(head: bytes, name: str) -> Match:
-    """Return how sure we are that bytes begin a Digital Surf file.
+def sniff(file: RawFile) -> Match:
+    """Return how sure we are that a file is a Digital Surf file.
 
     Parameters
     ----------
-    head : bytes
-        First bytes of the file.
-    name : str
-        File name; not used.
+    file : RawFile
+        The file.
 
     Returns
     -------
     Match
         YES when the signature is followed by a format number that exists, MAYBE otherwise.
     """
-    if head[:12] not in SIGNATURES:
+    if file.head[:12] not in SIGNATURES:
         return Match.NO
-    return Match.YES if head[12:14] in (b"\0\0", b"\x01\x01") else Match.MAYBE
+    return Match.YES if file.head[12:14] in (b"\0\0", b"\x01\x01") else Match.MAYBE
 
 
 def channels(file: RawFile) -> tuple[str, ...]:

@@ -7,7 +7,6 @@ See ``data_formats/etalon/SPEC.md``.
 
 from __future__ import annotations
 
-import itertools
 import re
 from dataclasses import dataclass
 from typing import Any
@@ -18,7 +17,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, FormatMismatchError, UnsupportedFeatureError
 from metrosep.core.profile import Profile
 from metrosep.core.units import parse_unit
-from metrosep.io.logger import head_lines, text_lines, to_number
+from metrosep.io.logger import first_lines, text_lines, to_number
 from metrosep.io.maps import make_profile
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, refuse_options
@@ -28,7 +27,7 @@ __all__ = ["Term", "channels", "read", "read_terms", "sniff"]
 FORMAT = "etalon"
 _SECTION = re.compile(r"\[\s*(E[XYZABC][XYZABCUVW]|[XYZABC]0[XYZABCUVW])\s*\]")
 _ANY_SECTION = re.compile(r"\[\s*([^\[\]]{1,40}?)\s*\]")
-_KEY = re.compile(r"([A-Za-z_][\w .]*?)\s*=\s*(.*)")
+_KEY = re.compile(r"([A-Za-z_](?:[\w.]|[ \t]++(?=[\w.]))*+)\s*+=\s*+(.*)")
 _TABLE, _VALUE = "gridpoints", "value"
 _LENGTH, _ANGLE = "XYZ", "ABC"
 _UNITS = {"length": ("mm", "m"), "angle": ("rad", "rad")}
@@ -64,25 +63,27 @@ class Term:
         return bool(self.positions.size) and self.position_unit == self.error_unit == "m"
 
 
-def sniff(head: bytes, name: str) -> Match:
-    """Return how sure we are that bytes begin a file in the Etalon exchange format.
+def sniff(file: RawFile) -> Match:
+    """Return how sure we are that a file is a file in the Etalon exchange format.
 
     Parameters
     ----------
-    head : bytes
-        First bytes of the file.
-    name : str
-        File name; not used.
+    file : RawFile
+        The file.
 
     Returns
     -------
     Match
         YES when the name of an error term in brackets is followed by its table or value.
     """
-    lines = [text for line in head_lines(head) if (text := _content(line))]
-    for line, following in itertools.pairwise(lines):
-        key = _KEY.fullmatch(following)
-        if _SECTION.fullmatch(line) and key and key.group(1).lower() in (_TABLE, _VALUE):
+    section = ""
+    for text in filter(None, map(_content, first_lines(file))):
+        heading, key = _ANY_SECTION.fullmatch(text), _KEY.fullmatch(text)
+        if heading is not None:
+            section = heading.group(1)
+        elif key is None:
+            break
+        elif _is_term(section, key.group(1)):
             return Match.YES
     return Match.NO
 
@@ -217,6 +218,11 @@ def read_terms(file: RawFile) -> dict[str, Term]:
     return terms
 
 
+def _is_term(section: str, key: str) -> bool:
+    """Return whether a key holds the table or the value of an error term."""
+    return _SECTION.fullmatch(f"[{section}]") is not None and key.lower() in (_TABLE, _VALUE)
+
+
 def _content(line: str) -> str:
     return line.split("//", 1)[0].strip()
 
@@ -239,10 +245,7 @@ def _sections(file: RawFile) -> tuple[dict[str, list[list[float]]], dict[str, st
             section = heading.group(1)
         elif key is None:
             raise _bad(file, number, text, "a section, a key or a row of a table")
-        elif not _SECTION.fullmatch(f"[{section}]") or key.group(1).lower() not in (
-            _TABLE,
-            _VALUE,
-        ):
+        elif not _is_term(section, key.group(1)):
             others[f"{section}.{key.group(1)}"] = key.group(2)
         elif section in tables:
             raise _bad(file, number, text, f"one table for {section}")

@@ -1,8 +1,8 @@
 """4D Technology 4Sight ``.h5``/``.4D``: maps of an interferometer in HDF5, one or several per file.
 
 Height in m is ``data * wavelength * wedge``: data are waves, `wedge` is 0.5 where a wave of path is
-half a wave of surface. 3.4e38 (the largest float32) is not measured. The order of the rows is not
-described anywhere; they are taken as a camera image, top row first, and the metadata says so.
+half a wave of surface. 3.4e38 (the largest float32) is not measured. The top row of the camera image
+comes first: maps of one part that was turned in the instrument fit together so, and not mirrored.
 Layout and sources are in ``data_formats/fourd/SPEC.md``.
 """
 
@@ -15,7 +15,7 @@ from metrosep.core.errors import CorruptFileError, UnitError, UnsupportedFeature
 from metrosep.core.surface import Surface
 from metrosep.core.units import parse_quantity
 from metrosep.io.binary import check_area, check_scale
-from metrosep.io.hdf5_file import Hdf5File, has_names, open_hdf5
+from metrosep.io.hdf5_file import Hdf5File, look_into, open_hdf5
 from metrosep.io.maps import lateral_or_none, make_surface, only_channels, scaled
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, lateral_steps, refuse_options
@@ -36,22 +36,21 @@ _DEFAULT_RTOL = 2e-3
 """The default is written with three to six digits."""
 
 
-def sniff(head: bytes, name: str) -> Match:
-    """Return how sure we are that bytes begin a 4Sight file.
+def sniff(file: RawFile) -> Match:
+    """Return how sure we are that a file is a 4Sight file.
 
     Parameters
     ----------
-    head : bytes
-        First bytes of the file.
-    name : str
-        File name; not used.
+    file : RawFile
+        The file.
 
     Returns
     -------
     Match
-        YES for HDF5 with the names of a measurement and its raw map.
+        YES for HDF5 with the raw map of a measurement.
     """
-    return Match.YES if has_names(head, b"measurement", b"genraw") else Match.NO
+    handle = look_into(file)
+    return Match.YES if handle is not None and _found(handle) else Match.NO
 
 
 def channels(file: RawFile) -> tuple[str, ...]:
@@ -141,18 +140,23 @@ def read(
         wavelength_m=wavelength,
         wedge=wedge,
         height_per_wave_m=wavelength * wedge,
-        row_order_is_assumed=True,
+        orientation_evidence="rotation",
     )
 
 
 def _measurements(file: RawFile, handle: Hdf5File) -> tuple[str, ...]:
-    found = (_DATA.fullmatch(d) for d in handle.datasets)
-    numbered = sorted((int(m[2]), m[1]) for m in found if m)
-    if not numbered:
+    names = _found(handle)
+    if not names:
         raise CorruptFileError(
             file.path, "holds no map of 4Sight", expected="/measurement0/genraw/data"
         )
-    return tuple(name for _, name in numbered)
+    return names
+
+
+def _found(handle: Hdf5File) -> tuple[str, ...]:
+    """Return the measurements that have a raw map, by number."""
+    matches = (_DATA.fullmatch(d) for d in handle.datasets)
+    return tuple(name for _, name in sorted((int(m[2]), m[1]) for m in matches if m))
 
 
 def _header(handle: Hdf5File, name: str) -> dict[str, Any]:

@@ -38,24 +38,22 @@ _FIELD = "GwyDataField"
 _AXES = ("xy", "z")
 
 
-def sniff(head: bytes, name: str) -> Match:
-    """Return how sure we are that bytes begin a Gwyddion file.
+def sniff(file: RawFile) -> Match:
+    """Return how sure we are that a file is a Gwyddion file.
 
     Parameters
     ----------
-    head : bytes
-        First bytes of the file.
-    name : str
-        File name; not used.
+    file : RawFile
+        The file.
 
     Returns
     -------
     Match
         YES for the magic and a container, MAYBE for the magic alone.
     """
-    if not head.startswith(_MAGIC):
+    if not file.head.startswith(_MAGIC):
         return Match.NO
-    return Match.YES if head[4:].startswith(_CONTAINER.encode() + b"\0") else Match.MAYBE
+    return Match.YES if file.head[4:].startswith(_CONTAINER.encode() + b"\0") else Match.MAYBE
 
 
 def channels(file: RawFile) -> tuple[str, ...]:

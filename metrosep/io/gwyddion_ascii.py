@@ -7,6 +7,7 @@ See ``data_formats/gwyddion-ascii/SPEC.md``.
 
 from __future__ import annotations
 
+import itertools
 import re
 from typing import Any
 
@@ -17,7 +18,7 @@ from metrosep.core.errors import CorruptFileError, FormatMismatchError, UnitErro
 from metrosep.core.surface import Surface
 from metrosep.core.units import Unit, parse_unit
 from metrosep.io.dialect import MISSING, is_number
-from metrosep.io.logger import head_lines, text_lines, to_number
+from metrosep.io.logger import first_lines, text_lines, to_number
 from metrosep.io.maps import (
     ROW_ORDERS,
     height_only as channels,
@@ -31,28 +32,26 @@ from metrosep.io.source import RawFile, lateral_steps, refuse_options
 __all__ = ["channels", "read", "sniff"]
 
 FORMAT = "gwyddion-ascii"
-_COMMENT = re.compile(r"#\s*([^\W\d_][^\d:]{0,40}?)\s*:\s*(.*?)\s*")
+_COMMENT = re.compile(r"#\s*([^\W\d_][^\d:]{0,40}?)\s*:\s*(.*\S|)\s*")
 _SIZE = re.compile(r"([0-9][0-9.,eE+-]*)\s*(\S{1,10})")
 _UNIT = re.compile(r"\D.{0,20}|")
 _N_HEADER = 4
 
 
-def sniff(head: bytes, name: str) -> Match:
-    """Return how sure we are that bytes begin a Gwyddion ASCII export.
+def sniff(file: RawFile) -> Match:
+    """Return how sure we are that a file is a Gwyddion ASCII export.
 
     Parameters
     ----------
-    head : bytes
-        First bytes of the file.
-    name : str
-        File name; not used.
+    file : RawFile
+        The file.
 
     Returns
     -------
     Match
         YES for four comments of which the second and third are sizes, above a row of numbers.
     """
-    lines = head_lines(head)[: _N_HEADER + 1]
+    lines = list(itertools.islice(first_lines(file), _N_HEADER + 1))
     if len(lines) <= _N_HEADER:
         return Match.NO
     values = [m[2] if (m := _COMMENT.fullmatch(line)) else None for line in lines[:_N_HEADER]]
@@ -96,7 +95,7 @@ def read(
     """
     only_channels(file, "Gwyddion ASCII", channel)
     override = lateral_steps(lateral_step)
-    if sniff(file.head, file.name) is Match.NO:
+    if sniff(file) is Match.NO:
         raise FormatMismatchError(
             f"{file.path}: is no Gwyddion ASCII export: expected four comment lines (channel, width, "
             "height, value units) above the numbers; leave out format= to have it recognised"

@@ -7,6 +7,8 @@ See ``data_formats/halsampler/SPEC.md``.
 
 from __future__ import annotations
 
+import itertools
+import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -16,7 +18,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, FormatMismatchError
 from metrosep.core.recording import Recording
 from metrosep.io.dialect import is_number
-from metrosep.io.logger import Channels, head_lines, text_lines
+from metrosep.io.logger import Channels, first_lines, text_lines
 from metrosep.io.plain_columns import column_names, interval, number_block, scales_of
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, refuse_options
@@ -24,19 +26,18 @@ from metrosep.io.source import RawFile, refuse_options
 __all__ = ["channels", "read", "sniff"]
 
 FORMAT = "halsampler"
+_SNIFFED = 100
 _OVERRUN = "overrun"
 _PIN = "pin"
 
 
-def sniff(head: bytes, name: str) -> Match:
-    """Return how sure we are that bytes begin the output of halsampler.
+def sniff(file: RawFile) -> Match:
+    """Return how sure we are that a file is the output of halsampler.
 
     Parameters
     ----------
-    head : bytes
-        First bytes of the file.
-    name : str
-        File name; not used.
+    file : RawFile
+        The file.
 
     Returns
     -------
@@ -44,12 +45,22 @@ def sniff(head: bytes, name: str) -> Match:
         YES when rows of numbers and a line ``overrun`` are all there is, else NO: any other
         columns of numbers look the same.
     """
-    lines = [text for line in head_lines(head) if (text := line.strip())]
-    rows = [text for text in lines if text != _OVERRUN]
-    if len(rows) in (0, len(lines)):
-        return Match.NO
+    lines = itertools.islice(first_lines(file), _SNIFFED)
+    rows = [text for line in lines if (text := line.strip()) and text != _OVERRUN]
     plain = all(is_number(field, ".") for text in rows for field in text.split())
-    return Match.YES if plain else Match.NO
+    return Match.YES if rows and plain and _lost_samples(file) else Match.NO
+
+
+def _lost_samples(file: RawFile) -> bool:
+    """Return whether a line ``overrun`` stands anywhere; it may be the last of a long recording."""
+    line = re.compile(rb"^\s*" + _OVERRUN.encode() + rb"\s*$", re.MULTILINE)
+    with file.stream() as handle:
+        kept = b""
+        while part := handle.read(2**20):
+            if _OVERRUN.encode() in (both := kept + part) and line.search(both):
+                return True
+            kept = part[-2 * len(_OVERRUN) :]
+    return False
 
 
 def channels(file: RawFile) -> tuple[str, ...]:

@@ -6,7 +6,6 @@ The special formats on HDF5 (4D, Zygo Mx, MATLAB, metrosep's own) have readers o
 
 from __future__ import annotations
 
-import re
 from collections.abc import Container, Mapping
 from typing import Any
 
@@ -20,7 +19,7 @@ from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
 from metrosep.io.arrays import columns_as_object, map_as_surface, unit_of
 from metrosep.io.hdf5_file import Hdf5File, has_magic, open_hdf5
-from metrosep.io.registry import Match
+from metrosep.io.registry import Match, get
 from metrosep.io.select import ColumnSpec
 from metrosep.io.source import RawFile
 
@@ -29,25 +28,22 @@ __all__ = ["channels", "is_number", "physical_values", "read", "sniff"]
 FORMAT = "hdf5"
 
 _FIRST_INVALID = 1e38
-_FOURD = re.compile(r"/measurement\d+/genraw/data")
 
 
-def sniff(head: bytes, name: str) -> Match:
-    """Return how sure we are that bytes begin an HDF5 file.
+def sniff(file: RawFile) -> Match:
+    """Return how sure we are that a file is an HDF5 file.
 
     Parameters
     ----------
-    head : bytes
-        First bytes of the file.
-    name : str
-        File name; not used.
+    file : RawFile
+        The file.
 
     Returns
     -------
     Match
         MAYBE, so that the special formats come first.
     """
-    return Match.MAYBE if has_magic(head) else Match.NO
+    return Match.MAYBE if has_magic(file.head) else Match.NO
 
 
 def channels(file: RawFile) -> tuple[str, ...]:
@@ -117,7 +113,7 @@ def read(
     """
     with open_hdf5(file) as handle:
         if channel is None:
-            _refuse_special(file, handle)
+            _refuse_special(file)
         maps = [n for n in handle.datasets if _dimensions(handle, n) == 2]
         lines = [n for n in handle.datasets if _dimensions(handle, n) == 1]
         asked = (x, z, time, sampling_rate)
@@ -240,16 +236,11 @@ def _values(file: RawFile, handle: Hdf5File, name: str, max_pixels: int | None) 
     return physical_values(file, name, raw, handle.attributes(name))
 
 
-def _refuse_special(file: RawFile, handle: Hdf5File) -> None:
-    """Name the reader of a special format whose names stand too far behind to be recognised."""
-    found = None
-    if "metrosep_format" in handle.attributes("/"):
-        found = "metrosep-h5"
-    elif any(_FOURD.fullmatch(n) for n in handle.datasets):
-        found = "fourd"
-    elif "/MetaData" in handle and any(n.startswith("/Data/Surface/") for n in handle.datasets):
-        found = "datx"
-    if found is not None:
+def _refuse_special(file: RawFile) -> None:
+    """Name the reader of a special format for a file that was declared to be plain HDF5."""
+    for found in ("metrosep-h5", "fourd", "datx"):
+        if get(found).load_reader().sniff(file) is not Match.YES:
+            continue
         raise FormatMismatchError(
             f"{file.path}: is laid out as {found}; read it with format={found!r}, or name one dataset "
             "with channel="

@@ -17,18 +17,22 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.core.errors import CorruptFileError, FormatMismatchError, UnsupportedFeatureError
+from metrosep.core.errors import (
+    CorruptFileError,
+    FormatMismatchError,
+    ReadError,
+    UnsupportedFeatureError,
+)
 from metrosep.io.source import MAX_PIXELS, RawFile
 
-__all__ = ["MAGIC", "Hdf5File", "has_magic", "has_names", "open_hdf5"]
+__all__ = ["MAGIC", "Hdf5File", "has_magic", "look_into", "open_hdf5"]
 
 MAGIC = b"\x89HDF\r\n\x1a\n"
-
-_OWN = b"metrosep_format"
 
 _OFFSETS = (0, 512, 1024, 2048)
 """Where the signature may stand: a user block is a power of two long."""
@@ -68,22 +72,26 @@ def has_magic(head: bytes) -> bool:
     return any(head[o : o + len(MAGIC)] == MAGIC for o in _OFFSETS)
 
 
-def has_names(head: bytes, *names: bytes) -> bool:
-    """Return whether bytes begin an HDF5 file with all of these names, not written by metrosep.
+def look_into(file: RawFile) -> Hdf5File | None:
+    """Return the tree of a file to recognise it by, ``None`` where it is no HDF5 or is damaged.
 
     Parameters
     ----------
-    head : bytes
-        First bytes of the file.
-    *names : bytes
-        Names of groups, datasets or attributes.
+    file : RawFile
+        The file.
 
     Returns
     -------
-    bool
-        False for a file of metrosep, which quotes the header of the file that it came from.
+    Hdf5File or None
+        Kept for the reader that follows.
     """
-    return has_magic(head) and _OWN not in head and all(name in head for name in names)
+    if not has_magic(file.head):
+        return None
+    try:
+        with open_hdf5(file) as handle:
+            return handle
+    except ReadError:
+        return None
 
 
 class _Worker:
@@ -180,6 +188,9 @@ def _exactly(stream: IO[bytes], n: int) -> bytearray:
 
 _WORKER = _Worker()
 
+_TREES: WeakKeyDictionary[RawFile, dict[str, Any]] = WeakKeyDictionary()
+"""Trees of files that were looked into: four formats ask for the tree before one reads it."""
+
 
 class Hdf5File:
     """The tree of an open HDF5 file as plain Python, and its numbers on demand.
@@ -197,11 +208,15 @@ class Hdf5File:
 
     def __init__(self, file: RawFile) -> None:
         self._file = file
-        tree = self._open()
+        self._generation, self._handle = -1, 0
+        if file not in _TREES:
+            _TREES[file] = self._open()
+        tree = _TREES[file]
         self.groups: dict[str, dict[str, Any]] = tree["groups"]
         self._datasets: dict[str, dict[str, Any]] = tree["datasets"]
 
     def _open(self) -> dict[str, Any]:
+        """Open the file in the process and return its tree; reading what is packed needs it open."""
         given = self._file.in_memory
         content = self._file.data if given else b""
         path = None if given else str(self._file.path.resolve())
@@ -355,7 +370,7 @@ class Hdf5File:
         if found["offset"] is not None:
             row = dtype.itemsize * int(np.prod(shape[1:], dtype=np.int64))
             return self._direct(name, found["offset"] + start * row, dtype, part)
-        if not _WORKER.is_still(self._generation):  # the process died of another file
+        if not _WORKER.is_still(self._generation):  # not yet open, or the process died meanwhile
             self._open()
         request = {"read": name, "handle": self._handle, "start": start, "stop": stop}
         patience = _PATIENCE + count * dtype.itemsize / _SLOWEST_DISK

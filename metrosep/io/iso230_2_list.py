@@ -21,7 +21,7 @@ from metrosep.core.errors import (
 )
 from metrosep.core.profile import Profile
 from metrosep.core.units import Unit, parse_unit
-from metrosep.io.logger import head_lines, text_lines, to_number
+from metrosep.io.logger import first_lines, text_lines, to_number
 from metrosep.io.maps import make_profile
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, refuse_options
@@ -34,26 +34,28 @@ _TARGET = "TGT_DATA"
 _DIRECTIONS = {"REF_DATA_FWD": "forward", "REF_DATA_BWD": "backward"}
 
 
-def sniff(head: bytes, name: str) -> Match:
-    """Return how sure we are that bytes begin a list of a positioning test.
+def sniff(file: RawFile) -> Match:
+    """Return how sure we are that a file is a list of a positioning test.
 
     Parameters
     ----------
-    head : bytes
-        First bytes of the file.
-    name : str
-        File name; not used.
+    file : RawFile
+        The file.
 
     Returns
     -------
     Match
-        YES when every line is a key and a value, and targets and positions are among the keys.
+        YES when the lines are keys and values, with targets and positions among the keys.
     """
-    lines = [text for line in head_lines(head) if (text := _content(line))]
-    matches = [_LINE.fullmatch(text) for text in (lines[:-1] or lines)]
-    keys = {m.group(1) for m in matches if m and m.group(2)}
-    found = None not in matches and _TARGET in keys and keys & _DIRECTIONS.keys()
-    return Match.YES if found else Match.NO
+    keys: set[str] = set()
+    for text in filter(None, map(_content, first_lines(file))):
+        match = _LINE.fullmatch(text)
+        if match is None:
+            break
+        keys |= {match.group(1)} if match.group(2) else set()
+        if _TARGET in keys and keys & _DIRECTIONS.keys():
+            return Match.YES
+    return Match.NO
 
 
 def channels(file: RawFile) -> tuple[str, ...]:

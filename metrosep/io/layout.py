@@ -8,6 +8,7 @@ units, objects) is that of plain column text. The keys are those of `LAYOUT_KEYS
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -26,6 +27,7 @@ from metrosep.core.units import (
     parse_unit,
 )
 from metrosep.io.dialect import decode
+from metrosep.io.logger import first_lines
 from metrosep.io.measurement import measurement
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, refuse_options
@@ -185,27 +187,24 @@ class LayoutReader:
             raise ReadError(f"{self._where}: column {entry['name']!r}: {exc}") from None
         return _ColumnLayout(str(entry["name"]), unit, role, factor)
 
-    def sniff(self, head: bytes, name: str) -> Match:
+    def sniff(self, file: RawFile) -> Match:
         """Return how sure the reader is.
 
         Parameters
         ----------
-        head : bytes
-            First bytes of the file.
-        name : str
-            File name; not used.
+        file : RawFile
+            The file.
 
         Returns
         -------
         Match
-            YES when every text of ``recognise`` begins a line of the head, in order.
+            YES when every text of ``recognise`` begins a line, in order, the first one near the top.
         """
-        try:
-            text, _ = decode(head, name, self._layout.get("encoding"))
-        except ReadError:
+        lines = first_lines(file, self._layout.get("encoding"))
+        first, *others = self._marks
+        if not any(s.lstrip().startswith(first) for s in itertools.islice(lines, _HEAD_LINES)):
             return Match.NO
-        rest = iter(text.split("\n")[:_HEAD_LINES])
-        found = all(any(line.lstrip().startswith(m) for line in rest) for m in self._marks)
+        found = all(any(line.lstrip().startswith(m) for line in lines) for m in others)
         return Match.YES if found else Match.NO
 
     def channels(self, file: RawFile) -> tuple[str, ...]:

@@ -6,7 +6,7 @@ field, so that damage is named by its line; a unit is what the file or the calle
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -25,26 +25,41 @@ from metrosep.io.dialect import MISSING, decode, is_number
 from metrosep.io.measurement import SI_NAMES
 from metrosep.io.source import RawFile
 
-__all__ = ["Channels", "head_lines", "plain_block", "text_lines", "to_number", "with_units"]
+__all__ = ["Channels", "first_lines", "plain_block", "text_lines", "to_number", "with_units"]
 
 
-def head_lines(head: bytes) -> list[str]:
-    """Return the lines at the start of a file, or none where it is not text.
+_LONGEST_TOP = 2**24
+"""Bytes that a recogniser looks at: no header of text is longer."""
+
+
+def first_lines(file: RawFile, encoding: str | None = None) -> Iterator[str]:
+    """Yield whole lines from the top, as `text_lines` gives them, no further than they are asked for.
 
     Parameters
     ----------
-    head : bytes
-        First bytes of the file.
+    file : RawFile
+        The file.
+    encoding : str, optional
+        Found from the content if omitted.
 
-    Returns
-    -------
-    list of str
-        Without line ends; the last one may be cut off.
+    Yields
+    ------
+    str
+        Without line end; none where the file is not text.
     """
-    try:
-        return decode(head, "")[0].split("\n")
-    except ReadError:
-        return []
+    shown, content = 0, file.head
+    while True:
+        try:
+            lines = decode(content, file.path, encoding)[0].split("\n")
+        except ReadError:
+            return
+        is_whole = len(content) >= file.size
+        yield from lines[shown : len(lines) - (not is_whole)]
+        if is_whole or len(content) >= _LONGEST_TOP:
+            return
+        shown = max(shown, len(lines) - 1)
+        with file.stream() as handle:
+            content = handle.read(_LONGEST_TOP)
 
 
 def text_lines(file: RawFile) -> list[str]:

@@ -16,7 +16,8 @@ import numpy as np
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, FormatMismatchError, UnsupportedFeatureError
 from metrosep.core.recording import Recording
-from metrosep.io.logger import Channels, plain_block, text_lines, to_number
+from metrosep.io.dialect import is_number
+from metrosep.io.logger import Channels, first_lines, plain_block, text_lines, to_number
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, refuse_options
 
@@ -28,24 +29,20 @@ _END = "***End_of_Header***"
 _SEPARATORS = {"tab": "\t", "comma": ","}
 
 
-def sniff(head: bytes, name: str) -> Match:
-    """Return how sure we are that bytes begin a LabVIEW measurement file.
+def sniff(file: RawFile) -> Match:
+    """Return how sure we are that a file is a LabVIEW measurement file.
 
     Parameters
     ----------
-    head : bytes
-        First bytes of the file.
-    name : str
-        File name; not used.
+    file : RawFile
+        The file.
 
     Returns
     -------
     Match
         YES when the first words are the ones of the format.
     """
-    return (
-        Match.YES if head.removeprefix(b"\xef\xbb\xbf").startswith(_MAGIC.encode()) else Match.NO
-    )
+    return Match.YES if next(first_lines(file), "").startswith(_MAGIC) else Match.NO
 
 
 def channels(file: RawFile) -> tuple[str, ...]:
@@ -216,6 +213,7 @@ def _file_header(file: RawFile, lines: list[str]) -> tuple[_Head, int]:
 def _segments(file: RawFile, lines: list[str], start: int, head: _Head) -> list[_Segment]:
     """Return the segments; each begins with ``Channels`` and has its own end of header."""
     segments: list[_Segment] = []
+    remarks: list[str] = []
     state = "between"
     special = False
     for number, line in enumerate(lines[start:], start=start + 1):
@@ -242,14 +240,18 @@ def _segments(file: RawFile, lines: list[str], start: int, head: _Head) -> list[
         elif state == "names":
             segments[-1].names = fields
             state = "rows"
-        else:
+        elif all(is_number(f, head.decimal) for f in fields if f):
             raise CorruptFileError(
                 file.path,
-                "a line stands before the first segment",
+                "a row of numbers stands above the first segment",
                 field=f"line {number}",
-                expected="Channels",
+                expected="Channels, or a key and its text",
                 found=repr(line[:40]),
             )
+        else:  # such as Notes, which may run over several lines
+            remarks.append(line.strip())
+    if remarks:
+        head.fields["remarks"] = "\n".join(remarks)
     for segment in segments:
         segment.drop_blank_end(head.separator)
     if special or state != "rows" or any(not s.rows for s in segments):

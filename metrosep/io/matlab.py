@@ -28,22 +28,20 @@ FORMAT = "matlab"
 _TIMES = ("t", "time")
 
 
-def sniff(head: bytes, name: str) -> Match:
-    """Return how sure we are that bytes begin a MATLAB file.
+def sniff(file: RawFile) -> Match:
+    """Return how sure we are that a file is a MATLAB file.
 
     Parameters
     ----------
-    head : bytes
-        First bytes of the file.
-    name : str
-        File name; not used.
+    file : RawFile
+        The file.
 
     Returns
     -------
     Match
         YES for the text of version 5 with its mark of byte order, or of version 7.3 with HDF5.
     """
-    return Match.NO if version_of(head) is None else Match.YES
+    return Match.NO if version_of(file.head) is None else Match.YES
 
 
 def channels(file: RawFile) -> tuple[str, ...]:

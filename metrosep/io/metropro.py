@@ -100,24 +100,22 @@ FIELDS: tuple[tuple[int, str, str], ...] = (
 """Offset in bytes, `struct` code (big-endian) and name of each header field."""
 
 
-def sniff(head: bytes, name: str) -> Match:
-    """Return how sure we are that bytes begin a MetroPro file.
+def sniff(file: RawFile) -> Match:
+    """Return how sure we are that a file is a MetroPro file.
 
     Parameters
     ----------
-    head : bytes
-        First bytes of the file.
-    name : str
-        File name; not used.
+    file : RawFile
+        The file.
 
     Returns
     -------
     Match
         YES when the magic number and the header format agree, MAYBE on the magic number alone.
     """
-    if len(head) < 6:
+    if len(file.head) < 6:
         return Match.NO
-    magic, header_format = struct.unpack_from(">Ih", head)
+    magic, header_format = struct.unpack_from(">Ih", file.head)
     if magic not in _MAGIC:
         return Match.NO
     return Match.YES if _MAGIC[magic] == header_format else Match.MAYBE
@@ -198,7 +196,7 @@ def read(
 
 
 def _header(file: RawFile) -> dict[str, Any]:
-    if sniff(file.head, file.name) is Match.NO:
+    if sniff(file) is Match.NO:
         raise FormatMismatchError(
             f"{file.path}: is not a MetroPro file: expected 88 1b 03 6f (or 70, 71) at offset 0, "
             f"found {file.head[:4].hex(' ')}; leave out format= to have it recognised"

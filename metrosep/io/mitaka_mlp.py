@@ -36,22 +36,20 @@ _GRID = 1e-3
 """Largest deviation of a point from a grid, relative to the step."""
 
 
-def sniff(head: bytes, name: str) -> Match:
-    """Return how sure we are that bytes begin an MLP file.
+def sniff(file: RawFile) -> Match:
+    """Return how sure we are that a file is an MLP file.
 
     Parameters
     ----------
-    head : bytes
-        First bytes of the file.
-    name : str
-        File name; not used.
+    file : RawFile
+        The file.
 
     Returns
     -------
     Match
         YES for the first line of either version together with the lines on the autofocus.
     """
-    return Match.YES if is_mlp(head) else Match.NO
+    return Match.YES if is_mlp(file) else Match.NO
 
 
 def channels(file: RawFile) -> tuple[str, ...]:

@@ -6,6 +6,7 @@ or pad.
 
 from __future__ import annotations
 
+import itertools
 import re
 from dataclasses import dataclass
 
@@ -13,7 +14,7 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, FormatMismatchError
-from metrosep.io.logger import head_lines, text_lines, to_number
+from metrosep.io.logger import first_lines, text_lines, to_number
 from metrosep.io.source import RawFile
 
 __all__ = ["AXES", "Points", "is_mlp", "read_points"]
@@ -56,20 +57,20 @@ class Points:
     warnings: list[str]
 
 
-def is_mlp(head: bytes) -> bool:
-    """Return whether bytes begin an MLP file: its first line, and the lines on the autofocus.
+def is_mlp(file: RawFile) -> bool:
+    """Return whether a file has the first line of either version, and the lines on the autofocus.
 
     Parameters
     ----------
-    head : bytes
-        First bytes of the file.
+    file : RawFile
+        The file.
 
     Returns
     -------
     bool
-        True for either version.
+        What `read_points` demands first.
     """
-    lines = head_lines(head)[:_MAX_HEADER]
+    lines = list(itertools.islice(first_lines(file), _MAX_HEADER))
     known = bool(lines) and (_OLD.fullmatch(lines[0]) or _NEW.fullmatch(lines[0]))
     return bool(known) and all(any(line.startswith(m) for line in lines) for m in _MARKS)
 
@@ -95,7 +96,7 @@ def read_points(file: RawFile) -> Points:
         If the header has no end, or a point lacks a coordinate.
     """
     lines = text_lines(file)
-    if not is_mlp(file.head):
+    if not is_mlp(file):
         raise FormatMismatchError(
             f"{file.path}: is no MLP file: expected '3D_003,24' or 'MLP-2 3D CSV' in line 1 and lines on "
             f"the autofocus, found {lines[0][:40]!r}"

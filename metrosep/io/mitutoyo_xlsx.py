@@ -19,7 +19,7 @@ from metrosep.core.units import Unit, format_length, parse_quantity, parse_unit
 from metrosep.io.maps import make_profile, only_channels
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, lateral_steps, refuse_options
-from metrosep.io.workbook import Cells, Workbook, head_member
+from metrosep.io.workbook import Cells, Workbook, zip_members
 
 __all__ = ["channels", "read", "sniff"]
 
@@ -33,27 +33,26 @@ _OFF = frozenset({"NONE", "OFF", "NO"})
 _COUNT = re.compile(r"[1-9]\d{0,3}")
 
 
-def sniff(head: bytes, name: str) -> Match:
-    """Return how sure we are that bytes begin a workbook of a Mitutoyo tester.
+def sniff(file: RawFile) -> Match:
+    """Return how sure we are that a file is a workbook of a Mitutoyo tester.
 
     Parameters
     ----------
-    head : bytes
-        First bytes of the file.
-    name : str
-        File name; not used.
+    file : RawFile
+        The file.
 
     Returns
     -------
     Match
-        YES for a workbook with worksheets of both names.
+        YES for a workbook with worksheets of both names, MAYBE for one that cannot be opened.
     """
-    if not head.startswith(b"PK\x03\x04"):
-        return Match.NO
-    named = head_member(head, "xl/workbook.xml")
-    listed = head_member(head, "docProps/app.xml")
+    members = zip_members(file, "xl/workbook.xml", "docProps/app.xml")
+    if members.get("xl/workbook.xml") == b"":
+        return Match.MAYBE  # a locked or damaged workbook: `read` says what is wrong with it
+    listed = b"".join(members.values())
     both = all(
-        f'name="{s}"'.encode() in named or f"<vt:lpstr>{s}<".encode() in listed for s in _SHEETS
+        re.search(rb"""name=["']%s["']|<vt:lpstr>%s<""" % ((s.encode(),) * 2), listed)
+        for s in _SHEETS
     )
     return Match.YES if both else Match.NO
 

@@ -7,6 +7,7 @@ so, it is known of this export, so ``unit=`` overrides it. See ``data_formats/mx
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Mapping
 from typing import Any
@@ -16,7 +17,7 @@ import numpy as np
 from metrosep.core.errors import CorruptFileError, FormatMismatchError, ReadError
 from metrosep.core.profile import Profile
 from metrosep.core.units import Unit, parse_unit
-from metrosep.io.logger import head_lines, text_lines, to_number
+from metrosep.io.logger import first_lines, text_lines, to_number
 from metrosep.io.maps import make_profile
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, lateral_steps
@@ -28,24 +29,20 @@ _HEADER = re.compile(r"X +,Y +,Slice *")
 _NAMES = ("X", "Y")
 
 
-def sniff(head: bytes, name: str) -> Match:
-    """Return how sure we are that bytes begin a slice export of Mx.
+def sniff(file: RawFile) -> Match:
+    """Return how sure we are that a file is a slice export of Mx.
 
     Parameters
     ----------
-    head : bytes
-        First bytes of the file.
-    name : str
-        File name; not used.
+    file : RawFile
+        The file.
 
     Returns
     -------
     Match
         YES for the padded header above a row that ends with the name of a slice.
     """
-    if not head.lstrip(b"\xef\xbb\xbf").startswith(b"X "):
-        return Match.NO
-    lines = head_lines(head[:4096])
+    lines = list(itertools.islice(first_lines(file), 2))
     if len(lines) < 2 or not _HEADER.fullmatch(lines[0]):
         return Match.NO
     return Match.YES if lines[1].count(",") == 2 and ",Slice" in lines[1] else Match.NO

@@ -23,7 +23,7 @@ from metrosep.core.provenance import Step
 from metrosep.core.recording import Recording
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.surface import Surface
-from metrosep.io.hdf5_file import Hdf5File, has_magic, open_hdf5
+from metrosep.io.hdf5_file import Hdf5File, look_into, open_hdf5
 from metrosep.io.maps import only_channels
 from metrosep.io.native_json import decode_history, decode_mapping
 from metrosep.io.native_write import FORMAT, LAYOUT_VERSION
@@ -32,25 +32,22 @@ from metrosep.io.source import RawFile, lateral_steps, refuse_options
 
 __all__ = ["channels", "read", "sniff"]
 
-_MARK = FORMAT.encode()
 
-
-def sniff(head: bytes, name: str) -> Match:
-    """Return how sure we are that bytes begin a file of metrosep.
+def sniff(file: RawFile) -> Match:
+    """Return how sure we are that a file is a file of metrosep.
 
     Parameters
     ----------
-    head : bytes
-        First bytes of the file.
-    name : str
-        File name; not used.
+    file : RawFile
+        The file.
 
     Returns
     -------
     Match
         YES for HDF5 whose root says so.
     """
-    return Match.YES if has_magic(head) and _MARK in head else Match.NO
+    handle = look_into(file)
+    return Match.YES if handle is not None and _is_own(handle) else Match.NO
 
 
 def channels(file: RawFile) -> tuple[str, ...]:
@@ -130,9 +127,13 @@ def read(
             raise CorruptFileError(file.path, f"the numbers do not fit: {exc}") from None
 
 
+def _is_own(handle: Hdf5File) -> bool:
+    return bool(handle.attributes("/").get("metrosep_format") == FORMAT)
+
+
 def _kind(file: RawFile, handle: Hdf5File) -> str:
     attributes = handle.attributes("/")
-    if attributes.get("metrosep_format") != FORMAT:
+    if not _is_own(handle):
         raise FormatMismatchError(
             f"{file.path}: is no HDF5 file of metrosep; leave out format= to have it recognised"
         )

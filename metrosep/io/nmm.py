@@ -8,6 +8,7 @@ over the times that the description prints. See ``data_formats/nmm/SPEC.md``.
 
 from __future__ import annotations
 
+import itertools
 import re
 from dataclasses import dataclass
 from datetime import datetime
@@ -19,7 +20,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, FormatMismatchError, UnsupportedFeatureError
 from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
-from metrosep.io.logger import Channels, head_lines, text_lines
+from metrosep.io.logger import Channels, first_lines, text_lines
 from metrosep.io.maps import make_profile, only_channels
 from metrosep.io.registry import Match
 from metrosep.io.sidecar import also_read, beside, number_rows
@@ -58,22 +59,20 @@ _MONTHS = {
 }
 
 
-def sniff(head: bytes, name: str) -> Match:
-    """Return how sure we are that bytes begin the description of an NMM scan.
+def sniff(file: RawFile) -> Match:
+    """Return how sure we are that a file is the description of an NMM scan.
 
     Parameters
     ----------
-    head : bytes
-        First bytes of the file.
-    name : str
-        File name; not used.
+    file : RawFile
+        The file.
 
     Returns
     -------
     Match
         YES when the title of the format stands below a line of dashes.
     """
-    lines = [line.strip() for line in head_lines(head)[:5] if line.strip()]
+    lines = [line.strip() for line in itertools.islice(first_lines(file), 5) if line.strip()]
     is_scan = len(lines) > 1 and lines[0].startswith(_RULE) and lines[1] == _TITLE
     return Match.YES if is_scan else Match.NO
 
@@ -157,7 +156,7 @@ def _names(scan: _Scan) -> tuple[str, ...]:
 
 
 def _description(file: RawFile) -> _Scan:
-    if sniff(file.head, file.name) is Match.NO:
+    if sniff(file) is Match.NO:
         raise FormatMismatchError(
             f"{file.path}: is no NMM scan description: expected {_TITLE!r}; pass the .dsc, not the .dat "
             "or .pos"

@@ -28,22 +28,20 @@ _VERSIONS = {1: ("<H", 10), 2: ("<I", 12), 3: ("<I", 12)}
 _LONGEST_HEADER = 4096
 
 
-def sniff(head: bytes, name: str) -> Match:
-    """Return how sure we are that bytes begin a ``.npy`` file.
+def sniff(file: RawFile) -> Match:
+    """Return how sure we are that a file is a ``.npy`` file.
 
     Parameters
     ----------
-    head : bytes
-        First bytes of the file.
-    name : str
-        File name; not used.
+    file : RawFile
+        The file.
 
     Returns
     -------
     Match
         YES on the magic bytes and a known version.
     """
-    known = head.startswith(_MAGIC) and len(head) > 7 and head[6] in _VERSIONS
+    known = file.head.startswith(_MAGIC) and len(file.head) > 7 and file.head[6] in _VERSIONS
     return Match.YES if known else Match.NO
 
 
@@ -136,7 +134,7 @@ def read(
 
 
 def _array(file: RawFile, max_pixels: int | None) -> tuple[NDArray[Any], dict[str, Any]]:
-    if sniff(file.head, file.name) is Match.NO:
+    if sniff(file) is Match.NO:
         raise FormatMismatchError(
             f"{file.path}: is no .npy file: expected {_MAGIC!r} at offset 0, found {file.head[:6]!r}"
         )

@@ -67,24 +67,22 @@ class _Block(NamedTuple):
     value: Any
 
 
-def sniff(head: bytes, name: str) -> Match:
-    """Return how sure we are that bytes begin an OPD file.
+def sniff(file: RawFile) -> Match:
+    """Return how sure we are that a file is an OPD file.
 
     Parameters
     ----------
-    head : bytes
-        First bytes of the file.
-    name : str
-        File name; not used.
+    file : RawFile
+        The file.
 
     Returns
     -------
     Match
         YES when the first entry is a directory of its own type, MAYBE on its name alone.
     """
-    if head[2:18].rstrip(b"\0") != b"Directory":
+    if file.head[2:18].rstrip(b"\0") != b"Directory":
         return Match.NO
-    return Match.YES if head[18:20] == b"\x01\0" else Match.MAYBE
+    return Match.YES if file.head[18:20] == b"\x01\0" else Match.MAYBE
 
 
 def channels(file: RawFile) -> tuple[str, ...]:
@@ -174,7 +172,7 @@ def read(
 
 def _blocks(file: RawFile) -> list[_Block]:
     """Return the blocks with content; every one lies in the file."""
-    if sniff(file.head, file.name) is Match.NO:
+    if sniff(file) is Match.NO:
         raise FormatMismatchError(
             f"{file.path}: is not an OPD file: expected 'Directory' at offset 2, found "
             f"{file.head[2:11]!r}; leave out format= to have it recognised"

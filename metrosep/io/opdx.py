@@ -54,24 +54,22 @@ _UNIT_RTOL = 1e-6
 """Agreement of the symbol of a unit with its factor, which the file keeps in double precision."""
 
 
-def sniff(head: bytes, name: str) -> Match:
-    """Return how sure we are that bytes begin a Vision64 file.
+def sniff(file: RawFile) -> Match:
+    """Return how sure we are that a file is a Vision64 file.
 
     Parameters
     ----------
-    head : bytes
-        First bytes of the file.
-    name : str
-        File name; not used.
+    file : RawFile
+        The file.
 
     Returns
     -------
     Match
         YES on the magic number, MAYBE on its text alone.
     """
-    if head.startswith(_MAGIC):
+    if file.head.startswith(_MAGIC):
         return Match.YES
-    return Match.MAYBE if head.startswith(_MAGIC[:9]) else Match.NO
+    return Match.MAYBE if file.head.startswith(_MAGIC[:9]) else Match.NO
 
 
 def channels(file: RawFile) -> tuple[str, ...]:

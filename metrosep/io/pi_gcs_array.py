@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, FormatMismatchError, ReadError
 from metrosep.core.recording import Recording
 from metrosep.core.units import parse_quantity
-from metrosep.io.logger import Channels, head_lines, plain_block, text_lines, to_number
+from metrosep.io.logger import Channels, first_lines, plain_block, text_lines, to_number
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, refuse_options
 
@@ -31,22 +32,20 @@ _SAME_STEP = 1e-6
 """Relative deviation of a declared interval from the one of the file that is only rounding."""
 
 
-def sniff(head: bytes, name: str) -> Match:
-    """Return how sure we are that bytes begin a GCS array.
+def sniff(file: RawFile) -> Match:
+    """Return how sure we are that a file is a GCS array.
 
     Parameters
     ----------
-    head : bytes
-        First bytes of the file.
-    name : str
-        File name; not used.
+    file : RawFile
+        The file.
 
     Returns
     -------
     Match
         YES when a header of ``#`` lines holds the keys of the format and its end.
     """
-    fields, body = _header(head_lines(head))
+    fields, body = _header(first_lines(file))
     return Match.YES if body and fields.keys() >= _NEEDED else Match.NO
 
 
@@ -129,7 +128,7 @@ def read(
     )
 
 
-def _header(lines: list[str]) -> tuple[dict[str, str], int]:
+def _header(lines: Iterable[str]) -> tuple[dict[str, str], int]:
     """Return the fields, and the index of the first row or 0 without an end of the header."""
     fields: dict[str, str] = {}
     for k, line in enumerate(lines):
@@ -149,7 +148,7 @@ def _header(lines: list[str]) -> tuple[dict[str, str], int]:
 def _checked(file: RawFile, lines: list[str]) -> tuple[dict[str, str], int]:
     fields, start = _header(lines)
     missing = _NEEDED - fields.keys()
-    if not lines[0].startswith("#") or len(missing) == len(_NEEDED):
+    if len(missing) == len(_NEEDED):
         raise FormatMismatchError(
             f"{file.path}: is no GCS array: expected lines '# TYPE =', '# SEPARATOR =' and '# DIM ='"
         )

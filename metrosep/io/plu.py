@@ -95,24 +95,22 @@ class _Layer(NamedTuple):
     start: int
 
 
-def sniff(head: bytes, name: str) -> Match:
-    """Return how sure we are that bytes begin a PLu file; the format has no magic number.
+def sniff(file: RawFile) -> Match:
+    """Return how sure we are that a file is a PLu file; the format has no magic number.
 
     Parameters
     ----------
-    head : bytes
-        First bytes of the file.
-    name : str
-        File name; not used.
+    file : RawFile
+        The file.
 
     Returns
     -------
     Match
         YES when a date with its zero byte is followed by a header with a known type.
     """
-    if not _DATE.match(head) or len(head) < _HEADER_BYTES + _LAYER_BYTES:
+    if not _DATE.match(file.head) or len(file.head) < _HEADER_BYTES + _LAYER_BYTES:
         return Match.NO
-    kind = int.from_bytes(head[428:432], "little")
+    kind = int.from_bytes(file.head[428:432], "little")
     return Match.YES if kind in (_PROFILE, _TOPOGRAPHY, *_TYPES) else Match.MAYBE
 
 

@@ -24,15 +24,13 @@ FORMAT = "pmac-gather"
 _COLUMN = "column"
 
 
-def sniff(head: bytes, name: str) -> Match:
+def sniff(file: RawFile) -> Match:
     """Return NO: any columns of numbers look the same, so the format has to be named.
 
     Parameters
     ----------
-    head : bytes
-        First bytes of the file; not used.
-    name : str
-        File name; not used.
+    file : RawFile
+        The file.
 
     Returns
     -------

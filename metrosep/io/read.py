@@ -75,8 +75,11 @@ def read(
     if description.reader == "via":
         from metrosep.io.via import read_via
 
+        row_order = layout.pop("row_order", None)
         refuse_options(file, description.title, **layout)
-        return read_via(file, channel=channel, lateral_step=lateral_step, unit=unit)
+        return read_via(
+            file, channel=channel, lateral_step=lateral_step, unit=unit, row_order=row_order
+        )
     file.hash_aside()
     reader = description.load_reader()
     accepted = inspect.signature(reader.read).parameters

@@ -57,15 +57,14 @@ class Match(enum.IntEnum):
 class Reader(Protocol):
     """What the module of a format offers."""
 
-    def sniff(self, head: bytes, name: str) -> Match:
-        """Return how sure the reader is.
+    def sniff(self, file: RawFile) -> Match:
+        """Return how sure the reader is: it looks at what `read` will demand first.
 
         Parameters
         ----------
-        head : bytes
-            First bytes of the file.
-        name : str
-            File name; alone it is never YES.
+        file : RawFile
+            The file; ``file.head`` settles most of them, a container is opened. A name alone is
+            never YES, and no content may raise.
 
         Returns
         -------
@@ -316,7 +315,7 @@ def principal(file: RawFile) -> RawFile:
             beside = file.path.with_suffix(own)
             if beside.is_file() and beside != file.path:
                 other = open_file(beside)
-                if described.load_reader().sniff(other.head, other.name) is Match.YES:
+                if described.load_reader().sniff(other) is Match.YES:
                     return other
     return file
 
@@ -340,7 +339,7 @@ def _choose(file: RawFile, candidates: Sequence[Format]) -> Format | None:
 
 
 def _asked(file: RawFile, candidate: Format) -> Match:
-    return candidate.load_reader().sniff(file.head, file.name)
+    return candidate.load_reader().sniff(file)
 
 
 def _preview(head: bytes) -> str:

@@ -83,22 +83,20 @@ class _Content(NamedTuple):
     warnings: list[str]
 
 
-def sniff(head: bytes, name: str) -> Match:
-    """Return how sure we are that bytes begin a surface data file.
+def sniff(file: RawFile) -> Match:
+    """Return how sure we are that a file is a surface data file.
 
     Parameters
     ----------
-    head : bytes
-        First bytes of the file.
-    name : str
-        File name; not used.
+    file : RawFile
+        The file.
 
     Returns
     -------
     Match
         YES for one of the known versions.
     """
-    return Match.YES if _VERSION.match(head) else Match.NO
+    return Match.YES if _VERSION.match(file.head) else Match.NO
 
 
 def read(

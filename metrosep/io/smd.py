@@ -55,22 +55,20 @@ class _Axis(NamedTuple):
     increment: str
 
 
-def sniff(head: bytes, name: str) -> Match:
-    """Return how sure we are that bytes begin an ISO 5436-2 file.
+def sniff(file: RawFile) -> Match:
+    """Return how sure we are that a file is an ISO 5436-2 file.
 
     Parameters
     ----------
-    head : bytes
-        First bytes of the file.
-    name : str
-        File name; not used.
+    file : RawFile
+        The file.
 
     Returns
     -------
     Match
         YES when line 1 names the standard and line 2 the kind of the feature.
     """
-    return Match.YES if _MAGIC.match(head) else Match.NO
+    return Match.YES if _MAGIC.match(file.head) else Match.NO
 
 
 def read(

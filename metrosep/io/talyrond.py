@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import re
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from metrosep.core.units import Unit, format_length, parse_quantity, parse_unit
 from metrosep.io.maps import make_profile, only_channels
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, refuse_options
-from metrosep.io.workbook import Workbook, head_member
+from metrosep.io.workbook import Workbook, zip_members
 
 __all__ = ["channels", "read", "sniff"]
 
@@ -37,34 +38,40 @@ _CLOSED = 1e-6
 """Largest deviation of span + step from a turn, relative, for a trace to count as closed."""
 
 
-def sniff(head: bytes, name: str) -> Match:
-    """Return how sure we are that bytes begin a worksheet with a roundness trace.
+def sniff(file: RawFile) -> Match:
+    """Return how sure we are that a file is a worksheet with a roundness trace.
 
     Parameters
     ----------
-    head : bytes
-        First bytes of the file.
-    name : str
-        File name; not used.
+    file : RawFile
+        The file.
 
     Returns
     -------
     Match
         YES when the first rows of the first worksheet are angle, r, r cos(angle), r sin(angle).
     """
-    if not head.startswith(b"PK\x03\x04"):
+    members = zip_members(file, "xl/worksheets/sheet1.xml")
+    if "xl/workbook.xml" not in members:
         return Match.NO
-    rows: dict[int, dict[str, float]] = {}
-    for column, number, text in _CELL.findall(head_member(head, "xl/worksheets/sheet1.xml")):
-        try:
+    try:
+        book = Workbook(file)
+        rows = [row for _, row in book.cells(book.names[0], _COLUMNS, stop=_N_SNIFF)]
+    except ReadError:  # a cut workbook is still one, and `read` says what is wrong with it
+        rows = _first_rows(members.get("xl/worksheets/sheet1.xml", b""))
+    points = [[row.get(c) for c in _COLUMNS] for row in rows[:_N_SNIFF]]
+    if len(points) < 2 or not all(isinstance(v, float) for row in points for v in row):
+        return Match.NO
+    return Match.YES if _is_polar(np.array(points, dtype=np.float64)) else Match.NO
+
+
+def _first_rows(sheet: bytes) -> list[dict[str, float | str]]:
+    """Return the cells with numbers at the start of a worksheet of which the rest may be lost."""
+    rows: dict[int, dict[str, float | str]] = {}
+    for column, number, text in _CELL.findall(sheet):
+        with suppress(ValueError):
             rows.setdefault(int(number), {})[column.decode()] = float(text)
-        except ValueError:
-            return Match.NO
-    whole = [[row[c] for c in _COLUMNS] for _, row in sorted(rows.items()) if len(row) == 4]
-    points = np.array(whole[:_N_SNIFF])
-    if len(points) < _N_SNIFF or not (np.diff(points[:, 0]) > 0.0).all():
-        return Match.NO
-    return Match.YES if _is_polar(points) else Match.NO
+    return [row for _, row in sorted(rows.items())]
 
 
 def channels(file: RawFile) -> tuple[str, ...]:

@@ -41,22 +41,20 @@ _SAME_STEP = 1e-4
 _UNIT_KEYS = ("unit_string", "NI_UnitDescription")
 
 
-def sniff(head: bytes, name: str) -> Match:
-    """Return how sure we are that bytes begin a TDMS file.
+def sniff(file: RawFile) -> Match:
+    """Return how sure we are that a file is a TDMS file.
 
     Parameters
     ----------
-    head : bytes
-        First bytes of the file.
-    name : str
-        File name; not used.
+    file : RawFile
+        The file.
 
     Returns
     -------
     Match
         YES by the tag of the first segment, also of an index file.
     """
-    return Match.YES if head[:4] in (MAGIC, _INDEX_MAGIC) else Match.NO
+    return Match.YES if file.head[:4] in (MAGIC, _INDEX_MAGIC) else Match.NO
 
 
 def channels(file: RawFile) -> tuple[str, ...]:

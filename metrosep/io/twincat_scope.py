@@ -8,7 +8,9 @@ See ``data_formats/twincat-scope/SPEC.md``.
 
 from __future__ import annotations
 
+import itertools
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any
@@ -19,7 +21,7 @@ from numpy.typing import NDArray
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, FormatMismatchError, UnsupportedFeatureError
 from metrosep.core.recording import Recording
-from metrosep.io.logger import Channels, head_lines, plain_block, text_lines, to_number
+from metrosep.io.logger import Channels, first_lines, plain_block, text_lines, to_number
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, refuse_options
 
@@ -27,7 +29,6 @@ __all__ = ["channels", "read", "sniff"]
 
 FORMAT = "twincat-scope"
 _TYPE = re.compile(r"Data-Type([;,\t ])")
-_SAMPLE_TIME = re.compile(r"SampleTime ?[\[(]ms[\])][;,\t ]")
 _START = ("Starttime of export", "StartRecord")
 _END = ("Endtime of export", "EndRecord")
 _TICK = 1e-7  # s
@@ -36,31 +37,24 @@ _LONGEST_MS = 1e12
 
 _FILETIME = re.compile(r"\d{17,18}")
 _FACTORS = {"ScaleFactor": 1.0, "Offset": 0.0, "Unit ScaleFactor": 1.0, "Unit Offset": 0.0}
-_HEADER_LINES = 60
+_HEADER_LINES = 1000
+"""A header has a few dozen rows; a thousand leave room for remarks."""
 
 
-def sniff(head: bytes, name: str) -> Match:
-    """Return how sure we are that bytes begin a TwinCAT Scope export.
+def sniff(file: RawFile) -> Match:
+    """Return how sure we are that a file is a TwinCAT Scope export.
 
     Parameters
     ----------
-    head : bytes
-        First bytes of the file.
-    name : str
-        File name; not used.
+    file : RawFile
+        The file.
 
     Returns
     -------
     Match
-        YES when rows of names, data types and sample times stand at the start.
+        YES when the text begins with a row of names and a row of data types follows.
     """
-    lines = head_lines(head)[:_HEADER_LINES]
-    found = (
-        bool(lines) and lines[0].startswith("Name"),
-        any(_TYPE.match(line) for line in lines),
-        any(_SAMPLE_TIME.match(line) for line in lines),
-    )
-    return Match.YES if all(found) else Match.NO
+    return Match.NO if _type_row(first_lines(file)) is None else Match.YES
 
 
 def channels(file: RawFile) -> tuple[str, ...]:
@@ -186,15 +180,24 @@ def _export(
     return data, header, start, _warnings(file, layout, axes, start, lines)
 
 
+def _type_row(lines: Iterable[str]) -> tuple[int, str] | None:
+    """Return index and separator of the row of data types of a text that begins with ``Name``."""
+    for k, line in enumerate(itertools.islice(lines, _HEADER_LINES)):
+        if k == 0 and not line.startswith("Name"):
+            return None
+        if match := _TYPE.match(line):
+            return k, match.group(1)
+    return None
+
+
 def _layout(file: RawFile, lines: list[str]) -> _Layout:
-    top = lines[:_HEADER_LINES]
-    where, match = next(((i, m) for i, s in enumerate(top) if (m := _TYPE.match(s))), (0, None))
-    if match is None or not lines[0].startswith("Name"):
+    found = _type_row(lines)
+    if found is None:
         raise FormatMismatchError(
-            f"{file.path}: is no TwinCAT Scope export: the rows Name, Data-Type and SampleTime are missing"
+            f"{file.path}: is no TwinCAT Scope export: the file must begin with a row Name and have a row "
+            "Data-Type above its numbers"
         )
-    separator = match.group(1)
-    first = where
+    first, separator = found
     while first > 0 and lines[first - 1].strip():
         first -= 1
     about = {}

@@ -4,6 +4,10 @@ It is asked only for a file that no reader of metrosep knows, whose suffix is on
 only with the reader of that format: others of its readers take anything for text, or allocate
 what a damaged header claims. What it gives is marked ``via`` and checked like every other map.
 Formats whose scale it was seen to get wrong (NanoFocus ``.nms``: 10^6) are not in the list.
+
+Its arrays are [x, y], most with the top row of the picture first, so rows are turned to begin at the
+smallest y. Where neither a pair of files nor the package itself shows that, a map is refused until
+the caller says how its rows lie: a map that may be mirrored compensates the wrong side.
 """
 
 from __future__ import annotations
@@ -14,11 +18,11 @@ from typing import Any
 
 import numpy as np
 
-from metrosep.core.errors import CorruptFileError, UnitError, UnsupportedFeatureError
+from metrosep.core.errors import CorruptFileError, ReadError, UnitError, UnsupportedFeatureError
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
 from metrosep.core.units import parse_unit
-from metrosep.io.maps import lateral_or_none, make_profile, make_surface, only_channels
+from metrosep.io.maps import ROW_ORDERS, lateral_or_none, make_profile, make_surface, only_channels
 from metrosep.io.registry import Format
 from metrosep.io.source import RawFile, lateral_steps, refuse_options
 
@@ -28,6 +32,7 @@ PACKAGE = "SurfaceTopography"
 
 SUFFIXES = {
     ".spm": "di",
+    ".di": "di",
     ".mdt": "mdt",
     ".ibw": "ibw",
     ".mi": "mi",
@@ -50,6 +55,17 @@ SUFFIXES = {
     ".mnt": "mnt",
 }
 """File name suffix to the name of SurfaceTopography's reader."""
+
+
+_PAIR, _PEER, _STATED = "pair", "peer", "stated"
+_EVIDENCE = {
+    "mnt": _PAIR,  # a measurement that was also stored as BCRF
+    **dict.fromkeys(("di", "ezd", "frt", "ibw", "jpk", "mdt", "mi", "wsxm"), _PEER),
+}
+"""What shows that a reader hands the top row over first; ``peer``: it is drawn as Gwyddion draws it."""
+
+_TESTED = "1.27."
+"""Versions of the package to which that applies; earlier ones turned some formats otherwise."""
 
 
 def format_of(file: RawFile) -> Format | None:
@@ -97,6 +113,7 @@ def read_via(
     channel: str | None = None,
     lateral_step: Any = None,
     unit: Any = None,
+    row_order: str | None = None,
 ) -> Surface | Profile:
     """Return the map or line that SurfaceTopography reads.
 
@@ -110,12 +127,15 @@ def read_via(
         Replaces the steps.
     unit : None
         Not accepted: a map whose unit the package does not know is refused.
+    row_order : {"top row first", "smallest y first"}, optional
+        How the rows of the package's map lie; needed where nothing shows it.
 
     Returns
     -------
     Surface or Profile
         ``metadata["via"]`` names package and version; a warning says that metrosep has not
-        verified the numbers.
+        verified the numbers. ``metadata["orientation_evidence"]`` is ``pair``, ``peer`` or
+        ``stated``.
 
     Raises
     ------
@@ -124,7 +144,7 @@ def read_via(
     UnitError
         If it knows no unit of length.
     UnsupportedFeatureError
-        If there is no such channel.
+        If there is no such channel, or nothing shows how the rows of a map lie.
     """
     import SurfaceTopography as package  # noqa: N813
     from SurfaceTopography.IO import readers
@@ -151,10 +171,17 @@ def read_via(
     format_id = f"via-{name}"
     if topography.dim == 1:
         x = np.asarray(topography.positions(), dtype=np.float64) * factor
+        refuse_options(file, "a profile, which has no rows", row_order=row_order)
         step = override[0] if override else None
         z = heights * factor
         return make_profile(
             file, format_id, x, z, header=header, override=step, warnings=warnings, **facts
+        )
+    order, evidence = _orientation(file, name, version, row_order)
+    if evidence == _PEER:
+        warnings.append(
+            f"{PACKAGE} draws this format as Gwyddion does, so its first row was taken as the top one; "
+            "no pair of files confirmed it: row_order= overrides it"
         )
     own = tuple(
         lateral_or_none(file, "pixel_size", float(s), warnings, factor=factor)
@@ -165,11 +192,32 @@ def read_via(
         format_id,
         heights.T * factor,
         (own[0], own[1]),
-        row_order=f"as {PACKAGE} gives it",
+        row_order=order,
         header=header,
         override=override,
         warnings=warnings,
+        orientation_evidence=evidence,
         **facts,
+    )
+
+
+def _orientation(file: RawFile, name: str, version: str, row_order: str | None) -> tuple[str, str]:
+    """Return the order of the rows of the package's map, drawn without turning, and what shows it."""
+    if row_order is not None:
+        if row_order not in ROW_ORDERS:
+            known = " or ".join(map(repr, ROW_ORDERS))
+            raise ReadError(f"{file.path}: row_order = {row_order!r} is unknown; use {known}")
+        return row_order, _STATED
+    if name in _EVIDENCE and version.startswith(_TESTED):
+        return ROW_ORDERS[1], _EVIDENCE[name]
+    reason = (
+        f"of {PACKAGE} {version}" if name in _EVIDENCE else f"that {PACKAGE} reads as {name!r}"
+    )
+    raise UnsupportedFeatureError(
+        f"{file.path}: nothing shows whether maps {reason} begin with the top row or with the "
+        f"smallest y, and a mirrored map would compensate the wrong side; compare one map with the "
+        f"picture of the instrument and pass row_order={ROW_ORDERS[1]!r} or {ROW_ORDERS[0]!r}, or "
+        "export it as X3P"
     )
 
 

@@ -17,13 +17,17 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from metrosep.core.errors import CorruptFileError, FormatMismatchError, UnsupportedFeatureError
+from metrosep.core.errors import (
+    CorruptFileError,
+    FormatMismatchError,
+    UnsupportedFeatureError,
+)
 from metrosep.io.source import RawFile
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 
-__all__ = ["Cells", "Workbook", "head_member"]
+__all__ = ["Cells", "Workbook", "zip_members"]
 
 Cells: TypeAlias = list[tuple[int, dict[str, float | str]]]
 """Number of each row, from 1, and its cells by column letter; empty cells are left out."""
@@ -31,6 +35,9 @@ Cells: TypeAlias = list[tuple[int, dict[str, float | str]]]
 _LOCAL_HEADER = b"PK\x03\x04"
 _MAX_MEMBER = 2**24
 """Largest size in bytes of an XML member; 30000 rows take 1 MB."""
+
+_SHOWN = 2**16
+"""Bytes of a member that a recogniser looks at."""
 
 _MAX_RATIO = 400
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
@@ -48,39 +55,50 @@ _DAMAGE = (
 _PLACE = re.compile(r"([A-Z]{1,3})(\d{1,7})")
 
 
-def head_member(head: bytes, member: str, *, limit: int = 65536) -> bytes:
-    """Return the start of a member of a zip archive of which only the first bytes are known.
+def zip_members(file: RawFile, *wanted: str) -> dict[str, bytes]:
+    """Return the members by name with the start of those wanted; of a cut archive, those in its head.
 
     Parameters
     ----------
-    head : bytes
-        First bytes of the file.
-    member : str
-        Name of the member.
-    limit : int, bytes, optional
-        Return no more.
+    file : RawFile
+        The file.
+    *wanted : str
+        Names of members whose start is wanted.
 
     Returns
     -------
-    bytes
-        Inflated; empty when the member does not begin in `head` or is damaged.
+    dict of str to bytes
+        Empty where it is no zip archive; no bytes of a member that is damaged or not wanted.
     """
-    name = member.encode()
-    at = head.find(name)
-    while at >= 0:
-        start = at - 30
-        if start >= 0 and head[start : start + 4] == _LOCAL_HEADER:
-            method, n_name, n_extra = struct.unpack_from("<8xH16xHH", head, start)[:3]
-            data = head[at + n_name + n_extra :]
-            if n_name == len(name) and method == zipfile.ZIP_STORED:
-                return data[:limit]
-            if n_name == len(name) and method == zipfile.ZIP_DEFLATED:
-                try:
-                    return zlib.decompressobj(-15).decompress(data, limit)
-                except zlib.error:
-                    return b""
-        at = head.find(name, at + 1)
-    return b""
+    if not file.head.startswith(_LOCAL_HEADER):
+        return {}
+    try:
+        with file.stream() as handle, zipfile.ZipFile(handle) as archive:
+            return {n: _start(archive, n) if n in wanted else b"" for n in archive.namelist()}
+    except _DAMAGE:
+        pass
+    members = {}
+    at = file.head.find(_LOCAL_HEADER)
+    while 0 <= at <= len(file.head) - 30:
+        method, n_name, n_extra = struct.unpack_from("<8xH16xHH", file.head, at)
+        name = file.head[at + 30 : at + 30 + n_name].decode("latin-1")
+        content = file.head[at + 30 + n_name + n_extra :]
+        try:
+            if method == zipfile.ZIP_DEFLATED:
+                content = zlib.decompressobj(-15).decompress(content, _SHOWN)
+        except zlib.error:
+            content = b""
+        members[name] = content[:_SHOWN]
+        at = file.head.find(_LOCAL_HEADER, at + 4)
+    return members
+
+
+def _start(archive: zipfile.ZipFile, name: str) -> bytes:
+    try:
+        with archive.open(name) as stream:
+            return stream.read(_SHOWN)
+    except _DAMAGE:
+        return b""
 
 
 class Workbook:
@@ -119,7 +137,7 @@ class Workbook:
         """Names of the worksheets in their order."""
         return tuple(self._sheets)
 
-    def cells(self, sheet: str, columns: Collection[str] = ()) -> Cells:
+    def cells(self, sheet: str, columns: Collection[str] = (), stop: int | None = None) -> Cells:
         """Return the cells of a worksheet that hold something.
 
         Parameters
@@ -128,6 +146,8 @@ class Workbook:
             One of `names`.
         columns : collection of str, optional
             Letters of the columns to return; all if empty.
+        stop : int, optional
+            Return no more than so many rows.
 
         Returns
         -------
@@ -157,6 +177,8 @@ class Workbook:
                         found[place[1]] = value
             if found:
                 rows.append((number, found))
+            if len(rows) == stop:
+                break
         return rows
 
     def _value(self, cell: Element, member: str) -> float | str | None:

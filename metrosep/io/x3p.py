@@ -25,6 +25,7 @@ from metrosep.io.maps import height_only as channels
 from metrosep.io.own_notes import OwnNotes, comment_notes
 from metrosep.io.registry import Match
 from metrosep.io.source import MAX_PIXELS, RawFile, flat_map, lateral_steps, refuse_options
+from metrosep.io.workbook import zip_members
 from metrosep.io.x3p_container import Container, flatten, md5, parse_xml
 from metrosep.io.x3p_grid import on_grid
 from metrosep.io.x3p_points import (
@@ -41,26 +42,25 @@ __all__ = ["channels", "read", "sniff"]
 FORMAT = "x3p"
 
 
-def sniff(head: bytes, name: str) -> Match:
-    """Return how sure we are that bytes begin an X3P file.
+def sniff(file: RawFile) -> Match:
+    """Return how sure we are that a file is an X3P file.
 
     Parameters
     ----------
-    head : bytes
-        First bytes of the file.
-    name : str
-        File name; its suffix makes a zip archive MAYBE, never YES.
+    file : RawFile
+        The file.
 
     Returns
     -------
     Match
-        YES for a zip archive whose first members are those of X3P.
+        YES for a zip archive with the members of X3P; ``.x3p`` makes any other archive MAYBE.
     """
-    if not head.startswith(b"PK\x03\x04"):
+    if not file.head.startswith(b"PK\x03\x04"):
         return Match.NO
-    if any(member in head for member in (b"main.xml", b"md5checksum.hex", b"bindata/")):
+    members = zip_members(file)
+    if any(n.endswith(("main.xml", "md5checksum.hex")) or "bindata/" in n for n in members):
         return Match.YES
-    return Match.MAYBE if name.lower().endswith(".x3p") else Match.NO
+    return Match.MAYBE if file.name.lower().endswith(".x3p") else Match.NO
 
 
 def read(

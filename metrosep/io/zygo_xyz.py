@@ -77,22 +77,20 @@ _LINES: dict[int, tuple[str, ...]] = {
 _FIELD = re.compile(r'"[^"]*"|\S+')
 
 
-def sniff(head: bytes, name: str) -> Match:
-    """Return how sure we are that bytes begin a Zygo XYZ file.
+def sniff(file: RawFile) -> Match:
+    """Return how sure we are that a file is a Zygo XYZ file.
 
     Parameters
     ----------
-    head : bytes
-        First bytes of the file.
-    name : str
-        File name; not used.
+    file : RawFile
+        The file.
 
     Returns
     -------
     Match
         YES when the first words are the ones of the format.
     """
-    return Match.YES if head.startswith(_MAGIC.encode()) else Match.NO
+    return Match.YES if file.head.startswith(_MAGIC.encode()) else Match.NO
 
 
 def read(
@@ -181,7 +179,7 @@ def _assumption(z: FloatArray) -> str:
 
 def _header_lines(file: RawFile) -> tuple[list[str], int]:
     """Return the lines before the first ``#``, and the offset of what follows it."""
-    if sniff(file.head, file.name) is Match.NO:
+    if sniff(file) is Match.NO:
         raise FormatMismatchError(
             f"{file.path}: is not a Zygo XYZ file: expected {_MAGIC!r} in line 1, found "
             f"{file.head[:20]!r}; leave out format= to have it recognised"

@@ -23,10 +23,10 @@ import math
 import tomllib
 from collections.abc import Mapping, Sequence
 from os import PathLike
-from pathlib import Path
 from typing import Any
 
 from metrosep.core.errors import DataError, MetrosepError
+from metrosep.core.plain_files import MACHINE_BYTES, read_plain
 from metrosep.machine._numbers import is_real
 from metrosep.machine.elements import DIRECTIONS, Element
 
@@ -61,7 +61,7 @@ def toml_table(path: str | PathLike[str]) -> dict[str, Any]:
         The file is no TOML in UTF-8 (a byte order mark is allowed), or nested too deeply.
     """
     try:
-        return tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
+        return tomllib.loads(read_plain(path, MACHINE_BYTES).decode("utf-8-sig"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as exc:
         raise DataError(f"{path} is no TOML file: {exc}") from None
     except RecursionError:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from functools import cache
 from types import MappingProxyType
 
-__all__ = ["unit_of_symbol"]
+__all__ = ["is_of_all", "same_parameter", "unit_of_symbol"]
 
 _FORM = ("STR", "FLT", "RON")
 """Straightness, flatness, roundness: every value of theirs is a length."""
@@ -31,6 +31,53 @@ def unit_of_symbol(symbol: str) -> str | None:
     ('m', '1', '1/m^2', None)
     """
     return "m" if symbol[:3] in _FORM and len(symbol) > 3 else _units().get(symbol)
+
+
+def is_of_all(symbol: str) -> bool:
+    """Return whether ``names = "all"`` asks for a parameter: deviations of form are asked for by name.
+
+    Parameters
+    ----------
+    symbol : str
+        In the spelling of either edition.
+
+    Returns
+    -------
+    bool
+        Of a map or of a profile.
+
+    Examples
+    --------
+    >>> is_of_all("Sku"), is_of_all("FLTt"), is_of_all("Xyz")
+    (True, False, False)
+    """
+    return symbol[:3] not in _FORM and unit_of_symbol(symbol) is not None
+
+
+def same_parameter(one: str, other: str) -> bool:
+    """Return whether two symbols are spellings of one parameter.
+
+    Parameters
+    ----------
+    one, other : str
+        In the spelling of either edition.
+
+    Returns
+    -------
+    bool
+        True also for equal symbols.
+
+    Examples
+    --------
+    >>> same_parameter("RSm", "Rsm"), same_parameter("Smrk1", "Smr1"), same_parameter("Sa", "Sq")
+    (True, True, False)
+    """
+    from metrosep.parameters.areal import _ALIASES
+    from metrosep.parameters.profile import _plain
+
+    if _ALIASES.get(one, one) == _ALIASES.get(other, other):
+        return True
+    return any(_plain(one, kind) == _plain(other, kind) for kind in "PWR")
 
 
 @cache

@@ -9,16 +9,18 @@ from __future__ import annotations
 
 import os
 import tomllib
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from metrosep.core.errors import RecipeError
+from metrosep.core.plain_files import RECIPE_BYTES, read_plain_text
 from metrosep.recipe.override_marks import as_given, toml_problem
 from metrosep.recipe.schema import Place
 
 __all__ = [
+    "Admits",
     "LayeredPlace",
     "Layers",
     "before_record",
@@ -37,6 +39,10 @@ _BYTE_ORDER_MARK = "\ufeff"
 """Some editors write it in front of a text in UTF-8."""
 
 _MOST = 8
+
+Admits: TypeAlias = Callable[[Path], bool]
+"""Whether a path may be read."""
+
 _TABLES = ("input", "batch", "view")
 
 
@@ -226,7 +232,7 @@ def _split(text: str) -> tuple[str, tuple[_Base, ...]]:
     )
 
 
-def layers_of(text: str, name: str, folder: Path) -> Layers:
+def layers_of(text: str, name: str, folder: Path, admits: Admits | None = None) -> Layers:
     """Return a recipe merged with those that it extends.
 
     Parameters
@@ -237,6 +243,8 @@ def layers_of(text: str, name: str, folder: Path) -> Layers:
         Its name, for messages.
     folder : Path
         Where names of recipes start.
+    admits : callable, optional
+        Whether a path may be read; every path if omitted.
 
     Returns
     -------
@@ -246,7 +254,7 @@ def layers_of(text: str, name: str, folder: Path) -> Layers:
     Raises
     ------
     RecipeError
-        If a text is not TOML, a recipe that is named cannot be read, or one extends itself.
+        If a text is not TOML, a recipe that is named may or can not be read, or one extends itself.
     """
     own, recorded = _split(text.removeprefix(_BYTE_ORDER_MARK))
     chain: list[tuple[str, str, dict[str, Any]]] = [(name, own, _parsed(own, name))]
@@ -269,6 +277,12 @@ def layers_of(text: str, name: str, folder: Path) -> Layers:
             chain.append((base.name, base.text, base.data()))
             continue
         target = place_of / wanted
+        if admits is not None and not admits(target):
+            raise place.error(
+                f'extends = "{wanted}": it lies outside the folders that were opened; open its folder '
+                "too (--folder), or copy the recipe beside this one",
+                "extends",
+            )
         if target.resolve() in seen:
             raise place.error(f'extends = "{wanted}": it comes back to itself', "extends")
         seen.add(target.resolve())
@@ -310,7 +324,7 @@ def _parsed(text: str, name: str) -> dict[str, Any]:
 
 def _read(target: Path, wanted: str, place: Place) -> str:
     try:
-        return target.read_text(encoding="utf-8").removeprefix(_BYTE_ORDER_MARK)
+        return read_plain_text(target, RECIPE_BYTES).removeprefix(_BYTE_ORDER_MARK)
     except (OSError, UnicodeDecodeError) as exc:
         reason = getattr(exc, "strerror", None) or exc
         raise place.error(

@@ -107,7 +107,7 @@ def _listed_test(file: Path, layout: Mapping[str, Any]) -> RoleColumns:
     from metrosep.io.source import open_file
 
     source = open_file(file)
-    if sniff(source.head, source.name) is Match.NO:
+    if sniff(source) is Match.NO:
         raise FormatMismatchError(
             f"{file}: is no list of a positioning test; for a table name its columns: "
             'target = "target_mm", direction = "direction", readings = ["run1_mm", "run2_mm"]'

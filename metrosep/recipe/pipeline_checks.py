@@ -11,7 +11,7 @@ from metrosep.recipe.key_values import DIMENSIONS
 from metrosep.recipe.kinds import KINDS
 from metrosep.recipe.pipeline_keys import Key
 
-__all__ = ["CHECKS", "StepError", "form_options", "known_unit", "normal_values"]
+__all__ = ["CHECKS", "StepError", "form_options", "known_unit", "makes_metric", "normal_values"]
 
 Check = Callable[[Mapping[str, Any]], None]
 
@@ -320,6 +320,65 @@ def known_unit(steps: Sequence[Mapping[str, Any]], metric: str) -> str | None:
     carried_out = (s for s in steps if s.get("enabled", True))
     found = {u for s in carried_out if (u := _unit_in(s, symbol)) is not None}
     return found.pop() if len(found) == 1 else None
+
+
+def makes_metric(steps: Sequence[Mapping[str, Any]], metric: str) -> str | None:
+    """Return why no step makes a metric, as far as that shows without data.
+
+    Parameters
+    ----------
+    steps : sequence of mapping
+        Steps that measure, checked.
+    metric : str
+        Of a check; ``Sa#2`` is the second of its name.
+
+    Returns
+    -------
+    str or None
+        One sentence with the nearest name; None where it may be there.
+
+    Examples
+    --------
+    >>> makes_metric([{"op": "parameters", "names": ["Sq"]}], "Sa")
+    'metric = "Sa" is made by no step; did you mean "Sq"?'
+    """
+    symbol, _, number = metric.partition("#")
+    carried_out = [s for s in steps if s.get("enabled", True)]
+    n = sum(_makes(s, symbol) for s in carried_out)
+    if n >= (int(number) if number.isdecimal() else 1):
+        return None
+    known = sorted({name for s in carried_out for name in _named(s)})
+    near = difflib.get_close_matches(symbol, known, n=1, cutoff=0.4)
+    if n:
+        return f'metric = "{metric}": {symbol} is made {n} time{"s" if n > 1 else ""} only'
+    hint = f'; did you mean "{near[0]}"?' if near else f"; there are {', '.join(known) or 'none'}"
+    return f'metric = "{metric}" is made by no step{hint}'
+
+
+def _makes(step: Mapping[str, Any], symbol: str) -> bool:
+    named = _named(step)
+    if step["op"] != "parameters" or symbol in named:
+        return symbol in named
+    from metrosep.parameters.symbol_units import is_of_all, same_parameter
+
+    if "all" in step.get("names", ()):
+        return is_of_all(symbol)
+    return any(same_parameter(symbol, name) for name in named)
+
+
+def _named(step: Mapping[str, Any]) -> set[str]:
+    """Return the metrics that a step makes, in one spelling; with "all" some are left out."""
+    if step["op"] == "parameters":
+        from metrosep.recipe.pipeline_steps import USUAL_OF_MAPS, USUAL_OF_PROFILES
+
+        usual = {*USUAL_OF_MAPS, *(k + s for k in "PWR" for s in USUAL_OF_PROFILES)}
+        return set(step.get("names") or usual) - {"all"}
+    if step["op"] != "form":
+        return set()
+    from metrosep.forms.freedoms import RIGID
+
+    names = {**RIGID, **form_options(step)[0].units_of()}
+    return {"residual.pv", "residual.rms", *names}
 
 
 def _unit_in(step: Mapping[str, Any], symbol: str) -> str | None:

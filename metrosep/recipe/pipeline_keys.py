@@ -178,6 +178,11 @@ PARAMETERS: Mapping[str, Key] = {
         "ISO 4287:1997",
         default="ISO 21920-2:2021",
     ),
+    "intermediate": Key(
+        Field("flag"),
+        "true: later steps change the map or profile, and this is what it was before them",
+        False,
+    ),
     "sections": Key(
         Field("integer"), "section lengths of a profile; as many as there are cut-offs, else 5"
     ),

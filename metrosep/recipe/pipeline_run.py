@@ -279,8 +279,10 @@ def measured_result(recipe: Recipe, measured: Measurement) -> Result:
         If a check names a metric that is not there, or its uncertainty is not known.
     """
     from metrosep.recipe.describe_measure import measurement_of
+    from metrosep.recipe.preflight import require_limits
     from metrosep.recipe.result import Result
 
+    require_limits(recipe)
     return Result(_document(recipe, measured, measurement_of(measured)), measured)
 
 

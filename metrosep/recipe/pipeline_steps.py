@@ -17,7 +17,11 @@ from metrosep.recipe.pipeline_mask import Measured, masked
 from metrosep.recipe.pipeline_outliers import without_outliers
 from metrosep.recipe.pipeline_parameters import Evaluating, iso_filtered, parameter_tables
 
-__all__ = ["APPLY", "Done", "usual_names"]
+__all__ = ["APPLY", "USUAL_OF_MAPS", "USUAL_OF_PROFILES", "Done", "usual_names"]
+
+USUAL_OF_MAPS = ("PV", "RMS", "Sa", "Sq", "Sz", "Ssk", "Sku")
+USUAL_OF_PROFILES = ("a", "q", "z", "t", "sk", "ku")
+"""Parameters that are evaluated where none are named; those of profiles behind P, W or R."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,6 +169,11 @@ def _parameters(obj: Measured, options: Mapping[str, Any]) -> Done:
     messages += [
         f"{s} is not available: {why}" for t in tables for s, why in t.unavailable.items()
     ]
+    if options.get("intermediate", False):
+        messages.append(
+            f"intermediate: {', '.join(found)} are of the surface before the steps that follow, not of "
+            "the one that is shown as judged"
+        )
     contexts = [t.to_dict() for t in tables]
     audit = {
         "evaluations": [
@@ -192,11 +201,11 @@ def usual_names(obj: Measured, kind: str | None = None) -> tuple[str, ...]:
         Symbols.
     """
     if isinstance(obj, Surface):
-        return ("PV", "RMS", "Sa", "Sq", "Sz", "Ssk", "Sku")
+        return USUAL_OF_MAPS
     from metrosep.filters import profile_kind
 
     letter = kind or profile_kind(obj) or "P"
-    return tuple(f"{letter}{s}" for s in ("a", "q", "z", "t", "sk", "ku"))
+    return tuple(f"{letter}{s}" for s in USUAL_OF_PROFILES)
 
 
 APPLY: Mapping[str, Callable[[Measured, Mapping[str, Any]], Done]] = {

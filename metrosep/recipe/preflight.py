@@ -15,7 +15,7 @@ from metrosep.core.errors import DataError, RecipeError
 from metrosep.parameters.decision import decide
 from metrosep.recipe.limits import limit_problem, order_problem
 from metrosep.recipe.pipeline import STEPS as MEASURING
-from metrosep.recipe.pipeline_checks import known_unit
+from metrosep.recipe.pipeline_checks import known_unit, makes_metric
 from metrosep.recipe.schema import Place
 
 if TYPE_CHECKING:
@@ -125,7 +125,7 @@ def require_limits(recipe: Recipe) -> None:
 
 
 def limit_errors(recipe: Recipe) -> Iterator[RecipeError]:
-    """Return what is wrong with the units of limits: the steps tell those of the values.
+    """Return what does not fit together though each key does: order of steps, metrics, limits.
 
     Parameters
     ----------
@@ -135,8 +135,9 @@ def limit_errors(recipe: Recipe) -> Iterator[RecipeError]:
     Yields
     ------
     RecipeError
-        With file and line: a limit or U of another kind than its value. Of values whose unit only
-        the data tell, nothing is said.
+        With file and line: a step that changes the map behind its evaluation, a metric that no step
+        makes, a limit or U of another kind than its value. Of values whose unit only the data tell,
+        nothing is said.
 
     Examples
     --------
@@ -153,7 +154,13 @@ def limit_errors(recipe: Recipe) -> Iterator[RecipeError]:
     >>> [error.line for error in limit_errors(Recipe.parse(text))]
     [8]
     """
+    if recipe.is_pipeline:
+        yield from _order_errors(recipe)
     for i, check in enumerate(recipe.checks if recipe.is_pipeline else ()):
+        problem = makes_metric(recipe.steps, check["metric"])
+        if problem:
+            yield recipe.place("[[check]]", i).error(problem, "metric")
+            continue
         unit = known_unit(recipe.steps, check["metric"])
         if unit is None:
             continue
@@ -161,6 +168,23 @@ def limit_errors(recipe: Recipe) -> Iterator[RecipeError]:
             problem = limit_problem(key, check[key], check["metric"], unit)
             if problem is not None:
                 yield recipe.place("[[check]]", i).error(problem, key)
+
+
+def _order_errors(recipe: Recipe) -> Iterator[RecipeError]:
+    """Yield a line for each evaluation behind which a step changes what was evaluated."""
+    done = [(i, s) for i, s in enumerate(recipe.steps) if s.get("enabled", True)]
+    for i, step in done:
+        changing = [k for k, s in done if k > i and s["op"] != "parameters"]
+        if step["op"] != "parameters" or step.get("intermediate", False) or not changing:
+            continue
+        place, later = recipe.place("[[step]]", i), recipe.place("[[step]]", changing[0])
+        where = later.line_of("op")
+        yield place.error(
+            f"step {i + 1} evaluates what step {changing[0] + 1} ({recipe.steps[changing[0]]['op']}"
+            f"{'' if where is None else f', line {where}'}) changes afterwards, so that one surface is "
+            "shown and another judged; put that step first, or write intermediate = true here",
+            "op",
+        )
 
 
 def _names(output: Mapping[str, Any], place: Place) -> list[str]:

@@ -10,9 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from metrosep.core.errors import RecipeError, UnsupportedFeatureError
+from metrosep.core.plain_files import MACHINE_BYTES, RECIPE_BYTES, read_plain_text, require_plain
 from metrosep.core.provenance import freeze_mapping
 from metrosep.recipe.batch_keys import batch_table
-from metrosep.recipe.extends import LayeredPlace, layers_of
+from metrosep.recipe.extends import Admits, LayeredPlace, layers_of
+from metrosep.recipe.method import Method
 from metrosep.recipe.methods import METHODS, input_fields
 from metrosep.recipe.override_marks import overrides_in
 from metrosep.recipe.overrides import with_overrides
@@ -137,7 +139,7 @@ class Recipe:
         """
         target = Path(path)
         try:
-            text = target.read_text(encoding="utf-8")
+            text = read_plain_text(target, RECIPE_BYTES)
         except (OSError, UnicodeDecodeError) as exc:
             reason = getattr(exc, "strerror", None) or exc
             raise RecipeError(f"{target}: the recipe cannot be read ({reason})") from None
@@ -152,6 +154,7 @@ class Recipe:
         name: str = "recipe.toml",
         folder: PathLike = ".",
         overrides: Sequence[str] = (),
+        admits: Admits | None = None,
     ) -> Recipe:
         """Check the text of a recipe.
 
@@ -167,6 +170,9 @@ class Recipe:
             ``key=value`` each, as ``-s`` of the command line takes them: ``step.form.robust=tukey``,
             ``step.2.degree=5``, ``check.Sa.upper=12 nm``, ``input.unit=um``, ``title=...``. They
             are written into the text.
+        admits : callable, optional
+            Whether a path that the recipe names may be read, as ``admits(path)``; every path if
+            omitted. A device, a pipe or a description that is too large is refused in any case.
 
         Returns
         -------
@@ -180,7 +186,7 @@ class Recipe:
         """
         if overrides:
             text = with_overrides(text, name, Path(folder), overrides)
-        layers = layers_of(text, name, Path(folder))
+        layers = layers_of(text, name, Path(folder), admits)
         data, text, bases = layers.data, layers.text, layers.bases
 
         def place(header: str = "", number: int = 0) -> Place:
@@ -209,6 +215,8 @@ class Recipe:
                 + ", ".join(MEASURING),
                 "step",
             )
+        if method is not None:
+            _require_files(method, steps, Path(folder), lambda i: place("[[step]]", i), admits)
         fields = INPUT if method is None else input_fields(method)
         if pipeline:
             fields = MEASURING_INPUT
@@ -351,3 +359,37 @@ class Recipe:
         run = runners["batch"].load()
         settings = {"workers": workers, "scheduler": scheduler, "resume": resume, **options}
         return run(self, folder, out=out, **settings)
+
+
+def _require_files(
+    method: Method,
+    steps: Sequence[Mapping[str, Any]],
+    folder: Path,
+    place: Callable[[int], Place],
+    admits: Admits | None,
+) -> None:
+    """Refuse a file that a key names and that is no plain file, too large, or not to be read."""
+    for i, step in enumerate(steps):
+        for key, known in method.fields.items():
+            if known.kind != "file" or key not in step:
+                continue
+            name = step[key]
+            # a method looks beside the recipe, then where the process was started
+            target = folder / name if (folder / name).exists() else Path(name)
+            is_word = Path(name).name == name and not target.exists()  # such as a preset
+            if (
+                admits is not None
+                and not is_word
+                and not (admits(target) and admits(folder / name))
+            ):
+                raise place(i).error(
+                    f'{key} = "{name}": it lies outside the folders that were opened; open its folder '
+                    "too (--folder), or copy the file into one of them",
+                    key,
+                )
+            try:
+                require_plain(target, MACHINE_BYTES if target.suffix == ".toml" else None)
+            except OSError as exc:
+                raise place(i).error(
+                    f'{key} = "{name}": {exc.strerror}; name a file that holds the data', key
+                ) from None

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from metrosep.core.atomic import atomic_write
 from metrosep.core.errors import CorruptFileError, DataError, ReadError
+from metrosep.core.plain_files import read_plain
 from metrosep.core.runset import Run, RunSet
 from metrosep.recipe.document_text import document_text
 from metrosep.separation.base import ErrorEstimate
@@ -42,6 +43,7 @@ _CURVE_POINTS = 601
 _MAX_POINTS = 2000
 _CELLS = 2001
 """Of a stored run: as many as the positions at which a dry-run compares."""
+_MOST_BYTES = 2**30
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,7 +165,7 @@ def load_document(path: str | os.PathLike[str]) -> dict[str, Any]:
     if target.is_dir():
         target = target / "result.json"
     try:
-        content = json.loads(target.read_text(encoding="utf-8"))
+        content = json.loads(read_plain(target, _MOST_BYTES).decode("utf-8"))
     except OSError as exc:
         raise ReadError(
             f"{target}: cannot be read ({exc.strerror or exc}); check the name"

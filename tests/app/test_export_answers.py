@@ -11,6 +11,7 @@ import pytest
 import metrosep as ms
 from metrosep.app.documents import Edit
 from metrosep.app.export_answers import export
+from metrosep.app.opening import autosave_path
 from metrosep.app.places import Places
 from metrosep.app.report_answers import report
 from metrosep.app.sessions import Session
@@ -60,9 +61,14 @@ def test_the_measurement_is_never_written_over(session, tmp_path):
     assert (tmp_path / "link.x3p").read_bytes() == before
 
 
-def test_nor_the_kept_session(session, tmp_path):
+def test_nor_the_kept_session(tmp_path, monkeypatch):
+    """Also where the user opened the folder in which sessions are kept."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    monkeypatch.setenv("LOCALAPPDATA", str(tmp_path))
+    part(tmp_path / "part.x3p")
+    session = opened(tmp_path, tmp_path / "part.x3p")
     session.edit([Edit(("title",), "part", "mine")])
-    name = "part.x3p.session.toml"
+    name = str(autosave_path(tmp_path / "part.x3p"))
     before = (tmp_path / name).read_bytes()
     for function, message in (
         (export, {"what": "recipe", "path": name}),

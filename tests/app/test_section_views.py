@@ -125,7 +125,7 @@ def test_bilinear_reading_averages_noise_as_stated():
     noise = np.random.default_rng(7).normal(size=(1500, 1500))
     surface = Surface(noise, 1.0, 1.0)
     ends = (0.3, 0.7), (1490.0, 1203.0)
-    slanting = section_view(surface, *ends)
+    slanting = section_view(surface, *ends, method="bilinear")
     nearest = section_view(surface, *ends, method="nearest")
     # mean of (1 - u)^2 + u^2 over u is 2/3 in each direction; about 1500 samples, 4 sigma = 0.08
     assert slanting.sq == pytest.approx(2 / 3, abs=0.06)
@@ -158,3 +158,54 @@ def test_bad_sections(a, b, options, words):
         section_view(Surface(np.zeros((3, 3)), 1.0, 1.0), a, b, **options)
     with pytest.raises(DataError, match="through a Surface"):
         section_view(np.zeros((3, 3)), (0, 0), (1, 1))
+
+
+@pytest.mark.parametrize("degrees", [17.0, 30.0, 45.0])
+@pytest.mark.parametrize("wavelength", [3.0, 3.5, 4.3, 5.0, 6.0, 10.0])
+def test_a_slanting_section_keeps_the_rms_of_short_waves(wavelength, degrees):
+    """A wave along x: the section has its RMS, amplitude / sqrt(2), however it is turned."""
+    i = np.arange(700)
+    surface = Surface(np.tile(np.sin(2 * np.pi * i / wavelength + 0.4), (700, 1)), 1.0, 1.0)
+    c, s = np.cos(np.deg2rad(degrees)), np.sin(np.deg2rad(degrees))
+
+    line = section_profile(surface, (20.0, 20.0), (20.0 + 650.0 * c, 20.0 + 650.0 * s))
+
+    assert line.z.std() == pytest.approx(np.sqrt(0.5), rel=0.01, abs=0.0)
+
+
+@pytest.mark.parametrize(
+    ("wavelength", "phase", "ends", "kept"),
+    [
+        (5.2, 0.7, ((20, 20), (280, 150)), 0.995318),
+        (3.1, 0.2, ((15, 30), (370, 260)), 1.004858),
+    ],
+)
+def test_amplitudes_are_those_of_an_independent_reading(wavelength, phase, ends, kept):
+    """Numbers of a plane and Lanczos-4 that were computed elsewhere (people.md, C-2)."""
+    wave = np.sin(2 * np.pi * np.arange(400) / wavelength + phase)
+    line = section_profile(Surface(np.tile(wave, (300, 1)), 1.0, 1.0), *ends)
+    x = ends[0][0] + (ends[1][0] - ends[0][0]) * line.x / line.x[-1]
+    w = 2 * np.pi * x / wavelength + phase
+
+    found = np.linalg.lstsq(np.c_[np.sin(w), np.cos(w)], line.z, rcond=None)[0][0]
+
+    assert found == pytest.approx(kept, abs=1e-6)
+
+
+def test_beside_a_gap_the_section_is_bilinear_and_says_how_much():
+    z = np.tile(np.sin(np.arange(60) / 2.0), (60, 1))
+    z[30, 30] = np.nan
+    line = section_profile(Surface(z, 1.0, 1.0), (10.3, 10.2), (50.3, 50.2))
+
+    assert np.isnan(line.z).sum() >= 1
+    assert 0.0 < line.history[-1].parameters["bilinear_share"] < 0.5
+
+
+def test_mirrored_map_and_mirrored_line_give_the_same_section():
+    z = np.random.default_rng(3).normal(size=(50, 70))
+    surface, mirrored = Surface(z, 1.0, 1.0), Surface(z[::-1, ::-1].copy(), 1.0, 1.0)
+
+    line = section_profile(surface, (5.2, 7.9), (61.3, 40.4))
+    other = section_profile(mirrored, (69 - 5.2, 49 - 7.9), (69 - 61.3, 49 - 40.4))
+
+    np.testing.assert_allclose(other.z, line.z, rtol=0, atol=1e-12)

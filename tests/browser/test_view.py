@@ -13,6 +13,8 @@ import numpy as np
 import pytest
 from browser.test_folder import part
 
+from metrosep.app.opening import autosave_path
+
 pytestmark = pytest.mark.browser
 
 Opened = Callable[..., Any]
@@ -24,7 +26,7 @@ def test_view_comes_back(opened: Opened, map_file: Path) -> None:
     page.run("document.getElementById('colours').dispatchEvent(new Event('change'))")
     page.drag(page.middle(".handle-point"), (60.0, 40.0))
     page.click("#tab-report")
-    session = map_file.with_name(f"{map_file.name}.session.toml")
+    session = autosave_path(map_file)
     end = time.monotonic() + 20.0
     while not (session.is_file() and "report" in session.read_text()):
         assert time.monotonic() < end, "the view was not kept"
@@ -90,7 +92,7 @@ def test_the_report_appears_after_the_view_was_stored(opened: Opened, map_file: 
     recipe = map_file.with_name("bowl.toml")
     recipe.write_text(REPORTABLE)
     page = opened(recipe)
-    session = recipe.with_name("bowl.toml.session.toml")
+    session = autosave_path(recipe)
     chosen(page, session, "report")
     assert "Sz" in reported(page)
     chosen(page, session, "view")
@@ -117,7 +119,7 @@ def test_the_table_is_written_after_the_view_was_stored(opened: Opened, tmp_path
         'controller = "csv"\naxis = "X"\ncompensates = "Z"\nspacing = "0.5 mm"\npath = "slide.txt"\n'
     )
     page = opened(recipe)
-    session = tmp_path / "slide.toml.session.toml"
+    session = autosave_path(recipe)
     chosen(page, session, "report")
     assert len(reported(page)) > 200
     chosen(page, session, "table")

@@ -51,7 +51,7 @@ def survives_damage():
                 outcomes.append(path.name in str(exc))
             else:
                 outcomes.append(any(np.isfinite(v).any() for v in numbers(obj)))
-            reader.sniff(content, path.name)
+            reader.sniff(RawFile(path, content))
         assert all(outcomes)
 
     return check

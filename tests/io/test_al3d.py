@@ -1,6 +1,7 @@
 """Alicona files: real file, padding of rows, the marker, orientation, and tags that lie."""
 
 import struct
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 import metrosep as ms
 from metrosep.io import al3d
 from metrosep.io.registry import Match, identify
+from metrosep.io.source import RawFile
 
 NM = 1e-9
 REL = 1e-6  # digits of the manifest of the corpus
@@ -189,9 +191,9 @@ def test_missing_tag_is_named(folder, put, key):
 def test_magic_decides_not_the_suffix(folder, put):
     head = (folder / "even.al3d").read_bytes()
 
-    assert al3d.sniff(head, "x.csv") is Match.YES
-    assert al3d.sniff(head[:17] + b"Rows", "x.al3d") is Match.MAYBE
-    assert al3d.sniff(b"AliconaImaging results\n", "x.al3d") is Match.NO
+    assert al3d.sniff(RawFile(Path("x.csv"), head)) is Match.YES
+    assert al3d.sniff(RawFile(Path("x.al3d"), head[:17] + b"Rows")) is Match.MAYBE
+    assert al3d.sniff(RawFile(Path("x.al3d"), b"AliconaImaging results\n")) is Match.NO
     with pytest.raises(ms.errors.FormatMismatchError, match="AliconaImaging"):
         ms.read(put("x,y\n1,2\n", "a.al3d"), format="al3d")
 

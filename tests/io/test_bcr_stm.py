@@ -1,6 +1,7 @@
 """BCR-STM files: real file, encodings, units, byte order, and headers that lie."""
 
 import struct
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 import metrosep as ms
 from metrosep.io import bcr_stm
 from metrosep.io.registry import Match, identify
+from metrosep.io.source import RawFile
 
 NM = 1e-9
 REL = 1e-6  # digits of the manifest of the corpus
@@ -143,7 +145,7 @@ def test_height_that_is_no_length_is_a_unit_error(edited):
     "head", [b"fileformat = bcrx\n", b"fileformat=tiff\n", b"xpixels = 4\n", b""]
 )
 def test_other_text_is_not_recognised(put, head):
-    assert bcr_stm.sniff(head, "surface.bcr") is Match.NO
+    assert bcr_stm.sniff(RawFile(Path("surface.bcr"), head)) is Match.NO
     with pytest.raises(ms.errors.FormatMismatchError, match="is not a BCR-STM file"):
         ms.read(put(head + b"1"), format="bcr-stm")
 

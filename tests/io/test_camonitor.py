@@ -1,11 +1,14 @@
 """Text of camonitor: the union of irregular times, alarms, silent variables, damage."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import metrosep as ms
 from metrosep.io import camonitor
 from metrosep.io.registry import Match
+from metrosep.io.source import RawFile
 
 
 @pytest.fixture
@@ -82,7 +85,7 @@ def test_lines_that_do_not_fit(put, text, match):
     [b"", b"2024-03-01 10:00:00 1.5\n", b"t,x\n0,1\n", b"a b c\n", b"\xff\x00\x01", b"1 2 3 4\n"],
 )
 def test_other_text_is_not_claimed(head):
-    assert camonitor.sniff(head, "a.txt") is Match.NO
+    assert camonitor.sniff(RawFile(Path("a.txt"), head)) is Match.NO
 
 
 @pytest.mark.parametrize("name", ["interleaved.txt", "odd-lines.txt"])

@@ -1,6 +1,7 @@
 """Code V interferograms: real file, scale, orientation, headers that lie, and the writer."""
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import metrosep as ms
 from metrosep.io import codev_int
 from metrosep.io.codev_int_write import int_bytes, quantisation_step
 from metrosep.io.registry import Match, identify
+from metrosep.io.source import RawFile
 
 NM = 1e-9
 REL = 1e-6  # digits of the manifest of the corpus
@@ -138,7 +140,7 @@ def test_what_is_not_read_is_named(edited, old, new, match):
     "text", ["1 2 3\n4 5 6\n", "! a\ntitle\n1 2 3\n", "title\nGRD 4 3\n1 2\n", "\0\1\2"]
 )
 def test_other_text_is_not_taken_for_it(put, text):
-    assert codev_int.sniff(text.encode(), "surface.int") is Match.NO
+    assert codev_int.sniff(RawFile(Path("surface.int"), text.encode())) is Match.NO
     with pytest.raises(ms.errors.FormatMismatchError, match="is not a Code V"):
         ms.read(put(text), format="codev-int")
 

@@ -1,11 +1,14 @@
 """Contour DAT: the real file, order of the points, counts that are hints, damage."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import metrosep as ms
 from metrosep.io import contour_dat
 from metrosep.io.registry import Match
+from metrosep.io.source import RawFile
 
 NM = 1e-9
 DOUBLE = 1e-12  # relative; a factor of 1e-3
@@ -73,7 +76,7 @@ def test_height_not_measured(samples, put):
     ],
 )
 def test_similar_text_is_not_a_contour(text):
-    assert contour_dat.sniff(text.encode(), "contour.DAT") is Match.NO
+    assert contour_dat.sniff(RawFile(Path("contour.DAT"), text.encode())) is Match.NO
 
 
 def test_plain_table_gives_the_same_numbers(corpus):

@@ -9,6 +9,7 @@ import pytest
 
 import metrosep as ms
 from metrosep.io import dabam
+from metrosep.io.source import RawFile
 
 NM = 1e-9
 URAD = 1e-6
@@ -191,7 +192,7 @@ def test_columns_that_are_not_beside_the_file(entry):
 
 def test_the_columns_alone_are_not_taken_for_an_entry(folder, corpus):
     for path in (folder / "pairs" / "heights.dat", corpus / "dabam" / "dabam-025.dat"):
-        assert dabam.sniff(path.read_bytes()[:65536], path.name) is ms.io.registry.Match.NO
+        assert dabam.sniff(RawFile(path, path.read_bytes()[:65536])) is ms.io.registry.Match.NO
     with pytest.raises(ms.errors.FormatMismatchError, match=r"pass the \.txt"):
         ms.read(folder / "pairs" / "heights.dat", format="dabam")
 

@@ -64,7 +64,7 @@ class Sample:
 
     def outcome(self, data):
         """Read bytes and check whatever comes out; return the object, or None when refused."""
-        self.reader.sniff(data, self.path.name)
+        self.reader.sniff(RawFile(self.path, data))
         start = time.perf_counter()
         message = None
         try:

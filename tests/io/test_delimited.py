@@ -6,7 +6,7 @@ import pytest
 import metrosep as ms
 from metrosep.io import delimited
 from metrosep.io.registry import Match
-from metrosep.io.source import open_file
+from metrosep.io.source import RawFile, open_file
 
 NM = 1e-9
 AM = 1e-18
@@ -397,4 +397,4 @@ def test_real_utf16_table_by_bare_names(corpus):
 def test_what_is_no_table_is_not_taken_for_one(corpus, name):
     path = corpus / name
 
-    assert delimited.sniff(open_file(path).head, path.name) is Match.NO
+    assert delimited.sniff(RawFile(path, open_file(path).head)) is Match.NO

@@ -2,6 +2,7 @@
 
 import struct
 import zlib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from metrosep.io import digital_surf
 from metrosep.io.digital_surf_objects import FIELDS
 from metrosep.io.digital_surf_write import sur_bytes
 from metrosep.io.registry import Match, identify
-from metrosep.io.source import open_file
+from metrosep.io.source import RawFile, open_file
 
 NM = 1e-9
 REL = 1e-6  # digits of the manifest of the corpus
@@ -254,9 +255,9 @@ def test_stream_that_cannot_grow_to_its_claim_is_refused_at_once(patched, put):
 def test_signature_decides_not_the_suffix(folder, put):
     head = (folder / "surface16.sur").read_bytes()
 
-    assert digital_surf.sniff(head, "x.csv") is Match.YES
-    assert digital_surf.sniff(b"DIGITAL SURF notes", "x.sur") is Match.MAYBE
-    assert digital_surf.sniff(b"digital surf", "x.sur") is Match.NO
+    assert digital_surf.sniff(RawFile(Path("x.csv"), head)) is Match.YES
+    assert digital_surf.sniff(RawFile(Path("x.sur"), b"DIGITAL SURF notes")) is Match.MAYBE
+    assert digital_surf.sniff(RawFile(Path("x.sur"), b"digital surf")) is Match.NO
     with pytest.raises(ms.errors.FormatMismatchError, match="DSCOMPRESSED"):
         ms.read(put("x,y\n1,2\n", "a.sur"), format="digital-surf")
 

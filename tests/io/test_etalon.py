@@ -1,5 +1,7 @@
 """Etalon exchange format: terms, their units, what is no profile, damage."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -122,7 +124,7 @@ def test_table_that_lies(put, old, new, match):
     ],
 )
 def test_other_text_is_not_claimed(head):
-    assert etalon.sniff(head, "a.txt") is Match.NO
+    assert etalon.sniff(RawFile(Path("a.txt"), head)) is Match.NO
 
 
 def test_damage_is_a_read_error_or_a_profile(samples, survives_damage):

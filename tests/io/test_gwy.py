@@ -2,12 +2,14 @@
 
 import struct
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import metrosep as ms
 from metrosep.io import gwy
+from metrosep.io.source import RawFile
 
 NM = 1e-9
 DOUBLE = 1e-12  # relative; a product of two doubles
@@ -155,8 +157,8 @@ def test_many_empty_texts_are_not_allocated(put):
 
 
 def test_magic_alone_is_maybe():
-    assert gwy.sniff(b"GWYPx", "a.gwy") is ms.io.registry.Match.MAYBE
-    assert gwy.sniff(b"GWYO", "a.gwy") is ms.io.registry.Match.NO
+    assert gwy.sniff(RawFile(Path("a.gwy"), b"GWYPx")) is ms.io.registry.Match.MAYBE
+    assert gwy.sniff(RawFile(Path("a.gwy"), b"GWYO")) is ms.io.registry.Match.NO
 
 
 def test_damage(samples, survives_damage):

@@ -1,11 +1,14 @@
 """Gwyddion ASCII: real exports in two languages, order of the rows, decimal comma, damage."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import metrosep as ms
 from metrosep.io import gwyddion_ascii
 from metrosep.io.registry import Match
+from metrosep.io.source import RawFile
 
 NM = 1e-9
 DOUBLE = 1e-12  # relative; a product of two doubles
@@ -73,7 +76,7 @@ def test_width_that_is_no_size_is_never_a_step(samples, put, width):
     if width == "0 um":
         assert ms.read(put(text)).dx is None
     else:
-        assert gwyddion_ascii.sniff(text.encode(), "a.txt") is Match.NO
+        assert gwyddion_ascii.sniff(RawFile(Path("a.txt"), text.encode())) is Match.NO
 
 
 def test_map_of_kilometres_is_refused(samples, put):
@@ -94,7 +97,7 @@ def test_map_of_kilometres_is_refused(samples, put):
     ],
 )
 def test_other_text_with_comments_is_not_an_export(text):
-    assert gwyddion_ascii.sniff(text.encode(), "a.txt") is Match.NO
+    assert gwyddion_ascii.sniff(RawFile(Path("a.txt"), text.encode())) is Match.NO
 
 
 def test_damage(samples, survives_damage):

@@ -1,5 +1,7 @@
 """Text of halsampler: declared names and rate, lost samples, numbers of samples, damage."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -116,7 +118,7 @@ def test_text_or_option_that_does_not_fit(put, text, options, match):
     ],
 )
 def test_sure_only_where_samples_were_lost(head, sure):
-    assert halsampler.sniff(head, "a.txt") is sure
+    assert halsampler.sniff(RawFile(Path("a.txt"), head)) is sure
 
 
 @pytest.mark.parametrize("options", [{"numbered": True}, {"segment": 0}])

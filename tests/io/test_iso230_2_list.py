@@ -1,5 +1,7 @@
 """ISO 230-2 lists: the published numbers of the corpus, runs and directions, gaps, damage."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -122,7 +124,7 @@ def test_list_that_lies(samples, put, old, new, match):
     "head", [b"", b"a=1\nb=2\n", b"TGT_DATA[1]=1\n", b"\x00\xff=\n", b"x,y\n"]
 )
 def test_other_text_is_not_claimed(head):
-    assert iso230_2_list.sniff(head, "a.dat") is Match.NO
+    assert iso230_2_list.sniff(RawFile(Path("a.dat"), head)) is Match.NO
 
 
 def test_damage_is_a_read_error_or_a_profile(samples, survives_damage):

@@ -205,7 +205,7 @@ def test_complex_numbers_are_named(save):
 
 @pytest.mark.parametrize("path", sorted(SCIPY.glob("*.mat")), ids=lambda p: p.stem)
 def test_files_of_matlab_are_as_scipy_reads_them(path):
-    version = matlab.sniff(path.read_bytes(), "")
+    version = matlab.sniff(RawFile(Path(), path.read_bytes()))
     is_old = path.stem.endswith(("4.2c_SOL2", "_4_GLNX86")) or "4" in path.stem[:9]
     if version is Match.NO:
         assert is_old or path.stem == "debigged_m4"
@@ -275,8 +275,8 @@ def test_deep_nesting_is_refused(save):
 
 
 def test_other_text_is_no_matlab_file():
-    assert matlab.sniff(b"MATLAB 5.0 MAT-file".ljust(200), "a.mat") is Match.NO
-    assert matlab.sniff(b"MATLAB 7.3 MAT-file".ljust(600), "a.mat") is Match.NO
+    assert matlab.sniff(RawFile(Path("a.mat"), b"MATLAB 5.0 MAT-file".ljust(200))) is Match.NO
+    assert matlab.sniff(RawFile(Path("a.mat"), b"MATLAB 7.3 MAT-file".ljust(600))) is Match.NO
     with pytest.raises(ms.errors.FormatMismatchError, match="-v7"):
         matlab.read(RawFile(Path("a.mat"), bytes(200)))
     with pytest.raises(ms.errors.CorruptFileError, match="endian"):

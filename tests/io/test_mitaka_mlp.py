@@ -1,10 +1,13 @@
 """MLP point autofocus: real tool edges, counts that are hints, contours that turn back, damage."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import metrosep as ms
 from metrosep.io import mitaka_mlp
+from metrosep.io.source import RawFile
 
 UM = 1e-6
 DOUBLE = 1e-12  # relative; a factor of 1e-3
@@ -150,7 +153,7 @@ def test_missing_coordinate_is_refused(samples, put):
 def test_first_line_alone_is_not_enough(first):
     text = f"{first}\nX,Y,Z\n1,2,3\n".encode()
 
-    assert mitaka_mlp.sniff(text, "a.csv") is ms.io.registry.Match.NO
+    assert mitaka_mlp.sniff(RawFile(Path("a.csv"), text)) is ms.io.registry.Match.NO
 
 
 @pytest.mark.parametrize("name", ["edge.csv", "grid.csv"])

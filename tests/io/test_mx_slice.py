@@ -1,6 +1,7 @@
 """Slices of Zygo Mx: real files, stacked slices, units that the file does not state."""
 
 import csv
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import metrosep as ms
 from metrosep.io import mx_slice
 from metrosep.io.read import channels
 from metrosep.io.registry import Match, identify
+from metrosep.io.source import RawFile
 
 NM = 1e-9
 REL = 1e-6  # digits of the manifest of the corpus
@@ -118,7 +120,7 @@ def test_missing_line_end_is_a_warning(folder, put):
     ["X,Y,Slice\n1,2,Slice 1\n", "X ,Y ,Z\n1 ,2 ,3\n", "x ,y ,Slice\n1,2,Slice 1\n", "X "],
 )
 def test_other_tables_are_not_taken_for_slices(text):
-    assert mx_slice.sniff(text.encode(), "slice.csv") is Match.NO
+    assert mx_slice.sniff(RawFile(Path("slice.csv"), text.encode())) is Match.NO
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """OPD files: real file, scale by hand, orientation, unknown blocks, and directories that lie."""
 
 import struct
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 import metrosep as ms
 from metrosep.io import opd
 from metrosep.io.registry import Match, identify
+from metrosep.io.source import RawFile
 
 NM = 1e-9
 REL = 1e-6  # digits of the manifest of the corpus
@@ -222,9 +224,9 @@ def test_bytes_after_the_last_block_are_a_warning(folder, put):
 def test_directory_of_another_type_is_only_possible():
     head = b"\x01\0" + b"Directory".ljust(16, b"\0")
 
-    assert opd.sniff(head + b"\x01\0", "a.opd") is Match.YES
-    assert opd.sniff(head + b"\x09\0", "a.opd") is Match.MAYBE
-    assert opd.sniff(b"Directory of results\n", "a.opd") is Match.NO
+    assert opd.sniff(RawFile(Path("a.opd"), head + b"\x01\0")) is Match.YES
+    assert opd.sniff(RawFile(Path("a.opd"), head + b"\x09\0")) is Match.MAYBE
+    assert opd.sniff(RawFile(Path("a.opd"), b"Directory of results\n")) is Match.NO
 
 
 def test_declared_format_with_other_content_is_a_mismatch(put):

@@ -2,6 +2,7 @@
 
 import struct
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ import pytest
 import metrosep as ms
 from metrosep.io import opdx
 from metrosep.io.registry import Match, identify
-from metrosep.io.source import open_file
+from metrosep.io.source import RawFile, open_file
 
 NM = 1e-9
 REL = 1e-6  # digits of the manifest of the corpus
@@ -267,9 +268,9 @@ def test_zero_extent_is_not_calibrated(folder, put):
 def test_content_decides_not_the_suffix(folder, put):
     head = (folder / "profile.opdx").read_bytes()
 
-    assert opdx.sniff(head, "x.csv") is Match.YES
-    assert opdx.sniff(b"VCA DATA sheet\n", "x.opdx") is not Match.YES
-    assert opdx.sniff(b"", "x.opdx") is Match.NO
+    assert opdx.sniff(RawFile(Path("x.csv"), head)) is Match.YES
+    assert opdx.sniff(RawFile(Path("x.opdx"), b"VCA DATA sheet\n")) is not Match.YES
+    assert opdx.sniff(RawFile(Path("x.opdx"), b"")) is Match.NO
     with pytest.raises(ms.errors.FormatMismatchError, match="VCA DATA"):
         ms.read(put("x,y\n1,2\n", "a.opdx"), format="opdx")
 

@@ -1,5 +1,7 @@
 """PI GCS arrays: header, separators, declared counts and intervals, damage."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -96,7 +98,7 @@ def test_header_or_row_that_lies(samples, put, old, new, options, match):
     [b"", b"# END_HEADER\n1 2\n", b"# DIM = 2\n# TYPE = 1\n# SEPARATOR = 32\n1 2\n", b"\xff\x00"],
 )
 def test_other_text_is_not_claimed(head):
-    assert pi_gcs_array.sniff(head, "a.dat") is Match.NO
+    assert pi_gcs_array.sniff(RawFile(Path("a.dat"), head)) is Match.NO
 
 
 @pytest.mark.parametrize("name", ["blank.dat", "tab.dat"])

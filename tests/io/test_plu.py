@@ -1,6 +1,7 @@
 """PLu files: real file, the eight bytes before the heights, layers, orientation, headers that lie."""
 
 import struct
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ import pytest
 import metrosep as ms
 from metrosep.io import plu
 from metrosep.io.registry import Match, identify
-from metrosep.io.source import open_file
+from metrosep.io.source import RawFile, open_file
 
 NM = 1e-9
 REL = 1e-6  # digits of the manifest of the corpus
@@ -168,9 +169,12 @@ def test_counts_of_the_header_of_the_real_file_are_rows_and_columns(corpus):
 def test_text_with_a_date_is_not_taken(folder, put):
     data = (folder / "topography.plu").read_bytes()
 
-    assert plu.sniff(data, "x.csv") is Match.YES
-    assert plu.sniff(data[:300], "x.plu") is Match.NO
-    assert plu.sniff(b"Fri Mar 10 16:35:59 2023\nx,y\n" + b"1,2\n" * 200, "x.plu") is Match.NO
+    assert plu.sniff(RawFile(Path("x.csv"), data)) is Match.YES
+    assert plu.sniff(RawFile(Path("x.plu"), data[:300])) is Match.NO
+    assert (
+        plu.sniff(RawFile(Path("x.plu"), b"Fri Mar 10 16:35:59 2023\nx,y\n" + b"1,2\n" * 200))
+        is Match.NO
+    )
     with pytest.raises(ms.errors.FormatMismatchError, match="a date"):
         ms.read(put("x,y\n1,2\n", "a.plu"), format="plu")
 

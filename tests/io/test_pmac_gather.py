@@ -1,5 +1,7 @@
 """Columns of a PMAC gather: declared period, names and counts."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -68,7 +70,7 @@ def test_text_or_option_that_does_not_fit(put, text, options, match):
 
 
 def test_never_recognised(sample):
-    assert pmac_gather.sniff(sample.read_bytes(), "gather.gat") is Match.NO
+    assert pmac_gather.sniff(RawFile(Path("gather.gat"), sample.read_bytes())) is Match.NO
 
 
 def test_damage_is_a_read_error_or_a_recording(sample, survives_damage):

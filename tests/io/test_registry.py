@@ -12,6 +12,7 @@ from metrosep.io import registry
 from metrosep.io.describe import describe
 from metrosep.io.read import channels
 from metrosep.io.registry import Match
+from metrosep.io.source import open_file
 
 
 def test_formats_lists_measurements_and_compensations():
@@ -37,7 +38,7 @@ def test_suffix_alone_is_never_enough(put):
 
 def test_two_sure_readers_are_refused(put, monkeypatch):
     path = put("x_mm,z_um\n0,1\n1,2\n")
-    sure = SimpleNamespace(sniff=lambda head, name: Match.YES)
+    sure = SimpleNamespace(sniff=lambda file: Match.YES)
     monkeypatch.setattr(registry.Format, "load_reader", lambda self: sure)
 
     with pytest.raises(ms.errors.AmbiguousFormatError, match="format="):
@@ -49,9 +50,9 @@ def plugin(monkeypatch):
     """Entry point of a reader that claims every file."""
     asked = []
 
-    def sniff(head, name):
-        asked.append(name)
-        return Match.YES if head.startswith(b"\x07lion") else Match.NO
+    def sniff(file):
+        asked.append(file.name)
+        return Match.YES if file.head.startswith(b"\x07lion") else Match.NO
 
     def read(file, *, channel=None, lateral_step=None, unit=None):
         return ms.Surface([[0.0, 1e-9]], history=file.history("lion"))
@@ -169,9 +170,7 @@ def test_the_slow_reader_of_tables_is_asked_only_when_no_other_is_sure(put, monk
 
     asked = []
     sniff = delimited.sniff
-    monkeypatch.setattr(
-        delimited, "sniff", lambda head, name: asked.append(name) or sniff(head, name)
-    )
+    monkeypatch.setattr(delimited, "sniff", lambda file: asked.append(file.name) or sniff(file))
     surface = ms.Surface(np.arange(12.0).reshape(3, 4) * 1e-9, 1e-6, 1e-6)
     target = put(b"", "a.sdf").with_name("b.sdf")
     ms.write(surface, target)
@@ -188,5 +187,4 @@ def test_the_reader_of_tables_is_never_sure(repository):
     files = [f for f in sorted((repository / "data_formats").rglob("*.*")) if f.is_file()]
     assert len(files) > 50
     for file in files:
-        with file.open("rb") as handle:
-            assert delimited.sniff(handle.read(65536), file.name) is not Match.YES, file.name
+        assert delimited.sniff(open_file(file)) is not Match.YES, file.name

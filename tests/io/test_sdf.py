@@ -1,6 +1,7 @@
 """Surface data files: real file, binary layout by struct, headers that lie, and the writer."""
 
 import struct
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import metrosep as ms
 from metrosep.io import sdf
 from metrosep.io.registry import Match, identify
 from metrosep.io.sdf_write import sdf_bytes
+from metrosep.io.source import RawFile
 
 NM = 1e-9
 REL = 1e-6  # digits of the manifest of the corpus
@@ -206,7 +208,7 @@ def test_version_with_blanks_is_read(edited):
 
 @pytest.mark.parametrize("head", [b"aISO-3.0\n", b"bISO-9.0", b"ISO-1.0", b"aISO-1.0x"])
 def test_other_versions_are_not_recognised(put, head):
-    assert sdf.sniff(head, "surface.sdf") is Match.NO
+    assert sdf.sniff(RawFile(Path("surface.sdf"), head)) is Match.NO
     with pytest.raises(ms.errors.FormatMismatchError, match="is not a surface data file"):
         ms.read(put(head + b"\n*\n1\n*\n"), format="sdf")
 

@@ -1,11 +1,14 @@
 """ISO 5436-2 profiles: units and scale by hand, checksums, and records that lie."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import metrosep as ms
 from metrosep.io import smd
 from metrosep.io.registry import Match
+from metrosep.io.source import RawFile
 
 PM = 1e-12
 FM = 1e-15
@@ -121,7 +124,7 @@ def test_absurd_number_of_points_is_refused(edited):
     "head", [b"ISO 5437\r\nPRF 1 a\r\n", b"ISO 5436\r\nXYZ 1\r\n", b"<ISO5436_2>"]
 )
 def test_other_text_is_not_recognised(put, head):
-    assert smd.sniff(head, "profile.smd") is Match.NO
+    assert smd.sniff(RawFile(Path("profile.smd"), head)) is Match.NO
     with pytest.raises(ms.errors.FormatMismatchError, match="is not an ISO 5436-2 file"):
         ms.read(put(head), format="smd")
 

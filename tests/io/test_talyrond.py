@@ -10,6 +10,7 @@ import metrosep as ms
 from metrosep.io import talyrond
 from metrosep.io.describe import describe
 from metrosep.io.registry import Match
+from metrosep.io.source import RawFile
 
 UM = 1e-6
 DOUBLE = 1e-12  # relative; a product of two doubles
@@ -97,7 +98,7 @@ def test_other_workbooks_are_not_traces(corpus, repository):
         corpus / "st" / "mitutoyo_2_mock.xlsx",
         repository / "data_formats" / "mitutoyo-xlsx" / "samples" / "plain.xlsx",
     ):
-        assert talyrond.sniff(path.read_bytes()[:65536], path.name) is Match.NO
+        assert talyrond.sniff(RawFile(path, path.read_bytes()[:65536])) is Match.NO
         with pytest.raises(ms.errors.ReadError):
             ms.read(path, format="talyrond", unit="um", radius="1 mm")
 

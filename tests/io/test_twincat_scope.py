@@ -1,11 +1,14 @@
 """TwinCAT Scope exports: FILETIME without loss, groups that end early, decimal marks, damage."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import metrosep as ms
 from metrosep.io import twincat_scope
 from metrosep.io.registry import Match
+from metrosep.io.source import RawFile
 
 START = 132959733843760000
 HEADER = (
@@ -121,7 +124,7 @@ def test_separator_inside_a_name_is_refused(put):
 
 @pytest.mark.parametrize("head", [b"", b"Name;x;y\n0;1;2\n", b"\x00\xff", b"Data-Type;REAL64\n"])
 def test_other_text_is_not_claimed(head):
-    assert twincat_scope.sniff(head, "scope.csv") is Match.NO
+    assert twincat_scope.sniff(RawFile(Path("scope.csv"), head)) is Match.NO
 
 
 @pytest.mark.parametrize("name", ["filetime.csv", "comma-slow-group.csv"])

@@ -11,6 +11,7 @@ import metrosep as ms
 from metrosep.io import via
 
 NM = 1e-9
+TOP = "top row first"
 CONTENT = b"\x89VK6\x00\x01\x02\x03 not known to any reader of metrosep"
 
 
@@ -65,9 +66,9 @@ def unknown(tmp_path):
 
 @pytest.mark.usefixtures("package")
 def test_map_is_turned_to_rows_of_y_and_marked(unknown):
-    surface = ms.read(unknown)
+    surface = ms.read(unknown, row_order=TOP)
 
-    truth = np.array([[1.0, 3.0, 5.0], [2.0, np.nan, 60.0]]) * NM
+    truth = np.array([[2.0, np.nan, 60.0], [1.0, 3.0, 5.0]]) * NM  # row 0: smallest y
     np.testing.assert_allclose(surface.z, truth, rtol=1e-12)
     assert (surface.dx, surface.dy) == pytest.approx((1.5e-6, 2.5e-6), rel=1e-12, abs=0.0)
     assert surface.metadata["via"] == "SurfaceTopography 9.9"
@@ -77,9 +78,9 @@ def test_map_is_turned_to_rows_of_y_and_marked(unknown):
 
 @pytest.mark.usefixtures("package")
 def test_second_channel_and_own_step(unknown):
-    surface = ms.read(unknown, channel="2nd", lateral_step="3 um")
+    surface = ms.read(unknown, channel="2nd", lateral_step="3 um", row_order=TOP)
 
-    assert surface.z[1, 2] == pytest.approx(120.0 * NM, rel=1e-9, abs=0.0)
+    assert surface.z[0, 2] == pytest.approx(120.0 * NM, rel=1e-9, abs=0.0)
     assert (surface.dx, surface.dy) == (3e-6, 3e-6)
 
 
@@ -128,16 +129,82 @@ def test_missing_package_is_named(monkeypatch, unknown):
         ms.read(unknown)
 
 
+@pytest.mark.usefixtures("package")
+def test_a_map_that_may_be_mirrored_is_refused_until_its_rows_are_declared(unknown):
+    """The user of a Keyence map whose orientation nobody proved must say it, in one of two words."""
+    with pytest.raises(ms.errors.UnsupportedFeatureError, match="mirrored map") as caught:
+        ms.read(unknown)
+    for word in ("top row first", "smallest y first"):
+        assert f"row_order={word!r}" in str(caught.value) or f"or {word!r}" in str(caught.value)
+
+    top, bottom = (ms.read(unknown, row_order=o) for o in (TOP, "smallest y first"))
+    np.testing.assert_array_equal(top.z, bottom.z[::-1])
+    assert top.metadata["orientation_evidence"] == "stated"
+    with pytest.raises(ms.errors.ReadError, match="row_order = 'upside down' is unknown"):
+        ms.read(unknown, row_order="upside down")
+
+
+@pytest.mark.parametrize(
+    ("name", "suffix", "evidence"), [("mnt", ".mnt", "pair"), ("wsxm", ".stp", "peer")]
+)
+def test_a_format_whose_rows_are_known_is_turned_and_says_why(
+    package, tmp_path, name, suffix, evidence
+):
+    package.format = classmethod(lambda _cls: name)
+    path = tmp_path / f"map{suffix}"
+    path.write_bytes(CONTENT)
+    with pytest.raises(ms.errors.UnsupportedFeatureError, match=r"SurfaceTopography 9\.9"):
+        ms.read(path)  # another version may turn it otherwise
+    sys.modules["SurfaceTopography"].__version__ = "1.27.1"
+
+    surface = ms.read(path)
+
+    np.testing.assert_allclose(surface.z[1], np.array([1.0, 3.0, 5.0]) * NM, rtol=1e-12)
+    assert surface.metadata["orientation_evidence"] == evidence
+    said = any("top" in w for w in surface.metadata["warnings"])
+    assert said == (evidence == "peer")
+
+
 @pytest.mark.peer
-def test_the_real_package_gives_what_the_own_reader_gives(corpus, tmp_path, monkeypatch):
-    """Orientation, unit and steps: a file that both read, under a suffix that only it knows."""
+@pytest.mark.parametrize(
+    ("name", "reader", "order"),
+    [
+        ("x3p-2.x3p", "x3p", "smallest y first"),
+        ("sur-2.sur", "sur", TOP),
+        ("bcrf-1.bcrf", "bcr", TOP),
+        ("al3d-1.al3d", "al3d", TOP),
+        ("plu-1.plu", "plu", TOP),
+        ("opd-1.opd", "opd", TOP),
+        ("metropro-1.dat", "metropro", TOP),
+    ],
+)
+def test_the_real_package_gives_what_the_own_reader_gives(
+    corpus, monkeypatch, name, reader, order
+):
+    """Orientation, unit and steps: files that both read; how the rows lie differs by the reader."""
     pytest.importorskip("SurfaceTopography", reason="metrosep[exotic] is not installed")
-    monkeypatch.setitem(via.SUFFIXES, ".x3p", "x3p")
+    path = corpus / "st" / name
+    monkeypatch.setitem(via.SUFFIXES, path.suffix, reader)
     monkeypatch.setattr("metrosep.io.registry._choose", lambda _file, _candidates: None)
-    other = ms.read(corpus / "st" / "x3p-2.x3p")
+    other = ms.read(path, row_order=order)
     monkeypatch.undo()
-    own = ms.read(corpus / "st" / "x3p-2.x3p")
+    own = ms.read(path)
 
     assert other.metadata["via"].startswith("SurfaceTopography 1")
-    np.testing.assert_allclose(other.z, own.z, rtol=1e-12)
-    assert (other.dx, other.dy) == pytest.approx((own.dx, own.dy), rel=1e-9, abs=0.0)
+    both = np.isfinite(other.z) & np.isfinite(own.z)
+    assert np.corrcoef(other.z[both], own.z[both])[0, 1] > 0.9999
+    assert (other.dx, other.dy) == pytest.approx((own.dx, own.dy), rel=1e-4, abs=0.0)
+
+
+@pytest.mark.peer
+@pytest.mark.parametrize(("name", "channel"), [("di-3.di", "Height"), ("stp-1.stp", None)])
+def test_real_maps_of_microscopes_open_with_their_evidence(corpus, name, channel):
+    pytest.importorskip("SurfaceTopography", reason="metrosep[exotic] is not installed")
+
+    surface = ms.read(corpus / "afm" / name, channel=channel)
+
+    assert surface.metadata["orientation_evidence"] == "peer"
+    pv = np.nanmax(surface.z) - np.nanmin(surface.z)
+    assert pv == pytest.approx(
+        {"di-3.di": 1414.483, "stp-1.stp": 13.70081}[name] * NM, rel=1e-6, abs=0.0
+    )

@@ -1,11 +1,14 @@
 """Zygo XYZ text: window in the camera frame, unit of z, order of the lines, and files that lie."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import metrosep as ms
 from metrosep.io import zygo_xyz
 from metrosep.io.registry import Match
+from metrosep.io.source import RawFile
 
 PM = 1e-12
 FM = 1e-15
@@ -145,7 +148,7 @@ def test_other_format_number_is_unsupported(edited):
 def test_text_without_the_title_is_not_recognised(edited):
     path = edited("Zygo XYZ", "Some XYZ")
 
-    assert zygo_xyz.sniff(path.read_bytes(), "surface.xyz") is Match.NO
+    assert zygo_xyz.sniff(RawFile(Path("surface.xyz"), path.read_bytes())) is Match.NO
     with pytest.raises(ms.errors.FormatMismatchError, match="is not a Zygo XYZ file"):
         ms.read(path, format="zygo-xyz")
 

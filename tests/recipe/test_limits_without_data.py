@@ -17,6 +17,7 @@ op = "form"
 form = "{form}"
 [[step]]
 op = "parameters"
+names = ["{name}"]
 [[check]]
 metric = "{metric}"
 {limits}
@@ -24,15 +25,21 @@ metric = "{metric}"
 
 
 def text_of(metric, limits, form="sphere"):
-    return RECIPE.format(metric=metric, limits=limits, form=form)
+    symbol = metric.partition("#")[0]
+    name = symbol if unit_of_symbol(symbol) else "Sku"
+    text = RECIPE.format(metric=metric, limits=limits, form=form, name=name)
+    twice = f'op = "parameters"\nnames = ["{name}"]\n[[step]]\n'
+    return (
+        text.replace('op = "parameters"', twice + 'op = "parameters"') if "#" in metric else text
+    )
 
 
 WRONG = [
-    ("Sku", 'upper = "3 nm"\nU = 0.1', r"^r.toml:11: upper is a length, but Sku is a pure number"),
-    ("Sku", 'upper = 3\nU = "1 nm"', r"^r.toml:12: U is a length"),
-    ("Sa", "upper = 3\nU = 0", r"^r.toml:11: upper is a pure number, but Sa is a length"),
-    ("Sa", 'lower = "-3 urad"\nupper = "3 nm"', r"^r.toml:11: lower is an angle, but Sa"),
-    ("Sa#2", 'upper = "3 urad"', r"^r.toml:11: upper is an angle, but Sa#2"),
+    ("Sku", 'upper = "3 nm"\nU = 0.1', r"^r.toml:12: upper is a length, but Sku is a pure number"),
+    ("Sku", 'upper = 3\nU = "1 nm"', r"^r.toml:13: U is a length"),
+    ("Sa", "upper = 3\nU = 0", r"^r.toml:12: upper is a pure number, but Sa is a length"),
+    ("Sa", 'lower = "-3 urad"\nupper = "3 nm"', r"^r.toml:12: lower is an angle, but Sa"),
+    ("Sa#2", 'upper = "3 urad"', r"^r.toml:15: upper is an angle, but Sa#2"),
     ("Spd", 'upper = "3 nm"', r"upper is a length, but Spd is in 1/m\^2"),
     ("PVr", "upper = 3", r"but PVr is a length"),
     ("FLTt", "upper = 3", r"but FLTt is a length"),
@@ -61,8 +68,6 @@ def test_it_is_refused_without_data(tmp_path, metric, limits, match):
         ("Sku", "upper = 3\nU = 0.1", "sphere"),
         ("Sa", 'upper = "3 nm"\nU = 0', "sphere"),
         ("k", "upper = 3\nU = 0", "conic"),
-        ("thing", "upper = 3\nU = 0", "sphere"),
-        ("k", 'upper = "3 nm"', "sphere"),  # not in the recipe: told when it runs
     ],
 )
 def test_what_may_be_right_goes_on_to_the_data(tmp_path, metric, limits, form):
@@ -72,16 +77,17 @@ def test_what_may_be_right_goes_on_to_the_data(tmp_path, metric, limits, form):
         ms.Recipe.parse(text, folder=tmp_path).run(tmp_path / "missing.x3p")
 
 
-def test_a_step_that_is_switched_off_tells_nothing():
+def test_a_step_that_is_switched_off_makes_nothing():
     text = text_of("R", "upper = 3").replace('form = "sphere"', 'form = "sphere"\nenabled = false')
-    assert list(limit_errors(ms.Recipe.parse(text))) == []
+    (error,) = limit_errors(ms.Recipe.parse(text))
+    assert 'metric = "R" is made by no step' in str(error)
 
 
 def test_each_limit_is_told(tmp_path):
     text = text_of("Sku", 'lower = "1 nm"\nupper = "3 nm"\nU = "1 nm"')
-    text += '[[check]]\nmetric = "Sa"\nupper = 3\n'
+    text += '[[check]]\nmetric = "residual.pv"\nupper = 3\n'
     lines = [e.line for e in limit_errors(ms.Recipe.parse(text))]
-    assert lines == [11, 12, 13, 16]
+    assert lines == [12, 13, 14, 17]
 
 
 def test_units_of_symbols_are_those_of_the_values():

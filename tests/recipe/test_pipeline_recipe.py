@@ -27,6 +27,7 @@ free = ["R", "piston", "shift_x", "shift_y"]
 [[step]]
 op = "parameters"
 names = ["Sq", "PV"]
+intermediate = true
 
 [[step]]
 op = "filter"
@@ -158,7 +159,7 @@ def test_a_limit_in_the_spelling_of_the_other_edition(sine):
 def test_a_limit_on_what_was_not_asked(sine):
     text = HEAD + '[[step]]\nop = "filter"\nlambda_c = "0.8 mm"\n[[step]]\nop = "parameters"\n'
     text += 'names = ["Rmr1"]\n' + check("Rk", upper="1 um", U="1 nm")
-    with pytest.raises(RecipeError, match=r'part.toml:12: metric = "Rk" is not in this result'):
+    with pytest.raises(RecipeError, match=r'part.toml:12: metric = "Rk" is made by no step'):
         recipe(sine, text).run()
 
 
@@ -229,9 +230,7 @@ def test_errors_of_the_data_keep_their_kind_and_get_the_place(part):
 
 
 def test_a_check_of_what_was_not_measured(part):
-    with pytest.raises(
-        RecipeError, match='metric = "Sz" is not in this result; there are piston, '
-    ):
+    with pytest.raises(RecipeError, match='metric = "Sz" is made by no step; did you mean "Sq"'):
         recipe(part, HEAD + STEPS + check("Sz", upper="1 nm", U="1 nm")).run()
     with pytest.raises(RecipeError, match="state it: U"):
         recipe(part, HEAD + STEPS + check("PV", upper="1 nm")).run()

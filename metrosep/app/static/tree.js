@@ -136,8 +136,8 @@ export function makeTree(el, { edit, choose, size }) {
     if (!session) return;
     const before = storedSteps(session);
     let at = chosen >= 0 ? chosen + 1 : before.length;
-    while (chosen < 0 && at > 0 && before[at - 1].op === "parameters") at -= 1;
-    if (op === "parameters" && chosen < 0) at = before.length;
+    // what changes the map goes above the evaluations at the end: one map is shown and judged
+    if (op !== "parameters") at = Math.min(at, before.findLastIndex((s) => s.op !== "parameters") + 1);
     const fresh = freshStep(op, session.kind, size());
     const after = [...before.slice(0, at), fresh, ...before.slice(at)];
     chosen = at;
