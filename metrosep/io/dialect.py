@@ -11,6 +11,8 @@ from __future__ import annotations
 import codecs
 import csv
 import re
+import unicodedata
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -23,28 +25,44 @@ from metrosep.core.errors import (
     ReadError,
 )
 from metrosep.io.source import HEAD_BYTES
+from metrosep.io.text_options import TextOptions
 
 __all__ = [
     "MISSING",
     "Dialect",
-    "body_start",
+    "Layout",
     "decode",
-    "detect",
+    "find_layout",
     "is_comment",
     "is_number",
+    "n_used",
+    "plain_ends",
     "unmeasured_rows",
 ]
 
+_SPREADSHEET = (
+    "#n/a", "#na", "#nv", "#value!", "#wert!", "#div/0!", "#ref!", "#bezug!", "#num!", "#zahl!",
+    "#name?", "#null!",
+)  # fmt: skip
+"""What a spreadsheet in English or German writes into a cell without a value."""
+
 MISSING: Final = frozenset(
-    {"", "nan", "-nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "---", "no data", "bad"}
-)
+    {
+        "", "nan", "-nan", "+nan", "nan(ind)", "-nan(ind)", "1.#qnan", "-1.#qnan", "1.#ind",
+        "-1.#ind", "na", "n/a", "null", "none", "nil", "missing", "bad", "invalid", "void",
+        "no data", "nodata", "-", "--", "---", "----", "*", "**", "***", "****", *_SPREADSHEET,
+    }
+)  # fmt: skip
 """Words, in lower case, for "not measured"."""
 
 _UNMEASURED = re.compile(
-    r"[\s,;\"]*(?:[-+]?nan|na|n/a|#n/a|null|none|no data|bad)(?:[\s,;\"]|$)", re.IGNORECASE
+    r"[\s,;|\"]*(?:[-+]?nan|#?na|#?n/a|#nv|null|none|no data|bad)(?:[\s,;|\"]|$)", re.IGNORECASE
 )
 """How a row begins in which nothing was measured; a row of dashes may be a rule under a title."""
 
+_ERROR_CELL = re.compile(
+    rf"(?:{'|'.join(map(re.escape, _SPREADSHEET))})(?=[\s;,|\"]|$)", re.IGNORECASE
+)
 _NUMBER = {
     ".": re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][+-]?\d+)?"),
     ",": re.compile(r"[+-]?(?:\d+(?:,\d+)?|,\d+)(?:[eEdD][+-]?\d+)?"),
@@ -54,11 +72,22 @@ _THOUSANDS_COMMA = re.compile(
     r"\s*[+-]?[1-9]\d{0,2}(?:,\d{3})+(?:\.\d+)?(?:\s*,\s*[+-]?[1-9]\d{0,2}(?:,\d{3})+(?:\.\d+)?)*\s*"
 )
 _THOUSANDS_SPACE = re.compile(r"(?<![\d.,])[1-9]\d{0,2}(?:[ \u00a0\u202f']\d{3})+(?![\d])")
-_NAMES = {"tab": "\t", "space": " ", "whitespace": " ", "comma": ",", "semicolon": ";"}
-_WORDS = {"\t": "tab", " ": "space", ",": "comma", ";": "semicolon", ", ": "comma and space"}
+_MINUS = dict.fromkeys(map(ord, "\u2212\u2010\u2011\u2012\u2013\ufe63\uff0d"), "-")
+_AMBIGUOUS = {
+    ",": re.compile(r"[+-]?[1-9]\d{0,2},\d{3}"),
+    ".": re.compile(r"[+-]?[1-9]\d{0,2}\.\d{3}"),
+}
+"""One mark with three digits behind it: a decimal mark, or one of thousands."""
+_NAMES = {
+    "tab": "\t", "space": " ", "whitespace": " ", "comma": ",", "semicolon": ";", "pipe": "|"
+}  # fmt: skip
+_WORDS = {mark: name for name, mark in _NAMES.items()} | {" ": "space", ", ": "comma and space"}
+_NEVER_IN_NUMBERS = frozenset("\t;|")
 _CANDIDATES = (
     ("\t", "."),
     (";", "."),
+    ("|", "."),
+    ("|", ","),
     (",", "."),
     (" ", "."),
     ("\t", ","),
@@ -69,6 +98,7 @@ _CANDIDATES = (
 )
 _CONTROL = re.compile(rb"[\x00-\x08\x0e-\x1a\x1c-\x1f]")
 _SAMPLE = 300
+_DEFAULTS = TextOptions()
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,11 +114,14 @@ class Dialect:
         Decimal mark.
     quoted : bool, optional
         Whether fields may stand in double quotes.
+    thousands : str, optional
+        Mark between groups of three digits, which only a caller declares.
     """
 
     separator: str
     decimal: str
     quoted: bool = False
+    thousands: str = ""
 
     def split(self, lines: Iterable[str]) -> list[list[str]]:
         """Return the fields of each line.
@@ -108,8 +141,29 @@ class Dialect:
         if self.separator == ", ":
             return [re.split(r",\s+", line.strip()) for line in lines]
         if self.quoted:
-            return list(csv.reader(lines, delimiter=self.separator, skipinitialspace=True))
+            # line by line: an odd quote must not swallow the lines after it
+            return [
+                next(csv.reader([line], delimiter=self.separator, skipinitialspace=True), [""])
+                if '"' in line
+                else line.split(self.separator)
+                for line in lines
+            ]
         return [line.split(self.separator) for line in lines]
+
+    def plain(self, field: str) -> str | None:
+        """Return a number as `float` reads it, ``None`` where the field is no number."""
+        text = field.strip()
+        if not text.isascii():
+            text = unicodedata.normalize("NFKC", text.translate(_MINUS)).translate(_MINUS)
+        if self.thousands and self.thousands in text:
+            whole = re.escape(self.thousands)
+            rest = re.escape(self.decimal)
+            if not re.fullmatch(rf"[+-]?[1-9]\d{{0,2}}(?:{whole}\d{{3}})+(?:{rest}\d*)?", text):
+                return None
+            text = text.replace(self.thousands, "")
+        if _NUMBER[self.decimal].fullmatch(text) is None:
+            return None
+        return text.replace(",", ".").replace("d", "e").replace("D", "e")
 
     def __str__(self) -> str:
         mark = "point" if self.decimal == "." else "comma"
@@ -152,10 +206,11 @@ def decode(data: bytes, path: object, encoding: str | None = None) -> tuple[str,
         raise FormatMismatchError(
             f"{path}: holds binary data, not text; if it is a text file, name it with encoding="
         )
-    return _plain_ends(text), name
+    return plain_ends(text), name
 
 
-def _plain_ends(text: str) -> str:
+def plain_ends(text: str) -> str:
+    """Return text whose lines end with LF alone; no other character ends a line."""
     for end in ("\r\r\n", "\r\n", "\r"):
         text = text.replace(end, "\n")
     return text.removeprefix("\ufeff")
@@ -169,7 +224,7 @@ def _decoded_head(data: bytes) -> tuple[str, str] | None:
         text = data.decode(name)
     except (UnicodeDecodeError, LookupError):
         return None
-    return None if _is_binary(data, text, name) else (_plain_ends(text), name)
+    return None if _is_binary(data, text, name) else (plain_ends(text), name)
 
 
 def _is_binary(data: bytes, text: str, name: str) -> bool:
@@ -218,7 +273,7 @@ def is_comment(line: str, prefix: str | None = None) -> bool:
     if prefix is not None:
         return text.startswith(prefix)
     if text.startswith(("#", "%", "!", "//")):
-        return True
+        return _ERROR_CELL.match(text) is None  # else a row whose first cell has no value
     if text.startswith(";"):
         rest = text.lstrip("; \t")
         return bool(rest) and not _NUMBER_LIKE.match(rest)
@@ -243,29 +298,30 @@ def is_number(field: str, decimal: str) -> bool:
     return _NUMBER[decimal].fullmatch(field.strip()) is not None
 
 
-def detect(
+def find_layout(
     lines: Sequence[str],
     path: object,
     *,
-    separator: str | None = None,
-    decimal: str | None = None,
-) -> Dialect:
-    """Return the one dialect under which lines are a table of numbers.
+    options: TextOptions = _DEFAULTS,
+    further: Sequence[str] = (),
+) -> Layout:
+    """Return the one layout under which lines are a table of numbers.
 
     Parameters
     ----------
     lines : sequence of str
-        Lines without comments and blank lines.
+        First lines, without comments and blank lines.
     path : object
         For the message.
-    separator, decimal : str, optional
-        What the caller declares; ``"tab"``, ``"space"``, ``"comma"``, ``"semicolon"`` are
-        accepted as names.
+    options : TextOptions, optional
+        What the caller declares.
+    further : sequence of str, optional
+        Lines from the rest of the text, which decide with the first ones.
 
     Returns
     -------
-    Dialect
-        Separator and decimal mark.
+    Layout
+        Dialect, number of columns and first row.
 
     Raises
     ------
@@ -274,54 +330,71 @@ def detect(
     CorruptFileError
         If none fits.
     ReadError
-        If `separator` or `decimal` is not one of those known.
+        If a separator or decimal mark is declared that is not one of those known.
     """
     above = unmeasured_rows(lines)
-    sample = list(lines[above : above + _SAMPLE])
-    wanted = _NAMES.get(separator or "", separator)
+    head = list(lines[above : above + _SAMPLE])
+    sample = [*head, *further]
+    wanted = _NAMES.get(options.separator or "", options.separator)
     if wanted is not None and wanted not in _WORDS:
         raise ReadError(
-            f"separator {separator!r} is not known; use one of {', '.join(repr(w) for w in _NAMES)}"
+            f"separator {options.separator!r} is not known; use one of "
+            f"{', '.join(repr(w) for w in _NAMES)}"
         )
-    if decimal not in (None, ".", ","):
-        raise ReadError(f"decimal {decimal!r} is not known; use '.' or ','")
+    if options.decimal not in (None, ".", ","):
+        raise ReadError(f"decimal {options.decimal!r} is not known; use '.' or ','")
     quoted = any('"' in line for line in sample)
     fits: list[_Fit] = []
     for mark, point in _CANDIDATES:
-        if (wanted is not None and mark[:1] != wanted[:1]) or (decimal or point) != point:
+        if (wanted is not None and mark[:1] != wanted[:1]) or (options.decimal or point) != point:
             continue
-        if mark == ", " and wanted == "," and decimal is None:
+        if point == options.thousands:
+            continue
+        if mark == ", " and wanted == "," and options.decimal is None:
             continue  # whoever says "comma" means the separator
         if mark == point and not quoted:
             continue
-        dialect = Dialect(mark, point, quoted and mark in "\t;,")
-        start, rows = _body(sample, dialect)
-        if rows:
-            fits.append(_Fit(dialect, start, rows))
-    fits = _prefer_longest(fits, sample)
+        dialect = Dialect(mark, point, quoted and mark in "\t;,|", options.thousands or "")
+        found = _fit(sample, len(head), dialect)
+        if found is not None:
+            fits.append(found)
     if not fits:
         raise _no_dialect(sample, path)
-    return _one_reading(fits, sample, path, declared=wanted is not None)
+    best = _one_reading(_contenders(fits), sample, path, declared=wanted is not None)
+    start = 0 if best.start == 0 else above + best.start
+    unproven = options.decimal is None and options.thousands is None and not best.is_proven()
+    usual = Counter(n_used(fields) for fields in best.rows.values()).most_common(1)[0][0]
+    return Layout(
+        best.dialect,
+        start,
+        best.n,
+        best.n_raw,
+        usual,
+        best.labels,
+        above + len(best.rows) + len(best.unmeasured),
+        unproven,
+        len(sample) - 1 in best.rows or len(sample) - 1 in best.unmeasured,
+    )
 
 
-def body_start(lines: Sequence[str], dialect: Dialect) -> int:
-    """Return the index of the first line of numbers.
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """How a table is written: ``n`` columns, ``n_raw`` fields of the usual row with those left empty.
 
-    Parameters
-    ----------
-    lines : sequence of str
-        Lines without comments and blank lines.
-    dialect : Dialect
-        How they are written.
-
-    Returns
-    -------
-    int
-        Lines before it are titles, names and units.
+    ``n_usual`` is how many fields of most rows are not empty, ``start`` is the first row among the lines looked at, ``n_fit`` how many of them fit, ``labels``
+    which columns hold words. ``unproven``: no number shows what its decimal mark is. ``ends``: the last
+    line looked at is a row.
     """
-    above = unmeasured_rows(lines)
-    start = _body(lines[above : above + _SAMPLE], dialect)[0]
-    return 0 if start == 0 else above + start
+
+    dialect: Dialect
+    start: int
+    n: int
+    n_raw: int
+    n_usual: int
+    labels: tuple[bool, ...]
+    n_fit: int
+    unproven: bool
+    ends: bool
 
 
 def unmeasured_rows(lines: Sequence[str]) -> int:
@@ -347,58 +420,64 @@ def unmeasured_rows(lines: Sequence[str]) -> int:
 def _is_unmeasured(line: str) -> bool:
     """Whether a row holds words for "not measured" and separators, and nothing else."""
     if _UNMEASURED.match(line):
-        return all(
-            f.strip(' "').lower() in MISSING | {"+nan"} for f in re.split(r"[,;\t]| +", line)
-        )
-    return not line.strip(",;\t ") and sum(line.count(mark) for mark in ",;\t") >= 3
+        return all(f.strip(' "').lower() in MISSING for f in re.split(r"[,;|\t]| +", line))
+    return not line.strip(",;|\t ") and sum(line.count(mark) for mark in ",;|\t") >= 3
 
 
-def _body(sample: Sequence[str], dialect: Dialect) -> tuple[int, list[list[str]]]:
-    """Return the start and the fields of the run of alike rows that ends the sample.
-
-    A last line that stands alone does not count: the file may be cut off in it.
-    """
-    rows = _alike(sample, dialect)
-    if len(rows) <= 1 < len(sample) - 1:
-        without_last = _alike(sample[:-1], dialect)
-        if len(without_last) > len(rows):
-            return len(sample) - 1 - len(without_last), without_last
-    return len(sample) - len(rows), rows
+def n_used(fields: Sequence[str]) -> int:
+    """Return how many fields there are up to the last that is not empty."""
+    n = len(fields)
+    while n and not fields[n - 1].strip():
+        n -= 1
+    return n
 
 
-def _alike(sample: Sequence[str], dialect: Dialect) -> list[list[str]]:
-    rows: list[list[str]] = []
-    kinds: list[str] = []
-    for fields in reversed(dialect.split(sample)):
-        found = [_kind(f, dialect) for f in fields]
-        if rows and len(found) != len(kinds):
-            break
-        unmeasured = all(kind == "missing" for kind in found)
-        if ("number" not in found and not unmeasured) or "odd" in found:
-            break
-        pairs = list(zip(found, kinds, strict=True)) if rows else []
-        if any({a, b} == {"number", "label"} for a, b in pairs):
-            break
-        kinds = [a if b == "missing" else b for a, b in pairs] if rows else found
-        rows.append(fields)
-    if "number" not in kinds:
-        return []
-    while not any(_is_word_or_number(f, dialect) for f in rows[-1]):
-        rows.pop()  # empty fields or dashes under a title
-    return rows[::-1]
+def _fit(sample: Sequence[str], n_head: int, dialect: Dialect) -> _Fit | None:
+    """Return the rows of a sample under a dialect: the commonest number of fields makes the table."""
+    split = dialect.split(sample)
+    kinds = [[_kind(f, dialect) for f in fields] for fields in split]
+    numbered = [i for i, k in enumerate(kinds) if "number" in k and "odd" not in k]
+    if not numbered:
+        return None
+    n_raw = Counter(len(split[i]) for i in numbered).most_common(1)[0][0]
+    n = max(n_used(split[i]) for i in numbered if len(split[i]) == n_raw)
+    alike = [i for i in numbered if len(split[i]) >= n and n_used(split[i]) <= n]
+    labels = tuple(
+        2 * sum(kinds[i][k] == "label" for i in alike)
+        > sum(kinds[i][k] != "missing" for i in alike)
+        for k in range(n)
+    )
+    rows = {
+        i: split[i][:n]
+        for i in alike
+        if not any(kinds[i][k] == "label" and not labels[k] for k in range(n))
+    }
+    if not rows or min(rows) >= n_head:
+        return None
+    start = min(rows)
+    while start and len(split[start - 1]) >= n and _is_row_of_words(split[start - 1]):
+        start -= 1
+    if all(_is_unmeasured(line) for line in sample[:start]):
+        start = 0
+    unmeasured = {
+        i
+        for i, k in enumerate(kinds)
+        if start <= i and len(k) >= n and all(kind == "missing" for kind in k)
+    }
+    return _Fit(dialect, start, n, n_raw, labels, rows, unmeasured)
 
 
-def _is_word_or_number(field: str, dialect: Dialect) -> bool:
-    """Whether a field is a number or says in letters that nothing was measured."""
-    text = field.strip().lower()
-    return any(c.isalpha() for c in text) or _kind(text, dialect) == "number"
+def _is_row_of_words(fields: Sequence[str]) -> bool:
+    """Whether all fields say "not measured", one of them in letters."""
+    texts = [f.strip(' "').lower() for f in fields]
+    return all(t in MISSING for t in texts) and any(c.isalpha() for t in texts for c in t)
 
 
 def _kind(field: str, dialect: Dialect) -> str:
     text = field.strip()
     if text.lower() in MISSING:
         return "missing"
-    if is_number(text, dialect.decimal):
+    if dialect.plain(text) is not None:
         return "number"
     if _NUMBER_LIKE.fullmatch(text):
         return "odd"
@@ -408,59 +487,72 @@ def _kind(field: str, dialect: Dialect) -> str:
 
 
 class _Fit(NamedTuple):
-    """A dialect, the first line that it reads as numbers, and the fields from there on."""
+    """A dialect with its columns and its rows in the sample, by their index; some hold no number."""
 
     dialect: Dialect
     start: int
-    rows: list[list[str]]
+    n: int
+    n_raw: int
+    labels: tuple[bool, ...]
+    rows: dict[int, list[str]]
+    unmeasured: set[int]
 
-    def values(self) -> list[list[str]]:
-        point = self.dialect.decimal
-        return [[f.strip().replace(point, ".").removesuffix(".") for f in r] for r in self.rows]
+    def values(self, index: int) -> list[str]:
+        return [(self.dialect.plain(f) or f.strip()).removesuffix(".") for f in self.rows[index]]
+
+    def reads_as(self, other: _Fit) -> bool:
+        """Whether two dialects read the same out of the lines that fit both."""
+        return all(self.values(i) == other.values(i) for i in self.rows if i in other.rows)
+
+    def is_proven(self) -> bool:
+        """Whether a number of the sample shows what the decimal mark is: 0,5 or 1,25 or 1234,567."""
+        mark, ambiguous = self.dialect.decimal, _AMBIGUOUS[self.dialect.decimal]
+        return any(
+            mark in f and self.dialect.plain(f) is not None and not ambiguous.fullmatch(f.strip())
+            for fields in self.rows.values()
+            for f in fields
+        )
 
     def agrees_with_header(self, sample: list[str]) -> bool:
-        n_columns = len(self.rows[0])
         above = sample[: self.start]
-        if n_columns == 1:
-            return bool(above) and not any(mark in above[-1] for mark in ",;\t")
-        return any(len(fields) == n_columns for fields in self.dialect.split(above))
+        if self.n == 1:
+            return bool(above) and not any(mark in above[-1] for mark in ",;\t|")
+        return any(n_used(fields) == self.n for fields in self.dialect.split(above))
 
 
-def _prefer_longest(fits: list[_Fit], sample: list[str]) -> list[_Fit]:
-    """Return the fits with the most rows, not counting a last line that may be cut off."""
-    n_lines = len(sample)
-    longest = max((n_lines - f.start for f in fits), default=0)
-    fits = [f for f in fits if n_lines - f.start == longest]
-    whole = [f for f in fits if f.start + len(f.rows) == n_lines]
-    named = [f for f in fits if f.agrees_with_header(sample)]
-    if whole and (not named or any(f in whole for f in named)):
-        fits = whole
-    if any(f.dialect.separator == "\t" and len(f.rows[0]) > 1 for f in fits):
-        return [f for f in fits if f.dialect.separator != " "]
-    return fits
+_TOLERATED = 0.1
+"""Share of the rows in which a dialect may fail and still contend: a damaged row must not decide."""
 
 
-def _one_reading(fits: list[_Fit], sample: list[str], path: object, *, declared: bool) -> Dialect:
+def _contenders(fits: list[_Fit]) -> list[_Fit]:
+    """Return the fits with about the most rows; marks that no number holds come first."""
+    most = max(len(f.rows) for f in fits)
+    fits = [f for f in fits if len(f.rows) >= most - int(_TOLERATED * most)]
+    sure = [f for f in fits if f.dialect.separator in _NEVER_IN_NUMBERS and f.n_raw > 1]
+    return sorted(sure or fits, key=lambda f: -len(f.rows))
+
+
+def _one_reading(fits: list[_Fit], sample: list[str], path: object, *, declared: bool) -> _Fit:
     first = fits[0]
-    reference = first.values()
-    other = next((f for f in fits[1:] if f.values() != reference), None)
-    line = sample[first.start].strip()[:60]
-    if other is not None:
-        named = [f for f in fits if f.agrees_with_header(sample)]
-        if len(named) == 1:
-            return named[0].dialect
+    others = [f for f in fits[1:] if not f.reads_as(first)]
+    line = sample[min(first.rows)].strip()[:60]
+    if others:
+        alike = [f for f in fits if f.reads_as(first)]
+        groups = [alike, *([f] for f in others)]
+        named = [g[0] for g in groups if any(f.agrees_with_header(sample) for f in g)]
+        if len(named) == 1 or (named and all(f.reads_as(named[0]) for f in named)):
+            return named[0]
         raise AmbiguousFormatError(
-            f"{path}: the line {line!r} reads as {len(first.rows[0])} number(s) with {first.dialect}, or "
-            f"as {len(other.rows[0])} with {other.dialect}; say which with separator= and decimal="
+            f"{path}: the line {line!r} reads as {first.n} number(s) with {first.dialect}, or as "
+            f"{others[0].n} with {others[0].dialect}; say which with separator= and decimal="
         )
-    grouped = _looks_like_thousands(sample[first.start :], first.dialect)
+    grouped = _looks_like_thousands([sample[i] for i in first.rows], first.dialect)
     if grouped and not declared and not first.agrees_with_header(sample):
         raise AmbiguousFormatError(
             f"{path}: the line {line!r} may hold numbers in groups of thousands; export it without such "
-            f"groups, or say separator={_WORDS[first.dialect.separator]!r} if it holds "
-            f"{len(first.rows[0])} numbers"
+            f"groups, or say separator={_WORDS[first.dialect.separator]!r} if it holds {first.n} numbers"
         )
-    return first.dialect
+    return first
 
 
 def _looks_like_thousands(body: list[str], dialect: Dialect) -> bool:
@@ -478,7 +570,8 @@ def _no_dialect(sample: list[str], path: object) -> ReadError:
     if grouped or mixed:
         return AmbiguousFormatError(
             f"{path}: the line {(mixed or grouped)[0].strip()[:60]!r} seems to hold numbers in groups of "
-            "thousands, which are not guessed; export it without such groups"
+            "thousands, which are not guessed; name their mark with thousands= (',' or '.' or \"'\"), or "
+            "export it without such groups"
         )
     last = sample[-1].strip()[:60] if sample else "nothing"
     return CorruptFileError(

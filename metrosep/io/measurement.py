@@ -5,6 +5,7 @@ Shared by plain column text and by the text formats that a ``format.toml`` descr
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -174,7 +175,7 @@ def _take(table: Table, keep: Any) -> Table:
         )
         for c in table.columns
     )
-    return Table(columns, table.lines[keep], table.header, table.warnings)
+    return replace(table, columns=columns, lines=table.lines[keep])
 
 
 def _with_units(file: RawFile, table: Table, unit: Any) -> Table:
@@ -209,7 +210,7 @@ def _with_units(file: RawFile, table: Table, unit: Any) -> Table:
     columns = tuple(
         Column(c.name, declared.get(c.name, c.unit), c.values, c.labels) for c in table.columns
     )
-    return Table(columns, table.lines, table.header, table.warnings)
+    return replace(table, columns=columns)
 
 
 def _time_column(file: RawFile, table: Table, time: ColumnSpec | None) -> Column | None:
@@ -303,7 +304,13 @@ def _described(
     warnings = (*table.warnings, *notes.warnings)
     return {
         "metadata": file.metadata(
-            format_id, table.header, warnings=warnings, units=units, **facts, **own
+            format_id,
+            table.header,
+            warnings=warnings,
+            units=units,
+            lines=table.ledger,
+            **facts,
+            **own,
         ),
         "history": (*notes.history, *file.history(format_id, used)),
     }

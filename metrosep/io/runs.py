@@ -25,6 +25,7 @@ from metrosep.io.run_tables import TIME, columns_of, stored_runs
 from metrosep.io.select import ColumnSpec, pick, sensitivity, to_si
 from metrosep.io.source import RawFile, open_file
 from metrosep.io.table import Column, Table
+from metrosep.io.text_options import TEXT_OPTIONS
 
 __all__ = ["FeedSpec", "read_runs"]
 
@@ -78,8 +79,8 @@ def read_runs(
     scale : float (m/V) or str, optional
         Sensitivity of the sensor where `z` is a voltage, such as ``"-2.5 um/V"``; the sign is kept.
     **layout
-        ``separator``, ``decimal``, ``encoding``, ``comment``, ``skip_rows`` as in
-        `metrosep.io.table.read_table`.
+        How the text is written, where that is not clear: ``separator``, ``decimal``, ``thousands``,
+        ``encoding``, ``comment``, ``skip_rows``, ``skip_lines``, ``missing``.
 
     Returns
     -------
@@ -164,12 +165,11 @@ class _Request:
 
 
 def _layout(options: dict[str, Any]) -> dict[str, Any]:
-    known = ("separator", "decimal", "encoding", "comment", "skip_rows")
     for name in options:
-        if name not in known:
+        if name not in TEXT_OPTIONS:
             raise FormatMismatchError(
                 f"read_runs takes no option {name!r}; for the layout of the text there are "
-                f"{', '.join(known)}"
+                f"{', '.join(TEXT_OPTIONS)}"
             )
     return options
 
