@@ -25,7 +25,7 @@ from metrosep.io.table import read_table
 __all__ = ["channels", "read", "sniff"]
 
 FORMAT = "delimited"
-_DIGITS = re.compile(r"[\s\"'+.,;-]*\d[\d.,;'eE+\-\s\"]*(?:[,;\t ]|$)")
+_DIGITS = re.compile(r"[\s\"'+.,;|-]*\d[\d.,;|'eE+\-\s\"]*(?:[,;|\t ]|$)")
 _MAX_TITLES = 5
 """Lines above a table with which a short text still counts as one."""
 

@@ -26,6 +26,7 @@ from metrosep.io.delimited_maps import (
 from metrosep.io.grid import to_grid
 from metrosep.io.headers import header_unit
 from metrosep.io.own_notes import header_notes
+from metrosep.io.roles import role_of, runs_in
 from metrosep.io.select import ColumnSpec, pick, sensitivity, to_si
 from metrosep.io.source import RawFile, lateral_steps, refuse_options
 from metrosep.io.table import Column, Table
@@ -46,8 +47,6 @@ SI_NAMES = {
 
 _FEW = 8
 """Columns without names that may still be channels as well as a map."""
-
-_TIME_NAMES = frozenset({"t", "time", "zeit", "timestamp", "elapsed"})
 
 
 def measurement(
@@ -135,6 +134,10 @@ def measurement(
     except UnitError:
         raise
     except DataError as exc:
+        found = runs_in(table)
+        if found is not None:
+            why = f"{file.path}: {found}; {found.advice(file.path)}"
+            raise FormatMismatchError(why) from None
         raise FormatMismatchError(f"{file.path}: {exc}") from None
 
 
@@ -221,7 +224,7 @@ def _time_column(file: RawFile, table: Table, time: ColumnSpec | None) -> Column
         if column.unit is not None and column.unit.dimension == "time":
             return column
     for column in table.numbers:
-        if column.unit is None and column.name.strip().casefold() in _TIME_NAMES:
+        if column.unit is None and role_of(column.name) == "time":
             return column
     return None
 
@@ -375,7 +378,8 @@ def _profile(
         if len(numbers) == 1 and steps is not None:
             z = numbers[0]
         elif len(numbers) == 2:
-            x, z = numbers
+            x, z, assumed = position_and_height(file, table)
+            table = replace(table, warnings=(*table.warnings, *assumed))
         else:
             raise _cannot_tell(file, table)
     if z is None or (x is None and steps is None):
@@ -409,8 +413,69 @@ def _profile(
     )
 
 
+def position_and_height(file: RawFile, table: Table) -> tuple[str, str, tuple[str, ...]]:
+    """Return which of two columns is the position, which the height, and what was assumed.
+
+    Names decide, then units (a voltage is a reading), then which of the columns is monotonic. A
+    name that the numbers contradict is refused, and so is what stays ambiguous.
+    """
+    first, second = table.numbers
+    roles = [_profile_role(c) for c in (first, second)]
+    rises = [_is_monotonic(c) for c in (first, second)]
+    calls = [f"x={a.name!r}, z={b.name!r}" for a, b in ((first, second), (second, first))]
+    named = [r == "position" for r in roles], [r == "height" for r in roles]
+    if named[0].count(True) == 1 or named[1].count(True) == 1:
+        swapped = named[0] == [False, True] or named[1] == [True, False]
+        x, z = (second, first) if swapped else (first, second)
+        if _is_monotonic(x, strictly=False) or not rises[not swapped]:
+            return x.name, z.name, ()
+        raise FormatMismatchError(
+            f"{file.path}: column {x.name!r} is the position by its name, but it does not rise and "
+            f"{z.name!r} does; give {calls[0]} or {calls[1]}"
+        )
+    if rises == [False, True]:
+        return (
+            second.name,
+            first.name,
+            (
+                f"column {second.name!r} was taken as the position, since it alone is monotonic; give "
+                f"{calls[0]} if that is wrong",
+            ),
+        )
+    if rises == [True, True] and table.header.get("named", True):
+        return (
+            first.name,
+            second.name,
+            (
+                f"nothing says which column is the position; the first, {first.name!r}, was taken; give "
+                f"{calls[1]} if that is wrong",
+            ),
+        )
+    return first.name, second.name, ()
+
+
+def _profile_role(column: Column) -> str | None:
+    """Return position or height, or None where neither name nor unit tells it."""
+    role = role_of(column.name)
+    if role is None and column.unit is not None and column.unit.dimension == "voltage":
+        return "height"
+    return role
+
+
+def _is_monotonic(column: Column, *, strictly: bool = True) -> bool:
+    values = column.values if column.values is not None else np.empty(0)
+    if strictly:
+        steps = np.diff(values)
+        return bool(steps.size) and bool((steps > 0.0).all() or (steps < 0.0).all())
+    steps = np.diff(values[~np.isnan(values)])
+    return bool((steps >= 0.0).all() or (steps <= 0.0).all())
+
+
 def _cannot_tell(file: RawFile, table: Table) -> FormatMismatchError:
     n = len(table.numbers)
+    found = runs_in(table)
+    if found is not None:
+        return FormatMismatchError(f"{file.path}: {found}; {found.advice(file.path)}")
     if n == 3 and {c.name.casefold() for c in table.numbers} == {"x", "y", "z"}:
         return FormatMismatchError(
             f"{file.path}: columns x, y and z declare no unit; for a map give one for each, such as "

@@ -21,6 +21,7 @@ from metrosep.core.errors import DataError, FormatMismatchError, InvalidSamplesE
 from metrosep.core.provenance import Step
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import parse_quantity
+from metrosep.io.roles import BLOCKS, jumps_back, runs_in
 from metrosep.io.run_tables import TIME, columns_of, stored_runs
 from metrosep.io.select import ColumnSpec, pick, sensitivity, to_si
 from metrosep.io.source import RawFile, open_file
@@ -68,7 +69,8 @@ def read_runs(
         Column of the feedrate, or one feed for all runs (``"7200 mm/min"``), or a list with one
         per file. Its sign is not needed: the direction follows from the positions.
     run : str, optional
-        Column that tells the runs of one file apart.
+        Column that tells the runs of one file apart; ``"blocks"`` where there is none and a run
+        begins where the position jumps back.
     direction : str, optional
         Column with ``fwd``/``rev``, ``forward``/``backward``, ``+1``/``-1``; it must agree with the
         travel. A run that holds both directions becomes two.
@@ -205,7 +207,7 @@ def _runs_of(
     t = _time(file, table, request)
     speeds = _feed_column(file, table, feed)
     signs = _direction_column(file, table, request.direction)
-    for run_id, rows in _groups(file, table, request, signs):
+    for run_id, rows in _groups(file, table, request, signs, x):
         where = f"{file.path}: run {run_id!r}"
         _check_position(x, rows, table, where)
         speed = speeds if isinstance(speeds, float) else _one_feed(speeds, x, rows, where)
@@ -235,10 +237,8 @@ def _runs_of(
 
 def _with_hint(message: str, request: _Request, table: Table) -> str:
     if "monotonic" in message and request.run is None:
-        near = [
-            n for n in table.names if n.casefold() in {"run", "pass", "cycle", "trace", "repeat"}
-        ]
-        name = near[0] if near else "run"
+        found = runs_in(table)
+        name = found.run if found is not None else "run"
         return f"{message}; if the file holds several runs, name their column with run={name!r}"
     return message
 
@@ -338,13 +338,20 @@ def _check_position(x: FloatArray, rows: NDArray[np.intp], table: Table, where: 
 
 
 def _groups(
-    file: RawFile, table: Table, request: _Request, signs: NDArray[np.int64] | None
+    file: RawFile,
+    table: Table,
+    request: _Request,
+    signs: NDArray[np.int64] | None,
+    x: FloatArray,
 ) -> Iterator[tuple[str, NDArray[np.intp]]]:
     """Yield the name and the rows of each run, in the order of the file."""
     stem = file.path.stem
     everything = np.arange(len(table))
     if request.run is None:
         parts: list[tuple[str, NDArray[np.intp]]] = [(stem, everything)]
+    elif request.run == BLOCKS and BLOCKS not in table.names:
+        blocks = np.split(everything, jumps_back(x))
+        parts = [(f"{stem}:{k}", rows) for k, rows in enumerate(blocks, start=1)]
     else:
         column, _ = pick(file, table, request.run, role="run")
         prefix = f"{stem}:" if request.n_files > 1 else ""
