@@ -21,6 +21,7 @@ from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.runset import RunSet
 from metrosep.core.surface import Surface
+from metrosep.core.text_options import TEXT_OPTIONS
 from metrosep.core.units import format_length
 from metrosep.io.read import read, recognise
 from metrosep.io.registry import find
@@ -28,7 +29,6 @@ from metrosep.io.roles import runs_in
 from metrosep.io.runs import read_runs
 from metrosep.io.source import open_file
 from metrosep.io.table import read_table
-from metrosep.io.text_options import TEXT_OPTIONS
 
 __all__ = ["Finding", "check_file", "check_object"]
 

@@ -137,7 +137,7 @@ def read(
     scale : float (m/V) or str, optional
         Sensitivity of the sensor where the heights are a voltage, such as ``"2.5 um/V"``.
     **text
-        How the text is written, where that is not clear: `metrosep.io.text_options.TEXT_OPTIONS`.
+        How the text is written, where that is not clear: `metrosep.core.text_options.TEXT_OPTIONS`.
 
     Returns
     -------

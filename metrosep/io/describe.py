@@ -18,11 +18,11 @@ from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.runset import RunSet
 from metrosep.core.surface import Surface
+from metrosep.core.text_options import TEXT_OPTIONS
 from metrosep.io.read import read, recognise
 from metrosep.io.registry import principal
 from metrosep.io.source import RawFile, open_file
 from metrosep.io.table import Table, read_table
-from metrosep.io.text_options import TEXT_OPTIONS
 
 __all__ = ["describe"]
 

@@ -24,8 +24,8 @@ from metrosep.core.errors import (
     FormatMismatchError,
     ReadError,
 )
+from metrosep.core.text_options import TextOptions
 from metrosep.io.source import HEAD_BYTES
-from metrosep.io.text_options import TextOptions
 
 __all__ = [
     "MISSING",

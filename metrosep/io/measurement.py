@@ -15,7 +15,7 @@ from metrosep.core.errors import DataError, FormatMismatchError, ReadError, Unit
 from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
-from metrosep.core.units import Unit, parse_quantity, parse_unit
+from metrosep.core.units import Unit, likely_meaning, parse_quantity, parse_unit
 from metrosep.io.delimited_maps import (
     declared_units,
     is_matrix,
@@ -41,6 +41,7 @@ SI_NAMES = {
     "speed": "m/s",
     "acceleration": "m/s^2",
     "voltage": "V",
+    "torque": "N m",
     "number": "1",
 }
 """SI unit of each dimension that a channel can have."""
@@ -188,7 +189,11 @@ def _with_units(file: RawFile, table: Table, unit: Any) -> Table:
     names = [c.name for c in table.numbers]
     if isinstance(unit, str):
         shared = parse_unit(unit)
-        declared: dict[str, Unit] = {c.name: shared for c in table.numbers if c.unit is None}
+        declared: dict[str, Unit] = {
+            c.name: shared
+            for c in table.numbers
+            if c.unit is None and likely_meaning(c.name) is None
+        }
         if not declared and not any(c.unit == shared for c in table.numbers):
             own = ", ".join(f"{c.name!r} in {c.unit.name}" for c in table.numbers if c.unit)
             raise FormatMismatchError(
@@ -438,8 +443,10 @@ def position_and_height(file: RawFile, table: Table) -> tuple[str, str, tuple[st
             second.name,
             first.name,
             (
-                f"column {second.name!r} was taken as the position, since it alone is monotonic; give "
-                f"{calls[0]} if that is wrong",
+                (
+                    f"column {second.name!r} was taken as the position, since it alone is monotonic; give "
+                    f"{calls[0]} if that is wrong"
+                ),
             ),
         )
     if rises == [True, True] and table.header.get("named", True):
@@ -447,8 +454,10 @@ def position_and_height(file: RawFile, table: Table) -> tuple[str, str, tuple[st
             first.name,
             second.name,
             (
-                f"nothing says which column is the position; the first, {first.name!r}, was taken; give "
-                f"{calls[1]} if that is wrong",
+                (
+                    f"nothing says which column is the position; the first, {first.name!r}, was taken; give "
+                    f"{calls[1]} if that is wrong"
+                ),
             ),
         )
     return first.name, second.name, ()

@@ -11,9 +11,9 @@ from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.runset import RunSet
 from metrosep.core.surface import Surface
+from metrosep.core.text_options import TEXT_OPTIONS, accepted_options
 from metrosep.io import registry
 from metrosep.io.source import RawFile, open_file, refuse_options
-from metrosep.io.text_options import TEXT_OPTIONS, accepted_options
 
 __all__ = ["channels", "read", "recognise"]
 

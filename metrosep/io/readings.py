@@ -96,7 +96,7 @@ def read_readings(
         Further columns that belong to all readings, such as time or the pitch of a carriage; for
         a single file.
     **layout
-        How the text is written: `metrosep.io.text_options.TEXT_OPTIONS`.
+        How the text is written: `metrosep.core.text_options.TEXT_OPTIONS`.
 
     Returns
     -------

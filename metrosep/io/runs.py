@@ -20,13 +20,13 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, FormatMismatchError, InvalidSamplesError
 from metrosep.core.provenance import Step
 from metrosep.core.runset import Run, RunSet
+from metrosep.core.text_options import TEXT_OPTIONS
 from metrosep.core.units import parse_quantity
 from metrosep.io.roles import BLOCKS, jumps_back, runs_in
 from metrosep.io.run_tables import TIME, columns_of, stored_runs
 from metrosep.io.select import ColumnSpec, pick, sensitivity, to_si
 from metrosep.io.source import RawFile, open_file
 from metrosep.io.table import Column, Table
-from metrosep.io.text_options import TEXT_OPTIONS
 
 __all__ = ["FeedSpec", "read_runs"]
 

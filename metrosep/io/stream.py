@@ -18,11 +18,11 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, FormatMismatchError, UnsupportedFeatureError
+from metrosep.core.text_options import accepted_options
 from metrosep.core.units import Unit, parse_quantity
 from metrosep.io.logger import with_units
 from metrosep.io.registry import find, get
 from metrosep.io.source import RawFile, open_file
-from metrosep.io.text_options import accepted_options
 
 __all__ = ["ChunkSource", "Stream", "open_stream"]
 

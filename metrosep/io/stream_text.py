@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, FormatMismatchError, UnsupportedFeatureError
+from metrosep.core.text_options import TextOptions
 from metrosep.io.dialect import decode, plain_ends
 from metrosep.io.rows import Block
 from metrosep.io.source import HEAD_BYTES, RawFile
 from metrosep.io.table import Column, TableHead, refuse_markers
-from metrosep.io.text_options import TextOptions
 
 __all__ = ["TextSource", "open_source"]
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import AmbiguousFormatError, CorruptFileError, FormatMismatchError
+from metrosep.core.text_options import TextOptions
 from metrosep.core.units import Unit
 from metrosep.io.dialect import (
     MISSING,
@@ -31,7 +32,6 @@ from metrosep.io.dialect import (
 from metrosep.io.headers import bare_unit, header_unit, split_header
 from metrosep.io.rows import Body, Ledger, bad_field, marker_of, refuse_quotes
 from metrosep.io.source import RawFile
-from metrosep.io.text_options import TextOptions
 
 __all__ = ["Column", "Table", "TableHead", "read_table", "refuse_markers"]
 
@@ -119,7 +119,7 @@ def read_table(file: RawFile, **text: Any) -> Table:
     file : RawFile
         The file.
     **text
-        How the text is written, where that is not clear: `metrosep.io.text_options.TEXT_OPTIONS`.
+        How the text is written, where that is not clear: `metrosep.core.text_options.TEXT_OPTIONS`.
 
     Returns
     -------
@@ -199,8 +199,10 @@ def _cut_off(file: RawFile, content: str, row: str, line: int) -> list[str]:
             hint=f"copy the file again, or leave that line out with skip_lines='{line}'",
         )
     return [
-        f"line {line}, the last one, has no line end: whether its last number is whole cannot be seen; "
-        "compare it with the source of the file"
+        (
+            f"line {line}, the last one, has no line end: whether its last number is whole cannot be seen; "
+            "compare it with the source of the file"
+        )
     ]
 
 
@@ -335,9 +337,8 @@ class _Preamble:
         decimal = self._dialect.decimal
         bad = [f for f in fields if not is_number(f, decimal) and f.lower() not in MISSING]
         begun = _BEGUN.match(fields[0]) is not None
-        if begun and len(fields) == self._n and len(bad) < self._n:
-            if bad:
-                raise bad_field(self._file, number, bad[0], "one of the columns")
+        if begun and len(fields) == self._n and 0 < len(bad) < self._n:
+            raise bad_field(self._file, number, bad[0], "one of the columns")
         if begun and len(fields) > 1:
             raise CorruptFileError(
                 self._file.path,
@@ -406,6 +407,11 @@ class _Preamble:
 
     def warnings(self, n_rows: int) -> tuple[str, ...]:
         """Return what is odd about the lines above a table of so many rows."""
+        found = []
         if self._count is not None and self._count != n_rows:
-            return (f"the file declares {self._count} rows and holds {n_rows}",)
-        return ()
+            found.append(f"the file declares {self._count} rows and holds {n_rows}")
+        for name, unit in zip(*self.columns(), strict=True):
+            capital = "" if unit is None else unit.name.upper()
+            if unit is not None and unit.name not in name and unit.name != capital in name:
+                found.append(f"column {name!r}: {capital} was read as {unit.name}")
+        return tuple(found)

@@ -23,7 +23,7 @@ class Drawn:
     """A table as lines, with what a reader must make of it."""
 
     def __init__(self, seed, *, recording=False):
-        draw = self.draw = random.Random(seed)
+        draw = self.draw = random.Random(seed)  # noqa: S311  a reproducible draw, no secret
         self.separator = draw.choice([",", ";", "\t", " ", "|"])
         self.decimal = draw.choice([".", "."] + ([","] if self.separator != "," else []))
         self.encoding = draw.choice(["utf-8", "utf-8-sig", "utf-16", "cp1252"])
