@@ -194,6 +194,11 @@ def _with_units(file: RawFile, table: Table, unit: Any) -> Table:
             for c in table.numbers
             if c.unit is None and likely_meaning(c.name) is None
         }
+        odd = [why for c in table.numbers if c.unit is None and (why := likely_meaning(c.name))]
+        if not declared and odd:
+            raise UnitError(
+                f"{file.path}: the unit of a column is not known: {odd[0]}; correct the header"
+            )
         if not declared and not any(c.unit == shared for c in table.numbers):
             own = ", ".join(f"{c.name!r} in {c.unit.name}" for c in table.numbers if c.unit)
             raise FormatMismatchError(

@@ -105,10 +105,13 @@ class FoundRuns:
     def advice(self, path: object) -> str:
         """Return the calls that read them; where a column is not known by name, ask for it."""
         given = {**self.columns, "run": self.run}
-        missing = [role for role in ("x", "z") if role not in given]
-        if missing:
-            asked = " and ".join(f"{m}=" for m in missing)
-            return f"read them with metrosep.read_runs, and name their columns with {asked}"
+        if not {"x", "z"} <= given.keys():
+            known = "".join(f", {k}={v!r}" for k, v in given.items() if k not in ("x", "z"))
+            return (
+                "which columns are position and reading is not told by their names: read them with "
+                f"metrosep.read_runs({str(path)!r}, x=COLUMN, z=COLUMN{known}), or with: metrosep "
+                f"separate {shlex.quote(str(path))} --x COLUMN --z COLUMN --run {self.run}"
+            )
         call = ", ".join(f"{k}={v!r}" for k, v in given.items())
         typed = shlex.join([str(path), *(w for k, v in given.items() for w in (f"--{k}", v))])
         return (
@@ -117,28 +120,52 @@ class FoundRuns:
         )
 
 
+def _rises_between(values: FloatArray | None, starts: list[int]) -> bool:
+    """Whether a position or a clock goes one way in each block, and each block has a few rows."""
+    blocks = np.split(np.diff(values if values is not None else np.empty(0)), np.array(starts) - 1)
+    steps = [blocks[0], *(b[1:] for b in blocks[1:])]
+    return all(s.size >= _FEWEST and (np.all(s >= 0.0) or np.all(s <= 0.0)) for s in steps)
+
+
+_FEWEST = 2
+"""Steps of the shortest block that is a run."""
+
+
 def runs_in(table: Table) -> FoundRuns | None:
     """Return the runs that a table holds by its column of runs or by a position that jumps back."""
     by_role: dict[str, list[Column]] = {}
     for column in table.columns:
         by_role.setdefault(role_of(column.name) or "", []).append(column)
+    bare = {header_unit(c.name)[0].casefold() for c in table.columns}
+    if {"x", "y"} <= bare:
+        return None  # points of a map
     columns = {
         key: by_role[role][0].name
         for key, role in (("x", "position"), ("z", "height"), ("feed", "feed"))
         if len(by_role.get(role, ())) == 1 and by_role[role][0].values is not None
     }
+    other = [
+        c.name
+        for c in by_role.get("", ())
+        if c.values is not None
+        and c.unit is not None
+        and c.unit.dimension in ("length", "voltage")
+    ]
+    missing = [key for key in ("x", "z") if key not in columns]
+    if len(missing) == len(other) == 1:
+        columns[missing[0]] = other[0]
     for column in by_role.get("run", ()):
         marks = np.array(column.labels) if column.labels is not None else column.values
         if marks is None or marks.size < 2 or (marks.dtype.kind == "f" and np.isnan(marks).any()):
             continue
-        starts = np.sort(np.unique(marks, return_index=True)[1])
-        if 2 <= starts.size <= marks.size // 2:
-            lines = tuple(int(n) for n in table.lines[starts])
-            return FoundRuns(starts.size, column.name, lines, columns)
+        begins = np.sort(np.unique(marks, return_index=True)[1])
+        if 2 <= begins.size <= marks.size // 2:
+            lines = tuple(int(n) for n in table.lines[begins])
+            return FoundRuns(begins.size, column.name, lines, columns)
     for role in ("position", "time"):
         for column in by_role.get(role, ()):
             starts = jumps_back(column.values) if column.values is not None else []
-            if starts:
+            if starts and _rises_between(column.values, starts):
                 lines = tuple(int(table.lines[i]) for i in (0, *starts))
                 return FoundRuns(len(lines), BLOCKS, lines, columns)
     return None

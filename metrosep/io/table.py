@@ -339,7 +339,7 @@ class _Preamble:
         begun = _BEGUN.match(fields[0]) is not None
         if begun and len(fields) == self._n and 0 < len(bad) < self._n:
             raise bad_field(self._file, number, bad[0], "one of the columns")
-        if begun and len(fields) > 1:
+        if all(_BEGUN.match(f) or f.lower() in MISSING for f in fields):
             raise CorruptFileError(
                 self._file.path,
                 "a row has another number of fields",
