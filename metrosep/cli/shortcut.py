@@ -67,7 +67,20 @@ def recipe_text(options: dict[str, Any], *, table: tuple[str, str] | None, repor
 
 
 def input_lines(given: Mapping[str, Any], keys: Iterable[str]) -> list[str]:
-    """Return the lines of ``[input]`` for the options that were given; a count is no text."""
+    """Return the lines of ``[input]`` for the options that were given; a count is no text.
+
+    Parameters
+    ----------
+    given : mapping
+        Options by name; None is not given.
+    keys : iterable of str
+        Those that ``[input]`` has.
+
+    Returns
+    -------
+    list of str
+        Lines of TOML.
+    """
     return [
         f"{k} = {given[k] if k == 'skip_rows' and str(given[k]).isdecimal() else quoted(given[k])}"
         for k in keys

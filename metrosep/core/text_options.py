@@ -30,7 +30,19 @@ _NO_MARKER = frozenset({"", "()", "none"})
 
 @dataclass(frozen=True, slots=True)
 class TextOptions:
-    """How a caller describes a text; fields as in `TEXT_OPTIONS`, None = found from the content."""
+    """How a caller describes a text.
+
+    Parameters
+    ----------
+    separator, decimal, thousands, encoding, comment : str, optional
+        As in `TEXT_OPTIONS`; found from the content if omitted.
+    skip_rows : int, optional
+        Lines to leave out at the start.
+    skip_lines : tuple of range, optional
+        Lines to leave out by number, from 1.
+    missing : tuple of float or str, optional
+        Numbers and words for "not measured"; empty: no number means that.
+    """
 
     separator: str | None = None
     decimal: str | None = None
@@ -42,12 +54,39 @@ class TextOptions:
     missing: tuple[float | str, ...] | None = None
 
     def sets_aside(self, line: int) -> bool:
-        """Whether the caller leaves out a line, counted from 1."""
+        """Return whether the caller leaves out a line.
+
+        Parameters
+        ----------
+        line : int
+            Number of the line, from 1.
+
+        Returns
+        -------
+        bool
+            True for a line that is set aside.
+        """
         return line <= self.skip_rows or any(line in r for r in self.skip_lines)
 
     @classmethod
     def of(cls, given: Mapping[str, Any]) -> TextOptions:
-        """Return the options of a call, checked; numbers may be text, as a person types them."""
+        """Return the options of a call, checked; numbers may be text, as a person types them.
+
+        Parameters
+        ----------
+        given : mapping
+            Options by name; None is not given.
+
+        Returns
+        -------
+        TextOptions
+            All of them.
+
+        Raises
+        ------
+        ReadError
+            If a name or a value is not known.
+        """
         known = {k: v for k, v in given.items() if v is not None}
         unknown = [k for k in known if k not in TEXT_OPTIONS]
         if unknown:
@@ -111,7 +150,18 @@ def _markers(value: Any) -> tuple[float | str, ...]:
 
 
 def accepted_options(function: Callable[..., Any]) -> list[str]:
-    """Return the names of the arguments of a reader; ``**text`` stands for all of `TEXT_OPTIONS`."""
+    """Return the names of the arguments of a reader.
+
+    Parameters
+    ----------
+    function : callable
+        Its ``**text`` stands for all of `TEXT_OPTIONS`.
+
+    Returns
+    -------
+    list of str
+        Names, in order.
+    """
     names: list[str] = []
     for name, parameter in inspect.signature(function).parameters.items():
         is_text = parameter.kind is inspect.Parameter.VAR_KEYWORD

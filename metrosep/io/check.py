@@ -23,9 +23,9 @@ from metrosep.core.runset import RunSet
 from metrosep.core.surface import Surface
 from metrosep.core.text_options import TEXT_OPTIONS
 from metrosep.core.units import format_length
+from metrosep.io._roles import runs_in
 from metrosep.io.read import read, recognise
 from metrosep.io.registry import find
-from metrosep.io.roles import runs_in
 from metrosep.io.runs import read_runs
 from metrosep.io.source import open_file
 from metrosep.io.table import read_table

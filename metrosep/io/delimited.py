@@ -14,7 +14,8 @@ from metrosep.core.errors import ReadError
 from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
-from metrosep.io.dialect import decode, find_layout, is_comment, unmeasured_rows
+from metrosep.io._table_layout import find_layout, unmeasured_rows
+from metrosep.io.dialect import decode, is_comment
 from metrosep.io.measurement import measurement
 from metrosep.io.own_notes import is_marked
 from metrosep.io.registry import Match

@@ -16,6 +16,7 @@ from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
 from metrosep.core.units import Unit, likely_meaning, parse_quantity, parse_unit
+from metrosep.io._roles import role_of, runs_in
 from metrosep.io.delimited_maps import (
     declared_units,
     is_matrix,
@@ -26,7 +27,6 @@ from metrosep.io.delimited_maps import (
 from metrosep.io.grid import to_grid
 from metrosep.io.headers import header_unit
 from metrosep.io.own_notes import header_notes
-from metrosep.io.roles import role_of, runs_in
 from metrosep.io.select import ColumnSpec, pick, sensitivity, to_si
 from metrosep.io.source import RawFile, lateral_steps, refuse_options
 from metrosep.io.table import Column, Table

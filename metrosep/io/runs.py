@@ -22,7 +22,7 @@ from metrosep.core.provenance import Step
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.text_options import TEXT_OPTIONS
 from metrosep.core.units import parse_quantity
-from metrosep.io.roles import BLOCKS, jumps_back, runs_in
+from metrosep.io._roles import BLOCKS, jumps_back, runs_in
 from metrosep.io.run_tables import TIME, columns_of, stored_runs
 from metrosep.io.select import ColumnSpec, pick, sensitivity, to_si
 from metrosep.io.source import RawFile, open_file

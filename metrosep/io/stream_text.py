@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, FormatMismatchError, UnsupportedFeatureError
 from metrosep.core.text_options import TextOptions
+from metrosep.io._rows import Block
 from metrosep.io.dialect import decode, plain_ends
-from metrosep.io.rows import Block
 from metrosep.io.source import HEAD_BYTES, RawFile
 from metrosep.io.table import Column, TableHead, refuse_markers
 

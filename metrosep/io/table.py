@@ -19,18 +19,10 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import AmbiguousFormatError, CorruptFileError, FormatMismatchError
 from metrosep.core.text_options import TextOptions
 from metrosep.core.units import Unit
-from metrosep.io.dialect import (
-    MISSING,
-    Layout,
-    decode,
-    find_layout,
-    is_comment,
-    is_number,
-    n_used,
-    unmeasured_rows,
-)
+from metrosep.io._rows import Body, Ledger, bad_field, marker_of, refuse_quotes
+from metrosep.io._table_layout import Layout, find_layout, unmeasured_rows
+from metrosep.io.dialect import MISSING, decode, is_comment, is_number, n_used
 from metrosep.io.headers import bare_unit, header_unit, split_header
-from metrosep.io.rows import Body, Ledger, bad_field, marker_of, refuse_quotes
 from metrosep.io.source import RawFile
 
 __all__ = ["Column", "Table", "TableHead", "read_table", "refuse_markers"]
@@ -166,7 +158,29 @@ def refuse_markers(
     lines: NDArray[np.int64],
     options: TextOptions,
 ) -> list[str]:
-    """Return warnings about values that may mean "not measured"; a sure one is refused."""
+    """Return warnings about values that may mean "not measured".
+
+    Parameters
+    ----------
+    file : RawFile
+        For the message.
+    columns : sequence of Column
+        Columns; those of labels and of time are not looked at.
+    lines : ndarray of int, shape (n,)
+        Line of each row.
+    options : TextOptions
+        Whoever declares ``missing`` is not asked.
+
+    Returns
+    -------
+    list of str
+        Sentences.
+
+    Raises
+    ------
+    AmbiguousFormatError
+        If a value of the shape of a marker lies far outside the others.
+    """
     found: list[str] = []
     for column in () if options.missing is not None else columns:
         if column.values is None or (column.unit is not None and column.unit.dimension == "time"):
@@ -207,7 +221,19 @@ def _cut_off(file: RawFile, content: str, row: str, line: int) -> list[str]:
 
 
 class TableHead:
-    """What stands above the rows of a table: its layout, names and units; each line is classified."""
+    """What stands above the rows of a table: its layout, names and units; each line is classified.
+
+    Parameters
+    ----------
+    file : RawFile
+        For messages.
+    text : str
+        The text, or its first lines.
+    encoding : str
+        Of the file.
+    options : TextOptions
+        What the caller declares.
+    """
 
     def __init__(self, file: RawFile, text: str, encoding: str, options: TextOptions) -> None:
         self._file, self.ledger = file, Ledger()

@@ -84,14 +84,16 @@ def test_a_position_that_does_not_rise_beside_a_height_that_does_is_asked_for(pu
 def test_a_sensor_in_volts_is_the_height_wherever_it_stands(put):
     path = put(table("A1_V,travelled_mm", *(f"{b},{a:.1f}" for a, b in wave())))
 
-    assert ms.read(path, scale="2 um/V").z[3] == pytest.approx(wave()[3][1] * 2 * UM, rel=1e-12)
+    assert ms.read(path, scale="2 um/V").z[3] == pytest.approx(
+        wave()[3][1] * 2 * UM, rel=1e-12, abs=0.0
+    )
 
 
 def test_a_torque_is_never_taken_as_a_height(put):
     path = put(table("x_mm,M_Nm", *(f"{a:.1f},{b}" for a, b in wave())))
 
     for options in ({}, {"unit": "um"}, {"x": "x_mm", "z": "M_Nm"}):
-        with pytest.raises(ms.errors.MetrosepError, match="torque|declares its own unit"):
+        with pytest.raises(ms.errors.MetrosepError, match=r"torque|declares its own unit"):
             ms.read(path, **options)
     with pytest.raises(ms.errors.UnitError, match="torque"):
         ms.read_runs(path, x="x_mm", z="M_Nm")
@@ -130,7 +132,7 @@ def test_numbers_that_may_be_in_groups_of_thousands_are_asked_for(put, separator
             door(path)
     decimal = {",": ".", ".": ","}[mark]
     found = ms.read(path, thousands=mark, decimal=decimal)
-    assert found.z.tolist() == pytest.approx([v * UM for v in whole], rel=1e-14)
+    assert found.z.tolist() == pytest.approx([v * UM for v in whole], rel=1e-14, abs=0.0)
 
 
 @pytest.mark.parametrize(
@@ -144,7 +146,7 @@ def test_numbers_that_may_be_in_groups_of_thousands_are_asked_for(put, separator
 def test_a_number_that_shows_the_decimal_mark_decides_for_all(put, numbers, values):
     profile = ms.read(put(table("x_mm;z_um", *(f"{i};{z}" for i, z in enumerate(numbers)))))
 
-    assert profile.z.tolist() == pytest.approx([v * UM for v in values], rel=1e-14)
+    assert profile.z.tolist() == pytest.approx([v * UM for v in values], rel=1e-14, abs=0.0)
 
 
 def streamed(path, **options):

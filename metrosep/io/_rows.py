@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import AmbiguousFormatError, CorruptFileError
 from metrosep.core.text_options import TextOptions
-from metrosep.io.dialect import MISSING, Layout, is_comment, n_used
+from metrosep.io._table_layout import Layout
+from metrosep.io.dialect import MISSING, is_comment, n_used
 from metrosep.io.source import RawFile
 
 __all__ = ["Block", "Body", "Ledger", "bad_field", "marker_of", "refuse_quotes"]
