@@ -31,6 +31,9 @@ __all__ = ["Block", "Body", "Ledger", "bad_field", "marker_of", "refuse_quotes"]
 _LISTED: Final = 100
 """Lines of a class that are listed with their text."""
 
+_PART: Final = 2**18
+"""Characters that are parsed at once: what is odd in one part does not slow the others."""
+
 _PLAIN = frozenset("0123456789+-.,;|eE \t\n")
 
 _IN_ORDER = {
@@ -163,8 +166,23 @@ class Body:
                 )
         return tuple(found)
 
-    def take(self, text: str, first: int, *, last: bool) -> Block:
-        r"""Return the rows of a block of whole lines; ends of lines are ``\n``, `first` counts from 1."""
+    def take(self, text: str, first: int, *, last: bool, start: int = 0) -> Block:
+        r"""Return the rows of whole lines from `start` on; ends of lines are ``\n``, `first` counts from 1."""
+        blocks = []
+        while start < len(text):
+            end = text.find("\n", start + _PART) + 1 or len(text)
+            part = text[start:end]
+            blocks.append(self._take_part(part, first, last=last and end == len(text)))
+            first, start = first + part.count("\n"), end
+        if len(blocks) == 1:
+            return blocks[0]
+        columns: list[FloatArray | list[str]] = []
+        for k, label in enumerate(self._labels):
+            parts: list[Any] = [b.columns[k] for b in blocks]
+            columns.append([t for p in parts for t in p] if label else np.concatenate(parts))
+        return Block(columns, np.concatenate([b.lines for b in blocks]))
+
+    def _take_part(self, text: str, first: int, *, last: bool) -> Block:
         n_lines = text.count("\n") + (not text.endswith("\n") and text != "")
         numbers = self._fast(text, n_lines, first)
         if numbers is not None:
@@ -490,35 +508,35 @@ def _has_marker_shape(value: float) -> bool:
 def marker_of(values: FloatArray) -> tuple[float, float, bool] | None:
     """Return a value that means "not measured", its distance in spreads, and whether that is sure.
 
-    Extremes that look like a marker are set aside in turn; what is left tells the spread R. A value
-    with the shape of a marker further than 5 R away is sure; any other that repeats, beyond 20 R, is not.
+    Extremes of the shape of a marker are set aside in turn; what is left tells the spread R. Such a
+    value further than 5 R away is sure; any other that repeats, beyond 20 R, is not.
     """
     rest = values[np.isfinite(values)]
-    n = rest.size
-    aside: list[tuple[float, int]] = []
-    for _ in range(4):
-        if rest.size < 3:
-            return None
-        low, high = float(rest.min()), float(rest.max())
-        for e in (high, low):
-            k = int(np.count_nonzero(rest == e))
-            if not (_has_marker_shape(e) or k >= _REPEATED) or k > n / 2:
-                continue
-            left = rest[rest != e]
-            if left.size < 3:
-                continue
-            rest = left
-            aside.append((e, k))
-            spread = float(np.ptp(rest))
-            if spread == 0.0 or np.unique(rest[:1000]).size < 3:
-                continue
-            for value, count in aside:
-                ratio = float(np.min(np.abs(value - np.array([rest.min(), rest.max()])))) / spread
-                if _has_marker_shape(value) and ratio > _FAR:
-                    return value, ratio, True
-                if count >= _REPEATED and ratio > _VERY_FAR:
-                    return value, ratio, False
-            break
-        else:
-            return None
+    most = rest.size / 2
+    aside: list[float] = []
+    while rest.size >= _FEWEST:
+        extremes = (float(rest.max()), float(rest.min()))
+        counts = {e: int(np.count_nonzero(rest == e)) for e in extremes}
+        shaped = [e for e in extremes if _has_marker_shape(e) and counts[e] <= most]
+        if not shaped or len(aside) == _MOST_MARKERS:
+            repeated = [e for e in extremes if _REPEATED <= counts[e] <= most]
+            found = next((e for e in repeated if _distance(e, rest[rest != e]) > _VERY_FAR), None)
+            return None if found is None else (found, _distance(found, rest[rest != found]), False)
+        aside.append(shaped[0])
+        rest = rest[rest != shaped[0]]
+        for value in aside:
+            if (ratio := _distance(value, rest)) > _FAR:
+                return value, ratio, True
     return None
+
+
+_FEWEST = 3
+_MOST_MARKERS = 4
+
+
+def _distance(value: float, rest: FloatArray) -> float:
+    """Return how many times the spread of the others a value lies away; 0 where they hardly differ."""
+    if rest.size < _FEWEST or np.unique(rest[:1000]).size < _FEWEST:
+        return 0.0
+    low, high = float(rest.min()), float(rest.max())
+    return min(abs(value - low), abs(value - high)) / (high - low)

@@ -29,7 +29,7 @@ from metrosep.io.headers import header_unit
 from metrosep.io.own_notes import header_notes
 from metrosep.io.select import ColumnSpec, pick, sensitivity, to_si
 from metrosep.io.source import RawFile, lateral_steps, refuse_options
-from metrosep.io.table import Column, Table
+from metrosep.io.table import Column, Table, interruption
 
 __all__ = ["SI_NAMES", "measurement"]
 
@@ -351,6 +351,7 @@ def _recording(
         if rate <= 0.0:
             raise ReadError(f"{file.path}: sampling_rate is {rate} Hz; it must be positive")
         t = np.arange(len(table), dtype=np.float64) / rate
+        table = replace(table, warnings=(*table.warnings, *interruption(table)))
     chosen = [c for c in table.numbers if timed is None or c.name != timed.name]
     if channel is not None:
         column, _ = pick(file, table, channel, role="channel")
@@ -412,6 +413,13 @@ def _profile(
         x_column, x_unit = pick(file, table, x, role="x")
         positions = to_si(file, x_column, x_unit, dimension="length", role="x")
         used["x"] = x_column.name
+        empty = np.flatnonzero(np.isnan(positions))
+        if empty.size:
+            line = int(table.lines[empty[0]])
+            raise FormatMismatchError(
+                f"{file.path}: line {line}: position x is NaN in {empty.size} row(s), and a height without "
+                f"a position cannot be used; leave it out with skip_lines='{line}'"
+            )
     if np.isnan(heights).all():
         raise FormatMismatchError(
             f"{file.path}: column {z_column.name!r} holds no number; nothing was measured"

@@ -26,7 +26,7 @@ from metrosep.io._roles import BLOCKS, jumps_back, runs_in
 from metrosep.io.run_tables import TIME, columns_of, stored_runs
 from metrosep.io.select import ColumnSpec, pick, sensitivity, to_si
 from metrosep.io.source import RawFile, open_file
-from metrosep.io.table import Column, Table
+from metrosep.io.table import Column, Table, interruption
 
 __all__ = ["FeedSpec", "read_runs"]
 
@@ -125,7 +125,8 @@ def read_runs(
         if format_id != "delimited" and time is None and sampling_rate is None:
             clocked = replace(request, time=TIME)
         runs.extend(_runs_of(file, table, clocked, file_feed))
-        warnings.extend(f"{file.name}: {w}" for w in table.warnings)
+        said = (*table.warnings, *(interruption(table) if clocked.time is None else ()))
+        warnings.extend(f"{file.name}: {w}" for w in said)
         facts = {"x": str(x), "z": str(z), "feed": str(file_feed), "scale": str(scale)}
         history.extend(file.history(format_id, facts))
     metadata = {

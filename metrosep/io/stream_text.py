@@ -130,7 +130,7 @@ class TextSource:
         ]
         if not timed:
             return None
-        rows = table.body().take(self._head[table.offset :], table.first_line, last=False)
+        rows = table.body().take(self._head, table.first_line, last=False, start=table.offset)
         for k, factor in timed:
             steps = np.diff(np.asarray(rows.columns[k])) * factor
             usual = float(np.median(steps)) if steps.size else float("nan")

@@ -25,10 +25,8 @@ from metrosep.io.dialect import MISSING, decode, is_comment, is_number, n_used
 from metrosep.io.headers import bare_unit, header_unit, split_header
 from metrosep.io.source import RawFile
 
-__all__ = ["Column", "Table", "TableHead", "read_table", "refuse_markers"]
+__all__ = ["Column", "Table", "TableHead", "interruption", "read_table", "refuse_markers"]
 
-_BLOCK = 2**20
-"""Characters that are parsed at once: what is odd in one block does not slow the others."""
 _SAMPLE = 300
 """Rows that are looked at first; further ones come from `_PLACES` parts of the rest."""
 _PLACES, _PLACE = 9, 2000
@@ -127,23 +125,16 @@ def read_table(file: RawFile, **text: Any) -> Table:
     content, encoding = decode(file.data, file.path, options.encoding)
     head = TableHead(file, content, encoding, options)
     body = head.body()
-    blocks, position, line = [], head.offset, head.first_line
-    while position < len(content):
-        end = content.find("\n", position + _BLOCK) + 1 or len(content)
-        part = content[position:end]
-        blocks.append(body.take(part, line, last=end == len(content)))
-        line += part.count("\n")
-        position = end
+    rows = body.take(content, head.first_line, last=True, start=head.offset)
     whole = content.endswith("\n")
     body.finish(content.count("\n") + (not whole))
-    lines = np.concatenate([b.lines for b in blocks])
-    columns = []
-    for k, (name, unit) in enumerate(zip(head.names, head.units, strict=True)):
-        parts = [b.columns[k] for b in blocks]
-        if isinstance(parts[0], list):
-            columns.append(Column(name, unit, None, tuple(t for part in parts for t in part)))
-        else:
-            columns.append(Column(name, unit, np.concatenate(parts)))
+    lines = rows.lines
+    columns = [
+        Column(name, unit, None, tuple(values))
+        if isinstance(values, list)
+        else Column(name, unit, values)
+        for name, unit, values in zip(head.names, head.units, rows.columns, strict=True)
+    ]
     warnings = [*head.warnings(len(lines)), *body.warnings]
     warnings += refuse_markers(file, columns, lines, options)
     if not whole and body.last_row and content.endswith(body.last_row):
@@ -200,6 +191,29 @@ def refuse_markers(
             raise AmbiguousFormatError(f"{file.path}: {message}")
         found.append(message)
     return found
+
+
+def interruption(table: Table) -> tuple[str, ...]:
+    """Return a warning about lines without numbers between the rows, where time is counted by rows.
+
+    Parameters
+    ----------
+    table : Table
+        Columns of a text.
+
+    Returns
+    -------
+    tuple of str
+        One sentence or none.
+    """
+    gaps = np.flatnonzero(np.diff(table.lines) > 1)
+    if not gaps.size or "separator" not in table.header:
+        return ()
+    first = int(table.lines[gaps[0]]) + 1
+    return (
+        f"line {first} stands between the rows and holds no sample ({gaps.size} such place(s)), and the file "
+        "has no column of time; if samples were lost there, all later ones are too early",
+    )
 
 
 def _cut_off(file: RawFile, content: str, row: str, line: int) -> list[str]:

@@ -180,6 +180,16 @@ def test_a_marker_is_named_and_becomes_nan_when_it_is_declared(put, marker, shar
     assert np.isfinite(ms.read(path, missing="none").z).all()
 
 
+def test_one_marker_far_down_a_long_file_of_coarse_numbers_is_found(put):
+    lines = [f"{0.001 * i:.3f},{round(np.sin(i), 3)}" for i in range(60_000)]
+    lines[59_000] = "59.000,-9999"
+    path = put(table("x_mm,z_um", *lines))
+
+    for door in (ms.read, streamed):
+        with pytest.raises(ms.errors.AmbiguousFormatError, match=r"line 59002\)"):
+            door(path)
+
+
 def test_two_markers_on_both_sides_are_both_named(put):
     lines = [f"{a:.1f},{b}" for a, b in wave(100)]
     lines[20], lines[50] = "2.0,9999", "5.0,-9999"
@@ -253,6 +263,41 @@ def test_lines_are_set_aside_by_their_number_and_listed(put):
     assert len(profile) == 58
     listed = profile.metadata["lines"]["listed"]["set aside"]
     assert listed == {"numbers": "12-13", "texts": ("1.0,broken,7", "1.1,1..2")}
+
+
+def test_a_line_without_a_sample_is_said_where_time_is_counted_by_rows(put):
+    lines = [f"{b}" for _, b in wave()]
+    lines.insert(30, "")
+    path = put(table("gap_um", *lines))
+
+    (said,) = ms.read(path, sampling_rate="1 kHz").metadata["warnings"]
+
+    assert "line 32 stands between the rows and holds no sample" in said
+
+
+@pytest.mark.parametrize("row", [",", ",0.5", "nan,0.5"])
+def test_a_row_without_a_position_is_named_by_its_line(put, row):
+    lines = [f"{a:.1f},{b}" for a, b in wave()]
+    lines[20] = row
+
+    for door in (ms.read, lambda p: ms.read_runs(p, x="x_mm", z="z_um")):
+        with pytest.raises(ms.errors.MetrosepError, match="line 22"):
+            door(put(table("x_mm,z_um", *lines)))
+
+
+@pytest.mark.parametrize("at", [3, 200, 999, 90_000])
+def test_one_separator_too_many_loses_no_row_wherever_it_stands(put, at):
+    n = max(1000, at + 10)
+    lines = [f"{0.001 * i:.3f},{np.sin(i):.4f}" for i in range(n)]
+    lines[at] += ","
+    path = put(table("t_s,z_um", *lines))
+
+    whole = ms.read(path)
+    (found,) = [np.concatenate([c["z_um"] for c in streamed(path)])]
+
+    assert len(whole) == found.size == n
+    assert f"first: line {at + 2}" in " ".join(whole.metadata["warnings"])
+    assert any(f"line {at + 2}" in f.problem for f in check_file(path))
 
 
 # Several runs in one file
