@@ -211,8 +211,10 @@ def interruption(table: Table) -> tuple[str, ...]:
         return ()
     first = int(table.lines[gaps[0]]) + 1
     return (
-        f"line {first} stands between the rows and holds no sample ({gaps.size} such place(s)), and the file "
-        "has no column of time; if samples were lost there, all later ones are too early",
+        (
+            f"line {first} stands between the rows and holds no sample ({gaps.size} such place(s)), and the file "
+            "has no column of time; if samples were lost there, all later ones are too early"
+        ),
     )
 
 
