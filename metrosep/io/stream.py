@@ -21,7 +21,7 @@ from metrosep.core.errors import DataError, FormatMismatchError, UnsupportedFeat
 from metrosep.core.text_options import accepted_options
 from metrosep.core.units import Unit, parse_quantity
 from metrosep.io.logger import with_units
-from metrosep.io.registry import find, get
+from metrosep.io.read import recognise
 from metrosep.io.source import RawFile, open_file
 
 __all__ = ["ChunkSource", "Stream", "open_stream"]
@@ -201,7 +201,7 @@ def open_stream(
     [[1e-06, 2e-06], [4e-06]]
     """
     file = open_file(path)
-    description = get(format) if format is not None else find(file)
+    description = recognise(file, format, options)
     module = _SOURCES.get(description.id)
     if module is None:
         known = ", ".join(_SOURCES)

@@ -399,6 +399,18 @@ def test_every_hint_works_in_the_command_that_prints_it(put, capsys, request, co
         assert "field line" not in out
 
 
+def test_many_lines_above_a_table_are_left_out_at_every_door_by_the_option_that_is_named(put):
+    prose = [f"remark {i}: nothing, of interest; here" for i in range(80)]
+    path = put(table(*prose, "t_s,z_um", *ROWS))
+
+    for door in (ms.read, lambda p, **o: ms.read_runs(p, x="z_um", z="z_um", **o), streamed):
+        with pytest.raises(ms.errors.MetrosepError, match=r"skip_rows="):
+            door(path)
+    assert len(ms.read(path, skip_rows=80)) == 60
+    assert sum(len(c["z_um"]) for c in streamed(path, skip_rows=80)) == 60
+    assert [f.level for f in check_file(path, skip_rows="80")] == []
+
+
 @pytest.mark.parametrize("run", [True, False])
 @pytest.mark.parametrize("command", ["info", "check", "measure", "convert", "form"])
 def test_the_call_that_separates_runs_works_as_it_is_printed(put, capsys, command, run):
