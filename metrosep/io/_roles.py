@@ -95,6 +95,7 @@ class FoundRuns:
     run: str
     lines: tuple[int, ...]
     columns: dict[str, str]
+    undeclared: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         if self.run != BLOCKS:
@@ -116,8 +117,15 @@ class FoundRuns:
         typed = shlex.join([str(path), *(w for k, v in given.items() for w in (f"--{k}", v))])
         return (
             f"read them with metrosep.read_runs({str(path)!r}, {call}), or separate them with: "
-            f"metrosep separate {typed}"
+            f"metrosep separate {typed}{self._units()}"
         )
+
+    def _units(self) -> str:
+        """Return what to add where a column declares no unit."""
+        if not self.undeclared:
+            return ""
+        own = " and ".join(f"{name}:UNIT" for name in self.undeclared)
+        return f" ; name the units, which the file does not declare: {own}"
 
 
 def _rises_between(values: FloatArray | None, starts: list[int]) -> bool:
@@ -154,6 +162,7 @@ def runs_in(table: Table) -> FoundRuns | None:
     missing = [key for key in ("x", "z") if key not in columns]
     if len(missing) == len(other) == 1:
         columns[missing[0]] = other[0]
+    undeclared = tuple(n for n in columns.values() if table[n].unit is None)
     for column in by_role.get("run", ()):
         marks = np.array(column.labels) if column.labels is not None else column.values
         if marks is None or marks.size < 2 or (marks.dtype.kind == "f" and np.isnan(marks).any()):
@@ -161,11 +170,11 @@ def runs_in(table: Table) -> FoundRuns | None:
         begins = np.sort(np.unique(marks, return_index=True)[1])
         if 2 <= begins.size <= marks.size // 2:
             lines = tuple(int(n) for n in table.lines[begins])
-            return FoundRuns(begins.size, column.name, lines, columns)
+            return FoundRuns(begins.size, column.name, lines, columns, undeclared)
     for role in ("position", "time"):
         for column in by_role.get(role, ()):
             starts = jumps_back(column.values) if column.values is not None else []
             if starts and _rises_between(column.values, starts):
                 lines = tuple(int(table.lines[i]) for i in (0, *starts))
-                return FoundRuns(len(lines), BLOCKS, lines, columns)
+                return FoundRuns(len(lines), BLOCKS, lines, columns, undeclared)
     return None
