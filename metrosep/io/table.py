@@ -249,6 +249,13 @@ class TableHead:
         Of the file.
     options : TextOptions
         What the caller declares.
+
+    Raises
+    ------
+    ReadError
+        If the text is no table, its dialect is ambiguous, or a line above the rows does not fit.
+    CorruptFileError
+        If one of these lines is a damaged row.
     """
 
     def __init__(self, file: RawFile, text: str, encoding: str, options: TextOptions) -> None:
