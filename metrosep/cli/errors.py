@@ -14,6 +14,7 @@ import traceback
 from collections.abc import Callable, Collection
 
 from metrosep.core import exit_codes
+from metrosep.core.text_options import TEXT_OPTIONS
 from metrosep.core.units import format_length
 
 __all__ = [
@@ -31,9 +32,8 @@ _STDOUT_ERRORS = (errno.ENOSPC, errno.EIO, errno.EBADF, errno.EINVAL)
 
 _READER_OPTIONS = frozenset(
     {
-        "comment", "decimal", "encoding", "group", "max_pixels", "names", "numbered", "overhang",
-        "radius", "sampling_rate", "scale", "segment", "separator", "servo_period", "skip_rows",
-        "slope", "time", "x", "y", "z",
+        *TEXT_OPTIONS, "group", "max_pixels", "names", "numbered", "overhang", "radius",
+        "sampling_rate", "scale", "segment", "servo_period", "slope", "time", "x", "y", "z",
     }
 )  # fmt: skip
 """Options of readers that the commands about files take with ``--set``."""

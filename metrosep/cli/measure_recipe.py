@@ -7,13 +7,14 @@ from collections.abc import Mapping
 from typing import Any
 
 from metrosep.cli.evaluation import Limits, Settings
-from metrosep.cli.shortcut import quoted
+from metrosep.cli.shortcut import input_lines, quoted
+from metrosep.core.text_options import TEXT_OPTIONS
 
 __all__ = ["measure_recipe"]
 
 _PLAIN = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?:SI)?\s*")
 _EDITIONS = ("ISO 21920-2:2021", "ISO 4287:1997")
-_INPUT = ("unit", "lateral_step", "channel", "format")
+_INPUT = ("unit", "lateral_step", "channel", "format", *TEXT_OPTIONS)
 
 
 def measure_recipe(
@@ -44,7 +45,7 @@ def measure_recipe(
         TOML that `Recipe.parse` reads.
     """
     lines = ["metrosep = 1", "", "[input]", f"files = [{quoted(file)}]"]
-    lines += [f"{k} = {quoted(reading[k])}" for k in _INPUT if k in reading]
+    lines += input_lines(reading, _INPUT)
     if settings.form.strip().lower() != "none":
         lines += ["", "[[step]]", 'op = "form"', f"form = {quoted(settings.form)}"]
     if settings.lambda_s is not None or settings.lambda_c is not None:

@@ -9,6 +9,7 @@ import click
 
 from metrosep.cli.options import file_options, json_option, name_values, say
 from metrosep.cli.softgauge import verify_softgauge
+from metrosep.core.text_options import TEXT_OPTIONS
 
 _WORST_FIRST = (4, 2, 1, 3)
 """Exit codes: a file that was not measured, then reject, then inconclusive."""
@@ -216,7 +217,8 @@ def _recipe(
 
     if len(files) != 1:
         raise click.UsageError("a recipe, a report and result.json are of one FILE: name one")
-    stray = [k for k in reading if k not in ("unit", "lateral_step", "channel", "format")]
+    known = ("unit", "lateral_step", "channel", "format", *TEXT_OPTIONS)
+    stray = [k for k in reading if k not in known]
     if stray:
         raise click.UsageError(f"--set {stray[0]} has no key in a recipe that measures")
     text = measure_recipe(files[0], how, limits, reading, lengths)

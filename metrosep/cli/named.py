@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from metrosep.cli.options import name_values
-from metrosep.cli.shortcut import quoted
+from metrosep.cli.shortcut import input_lines, quoted
+from metrosep.core.text_options import TEXT_OPTIONS
 
 if TYPE_CHECKING:
     from metrosep.recipe.methods import Method
@@ -18,8 +19,7 @@ if TYPE_CHECKING:
 __all__ = ["COLUMN_OPTIONS", "named_recipe", "require_columns"]
 
 _OF_INPUT = (
-    "readings", "x", "angle", "repeat", "scale", "separator", "decimal", "encoding",
-    "unit", "channel", "lateral_step",
+    "readings", "x", "angle", "repeat", "scale", *TEXT_OPTIONS, "unit", "channel", "lateral_step",
 )  # fmt: skip
 COLUMN_OPTIONS = (*_OF_INPUT, "z", "feed", "run", "direction", "time")
 """Keys of the input that have an option of their own; the others are given with ``--column``."""
@@ -112,7 +112,7 @@ def named_recipe(name: str, options: Mapping[str, Any], *, report: bool) -> str:
         value = columns.get(key, options.get(key))
         if value is not None and value != ():
             several = key in known and known[key].kind == "texts"
-            lines.append(f"{key} = {_listed(value) if several else quoted(value)}")
+            lines += [f"{key} = {_listed(value)}"] if several else input_lines({key: value}, [key])
     lines += ["", "[[step]]", f"op = {quoted(name)}"]
     for key, value in name_values(options.get("settings") or (), "--set"):
         lines.append(f"{key} = {_typed(key, value, method)}")

@@ -8,6 +8,8 @@ from typing import Any, TypeVar
 
 import click
 
+from metrosep.core.text_options import TEXT_OPTIONS
+
 __all__ = [
     "file_options",
     "force_option",
@@ -262,9 +264,10 @@ def _with_columns(command: F, *, required: bool) -> F:
             click.option(
                 "--scale", metavar="SENSITIVITY", help='Of a sensor in volts: "2.5 um/V".'
             ),
-            click.option("--separator", help="Between the columns, where it is not clear."),
-            click.option("--decimal", help="Decimal mark, where it is not clear."),
-            click.option("--encoding", help="Of the text, where it is not clear: utf-16."),
+            *(
+                click.option(f"--{name.replace('_', '-')}", help=text)
+                for name, text in TEXT_OPTIONS.items()
+            ),
         )
     ):
         command = option(command)

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Iterable, Mapping
 from typing import TYPE_CHECKING, Any
+
+from metrosep.core.text_options import TEXT_OPTIONS
 
 if TYPE_CHECKING:
     from metrosep.core.errors import RecipeError
 
-__all__ = ["option_error", "quoted", "recipe_text"]
+__all__ = ["input_lines", "option_error", "quoted", "recipe_text"]
 
-_LAYOUT = ("separator", "decimal", "encoding")
-_INPUT = ("x", "z", "feed", "run", "direction", "time", "sampling_rate", "scale", *_LAYOUT)
+_INPUT = ("x", "z", "feed", "run", "direction", "time", "sampling_rate", "scale", *TEXT_OPTIONS)
 _SEPARATE = ("method", "start", "length", "shortest", "lag")
 
 
@@ -34,7 +35,7 @@ def recipe_text(options: dict[str, Any], *, table: tuple[str, str] | None, repor
         TOML that `Recipe.parse` reads.
     """
     lines = ["metrosep = 1", "", "[input]"]
-    lines += [f"{k} = {quoted(options[k])}" for k in _INPUT if options.get(k) is not None]
+    lines += input_lines(options, _INPUT)
     lines += ["", "[[step]]", 'op = "separate"']
     lines += [f"{k} = {quoted(options[k])}" for k in _SEPARATE if options.get(k) is not None]
     for key in ("min_feeds", "drift"):
@@ -63,6 +64,28 @@ def recipe_text(options: dict[str, Any], *, table: tuple[str, str] | None, repor
     if report:
         lines += ["", "[[output]]", 'kind = "report"', 'formats = ["html"]']
     return "\n".join(lines) + "\n"
+
+
+def input_lines(given: Mapping[str, Any], keys: Iterable[str]) -> list[str]:
+    """Return the lines of ``[input]`` for the options that were given; a count is no text.
+
+    Parameters
+    ----------
+    given : mapping
+        Options by name; None is not given.
+    keys : iterable of str
+        Those that ``[input]`` has.
+
+    Returns
+    -------
+    list of str
+        Lines of TOML.
+    """
+    return [
+        f"{k} = {given[k] if k == 'skip_rows' and str(given[k]).isdecimal() else quoted(given[k])}"
+        for k in keys
+        if given.get(k) is not None
+    ]
 
 
 def _machine_lines(options: dict[str, Any]) -> list[str]:

@@ -373,16 +373,16 @@ def read_runs_of(files: Sequence[str], options: dict[str, Any]) -> RunSet:
     DataError
         If a column is not there.
     """
+    from metrosep.core.text_options import TEXT_OPTIONS
     from metrosep.io.runs import read_runs
 
     keys = ("feed", "run", "direction", "time", "sampling_rate", "scale")
-    layout = ("separator", "decimal", "encoding")
     return read_runs(
         files,
         x=options["x"],
         z=options["z"],
         **{k: options.get(k) for k in keys},
-        **{k: options[k] for k in layout if options.get(k) is not None},
+        **{k: options[k] for k in TEXT_OPTIONS if options.get(k) is not None},
     )
 
 

@@ -18,6 +18,7 @@ __all__ = [
     "column_unit",
     "format_engineering",
     "format_length",
+    "likely_meaning",
     "parse_quantity",
     "parse_sensitivity",
     "parse_unit",
@@ -33,7 +34,7 @@ class Unit(NamedTuple):
         Canonical spelling.
     dimension : str
         One of ``length``, ``angle``, ``time``, ``speed``, ``acceleration``, ``voltage``, ``frequency``,
-        ``sensitivity`` (m/V), ``number``.
+        ``torque``, ``sensitivity`` (m/V), ``number``.
     factor : float
         Value in SI of one such unit.
     """
@@ -84,6 +85,8 @@ _TABLE: dict[str, tuple[str, float]] = {
     "V": ("voltage", 1.0),
     "mV": ("voltage", 1e-3),
     "uV": ("voltage", 1e-6),
+    "N m": ("torque", 1.0),
+    "N mm": ("torque", 1e-3),
     "1": ("number", 1.0),
     "%": ("number", 0.01),
 }
@@ -126,7 +129,13 @@ _ALIASES = {
     "v": "V",
     "mv": "mV",
     "hz": "Hz",
+    "hertz": "Hz",
     "khz": "kHz",
+    "Nm": "N m",
+    "N·m": "N m",
+    "N*m": "N m",
+    "N.m": "N m",
+    "Nmm": "N mm",
     "mm_min": "mm/min",
     "mm_per_min": "mm/min",
     "mmpm": "mm/min",
@@ -167,15 +176,90 @@ _NOT_SUFFIXES = frozenset({"1", "-", "%", "min", "h", "v", "sec"})
 _BRACKETED = re.compile(r"^(.*?)\s*[\[\(]\s*([^\[\]\(\)]+?)\s*[\]\)]\s*$")
 
 
+_WORD = 3
+"""Letters from which a spelling is a word of any case: deg, Sec, Micron; but Mm, nM, MS are symbols."""
+
+_SYMBOLS = frozenset(
+    [
+        "pm",
+        "nm",
+        "um",
+        "mm",
+        "cm",
+        "mil",
+        "uin",
+        "rad",
+        "mrad",
+        "urad",
+        "nrad",
+        "min",
+        "hz",
+        "khz",
+        "mhz",
+    ]
+)
+"""Spellings of three letters and more, or of two, that are symbols all the same."""
+
+_UPPER = {
+    "MM": "mm", "UM": "um", "CM": "cm", "IN": "in", "HZ": "Hz", "KHZ": "kHz", "MIN": "min",
+    "MM/MIN": "mm/min", "M/MIN": "m/min", "IN/MIN": "in/min", "MM/S": "mm/s", "RAD": "rad",
+}  # fmt: skip
+"""Text of machines has no small letters; NM, M, S, MS and PM stay refused: they mean something else."""
+
+_MEANS = {
+    "Mm": "megametre", "MM": "megametre", "Nm": "newton metre", "NM": "nautical mile", "nM": "nanomolar",
+    "mM": "millimolar", "uM": "micromolar", "UM": "nothing in the SI", "M": "mega or molar",
+    "Pm": "petametre", "PM": "nothing in the SI", "S": "siemens", "mS": "millisiemens",
+    "MS": "megasiemens", "uS": "microsiemens", "Ms": "megasecond", "US": "nothing in the SI",
+    "MV": "megavolt", "Mv": "nothing in the SI", "H": "henry", "Cm": "nothing in the SI",
+    "mHz": "millihertz",
+}  # fmt: skip
+"""What a symbol with other capitals means, for the message."""
+
+
 def _canonical(text: str) -> str:
+    """Return the spelling of a unit; the case of symbols counts, that of words does not."""
     name = text.strip().replace("µ", "u").replace("μ", "u")
     if name in _TABLE:
         return name
-    for candidate in (name, name.lower()):
-        if candidate in _ALIASES:
-            return _ALIASES[candidate]
+    if name in _ALIASES:
+        return _ALIASES[name]
+    if name in _UPPER:
+        return _UPPER[name]
     lowered = name.lower()
-    return lowered if lowered in _TABLE else name
+    if len(lowered) >= _WORD and lowered not in _SYMBOLS:
+        if lowered in _ALIASES:
+            return _ALIASES[lowered]
+        if lowered in _TABLE and "/" not in lowered:
+            return lowered
+    return name
+
+
+def likely_meaning(text: str) -> str | None:
+    """Return what is odd about a text that a reader of another case would take for a unit.
+
+    Parameters
+    ----------
+    text : str
+        A unit, or the header of a column that ends in one.
+
+    Returns
+    -------
+    str or None
+        Such as ``"'Mm' is megametre, not mm"``; None where no change of case makes it a unit.
+
+    Examples
+    --------
+    >>> likely_meaning("x [Mm]")
+    "'Mm' is megametre, not mm"
+    """
+    match = _BRACKETED.match(text.strip())
+    name = match.group(2) if match else re.split(r"[\s_/]", text.strip())[-1]
+    name = name.replace("µ", "u").replace("μ", "u")
+    meant = next((t for t in _TABLE if t.lower() == name.lower()), None)
+    if meant is None or _canonical(name) in _TABLE:
+        return None
+    return f"{name!r} is {_MEANS.get(name, 'no unit')}, not {meant}"
 
 
 def parse_unit(text: str, *, dimension: str | None = None) -> Unit:
@@ -184,7 +268,7 @@ def parse_unit(text: str, *, dimension: str | None = None) -> Unit:
     Parameters
     ----------
     text : str
-        Such as ``"um"``, ``"mm/min"``, ``"arcsec"``; case matters only where it must (``m``/``M``).
+        Such as ``"um"``, ``"mm/min"``, ``"arcsec"``. The case of symbols counts: ``Mm`` is not mm.
     dimension : str, optional
         Required dimension; any if omitted.
 
@@ -206,7 +290,9 @@ def parse_unit(text: str, *, dimension: str | None = None) -> Unit:
     name = _canonical(text)
     if name not in _TABLE:
         known = ", ".join(n for n, (d, _) in _TABLE.items() if dimension in (None, d))
-        raise UnitError(f"unknown unit {text!r}; known are {known}")
+        odd = likely_meaning(text)
+        why = f" ({odd}: capitals count)" if odd else ""
+        raise UnitError(f"unknown unit {text!r}{why}; known are {known}")
     unit = Unit(name, *_TABLE[name])
     if dimension is not None and unit.dimension != dimension:
         raise UnitError(

@@ -16,15 +16,19 @@ from typing import Any, Literal
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import MetrosepError, ReadError
+from metrosep.core.errors import FormatMismatchError, MetrosepError, ReadError
 from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.runset import RunSet
 from metrosep.core.surface import Surface
+from metrosep.core.text_options import TEXT_OPTIONS
 from metrosep.core.units import format_length
-from metrosep.io.read import read
+from metrosep.io._roles import runs_in
+from metrosep.io.read import read, recognise
 from metrosep.io.registry import find
+from metrosep.io.runs import read_runs
 from metrosep.io.source import open_file
+from metrosep.io.table import read_table
 
 __all__ = ["Finding", "check_file", "check_object"]
 
@@ -97,14 +101,51 @@ def check_file(path: str | os.PathLike[str], **options: Any) -> tuple[Finding, .
                 for f in _values(run.z, "")
             )
         obj = read(path, **options)
+    except FormatMismatchError as exc:
+        found = _text_runs(path, options)
+        return (_unreadable(exc),) if found is None else found
     except MetrosepError as exc:
         if not isinstance(exc, ReadError) and not isinstance(exc, ValueError):
             raise
-        problem, _, fix = str(exc).partition("; ")
-        return (
-            Finding("error", problem or str(exc), fix if problem else "see the message", True),
-        )
+        return (_unreadable(exc),)
     return check_object(obj)
+
+
+def _unreadable(exc: MetrosepError) -> Finding:
+    problem, _, fix = str(exc).partition("; ")
+    return Finding("error", problem or str(exc), fix if problem else "see the message", True)
+
+
+def _text_runs(
+    path: str | os.PathLike[str], options: Mapping[str, Any]
+) -> tuple[Finding, ...] | None:
+    """Return the findings on a table of several runs, ``None`` where it is none."""
+    file = open_file(path)
+    text = {k: v for k, v in options.items() if k in TEXT_OPTIONS}
+    try:
+        if recognise(file, options.get("format"), options).id != "delimited":
+            return None
+        table = read_table(file, **text)
+        found = runs_in(table)
+        if found is None:
+            return None
+        runs = None
+        if {"x", "z"} <= found.columns.keys():
+            runs = read_runs(path, run=found.run, **found.columns, **text)
+    except MetrosepError as exc:
+        return (_unreadable(exc),)
+    findings = [Finding("note", f"{found}", found.advice(path))]
+    findings += _of_reader({"warnings": table.warnings})
+    for run in runs or ():
+        findings += [
+            Finding(f.level, f"run {run.run_id!r}: {f.problem}", f.fix) for f in _values(run.z, "")
+        ]
+    return _sorted(findings)
+
+
+def _sorted(findings: list[Finding]) -> tuple[Finding, ...]:
+    order = ("error", "warning", "note")
+    return tuple(sorted(findings, key=lambda f: order.index(f.level)))
 
 
 def _runs(path: str | os.PathLike[str]) -> RunSet | None:
@@ -144,8 +185,7 @@ def check_object(obj: Surface | Profile | Recording) -> tuple[Finding, ...]:
         found += _height(obj)
         found += _lateral(obj)
         found += _window(obj.metadata)
-    order = ("error", "warning", "note")
-    return tuple(sorted(found, key=lambda f: order.index(f.level)))
+    return _sorted(found)
 
 
 def _of_reader(metadata: Mapping[str, Any]) -> Iterator[Finding]:

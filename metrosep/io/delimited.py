@@ -15,7 +15,8 @@ from metrosep.core.errors import ReadError
 from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
-from metrosep.io.dialect import body_start, decode, detect, is_comment, unmeasured_rows
+from metrosep.io._table_layout import find_layout, unmeasured_rows
+from metrosep.io.dialect import decode, is_comment
 from metrosep.io.logger import first_lines
 from metrosep.io.measurement import measurement
 from metrosep.io.registry import Match
@@ -26,7 +27,7 @@ from metrosep.io.table import read_table
 __all__ = ["channels", "read", "sniff"]
 
 FORMAT = "delimited"
-_DIGITS = re.compile(r"[\s\"'+.,;-]*\d[\d.,;'eE+\-\s\"]*(?:[,;\t ]|$)")
+_DIGITS = re.compile(r"[\s\"'+.,;|-]*\d[\d.,;|'eE+\-\s\"]*(?:[,;|\t ]|$)")
 _MAX_TITLES = 5
 """Lines above a table with which a short text still counts as one."""
 
@@ -61,11 +62,13 @@ def sniff(file: RawFile) -> Match:
         return Match.MAYBE  # a map whose first rows were not measured
     sample = lines[: above + 300]
     try:
-        start = body_start(sample, detect(sample, file.name))
+        layout = find_layout(sample, file.name)
     except ReadError:
         return _mostly_digits(sample)
-    n_rows = len(sample) - start
-    is_table = n_rows >= start or (n_rows > 1 and start <= _MAX_TITLES)
+    others = len(sample) - layout.n_fit
+    is_table = layout.ends and (
+        layout.n_fit >= others or (layout.n_fit > 1 and others <= _MAX_TITLES)
+    )
     return Match.MAYBE if is_table else _mostly_digits(sample)
 
 
@@ -101,17 +104,13 @@ def read(
     channel: str | None = None,
     lateral_step: Any = None,
     unit: Any = None,
-    separator: str | None = None,
-    decimal: str | None = None,
-    encoding: str | None = None,
-    comment: str | None = None,
-    skip_rows: int = 0,
     x: ColumnSpec | None = None,
     y: ColumnSpec | None = None,
     z: ColumnSpec | None = None,
     time: ColumnSpec | None = None,
     sampling_rate: float | str | None = None,
     scale: float | str | None = None,
+    **text: Any,
 ) -> Profile | Recording | Surface:
     """Return the profile, the recording or the surface that a table of numbers holds.
 
@@ -127,8 +126,6 @@ def read(
     unit : str, tuple of str, or dict of str to str, optional
         Unit of the columns that declare none: one for all, one per column of numbers, or by name;
         also in one text, ``"um,um,nm"`` or ``"x=um,y=um,z=nm"``.
-    separator, decimal, encoding, comment, skip_rows : optional
-        See `metrosep.io.table.read_table`.
     x, z : str or tuple of (str, str), optional
         Columns of a profile, by name, ``"name:unit"`` or ``("name", "unit")``; by number from 1,
         ``"3:nm"``, where no header names them.
@@ -140,6 +137,8 @@ def read(
         Makes a recording of a file without a column of time.
     scale : float (m/V) or str, optional
         Sensitivity of the sensor where the heights are a voltage, such as ``"2.5 um/V"``.
+    **text
+        How the text is written, where that is not clear: `metrosep.core.text_options.TEXT_OPTIONS`.
 
     Returns
     -------
@@ -162,14 +161,7 @@ def read(
     UnitError
         If a length or time has no unit.
     """
-    table = read_table(
-        file,
-        separator=separator,
-        decimal=decimal,
-        encoding=encoding,
-        comment=comment,
-        skip_rows=skip_rows,
-    )
+    table = read_table(file, **text)
     return measurement(
         file,
         table,

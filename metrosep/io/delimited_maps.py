@@ -184,6 +184,7 @@ def matrix(
         header=table.header,
         override=steps,
         warnings=(*table.warnings, _FIRST_ROW),
+        lines=table.ledger,
         **facts,
     )
 

@@ -18,14 +18,13 @@ from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.runset import RunSet
 from metrosep.core.surface import Surface
+from metrosep.core.text_options import TEXT_OPTIONS
 from metrosep.io.read import read, recognise
 from metrosep.io.registry import principal
 from metrosep.io.source import RawFile, open_file
 from metrosep.io.table import Table, read_table
 
 __all__ = ["describe"]
-
-_TABLE_OPTIONS = ("separator", "decimal", "encoding", "comment", "skip_rows")
 
 
 def describe(
@@ -74,7 +73,7 @@ def describe(
     except FormatMismatchError:
         if description.id != "delimited" or any(k in options for k in ("x", "y", "z", "time")):
             raise
-        table = read_table(file, **{k: v for k, v in options.items() if k in _TABLE_OPTIONS})
+        table = read_table(file, **{k: v for k, v in options.items() if k in TEXT_OPTIONS})
         return _of_table(file, table)
     heights = None if isinstance(obj, Recording) else obj.z
     dx, dy = _steps(obj)
@@ -132,7 +131,12 @@ def _of_table(file: RawFile, table: Table) -> dict[str, Any]:
         for c in table.columns
     ]
     header = {k: v for k, v in table.header.items() if k != "columns"}
-    metadata = {"columns": columns, "warnings": table.warnings, "header": header}
+    metadata = {
+        "columns": columns,
+        "warnings": table.warnings,
+        "header": header,
+        "lines": table.ledger,
+    }
     return {
         "format": "delimited",
         "kind": "table",

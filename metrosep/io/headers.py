@@ -93,6 +93,7 @@ def split_header(line: str, separator: str, n_columns: int) -> list[str] | None:
     patterns = {
         "\t": r"\t",
         ";": ";",
+        "|": r"\|",
         ",": ",",
         ", ": r",\s+",
         " ": r"\s{2,}|\t",

@@ -11,7 +11,7 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -336,7 +336,7 @@ class LayoutReader:
         pairs = zip(self._columns, table.columns, strict=True)
         columns = tuple(own.apply(file, c) for own, c in pairs if own.role != "ignore")
         header = {**table.header, "head": tuple(head), **fields}
-        return Table(columns, table.lines, header, table.warnings)
+        return replace(table, columns=columns, header=header)
 
     def _rate(
         self, file: RawFile, fields: Mapping[str, str], table_decimal: str

@@ -5,6 +5,7 @@ Shared by plain column text and by the text formats that a ``format.toml`` descr
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,8 @@ from metrosep.core.errors import DataError, FormatMismatchError, ReadError, Unit
 from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
-from metrosep.core.units import Unit, parse_quantity, parse_unit
+from metrosep.core.units import Unit, likely_meaning, parse_quantity, parse_unit
+from metrosep.io._roles import role_of, runs_in
 from metrosep.io.delimited_maps import (
     declared_units,
     is_matrix,
@@ -27,7 +29,7 @@ from metrosep.io.headers import header_unit
 from metrosep.io.own_notes import header_notes
 from metrosep.io.select import ColumnSpec, pick, sensitivity, to_si
 from metrosep.io.source import RawFile, lateral_steps, refuse_options
-from metrosep.io.table import Column, Table
+from metrosep.io.table import Column, Table, interruption
 
 __all__ = ["SI_NAMES", "measurement"]
 
@@ -39,14 +41,13 @@ SI_NAMES = {
     "speed": "m/s",
     "acceleration": "m/s^2",
     "voltage": "V",
+    "torque": "N m",
     "number": "1",
 }
 """SI unit of each dimension that a channel can have."""
 
 _FEW = 8
 """Columns without names that may still be channels as well as a map."""
-
-_TIME_NAMES = frozenset({"t", "time", "zeit", "timestamp", "elapsed"})
 
 
 def measurement(
@@ -134,6 +135,10 @@ def measurement(
     except UnitError:
         raise
     except DataError as exc:
+        found = runs_in(table)
+        if found is not None:
+            why = f"{file.path}: {found}; {found.advice(file.path)}"
+            raise FormatMismatchError(why) from None
         raise FormatMismatchError(f"{file.path}: {exc}") from None
 
 
@@ -174,7 +179,7 @@ def _take(table: Table, keep: Any) -> Table:
         )
         for c in table.columns
     )
-    return Table(columns, table.lines[keep], table.header, table.warnings)
+    return replace(table, columns=columns, lines=table.lines[keep])
 
 
 def _with_units(file: RawFile, table: Table, unit: Any) -> Table:
@@ -184,7 +189,16 @@ def _with_units(file: RawFile, table: Table, unit: Any) -> Table:
     names = [c.name for c in table.numbers]
     if isinstance(unit, str):
         shared = parse_unit(unit)
-        declared: dict[str, Unit] = {c.name: shared for c in table.numbers if c.unit is None}
+        declared: dict[str, Unit] = {
+            c.name: shared
+            for c in table.numbers
+            if c.unit is None and likely_meaning(c.name) is None
+        }
+        odd = [why for c in table.numbers if c.unit is None and (why := likely_meaning(c.name))]
+        if not declared and odd:
+            raise UnitError(
+                f"{file.path}: the unit of a column is not known: {odd[0]}; correct the header"
+            )
         if not declared and not any(c.unit == shared for c in table.numbers):
             own = ", ".join(f"{c.name!r} in {c.unit.name}" for c in table.numbers if c.unit)
             raise FormatMismatchError(
@@ -209,7 +223,7 @@ def _with_units(file: RawFile, table: Table, unit: Any) -> Table:
     columns = tuple(
         Column(c.name, declared.get(c.name, c.unit), c.values, c.labels) for c in table.columns
     )
-    return Table(columns, table.lines, table.header, table.warnings)
+    return replace(table, columns=columns)
 
 
 def _time_column(file: RawFile, table: Table, time: ColumnSpec | None) -> Column | None:
@@ -220,7 +234,7 @@ def _time_column(file: RawFile, table: Table, time: ColumnSpec | None) -> Column
         if column.unit is not None and column.unit.dimension == "time":
             return column
     for column in table.numbers:
-        if column.unit is None and column.name.strip().casefold() in _TIME_NAMES:
+        if column.unit is None and role_of(column.name) == "time":
             return column
     return None
 
@@ -303,7 +317,13 @@ def _described(
     warnings = (*table.warnings, *notes.warnings)
     return {
         "metadata": file.metadata(
-            format_id, table.header, warnings=warnings, units=units, **facts, **own
+            format_id,
+            table.header,
+            warnings=warnings,
+            units=units,
+            lines=table.ledger,
+            **facts,
+            **own,
         ),
         "history": (*notes.history, *file.history(format_id, used)),
     }
@@ -331,6 +351,7 @@ def _recording(
         if rate <= 0.0:
             raise ReadError(f"{file.path}: sampling_rate is {rate} Hz; it must be positive")
         t = np.arange(len(table), dtype=np.float64) / rate
+        table = replace(table, warnings=(*table.warnings, *interruption(table)))
     chosen = [c for c in table.numbers if timed is None or c.name != timed.name]
     if channel is not None:
         column, _ = pick(file, table, channel, role="channel")
@@ -368,7 +389,8 @@ def _profile(
         if len(numbers) == 1 and steps is not None:
             z = numbers[0]
         elif len(numbers) == 2:
-            x, z = numbers
+            x, z, assumed = position_and_height(file, table)
+            table = replace(table, warnings=(*table.warnings, *assumed))
         else:
             raise _cannot_tell(file, table)
     if z is None or (x is None and steps is None):
@@ -391,6 +413,13 @@ def _profile(
         x_column, x_unit = pick(file, table, x, role="x")
         positions = to_si(file, x_column, x_unit, dimension="length", role="x")
         used["x"] = x_column.name
+        empty = np.flatnonzero(np.isnan(positions))
+        if empty.size:
+            line = int(table.lines[empty[0]])
+            raise FormatMismatchError(
+                f"{file.path}: line {line}: position x is NaN in {empty.size} row(s), and a height without "
+                f"a position cannot be used; leave it out with skip_lines='{line}'"
+            )
     if np.isnan(heights).all():
         raise FormatMismatchError(
             f"{file.path}: column {z_column.name!r} holds no number; nothing was measured"
@@ -402,8 +431,73 @@ def _profile(
     )
 
 
+def position_and_height(file: RawFile, table: Table) -> tuple[str, str, tuple[str, ...]]:
+    """Return which of two columns is the position, which the height, and what was assumed.
+
+    Names decide, then units (a voltage is a reading), then which of the columns is monotonic. A
+    name that the numbers contradict is refused, and so is what stays ambiguous.
+    """
+    first, second = table.numbers
+    roles = [_profile_role(c) for c in (first, second)]
+    rises = [_is_monotonic(c) for c in (first, second)]
+    calls = [f"x={a.name!r}, z={b.name!r}" for a, b in ((first, second), (second, first))]
+    named = [r == "position" for r in roles], [r == "height" for r in roles]
+    if named[0].count(True) == 1 or named[1].count(True) == 1:
+        swapped = named[0] == [False, True] or named[1] == [True, False]
+        x, z = (second, first) if swapped else (first, second)
+        if _is_monotonic(x, strictly=False) or not rises[not swapped]:
+            return x.name, z.name, ()
+        raise FormatMismatchError(
+            f"{file.path}: column {x.name!r} is the position by its name, but it does not rise and "
+            f"{z.name!r} does; give {calls[0]} or {calls[1]}"
+        )
+    if rises == [False, True]:
+        return (
+            second.name,
+            first.name,
+            (
+                (
+                    f"column {second.name!r} was taken as the position, since it alone is monotonic; give "
+                    f"{calls[0]} if that is wrong"
+                ),
+            ),
+        )
+    if rises == [True, True] and table.header.get("named", True):
+        return (
+            first.name,
+            second.name,
+            (
+                (
+                    f"nothing says which column is the position; the first, {first.name!r}, was taken; give "
+                    f"{calls[1]} if that is wrong"
+                ),
+            ),
+        )
+    return first.name, second.name, ()
+
+
+def _profile_role(column: Column) -> str | None:
+    """Return position or height, or None where neither name nor unit tells it."""
+    role = role_of(column.name)
+    if role is None and column.unit is not None and column.unit.dimension == "voltage":
+        return "height"
+    return role
+
+
+def _is_monotonic(column: Column, *, strictly: bool = True) -> bool:
+    values = column.values if column.values is not None else np.empty(0)
+    if strictly:
+        steps = np.diff(values)
+        return bool(steps.size) and bool((steps > 0.0).all() or (steps < 0.0).all())
+    steps = np.diff(values[~np.isnan(values)])
+    return bool((steps >= 0.0).all() or (steps <= 0.0).all())
+
+
 def _cannot_tell(file: RawFile, table: Table) -> FormatMismatchError:
     n = len(table.numbers)
+    found = runs_in(table)
+    if found is not None:
+        return FormatMismatchError(f"{file.path}: {found}; {found.advice(file.path)}")
     if n == 3 and {c.name.casefold() for c in table.numbers} == {"x", "y", "z"}:
         return FormatMismatchError(
             f"{file.path}: columns x, y and z declare no unit; for a map give one for each, such as "

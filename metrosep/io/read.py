@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import os
 from collections.abc import Mapping
 from typing import Any
@@ -12,12 +11,11 @@ from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.runset import RunSet
 from metrosep.core.surface import Surface
+from metrosep.core.text_options import TEXT_OPTIONS, accepted_options
 from metrosep.io import registry
 from metrosep.io.source import RawFile, open_file, refuse_options
 
 __all__ = ["channels", "read", "recognise"]
-
-_TEXT_OPTIONS = frozenset({"separator", "decimal", "encoding", "comment", "skip_rows"})
 
 
 def read(
@@ -45,9 +43,9 @@ def read(
     format : str, optional
         Identifier of the format, where the content fits several.
     **layout
-        For text: ``separator``, ``decimal``, ``encoding``, ``comment``, ``skip_rows``, ``x``,
-        ``z``, ``time``, ``sampling_rate``; see `metrosep.io.delimited.read`. For binary maps:
-        ``max_pixels``.
+        For text: ``x``, ``z``, ``time``, ``sampling_rate`` and how it is written: ``separator``,
+        ``decimal``, ``thousands``, ``encoding``, ``comment``, ``skip_rows``, ``skip_lines``,
+        ``missing``; see `metrosep.io.delimited.read`. For binary maps: ``max_pixels``.
 
     Returns
     -------
@@ -82,7 +80,7 @@ def read(
         )
     file.hash_aside()
     reader = description.load_reader()
-    accepted = inspect.signature(reader.read).parameters
+    accepted = accepted_options(reader.read)
     for option in layout:
         if option not in accepted:
             own = [n for n in accepted if n not in {"file", "channel", "lateral_step", "unit"}]
@@ -132,7 +130,7 @@ def recognise(
     try:
         return registry.find(file)
     except UnknownFormatError:
-        if not _TEXT_OPTIONS.isdisjoint(layout):
+        if not TEXT_OPTIONS.keys().isdisjoint(layout):
             return registry.get("delimited")
         from metrosep.io.via import format_of
 

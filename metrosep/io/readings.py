@@ -96,7 +96,7 @@ def read_readings(
         Further columns that belong to all readings, such as time or the pitch of a carriage; for
         a single file.
     **layout
-        ``separator``, ``decimal``, ``encoding``, ``comment``, ``skip_rows``.
+        How the text is written: `metrosep.core.text_options.TEXT_OPTIONS`.
 
     Returns
     -------

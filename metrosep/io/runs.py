@@ -20,11 +20,13 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, FormatMismatchError, InvalidSamplesError
 from metrosep.core.provenance import Step
 from metrosep.core.runset import Run, RunSet
+from metrosep.core.text_options import TEXT_OPTIONS
 from metrosep.core.units import parse_quantity
+from metrosep.io._roles import BLOCKS, jumps_back, runs_in
 from metrosep.io.run_tables import TIME, columns_of, stored_runs
 from metrosep.io.select import ColumnSpec, pick, sensitivity, to_si
 from metrosep.io.source import RawFile, open_file
-from metrosep.io.table import Column, Table
+from metrosep.io.table import Column, Table, interruption
 
 __all__ = ["FeedSpec", "read_runs"]
 
@@ -67,7 +69,8 @@ def read_runs(
         Column of the feedrate, or one feed for all runs (``"7200 mm/min"``), or a list with one
         per file. Its sign is not needed: the direction follows from the positions.
     run : str, optional
-        Column that tells the runs of one file apart.
+        Column that tells the runs of one file apart; ``"blocks"`` where there is none and a run
+        begins where the position jumps back.
     direction : str, optional
         Column with ``fwd``/``rev``, ``forward``/``backward``, ``+1``/``-1``; it must agree with the
         travel. A run that holds both directions becomes two.
@@ -78,8 +81,8 @@ def read_runs(
     scale : float (m/V) or str, optional
         Sensitivity of the sensor where `z` is a voltage, such as ``"-2.5 um/V"``; the sign is kept.
     **layout
-        ``separator``, ``decimal``, ``encoding``, ``comment``, ``skip_rows`` as in
-        `metrosep.io.table.read_table`.
+        How the text is written, where that is not clear: ``separator``, ``decimal``, ``thousands``,
+        ``encoding``, ``comment``, ``skip_rows``, ``skip_lines``, ``missing``.
 
     Returns
     -------
@@ -122,7 +125,8 @@ def read_runs(
         if format_id != "delimited" and time is None and sampling_rate is None:
             clocked = replace(request, time=TIME)
         runs.extend(_runs_of(file, table, clocked, file_feed))
-        warnings.extend(f"{file.name}: {w}" for w in table.warnings)
+        said = (*table.warnings, *(interruption(table) if clocked.time is None else ()))
+        warnings.extend(f"{file.name}: {w}" for w in said)
         facts = {"x": str(x), "z": str(z), "feed": str(file_feed), "scale": str(scale)}
         history.extend(file.history(format_id, facts))
     metadata = {
@@ -164,12 +168,11 @@ class _Request:
 
 
 def _layout(options: dict[str, Any]) -> dict[str, Any]:
-    known = ("separator", "decimal", "encoding", "comment", "skip_rows")
     for name in options:
-        if name not in known:
+        if name not in TEXT_OPTIONS:
             raise FormatMismatchError(
                 f"read_runs takes no option {name!r}; for the layout of the text there are "
-                f"{', '.join(known)}"
+                f"{', '.join(TEXT_OPTIONS)}"
             )
     return options
 
@@ -205,7 +208,7 @@ def _runs_of(
     t = _time(file, table, request)
     speeds = _feed_column(file, table, feed)
     signs = _direction_column(file, table, request.direction)
-    for run_id, rows in _groups(file, table, request, signs):
+    for run_id, rows in _groups(file, table, request, signs, x):
         where = f"{file.path}: run {run_id!r}"
         _check_position(x, rows, table, where)
         speed = speeds if isinstance(speeds, float) else _one_feed(speeds, x, rows, where)
@@ -235,10 +238,8 @@ def _runs_of(
 
 def _with_hint(message: str, request: _Request, table: Table) -> str:
     if "monotonic" in message and request.run is None:
-        near = [
-            n for n in table.names if n.casefold() in {"run", "pass", "cycle", "trace", "repeat"}
-        ]
-        name = near[0] if near else "run"
+        found = runs_in(table)
+        name = found.run if found is not None else "run"
         return f"{message}; if the file holds several runs, name their column with run={name!r}"
     return message
 
@@ -338,13 +339,20 @@ def _check_position(x: FloatArray, rows: NDArray[np.intp], table: Table, where: 
 
 
 def _groups(
-    file: RawFile, table: Table, request: _Request, signs: NDArray[np.int64] | None
+    file: RawFile,
+    table: Table,
+    request: _Request,
+    signs: NDArray[np.int64] | None,
+    x: FloatArray,
 ) -> Iterator[tuple[str, NDArray[np.intp]]]:
     """Yield the name and the rows of each run, in the order of the file."""
     stem = file.path.stem
     everything = np.arange(len(table))
     if request.run is None:
         parts: list[tuple[str, NDArray[np.intp]]] = [(stem, everything)]
+    elif request.run == BLOCKS and BLOCKS not in table.names:
+        blocks = np.split(everything, jumps_back(x))
+        parts = [(f"{stem}:{k}", rows) for k, rows in enumerate(blocks, start=1)]
     else:
         column, _ = pick(file, table, request.run, role="run")
         prefix = f"{stem}:" if request.n_files > 1 else ""

@@ -8,7 +8,7 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import FormatMismatchError, UnitError
-from metrosep.core.units import Unit, parse_sensitivity, parse_unit
+from metrosep.core.units import Unit, likely_meaning, parse_sensitivity, parse_unit
 from metrosep.io.headers import find_column
 from metrosep.io.source import RawFile
 from metrosep.io.table import Column, Table
@@ -117,6 +117,12 @@ def to_si(
         raise FormatMismatchError(
             f"{file.path}: {role} column {column.name!r} holds text ({first!r}), not numbers; name "
             "another column"
+        )
+    odd = likely_meaning(column.name) if unit is None else None
+    if odd is not None:
+        raise UnitError(
+            f"{file.path}: the unit of column {column.name!r} ({role}) is not known: {odd}; correct the "
+            f"header, or give {role}=({column.name!r}, {_usual(dimension)!r})"
         )
     if unit is None:
         raise UnitError(

@@ -7,7 +7,6 @@ give, a part at a time. The file is opened once and closed with the context.
 from __future__ import annotations
 
 import importlib
-import inspect
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack
@@ -19,9 +18,10 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, FormatMismatchError, UnsupportedFeatureError
+from metrosep.core.text_options import accepted_options
 from metrosep.core.units import Unit, parse_quantity
 from metrosep.io.logger import with_units
-from metrosep.io.registry import find, get
+from metrosep.io.read import recognise
 from metrosep.io.source import RawFile, open_file
 
 __all__ = ["ChunkSource", "Stream", "open_stream"]
@@ -132,6 +132,11 @@ class Stream(AbstractContextManager["Stream"]):
                 for n, values in part.items()
             }
 
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What was odd about the text, once it was read to its end; empty for other formats."""
+        return tuple(getattr(self.source, "warnings", ()))
+
     def __exit__(
         self,
         exc_type: type[BaseException] | None,
@@ -165,8 +170,8 @@ def open_stream(
     format : str, optional
         Identifier of the format, where the content fits several.
     **options
-        Of the format: for text ``separator``, ``decimal``, ``skip_rows``, ``comment``,
-        ``encoding``; for TDMS ``group``.
+        Of the format: for text ``separator``, ``decimal``, ``thousands``, ``encoding``, ``comment``,
+        ``skip_rows``, ``skip_lines``, ``missing``; for TDMS ``group``.
 
     Returns
     -------
@@ -196,7 +201,7 @@ def open_stream(
     [[1e-06, 2e-06], [4e-06]]
     """
     file = open_file(path)
-    description = get(format) if format is not None else find(file)
+    description = recognise(file, format, options)
     module = _SOURCES.get(description.id)
     if module is None:
         known = ", ".join(_SOURCES)
@@ -219,7 +224,7 @@ def open_stream(
 
 
 def _refuse_unknown(file: RawFile, opener: Any, options: Mapping[str, Any]) -> None:
-    accepted = list(inspect.signature(opener).parameters)[2:]
+    accepted = accepted_options(opener)[2:]
     for name in options:
         if name not in accepted:
             known = f"it takes {', '.join(accepted)}" if accepted else "it takes none"

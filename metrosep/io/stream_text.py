@@ -1,9 +1,7 @@
-"""Columns of a long text file in chunks: the C parser of NumPy, and every row counted.
+"""Columns of a long text file in chunks, in bounded memory.
 
-The head of the file gives dialect, names and units exactly as for a short file. A block is parsed
-fast when each of its lines has the same number of separators; a block with anything else (a word
-for "not measured", a comment, a short row) goes through the parser of short files, which reads it
-or names the line.
+The head of the file gives dialect, names and units exactly as for a short file, and the same `Body`
+takes the rest block by block: every line is accounted for, and what does not fit is named.
 """
 
 from __future__ import annotations
@@ -11,13 +9,19 @@ from __future__ import annotations
 import io
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import FormatMismatchError, UnsupportedFeatureError
+from metrosep.core.errors import CorruptFileError, FormatMismatchError, UnsupportedFeatureError
+from metrosep.core.text_options import TextOptions
+from metrosep.io._rows import Block
+from metrosep.io.dialect import decode, plain_ends
 from metrosep.io.source import HEAD_BYTES, RawFile
-from metrosep.io.table import Table, read_table, rows_as_columns
+from metrosep.io.table import Column, TableHead, refuse_markers
 
 __all__ = ["TextSource", "open_source"]
 
@@ -27,19 +31,11 @@ _BLOCK = 2**22
 _HEAD = HEAD_BYTES
 """Bytes that tell dialect, names and units."""
 
-_PLAIN = frozenset(b"0123456789+-.,;eE \t\r\n")
+_KEPT = 1000
+"""Earlier values of a column with which those of a block are compared for markers."""
 
 
-def open_source(
-    file: RawFile,
-    stack: ExitStack,
-    *,
-    separator: str | None = None,
-    decimal: str | None = None,
-    encoding: str | None = None,
-    comment: str | None = None,
-    skip_rows: int = 0,
-) -> TextSource:
+def open_source(file: RawFile, stack: ExitStack, **text: Any) -> TextSource:
     """Return the columns of numbers of a text file.
 
     Parameters
@@ -48,7 +44,7 @@ def open_source(
         The file.
     stack : ExitStack
         Closes the file.
-    separator, decimal, encoding, comment, skip_rows : optional
+    **text
         As for `metrosep.io.table.read_table`.
 
     Returns
@@ -63,28 +59,28 @@ def open_source(
     ReadError
         If the head is no table.
     """
+    options = TextOptions.of(text)
     head = file.head[:_HEAD]
-    if file.size > _HEAD:
-        head = head[: head.rfind(b"\n") + 1]
-    table = read_table(
-        RawFile(file.path, head),
-        separator=separator,
-        decimal=decimal,
-        encoding=encoding,
-        comment=comment,
-        skip_rows=skip_rows,
-    )
-    labels = [c.name for c in table.columns if c.values is None]
+    if file.size > len(head):
+        head = head[: head.rfind(_end_of(head)) + 1]
+    content, encoding = decode(head, file.path, options.encoding)
+    table = TableHead(file, content, encoding, options)
+    labels = [n for n, label in zip(table.names, table.layout.labels, strict=False) if label]
     if labels:
         raise UnsupportedFeatureError(
             f"{file.path}: column {labels[0]!r} holds text; a file with labels is not read in chunks"
         )
-    if str(table.header["encoding"]).startswith("utf-16"):
+    if encoding.startswith("utf-16"):
         raise UnsupportedFeatureError(
             f"{file.path}: UTF-16 text is not read in chunks; convert it to UTF-8"
         )
     handle = stack.enter_context(file.stream())
-    return TextSource(file, handle, table, comment)
+    return TextSource(file, handle, content, encoding, options)
+
+
+def _end_of(head: bytes) -> bytes:
+    r"""Return the byte that ends lines: CR only where there is no LF."""
+    return b"\n" if b"\n" in head else b"\r"
 
 
 class TextSource:
@@ -96,29 +92,47 @@ class TextSource:
         The file.
     handle : binary file
         The same, open.
-    table : Table
-        What its head says.
-    comment : str or None
-        Start of comment lines, where the caller declared it.
+    head : str
+        Its first lines.
+    encoding : str
+        Of the text.
+    options : TextOptions
+        What the caller declares.
     """
 
     def __init__(
-        self, file: RawFile, handle: io.BufferedIOBase, table: Table, comment: str | None
+        self,
+        file: RawFile,
+        handle: io.BufferedIOBase,
+        head: str,
+        encoding: str,
+        options: TextOptions,
     ) -> None:
-        self._file, self._handle, self._table = file, handle, table
-        self._comment = comment
+        self._file, self._handle, self._head = file, handle, head
+        self._encoding, self._options = encoding, options
+        table = TableHead(file, head, encoding, options)
+        self._names = table.names
+        self._columns = [Column(n, u, None) for n, u in zip(table.names, table.units, strict=True)]
         self.labels: Mapping[str, str] = {
-            c.name: c.unit.name if c.unit is not None else "" for c in table.columns
+            c.name: c.unit.name if c.unit is not None else "" for c in self._columns
         }
         self.n_samples = None
-        self.time_step = self._step()
+        self.warnings: tuple[str, ...] = ()
+        self.lines: Mapping[str, Any] = {}
+        self.time_step = self._step(table)
 
-    def _step(self) -> float | None:
+    def _step(self, table: TableHead) -> float | None:
         """Return the interval of a column of time that is uniform in the head, in s."""
-        for column in self._table.numbers:
-            if column.unit is None or column.unit.dimension != "time" or column.values is None:
-                continue
-            steps = np.diff(column.values) * column.unit.factor
+        timed = [
+            (k, c.unit.factor)
+            for k, c in enumerate(self._columns)
+            if c.unit is not None and c.unit.dimension == "time"
+        ]
+        if not timed:
+            return None
+        rows = table.body().take(self._head, table.first_line, last=False, start=table.offset)
+        for k, factor in timed:
+            steps = np.diff(np.asarray(rows.columns[k])) * factor
             usual = float(np.median(steps)) if steps.size else float("nan")
             if usual > 0.0 and float(np.abs(steps - usual).max()) < 0.01 * usual:
                 return usual
@@ -143,65 +157,83 @@ class TextSource:
         ------
         CorruptFileError
             If a row does not fit; the message names its line.
+        AmbiguousFormatError
+            If a value may mean "not measured".
         """
-        where = [self._table.names.index(n) for n in names]
-        rest = np.empty((0, len(self._table.names)))
+        where = [self._names.index(n) for n in names]
+        rest = np.empty((0, len(self._names)))
+        kept = np.empty((0, len(self._names)))
+        kept_lines = np.empty(0, dtype=np.int64)
+        odd: dict[str, str] = {}
         for block in self._blocks():
-            rest = np.concatenate([rest, block]) if rest.size else block
+            rows = np.column_stack([np.asarray(c) for c in block.columns])
+            every = np.concatenate([kept, rows])
+            lines = np.concatenate([kept_lines, block.lines])
+            columns = [replace(c, values=every[:, k]) for k, c in enumerate(self._columns)]
+            for message in refuse_markers(self._file, columns, lines, self._options):
+                odd.setdefault(message.partition(" holds ")[0], message)
+            kept, kept_lines = _sample(every, lines)
+            rest = np.concatenate([rest, rows]) if rest.size else rows
             while rest.shape[0] >= size:
                 yield {n: rest[:size, k].copy() for n, k in zip(names, where, strict=True)}
                 rest = rest[size:]
+        self.warnings = (*self.warnings, *odd.values())
         if rest.shape[0]:
             yield {n: rest[:, k].copy() for n, k in zip(names, where, strict=True)}
 
-    def _blocks(self) -> Iterator[FloatArray]:
+    def _blocks(self) -> Iterator[Block]:
         """Yield rows of numbers; whole lines only, the last of which may lack its end."""
         self._handle.seek(0)
-        first = int(self._table.lines[0])
-        for _ in range(first - 1):
-            self._handle.readline()
-        line = first
-        left = b""
+        table = TableHead(self._file, self._head, self._encoding, self._options)
+        body = table.body()
+        mark = _end_of(self._file.head[:_HEAD])
+        line, left, n_rows = 1, b"", 0
         while True:
             data = self._handle.read(_BLOCK)
-            text = left + data
-            end = text.rfind(b"\n") + 1 if data else len(text)
-            text, left = text[:end], text[end:]
-            if text.strip():
-                yield self._parse(text, line)
-            line += text.count(b"\n")
+            raw = left + data
+            end = raw.rfind(mark) + 1 if data else len(raw)
+            if data and mark == b"\r" and end == len(raw):
+                end = raw.rfind(mark, 0, -1) + 1  # a line feed may follow
+            raw, left = raw[:end], raw[end:]
+            text = self._decoded(raw, line)
+            n_lines = text.count("\n") + (text != "" and not text.endswith("\n"))
+            above = table.first_line - line
+            if above > 0:
+                text = text.split("\n", above)[above]
+            if text:
+                block = body.take(text, max(line, table.first_line), last=not data)
+                n_rows += len(block.lines)
+                if len(block.lines):
+                    yield block
+            line += n_lines
             if not data:
-                return
+                break
             if len(left) > _BLOCK:
                 raise FormatMismatchError(
                     f"{self._file.path}: line {line} is longer than {_BLOCK} bytes: no table"
                 )
+        body.finish(line - 1)
+        self.warnings = (*table.warnings(n_rows), *body.warnings)
+        self.lines = table.ledger.to_dict()
 
-    def _parse(self, text: bytes, line: int) -> FloatArray:
-        numbers = self._fast(text)
-        if numbers is not None:
-            return numbers
-        return rows_as_columns(self._file, self._table, text, line, comment=self._comment)
-
-    def _fast(self, text: bytes) -> FloatArray | None:
-        """Return the rows of a block in which every line is plain, else ``None``."""
-        separator, decimal = self._table.header["separator"], self._table.header["decimal"]
-        if separator in {" ", ", "} or not _PLAIN.issuperset(text[:4096]) or b"\n\n" in text:
-            return None
-        n_lines = text.count(b"\n") + (not text.endswith(b"\n"))
-        if text.count(separator.encode()) != n_lines * (self._table.header["n_fields"] - 1):
-            return None
-        if decimal == ",":
-            text = text.replace(b",", b".")
+    def _decoded(self, raw: bytes, line: int) -> str:
         try:
-            values = np.loadtxt(
-                io.BytesIO(text),
-                delimiter=separator,
-                comments=None,
-                usecols=range(len(self._table.names)),
-                ndmin=2,
-                encoding="latin-1",
-            )
-        except ValueError:
-            return None
-        return values if values.shape[0] == n_lines and np.isfinite(values).all() else None
+            return plain_ends(raw.decode(self._encoding))
+        except UnicodeDecodeError as exc:
+            at = line + raw[: exc.start].count(b"\n")
+            raise CorruptFileError(
+                self._file.path, f"is not {self._encoding} text", field=f"line {at}"
+            ) from None
+
+
+def _sample(rows: FloatArray, lines: NDArray[np.int64]) -> tuple[FloatArray, NDArray[np.int64]]:
+    """Return rows from all over a block, among them those with the extremes of each column."""
+    if len(rows) <= _KEPT:
+        return rows, lines
+    picked = set(np.linspace(0, len(rows) - 1, _KEPT).astype(int).tolist())
+    known = ~np.isnan(rows).all(axis=0)
+    if known.any():
+        picked |= set(np.nanargmin(rows[:, known], axis=0).tolist())
+        picked |= set(np.nanargmax(rows[:, known], axis=0).tolist())
+    order = sorted(picked)
+    return rows[order], lines[order]

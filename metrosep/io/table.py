@@ -7,34 +7,35 @@ row with a field too many is named by its line instead of being filled or shifte
 
 from __future__ import annotations
 
-import contextlib
-import csv
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import CorruptFileError, FormatMismatchError
+from metrosep.core.errors import AmbiguousFormatError, CorruptFileError, FormatMismatchError
+from metrosep.core.text_options import TextOptions
 from metrosep.core.units import Unit
-from metrosep.io.dialect import (
-    MISSING,
-    Dialect,
-    body_start,
-    decode,
-    detect,
-    is_comment,
-    is_number,
-)
+from metrosep.io._rows import Body, Ledger, bad_field, marker_of, refuse_quotes
+from metrosep.io._table_layout import Layout, find_layout, unmeasured_rows
+from metrosep.io.dialect import MISSING, decode, is_comment, is_number, n_used
 from metrosep.io.headers import bare_unit, header_unit, split_header
 from metrosep.io.source import RawFile
 
-__all__ = ["Column", "Table", "read_table", "rows_as_columns"]
+__all__ = ["Column", "Table", "TableHead", "interruption", "read_table", "refuse_markers"]
 
-_CHUNK = 50_000
-_DIGITS = frozenset("0123456789+-.")
+_SAMPLE = 300
+"""Rows that are looked at first; further ones come from `_PLACES` parts of the rest."""
+_PLACES, _PLACE = 9, 2000
+_TAIL = 5000
+_FEW = 3
+"""Separators from which a line of nothing else, above or below a map, is a row of it."""
+_DECLARATION = re.compile(r'\s*"?sep=(.)"?\s*', re.IGNORECASE)
+_BEGUN = re.compile(r"\s*\"?[+-]?(?:\d+[.,]?\d*|[.,]\d)")
+"""How a number begins, whatever follows."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,12 +74,15 @@ class Table:
         Encoding, separator, decimal mark, comments and the lines above the table.
     warnings : tuple of str
         What is odd.
+    ledger : mapping
+        How many lines of each class the text has, and which they are; empty for a recording.
     """
 
     columns: tuple[Column, ...]
     lines: NDArray[np.int64]
     header: Mapping[str, Any]
     warnings: tuple[str, ...] = ()
+    ledger: Mapping[str, Any] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return int(self.lines.size)
@@ -97,29 +101,15 @@ class Table:
         return next(c for c in self.columns if c.name == name)
 
 
-def read_table(
-    file: RawFile,
-    *,
-    separator: str | None = None,
-    decimal: str | None = None,
-    encoding: str | None = None,
-    comment: str | None = None,
-    skip_rows: int = 0,
-) -> Table:
-    """Return the columns of a text file.
+def read_table(file: RawFile, **text: Any) -> Table:
+    """Return the columns of a text file; every one of its lines is accounted for.
 
     Parameters
     ----------
     file : RawFile
         The file.
-    separator, decimal : str, optional
-        Dialect; found from the content if omitted.
-    encoding : str, optional
-        Text encoding; found from the content if omitted.
-    comment : str, optional
-        Start of comment lines.
-    skip_rows : int, optional
-        Lines to leave out at the start.
+    **text
+        How the text is written, where that is not clear: `metrosep.core.text_options.TEXT_OPTIONS`.
 
     Returns
     -------
@@ -131,158 +121,295 @@ def read_table(
     ReadError
         If the file is not text, its dialect is ambiguous, or a line does not fit.
     """
-    text, encoding = decode(file.data, file.path, encoding)
-    comments: list[str] = []
-    lines: list[str] = []
-    numbers: list[int] = []
-    for number, line in enumerate(text.split("\n"), start=1):
-        if line[:1] in _DIGITS and comment is None and number > skip_rows and '"' not in line:
-            lines.append(line)  # the common row, quickly
-            numbers.append(number)
-            continue
-        if number <= skip_rows or not line.strip():
-            continue
-        if is_comment(line, comment):
-            comments.append(line.strip().lstrip('#%!;/" \t').rstrip('"'))
-            continue
-        if line.count('"') % 2:
-            raise CorruptFileError(
-                file.path,
-                "the quotes do not pair up",
-                field=f"line {number}",
-                found=repr(line[:40]),
-            )
-        lines.append(line)
-        numbers.append(number)
-    try:
-        return _table(file, lines, numbers, comments, encoding, separator, decimal)
-    except csv.Error as exc:
-        raise CorruptFileError(file.path, f"the quotes do not pair up ({exc})") from None
+    options = TextOptions.of(text)
+    content, encoding = decode(file.data, file.path, options.encoding)
+    head = TableHead(file, content, encoding, options)
+    body = head.body()
+    rows = body.take(content, head.first_line, last=True, start=head.offset)
+    whole = content.endswith("\n")
+    body.finish(content.count("\n") + (not whole))
+    lines = rows.lines
+    columns = [
+        Column(name, unit, None, tuple(values))
+        if isinstance(values, list)
+        else Column(name, unit, values)
+        for name, unit, values in zip(head.names, head.units, rows.columns, strict=True)
+    ]
+    warnings = [*head.warnings(len(lines)), *body.warnings]
+    warnings += refuse_markers(file, columns, lines, options)
+    if not whole and body.last_row and content.endswith(body.last_row):
+        warnings += _cut_off(file, content, body.last_row, int(lines[-1]))
+    header = {**head.facts, "comments": (*head.comments, *body.comments)}
+    return Table(tuple(columns), lines, header, tuple(warnings), head.ledger.to_dict())
 
 
-def rows_as_columns(
-    file: RawFile, table: Table, text: bytes, first_line: int, *, comment: str | None = None
-) -> FloatArray:
-    """Return further rows of a table whose head is known.
+def refuse_markers(
+    file: RawFile,
+    columns: Sequence[Column],
+    lines: NDArray[np.int64],
+    options: TextOptions,
+) -> list[str]:
+    """Return warnings about values that may mean "not measured".
 
     Parameters
     ----------
     file : RawFile
         For the message.
-    table : Table
-        The head: dialect, names and number of fields.
-    text : bytes
-        Whole lines that follow it somewhere in the file.
-    first_line : int
-        Line of the first one in the file, from 1.
-    comment : str, optional
-        Start of comment lines.
+    columns : sequence of Column
+        Columns; those of labels and of time are not looked at.
+    lines : ndarray of int, shape (n,)
+        Line of each row.
+    options : TextOptions
+        Whoever declares ``missing`` is not asked.
 
     Returns
     -------
-    ndarray, shape (n, n_columns)
-        Numbers in the unit of the file, NaN = not measured.
+    list of str
+        Sentences.
 
     Raises
     ------
-    CorruptFileError
-        If a row does not fit; the message names its line.
+    AmbiguousFormatError
+        If a value of the shape of a marker lies far outside the others.
     """
-    header = table.header
-    dialect = Dialect(header["separator"], header["decimal"], header["quoted"])
-    try:
-        decoded = text.decode(header["encoding"])
-    except UnicodeDecodeError as exc:
-        line = first_line + text[: exc.start].count(b"\n")
-        raise CorruptFileError(
-            file.path, f"is not {header['encoding']} text", field=f"line {line}"
-        ) from None
-    kept = [
-        (number, line)
-        for number, line in enumerate(decoded.split("\n"), start=first_line)
-        if line.strip() and not is_comment(line, comment)
-    ]
-    cells = _Cells(
-        file, dialect, [line for _, line in kept], [n for n, _ in kept], header["n_fields"]
+    found: list[str] = []
+    for column in () if options.missing is not None else columns:
+        if column.values is None or (column.unit is not None and column.unit.dimension == "time"):
+            continue
+        marker = marker_of(column.values)
+        if marker is None:
+            continue
+        value, ratio, sure = marker
+        at = np.flatnonzero(column.values == value)
+        text = repr(value).removesuffix(".0")
+        message = (
+            f"column {column.name!r} holds {text} in {at.size} row(s) (first: line {int(lines[at[0]])}), "
+            f"{ratio:.3g} times the spread of the others away; if it means 'not measured', give "
+            f"missing='{text}', else missing='none'"
+        )
+        if sure:
+            raise AmbiguousFormatError(f"{file.path}: {message}")
+        found.append(message)
+    return found
+
+
+def interruption(table: Table) -> tuple[str, ...]:
+    """Return a warning about lines without numbers between the rows, where time is counted by rows.
+
+    Parameters
+    ----------
+    table : Table
+        Columns of a text.
+
+    Returns
+    -------
+    tuple of str
+        One sentence or none.
+    """
+    gaps = np.flatnonzero(np.diff(table.lines) > 1)
+    if not gaps.size or "separator" not in table.header:
+        return ()
+    first = int(table.lines[gaps[0]]) + 1
+    return (
+        (
+            f"line {first} stands between the rows and holds no sample ({gaps.size} such place(s)), and the file "
+            "has no column of time; if samples were lost there, all later ones are too early"
+        ),
     )
-    return cells.numbers(table.names)
 
 
-def _table(
-    file: RawFile,
-    lines: list[str],
-    numbers: list[int],
-    comments: list[str],
-    encoding: str,
-    separator: str | None,
-    decimal: str | None,
-) -> Table:
-    dialect = detect(lines, file.path, separator=separator, decimal=decimal)
-    start = body_start(lines, dialect)
-    cells = _Cells(file, dialect, lines[start:], numbers[start:])
-    cells.drop_trailing(lines[:start])
-    preamble = _Preamble(file, dialect, cells.n_columns)
-    for line, number in zip(lines[:start], numbers[:start], strict=True):
-        preamble.take(line, number)
-    preamble.refuse_rest()
-    preamble.take_comment(comments)
-    names, units = preamble.columns()
-    columns, kept = cells.columns(names, units)
-    warnings = preamble.warnings(len(kept))
-    header = {
-        "encoding": encoding,
-        "separator": dialect.separator,
-        "decimal": dialect.decimal,
-        "quoted": dialect.quoted,
-        "n_fields": cells.n_fields,
-        "columns": names,
-        "named": preamble.named,
-        "comments": tuple(comments),
-        "preamble": tuple(lines[:start]),
-    }
-    return Table(columns, np.asarray(kept, dtype=np.int64), header, warnings)
+def _cut_off(file: RawFile, content: str, row: str, line: int) -> list[str]:
+    """Return the warning about a last row without a line end; one that is visibly cut is refused."""
+    lengths = [len(text) for text in content[-_TAIL:].split("\n")[1:-1] if text.strip()]
+    if lengths and 2 * len(row.strip()) < float(np.median(lengths)):
+        raise CorruptFileError(
+            file.path,
+            "the file ends in the middle of a row",
+            field=f"line {line} ({row.strip()[:60]!r})",
+            hint=f"copy the file again, or leave that line out with skip_lines='{line}'",
+        )
+    return [
+        (
+            f"line {line}, the last one, has no line end: whether its last number is whole cannot be seen; "
+            "compare it with the source of the file"
+        )
+    ]
+
+
+class TableHead:
+    """What stands above the rows of a table: its layout, names and units; each line is classified.
+
+    Parameters
+    ----------
+    file : RawFile
+        For messages.
+    text : str
+        The text, or its first lines.
+    encoding : str
+        Of the file.
+    options : TextOptions
+        What the caller declares.
+
+    Raises
+    ------
+    ReadError
+        If the text is no table, its dialect is ambiguous, or a line above the rows does not fit.
+    CorruptFileError
+        If one of these lines is a damaged row.
+    """
+
+    def __init__(self, file: RawFile, text: str, encoding: str, options: TextOptions) -> None:
+        self._file, self.ledger = file, Ledger()
+        self.comments: list[str] = []
+        content: list[tuple[int, int, str]] = []  # line, place in the text, and the line itself
+        others: list[tuple[int, str, str]] = []
+        position = number = n_measured = 0
+        while position < len(text) and n_measured <= _SAMPLE:
+            end = text.find("\n", position)
+            end = len(text) if end < 0 else end
+            line, at = text[position:end], position
+            position, number = end + 1, number + 1
+            declared = _DECLARATION.fullmatch(line) if number == 1 else None
+            if options.sets_aside(number):
+                others.append((number, line, "set aside"))
+            elif declared is not None:
+                others.append((number, line, "declaration"))
+                options = replace(options, separator=options.separator or declared.group(1))
+            elif not line.strip() and line.count("\t") < _FEW:
+                others.append((number, line, "blank"))
+            elif is_comment(line, options.comment):
+                others.append((number, line, "comment"))
+            else:
+                if line.count('"') % 2:
+                    refuse_quotes(file, number, line)
+                content.append((number, at, line))
+                n_measured += unmeasured_rows([line]) == 0 or n_measured > 0
+        self.options = options
+        lines = [line for *_, line in content]
+        further = _further(text[position:], options)
+        layout = find_layout(lines, file.path, options=options, further=further)
+        self.first_line, self.offset, _ = content[layout.start]
+        preamble = _Preamble(file, layout)
+        for place, _, line in content[: layout.start]:
+            kind = preamble.take(line, place)
+            if kind is not None:
+                self.ledger.add(kind, place, line)
+        for place, line, kind in others:
+            if place >= self.first_line:
+                break
+            if kind == "blank":
+                self.ledger.count(kind, 1)
+                continue
+            self.ledger.add(kind, place, line)
+            if kind == "comment":
+                self.comments.append(line.strip().lstrip('#%!;/" \t').rstrip('"'))
+        preamble.refuse_rest()
+        preamble.take_comment(self.comments)
+        self.names, self.units = preamble.columns()
+        self.warnings = preamble.warnings
+        self.layout, self._header = layout, preamble.rows
+        self.facts: dict[str, Any] = {
+            "encoding": encoding,
+            "separator": layout.dialect.separator,
+            "decimal": layout.dialect.decimal,
+            "quoted": layout.dialect.quoted,
+            "n_fields": layout.n_raw,
+            "columns": self.names,
+            "named": preamble.named,
+            "preamble": tuple(lines[: layout.start]),
+        }
+
+    def body(self) -> Body:
+        """Return what takes the lines from the first row on."""
+        return Body(
+            self._file,
+            self.layout,
+            self.options,
+            self.ledger,
+            names=self.names,
+            header=self._header,
+            is_map=not self.facts["named"] and len(self.names) > _FEW,
+        )
+
+
+def _further(rest: str, options: TextOptions) -> list[str]:
+    """Return whole lines from all over the rest of a text: they decide with the first ones."""
+    found: list[str] = []
+    for k in range(_PLACES):
+        at = len(rest) * k // _PLACES
+        lines = rest[at : at + _PLACE].split("\n")[1:-1]
+        found += [line for line in lines if line.strip() and not is_comment(line, options.comment)]
+    return found
 
 
 class _Preamble:
     """The lines above a table: names, units, a count; anything else is refused."""
 
-    def __init__(self, file: RawFile, dialect: Dialect, n_columns: int) -> None:
+    def __init__(self, file: RawFile, layout: Layout) -> None:
         self._file = file
-        self._dialect = dialect
-        self._n = n_columns
+        self._dialect = layout.dialect
+        self._n, self._most, self._usual = layout.n, layout.n_raw, layout.n_usual
+        self.rows: list[list[str]] = []
         self._names: list[str] | None = None
         self._units: list[Unit | None] | None = None
         self._count: int | None = None
         self._named_at = (0, "")
         self._refused: list[tuple[int, str]] = []
 
-    def take(self, line: str, number: int) -> None:
+    def take(self, line: str, number: int) -> str | None:
+        """Return the class of a line; None where it waits to be refused."""
         fields = [f.strip() for f in self._dialect.split([line])[0]]
         while len(fields) > self._n and not fields[-1]:
             fields.pop()
         if self._n > 1 and len(fields) == 1 and fields[0].isdecimal():
             self._count = int(fields[0])
-            return
+            return "count"
         units = [bare_unit(f) for f in fields]
         shared = len(fields) == 1 and units[0] is not None
         empty = [not f.strip("[]() ") for f in fields]
         known = all(u is not None or e for u, e in zip(units, empty, strict=True))
         if (shared or len(fields) == self._n) and known and not all(empty):
             self._units = units * self._n if shared else units
-            return
-        names = split_header(line, self._dialect.separator, self._n)
+            self.rows.append(fields)
+            return "units"
+        names = self._names_of(line)
         if names is not None and not any(is_number(n, self._dialect.decimal) for n in names):
+            if all(_BEGUN.match(n) for n in names):
+                raise bad_field(self._file, number, names[0], "one of the columns")
             if self._names is not None:
                 self._refused.append(self._named_at)  # the last row of names counts
             self._names, self._named_at = names, (number, line.strip())
-            return
+            self.rows.append(names)
+            return "names"
+        if n_used(fields) == 0:
+            return "blank"
         decimal = self._dialect.decimal
         bad = [f for f in fields if not is_number(f, decimal) and f.lower() not in MISSING]
-        if len(fields) == self._n and len(bad) < self._n:
-            if bad:
-                raise _bad_field(self._file, number, bad[0], "one of the columns")
-            return  # a good row above a damaged one, which is named when its turn comes
+        begun = _BEGUN.match(fields[0]) is not None
+        if begun and len(fields) == self._n and 0 < len(bad) < self._n:
+            raise bad_field(self._file, number, bad[0], "one of the columns")
+        if all(_BEGUN.match(f) or f.lower() in MISSING for f in fields):
+            raise CorruptFileError(
+                self._file.path,
+                "a row has another number of fields",
+                field=f"line {number} ({line.strip()[:60]!r})",
+                expected=f"{self._n} fields ({self._dialect})",
+                found=f"{len(fields)}",
+                hint=f"correct that line, or leave it out with skip_lines='{number}'",
+            )
         self._refused.append((number, line.strip()))
+        return None
+
+    def _names_of(self, line: str) -> list[str] | None:
+        """Return the names in a line; they may tell of columns that the rows leave empty, or of fewer."""
+        mark = self._dialect.separator
+        n = n_used(self._dialect.split([line])[0])
+        if mark not in {" ", ", "} and (self._n < n <= self._most or n == self._usual < self._n):
+            names = split_header(line, mark, n)
+            if names is not None and not any(is_number(m, self._dialect.decimal) for m in names):
+                self._n = n
+                return names
+        return split_header(line, mark, self._n)
 
     @property
     def named(self) -> bool:
@@ -328,144 +455,12 @@ class _Preamble:
         return tuple(names), tuple(units)
 
     def warnings(self, n_rows: int) -> tuple[str, ...]:
-        if self._count is not None and self._count != n_rows:
-            return (f"the file declares {self._count} rows and holds {n_rows}",)
-        return ()
-
-
-class _Cells:
-    """The rows of a table, checked for the same number of fields."""
-
-    def __init__(
-        self,
-        file: RawFile,
-        dialect: Dialect,
-        lines: list[str],
-        numbers: list[int],
-        n_fields: int | None = None,
-    ) -> None:
-        self._file = file
-        self._dialect = dialect
-        self._lines = lines
-        self._numbers = numbers
-        self.n_fields = n_fields or len(dialect.split(lines[:1])[0])
-        self.n_columns = self.n_fields
-
-    def drop_trailing(self, preamble: list[str]) -> None:
-        """Leave out last columns without a name that are empty everywhere (trailing separators)."""
-        if self._dialect.separator == " ":
-            return
-        mark = self._dialect.separator.strip(" ")
-        ends = [line.replace(" ", "") for line in self._lines]
-        n_empty = min(len(e) - len(e.rstrip(mark)) for e in ends)
-        named = [
-            max((i + 1 for i, f in enumerate(fields) if f.strip()), default=0)
-            for fields in self._dialect.split(preamble)
-            if len(fields) <= self.n_fields
-        ]
-        self.n_columns = max(self.n_fields - n_empty, 1, *named)
-
-    def columns(
-        self, names: tuple[str, ...], units: tuple[Unit | None, ...]
-    ) -> tuple[tuple[Column, ...], list[int]]:
-        parts: list[list[Any]] = [[] for _ in names]
-        is_label = self._label_columns()
-        for start, rows in self._rows():
-            for k, fields in enumerate(zip(*rows, strict=True)):
-                if k >= self.n_columns:
-                    continue
-                if is_label[k]:
-                    parts[k].extend(f.strip() for f in fields)
-                else:
-                    parts[k].append(self._floats(fields, start, names[k]))
-        columns = [
-            Column(name, unit, None, tuple(part))
-            if label
-            else Column(name, unit, np.concatenate(part))
-            for name, unit, part, label in zip(names, units, parts, is_label, strict=True)
-        ]
-        return tuple(columns), self._numbers
-
-    def numbers(self, names: tuple[str, ...]) -> FloatArray:
-        """Return rows of which every field is a number or empty, shape (n, n_columns)."""
-        parts = [
-            np.column_stack(
-                [
-                    self._floats(fields, start, name)
-                    for name, fields in zip(names, zip(*rows, strict=True), strict=False)
-                ]
-            )
-            for start, rows in self._rows()
-        ]
-        return np.concatenate(parts) if parts else np.empty((0, len(names)))
-
-    def _rows(self) -> Iterator[tuple[int, list[list[str]]]]:
-        """Yield the rows in blocks with the index of the first; a short or long row is refused."""
-        for start in range(0, len(self._lines), _CHUNK):
-            rows = self._dialect.split(self._lines[start : start + _CHUNK])
-            for i, row in enumerate(rows):
-                if len(row) != self.n_fields:
-                    raise self._wrong_count(start + i, len(row))
-            yield start, rows
-
-    def _label_columns(self) -> list[bool]:
-        sample = self._dialect.split(self._lines[:300])
+        """Return what is odd about the lines above a table of so many rows."""
         found = []
-        for k in range(self.n_columns):
-            fields = [row[k].strip() for row in sample if len(row) > k]
-            words = [
-                f
-                for f in fields
-                if f.lower() not in MISSING and not is_number(f, self._dialect.decimal)
-            ]
-            found.append(bool(words))
-        return found
-
-    def _wrong_count(self, index: int, found: int) -> CorruptFileError:
-        is_last = index == len(self._lines) - 1
-        return CorruptFileError(
-            self._file.path,
-            "the file ends in the middle of a row"
-            if is_last and found < self.n_fields
-            else "a row has another number of fields",
-            field=f"line {self._numbers[index]}",
-            expected=f"{self.n_fields} fields ({self._dialect})",
-            found=f"{found}",
-            hint="copy the file again, or remove that line",
-        )
-
-    def _floats(self, fields: Sequence[str], start: int, name: str) -> FloatArray:
-        """Return the numbers of a column; the quick way first, then field by field."""
-        decimal = self._dialect.decimal
-        joined = "\n".join(fields)
-        if decimal == "," and "." not in joined:
-            joined = joined.replace(",", ".")
-        if not any(mark in joined for mark in "_nN,"):  # what float() reads and a table may not
-            with contextlib.suppress(ValueError):
-                quick = np.array(list(map(float, joined.split("\n"))), dtype=np.float64)
-                if np.isfinite(quick).all():
-                    return quick
-        values = np.empty(len(fields))
-        for i, field in enumerate(fields):
-            text = field.strip()
-            if is_number(text, decimal):
-                values[i] = float(text.replace(",", ".").replace("d", "e").replace("D", "e"))
-            elif text.lower() in MISSING:
-                values[i] = np.nan
-            else:
-                raise _bad_field(self._file, self._numbers[start + i], text, f"column {name!r}")
-        if np.isinf(values).any():
-            i = int(np.flatnonzero(np.isinf(values))[0])
-            raise _bad_field(self._file, self._numbers[start + i], fields[i], f"column {name!r}")
-        return values
-
-
-def _bad_field(file: RawFile, line: int, field: str, where: str) -> CorruptFileError:
-    return CorruptFileError(
-        file.path,
-        f"{where} holds something that is no number",
-        field=f"line {line}",
-        expected="a number, or an empty field where nothing was measured",
-        found=repr(field[:40]),
-        hint="correct that line, or export the file again",
-    )
+        if self._count is not None and self._count != n_rows:
+            found.append(f"the file declares {self._count} rows and holds {n_rows}")
+        for name, unit in zip(*self.columns(), strict=True):
+            capital = "" if unit is None else unit.name.upper()
+            if unit is not None and unit.name not in name and unit.name != capital in name:
+                found.append(f"column {name!r}: {capital} was read as {unit.name}")
+        return tuple(found)

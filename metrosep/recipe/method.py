@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from metrosep.recipe.schema import Field
+from metrosep.recipe.schema import LAYOUT, Field
 
 __all__ = [
     "CURVES",
@@ -26,11 +26,6 @@ Reads = Literal["curves", "table", "tables", "maps", "results", "nothing"]
 
 OP = {"op": Field("text", required=True)}
 U_READING = {"u_reading": Field("uncertainty")}
-LAYOUT = {
-    "separator": Field("text"),
-    "decimal": Field("text"),
-    "encoding": Field("text"),
-}
 CURVES = {
     "files": Field("texts"),
     "readings": Field("texts", required=True),

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from metrosep.core.errors import MetrosepError
+from metrosep.core.text_options import TEXT_OPTIONS
 from metrosep.recipe.readable import readable_text
 from metrosep.recipe.step_words import StepKeys, in_words, keys_of_step, step_words
 
@@ -18,9 +19,8 @@ __all__ = ["in_recipe_words", "reading_words", "recipe_words"]
 
 _OF_READERS = frozenset(
     {
-        "comment", "decimal", "encoding", "group", "max_pixels", "names", "numbered", "overhang",
-        "radius", "sampling_rate", "segment", "separator", "servo_period", "skip_rows", "slope",
-        "time",
+        *TEXT_OPTIONS, "group", "max_pixels", "names", "numbered", "overhang", "radius",
+        "sampling_rate", "segment", "servo_period", "slope", "time",
     }
 )  # fmt: skip
 """Arguments of readers that ``metrosep convert`` takes with ``--set``."""

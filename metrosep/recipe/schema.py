@@ -13,9 +13,10 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from metrosep.core.errors import RecipeError, UnitError
+from metrosep.core.text_options import TEXT_OPTIONS
 from metrosep.recipe.kinds import KINDS
 
-__all__ = ["Field", "Place", "blanked_texts", "checked_table"]
+__all__ = ["LAYOUT", "Field", "Place", "blanked_texts", "checked_table"]
 
 Kind = Literal[
     "text",
@@ -148,6 +149,10 @@ class Field:
     kind: Kind
     required: bool = False
     choices: tuple[str | int, ...] = ()
+
+
+LAYOUT = {n: Field("integer" if n == "skip_rows" else "text") for n in TEXT_OPTIONS}
+"""Keys of ``[input]`` that say how a text is written."""
 
 
 def checked_table(

@@ -11,6 +11,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from metrosep.core.text_options import TEXT_OPTIONS
 from metrosep.recipe.key_values import DIMENSIONS, placeholder, typed_number
 from metrosep.recipe.readable import readable_text
 from metrosep.recipe.schema import Field
@@ -19,7 +20,7 @@ __all__ = ["StepKeys", "in_words", "keys_of_step", "step_words"]
 
 _COMMAND_COLUMNS = ("x", "z", "angle", "time", "repeat", "feed", "run", "direction", "readings")
 """Columns that the command has an option for; the others are given with ``--column``."""
-_COMMAND_INPUT = ("scale", "separator", "decimal", "encoding", "unit", "channel", "lateral_step")
+_COMMAND_INPUT = ("scale", *TEXT_OPTIONS, "unit", "channel", "lateral_step")
 _DIGITS = 6
 """Kept of a number that the library proposes."""
 _OTHER_NAMES = {"dx": "lateral_step", "dy": "lateral_step"}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from metrosep.recipe.pipeline import STEPS as MEASURING
 from metrosep.recipe.plan import PLAN
-from metrosep.recipe.schema import Field
+from metrosep.recipe.schema import LAYOUT, Field
 
 __all__ = [
     "CHECK",
@@ -42,9 +42,7 @@ INPUT = {
     "time": Field("column"),
     "sampling_rate": Field("frequency"),
     "scale": Field("text"),
-    "separator": Field("text"),
-    "decimal": Field("text"),
-    "encoding": Field("text"),
+    **LAYOUT,
 }
 
 MEASURING_INPUT = {
@@ -56,6 +54,7 @@ MEASURING_INPUT = {
     "x": Field("column"),
     "z": Field("column"),
     "scale": Field("text"),
+    **LAYOUT,
 }
 
 STEPS = {

@@ -119,3 +119,40 @@ def test_lengths_print_with_a_readable_prefix():
 )
 def test_few_digits_of_hundreds_have_no_exponent(value, digits, text):
     assert format_length(value, digits=digits) == text
+
+
+@pytest.mark.parametrize(
+    ("text", "means"),
+    [
+        ("Mm", "megametre, not mm"),
+        ("NM", "nautical mile, not nm"),
+        ("nM", "nanomolar, not nm"),
+        ("MS", "megasiemens, not ms"),
+        ("mS", "millisiemens, not ms"),
+        ("S", "siemens, not s"),
+        ("MV", "megavolt, not mV"),
+        ("Pm", "petametre, not pm"),
+        ("mHz", "millihertz, not MHz"),
+    ],
+)
+def test_a_symbol_with_other_capitals_is_another_unit(text, means):
+    """SI Brochure, 9th edition, 5.2: symbols are case-sensitive."""
+    with pytest.raises(UnitError, match=means):
+        parse_unit(text)
+    assert column_unit(f"z_{text}") == (f"z_{text}", None)
+    assert column_unit(f"z [{text}]") == (f"z [{text}]", None)
+
+
+@pytest.mark.parametrize("text", ["Nm", "N m", "N·m", "N*m", "N.m"])
+def test_newton_metre_is_a_torque_and_no_length(text):
+    assert parse_unit(text)[1:] == ("torque", 1.0)
+    with pytest.raises(UnitError, match="is a torque, but a length is needed"):
+        parse_quantity(f"3 {text}", dimension="length")
+
+
+@pytest.mark.parametrize(
+    ("text", "name"),
+    [("Micron", "um"), ("INCH", "in"), ("Deg", "deg"), ("SEC", "s"), ("MM", "mm")],
+)
+def test_words_in_any_case_and_the_capitals_of_machines(text, name):
+    assert parse_unit(text).name == name

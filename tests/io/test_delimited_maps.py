@@ -66,10 +66,18 @@ def test_row_without_a_height_between_others_is_data(tmp_path):
         assert z == pytest.approx(whole * NM, abs=ROUNDING, nan_ok=True)
 
 
-def test_empty_line_of_a_text_with_tabs_is_no_lost_row(tmp_path):
-    whole = np.vstack([MAP, np.full((1, 4), np.nan), MAP])
+@pytest.mark.parametrize("at", [0, 3, 6])
+def test_row_of_tabs_alone_is_a_row_that_was_not_measured(tmp_path, at):
+    whole = np.insert(np.vstack([MAP, MAP]), at, np.nan, axis=0)
     path = write_matrix(tmp_path / "m.txt", whole, "\t", nan="")
-    with pytest.raises(ms.errors.FormatMismatchError, match="line 4 stands empty"):
+    z = ms.read(path, unit="nm", lateral_step=STEP).z
+    assert z == pytest.approx(whole * NM, abs=ROUNDING, nan_ok=True)
+
+
+def test_empty_line_of_a_text_with_tabs_is_no_lost_row(tmp_path):
+    path = write_matrix(tmp_path / "m.txt", MAP, "\t")
+    path.write_text(path.read_text().replace("\n", "\n\n", 1))
+    with pytest.raises(ms.errors.FormatMismatchError, match="line 2 stands empty"):
         ms.read(path, unit="nm", lateral_step=STEP)
 
 

@@ -1,0 +1,180 @@
+"""What a column is, by its name: position, height, time, feed, run, direction, angle, temperature.
+
+The words are those of exports in English, German, French, Italian, Spanish, Chinese and Japanese.
+"""
+
+from __future__ import annotations
+
+import re
+import shlex
+import unicodedata
+from dataclasses import dataclass
+from typing import Final, Literal, TypeAlias
+
+import numpy as np
+
+from metrosep.core._arrays import FloatArray
+from metrosep.io.headers import header_unit
+from metrosep.io.table import Column, Table
+
+__all__ = ["BLOCKS", "FoundRuns", "Role", "jumps_back", "role_of", "runs_in"]
+
+BLOCKS = "blocks"
+"""What ``run=`` takes where no column numbers the runs: they begin where the position jumps back."""
+
+Role: TypeAlias = Literal[
+    "position", "height", "time", "feed", "run", "direction", "angle", "temperature", "index"
+]
+
+_WORDS: Final[dict[Role, str]] = {
+    "position": "x pos position distance travel displacement lateral scanlength target nominal "
+    "axisposition weg strecke lage verfahrweg soll sollwert déplacement course abscisse cible "
+    "posizione spostamento corsa distanza quota posición desplazamiento distancia recorrido carrera "
+    "位置 位移 距离 行程 坐标 変位量 距離 移動量 座標",
+    "height": "z height deviation error straightness profile reading probe gap topography höhe "
+    "abweichung fehler geradheit profil messwert taster spalt hauteur écart erreur rectitude lecture "
+    "palpeur altezza scostamento errore rettilineità profilo lettura altura desviación rectitud "
+    "perfil lectura palpador 高度 偏差 误差 直线度 轮廓 读数 高さ 誤差 真直度 形状 測定値",
+    "time": "t time timestamp elapsed zeit zeitstempel uhrzeit datum temps heure date horodatage "
+    "tempo ora data tiempo hora fecha 时间 時間 时刻 日期 時刻 日時 測定日時",
+    "feed": "feed feedrate f speed velocity vorschub geschwindigkeit avance vitesse avanzamento "
+    "velocità velocidad 进给 进给速度 速度 送り 送り速度",
+    "run": "run pass cycle trace repeat repetition lauf messung zyklus wiederholung fahrt passe essai "
+    "répétition prova ciclo passata ripetizione pasada ensayo repetición 次数 循环 序列 回 回数 サイクル",
+    "direction": "direction dir richtung sens verso sentido dirección 方向",
+    "angle": "angle theta phi rotation c winkel drehwinkel angolo ángulo 角度 回転角",
+    "temperature": "temp temperature temperatur température temperatura 温度",
+    "index": "no nr index sample point lfdnr punkt punto 序号 点 番号",
+}
+
+
+def _plain(name: str) -> str:
+    """Return a name without case, blanks, marks and a number at its end."""
+    folded = unicodedata.normalize("NFKC", name).casefold()
+    return re.sub(r"\d+$", "", re.sub(r"[\s_.\-]", "", folded))
+
+
+_ROLES: Final = {_plain(word): role for role, words in _WORDS.items() for word in words.split()}
+
+
+def role_of(name: str) -> Role | None:
+    """Return the role that the name of a column tells: the whole name, or one of its words.
+
+    ``x_mm`` is a position, ``probe reading`` a height; ``z_norm`` is neither, since one letter is a
+    name only where it stands alone.
+    """
+    bare = header_unit(name)[0]
+    whole = _ROLES.get(_plain(bare))
+    if whole is not None:
+        return whole
+    words = [w for w in re.split(r"[\s_.\-]+", bare) if len(_plain(w)) > 1]
+    found = {role for w in words if (role := _ROLES.get(_plain(w))) is not None}
+    return found.pop() if len(found) == 1 else None
+
+
+_JUMP = 10.0
+"""Median steps by which a position or a clock falls back where a new run begins."""
+
+
+def jumps_back(values: FloatArray) -> list[int]:
+    """Return the rows at which a position or a clock jumps back towards its first value."""
+    steps = np.diff(values)
+    known = steps[np.isfinite(steps)]
+    usual = float(np.median(known)) if known.size else 0.0
+    if usual == 0.0:
+        return []
+    back = steps * np.sign(usual) < -_JUMP * abs(usual)
+    return [int(i) + 1 for i in np.flatnonzero(back)]
+
+
+@dataclass(frozen=True, slots=True)
+class FoundRuns:
+    """Several runs in one table: how many, what tells them apart, and which columns they need."""
+
+    n: int
+    run: str
+    lines: tuple[int, ...]
+    columns: dict[str, str]
+    undeclared: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        if self.run != BLOCKS:
+            return f"holds {self.n} runs, told apart by column {self.run!r}"
+        shown = ", ".join(map(str, self.lines[:8])) + (", ..." if len(self.lines) > 8 else "")
+        return f"holds {self.n} runs one below the other, which begin at lines {shown}"
+
+    def advice(self, path: object) -> str:
+        """Return the calls that read them; where a column is not known by name, ask for it."""
+        given = {**self.columns, "run": self.run}
+        if not {"x", "z"} <= given.keys():
+            known = "".join(f", {k}={v!r}" for k, v in given.items() if k not in ("x", "z"))
+            return (
+                "which columns are position and reading is not told by their names: read them with "
+                f"metrosep.read_runs({str(path)!r}, x=COLUMN, z=COLUMN{known}), or with: metrosep "
+                f"separate {shlex.quote(str(path))} --x COLUMN --z COLUMN --run {self.run}"
+            )
+        call = ", ".join(f"{k}={v!r}" for k, v in given.items())
+        typed = shlex.join([str(path), *(w for k, v in given.items() for w in (f"--{k}", v))])
+        return (
+            f"read them with metrosep.read_runs({str(path)!r}, {call}), or separate them with: "
+            f"metrosep separate {typed}{self._units()}"
+        )
+
+    def _units(self) -> str:
+        """Return what to add where a column declares no unit."""
+        if not self.undeclared:
+            return ""
+        own = " and ".join(f"{name}:UNIT" for name in self.undeclared)
+        return f" ; name the units, which the file does not declare: {own}"
+
+
+def _rises_between(values: FloatArray | None, starts: list[int]) -> bool:
+    """Whether a position or a clock goes one way in each block, and each block has a few rows."""
+    blocks = np.split(np.diff(values if values is not None else np.empty(0)), np.array(starts) - 1)
+    steps = [blocks[0], *(b[1:] for b in blocks[1:])]
+    return all(s.size >= _FEWEST and (np.all(s >= 0.0) or np.all(s <= 0.0)) for s in steps)
+
+
+_FEWEST = 2
+"""Steps of the shortest block that is a run."""
+
+
+def runs_in(table: Table) -> FoundRuns | None:
+    """Return the runs that a table holds by its column of runs or by a position that jumps back."""
+    by_role: dict[str, list[Column]] = {}
+    for column in table.columns:
+        by_role.setdefault(role_of(column.name) or "", []).append(column)
+    bare = {header_unit(c.name)[0].casefold() for c in table.columns}
+    if {"x", "y"} <= bare:
+        return None  # points of a map
+    columns = {
+        key: by_role[role][0].name
+        for key, role in (("x", "position"), ("z", "height"), ("feed", "feed"))
+        if len(by_role.get(role, ())) == 1 and by_role[role][0].values is not None
+    }
+    other = [
+        c.name
+        for c in by_role.get("", ())
+        if c.values is not None
+        and c.unit is not None
+        and c.unit.dimension in ("length", "voltage")
+    ]
+    missing = [key for key in ("x", "z") if key not in columns]
+    if len(missing) == len(other) == 1:
+        columns[missing[0]] = other[0]
+    undeclared = tuple(n for n in columns.values() if table[n].unit is None)
+    for column in by_role.get("run", ()):
+        marks = np.array(column.labels) if column.labels is not None else column.values
+        if marks is None or marks.size < 2 or (marks.dtype.kind == "f" and np.isnan(marks).any()):
+            continue
+        begins = np.sort(np.unique(marks, return_index=True)[1])
+        if 2 <= begins.size <= marks.size // 2:
+            lines = tuple(int(n) for n in table.lines[begins])
+            return FoundRuns(begins.size, column.name, lines, columns, undeclared)
+    for role in ("position", "time"):
+        for column in by_role.get(role, ()):
+            starts = jumps_back(column.values) if column.values is not None else []
+            if starts and _rises_between(column.values, starts):
+                lines = tuple(int(table.lines[i]) for i in (0, *starts))
+                return FoundRuns(len(lines), BLOCKS, lines, columns, undeclared)
+    return None

@@ -1,0 +1,426 @@
+"""What numbers of a text mean: which column is what, marks of thousands, markers, several runs.
+
+Truth: what a person reads off the file; closed forms. Every hint that a message prints is carried
+out by the command that prints it.
+"""
+
+import re
+import shlex
+
+import numpy as np
+import pytest
+
+import metrosep as ms
+from metrosep.cli.main import main
+from metrosep.io.check import check_file
+from metrosep.io.stream import open_stream
+
+UM, MM = 1e-6, 1e-3
+
+
+def table(*rows):
+    return "\n".join(rows) + "\n"
+
+
+def wave(n=60):
+    return [(0.1 * i, round(2.0 * np.sin(0.7 * i) + 0.3 * np.cos(2.1 * i), 4)) for i in range(n)]
+
+
+# Which column is what
+
+
+@pytest.mark.parametrize(
+    ("x_name", "z_name"),
+    [
+        ("x_mm", "z_um"),
+        ("Weg [mm]", "Abweichung [µm]"),
+        ("déplacement (mm)", "écart (µm)"),
+        ("posizione in mm", "lettura in um"),
+        ("distancia / mm", "altura / um"),
+        ("位置[mm]", "误差[um]"),
+        ("変位量 (mm)", "真直度 (um)"),
+        ("pos_mm", "b_um"),
+        ("a_mm", "probe 2_um"),
+    ],
+)
+@pytest.mark.parametrize("order", [1, -1])
+def test_columns_are_taken_by_their_names_in_any_order(put, x_name, z_name, order):
+    rows = [(x_name, z_name), *((f"{a:.1f}", f"{b}") for a, b in wave())]
+
+    profile = ms.read(put(table(*(";".join(r[::order]) for r in rows))))
+
+    np.testing.assert_allclose(profile.x, [a * MM for a, _ in wave()], rtol=1e-14)
+    np.testing.assert_allclose(profile.z, [b * UM for _, b in wave()], rtol=1e-14)
+
+
+def test_columns_without_telling_names_by_what_is_monotonic(put):
+    rows = [f"{b},{a:.1f}" for a, b in wave()]
+
+    profile = ms.read(put(table("q_um,p_mm", *rows)))
+
+    np.testing.assert_allclose(profile.x, [a * MM for a, _ in wave()], rtol=1e-14)
+    assert "'p_mm' was taken as the position" in profile.metadata["warnings"][0]
+
+
+def test_two_columns_that_both_rise_are_said_to_be_assumed(put):
+    profile = ms.read(put(table("q_um,p_mm", *(f"{i},{2 * i}" for i in range(9)))))
+
+    assert profile.x[-1] == pytest.approx(8 * UM, rel=1e-14, abs=0.0)
+    (said,) = profile.metadata["warnings"]
+    assert "x='p_mm', z='q_um'" in said
+
+
+def test_a_position_that_does_not_rise_beside_a_height_that_does_is_asked_for(put):
+    """On a lathe the axis may be called z and the deviation x."""
+    path = put(table("z_mm,x_um", *(f"{a:.1f},{b}" for a, b in wave())))
+
+    with pytest.raises(ms.errors.FormatMismatchError) as caught:
+        ms.read(path)
+
+    assert "x='z_mm', z='x_um'" in str(caught.value)
+    assert ms.read(path, x="z_mm", z="x_um").x[-1] == pytest.approx(5.9 * MM, rel=1e-12, abs=0.0)
+
+
+def test_a_sensor_in_volts_is_the_height_wherever_it_stands(put):
+    path = put(table("A1_V,travelled_mm", *(f"{b},{a:.1f}" for a, b in wave())))
+
+    assert ms.read(path, scale="2 um/V").z[3] == pytest.approx(
+        wave()[3][1] * 2 * UM, rel=1e-12, abs=0.0
+    )
+
+
+def test_a_torque_is_never_taken_as_a_height(put):
+    path = put(table("x_mm,M_Nm", *(f"{a:.1f},{b}" for a, b in wave())))
+
+    for options in ({}, {"unit": "um"}, {"x": "x_mm", "z": "M_Nm"}):
+        with pytest.raises(ms.errors.MetrosepError, match=r"torque|declares its own unit"):
+            ms.read(path, **options)
+    with pytest.raises(ms.errors.UnitError, match="torque"):
+        ms.read_runs(path, x="x_mm", z="M_Nm")
+
+
+@pytest.mark.parametrize("name", ["x [Mm]", "x_Mm", "x (NM)"])
+def test_a_column_in_megametres_is_no_column_in_millimetres(put, name):
+    path = put(table(f"{name};z_um", *(f"{a:.1f};{b}" for a, b in wave())))
+
+    for options in ({}, {"unit": "mm"}):
+        with pytest.raises(ms.errors.UnitError, match=r"'(Mm|NM)' is"):
+            ms.read(path, **options)
+
+
+# Marks of thousands
+
+
+@pytest.mark.parametrize(
+    ("separator", "quote", "numbers"),
+    [
+        (",", '"', ["985", "990", "995", "1,000", "1,005"]),
+        (";", "", ["985", "990", "995", "1,000", "1,005"]),
+        ("\t", "", ["1,234", "2,468", "3,702", "4,936", "6,170"]),
+        ("\t", "", ["985", "990", "995", "1.000", "1.005"]),
+        (";", '"', ["-1,234", "2,468", "3,702", "4,936", "6,170"]),
+    ],
+)
+def test_numbers_that_may_be_in_groups_of_thousands_are_asked_for(put, separator, quote, numbers):
+    rows = [f"{i}{separator}{quote}{z}{quote}" for i, z in enumerate(numbers)]
+    path = put(table(f"x_mm{separator}z_um", *rows))
+    mark = "," if any("," in n for n in numbers) else "."
+    whole = [float(n.replace(mark, "")) for n in numbers]
+
+    for door in (ms.read, lambda p: ms.read_runs(p, x="x_mm", z="z_um"), streamed):
+        with pytest.raises(ms.errors.ReadError, match=r"thousands="):
+            door(path)
+    decimal = {",": ".", ".": ","}[mark]
+    found = ms.read(path, thousands=mark, decimal=decimal)
+    assert found.z.tolist() == pytest.approx([v * UM for v in whole], rel=1e-14, abs=0.0)
+
+
+@pytest.mark.parametrize(
+    ("numbers", "values"),
+    [
+        (["0,123", "1,500", "2,500"], [0.123, 1.5, 2.5]),
+        (["1234,567", "1,500", "2,250"], [1234.567, 1.5, 2.25]),
+        (["1,500", "2,25", "3,125"], [1.5, 2.25, 3.125]),
+    ],
+)
+def test_a_number_that_shows_the_decimal_mark_decides_for_all(put, numbers, values):
+    profile = ms.read(put(table("x_mm;z_um", *(f"{i};{z}" for i, z in enumerate(numbers)))))
+
+    assert profile.z.tolist() == pytest.approx([v * UM for v in values], rel=1e-14, abs=0.0)
+
+
+def streamed(path, **options):
+    with open_stream(path, **options) as stream:
+        return list(stream.chunks(50))
+
+
+# Numbers that mean "not measured"
+
+
+@pytest.mark.parametrize(
+    "marker",
+    ["-9999", "99999.99", "1e99", "-999", "32767", "-32768", "3.4028235e38", "9.91E37", "65535"],
+)
+@pytest.mark.parametrize("share", [1, 7])
+def test_a_marker_is_named_and_becomes_nan_when_it_is_declared(put, marker, share):
+    rows = wave(200)
+    at = [40] if share == 1 else list(range(40, 200, 7))
+    lines = [f"{a:.1f},{marker if i in at else b}" for i, (a, b) in enumerate(rows)]
+    path = put(table("x_mm,z_um", *lines))
+
+    doors = (ms.read, lambda p, **o: ms.read_runs(p, x="x_mm", z="z_um", **o), streamed)
+    for door in doors:
+        with pytest.raises(ms.errors.AmbiguousFormatError, match=r"line 42\)") as caught:
+            door(path)
+        hint = re.search(r"missing='([^']*)'", str(caught.value)).group(1)
+        door(path, missing=hint)
+    z = ms.read(path, missing=hint).z
+    assert np.flatnonzero(np.isnan(z)).tolist() == at
+    assert float(np.nanmax(np.abs(z))) < 3 * UM
+    assert np.isfinite(ms.read(path, missing="none").z).all()
+
+
+def test_one_marker_far_down_a_long_file_of_coarse_numbers_is_found(put):
+    lines = [f"{0.001 * i:.3f},{round(np.sin(i), 3)}" for i in range(60_000)]
+    lines[59_000] = "59.000,-9999"
+    path = put(table("x_mm,z_um", *lines))
+
+    for door in (ms.read, streamed):
+        with pytest.raises(ms.errors.AmbiguousFormatError, match=r"line 59002\)"):
+            door(path)
+
+
+def test_two_markers_on_both_sides_are_both_named(put):
+    lines = [f"{a:.1f},{b}" for a, b in wave(100)]
+    lines[20], lines[50] = "2.0,9999", "5.0,-9999"
+    path = put(table("x_mm,z_um", *lines))
+
+    with pytest.raises(ms.errors.AmbiguousFormatError, match="holds 9999 "):
+        ms.read(path)
+    with pytest.raises(ms.errors.AmbiguousFormatError, match="holds -9999 "):
+        _without(path, "9999")
+    assert np.isnan(ms.read(path, missing="9999,-9999").z).sum() == 2
+
+
+def _without(path, marker):
+    """Read a file in which one marker was blanked by hand."""
+    other = path.with_name("other.csv")
+    other.write_text(path.read_text().replace(f",{marker}", ","))
+    return ms.read(other)
+
+
+def test_any_value_that_repeats_far_away_is_reported(put):
+    lines = [f"{a:.1f},{b if i % 9 else 700.25}" for i, (a, b) in enumerate(wave(90))]
+
+    found = check_file(put(table("x_mm,z_um", *lines)))
+
+    assert any("holds 700.25 in 10 row(s)" in f.problem for f in found)
+
+
+@pytest.mark.parametrize("kind", range(8))
+def test_no_signal_is_taken_for_a_marker(put, kind):
+    rng = np.random.default_rng(kind)
+    n = 400
+    white = rng.standard_normal(n)
+    signal = [
+        white, np.cumsum(white), np.sin(np.arange(n) / 9.0), np.sign(white) + 0.01 * white,
+        np.round(white, 1), rng.standard_t(2, n), np.where(np.arange(n) == 77, 40.0, white),
+        np.clip(white, -1.0, 1.0) + 9999.0,
+    ][kind]  # fmt: skip
+    lines = [f"{0.1 * i:.1f},{v:.6g}" for i, v in enumerate(signal.tolist())]
+
+    assert ms.read(put(table("x_mm,z_um", *lines))).metadata["warnings"] == ()
+
+
+# Rows that look like something else
+
+
+def test_an_error_cell_at_the_begin_of_a_row_is_no_comment(put):
+    lines = [f"{b};{0.1 * i:.1f}" for i, (_, b) in enumerate(wave())]
+    lines[30] = "#N/A;3.0"
+    lines[40] = ";4.0"
+
+    profile = ms.read(put(table("z_um;x_mm", *lines)))
+
+    assert len(profile) == 60
+    assert np.flatnonzero(np.isnan(profile.z)).tolist() == [30, 40]
+
+
+def test_a_number_cut_within_its_digits_is_said_where_it_can_be(put):
+    text = table("x_mm,z_um", *(f"{a:.1f},{b}" for a, b in wave()))[:-3]
+
+    (said,) = ms.read(put(text)).metadata["warnings"]
+
+    assert "line 61, the last one, has no line end" in said
+
+
+def test_lines_are_set_aside_by_their_number_and_listed(put):
+    lines = [f"{a:.1f},{b}" for a, b in wave()]
+    lines[10:12] = ["1.0,broken,7", "1.1,1..2"]
+
+    profile = ms.read(put(table("x_mm,z_um", *lines)), skip_lines="12-13")
+
+    assert len(profile) == 58
+    listed = profile.metadata["lines"]["listed"]["set aside"]
+    assert listed == {"numbers": "12-13", "texts": ("1.0,broken,7", "1.1,1..2")}
+
+
+def test_a_line_without_a_sample_is_said_where_time_is_counted_by_rows(put):
+    lines = [f"{b}" for _, b in wave()]
+    lines.insert(30, "")
+    path = put(table("gap_um", *lines))
+
+    (said,) = ms.read(path, sampling_rate="1 kHz").metadata["warnings"]
+
+    assert "line 32 stands between the rows and holds no sample" in said
+
+
+@pytest.mark.parametrize("row", [",", ",0.5", "nan,0.5"])
+def test_a_row_without_a_position_is_named_by_its_line(put, row):
+    lines = [f"{a:.1f},{b}" for a, b in wave()]
+    lines[20] = row
+
+    for door in (ms.read, lambda p: ms.read_runs(p, x="x_mm", z="z_um")):
+        with pytest.raises(ms.errors.MetrosepError, match="line 22"):
+            door(put(table("x_mm,z_um", *lines)))
+
+
+@pytest.mark.parametrize("at", [3, 200, 999, 90_000])
+def test_one_separator_too_many_loses_no_row_wherever_it_stands(put, at):
+    n = max(1000, at + 10)
+    lines = [f"{0.001 * i:.3f},{np.sin(i):.4f}" for i in range(n)]
+    lines[at] += ","
+    path = put(table("t_s,z_um", *lines))
+
+    whole = ms.read(path)
+    (found,) = [np.concatenate([c["z_um"] for c in streamed(path)])]
+
+    assert len(whole) == found.size == n
+    assert f"first: line {at + 2}" in " ".join(whole.metadata["warnings"])
+    assert any(f"line {at + 2}" in f.problem for f in check_file(path))
+
+
+# Several runs in one file
+
+
+def runs_table(*, run=True, time=False, n_runs=4, n=50):
+    rows = ["".join(["run," * run, "t_s," * time, "pos_mm,gap_um"])]
+    for r in range(n_runs):
+        for i in range(n):
+            z = np.sin(0.9 * i) + 0.01 * r
+            rows.append(f"{f'{r},' * run}{f'{1e-3 * i:.3f},' * time}{0.5 * i:.2f},{z:.5f}")
+    return table(*rows)
+
+
+@pytest.mark.parametrize("run", [True, False])
+@pytest.mark.parametrize("time", [True, False])
+def test_a_valid_file_of_several_runs_is_no_error(put, capsys, run, time):
+    path = put(runs_table(run=run, time=time))
+
+    findings = check_file(path)
+
+    assert code_of("check", str(path)) == 0
+    assert "error" not in capsys.readouterr().out
+    assert [f.level for f in findings] == ["note"]
+    apart = "told apart by column 'run'" if run else "begin at lines 2, 52, 102, 152"
+    assert apart in findings[0].problem
+    with pytest.raises(ms.errors.FormatMismatchError, match="holds 4 runs") as caught:
+        ms.read(path)
+    call = re.search(r"metrosep\.(read_runs\(.*?\)), or", str(caught.value)).group(1)
+    found = eval(call, {"read_runs": ms.read_runs})  # noqa: S307  the call that the message gives
+    assert [len(r) for r in found] == [50] * 4
+    np.testing.assert_allclose(found[0].x, 0.5e-3 * np.arange(50), rtol=1e-12)
+
+
+def code_of(*words):
+    with pytest.raises(SystemExit) as caught:
+        main(list(words))
+    return caught.value.code or 0
+
+
+# Hints
+
+
+TITLES = table("By hand, in spring", "x_mm,z_um", *(f"{a:.1f},{b}" for a, b in wave()))
+ROWS = [f"{a:.1f},{b}" for a, b in wave()]
+HINTED = {
+    "title": TITLES,
+    "text inside": table("x_mm,z_um", *ROWS[:30], "pause, new part", *ROWS[30:]),
+    "field lost": table("x_mm,z_um", *ROWS[:30], "2.95", *ROWS[30:]),
+    "odd word": table("x_mm,z_um", *ROWS[:30], "2.95,broken", *ROWS[30:]),
+    "odd quote": table("x_mm,z_um", *ROWS[:30], '2.95,1"', *ROWS[30:]),
+    "marker": table("x_mm,z_um", *ROWS[:30], "2.95,-9999", *ROWS[30:]),
+    "cut": table("x_mm,z_um", *ROWS) + "6.0",
+}
+COMMANDS = {
+    "info": "info {}",
+    "check": "check {}",
+    "measure": "measure {} --params Pa",
+    "convert": "convert {} {}.out.csv --force",
+    "form": "form {}",
+    "separate": "separate {} --x x_mm --z z_um --feed '90 mm/min' --method mean",
+    "verify": "verify TABLE --against {} --x x_mm --z z_um --feed '90 mm/min'",
+}
+
+
+@pytest.fixture(scope="module")
+def comp(tmp_path_factory):
+    x = np.linspace(0.0, 6e-3, 61)
+    table_ = ms.compensation.CompensationTable.from_error(
+        ms.Profile(x, 1e-6 * np.sin(900 * x)),
+        positions=np.linspace(0.0, 5.5e-3, 12),
+        axis="X",
+        compensates="X",
+    )
+    path = tmp_path_factory.mktemp("table") / "x.csv"
+    ms.controllers.write(table_, path, controller="csv", sign_confirmed=True)
+    return path
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("damage", HINTED)
+def test_every_hint_works_in_the_command_that_prints_it(put, capsys, request, command, damage):
+    path = put(HINTED[damage])
+    words = COMMANDS[command].replace("TABLE", "{table}")
+    given = {"table": request.getfixturevalue("comp")} if command == "verify" else {}
+    typed = shlex.split(words.format(path, path, **given))
+
+    assert code_of(*typed) in (1, 2, 4)
+    said = "".join(capsys.readouterr())
+    hints = re.findall(
+        r'--set "[^"]+"|--(?:skip-\w+|missing|thousands|decimal) "?[^\s;,"]+"?', said
+    )
+    assert hints, said
+    for hint in hints:
+        code = code_of(*typed, *shlex.split(hint))
+        out = "".join(capsys.readouterr())
+        assert code in (0, 1, 3) or "no single step" in out, (hint, out)  # a row less is a gap
+        assert "Usage" not in out
+        assert "field line" not in out
+
+
+def test_many_lines_above_a_table_are_left_out_at_every_door_by_the_option_that_is_named(put):
+    prose = [f"remark {i}: nothing, of interest; here" for i in range(80)]
+    path = put(table(*prose, "t_s,z_um", *ROWS))
+
+    for door in (ms.read, lambda p, **o: ms.read_runs(p, x="z_um", z="z_um", **o), streamed):
+        with pytest.raises(ms.errors.MetrosepError, match=r"skip_rows="):
+            door(path)
+    assert len(ms.read(path, skip_rows=80)) == 60
+    assert sum(len(c["z_um"]) for c in streamed(path, skip_rows=80)) == 60
+    assert [f.level for f in check_file(path, skip_rows="80")] == []
+
+
+@pytest.mark.parametrize("run", [True, False])
+@pytest.mark.parametrize("command", ["info", "check", "measure", "convert", "form"])
+def test_the_call_that_separates_runs_works_as_it_is_printed(put, capsys, command, run):
+    path = put(runs_table(run=run))
+    code_of(*shlex.split(COMMANDS[command].format(path, path)))
+    said = "".join(capsys.readouterr())
+    call = re.search(r"separate them with: metrosep (separate .*)", said)
+    if call is None:
+        assert command == "info"
+        return
+
+    code_of(*shlex.split(call.group(1)), "--feed", "90 mm/min", "--method", "mean")
+    assert "ErrorEstimate(mean" in capsys.readouterr().err
