@@ -16,9 +16,19 @@ from metrosep.separation.terms import Terms
 from metrosep.separation.weights import RowWeights
 from metrosep.spectral.autoregressive import AutoregressiveModel
 
-__all__ = ["Solution", "considered_amplitudes", "make_solution"]
+__all__ = ["LagTest", "Solution", "considered_amplitudes", "make_solution"]
 
 FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class LagTest:
+    """Lag beside the stated one and its u in s, its probability, and whether it was then fitted."""
+
+    lag: float
+    u: float
+    probability: float
+    fitted: bool
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,6 +77,8 @@ class Solution:
         Growth of the variance because probes share passes, correlation, number of such pairs.
     probe_differences : tuple of ProbeDifference
         Of the sensitivities, where they were not fitted.
+    lag_test : LagTest or None
+        Where the feedrates can show a lag and it was not fitted in any case.
     """
 
     origin: float
@@ -95,6 +107,7 @@ class Solution:
     feed_test: tuple[float, int] | None
     sharing: tuple[float, float, int]
     probe_differences: tuple[ProbeDifference, ...] = ()
+    lag_test: LagTest | None = None
 
 
 def considered_amplitudes(
@@ -119,6 +132,7 @@ def make_solution(
     found: list[FoundLine],
     feed_test: tuple[float, int] | None,
     differences: tuple[ProbeDifference, ...] = (),
+    lag_test: LagTest | None = None,
 ) -> Solution:
     """Return the solution in the units of the runs; dropped wavelengths keep what was considered."""
     n, k, f = len(system.runs), system.n_harmonics, system.n_fixed
@@ -177,4 +191,5 @@ def make_solution(
         feed_test=feed_test,
         sharing=(*system.sharing, len(system.passes)),
         probe_differences=differences,
+        lag_test=lag_test,
     )

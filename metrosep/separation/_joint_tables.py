@@ -203,6 +203,20 @@ def joint_audit(
         "noise_order_chosen_by": "AICc",
         "effective_parameters": solution.freedom,
         "false_discovery_rate": rate,
+        "lag_test": _lag_audit(solution),
         "line_removed": "least squares over the evaluation range",
         "run_offsets_nm": (solution.offsets / _NM).tolist(),
+    }
+
+
+def _lag_audit(solution: Solution) -> dict[str, Any] | None:
+    """Return what the test of a lag beside the stated one found."""
+    test = solution.lag_test
+    if test is None:
+        return None
+    return {
+        "lag_ms": test.lag * 1e3,
+        "u_ms": test.u * 1e3,
+        "probability": test.probability,
+        "fitted": test.fitted,
     }

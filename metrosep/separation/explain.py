@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core.runset import RunSet
-from metrosep.separation.solver import Solution
+from metrosep.separation.solver import LAG_CHI2, Solution
 from metrosep.spectral.autoregressive import AutoregressiveModel
 
 __all__ = ["explain_disturbances", "explain_lag", "explain_resolution", "noise_peaks"]
@@ -168,26 +168,46 @@ def _better_feed(
     return None if best is None else best[1]
 
 
-def explain_lag(solution: Solution, *, fitted: bool, n_selected: int = 1) -> tuple[str, ...]:
+def explain_lag(
+    solution: Solution, *, mode: Literal["stated", "auto", "fit"], n_selected: int = 1
+) -> tuple[str, ...]:
     """Say what the fitted lag is and whether the data determine it.
 
     Parameters
     ----------
     solution : Solution
         With lag and its uncertainty.
-    fitted : bool
-        Whether the lag was fitted.
+    mode : {"stated", "auto", "fit"}
+        Whether the lag was stated, corrected where it shows, or fitted in any case.
     n_selected : int, optional
         Wavelengths that repeat beyond chance; without any, nothing shows a lag.
 
     Returns
     -------
     tuple of str
-        Nothing where it was stated.
+        Nothing where no lag was found or asked for.
     """
-    if not fitted:
-        return ()
     value, sd = solution.lag * 1e3, solution.lag_sd * 1e3
+    test = solution.lag_test
+    if mode == "auto":
+        if test is None or not test.fitted:
+            return ()
+        return (
+            (
+                f"readings lag the position by {value:.3g} ms (u {sd:.2g} ms): found by lag='auto' and "
+                'corrected; lag=0.0 (command line: --lag "0 ms") leaves it in'
+            ),
+        )
+    if mode == "stated":
+        if test is None or test.lag**2 <= LAG_CHI2 * test.u**2:
+            return ()
+        return (
+            (
+                f"readings lag the position by {value + test.lag * 1e3:.3g} ms (u {test.u * 1e3:.2g} ms), "
+                f"{value:.3g} ms was stated: not corrected, and the uncertainty does not hold it; "
+                "lag='auto' (command line: --lag auto) corrects it"
+            ),
+        )
     if sd > 2.0 or n_selected == 0:
         return (
             (

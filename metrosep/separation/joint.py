@@ -64,7 +64,7 @@ def separate_joint(
     length: float | None = None,
     start: float | None = None,
     shortest: float | None = None,
-    lag: float | Literal["fit"] = 0.0,
+    lag: float | Literal["auto", "fit"] = "auto",
     min_feeds: int = 2,
     false_discovery_rate: float = 0.05,
     drift: int = 0,
@@ -87,8 +87,10 @@ def separate_joint(
         Evaluation range; the common travel if omitted.
     shortest : float, m, optional
         Shortest wavelength of the model; chosen by evidence if omitted.
-    lag : float or "fit", s, optional
-        Delay of the reading against the position, positive when the reading is late.
+    lag : float, "auto" or "fit", s, optional
+        Delay of the reading against the position, positive when the reading is late. It is tested
+        for in every fit of two feedrates: "auto" corrects it as far as the readings show one, a
+        number is kept and what is found beside it is said, "fit" fits it in any case.
     min_feeds : int, optional
         Feedrates that must be there; 1 accepts that random vibration is only averaged.
     false_discovery_rate : float, optional
@@ -162,7 +164,10 @@ def separate_joint(
     period = _PERIOD_SHARE * (high - low)
     options.check_waves(period)
     n_harmonics, limit = _n_harmonics(prepared, period=period, shortest=shortest)
-    start_lag = 0.0 if lag == "fit" else _checked_lag(lag)
+    start_lag = 0.0 if lag in ("auto", "fit") else _checked_lag(lag)
+    mode: Literal["stated", "auto", "fit"] = "stated"
+    if isinstance(lag, str):
+        mode = "fit" if lag == "fit" else "auto"
     solution = solve_joint(
         prepared,
         origin=first,
@@ -170,7 +175,7 @@ def separate_joint(
         n_harmonics=n_harmonics,
         choose_shortest=shortest is None,
         lag=start_lag,
-        fit_lag=lag == "fit",
+        lag_mode=mode,
         options=options,
         several_feeds=n_feeds > 1,
     )
@@ -187,7 +192,7 @@ def separate_joint(
             runs=runs,
             n_selected=sum(spectrum["selected"]),
         ),
-        *explain_lag(solution, fitted=lag == "fit", n_selected=sum(spectrum["selected"])),
+        *explain_lag(solution, mode=mode, n_selected=sum(spectrum["selected"])),
         *explain_disturbances(solution, runs, spectrum),
         *sentences,
         *hint_options(solution, prepared, options),
@@ -247,7 +252,7 @@ def _check_feeds(runs: RunSet, *, min_feeds: int, fit_lag: bool) -> None:
 
 def _checked_lag(lag: Any) -> float:
     if isinstance(lag, bool) or not isinstance(lag, int | float | np.number):
-        raise DataError(f"lag is a number in seconds or 'fit', got {lag!r}; 1 ms is 1e-3")
+        raise DataError(f"lag is a number in seconds, 'auto' or 'fit', got {lag!r}; 1 ms is 1e-3")
     value = float(lag)
     if not math.isfinite(value) or abs(value) > 1.0:
         raise UnitError(f"lag is {value} s; it must be finite and below 1 s: 1 ms is 1e-3")
