@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -79,6 +80,8 @@ class Solution:
         Of the sensitivities, where they were not fitted.
     lag_test : LagTest or None
         Where the feedrates can show a lag and it was not fitted in any case.
+    bridged : sequence of ndarray, m
+        Residuals, rejected samples replaced by what the noise model expects there: for spectra.
     """
 
     origin: float
@@ -108,6 +111,15 @@ class Solution:
     sharing: tuple[float, float, int]
     probe_differences: tuple[ProbeDifference, ...] = ()
     lag_test: LagTest | None = None
+    bridged: Sequence[FloatArray] = ()
+
+    @property
+    def kept_residuals(self) -> list[FloatArray]:
+        """Residuals of the readings that the fit used: rejected ones are NaN."""
+        if self.weights is None:
+            return self.residuals
+        pairs = zip(self.residuals, self.weights.marked, strict=True)
+        return [np.where(marked, np.nan, residual) for residual, marked in pairs]
 
 
 def considered_amplitudes(
@@ -192,4 +204,13 @@ def make_solution(
         sharing=(*system.sharing, len(system.passes)),
         probe_differences=differences,
         lag_test=lag_test,
+        bridged=_bridged(system),
     )
+
+
+def _bridged(system: System) -> list[FloatArray]:
+    """Return the residuals in m with rejected samples replaced by the noise model's expectation."""
+    residuals = system.residuals()
+    if system.weights is not None:
+        residuals = system.weights.bridged(residuals, system.groups, system.noise)
+    return [r * system.scale for r in residuals]

@@ -116,7 +116,7 @@ def residual_psd_columns(runs: list[PreparedRun], solution: Solution) -> dict[st
     runs : list of PreparedRun
         Of the joint fit.
     solution : Solution
-        With residuals and noise models; those of other intervals are in the audit.
+        With residuals, rejected samples bridged, and noise models; those of other intervals are in the audit.
 
     Returns
     -------
@@ -132,7 +132,7 @@ def residual_psd_columns(runs: list[PreparedRun], solution: Solution) -> dict[st
     ]
     group = int(np.argmax(sizes))
     model = solution.noise[group]
-    records = [r for r, o in zip(solution.residuals, owner, strict=True) if o == group]
+    records = [r for r, o in zip(solution.bridged, owner, strict=True) if o == group]
     size = _unbroken_segment(records)
     if size < _SHORTEST_SEGMENT:  # an estimate must not fail for want of a picture
         return {"frequency_hz": [], "psd_nm2_per_hz": [], "model_nm2_per_hz": []}

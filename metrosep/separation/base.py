@@ -55,7 +55,8 @@ class ErrorEstimate:
     spectrum_data, feed_spectra_data, residual_psd_data : mapping of str to list
         Columns of the tables of the same names.
     residual_rms : float, m
-        RMS of the readings about the estimate, all runs.
+        RMS of the readings about the estimate, all runs; without those that a robust fit rejected,
+        which are in ``terms["robust"]``.
     lag, lag_sd : float, s
         Delay of the reading against the position, and its standard uncertainty (NaN if it was
         given, not fitted).

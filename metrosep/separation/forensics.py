@@ -18,7 +18,7 @@ Source: the project's notes on separation, sections 4.1, 4.4 and 6.4.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -50,6 +50,8 @@ _REFUSED_SHARE = 0.05
 
 _ZERO_STEPS = 0.3
 """Share of equal neighbours from which readings count as steps; white noise of one step has 0.28."""
+
+_STUCK = "stuck"
 
 _RMS_NAMED, _RMS_REFUSED = 5.0, 50.0
 """RMS of a run over that of the median run: another unit or gain; the model breaks down."""
@@ -95,6 +97,9 @@ _GRID, _LEAST_GRID = 2048, 24
 
 _MOST_NAMED = 4
 """Runs whose faults an error message spells out."""
+
+_BLOCKS = 8
+"""Most parts of which one is left out when it is asked what a shift owes to the other runs."""
 
 _ROUNDS = 4
 _ORDERS = (0, 1, 2, 4, 8, 16, 24)
@@ -260,7 +265,10 @@ def check_runs(
     found.gain = np.full((len(runs), 2), np.nan)
     found.shift = np.full((len(runs), 2), np.nan)
     steps = np.array([_check_alone(i, run, found) for i, run in enumerate(runs)])
-    _check_twice(runs, steps, found)
+    if all(any(text.endswith(_STUCK) for text in said) for said in found.said):
+        found.said, found.refused = [[] for _ in runs], [False] * len(runs)  # no error at all
+    for probe in dict.fromkeys(names):
+        _check_twice(runs, [i for i, p in enumerate(names) if p == probe], steps, found)
     rms = np.array([_rms(run) for run in runs])
     for probe in dict.fromkeys(names):
         _check_sizes(rms, [i for i, p in enumerate(names) if p == probe], found)
@@ -327,7 +335,7 @@ def _check_alone(index: int, run: Run, found: _Findings) -> float:
     n = z.size
     values, counts = np.unique(z, return_counts=True)
     if values.size == 1:
-        found.say(index, f"reads {format_length(float(z[0]))} everywhere: stuck", refused=True)
+        found.say(index, f"reads {format_length(float(z[0]))} everywhere: {_STUCK}", refused=True)
         return 0.0
     if n < _STREAK:
         return 0.0
@@ -375,12 +383,15 @@ def _streaks(z: FloatArray) -> NDArray[np.intp]:
     return np.column_stack([edges[:-1], np.diff(edges)])
 
 
-def _check_twice(runs: RunSet, steps: FloatArray, found: _Findings) -> None:
+def _check_twice(
+    runs: RunSet, members: Sequence[int], steps: FloatArray, found: _Findings
+) -> None:
     """Name runs whose readings are those of an earlier one, whole or for 20 in a row."""
     seen: dict[bytes, int] = {}
     where: dict[tuple[float, ...], tuple[int, int]] = {}
-    for i, run in enumerate(runs):
-        if found.refused[i] and np.ptp(run.z[~np.isnan(run.z)]) == 0.0:
+    for i in members:
+        run = runs[i]
+        if np.ptp(run.z[~np.isnan(run.z)]) == 0.0:
             continue
         key = run.z.tobytes()
         twin = seen.get(key)
@@ -440,7 +451,7 @@ def _check_sizes(rms: FloatArray, members: Sequence[int], found: _Findings) -> N
     if len(alive) == 2:
         low, high = sorted(alive, key=lambda i: rms[i])
         ratio = float(rms[high] / rms[low]) if rms[low] > 0.0 else math.inf
-        if ratio > _RMS_NAMED:
+        if rms[low] > 0.0 and ratio > _RMS_NAMED:
             text = f"reads {ratio:.3g} times as much as run {found.labels[low]}: unit or gain"
             found.say(high, f"{text} of one of them", refused=ratio > _RMS_REFUSED)
         return
@@ -528,22 +539,27 @@ def _check_group(runs: RunSet, table: _Table, found: _Findings) -> tuple[float, 
     if table.compared.sum() < 2:
         return None
     gain, shift = _gains_and_shifts(runs, table)
+    own = gain[table.compared & np.isfinite(gain).all(axis=1)]
+    if len(own) < 2 or np.median(np.abs(own[:, 0]) / own[:, 1]) < _SEEN:
+        return None  # no error is seen by which runs could be compared
     bad = _suspects(table, gain)
     displaced, feeds, lag = _displaced(runs, table, gain, shift, list(bad))
-    if (bad or displaced) and table.compared.sum() - len(bad | displaced) >= 2:
-        table.reference[[*bad, *displaced]] = False  # compare again with those that agree
+    odd = {*bad, *displaced, *(i for rows in feeds.values() for i in rows)}
+    if odd and table.compared.sum() - len(odd) >= 2:
+        table.reference[list(odd)] = False  # compare again with those that agree
         gain, shift = _gains_and_shifts(runs, table)
         bad = _suspects(table, gain)
         displaced, feeds, lag = _displaced(runs, table, gain, shift, list(bad))
     for i, run in enumerate(table.members):
         if table.compared[i]:
-            found.gain[run], found.shift[run] = gain[i], shift[i]
+            found.gain[run] = gain[i]
+            found.shift[run] = shift[i, 0], math.hypot(shift[i, 1], shift[i, 2])
     texts = {i: (text, False) for i, text in displaced.items()} | bad
     n = int(table.compared.sum()) - len(texts)
     for i, (text, refused) in texts.items():
         others = f"the other {n} runs" if n > 1 else "the other run"
         found.say(table.members[i], text + others, refused=refused)
-    found.common += feeds
+    found.common += list(feeds)
     return lag
 
 
@@ -555,7 +571,7 @@ def _gains_and_shifts(runs: RunSet, table: _Table) -> tuple[FloatArray, FloatArr
     sign, shift = _first_alignment(z, table.reference, reach, float(x[1] - x[0]))
     size = np.sqrt(np.mean(z**2, axis=1)) + 1e-300
     gain = np.where(left_out, 1.0, sign * size / float(np.median(size[table.reference])))
-    out_gain, out_shift = np.full((len(z), 2), np.nan), np.full((len(z), 2), np.nan)
+    out_gain, out_shift = np.full((len(z), 2), np.nan), np.full((len(z), 3), np.nan)
     feeds = np.array([runs[i].feed or 0.0 for i in table.members])
     models: dict[int, AutoregressiveModel] = {}
     for _ in range(_ROUNDS):
@@ -568,7 +584,8 @@ def _gains_and_shifts(runs: RunSet, table: _Table) -> tuple[FloatArray, FloatArr
         aligned = np.array([_flat(x, row) for row in aligned])
         keep = _repeating(aligned[table.reference])
         columns = [
-            _columns(x, aligned, i, table.reference, float(shift[i]), keep) for i in range(len(z))
+            _columns(x, aligned, _others(feeds, table.reference, i), float(shift[i]), keep)
+            for i in range(len(z))
         ]
         fits = [
             np.linalg.lstsq(c, row, rcond=None)[0] for c, row in zip(columns, z, strict=True)
@@ -590,16 +607,48 @@ def _gains_and_shifts(runs: RunSet, table: _Table) -> tuple[FloatArray, FloatArr
             limit = 0.5 * reach * (x[1] - x[0])
             if math.isfinite(step[0]):
                 shift[i] = float(np.clip(shift[i] + step[0], -2 * limit, 2 * limit))
-                out_shift[i] = shift[i], step[1]
+                out_shift[i] = shift[i], step[1], 0.0
             if math.isfinite(out_gain[i, 0]) and abs(out_gain[i, 0]) > 1e-6:
                 gain[i] = out_gain[i, 0]
         own = out_gain[table.reference, 0]
         middle = float(np.median(np.abs(own))) * (1.0 if np.sign(own).sum() >= 0.0 else -1.0)
         if math.isfinite(middle) and abs(middle) > 1e-6:
             gain, out_gain = gain / middle, out_gain * np.array([1 / middle, 1 / abs(middle)])
-    middle_shift = float(np.median(out_shift[table.reference, 0]))
-    out_shift[:, 0] -= middle_shift
+    for i in np.flatnonzero(table.compared):
+        others = _others(feeds, table.reference, i)
+        out_shift[i, 2] = _by_reference(
+            x, aligned, others, keep, table.z[i], models[i], float(shift[i])
+        )
+    out_shift[:, 0] -= float(np.median(out_shift[table.reference, 0]))
     return out_gain, out_shift
+
+
+def _by_reference(
+    x: FloatArray,
+    aligned: FloatArray,
+    others: NDArray[np.bool_],
+    keep: FloatArray,
+    z: FloatArray,
+    model: AutoregressiveModel,
+    shift: float,
+) -> float:
+    """Return what a shift changes with the choice of the runs compared with (jackknife).
+
+    A line of a vibration near a wave of the error moves that wave in the reference: all runs of
+    a feedrate then seem displaced, and no residual shows it.
+    """
+    rows = np.flatnonzero(others)
+    blocks = [b for b in np.array_split(rows, min(rows.size, _BLOCKS)) if b.size]
+    if len(blocks) < 2:
+        return 0.0
+    found = []
+    for block in blocks:
+        left = others.copy()
+        left[block] = False
+        columns = _columns(x, aligned, left, shift, keep, middle=np.nanmean)
+        found.append(_solve(columns, z, model)[1][0])
+    n = len(blocks)
+    return math.sqrt((n - 1) / n * float(((np.array(found) - np.mean(found)) ** 2).sum()))
 
 
 def _first_alignment(
@@ -646,25 +695,35 @@ def _repeating(rows: FloatArray) -> FloatArray:
     return np.asarray(np.clip(1.0 - noise / np.maximum(both, 1e-300), 0.0, 1.0))
 
 
+def _others(feeds: FloatArray, reference: NDArray[np.bool_], index: int) -> NDArray[np.bool_]:
+    """Return the runs that one is compared with: of other feedrates where there are two.
+
+    At its own feedrate a vibration has the same wavelength in every run, and could be taken for
+    an error that is displaced.
+    """
+    others = reference.copy()
+    others[index] = False
+    apart = others & (np.abs(feeds - feeds[index]) > 0.02 * feeds[index])
+    if apart.sum() >= 2:
+        return apart
+    return others if others.any() else reference
+
+
 def _columns(
     x: FloatArray,
     aligned: FloatArray,
-    index: int,
-    reference: NDArray[np.bool_],
+    others: NDArray[np.bool_],
     shift: float,
     keep: FloatArray,
+    middle: Callable[..., Any] = np.nanmedian,
 ) -> FloatArray:
     """Return what the others read, its change with a shift, a constant and a line."""
     from scipy.fft import dct, idct
 
-    others = reference.copy()
-    others[index] = False
-    if not others.any():
-        others[index] = True
     rows = aligned[others]
     known = ~np.isnan(rows).all(axis=0)
     g = np.zeros(x.size)
-    g[known] = np.nanmedian(rows[:, known], axis=0)
+    g[known] = middle(rows[:, known], axis=0)
     g = np.asarray(idct(keep * dct(g, norm="ortho"), norm="ortho"))
     here = np.interp(x - shift, x, g)
     slope = np.interp(x - shift, x, np.gradient(g, x))
@@ -748,18 +807,19 @@ def _displaced(
     gain: FloatArray,
     shift: FloatArray,
     left_out: Sequence[int],
-) -> tuple[dict[int, str], list[str], tuple[float, float] | None]:
-    """Return what to say of displaced runs, of displaced feeds, and the delay with its u."""
+) -> tuple[dict[int, str], dict[str, list[int]], tuple[float, float] | None]:
+    """Return what to say of displaced runs and of displaced feeds, and the delay with its u."""
     rows = [
         int(i)
         for i in np.flatnonzero(table.compared & np.isfinite(shift).all(axis=1))
         if i not in left_out
     ]
-    seen = np.median(np.abs(gain[rows, 0]) / gain[rows, 1]) if rows else 0.0
-    if len(rows) < 2 or seen < _SEEN:
-        return {}, [], None
-    d, u = shift[rows, 0], np.hypot(shift[rows, 1], 0.02 * (table.x[1] - table.x[0]))
-    g = np.nanmedian(table.z[table.reference], axis=0)
+    if len(rows) < 2:
+        return {}, {}, None
+    own_u = np.hypot(shift[rows, 1], 0.02 * (table.x[1] - table.x[0]))
+    shared_u = shift[rows, 2]  # that of the reference, the same for all runs of a feedrate
+    d, u = shift[rows, 0], np.hypot(own_u, shared_u)
+    g = _median(table.z[table.reference])
     slope = float(np.sqrt(np.nanmean(np.gradient(g, table.x) ** 2)))
     least = _SHIFT_SHARE * float(np.sqrt(np.nanmean(g**2))) / max(slope, 1e-300)
     timed = all(runs[table.members[i]].feed is not None for i in rows)
@@ -770,24 +830,25 @@ def _displaced(
     n_feeds = int(feed_of.max()) + 1
     everything = np.ones(v.size, dtype=bool)
     line, lowest = _shift_line(v, d, u, everything, n_feeds > 1)
-    feeds: list[str] = []
+    feeds: dict[str, list[int]] = {}
     told = everything.copy()
     for f in range(n_feeds) if n_feeds >= 3 else ():
         own = feed_of == f
         other, left = _shift_line(v, d, u, ~own, True)
         away = float(np.median((d - _line_at(other, v))[own]))
         left += float(np.minimum((((d - _line_at(other, v)) - away)[own] / u[own]) ** 2, _SURE**2).sum())
-        sd = float((1.0 / u[own] ** 2).sum()) ** -0.5
+        sd = _u_together(own_u[own], shared_u[own])
         about = (d - _line_at(other, v) - np.where(own, away, 0.0)) / u
         sure = max(_needed(sd, about), least)
         if own.sum() > 1 and left < lowest - _SURE**2 and abs(away) > sure:
             line, told, lowest = other, ~own, left + _SURE**2
-            feeds = [
+            sentence = (
                 f"the runs at {abs(float(v[own].mean())) * 6e4:.6g} mm/min are displaced by "
                 f"{format_length(away)} (u {format_length(sd, digits=2)}) against those of the "
                 "other feedrates: check where they start; the error is blurred by it and the "
                 "uncertainty does not hold"
-            ]
+            )
+            feeds = {sentence: [rows[j] for j in np.flatnonzero(own)]}
     rest = d - _line_at(line, v)
     needed = [_needed(float(u[j]), np.delete(rest / u, j)[np.delete(told, j)]) for j in range(v.size)]
     far = told & (np.abs(rest) > np.maximum(needed, least)) & (len(rows) > 2 or n_feeds == 1)
@@ -798,17 +859,25 @@ def _displaced(
     }
     kept = told & ~far
     lag = None
-    if np.unique(feed_of[kept]).size > 1:
-        weight = 1.0 / u[kept] ** 2
-        centred = v[kept] - weight @ v[kept] / weight.sum()
-        information = float(weight @ centred**2)
-        own_lag = float(weight @ (centred * d[kept]) / information)
-        left = d[kept] - d[kept].mean() - own_lag * centred
-        left = (left - weight @ left / weight.sum()) / u[kept]
-        u_lag = information**-0.5
-        if abs(own_lag) > _needed(u_lag, left, sure=_SURE_LAG, rare=_RARE_LAG):
-            lag = own_lag, u_lag * max(1.0, float(np.sqrt(np.mean(left**2))))
+    groups = [kept & (feed_of == f) for f in range(n_feeds) if (kept & (feed_of == f)).any()]
+    if len(groups) > 1:
+        weight = np.array([_u_together(own_u[g], shared_u[g]) for g in groups]) ** -2
+        place = np.array([np.average(d[g], weights=u[g] ** -2) for g in groups])
+        speed = np.array([v[g].mean() for g in groups])
+        speed = speed - weight @ speed / weight.sum()
+        information = float(weight @ speed**2)
+        own_lag = float(weight @ (speed * place) / information)
+        left = place - own_lag * speed
+        left = (left - weight @ left / weight.sum()) * np.sqrt(weight)
+        u_lag = information**-0.5 * max(1.0, math.sqrt(float(left @ left) / max(len(groups) - 2, 1)))
+        if abs(own_lag) > _needed(information**-0.5, left[1:], sure=_SURE_LAG, rare=_RARE_LAG):
+            lag = own_lag, u_lag
     return said, feeds, lag
+
+
+def _u_together(own: FloatArray, shared: FloatArray) -> float:
+    """Return the u of a mean of shifts whose reference is the same."""
+    return math.hypot(float((own**-2).sum()) ** -0.5, float(shared.mean()))
 
 
 def _line_at(line: tuple[float, float], v: FloatArray) -> FloatArray:

@@ -205,7 +205,7 @@ def separate_joint(
         runs, names, start=first, stop=last, rate=false_discovery_rate
     )
     feed_term = feed_curves(solution, options, (first, last), (low, high))
-    residual = np.concatenate(solution.residuals)
+    residual = np.concatenate(solution.kept_residuals)
     return ErrorEstimate(
         method="joint",
         start=first,
