@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,6 +82,8 @@ class Solution:
         Where the feedrates can show a lag and it was not fitted in any case.
     bridged : sequence of ndarray, m
         Residuals, rejected samples replaced by what the noise model expects there: for spectra.
+    plain_covariance : ndarray, shape (1 + 2 K, 1 + 2 K)
+        `covariance` without the share of the prior's spread.
     """
 
     origin: float
@@ -112,6 +114,7 @@ class Solution:
     probe_differences: tuple[ProbeDifference, ...] = ()
     lag_test: LagTest | None = None
     bridged: Sequence[FloatArray] = ()
+    plain_covariance: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
 
     @property
     def kept_residuals(self) -> list[FloatArray]:
@@ -205,6 +208,7 @@ def make_solution(
         probe_differences=differences,
         lag_test=lag_test,
         bridged=_bridged(system),
+        plain_covariance=state.covariance[np.ix_(wanted, wanted)] * units[:, None] * units,
     )
 
 

@@ -17,7 +17,7 @@ from metrosep.core.runset import RunSet
 from metrosep.separation.solver import LAG_CHI2, Solution
 from metrosep.spectral.autoregressive import AutoregressiveModel
 
-__all__ = ["explain_disturbances", "explain_lag", "explain_resolution", "noise_peaks"]
+__all__ = ["explain_band", "explain_disturbances", "explain_lag", "explain_resolution", "noise_peaks"]
 
 FloatArray = NDArray[np.float64]
 
@@ -216,6 +216,43 @@ def explain_lag(
             ),
         )
     return (f"readings lag the position by {value:.3f} ms (sd {sd:.3f} ms)",)
+
+
+_PRIOR_RATIO = 3.0
+"""The band is mostly that of the prior where it is so many times what the noise leaves."""
+
+_SLOW_SHARE = 0.15
+"""Share of the noise below the lowest frequency that a run can show, from which it is named."""
+
+
+def explain_band(solution: Solution, *, band: float, plain: float) -> tuple[str, ...]:
+    """Say where the uncertainty is known not to be that of 95 %: prior, or noise slower than runs."""
+    sentences = []
+    if band > _PRIOR_RATIO * plain:
+        sentences.append(
+            f"the uncertainty, {band * 1e9:.2g} nm, is {band / plain:.2g} times what the noise of these "
+            f"readings leaves ({plain * 1e9:.2g} nm): it comes from the prior, and is an upper bound"
+        )
+    longest = max(r.size * m.time_step for r, m in _with_models(solution))
+    lowest = 2.0 / longest
+    shares = []
+    for model in solution.noise:
+        frequency = np.linspace(0.0, 0.5 / model.time_step, 8193)[1:]
+        density = model.psd(frequency)
+        shares.append(float(density[frequency < lowest].sum() / density.sum()))
+    if max(shares) > _SLOW_SHARE:
+        sentences.append(
+            f"{100 * max(shares):.0f} % of the noise lies below {lowest:.2g} Hz, too slow for a run to show: "
+            "the uncertainty rests on an extrapolation and may be too small by half; take longer or "
+            "slower runs"
+        )
+    return tuple(sentences)
+
+
+def _with_models(solution: Solution) -> list[tuple[FloatArray, AutoregressiveModel]]:
+    """Pair each residual with the noise model of the slowest sampling, enough for its duration."""
+    slowest = max(solution.noise, key=lambda m: m.time_step)
+    return [(r, slowest) for r in solution.residuals]
 
 
 def explain_resolution(

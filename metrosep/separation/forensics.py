@@ -65,11 +65,11 @@ _SHIFT_SHARE = 0.05
 _SURE = 5.0
 """Standard uncertainties beyond which gain or shift differ from those of the other runs."""
 
-_AGREE, _RARE = 0.05, 1e-5
-"""Runs scatter as their u says above the first level; the second is that of Student's test else."""
+_RARE = 1e-5
+"""Chance by which scatter like that of the other runs would take a run so far off."""
 
-_SURE_LAG, _RARE_LAG = 3.46, 5e-4
-"""The same for a delay, which all runs show together."""
+_SURE_LAG = 3.46
+"""Standard uncertainties of a delay, which all runs show together: 5 in 10,000 by chance."""
 
 _LEAST_FREEDOM = 4
 """Fewer runs than five hardly know their scatter, but u bounds it from below."""
@@ -764,21 +764,20 @@ def _solve(
     )
 
 
-def _needed(u: float, others: FloatArray, *, sure: float = _SURE, rare: float = _RARE) -> float:
+def _needed(u: float, others: FloatArray) -> float:
     """Return how far a run must be off, given its u and how far others are, in units of their u.
 
-    Where the others scatter as their u says, it is 5 u. Where they scatter more (lines of a
-    vibration, slow noise), u is no measure and Student's distribution of their scatter is taken.
+    At least 5 u. Where the others scatter more than their u says (lines of a vibration, slow
+    noise), u is no measure, and Student's distribution of their scatter is taken.
     """
-    from scipy.stats import chi2, t
+    from scipy.stats import t
 
     size = np.sort(np.abs(others))
     kept = size[:-1] if size.size >= _TRIMMED else size  # a second bad run hides none
     freedom = max(kept.size - 1, 1)
-    total = float(kept @ kept) * (_TRIM_GROWS if kept.size < size.size else 1.0)
-    if chi2.sf(total, freedom) > _AGREE:
-        return sure * u
-    return float(t.isf(rare, max(freedom, _LEAST_FREEDOM))) * u * math.sqrt(total / freedom)
+    grows = _TRIM_GROWS if kept.size < size.size else 1.0
+    scatter = math.sqrt(float(kept @ kept) * grows / freedom)
+    return u * max(_SURE, float(t.isf(_RARE, max(freedom, _LEAST_FREEDOM))) * scatter)
 
 
 def _suspects(table: _Table, gain: FloatArray) -> dict[int, tuple[str, bool]]:
@@ -870,7 +869,7 @@ def _displaced(
         left = place - own_lag * speed
         left = (left - weight @ left / weight.sum()) * np.sqrt(weight)
         u_lag = information**-0.5 * max(1.0, math.sqrt(float(left @ left) / max(len(groups) - 2, 1)))
-        if abs(own_lag) > _needed(information**-0.5, left[1:], sure=_SURE_LAG, rare=_RARE_LAG):
+        if abs(own_lag) > _SURE_LAG * u_lag:
             lag = own_lag, u_lag
     return said, feeds, lag
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, Literal, cast
 
 import numpy as np
@@ -27,14 +28,19 @@ from metrosep.core.runset import RunSet
 from metrosep.core.units import format_length
 from metrosep.separation._checked_numbers import checked_count, checked_number
 from metrosep.separation._joint_curves import joint_curves
-from metrosep.separation._joint_evidence import evidence_of
+from metrosep.separation._joint_evidence import contradictions, evidence_of
 from metrosep.separation._joint_tables import joint_audit, residual_psd_columns, spectrum_columns
 from metrosep.separation.base import DirectionEstimate, ErrorEstimate
 from metrosep.separation.design import PreparedRun, evaluation_range, prepare_runs
-from metrosep.separation.explain import explain_disturbances, explain_lag, explain_resolution
+from metrosep.separation.explain import (
+    explain_band,
+    explain_disturbances,
+    explain_lag,
+    explain_resolution,
+)
 from metrosep.separation.options import Following, JointOptions, metres
 from metrosep.separation.run_probes import probe_names
-from metrosep.separation.solver import solve_joint
+from metrosep.separation.solver import Solution, solve_joint
 from metrosep.separation.spectra import feed_spectra_columns
 from metrosep.separation.term_curves import check_lines, feed_curves, report_terms
 from metrosep.separation.term_hints import hint_options
@@ -201,8 +207,16 @@ def separate_joint(
     if options != JointOptions() or n_probes > 1:
         audit["options"] = options.as_dict()
         audit["run_levels_nm"] = ((solution.offsets + level) / _NM).tolist()
-    evidence, audit["evidence"] = evidence_of(
+    evidence, audit["evidence"], unsteady = evidence_of(
         runs, names, start=first, stop=last, rate=false_discovery_rate
+    )
+    known = uncertainty.z[~np.isnan(uncertainty.z)]
+    band = float(np.sqrt(np.mean(known**2)))
+    messages = (
+        *messages,
+        *unsteady,
+        *([] if unsteady else contradictions(spectrum, evidence, noise_nm=band / _NM)),
+        *explain_band(solution, band=band, plain=_plain_band(solution, (first, last), (low, high))),
     )
     feed_term = feed_curves(solution, options, (first, last), (low, high))
     residual = np.concatenate(solution.kept_residuals)
@@ -225,6 +239,15 @@ def separate_joint(
         terms=terms,
         evidence_data=evidence,
     )
+
+
+def _plain_band(
+    solution: Solution, evaluation: tuple[float, float], travel: tuple[float, float]
+) -> float:
+    """Return the RMS uncertainty without what the uncertain prior adds."""
+    plain = replace(solution, covariance=solution.plain_covariance)
+    u = joint_curves(plain, evaluation, travel)[1].z
+    return float(np.sqrt(np.nanmean(u**2)))
 
 
 def _check_feeds(runs: RunSet, *, min_feeds: int, fit_lag: bool) -> None:
