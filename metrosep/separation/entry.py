@@ -196,7 +196,9 @@ def _with_checks(estimate: ErrorEstimate, checks: RunChecks, runs: RunSet) -> Er
     messages = list(checks.messages)
     kept = [
         name
-        for name, text, used in zip(*(checks.columns[k] for k in ("run", "finding", "used")), strict=True)
+        for name, text, used in zip(
+            *(checks.columns[k] for k in ("run", "finding", "used")), strict=True
+        )
         if text and used
     ]
     if kept:
@@ -212,7 +214,9 @@ def _with_checks(estimate: ErrorEstimate, checks: RunChecks, runs: RunSet) -> Er
         parts = {
             d: DirectionEstimate(
                 p.error,
-                SampledCurve(p.uncertainty.x, np.hypot(p.uncertainty.z, checks.step / math.sqrt(12.0))),
+                SampledCurve(
+                    p.uncertainty.x, np.hypot(p.uncertainty.z, checks.step / math.sqrt(12.0))
+                ),
                 p.feed_term,
             )
             for d, p in parts.items()

@@ -346,10 +346,12 @@ def _unsteady(
     k = int(np.argmin(together))
     if together[k] > _UNSTEADY:
         return []
-    amplitude = math.sqrt(float(power[max(k - 1, 0) : k + 2].max()))
+    near = np.arange(k - 1, min(k + 2, n))
+    amplitude = math.sqrt(float(power[near].max()))
+    length = float(wavelength[0] * power[near].sum() / ((near + 1.0) @ power[near]))
     known = amplitude / math.sqrt(len(feed_of))
     return [
-        f"a wave of {wavelength[k] / _MM:.3g} mm, about {amplitude / _NM:.2g} nm, has another phase in "
+        f"a wave of {length / _MM:.2g} mm, about {amplitude / _NM:.2g} nm, has another phase in "
         f"each run at every feedrate: a real wave of that length is known to {known / _NM:.2g} nm only, "
         "and the uncertainty of the estimate does not hold it; more runs reduce it"
     ]

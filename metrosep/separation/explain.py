@@ -17,7 +17,13 @@ from metrosep.core.runset import RunSet
 from metrosep.separation.solver import LAG_CHI2, Solution
 from metrosep.spectral.autoregressive import AutoregressiveModel
 
-__all__ = ["explain_band", "explain_disturbances", "explain_lag", "explain_resolution", "noise_peaks"]
+__all__ = [
+    "explain_band",
+    "explain_disturbances",
+    "explain_lag",
+    "explain_resolution",
+    "noise_peaks",
+]
 
 FloatArray = NDArray[np.float64]
 

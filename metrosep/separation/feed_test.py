@@ -49,9 +49,7 @@ def square_of_feed_score(
     return float(np.sum(along**2 / values[seen])), int(seen.sum())
 
 
-def lag_score(
-    system: System, covariance: FloatArray
-) -> tuple[float, float, FloatArray] | None:
+def lag_score(system: System, covariance: FloatArray) -> tuple[float, float, FloatArray] | None:
     """Return the lag beside the one at hand, its u, and the change of the solution with it.
 
     With g the score and I the information that the other unknowns leave: lag = g/I, u = 1/sqrt(I),

@@ -216,7 +216,9 @@ def separate_joint(
         *messages,
         *unsteady,
         *([] if unsteady else contradictions(spectrum, evidence, noise_nm=band / _NM)),
-        *explain_band(solution, band=band, plain=_plain_band(solution, (first, last), (low, high))),
+        *explain_band(
+            solution, band=band, plain=_plain_band(solution, (first, last), (low, high))
+        ),
     )
     feed_term = feed_curves(solution, options, (first, last), (low, high))
     residual = np.concatenate(solution.kept_residuals)

@@ -25,7 +25,12 @@ import numpy as np
 
 from metrosep.core.blas import one_blas_thread
 from metrosep.separation._joint_probe_test import ProbeDifference, probe_differences
-from metrosep.separation._joint_solution import LagTest, Solution, considered_amplitudes, make_solution
+from metrosep.separation._joint_solution import (
+    LagTest,
+    Solution,
+    considered_amplitudes,
+    make_solution,
+)
 from metrosep.separation._solver_state import INNER, SolverState, first_state, iterate
 from metrosep.separation._solver_terms import (
     choose_waves,
