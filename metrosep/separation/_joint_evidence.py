@@ -97,9 +97,9 @@ def contradictions(
         if own[k] >= around.max() and near.any() and not np.isnan(p[near]).any():
             alone[k] = own[k] if p[near].min() > _DISAGREES else 0.0
     if alone.any():
-        k = int(np.argmax(alone))
+        top = int(np.argmax(alone))
         sentences.append(
-            f"the estimate holds a wave of {own_wave[k]:.3g} mm, {own[k]:.3g} nm, but the runs do not "
+            f"the estimate holds a wave of {own_wave[top]:.3g} mm, {own[top]:.3g} nm, but the runs do not "
             "agree on one there (evidence): it is not certain, and the uncertainty does not hold it; "
             "add runs at another feedrate"
         )
@@ -110,9 +110,9 @@ def contradictions(
         if found[k] >= around.max() and near.any() and found[k] > _TIMES * own[near].max():
             left[k] = found[k] if found[k] > noise_nm else 0.0
     if left.any():
-        k = int(np.argmax(left))
+        top = int(np.argmax(left))
         sentences.append(
-            f"the runs repeat a wave of {wave[k]:.3g} mm, {found[k]:.3g} nm (evidence), that the estimate "
+            f"the runs repeat a wave of {wave[top]:.3g} mm, {found[top]:.3g} nm (evidence), that the estimate "
             "does not hold: ask for shorter wavelengths (shortest=) or for less in the model"
         )
     return sentences

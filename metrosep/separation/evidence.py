@@ -350,11 +350,12 @@ def _unsteady(
     amplitude = math.sqrt(float(power[near].max()))
     length = float(wavelength[0] * power[near].sum() / ((near + 1.0) @ power[near]))
     known = amplitude / math.sqrt(len(feed_of))
-    return [
+    sentence = (
         f"a wave of {length / _MM:.2g} mm, about {amplitude / _NM:.2g} nm, has another phase in "
         f"each run at every feedrate: a real wave of that length is known to {known / _NM:.2g} nm only, "
         "and the uncertainty of the estimate does not hold it; more runs reduce it"
-    ]
+    )
+    return [sentence]
 
 
 def _messages(

@@ -318,6 +318,7 @@ def _rms(run: Run) -> float:
     flat = run.z[valid] - np.median(run.z[valid])
     line = np.column_stack([np.ones(x.size), x])
     keep = np.ones(x.size, dtype=bool)
+    rest = flat
     for _ in range(2):
         rest = flat - line @ np.linalg.lstsq(line[keep], flat[keep], rcond=None)[0]
         keep = np.abs(rest) <= 2.0 * _SPIKE * MAD * float(np.median(np.abs(rest)))
@@ -364,10 +365,10 @@ def _check_alone(index: int, run: Run, found: _Findings) -> float:
             refused=share > _REFUSED_SHARE,
         )
     elif size > max(_STREAK, 0.02 * n) and not in_steps:
-        at = float(run.x[np.flatnonzero(~np.isnan(run.z))[first]])
+        place = float(run.x[np.flatnonzero(~np.isnan(run.z))[first]])
         found.say(
             index,
-            f"repeats {format_length(float(z[first]))} {size} times from {format_length(at)} on: "
+            f"repeats {format_length(float(z[first]))} {size} times from {format_length(place)} on: "
             "stuck there",
             refused=size > _REFUSED_SHARE * n,
         )
@@ -422,7 +423,7 @@ def _copied(
     twin = None
     if where:
         firsts = {block[0] for block in where}
-        for at in np.flatnonzero(np.isin(z[: z.size - _STREAK + 1], list(firsts))):
+        for at in np.flatnonzero(np.isin(z[: z.size - _STREAK + 1], list(firsts))).tolist():
             hit = where.get(tuple(z[at : at + _STREAK].tolist()))
             if hit is not None:
                 twin = hit[0]
@@ -509,7 +510,7 @@ def _resampled(run: Run, x: FloatArray) -> FloatArray:
     xs, zs = xs[order], zs[order]
     values = np.interp(x, xs, zs)  # NaN spreads to its neighbours: a gap stays a gap
     values[(x < xs[0] - (x[1] - x[0])) | (x > xs[-1] + (x[1] - x[0]))] = np.nan
-    return values
+    return np.asarray(values, dtype=np.float64)
 
 
 def _flat(x: FloatArray, z: FloatArray) -> FloatArray:
@@ -574,6 +575,7 @@ def _gains_and_shifts(runs: RunSet, table: _Table) -> tuple[FloatArray, FloatArr
     out_gain, out_shift = np.full((len(z), 2), np.nan), np.full((len(z), 3), np.nan)
     feeds = np.array([runs[i].feed or 0.0 for i in table.members])
     models: dict[int, AutoregressiveModel] = {}
+    aligned, keep = z, np.ones(x.size)
     for _ in range(_ROUNDS):
         aligned = np.array(
             [
@@ -592,7 +594,7 @@ def _gains_and_shifts(runs: RunSet, table: _Table) -> tuple[FloatArray, FloatArr
             np.where(np.isnan(own), np.nan, row - c @ f)
             for own, row, c, f in zip(table.z, z, columns, fits, strict=True)
         ]
-        for i in np.flatnonzero(table.compared):
+        for i in np.flatnonzero(table.compared).tolist():
             same = [
                 rests[j]
                 for j in range(len(z))
@@ -612,7 +614,7 @@ def _gains_and_shifts(runs: RunSet, table: _Table) -> tuple[FloatArray, FloatArr
         middle = float(np.median(np.abs(own))) * (1.0 if np.sign(own).sum() >= 0.0 else -1.0)
         if math.isfinite(middle) and abs(middle) > 1e-6:
             gain, out_gain = gain / middle, out_gain * np.array([1 / middle, 1 / abs(middle)])
-    for i in np.flatnonzero(table.compared):
+    for i in np.flatnonzero(table.compared).tolist():
         others = _others(feeds, table.reference, i)
         out_shift[i, 2] = _by_reference(
             x, aligned, others, keep, table.z[i], models[i], float(shift[i])
@@ -674,12 +676,11 @@ def _first_alignment(
         peak = np.take_along_axis(cross, at[:, None], axis=1)[:, 0]
         score = float(np.abs(peak[reference]).sum())
         if best is None or score > best[0]:
-            best = (score, np.where(peak < 0.0, -1.0, 1.0), lags[at] * pitch)
+            sign = np.where(peak < 0.0, -1.0, 1.0)
+            best = (score, sign, np.asarray(lags[at] * pitch, dtype=np.float64))
     assert best is not None  # noqa: S101  (there are at least two runs)
-    sign = best[1]
-    if sign[reference].sum() < 0:
-        sign = -sign
-    return sign, best[2].astype(np.float64)
+    sign = best[1] if best[1][reference].sum() >= 0 else -best[1]
+    return sign, best[2]
 
 
 def _repeating(rows: FloatArray) -> FloatArray:
@@ -704,9 +705,9 @@ def _others(feeds: FloatArray, reference: NDArray[np.bool_], index: int) -> NDAr
     others = reference.copy()
     others[index] = False
     apart = others & (np.abs(feeds - feeds[index]) > 0.02 * feeds[index])
-    if apart.sum() >= 2:
-        return apart
-    return others if others.any() else reference
+    if int(apart.sum()) >= 2:
+        return np.asarray(apart, dtype=np.bool_)
+    return others if bool(others.any()) else reference
 
 
 def _columns(
