@@ -232,7 +232,20 @@ _SLOW_SHARE = 0.15
 
 
 def explain_band(solution: Solution, *, band: float, plain: float) -> tuple[str, ...]:
-    """Say where the uncertainty is known not to be that of 95 %: prior, or noise slower than runs."""
+    """Say where the uncertainty is known not to be that of 95 %: prior, or noise slower than runs.
+
+    Parameters
+    ----------
+    solution : Solution
+        With the noise models.
+    band, plain : float, m
+        RMS uncertainty, and the same without what the uncertain prior adds.
+
+    Returns
+    -------
+    tuple of str
+        Sentences, often none.
+    """
     sentences = []
     if band > _PRIOR_RATIO * plain:
         sentences.append(

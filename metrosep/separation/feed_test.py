@@ -54,7 +54,19 @@ def lag_score(system: System, covariance: FloatArray) -> tuple[float, float, Flo
 
     With g the score and I the information that the other unknowns leave: lag = g/I, u = 1/sqrt(I),
     chi-square of 1 degree (lag/u)^2; the solution changes by - C b for each second, b the cross
-    information. None where nothing in the readings depends on a lag.
+    information.
+
+    Parameters
+    ----------
+    system : System
+        At its solution.
+    covariance : ndarray, shape (n, n)
+        Posterior of all columns.
+
+    Returns
+    -------
+    tuple of (float, float, ndarray) or None
+        Lag and u in s, change of the solution; None where nothing depends on a lag.
     """
     column = Lag().column
     score, own, cross = _score(system, lambda i: column(system, i, system.basis(i))[:, None])
