@@ -53,6 +53,9 @@ _ZERO_STEPS = 0.3
 
 _STUCK = "stuck"
 
+_ROUNDING = 1e-12
+"""RMS of a run over its largest reading below which it is a line and rounding."""
+
 _RMS_NAMED, _RMS_REFUSED = 5.0, 50.0
 """RMS of a run over that of the median run: another unit or gain; the model breaks down."""
 
@@ -198,6 +201,8 @@ class RunChecks:
             return set()
         if isinstance(names, str):
             names = [part.strip() for part in names.split(",")]
+        if not isinstance(names, Sequence):
+            raise DataError(f"{option} is the name of a run, or a list of names, got {names!r}")
         found: set[int] = set()
         for name in names:
             if name == "suspect":
@@ -324,7 +329,8 @@ def _rms(run: Run) -> float:
         keep = np.abs(rest) <= 2.0 * _SPIKE * MAD * float(np.median(np.abs(rest)))
         if keep.sum() < 3:
             return float(np.sqrt(np.mean(rest**2)))
-    return float(np.sqrt(np.mean(rest[keep] ** 2)))
+    rms = float(np.sqrt(np.mean(rest[keep] ** 2)))
+    return rms if rms > _ROUNDING * float(np.abs(run.z[valid]).max()) else 0.0
 
 
 # --- readings of one run -------------------------------------------------------------------------
