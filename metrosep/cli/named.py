@@ -26,6 +26,7 @@ COLUMN_OPTIONS = (*_OF_INPUT, "z", "feed", "run", "direction", "time")
 _OF_RUNS = (
     "z", "feed", "run", "direction", "time", "sampling_rate", "start", "length", "shortest", "lag",
     "min_feeds", "poly", "table_", "drift", "lines", "robust",
+    "exclude", "accept",
 )  # fmt: skip
 
 

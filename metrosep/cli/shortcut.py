@@ -38,6 +38,10 @@ def recipe_text(options: dict[str, Any], *, table: tuple[str, str] | None, repor
     lines += input_lines(options, _INPUT)
     lines += ["", "[[step]]", 'op = "separate"']
     lines += [f"{k} = {quoted(options[k])}" for k in _SEPARATE if options.get(k) is not None]
+    for key in ("exclude", "accept"):
+        if options.get(key) is not None:
+            names = (name.strip() for name in str(options[key]).split(","))
+            lines.append(f"{key} = [{', '.join(quoted(name) for name in names if name)}]")
     for key in ("min_feeds", "drift"):
         if options.get(key) is not None:
             lines.append(f"{key} = {options[key]}")

@@ -72,7 +72,7 @@ def _texts(value: Any) -> list[str]:
 
 
 def _lag(value: Any) -> Any:
-    return value if value == "fit" else _quantity("time")(value)
+    return value if value in ("auto", "fit") else _quantity("time")(value)
 
 
 def _degree(value: Any) -> Any:

@@ -17,7 +17,9 @@ HELP: Mapping[str, Mapping[str, str]] = {
         "shortest": "joint and kono only: shortest wavelength of the model; chosen from the data if left "
         "out",
         "lag": "joint only: delay of the reading against the position, positive when the reading is late; "
-        "fit finds it from two feedrates",
+        "auto corrects what the runs show, fit finds it in any case; both need two feedrates",
+        "exclude": "runs that are left out, by name; suspect leaves out all in which a fault was found",
+        "accept": "runs that are kept although they are refused, by name, or suspect",
         "min_feeds": "joint only: feedrates that must be there; 1 accepts that vibration is only averaged",
         "false_discovery_rate": "joint only: accepted share of wavelengths called repeatable that are "
         "noise; the estimate itself does not depend on it",
@@ -83,7 +85,7 @@ HELP: Mapping[str, Mapping[str, str]] = {
 DEFAULTS: Mapping[str, Mapping[str, Any]] = {
     "separate": {
         "method": "joint",
-        "lag": "0 ms",
+        "lag": "auto",
         "min_feeds": 2,
         "false_discovery_rate": 0.05,
         "norm": "amplitude",
@@ -138,7 +140,7 @@ _KIND_WORDS = {
     "pairs": "pairs of whole numbers, 0..0,1..0",
     "range": 'lengths with their units, "10 mm, 5 mm"',
     "waves": 'a number of waves, or their lengths with units, "10 mm"',
-    "lag": 'a time with its unit, "1 ms", or fit',
+    "lag": 'a time with its unit, "1 ms", auto or fit',
     "degree": "a whole number, or auto",
     "spacing": 'a length with its unit, "1 mm", or a number of points',
     "column": 'a column: its name, "name:unit", or { column = "X", unit = "mm" }',

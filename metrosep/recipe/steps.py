@@ -65,6 +65,8 @@ STEPS = {
         "length": Field("size"),
         "shortest": Field("size"),
         "lag": Field("lag"),
+        "exclude": Field("texts"),
+        "accept": Field("texts"),
         "min_feeds": Field("integer"),
         "false_discovery_rate": Field("number"),
         "sigma_t": Field("number"),

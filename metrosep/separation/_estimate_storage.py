@@ -61,6 +61,7 @@ def estimate_as_dict(estimate: ErrorEstimate) -> dict[str, Any]:
         "history": history_as_dicts(estimate.history),
         **({"terms": _nested_plain(estimate.terms)} if estimate.terms else {}),
         **({"evidence": _without_nan(estimate.evidence_data)} if estimate.evidence_data else {}),
+        **({"runs": _without_nan(estimate.runs_data)} if estimate.runs_data else {}),
     }
 
 
@@ -111,6 +112,7 @@ def estimate_from_dict(cls: type[ErrorEstimate], data: Mapping[str, Any]) -> Err
             history=tuple(Step(s["step"], s["parameters"], s["version"]) for s in data["history"]),
             terms=data.get("terms", {}),
             evidence_data=_with_nan(data.get("evidence", {})),
+            runs_data=_with_nan(data.get("runs", {})),
         )
     except (KeyError, TypeError, ValueError, AttributeError, IndexError) as exc:
         raise DataError(

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +17,19 @@ from metrosep.separation.terms import Terms
 from metrosep.separation.weights import RowWeights
 from metrosep.spectral.autoregressive import AutoregressiveModel
 
-__all__ = ["Solution", "considered_amplitudes", "make_solution"]
+__all__ = ["LagTest", "Solution", "considered_amplitudes", "make_solution"]
 
 FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class LagTest:
+    """Lag beside the stated one and its u in s, its probability, and whether it was then fitted."""
+
+    lag: float
+    u: float
+    probability: float
+    fitted: bool
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,6 +78,12 @@ class Solution:
         Growth of the variance because probes share passes, correlation, number of such pairs.
     probe_differences : tuple of ProbeDifference
         Of the sensitivities, where they were not fitted.
+    lag_test : LagTest or None
+        Where the feedrates can show a lag and it was not fitted in any case.
+    bridged : sequence of ndarray, m
+        Residuals, rejected samples replaced by what the noise model expects there: for spectra.
+    plain_covariance : ndarray, shape (1 + 2 K, 1 + 2 K)
+        `covariance` without the share of the prior's spread.
     """
 
     origin: float
@@ -95,6 +112,17 @@ class Solution:
     feed_test: tuple[float, int] | None
     sharing: tuple[float, float, int]
     probe_differences: tuple[ProbeDifference, ...] = ()
+    lag_test: LagTest | None = None
+    bridged: Sequence[FloatArray] = ()
+    plain_covariance: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
+
+    @property
+    def kept_residuals(self) -> list[FloatArray]:
+        """Residuals of the readings that the fit used: rejected ones are NaN."""
+        if self.weights is None:
+            return self.residuals
+        pairs = zip(self.residuals, self.weights.marked, strict=True)
+        return [np.where(marked, np.nan, residual) for residual, marked in pairs]
 
 
 def considered_amplitudes(
@@ -119,6 +147,7 @@ def make_solution(
     found: list[FoundLine],
     feed_test: tuple[float, int] | None,
     differences: tuple[ProbeDifference, ...] = (),
+    lag_test: LagTest | None = None,
 ) -> Solution:
     """Return the solution in the units of the runs; dropped wavelengths keep what was considered."""
     n, k, f = len(system.runs), system.n_harmonics, system.n_fixed
@@ -177,4 +206,15 @@ def make_solution(
         feed_test=feed_test,
         sharing=(*system.sharing, len(system.passes)),
         probe_differences=differences,
+        lag_test=lag_test,
+        bridged=_bridged(system),
+        plain_covariance=state.covariance[np.ix_(wanted, wanted)] * units[:, None] * units,
     )
+
+
+def _bridged(system: System) -> list[FloatArray]:
+    """Return the residuals in m with rejected samples replaced by the noise model's expectation."""
+    residuals = system.residuals()
+    if system.weights is not None:
+        residuals = system.weights.bridged(residuals, system.groups, system.noise)
+    return [r * system.scale for r in residuals]

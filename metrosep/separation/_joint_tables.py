@@ -116,7 +116,7 @@ def residual_psd_columns(runs: list[PreparedRun], solution: Solution) -> dict[st
     runs : list of PreparedRun
         Of the joint fit.
     solution : Solution
-        With residuals and noise models; those of other intervals are in the audit.
+        With residuals, rejected samples bridged, and noise models; those of other intervals are in the audit.
 
     Returns
     -------
@@ -132,7 +132,7 @@ def residual_psd_columns(runs: list[PreparedRun], solution: Solution) -> dict[st
     ]
     group = int(np.argmax(sizes))
     model = solution.noise[group]
-    records = [r for r, o in zip(solution.residuals, owner, strict=True) if o == group]
+    records = [r for r, o in zip(solution.bridged, owner, strict=True) if o == group]
     size = _unbroken_segment(records)
     if size < _SHORTEST_SEGMENT:  # an estimate must not fail for want of a picture
         return {"frequency_hz": [], "psd_nm2_per_hz": [], "model_nm2_per_hz": []}
@@ -203,6 +203,20 @@ def joint_audit(
         "noise_order_chosen_by": "AICc",
         "effective_parameters": solution.freedom,
         "false_discovery_rate": rate,
+        "lag_test": _lag_audit(solution),
         "line_removed": "least squares over the evaluation range",
         "run_offsets_nm": (solution.offsets / _NM).tolist(),
+    }
+
+
+def _lag_audit(solution: Solution) -> dict[str, Any] | None:
+    """Return what the test of a lag beside the stated one found."""
+    test = solution.lag_test
+    if test is None:
+        return None
+    return {
+        "lag_ms": test.lag * 1e3,
+        "u_ms": test.u * 1e3,
+        "probability": test.probability,
+        "fitted": test.fitted,
     }

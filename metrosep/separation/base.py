@@ -55,7 +55,8 @@ class ErrorEstimate:
     spectrum_data, feed_spectra_data, residual_psd_data : mapping of str to list
         Columns of the tables of the same names.
     residual_rms : float, m
-        RMS of the readings about the estimate, all runs.
+        RMS of the readings about the estimate, all runs; without those that a robust fit rejected,
+        which are in ``terms["robust"]``.
     lag, lag_sd : float, s
         Delay of the reading against the position, and its standard uncertainty (NaN if it was
         given, not fitted).
@@ -70,6 +71,8 @@ class ErrorEstimate:
         plain values, keys with unit suffixes; by direction where both were estimated.
     evidence_data : mapping of str to list
         Columns of `evidence`; dropped where there are two directions and no column says which.
+    runs_data : mapping of str to list
+        Columns of `runs`.
     """
 
     method: str
@@ -90,6 +93,7 @@ class ErrorEstimate:
     history: tuple[Step, ...] = ()
     terms: Mapping[str, Any] = field(default_factory=dict)
     evidence_data: Columns = field(default_factory=dict)
+    runs_data: Columns = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "directions_data", freeze_mapping_int(self.directions_data))
@@ -287,6 +291,13 @@ class ErrorEstimate:
         import pandas as pd
 
         return pd.DataFrame(dict(self.evidence_data))
+
+    @property
+    def runs(self) -> pd.DataFrame:
+        """Checks of the runs, those left out too: gain and shift against the others, findings."""
+        import pandas as pd
+
+        return pd.DataFrame(dict(self.runs_data))
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything as plain values for JSON (NaN as None).

@@ -13,9 +13,13 @@ from metrosep.core.errors import DataError
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.runset import RunSet
+from metrosep.core.units import format_length
+from metrosep.separation._estimate_parts import DirectionEstimate
 from metrosep.separation.average import separate_mean
 from metrosep.separation.base import ErrorEstimate
+from metrosep.separation.curves import SampledCurve
 from metrosep.separation.design import evaluation_range
+from metrosep.separation.forensics import Named, RunChecks, check_runs
 from metrosep.separation.fourier import separate_kono
 from metrosep.separation.joint import separate_joint
 from metrosep.separation.options import metres
@@ -66,7 +70,9 @@ def separate(
     length: float | None = None,
     start: float | None = None,
     shortest: float | None = None,
-    lag: float | Literal["fit"] = 0.0,
+    lag: float | Literal["auto", "fit"] = "auto",
+    exclude: Named | None = None,
+    accept: Named | None = None,
     **options: Any,
 ) -> ErrorEstimate:
     """Return the repeatable geometric error of an axis from repeated runs.
@@ -83,9 +89,15 @@ def separate(
         part under the window) if both are omitted; centred in it if only the length is given.
     shortest : float, m, optional
         Shortest wavelength of the model; chosen from the data if omitted.
-    lag : float or "fit", s, optional
-        Delay of the reading against the position; "joint" can fit it where the lag times the
-        difference of the feedrates stays below half the strongest wavelength.
+    lag : float, "auto" or "fit", s, optional
+        Delay of the reading against the position. "joint" tests for it in every fit: "auto"
+        corrects what the runs show, a number is taken as stated and what is found beside it is
+        said, "fit" fits it in any case. A lag can be found where lag times the difference of the
+        feedrates stays below half the strongest wavelength. The other methods say what they see.
+    exclude : "suspect", str or sequence of str, optional
+        Runs that are left out: names (``.runs["run"]``), or all in which `check_runs` finds a fault.
+    accept : "suspect", str or sequence of str, optional
+        Runs that are kept although they are refused.
     **options
         Of the method: "joint" min_feeds, false_discovery_rate, drift, lines, line_phase,
         false_alarm, robust, following, following_waves, probes, probe_gain (`separate_joint`); "kono"
@@ -95,18 +107,18 @@ def separate(
     Returns
     -------
     ErrorEstimate
-        Error, uncertainty, spectrum, residual, audit and messages. Where the runs go both ways,
+        Error, uncertainty, spectrum, residual, audit, messages, and the checks of the ``runs``. Where the runs go both ways,
         each direction is estimated apart and `lost_motion` is their mean offset.
 
     Raises
     ------
     DataError
-        If the method or an option is unknown, a number is text, or a lag is stated for a method
-        without time.
+        If the method or an option is unknown, a number is text, a lag is stated for a method
+        without time, or `exclude` or `accept` names no run.
     NotSeparableError
         If the runs cannot tell geometry from vibration (one feedrate only).
     InvalidSamplesError, NotUniformError, TooFewSamplesError, UnitError
-        If the runs or the ranges cannot be used; the Fourier sum of "kono" does not bridge a gap
+        If a run is stuck, saturated, given twice or of another gain (`check_runs`), or the runs or the ranges cannot be used; the Fourier sum of "kono" does not bridge a gap
         wider than 2 % of its length.
 
     Examples
@@ -127,13 +139,18 @@ def separate(
     length, start = metres(length, "length"), metres(start, "start")
     shortest = metres(shortest, "shortest")
     lag = lag if isinstance(lag, str) else float(lag)
-    if method != "joint" and lag != 0.0:
+    if method != "joint" and lag not in ("auto", 0.0):
         raise DataError(f"method {method!r} works in space and has no lag; use method='joint'")
     if method == "mean" and shortest is not None:
         raise DataError("method 'mean' does not filter, so it has no shortest wavelength")
+    if method == "mean" and options.get("feed") is not None:
+        runs = runs.select(feed=options["feed"])
+    names = probe_names(runs, options.get("probes")) if method == "joint" else [""] * len(runs)
+    checks = check_runs(runs, probes=names, spikes=not options.get("robust"))
+    runs, checks = checks.settle(runs, exclude=exclude, accept=accept)
+    names = [n for n, used in zip(names, checks.columns["used"], strict=True) if used]
     common = _common_range(runs, method, start, length, options)
     options = _plain_options(options)
-    names = probe_names(runs, options.get("probes")) if method == "joint" else [""] * len(runs)
     told = {
         d: [n for n, r in zip(names, runs, strict=True) if r.direction == d]
         for d in runs.directions
@@ -158,14 +175,75 @@ def separate(
             "start_m": start,
             "shortest_m": shortest,
             "lag_s": lag,
+            **({} if exclude is None else {"exclude": _plain_options({"": exclude})[""]}),
+            **({} if accept is None else {"accept": _plain_options({"": accept})[""]}),
             **options,
         },
     )
     history = (*runs.history, step)
     if len(parts) == 1:
         direction, part = next(iter(parts.items()))
-        return _renamed(part, {direction: part}, runs, told, history)
-    return _renamed(parts[1], parts, runs, told, history)
+        found = _renamed(part, {direction: part}, runs, told, history)
+    else:
+        found = _renamed(parts[1], parts, runs, told, history)
+    return _with_checks(found, checks, runs)
+
+
+def _with_checks(estimate: ErrorEstimate, checks: RunChecks, runs: RunSet) -> ErrorEstimate:
+    """Return the estimate with its run checks; the step of coarse readings enters the band."""
+    from dataclasses import replace
+
+    messages = list(checks.messages)
+    kept = [
+        name
+        for name, text, used in zip(
+            *(checks.columns[k] for k in ("run", "finding", "used")), strict=True
+        )
+        if text and used
+    ]
+    if kept:
+        messages.append(
+            f"run {', '.join(kept)}: kept, so the uncertainty does not hold where it errs; "
+            "exclude='suspect' (command line: --exclude suspect) leaves out what is named above"
+        )
+    if estimate.method != "joint":
+        messages += [_lag_sentence(estimate, runs, lag, u) for lag, u in checks.lag.values()]
+    parts, audit = dict(estimate.directions_data), dict(estimate.audit)
+    if checks.step > 0.0:
+        audit["reading_step_nm"] = checks.step * 1e9
+        parts = {
+            d: DirectionEstimate(
+                p.error,
+                SampledCurve(
+                    p.uncertainty.x, np.hypot(p.uncertainty.z, checks.step / math.sqrt(12.0))
+                ),
+                p.feed_term,
+            )
+            for d, p in parts.items()
+        }
+    return replace(
+        estimate,
+        directions_data=parts,
+        audit=audit,
+        runs_data=checks.columns,
+        messages=(*messages, *estimate.messages),
+    )
+
+
+def _lag_sentence(estimate: ErrorEstimate, runs: RunSet, lag: float, u: float) -> str:
+    """Say what delay the places of the waves show, to a method that cannot correct it."""
+    spread = abs(lag) * (max(runs.feeds) - min(runs.feeds))
+    other = (
+        f" (or the runs of one feedrate start {format_length(spread, digits=2)} off: two feedrates "
+        "cannot tell)"
+        if len(runs.feeds) == 2
+        else ""
+    )
+    return (
+        f"readings lag the position by {lag * 1e3:.2g} ms (u {u * 1e3:.2g} ms){other}: "
+        f"method={estimate.method!r} cannot correct it and its uncertainty does not hold it; "
+        "method='joint' (command line: --method joint) does"
+    )
 
 
 def _check_types(runs: object, lag: object) -> None:
@@ -173,10 +251,10 @@ def _check_types(runs: object, lag: object) -> None:
         raise DataError(
             f"separate needs a RunSet, got {type(runs).__name__}; wrap the runs: RunSet([run, ...])"
         )
-    if isinstance(lag, str) and lag == "fit":
+    if isinstance(lag, str) and lag in ("auto", "fit"):
         return
     if isinstance(lag, bool) or not isinstance(lag, int | float | np.integer | np.floating):
-        raise DataError(f"lag is a number in seconds or 'fit', got {lag!r}")
+        raise DataError(f"lag is a number in seconds, 'auto' or 'fit', got {lag!r}")
 
 
 def _plain_options(options: Mapping[str, Any]) -> dict[str, Any]:
@@ -202,8 +280,6 @@ def _common_range(
     """Return start and length that both directions share: each alone would centre its own."""
     if len(runs.directions) == 1:
         return start, length
-    if method == "mean" and options.get("feed") is not None:
-        runs = runs.select(feed=options["feed"])
     first, last = evaluation_range(runs, start=start, length=length)
     if method == "kono" and start is None and length is None:
         low, high = runs.common_travel
@@ -220,7 +296,7 @@ def _separate_one(
     length: float | None,
     start: float | None,
     shortest: float | None,
-    lag: float | Literal["fit"],
+    lag: float | Literal["auto", "fit"],
     options: dict[str, Any],
 ) -> ErrorEstimate:
     if method == "joint":

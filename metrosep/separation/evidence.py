@@ -41,6 +41,12 @@ ComplexArray = NDArray[np.complex128]
 _NM, _MM = 1e-9, 1e-3
 _MAX_ROWS = 250
 _BLIND = "not separable by repeatability"
+_AROUND = 8
+"""Wavelengths on each side whose scatter says what noise alone does."""
+
+_UNSTEADY = 1e-3
+"""Chance by which any wavelength is called unsteady."""
+
 _NULL_SHARE = 0.05
 """Chance by which the coherence passes its null level."""
 
@@ -58,11 +64,14 @@ class EvidenceTable:
         What the user should know.
     audit : mapping
         What was done.
+    unsteady : tuple of str
+        The messages about waves that sit at a place but differ from run to run.
     """
 
     columns: Mapping[str, list[Any]]
     messages: tuple[str, ...]
     audit: Mapping[str, Any]
+    unsteady: tuple[str, ...] = ()
 
     def to_frame(self) -> pd.DataFrame:
         """Return the columns as a DataFrame.
@@ -157,6 +166,8 @@ def evidence_table(
     columns: dict[str, list[Any]] = {"wavelength_mm": (spectra.wavelength / _MM).tolist()}
     columns |= evidence_columns(z, feed_of, usable, rate=false_discovery_rate)
     messages = _messages(columns, spectra.feeds, width)
+    unsteady = _unsteady(z, feed_of, spectra.wavelength)
+    messages += unsteady
     if len(runs) < n_given:
         messages.append(
             f"{n_given - len(runs)} of {n_given} runs were left out, so that every feedrate has "
@@ -172,7 +183,7 @@ def evidence_table(
         "bandwidth_hz": width,
         "false_discovery_rate": false_discovery_rate,
     }
-    return EvidenceTable(columns, tuple(messages), audit)
+    return EvidenceTable(columns, tuple(messages), audit, tuple(unsteady))
 
 
 def _check(runs: RunSet, bandwidth: float | None, rate: float) -> None:
@@ -299,6 +310,52 @@ def _reason(usable: bool, chosen: bool) -> str:
     if not usable:
         return _BLIND
     return "repeats at all feedrates" if chosen else "within the noise"
+
+
+def _unsteady(
+    amplitudes: ComplexArray, feed_of: NDArray[np.int_], wavelength: FloatArray
+) -> list[str]:
+    """Name waves that differ from run to run at one wavelength whatever the feedrate.
+
+    The scatter of the runs of one feedrate about their mean, against that at the wavelengths around
+    it: chi-square, 2 degrees for each run but one. A vibration stands out at another wavelength at
+    each feedrate; what stands out at the same one at all of them sits at a place, as slipping
+    balls do.
+    """
+    from scipy.stats import f as f_distribution
+
+    feeds = [np.flatnonzero(feed_of == k) for k in np.unique(feed_of)]
+    n = amplitudes.shape[1]
+    if len(feeds) < 2 or min(len(f) for f in feeds) < 2 or n < 4 * _AROUND:
+        return []
+    worst_p = np.zeros(n)
+    power = np.zeros(n)
+    for rows in feeds:
+        scatter = np.var(amplitudes[rows], axis=0, ddof=1)
+        around = np.full(n, np.inf)
+        for k in range(5, n):  # three wavelengths beyond the leakage on the long side
+            left = scatter[max(k - _AROUND, 0) : k - 2]
+            right = scatter[k + 3 : k + 1 + _AROUND]
+            if left.size >= 3 and right.size >= 3:
+                around[k] = max(float(left.mean()), float(right.mean()))
+        freedom = 2 * (len(rows) - 1)
+        p = f_distribution.sf(scatter / around, freedom, freedom * 3)
+        worst_p = np.maximum(worst_p, np.where(np.isfinite(around), p, 1.0))
+        power += scatter / len(feeds)
+    together = worst_p ** len(feeds) * n
+    k = int(np.argmin(together))
+    if together[k] > _UNSTEADY:
+        return []
+    near = np.arange(k - 1, min(k + 2, n))
+    amplitude = math.sqrt(float(power[near].max()))
+    length = float(wavelength[0] * power[near].sum() / ((near + 1.0) @ power[near]))
+    known = amplitude / math.sqrt(len(feed_of))
+    sentence = (
+        f"a wave of {length / _MM:.2g} mm, about {amplitude / _NM:.2g} nm, has another phase in "
+        f"each run at every feedrate: a real wave of that length is known to {known / _NM:.2g} nm only, "
+        "and the uncertainty of the estimate does not hold it; more runs reduce it"
+    )
+    return [sentence]
 
 
 def _messages(

@@ -8,16 +8,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core.runset import RunSet
-from metrosep.separation.solver import Solution
+from metrosep.separation.solver import LAG_CHI2, Solution
 from metrosep.spectral.autoregressive import AutoregressiveModel
 
-__all__ = ["explain_disturbances", "explain_lag", "explain_resolution", "noise_peaks"]
+__all__ = [
+    "explain_band",
+    "explain_disturbances",
+    "explain_lag",
+    "explain_resolution",
+    "noise_peaks",
+]
 
 FloatArray = NDArray[np.float64]
 
@@ -168,26 +174,46 @@ def _better_feed(
     return None if best is None else best[1]
 
 
-def explain_lag(solution: Solution, *, fitted: bool, n_selected: int = 1) -> tuple[str, ...]:
+def explain_lag(
+    solution: Solution, *, mode: Literal["stated", "auto", "fit"], n_selected: int = 1
+) -> tuple[str, ...]:
     """Say what the fitted lag is and whether the data determine it.
 
     Parameters
     ----------
     solution : Solution
         With lag and its uncertainty.
-    fitted : bool
-        Whether the lag was fitted.
+    mode : {"stated", "auto", "fit"}
+        Whether the lag was stated, corrected where it shows, or fitted in any case.
     n_selected : int, optional
         Wavelengths that repeat beyond chance; without any, nothing shows a lag.
 
     Returns
     -------
     tuple of str
-        Nothing where it was stated.
+        Nothing where no lag was found or asked for.
     """
-    if not fitted:
-        return ()
     value, sd = solution.lag * 1e3, solution.lag_sd * 1e3
+    test = solution.lag_test
+    if mode == "auto":
+        if test is None or not test.fitted:
+            return ()
+        return (
+            (
+                f"readings lag the position by {value:.3g} ms (u {sd:.2g} ms): found by lag='auto' and "
+                'corrected; lag=0.0 (command line: --lag "0 ms") leaves it in'
+            ),
+        )
+    if mode == "stated":
+        if test is None or test.lag**2 <= LAG_CHI2 * test.u**2:
+            return ()
+        return (
+            (
+                f"readings lag the position by {value + test.lag * 1e3:.3g} ms (u {test.u * 1e3:.2g} ms), "
+                f"{value:.3g} ms was stated: not corrected, and the uncertainty does not hold it; "
+                "lag='auto' (command line: --lag auto) corrects it"
+            ),
+        )
     if sd > 2.0 or n_selected == 0:
         return (
             (
@@ -196,6 +222,56 @@ def explain_lag(solution: Solution, *, fitted: bool, n_selected: int = 1) -> tup
             ),
         )
     return (f"readings lag the position by {value:.3f} ms (sd {sd:.3f} ms)",)
+
+
+_PRIOR_RATIO = 3.0
+"""The band is mostly that of the prior where it is so many times what the noise leaves."""
+
+_SLOW_SHARE = 0.15
+"""Share of the noise below the lowest frequency that a run can show, from which it is named."""
+
+
+def explain_band(solution: Solution, *, band: float, plain: float) -> tuple[str, ...]:
+    """Say where the uncertainty is known not to be that of 95 %: prior, or noise slower than runs.
+
+    Parameters
+    ----------
+    solution : Solution
+        With the noise models.
+    band, plain : float, m
+        RMS uncertainty, and the same without what the uncertain prior adds.
+
+    Returns
+    -------
+    tuple of str
+        Sentences, often none.
+    """
+    sentences = []
+    if band > _PRIOR_RATIO * plain:
+        sentences.append(
+            f"the uncertainty, {band * 1e9:.2g} nm, is {band / plain:.2g} times what the noise of these "
+            f"readings leaves ({plain * 1e9:.2g} nm): it comes from the prior, and is an upper bound"
+        )
+    longest = max(r.size * m.time_step for r, m in _with_models(solution))
+    lowest = 2.0 / longest
+    shares = []
+    for model in solution.noise:
+        frequency = np.linspace(0.0, 0.5 / model.time_step, 8193)[1:]
+        density = model.psd(frequency)
+        shares.append(float(density[frequency < lowest].sum() / density.sum()))
+    if max(shares) > _SLOW_SHARE:
+        sentences.append(
+            f"{100 * max(shares):.0f} % of the noise lies below {lowest:.2g} Hz, too slow for a run to show: "
+            "the uncertainty rests on an extrapolation and may be too small by half; take longer or "
+            "slower runs"
+        )
+    return tuple(sentences)
+
+
+def _with_models(solution: Solution) -> list[tuple[FloatArray, AutoregressiveModel]]:
+    """Pair each residual with the noise model of the slowest sampling, enough for its duration."""
+    slowest = max(solution.noise, key=lambda m: m.time_step)
+    return [(r, slowest) for r in solution.residuals]
 
 
 def explain_resolution(

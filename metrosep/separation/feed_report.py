@@ -205,7 +205,7 @@ def report_probes(solution: Solution, prepared: Sequence[PreparedRun]) -> Report
         own = [i for i, r in enumerate(prepared) if r.probe == name]
         level, u = _level(solution, prepared, name)
         gain = gains.get(name)
-        rest = np.concatenate([solution.residuals[i] for i in own])
+        rest = np.concatenate([solution.kept_residuals[i] for i in own])
         is_first = name == names[0]
         row = {
             "probe": name,

@@ -1,14 +1,17 @@
-"""Private to separation: whether the feed-dependent part is proportional to the feedrate."""
+"""Private to separation: score tests of what the fit left out: a square of the feed, a lag."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.separation._unknowns import Lag
 from metrosep.separation.system import System, whitened
 from metrosep.spectral.autoregressive import AutoregressiveModel
 
-__all__ = ["square_of_feed_score", "whitened_rows"]
+__all__ = ["lag_score", "square_of_feed_score", "whitened_rows"]
 
 FloatArray = NDArray[np.float64]
 
@@ -34,17 +37,9 @@ def square_of_feed_score(
         the readings cannot tell.
     """
     rel = system.terms.relative_speed
-    n = system.n_fixed + 2 * system.n_harmonics
-    q = system.terms.wavenumbers.size * 2 if kind == "waves" else 1
-    score, own, cross = np.zeros(q), np.zeros((q, q)), np.zeros((n, q))
-    for group, model in zip(system.groups, system.noise, strict=True):
-        for i in group:
-            columns = _columns(system, i, kind) * (rel[i] ** 2 - float(np.mean(rel**2)))
-            rows, extra, rest, variance = whitened_rows(system, i, model, columns)
-            variance *= system.sharing[0]
-            score += extra.T @ rest / variance
-            own += extra.T @ extra / variance
-            cross += rows.T @ extra / variance
+    score, own, cross = _score(
+        system, lambda i: _columns(system, i, kind) * (rel[i] ** 2 - float(np.mean(rel**2)))
+    )
     information = own - cross.T @ covariance @ cross
     values, vectors = np.linalg.eigh(information)
     seen = values > 1e-6 * float(np.diag(own).max())
@@ -52,6 +47,50 @@ def square_of_feed_score(
         return None
     along = vectors[:, seen].T @ score
     return float(np.sum(along**2 / values[seen])), int(seen.sum())
+
+
+def lag_score(system: System, covariance: FloatArray) -> tuple[float, float, FloatArray] | None:
+    """Return the lag beside the one at hand, its u, and the change of the solution with it.
+
+    With g the score and I the information that the other unknowns leave: lag = g/I, u = 1/sqrt(I),
+    chi-square of 1 degree (lag/u)^2; the solution changes by - C b for each second, b the cross
+    information.
+
+    Parameters
+    ----------
+    system : System
+        At its solution.
+    covariance : ndarray, shape (n, n)
+        Posterior of all columns.
+
+    Returns
+    -------
+    tuple of (float, float, ndarray) or None
+        Lag and u in s, change of the solution; None where nothing depends on a lag.
+    """
+    column = Lag().column
+    score, own, cross = _score(system, lambda i: column(system, i, system.basis(i))[:, None])
+    along = covariance @ cross[:, 0]
+    information = float(own[0, 0] - cross[:, 0] @ along)
+    if information <= 1e-9 * float(own[0, 0]):
+        return None
+    return float(score[0]) / information, information**-0.5, -along
+
+
+def _score(
+    system: System, columns_of: Callable[[int], FloatArray]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return score, own and cross information of extra columns at the solution."""
+    n, q = system.n_fixed + 2 * system.n_harmonics, columns_of(0).shape[1]
+    score, own, cross = np.zeros(q), np.zeros((q, q)), np.zeros((n, q))
+    for group, model in zip(system.groups, system.noise, strict=True):
+        for i in group:
+            rows, extra, rest, variance = whitened_rows(system, i, model, columns_of(i))
+            variance *= system.sharing[0]
+            score += extra.T @ rest / variance
+            own += extra.T @ extra / variance
+            cross += rows.T @ extra / variance
+    return score, own, cross
 
 
 def _columns(system: System, index: int, kind: str) -> FloatArray:

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, Literal, cast
 
 import numpy as np
@@ -27,14 +28,19 @@ from metrosep.core.runset import RunSet
 from metrosep.core.units import format_length
 from metrosep.separation._checked_numbers import checked_count, checked_number
 from metrosep.separation._joint_curves import joint_curves
-from metrosep.separation._joint_evidence import evidence_of
+from metrosep.separation._joint_evidence import contradictions, evidence_of
 from metrosep.separation._joint_tables import joint_audit, residual_psd_columns, spectrum_columns
 from metrosep.separation.base import DirectionEstimate, ErrorEstimate
 from metrosep.separation.design import PreparedRun, evaluation_range, prepare_runs
-from metrosep.separation.explain import explain_disturbances, explain_lag, explain_resolution
+from metrosep.separation.explain import (
+    explain_band,
+    explain_disturbances,
+    explain_lag,
+    explain_resolution,
+)
 from metrosep.separation.options import Following, JointOptions, metres
 from metrosep.separation.run_probes import probe_names
-from metrosep.separation.solver import solve_joint
+from metrosep.separation.solver import Solution, solve_joint
 from metrosep.separation.spectra import feed_spectra_columns
 from metrosep.separation.term_curves import check_lines, feed_curves, report_terms
 from metrosep.separation.term_hints import hint_options
@@ -64,7 +70,7 @@ def separate_joint(
     length: float | None = None,
     start: float | None = None,
     shortest: float | None = None,
-    lag: float | Literal["fit"] = 0.0,
+    lag: float | Literal["auto", "fit"] = "auto",
     min_feeds: int = 2,
     false_discovery_rate: float = 0.05,
     drift: int = 0,
@@ -87,8 +93,10 @@ def separate_joint(
         Evaluation range; the common travel if omitted.
     shortest : float, m, optional
         Shortest wavelength of the model; chosen by evidence if omitted.
-    lag : float or "fit", s, optional
-        Delay of the reading against the position, positive when the reading is late.
+    lag : float, "auto" or "fit", s, optional
+        Delay of the reading against the position, positive when the reading is late. It is tested
+        for in every fit of two feedrates: "auto" corrects it as far as the readings show one, a
+        number is kept and what is found beside it is said, "fit" fits it in any case.
     min_feeds : int, optional
         Feedrates that must be there; 1 accepts that random vibration is only averaged.
     false_discovery_rate : float, optional
@@ -162,7 +170,10 @@ def separate_joint(
     period = _PERIOD_SHARE * (high - low)
     options.check_waves(period)
     n_harmonics, limit = _n_harmonics(prepared, period=period, shortest=shortest)
-    start_lag = 0.0 if lag == "fit" else _checked_lag(lag)
+    start_lag = 0.0 if lag in ("auto", "fit") else _checked_lag(lag)
+    mode: Literal["stated", "auto", "fit"] = "stated"
+    if isinstance(lag, str):
+        mode = "fit" if lag == "fit" else "auto"
     solution = solve_joint(
         prepared,
         origin=first,
@@ -170,7 +181,7 @@ def separate_joint(
         n_harmonics=n_harmonics,
         choose_shortest=shortest is None,
         lag=start_lag,
-        fit_lag=lag == "fit",
+        lag_mode=mode,
         options=options,
         several_feeds=n_feeds > 1,
     )
@@ -187,7 +198,7 @@ def separate_joint(
             runs=runs,
             n_selected=sum(spectrum["selected"]),
         ),
-        *explain_lag(solution, fitted=lag == "fit", n_selected=sum(spectrum["selected"])),
+        *explain_lag(solution, mode=mode, n_selected=sum(spectrum["selected"])),
         *explain_disturbances(solution, runs, spectrum),
         *sentences,
         *hint_options(solution, prepared, options),
@@ -196,11 +207,21 @@ def separate_joint(
     if options != JointOptions() or n_probes > 1:
         audit["options"] = options.as_dict()
         audit["run_levels_nm"] = ((solution.offsets + level) / _NM).tolist()
-    evidence, audit["evidence"] = evidence_of(
+    evidence, audit["evidence"], unsteady = evidence_of(
         runs, names, start=first, stop=last, rate=false_discovery_rate
     )
+    known = uncertainty.z[~np.isnan(uncertainty.z)]
+    band = float(np.sqrt(np.mean(known**2)))
+    messages = (
+        *messages,
+        *unsteady,
+        *([] if unsteady else contradictions(spectrum, evidence, noise_nm=band / _NM)),
+        *explain_band(
+            solution, band=band, plain=_plain_band(solution, (first, last), (low, high))
+        ),
+    )
     feed_term = feed_curves(solution, options, (first, last), (low, high))
-    residual = np.concatenate(solution.residuals)
+    residual = np.concatenate(solution.kept_residuals)
     return ErrorEstimate(
         method="joint",
         start=first,
@@ -220,6 +241,15 @@ def separate_joint(
         terms=terms,
         evidence_data=evidence,
     )
+
+
+def _plain_band(
+    solution: Solution, evaluation: tuple[float, float], travel: tuple[float, float]
+) -> float:
+    """Return the RMS uncertainty without what the uncertain prior adds."""
+    plain = replace(solution, covariance=solution.plain_covariance)
+    u = joint_curves(plain, evaluation, travel)[1].z
+    return float(np.sqrt(np.nanmean(u**2)))
 
 
 def _check_feeds(runs: RunSet, *, min_feeds: int, fit_lag: bool) -> None:
@@ -247,7 +277,7 @@ def _check_feeds(runs: RunSet, *, min_feeds: int, fit_lag: bool) -> None:
 
 def _checked_lag(lag: Any) -> float:
     if isinstance(lag, bool) or not isinstance(lag, int | float | np.number):
-        raise DataError(f"lag is a number in seconds or 'fit', got {lag!r}; 1 ms is 1e-3")
+        raise DataError(f"lag is a number in seconds, 'auto' or 'fit', got {lag!r}; 1 ms is 1e-3")
     value = float(lag)
     if not math.isfinite(value) or abs(value) > 1.0:
         raise UnitError(f"lag is {value} s; it must be finite and below 1 s: 1 ms is 1e-3")

@@ -19,12 +19,18 @@ Everything here is dimensionless: heights over their RMS, positions over half th
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 
 from metrosep.core.blas import one_blas_thread
 from metrosep.separation._joint_probe_test import ProbeDifference, probe_differences
-from metrosep.separation._joint_solution import Solution, considered_amplitudes, make_solution
+from metrosep.separation._joint_solution import (
+    LagTest,
+    Solution,
+    considered_amplitudes,
+    make_solution,
+)
 from metrosep.separation._solver_state import INNER, SolverState, first_state, iterate
 from metrosep.separation._solver_terms import (
     choose_waves,
@@ -35,13 +41,19 @@ from metrosep.separation._solver_terms import (
     wanted_unknowns,
 )
 from metrosep.separation.design import PreparedRun
-from metrosep.separation.feed_test import square_of_feed_score
+from metrosep.separation.feed_test import lag_score, square_of_feed_score
 from metrosep.separation.options import JointOptions
 from metrosep.separation.shrinkage import PriorWeights
 from metrosep.separation.system import System
 from metrosep.separation.terms import Terms
 
 __all__ = ["Solution", "solve_joint"]
+
+LAG_CHI2 = 12.0
+"""Square of a lag over its uncertainty from which it is named and fitted: 5 in 10,000 by chance."""
+
+LAG_PRIOR = 1e-3
+"""Standard deviation in s of the lag of a machine that has one."""
 
 AR_ORDERS = (1, 2, 4, 6, 8, 12, 16, 24, 32, 48)
 """Candidate orders of the noise model."""
@@ -79,7 +91,7 @@ def solve_joint(
     n_harmonics: int,
     choose_shortest: bool,
     lag: float,
-    fit_lag: bool,
+    lag_mode: Literal["stated", "auto", "fit"],
     orders: Sequence[int] = AR_ORDERS,
     options: JointOptions | None = None,
     several_feeds: bool = True,
@@ -98,8 +110,8 @@ def solve_joint(
         Whether to drop the short wavelengths that carry no evidence.
     lag : float, s
         Delay of the reading against the position, or the start value for the fit.
-    fit_lag : bool
-        Whether to fit the lag.
+    lag_mode : {"stated", "auto", "fit"}
+        Whether the lag is left, corrected as far as the readings show one, or fitted.
     orders : sequence of int, optional
         Candidate orders of the noise model.
     options : JointOptions, optional
@@ -155,7 +167,13 @@ def solve_joint(
         for _ in range(4 if options.robust else 2):
             system.update_noise(state.freedom, orders)
             iterate(system, state, INNER, learn_from=0)
+        lag_test = None
+        if several_feeds and lag_mode != "fit" and options.following != "waves":
+            lag_test = _tested_lag(system, state, correct=lag_mode == "auto")
+        fit_lag = lag_mode == "fit" or (lag_test is not None and lag_test.fitted)
         fit_unknowns(system, state, wanted_unknowns(system, options, fit_lag), orders)
+        if lag_test is not None and lag_mode == "auto" and not lag_test.fitted:
+            _average_over_lag(system, state, lag_test)
         assert state.covariance is not None  # noqa: S101  (set by iterate)
         test = None
         if options.following in ("scale", "waves"):
@@ -163,7 +181,43 @@ def solve_joint(
         differences: tuple[ProbeDifference, ...] = ()
         if options.probe_gain == "equal":
             differences = probe_differences(system, state.covariance)
-        return make_solution(system, state, considered, found, test, differences)
+        return make_solution(system, state, considered, found, test, differences, lag_test)
+
+
+def _tested_lag(system: System, state: SolverState, *, correct: bool) -> LagTest | None:
+    """Return what the readings say of a lag beside the one at hand."""
+    assert state.covariance is not None  # noqa: S101  (set by iterate)
+    found = lag_score(system, state.covariance)
+    if found is None:
+        return None
+    lag, u, _ = found
+    sure = lag**2 > LAG_CHI2 * u**2 and u < LAG_PRIOR
+    return LagTest(lag, u, _chance_of_lag(lag, u), fitted=correct and sure)
+
+
+def _chance_of_lag(lag: float, u: float) -> float:
+    """Return the probability of a lag N(0, LAG_PRIOR^2) against none, both as likely before."""
+    both = u**2 + LAG_PRIOR**2
+    odds = 0.5 * np.log(u**2 / both) + 0.5 * lag**2 * LAG_PRIOR**2 / (u**2 * both)
+    return float(1.0 / (1.0 + np.exp(-odds)))
+
+
+def _average_over_lag(system: System, state: SolverState, test: LagTest) -> None:
+    """Take the mean of the solutions without and with the lag, weighted by their probabilities.
+
+    A threshold would leave a lag just below it in the estimate and out of its uncertainty. The
+    solution with the lag is the present one plus lag times its change, so the mean moves by
+    p lag and its variance grows by p/I + p (1 - p) lag^2 along that change.
+    """
+    assert state.covariance is not None  # noqa: S101  (set by iterate)
+    found = lag_score(system, state.covariance)
+    if found is None or test.u > LAG_PRIOR:  # then nothing is known of a lag
+        return
+    lag, u, change = found
+    p = _chance_of_lag(lag, u)
+    system.solution = system.solution + p * lag * change
+    variance = p * u**2 + p * (1.0 - p) * lag**2
+    state.covariance = state.covariance + variance * np.outer(change, change)
 
 
 def _drop_short(system: System, state: SolverState) -> None:

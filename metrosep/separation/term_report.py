@@ -254,7 +254,10 @@ def report_robust(solution: Solution, prepared: Sequence[PreparedRun]) -> Report
     sizes = np.array([r.x.size for r in prepared], dtype=np.float64)
     share = float(np.average(marked, weights=sizes))
     soft = float(np.average(low, weights=sizes))
+    apart = _largest_rejected(solution, prepared)
     result = {
+        "n_rejected": sum(int(m.sum()) for m in weights.marked),
+        **apart,
         "share_rejected": share,
         "share_down_weighted": soft,
         "run": [r.run_id for r in prepared],
@@ -265,6 +268,11 @@ def report_robust(solution: Solution, prepared: Sequence[PreparedRun]) -> Report
         f"robust weights: {share * 100:.2g} % of the samples rejected, {soft * 100:.2g} % of the "
         "innovations down-weighted (4.6 % would be in Gaussian noise)"
     )
+    if apart:
+        told += (
+            f"; the largest is {apart['largest_nm']:.4g} nm off, in run {apart['largest_run']!r} at "
+            f"{apart['largest_at_mm']:.4g} mm"
+        )
     sentences = [told]
     sentences += [
         f"{part * 100:.0f} % of run {run.run_id!r} were rejected: look at it, or leave it out"
@@ -272,3 +280,21 @@ def report_robust(solution: Solution, prepared: Sequence[PreparedRun]) -> Report
         if part > _BAD_RUN
     ]
     return result, sentences
+
+
+def _largest_rejected(solution: Solution, prepared: Sequence[PreparedRun]) -> dict[str, Any]:
+    """Return size, run and position of the rejected reading farthest from the estimate."""
+    assert solution.weights is not None  # noqa: S101  (of a robust fit)
+    best: dict[str, Any] = {}
+    for run, residual, marked in zip(
+        prepared, solution.residuals, solution.weights.marked, strict=True
+    ):
+        size = np.where(marked & ~np.isnan(residual), np.abs(residual), 0.0)
+        i = int(np.argmax(size))
+        if size[i] > 0.0 and size[i] / _NM > abs(best.get("largest_nm", 0.0)):
+            best = {
+                "largest_nm": float(residual[i]) / _NM,
+                "largest_run": run.run_id,
+                "largest_at_mm": float(run.x[i]) * 1e3,
+            }
+    return best

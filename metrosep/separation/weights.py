@@ -216,6 +216,34 @@ class RowWeights:
                     cleaned[i] = _replaced(residuals[i], self.marked[i], taps)
         return cleaned
 
+    def bridged(
+        self,
+        residuals: Sequence[FloatArray],
+        groups: Sequence[Sequence[int]],
+        noise: Sequence[AutoregressiveModel],
+    ) -> list[FloatArray]:
+        """Return the residuals, marked samples replaced by what the noise model expects there.
+
+        Parameters
+        ----------
+        residuals : sequence of ndarray, shape (n_r,)
+            Of each run.
+        groups, noise : sequence
+            As for `clean`.
+
+        Returns
+        -------
+        list of ndarray, shape (n_r,)
+            Copies.
+        """
+        out = [r.copy() for r in residuals]
+        for group, model in zip(groups, noise, strict=True):
+            taps = np.concatenate([[1.0], -model.coefficients])
+            for i in group:
+                if self.marked[i].any():
+                    out[i] = _replaced(residuals[i], self.marked[i], taps)
+        return out
+
     def weigh(
         self,
         cleaned: Sequence[FloatArray],

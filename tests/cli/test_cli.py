@@ -173,7 +173,9 @@ def bad_files(folder):
         for i, feed in enumerate(feeds):
             for k in range(n):
                 p = x[k] - (5.0 if turn and k == 200 else 0.0)
-                lines.append(f"{i},{feed},{p:.5f},{z if z != '0.1' else (k * 7919 % 13) * 0.01}")
+                lines.append(
+                    f"{i},{feed},{p:.5f},{z if z != '0.1' else (k * 7919 % 13) * 0.01 + (i + feed * 1e-4) * (k % 7) * 1e-3}"
+                )
         return "\n".join(lines) + "\n"
 
     return {

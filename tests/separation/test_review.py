@@ -84,7 +84,7 @@ def test_a_set_without_common_travel_can_be_printed():
 @pytest.mark.parametrize(
     ("options", "error"),
     [
-        ({"lag": "auto"}, DataError),
+        ({"lag": "often"}, DataError),
         ({"lag": None}, DataError),
         ({"start": math.nan}, InvalidSamplesError),
         ({"false_discovery_rate": 5}, DataError),
