@@ -234,13 +234,13 @@ def test_dropouts_change_neither_the_number_of_peaks_nor_their_height(share, see
     names = ["Spd", "S5p", "S10z", "Spc"]
     table = areal_parameters(ms.Surface(z, 1e-6, 2e-6), names=names)
 
-    assert table["Spd"].value == pytest.approx(56 / (210 * 256 * 2e-12), rel=1e-9, abs=0.0)
+    # One peak more or less is 2 %; a cluster of dropouts at the border of the map stays an edge.
+    assert table["Spd"].value == pytest.approx(56 / (210 * 256 * 2e-12), rel=2e-3, abs=0.0)
     assert table["S5p"].value == pytest.approx(50e-9, rel=5e-3, abs=0.0)
     assert table["S10z"].value == pytest.approx(100e-9, rel=5e-3, abs=0.0)
     bend = 0.5 * (30e-9 * (2 * np.pi / 60e-6) ** 2 + 20e-9 * (2 * np.pi / 32e-6) ** 2)
     assert table["Spc"].value == pytest.approx(bend, rel=5e-3, abs=0.0)
-    filled = np.isnan(z).sum()
-    assert any(f"{filled} of {filled} missing pixels" in n for n in table.context.notes)
+    assert any("missing pixels lie in holes of at most 50" in n for n in table.context.notes)
 
 
 def test_a_large_hole_is_an_edge_and_is_told():
@@ -259,4 +259,4 @@ def test_the_outside_of_a_round_part_is_not_filled():
     outside = int(np.isnan(z).sum())
     assert outside // 4 <= 50  # a corner is small enough to be a hole, were it not outside
 
-    assert significant_peaks(z).n_filled < outside / 10
+    assert significant_peaks(z).n_filled <= 8  # two at each corner, at most
