@@ -34,6 +34,8 @@ _ROUNDING = 16.0 * float(np.finfo(float).eps)
 """Of the largest height: what a noise-free fit ends at."""
 _LEAST_DAMPING, _MAX_DAMPING = 1e-12, 1e12
 _DAMPING_OF_TIES = 1e-9
+_PARALLEL, _SERIES = 0.99, 0.99
+"""Cosine between two steps, and largest ratio, of what counts as a geometric series."""
 _CAUTION = (0.0, 1e-2, 10.0)
 """Damping at the start of each attempt: a careful one begins where a bold one did not arrive."""
 """Relative to columns of unit length. Small at first: nearly tied freedoms leave a long, bent
@@ -93,12 +95,15 @@ class Solution:
         Accepted steps.
     trace : list of float
         Root mean square after each.
+    is_at_rim : bool
+        Whether the last steps were refused since they take points out of the form's domain.
     """
 
     values: FloatArray
     normal: Normal
     n_iterations: int
     trace: list[float] = field(default_factory=list)
+    is_at_rim: bool = False
 
 
 def accumulate(blocks: Iterable[FloatArray], p: int) -> Normal:
@@ -264,6 +269,8 @@ def _descend(job: _Job, values: FloatArray, max_iterations: int, *, caution: flo
     trace = [float(np.sqrt(normal.mean_square))]
     damping, accepted, effect = caution, 0, np.inf
     least = max(_LEAST_DAMPING, 1e-6 * caution)
+    last: FloatArray | None = None
+    is_at_rim = False
     for _ in range(max_iterations):
         step, effect = _step(normal, damping, job.names)
         rms = float(np.sqrt(normal.mean_square))
@@ -274,16 +281,25 @@ def _descend(job: _Job, values: FloatArray, max_iterations: int, *, caution: flo
                 continue
             _determined(normal, job.names)
             return Solution(values + step, normal, accepted, trace)
-        moved, trial = _trial(job, values + step)
+        scaled = step * np.sqrt(np.diag(normal.gram))
+        longer = 1.0 if last is None else _stretch(scaled, last)
+        moved, trial = _trial(job, values + longer * step)
+        if longer != 1.0 and not _is_better(trial, normal, job.height):
+            longer = 1.0
+            moved, trial = _trial(job, values + step)
         if _is_better(trial, normal, job.height):
+            last = scaled if longer == 1.0 else None
             values, normal = moved, trial
             accepted += 1
             trace.append(float(np.sqrt(normal.mean_square)))
             damping = damping / (10.0 if caution else 100.0) if damping > least else 0.0
         else:
             damping = max(damping * 10.0, least)
+            is_at_rim = trial.n < normal.n
             if damping > _MAX_DAMPING:
                 break
+    if is_at_rim:
+        return Solution(values, normal, accepted, trace, is_at_rim=True)
     advice = "give a start closer to the answer, or free fewer parameters"
     if float(np.linalg.eigvalsh(scaled_gram(normal, job.names)[0])[0]) < _NEARLY_TIED:
         advice = (
@@ -294,6 +310,19 @@ def _descend(job: _Job, values: FloatArray, max_iterations: int, *, caution: flo
         f"the fit of {', '.join(job.names)} did not settle in {max_iterations} steps (RMS "
         f"{trace[-1]:.3g} m, last step still moves the form by {effect:.3g} m RMS); {advice}"
     )
+
+
+def _stretch(step: FloatArray, last: FloatArray) -> float:
+    """Return how far to go along a step that follows its predecessor as a geometric series does.
+
+    Where the residual is large and bends with a parameter, each step is the same share of the one
+    before, rho; their sum is step / (1 - rho).
+    """
+    before, along = float(last @ last), float(step @ last)
+    if not abs(along) > _PARALLEL * np.sqrt(before * float(step @ step)):
+        return 1.0
+    rho = along / before
+    return 1.0 / (1.0 - rho) if rho < _SERIES else 1.0
 
 
 def _resolution(normal: Normal, values: FloatArray) -> float:
@@ -309,8 +338,10 @@ def _is_better(trial: Normal, normal: Normal, height: float) -> bool:
     sag is a million times the residual, the last steps lower it by less.
     """
     rounding = 2.0 * _ROUNDING * height * float(np.sqrt(normal.mean_square))
+    # From a start that holds all points none is lost; where some lie outside, a few may change.
+    fewest = 0.95 * normal.n if normal.n_outside else normal.n
     return bool(
-        trial.n >= 0.95 * normal.n
+        trial.n >= fewest
         and trial.mean_square <= normal.mean_square * (1.0 + 1e-12) + rounding
         and trial.works.all()
     )
