@@ -22,7 +22,7 @@ PICARD_STEPS = 5
 """Repeats of the algebraic fit; each gains a digit on a hemisphere, and it is only a start."""
 
 
-def _scaled(
+def scaled(
     x: FloatArray, y: FloatArray, z: FloatArray, name: str, needed: int
 ) -> tuple[float, float]:
     if z.size < needed:
@@ -53,7 +53,7 @@ def mean_curvature(
     exactly for a conic with its vertex at (0, 0, z0); z0 starts from the fit without it. With
     `across`, the distance from the axis of a cylinder, that stands for r.
     """
-    extent, spread = _scaled(x, y, z, name, 4)
+    extent, spread = scaled(x, y, z, name, 4)
     u, v, w = x / extent, y / extent, (z - z.mean()) / spread
     square = u * u + v * v if across is None else (across / extent) ** 2
     slope = spread / extent
@@ -70,7 +70,7 @@ def hessian(x: FloatArray, y: FloatArray, z: FloatArray, *, name: str) -> FloatA
 
     What the points cannot tell (a profile has no curvature across) comes out as zero.
     """
-    extent, spread = _scaled(x, y, z, name, 4)
+    extent, spread = scaled(x, y, z, name, 4)
     u, v, w = x / extent, y / extent, (z - z.mean()) / spread
     matrix = np.stack([np.ones_like(u), u, v, 0.5 * u * u, u * v, 0.5 * v * v], axis=1)
     c, _, _, _ = np.linalg.lstsq(matrix, w, rcond=1e-12)

@@ -43,6 +43,8 @@ _LEAST_LEFT = 0.05
 """Of the sum (4): below it the fit took nearly all of what the lags hold."""
 _LOWEST, _MORE, _MOST = 7, 5, 25
 """Degrees of the polynomials next to the model; from the model's, at most."""
+_TIED = 1e-13
+"""Of a column: what is left of it beside the columns before it is rounding below this."""
 _NOTHING = 1e-6
 """Of a polynomial: what is left of it beside the model counts as rounding below this."""
 _LEAST_ORDER = 0.7
@@ -79,8 +81,8 @@ def estimated(points: Points, linearise: Linearise, residual: FloatArray, p: int
             return Estimate(np.zeros((p, p)), float(N - p), float(N), 0.0)
         r /= level
         Q, R, rest = _factors(J[:, good], r[good])
-        size = np.abs(np.diag(R))
-        if not (size > 1e-13 * size.max(initial=0.0)).all():
+        size = np.linalg.norm(R, axis=0)
+        if not (np.abs(np.diag(R)) > _TIED * size).all():
             return _unknown(p, N)
         M, area, dof = _lags(Q, rest, good, is_line=is_line)
         inverse = np.linalg.inv(R)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core.errors import DegenerateFitError
-from metrosep.forms._curvature import inside, mean_curvature, radius_of
+from metrosep.forms._curvature import inside, mean_curvature, radius_of, scaled
 from metrosep.forms._shape import Shape, positive_root, root
 from metrosep.forms.base import checked
 
@@ -85,6 +85,7 @@ class Cylinder(Shape):
         values: dict[str, float] = {}
         angle = self.angle
         if angle is None:
+            scaled(x, y, z, self.name, 4)
             angle = values["angle"] = _best_direction(x, y, z)
         if self.R is None:
             across = y * math.cos(angle) - x * math.sin(angle)
@@ -141,4 +142,5 @@ def _best_direction(x: FloatArray, y: FloatArray, z: FloatArray) -> float:
     square = np.stack([s * s, -2.0 * s * c, c * c])
     length = np.einsum("in,ij,jn->n", square, sums, square)
     gain = np.square(right @ square) / np.where(length > 0.0, length, np.inf)
-    return float(angle[int(np.argmax(gain))])
+    # A profile shows no direction: the first of equals, curved along x.
+    return float(angle[int(np.argmax(gain >= (1.0 - 1e-9) * gain.max()))])

@@ -199,8 +199,53 @@ def find(
     job = _Job(points, begin, freedoms, sample)
     if set(form.weak) & set(freedoms.shape):
         job = _without_the_undetermined(job, form, start, max_iterations)
-    answer, placed, n_iterations = _iterate(job, robust, max_iterations)
+    try:
+        answer, placed, n_iterations = _iterate(job, robust, max_iterations)
+    except (NotConvergedError, DegenerateFitError):
+        weak = {n: begin.form.parameters[n] for n in job.freedoms.shape if n in form.weak}
+        if not weak or points.n_valid < len(job.freedoms.names):
+            raise
+        weak = {n: 0.0 if n.startswith("k") else v for n, v in weak.items()}
+        at = {n: float(v or 0.0) for n, v in weak.items()}
+        job = _held(job, form, start, at, dict.fromkeys(weak, np.inf))
+        answer, placed, n_iterations = _iterate(job, robust, max_iterations)
     return answer, placed, n_iterations, job.freedoms
+
+
+def _held(
+    job: _Job,
+    form: Form,
+    start: Mapping[str, float],
+    at: Mapping[str, float],
+    u: Mapping[str, float],
+) -> _Job:
+    """Return the job begun anew with some parameters held at a value, and a warning for each."""
+    units = job.begin.form.units_of()
+
+    def short(value: float, name: str) -> str:
+        number = f"{value:.2g}" if np.isfinite(value) else "unlimited"
+        return number if units[name] == "1" else f"{number} {units[name]}"
+
+    warnings = tuple(
+        f"{n} is not determined by this map (u = {short(u[n], n)}): held at {short(v, n)}"
+        for n, v in at.items()
+    )
+    freedoms = replace(
+        job.freedoms,
+        shape=tuple(n for n in job.freedoms.shape if n not in at),
+        warnings=(*job.freedoms.warnings, *warnings),
+    )
+    rest = {k: v for k, v in known_values(start, form, "start").items() if k not in at}
+    begin = _begin(
+        job.points,
+        form.with_parameters(**at),
+        freedoms,
+        rest,
+        job.sample,
+        tilt=job.begin.tilt,
+        direction=job.begin.direction,
+    )
+    return _Job(job.points, begin, freedoms, job.sample)
 
 
 def _without_the_undetermined(
@@ -216,19 +261,19 @@ def _without_the_undetermined(
     own = {n: known.get(n, given.parameters[n]) for n in weak}
     at = {n: v if v is not None else begin.parameters[n] for n, v in own.items()}
     at = {n: 0.0 if own[n] is None and n.startswith("k") else float(v or 0.0) for n, v in at.items()}
-    rest = replace(job.freedoms, shape=tuple(n for n in job.freedoms.shape if n not in weak))
-    held = replace(job, freedoms=rest)
-    held.begin = replace(job.begin, form=begin.with_parameters(**at))
+    held = _held(job, given, start, at, dict.fromkeys(weak, np.inf))
     try:
-        values = held.solve(held.vector(), max_iterations, sample=job.sample).values
-        if _is_determined(job, held.placed(values), weak):
+        solution = held.solve(held.vector(), max_iterations, sample=job.sample)
+        values = solution.values
+        if not solution.is_at_rim and _is_determined(job, held.placed(values), weak):
             return job
         if job.points.n_valid > job.sample[2].size:
             values = _solve(held, max_iterations)[0].values
     except (NotConvergedError, DegenerateFitError):
         return job  # a part so curved that the held form does not reach its rim
-    placed = held.placed(values)
-    open_, doubtful = job.freedoms, dict[str, float]()
+    if solution.is_at_rim:  # where slopes are infinite, nothing linearised is true
+        return held
+    placed, open_, doubtful = held.placed(values), job.freedoms, dict[str, float]()
     while weak:
         u = _linearised_u(job.points, placed, open_)
         if len(weak) > 1 and np.isinf([u[n] for n in weak]).all():  # one may hide the other
@@ -243,26 +288,8 @@ def _without_the_undetermined(
         open_ = replace(open_, shape=tuple(n for n in open_.shape if n != worst))
     if not doubtful:
         return job
-    units = begin.units_of()
-    warnings = tuple(
-        f"{n} is not determined by this map (u = {_short(u, units[n])}): held at "
-        f"{_short(at[n], units[n])}"
-        for n, u in doubtful.items()
-    )
-    if not weak:  # as solved already
-        return _Job(job.points, placed, replace(open_, warnings=warnings), job.sample)
-    form = begin.with_parameters(**{n: at[n] for n in doubtful})
-    return _Job(
-        job.points,
-        replace(job.begin, form=form),
-        replace(open_, warnings=warnings),
-        job.sample,
-    )
-
-
-def _short(value: float, unit: str) -> str:
-    number = f"{value:.2g}" if np.isfinite(value) else "unlimited"
-    return number if unit == "1" else f"{number} {unit}"
+    begun = _held(job, given, start, {n: at[n] for n in doubtful}, doubtful)
+    return begun if weak else replace(begun, begin=placed)  # that is solved already
 
 
 def _is_determined(job: _Job, placed: Placement, weak: Sequence[str]) -> bool:

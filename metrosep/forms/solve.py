@@ -34,8 +34,10 @@ _ROUNDING = 16.0 * float(np.finfo(float).eps)
 """Of the largest height: what a noise-free fit ends at."""
 _LEAST_DAMPING, _MAX_DAMPING = 1e-12, 1e12
 _DAMPING_OF_TIES = 1e-9
-_PARALLEL, _SERIES = 0.99, 0.99
-"""Cosine between two steps, and largest ratio, of what counts as a geometric series."""
+_STALLED = 5
+"""Steps that lower the residual by less than a millionth together."""
+_PARALLEL = 0.99
+"""Minus the cosine between two steps that go to and fro."""
 _CAUTION = (0.0, 1e-2, 10.0)
 """Damping at the start of each attempt: a careful one begins where a bold one did not arrive."""
 """Relative to columns of unit length. Small at first: nearly tied freedoms leave a long, bent
@@ -192,11 +194,18 @@ def solve(
     )
     begin = start.astype(np.float64)
     failure: NotConvergedError | DegenerateFitError | None = None
+    at_rim: Solution | None = None
     for caution in _CAUTION:
         try:
-            return _descend(job, begin, max_iterations, caution=caution)
+            found = _descend(job, begin, max_iterations, caution=caution)
         except (NotConvergedError, DegenerateFitError) as error:
             failure = failure or error
+        else:
+            if not found.is_at_rim:
+                return found
+            at_rim = at_rim or found
+    if at_rim is not None:
+        return at_rim
     assert failure is not None  # noqa: S101
     raise failure
 
@@ -274,21 +283,21 @@ def _descend(job: _Job, values: FloatArray, max_iterations: int, *, caution: flo
     for _ in range(max_iterations):
         step, effect = _step(normal, damping, job.names)
         rms = float(np.sqrt(normal.mean_square))
-        share = _STEP_SHARE if normal.n < _LARGE else _STEP_SHARE_LARGE
-        if effect <= max(share * rms, _ROUNDING * job.height, _resolution(normal, values)):
+        least_effect = _STEP_SHARE if normal.n < _LARGE else _STEP_SHARE_LARGE
+        if effect <= max(least_effect * rms, _ROUNDING * job.height, _resolution(normal, values)):
             if damping > 0.0:  # the step is small because it was held back
                 damping = 0.0
                 continue
             _determined(normal, job.names)
             return Solution(values + step, normal, accepted, trace)
         scaled = step * np.sqrt(np.diag(normal.gram))
-        longer = 1.0 if last is None else _stretch(scaled, last)
-        moved, trial = _trial(job, values + longer * step)
-        if longer != 1.0 and not _is_better(trial, normal, job.height):
-            longer = 1.0
+        share = 1.0 if last is None else _share(scaled, last)
+        moved, trial = _trial(job, values + share * step)
+        if share < 1.0 and not _is_better(trial, normal, job.height):
+            share = 1.0
             moved, trial = _trial(job, values + step)
         if _is_better(trial, normal, job.height):
-            last = scaled if longer == 1.0 else None
+            last = scaled if share == 1.0 else None
             values, normal = moved, trial
             accepted += 1
             trace.append(float(np.sqrt(normal.mean_square)))
@@ -298,7 +307,7 @@ def _descend(job: _Job, values: FloatArray, max_iterations: int, *, caution: flo
             is_at_rim = trial.n < normal.n
             if damping > _MAX_DAMPING:
                 break
-    if is_at_rim:
+    if is_at_rim and len(trace) > _STALLED and trace[-1] > (1.0 - 1e-6) * trace[-_STALLED]:
         return Solution(values, normal, accepted, trace, is_at_rim=True)
     advice = "give a start closer to the answer, or free fewer parameters"
     if float(np.linalg.eigvalsh(scaled_gram(normal, job.names)[0])[0]) < _NEARLY_TIED:
@@ -312,17 +321,16 @@ def _descend(job: _Job, values: FloatArray, max_iterations: int, *, caution: flo
     )
 
 
-def _stretch(step: FloatArray, last: FloatArray) -> float:
-    """Return how far to go along a step that follows its predecessor as a geometric series does.
+def _share(step: FloatArray, last: FloatArray) -> float:
+    """Return the share of a step to take, 1 unless it takes back part of the step before.
 
-    Where the residual is large and bends with a parameter, each step is the same share of the one
-    before, rho; their sum is step / (1 - rho).
+    Where the residual is large and bends with a parameter (the angle of a cylinder on a saddle),
+    steps go to and fro, each rho < 0 times the one before; their sum is step / (1 - rho).
     """
     before, along = float(last @ last), float(step @ last)
-    if not abs(along) > _PARALLEL * np.sqrt(before * float(step @ step)):
+    if not -along > _PARALLEL * np.sqrt(before * float(step @ step)):
         return 1.0
-    rho = along / before
-    return 1.0 / (1.0 - rho) if rho < _SERIES else 1.0
+    return 1.0 / (1.0 - along / before)
 
 
 def _resolution(normal: Normal, values: FloatArray) -> float:
