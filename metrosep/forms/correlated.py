@@ -35,7 +35,7 @@ Linearise = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 _SIDE, _SIDE_B, _LINE = 400, 128, 4000
 """Pixels along a map (part B: its polynomials are smooth) and along a profile; more are averaged in
 blocks. u changes by less than 1.5 % (metrology-2, 1.4)."""
-_VALUES = 16_000_000
+_VALUES = 4_000_000
 """Of all columns together: with many parameters the blocks are larger."""
 _PAIRS = 0.02
 """Lags with a smaller share of pairs do not count."""
@@ -74,7 +74,7 @@ def estimated(points: Points, linearise: Linearise, residual: FloatArray, p: int
         x, y, J, r = _means(points, linearise, residual, p, b)
         good = ~np.isnan(r)
         N = int(good.sum())
-        if N <= p:
+        if p >= N:
             return _unknown(p, N)
         level = float(np.sqrt(np.mean(np.square(r[good]))))
         if level == 0.0:
@@ -209,13 +209,16 @@ def _lags(
     def lagged(spectrum: FloatArray) -> FloatArray:
         return np.asarray(fft.irfft2(spectrum, shape))
 
-    spectra = np.stack([image(q) for q in Q.T]).reshape(p, -1)
+    n_f = shape[0] * (shape[1] // 2 + 1)
+    spectra = np.empty((p, 2 * n_f))  # real and imaginary parts side by side
+    for row, q in zip(spectra, Q.T, strict=True):
+        row[:] = image(q).reshape(-1).view(np.float64)
     pairs = np.rint(lagged(np.square(np.abs(image(np.ones(N))))))
     counts = pairs >= max(_PAIRS * N, 1.0)
     pairs = np.maximum(pairs, 1.0)
     c = lagged(np.square(np.abs(image(r)))) / pairs
-    energy = np.einsum("ij,ij->j", spectra, spectra.conj()).real
-    g = lagged(energy.reshape(shape[0], -1)) / pairs
+    energy = np.einsum("ij,ij->j", spectra, spectra).reshape(shape[0], -1, 2).sum(axis=2)
+    g = lagged(energy) / pairs
     i, j = (np.rint(fft.fftfreq(n) * n).astype(np.intp) for n in shape)
     square = i[:, None] ** 2 + j[None, :] ** 2
     at = square[counts]
@@ -228,17 +231,16 @@ def _lags(
     S = summed[0][there] / np.maximum(1.0 - summed[1][there], _LEAST_LEFT)
     variance = c[0, 0] + S * g[0, 0]
     A = np.where((S > 0.0) & (variance > 0.0), np.maximum(1.0, S / variance), 1.0)
-    settled = np.nonzero(L >= (2.0 * A if is_line else 4.0 * np.sqrt(A / np.pi)))[0]
+    settled = np.nonzero((2.0 * A if is_line else 4.0 * np.sqrt(A / np.pi)) <= L)[0]
     if settled.size:
         k = int(settled[0])
     else:
         side = max(good.shape) if is_line else min(good.shape)
-        k = int(np.argmax(np.where(L <= max(side / 4.0, 1.0), S, -np.inf)))
+        k = int(np.argmax(np.where(max(side / 4.0, 1.0) >= L, S, -np.inf)))
     C = np.where(counts & (square <= there[k]), c + S[k] * g, 0.0)
     weight = np.asarray(fft.rfft2(C)).real  # C(h) = C(-h): its spectrum is real
     weight[:, 1 : (shape[1] + 1) // 2] *= 2.0  # the half that a real transform leaves out
-    M = (spectra * weight.reshape(-1)) @ spectra.conj().T
-    M = np.asarray(M.real) / (shape[0] * shape[1])
+    M = (spectra * np.repeat(weight.reshape(-1), 2)) @ spectra.T / (shape[0] * shape[1])
     M = 0.5 * (M + M.T)
     low = np.diag(M) < 0.0
     M[low] = M[:, low] = 0.0

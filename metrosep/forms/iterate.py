@@ -260,7 +260,9 @@ def _without_the_undetermined(
     known = known_values(start, given, "start")
     own = {n: known.get(n, given.parameters[n]) for n in weak}
     at = {n: v if v is not None else begin.parameters[n] for n, v in own.items()}
-    at = {n: 0.0 if own[n] is None and n.startswith("k") else float(v or 0.0) for n, v in at.items()}
+    at = {
+        n: 0.0 if own[n] is None and n.startswith("k") else float(v or 0.0) for n, v in at.items()
+    }
     held = _held(job, given, start, at, dict.fromkeys(weak, np.inf))
     try:
         solution = held.solve(held.vector(), max_iterations, sample=job.sample)

@@ -112,14 +112,12 @@ class FitResult:
         rigid = tuple(n for n in self.names if n in RIGID)
         shape = tuple(n for n in self.names if n not in RIGID)
         placed = replace(self.placement, form=self.form)
-        return estimated(
-            points, lambda x, y, z: placed.linearised(x, y, z, rigid, shape), left, p
-        )
+        return estimated(points, lambda x, y, z: placed.linearised(x, y, z, rigid, shape), left, p)
 
     def _by_radius(self, cov: FloatArray) -> FloatArray:
         """Return a covariance by R from that by c: dR = -R^2 dc."""
         rate = np.array(
-            [-self.params[n] ** 2 if n in self.form.radii else 1.0 for n in self.names]
+            [-(self.params[n] ** 2) if n in self.form.radii else 1.0 for n in self.names]
         )
         with np.errstate(over="ignore", invalid="ignore"):
             return np.asarray(rate[:, None] * cov * rate)
@@ -201,9 +199,10 @@ class FitResult:
             if not abs(c) < 3.0 * u:
                 continue
             U = self.coverage_factor * u
-            sag = 0.5 * points_of(
-                cast(Any, self.source), centre=self.centre, middle=False
-            ).radius ** 2
+            sag = (
+                0.5
+                * points_of(cast(Any, self.source), centre=self.centre, middle=False).radius ** 2
+            )
             low, high = c - U, c + U
             bounds = f"{name} > {_length(1.0 / high)} or {name} < {_length(1.0 / low)}"
             if low > 0.0 or high < 0.0:

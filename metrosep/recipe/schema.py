@@ -40,6 +40,7 @@ Kind = Literal[
     "lengths",
     "numbers",
     "limit",
+    "expanded",
     "integers",
     "times",
     "speeds",
