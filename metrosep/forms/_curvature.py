@@ -82,9 +82,14 @@ def radius_of(curvature: float) -> float:
     return math.copysign(FLAT, curvature) if abs(curvature) * FLAT < 1.0 else 1.0 / curvature
 
 
+def is_flat(radius: float) -> bool:
+    """Return whether a radius stands for a curvature of zero; rounding may have lowered it."""
+    return abs(radius) >= 0.1 * FLAT
+
+
 def curvature_of(radius: float) -> float:
     """Return 1/radius, zero for a radius that stands for a flat."""
-    return 0.0 if abs(radius) >= FLAT else 1.0 / radius
+    return 0.0 if is_flat(radius) else 1.0 / radius
 
 
 def inside(radius: float, extent: float) -> float:

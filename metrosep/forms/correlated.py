@@ -45,6 +45,8 @@ _LOWEST, _MORE, _MOST = 7, 5, 25
 """Degrees of the polynomials next to the model; from the model's, at most."""
 _TIED = 1e-13
 """Of a column: what is left of it beside the columns before it is rounding below this."""
+_ROUNDING = 16.0 * float(np.finfo(float).eps)
+"""Of the largest height: a smaller residual is rounding."""
 _NOTHING = 1e-6
 """Of a polynomial: what is left of it beside the model counts as rounding below this."""
 _LEAST_ORDER = 0.7
@@ -77,13 +79,15 @@ def estimated(points: Points, linearise: Linearise, residual: FloatArray, p: int
         if p >= N:
             return _unknown(p, N)
         level = float(np.sqrt(np.mean(np.square(r[good]))))
-        if level == 0.0:
-            return Estimate(np.zeros((p, p)), float(N - p), float(N), 0.0)
-        r /= level
+        floor = max(_ROUNDING * points.largest, 1e-60)  # m: squares of less would underflow
+        r /= max(level, floor)
         Q, R, rest = _factors(J[:, good], r[good])
         size = np.linalg.norm(R, axis=0)
         if not (np.abs(np.diag(R)) > _TIED * size).all():
             return _unknown(p, N)
+        if level <= floor:  # rounding of the heights, which hangs together with nothing
+            inverse = np.linalg.inv(R) * floor
+            return Estimate(inverse @ inverse.T, float(N - p), float(N), 0.0)
         M, area, dof = _lags(Q, rest, good, is_line=is_line)
         inverse = np.linalg.inv(R)
         by_a = inverse @ M @ inverse.T

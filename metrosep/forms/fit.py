@@ -20,7 +20,7 @@ from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
-from metrosep.forms._curvature import FLAT, curvature_name, curvature_of
+from metrosep.forms._curvature import curvature_name, curvature_of, is_flat
 from metrosep.forms.base import Form
 from metrosep.forms.fit_linear import Answer
 from metrosep.forms.freedoms import RIGID, Freedoms, choose_freedoms
@@ -182,7 +182,7 @@ def _result(
     shape = {k: float(v) for k, v in placed.form.parameters.items() if v is not None}
     rigid = {k: placed.get(k) for k in RIGID if k in freedoms.rigid or k in freedoms.held}
     bent = {curvature_name(k): curvature_of(shape[k]) for k in placed.form.radii}
-    shape.update({k: np.inf for k in placed.form.radii if abs(shape[k]) >= FLAT})
+    shape.update({k: np.inf for k in placed.form.radii if is_flat(shape[k])})
     params = {**rigid, **shape, **bent}
     step = Step(
         f"fit {placed.form.name}",

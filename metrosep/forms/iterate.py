@@ -128,6 +128,8 @@ class _Job:
         ]
 
 
+_ROUNDING = 16.0 * float(np.finfo(float).eps)
+"""Of the largest height, as in `solve`."""
 _RIM = (
     "the heights ask for a stronger curvature than a form through all points can have: the fit "
     "stopped where the form ends at the rim of the data; check the units of height and position"
@@ -303,6 +305,7 @@ def _is_determined(job: _Job, placed: Placement, weak: Sequence[str]) -> bool:
     except (DegenerateFitError, np.linalg.LinAlgError):
         return False
     left = normal.squares - float(normal.gradient @ cov @ normal.gradient)
+    left = max(left, normal.n * (_ROUNDING * job.points.largest) ** 2)
     largest = np.sqrt(np.maximum(np.diag(cov), 0.0) * max(left, 0.0))  # u if all were one pixel
     names = job.freedoms.names
     known = [largest[names.index(n)] <= _CERTAIN for n in weak]

@@ -185,10 +185,11 @@ class FitResult:
         cells = self.n_effective
         if not self.names or self.dof < 1 or not (cells < 2 * len(self.names)):
             return []
-        return [
+        text = (
             f"the residual has about {cells:.0f} independent cells for {len(self.names)} "
             "parameters, so their uncertainty is not known; measure a larger area or free fewer"
-        ]
+        )
+        return [text]
 
     def _flat(self) -> list[str]:
         """Return a sentence for each radius that the map hardly tells from a flat."""

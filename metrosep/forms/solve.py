@@ -34,6 +34,8 @@ _ROUNDING = 16.0 * float(np.finfo(float).eps)
 """Of the largest height: what a noise-free fit ends at."""
 _LEAST_DAMPING, _MAX_DAMPING = 1e-12, 1e12
 _DAMPING_OF_TIES = 1e-9
+_NO_HEIGHT = 1e-60
+"""m: a map of zeros has no largest height to compare with."""
 _STALLED = 5
 """Steps that lower the residual by less than a millionth together."""
 _PARALLEL = 0.99
@@ -284,7 +286,7 @@ def _descend(job: _Job, values: FloatArray, max_iterations: int, *, caution: flo
         step, effect = _step(normal, damping, job.names)
         rms = float(np.sqrt(normal.mean_square))
         least_effect = _STEP_SHARE if normal.n < _LARGE else _STEP_SHARE_LARGE
-        if effect <= max(least_effect * rms, _ROUNDING * job.height, _resolution(normal, values)):
+        if effect <= max(least_effect * rms, _ROUNDING * job.height, _resolution(normal, values), _NO_HEIGHT):
             if damping > 0.0:  # the step is small because it was held back
                 damping = 0.0
                 continue
