@@ -273,7 +273,9 @@ def _next_to_the_model(
     u, v = _unit(x), _unit(y)
     Pu, Pv = values(u, top), None if is_line else values(v, top)
     basis = Q
-    degrees, powers, numbers = [], [], []
+    degrees: list[float] = []
+    powers: list[float] = []
+    numbers: list[int] = []
     for d in range(1, top + 1):
         block = _degree(Pu, Pv, d)
         size = np.sqrt(np.einsum("ij,ij->j", block, block))
@@ -293,9 +295,8 @@ def _next_to_the_model(
         degrees, powers, numbers = degrees[:8], powers[:8], numbers[:8]
         n_functions = len(degrees)
         few = len(degrees) // 2 * 2
-        degrees = [float(np.sqrt(a * b)) for a, b in zip(degrees[:few:2], degrees[1:few:2])]  # noqa: B905
-        pairs = zip(powers[:few:2], powers[1:few:2])  # noqa: B905
-        powers = [float(np.exp(_PSI)) * 0.5 * (a + b) for a, b in pairs]
+        degrees = np.sqrt(np.multiply(degrees[:few:2], degrees[1:few:2])).tolist()
+        powers = (0.5 * np.exp(_PSI) * np.add(powers[:few:2], powers[1:few:2])).tolist()
         numbers = [1] * len(degrees)
     usable = [i for i, m in enumerate(powers) if m > 0.0]
     if usable:
@@ -348,5 +349,5 @@ def _unit(x: FloatArray) -> FloatArray:
 def _degree(Pu: FloatArray, Pv: FloatArray | None, d: int) -> FloatArray:
     """Return the Legendre products of a total degree, shape (n, number)."""
     if Pv is None:
-        return Pu[d][:, None]
+        return np.asarray(Pu[d][:, None])
     return np.stack([Pu[i] * Pv[d - i] for i in range(d + 1)], axis=1)

@@ -204,14 +204,22 @@ def find(
     try:
         answer, placed, n_iterations = _iterate(job, robust, max_iterations)
     except (NotConvergedError, DegenerateFitError):
-        weak = {n: begin.form.parameters[n] for n in job.freedoms.shape if n in form.weak}
+        weak = [n for n in job.freedoms.shape if n in form.weak]
         if not weak or points.n_valid < len(job.freedoms.names):
             raise
-        weak = {n: 0.0 if n.startswith("k") else v for n, v in weak.items()}
-        at = {n: float(v or 0.0) for n, v in weak.items()}
+        at = _where_held(weak, form, start, begin.form)
         job = _held(job, form, start, at, dict.fromkeys(weak, np.inf))
         answer, placed, n_iterations = _iterate(job, robust, max_iterations)
     return answer, placed, n_iterations, job.freedoms
+
+
+def _where_held(
+    names: Sequence[str], given: Form, start: Mapping[str, float], begun: Form
+) -> dict[str, float]:
+    """Return where weak parameters are held: the start's, the drawing's, k = 0, the guessed angle."""
+    asked = {**given.parameters, **known_values(start, given, "start")}
+    guessed = {n: 0.0 if n.startswith("k") else begun.parameters[n] for n in names}
+    return {n: float((guessed if asked[n] is None else asked)[n] or 0.0) for n in names}
 
 
 def _held(
@@ -258,13 +266,8 @@ def _without_the_undetermined(
     All weak ones are held first, k at the drawing's value, the start's or 0. At that answer the
     linearised fit says how well each would be known, the worst is held, and so on.
     """
-    begin, weak = job.begin.form, [n for n in given.weak if n in job.freedoms.shape]
-    known = known_values(start, given, "start")
-    own = {n: known.get(n, given.parameters[n]) for n in weak}
-    at = {n: v if v is not None else begin.parameters[n] for n, v in own.items()}
-    at = {
-        n: 0.0 if own[n] is None and n.startswith("k") else float(v or 0.0) for n, v in at.items()
-    }
+    weak = [n for n in given.weak if n in job.freedoms.shape]
+    at = _where_held(weak, given, start, job.begin.form)
     held = _held(job, given, start, at, dict.fromkeys(weak, np.inf))
     try:
         solution = held.solve(held.vector(), max_iterations, sample=job.sample)

@@ -286,7 +286,9 @@ def _descend(job: _Job, values: FloatArray, max_iterations: int, *, caution: flo
         step, effect = _step(normal, damping, job.names)
         rms = float(np.sqrt(normal.mean_square))
         least_effect = _STEP_SHARE if normal.n < _LARGE else _STEP_SHARE_LARGE
-        if effect <= max(least_effect * rms, _ROUNDING * job.height, _resolution(normal, values), _NO_HEIGHT):
+        if effect <= max(
+            least_effect * rms, _ROUNDING * job.height, _resolution(normal, values), _NO_HEIGHT
+        ):
             if damping > 0.0:  # the step is small because it was held back
                 damping = 0.0
                 continue

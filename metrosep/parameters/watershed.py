@@ -83,7 +83,7 @@ class Peaks:
         """Whether each peak or one of its four neighbours was filled, shape (n,)."""
         y, x = self.rows, self.columns
         steps = ((0, 0), (0, -1), (0, 1), (-1, 0), (1, 0))
-        return np.any([self.is_filled[y + i, x + j] for i, j in steps], axis=0)
+        return np.asarray(np.any([self.is_filled[y + i, x + j] for i, j in steps], axis=0))
 
     def __len__(self) -> int:
         return int(self.heights.size)
@@ -200,9 +200,9 @@ def _with_filled(
         out[rows[some], columns[some]] = _quadratic(
             heights, measured, rows[some], columns[some], _NEAR
         )
-    left = np.nonzero(wanted & np.isnan(out))  # in the middle of a round hole
-    if left[0].size:
-        out[left] = _quadratic(heights, measured, *left, _FAR)
+    rows, columns = np.nonzero(wanted & np.isnan(out))  # in the middle of a round hole
+    if rows.size:
+        out[rows, columns] = _quadratic(heights, measured, rows, columns, _FAR)
     return out
 
 
@@ -236,10 +236,10 @@ def _quadratic(
     rest = np.nonzero(~sound)[0]
     if reach == _NEAR:
         level[rest] = np.nan
-        return level
+        return np.asarray(level)
     for i in rest:
         level[i] += np.linalg.lstsq(gram[i], right[i], rcond=1e-6)[0][0]
-    return level
+    return np.asarray(level)
 
 
 def _hills(

@@ -327,7 +327,9 @@ def test_polynomial_of_a_map_is_that_of_dense_least_squares(rng):
     for k, (i, j) in enumerate(powers):
         name, scale = f"c_{i}_{j}", 1e-2 ** (i + j)
         np.testing.assert_allclose(found.params[name] * scale, truth[k], rtol=1e-9, atol=1e-19)
-        np.testing.assert_allclose(found.u_white[name] * scale, np.sqrt(cov[k, k]), rtol=1e-7, atol=0)
+        np.testing.assert_allclose(
+            found.u_white[name] * scale, np.sqrt(cov[k, k]), rtol=1e-7, atol=0
+        )
     np.testing.assert_allclose(found.rms, np.sqrt(rss[0] / good.sum()), rtol=1e-9, atol=0)
     assert "piston" not in found.params
 
@@ -483,7 +485,9 @@ def test_lmfit_agrees(rng):
 
     for name in found.names:
         assert abs(second.params[name].value - found.params[name]) < 0.01 * found.u[name]
-        np.testing.assert_allclose(second.params[name].stderr, found.u_white[name], rtol=0.02, atol=0)
+        np.testing.assert_allclose(
+            second.params[name].stderr, found.u_white[name], rtol=0.02, atol=0
+        )
 
 
 # ---- starts and ties -----------------------------------------------------------------------------
