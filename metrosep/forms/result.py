@@ -15,7 +15,7 @@ from metrosep.core.surface import Surface
 from metrosep.core.units import format_engineering, format_length
 from metrosep.forms._curvature import curvature_name
 from metrosep.forms.base import Form
-from metrosep.forms.correlated import Estimate, estimated
+from metrosep.forms._correlated import Estimate, estimated
 from metrosep.forms.freedoms import RIGID
 from metrosep.forms.placement import Placement
 from metrosep.forms.points import PointSet, points_of
@@ -68,7 +68,7 @@ class FitResult:
     Notes
     -----
     `u` and `cov` are made from the correlation of the residual, when they are first asked for
-    (`metrosep.forms.correlated`). They say how well this map determines the parameters. An error
+    (explanation page: form fit). They say how well this map determines the parameters. An error
     that has the shape of a parameter is not in them: scale, reference surface, repeatability.
     """
 

@@ -136,7 +136,20 @@ def robust_variance(deviation: FloatArray, scale: float, rule: Robust, p: int) -
 
 
 def winsorised(deviation: FloatArray, rule: Robust) -> FloatArray:
-    """Return psi(r) / mean(psi') of a robust fit, the deviations that its covariance is made of."""
+    """Return the deviations that the covariance of a robust fit is made of.
+
+    Parameters
+    ----------
+    deviation : ndarray, m
+        From the fit; NaN is left out.
+    rule : {"tukey", "huber"}
+        Which weights.
+
+    Returns
+    -------
+    ndarray, m
+        ``psi(r) / mean(psi')`` in the same shape; NaN where the deviation is.
+    """
     good = ~np.isnan(deviation)
     limit = _TUNING[rule] * spread(deviation)
     if limit == 0.0:

@@ -26,8 +26,6 @@ from metrosep.core.blas import one_blas_thread
 from metrosep.forms._orthogonal import values
 from metrosep.forms.points import Points
 
-__all__ = ["Estimate", "estimated"]
-
 BoolArray = NDArray[np.bool_]
 Linearise = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 """From x, y, z of points to derivatives and deviations, shape (p + 1, n)."""
