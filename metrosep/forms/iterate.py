@@ -9,9 +9,9 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, DegenerateFitError, NotConvergedError
+from metrosep.forms._correlated import estimated
 from metrosep.forms._curvature import curvature_of, radius_of
 from metrosep.forms.base import Form
-from metrosep.forms._correlated import estimated
 from metrosep.forms.fit_linear import Answer, solve_level, solve_linear, sum_of_squares
 from metrosep.forms.freedoms import RIGID, Freedoms, known_values
 from metrosep.forms.linear import LinearForm

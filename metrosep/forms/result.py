@@ -13,9 +13,9 @@ from metrosep.core.errors import NotConvergedError
 from metrosep.core.profile import Profile, html_table
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_engineering, format_length
+from metrosep.forms._correlated import Estimate, estimated
 from metrosep.forms._curvature import curvature_name
 from metrosep.forms.base import Form
-from metrosep.forms._correlated import Estimate, estimated
 from metrosep.forms.freedoms import RIGID
 from metrosep.forms.placement import Placement
 from metrosep.forms.points import PointSet, points_of
