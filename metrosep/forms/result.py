@@ -333,9 +333,9 @@ class FitResult:
                     "value": v if np.isfinite(v) else None,
                     "unit": self.units[k],
                     "u": u[k] if k in u and np.isfinite(u[k]) else None,
-                    "u_white": white[k] if k in white and np.isfinite(white[k]) else None,
                     "free": k in u,
                 }
+                | ({"u_white": white[k] if np.isfinite(white[k]) else None} if k in u else {})
                 for k, v in self.params.items()
             },
             "rms_m": self.rms,
