@@ -181,7 +181,7 @@ def _result(
     rms = float(np.sqrt(answer.squares / n))
     shape = {k: float(v) for k, v in placed.form.parameters.items() if v is not None}
     rigid = {k: placed.get(k) for k in RIGID if k in freedoms.rigid or k in freedoms.held}
-    bent = {curvature_name(k): curvature_of(shape[k]) for k in placed.form.radii}
+    bent = {curvature_name(k): curvature_of(shape[k]) for k in placed.form.radii if k in names}
     shape.update({k: np.inf for k in placed.form.radii if is_flat(shape[k])})
     params = {**rigid, **shape, **bent}
     step = Step(

@@ -38,8 +38,8 @@ class FitResult:
     form : Form
         With the fitted parameters, in its own frame.
     params : mapping of str to float
-        Free and held parameters, SI; rigid-body freedoms first. Beside each radius of curvature
-        its curvature (c beside R), 1/m; the radius of a flat is infinite.
+        Free and held parameters, SI; rigid-body freedoms first. Beside each free radius of
+        curvature its curvature (c beside R), 1/m; the radius of a flat is infinite.
     names : tuple of str
         The free ones, in the order of `cov`.
     white : ndarray, shape (p, p)
