@@ -29,7 +29,7 @@ _VALUES = {
     "length": "1 mm", "size": "25 mm", "uncertainty": "2 nm", "lengths": "10 mm", "angle": "1 deg",
     "angles": "0 deg,30 deg,75 deg", "time": "2 s", "times": "0 s,30 s", "frequency": "1 kHz",
     "frequencies": "50 Hz", "speed": "4800 mm/min", "speeds": "4800 mm/min", "integer": "30",
-    "integers": "8,7", "number": "1", "numbers": "1,2", "flag": "true", "limit": "2 nm",
+    "integers": "8,7", "number": "1", "numbers": "1,2", "flag": "true", "limit": "2 nm", "expanded": "2 nm",
     "places": "0 mm..0 mm,4 mm..0 mm,0 mm..4 mm", "pairs": "0..0,1..0", "range": "10 mm,5 mm",
     "waves": "3", "windows": "0 min..60 min", "lag": "2 ms", "spacing": "1 mm", "degree": "2",
 }  # fmt: skip

@@ -75,6 +75,9 @@ def print_named(recipe: Recipe, result: Result, *, as_json: bool, command: bool 
         say(f"not seen: {parts}: {step_words(what, op, command=command)}".replace("µ", "u"))
     for message in messages:
         say(f"note: {message}")
+    for entry in document["characteristics"]:
+        if entry.get("reason") or entry.get("u_note"):
+            say(f"{entry['metric']}: {entry['verdict']}: {entry.get('reason') or entry['u_note']}")
     if result.verdict is not None:
         say(f"verdict: {result.verdict}")
     labels = {".json": "result", ".html": "report"}

@@ -27,6 +27,10 @@ class Quantity:
         Standard uncertainty (GUM), same unit; ``None`` where it is not known.
     symbol : str, optional
         Symbol of the field, such as ``"PV"``.
+    dof : float or None, optional
+        Degrees of freedom of ``u``; ``None`` where they are not known or do not matter.
+    u_source : str, optional
+        What ``u`` rests on, where a verdict must say so: ``"fit residual"``.
 
     Raises
     ------
@@ -39,6 +43,8 @@ class Quantity:
     definition: str
     u: float | None = None
     symbol: str = ""
+    dof: float | None = None
+    u_source: str = ""
 
     def __post_init__(self) -> None:
         if self.u is not None and self.u < 0.0:
@@ -61,12 +67,15 @@ class Quantity:
         Returns
         -------
         dict
-            Keys ``value``, ``unit``, ``u``, ``definition``, ``symbol``.
+            Keys ``value``, ``unit``, ``u``, ``definition``, ``symbol``; ``dof`` and ``u_source``
+            where they are known. An infinite value becomes None too.
         """
+        source = {"u_source": self.u_source, "dof": self.dof} if self.u_source else {}
         return {
-            "value": None if math.isnan(self.value) else self.value,
+            "value": self.value if math.isfinite(self.value) else None,
             "unit": self.unit,
-            "u": None if self.u is None or math.isnan(self.u) else self.u,
+            "u": None if self.u is None or not math.isfinite(self.u) else self.u,
             "definition": self.definition,
             "symbol": self.symbol,
+            **source,
         }

@@ -73,6 +73,8 @@ class Asphere(Shape):
     norm_radius: float | None = None
 
     name = "asphere"
+    radii = ("R",)
+    weak = ("k",)
 
     def __post_init__(self) -> None:
         terms = _terms(self.coefficients, first=4, is_odd=False)
@@ -146,7 +148,7 @@ class Asphere(Shape):
         TooFewSamplesError
             If there are fewer than 4 points.
         DegenerateFitError
-            If the points lie in a plane to rounding.
+            If all points lie at the centre.
         """
         zeros = {f"a{n}": 0.0 for n, v in self.terms if v is None}
         form = self.with_parameters(**zeros)

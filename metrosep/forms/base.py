@@ -38,6 +38,12 @@ class Form(ABC):
         Whether the form has a height at every point, so that no valid point is left out.
     is_linear : bool
         Whether the heights are linear in all parameters.
+    radii : tuple of str
+        Parameters that are radii of curvature. A fit looks for 1/R, which is zero for a flat and
+        has no pole there.
+    weak : tuple of str
+        Parameters that move no height of a flat part. A fit holds one that is not known to 1 (a
+        conic constant) or to 1 rad.
     """
 
     name: str = "form"
@@ -45,6 +51,8 @@ class Form(ABC):
     has_centre: bool = True
     is_everywhere: bool = False
     is_linear: bool = False
+    radii: tuple[str, ...] = ()
+    weak: tuple[str, ...] = ()
 
     @property
     @abstractmethod

@@ -14,7 +14,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.forms._curvature import EQUATOR, mean_curvature
+from metrosep.forms._curvature import EQUATOR, mean_curvature, radius_of
 from metrosep.forms._shape import Shape, positive_root, root
 from metrosep.forms.base import checked
 
@@ -64,6 +64,8 @@ class Conic(Shape):
 
     name = "conic"
     units = {"R": "m", "k": "1"}  # noqa: RUF012
+    radii = ("R",)
+    weak = ("k",)
 
     def __post_init__(self) -> None:
         self._set(R=checked(self.R, "R", zero=False), k=checked(self.k, "k"))
@@ -87,7 +89,7 @@ class Conic(Shape):
         TooFewSamplesError
             If there are fewer than 4 points.
         DegenerateFitError
-            If the points lie in a plane to rounding.
+            If all points lie at the centre.
         """
         extent = float(np.sqrt((x * x + y * y).max())) if x.size else 0.0
         values: dict[str, float] = {}
@@ -95,11 +97,11 @@ class Conic(Shape):
         if k is None:
             k = 0.0
             if self.R is None or abs(self.R) <= EQUATOR * extent:
-                parabola = 1.0 / mean_curvature(x, y, z, name=self.name, k=-1.0)
+                parabola = radius_of(mean_curvature(x, y, z, name=self.name, k=-1.0))
                 k = 0.0 if abs(self.R or parabola) > EQUATOR * extent else -1.0
             values["k"] = k
         if self.R is None:
-            R = 1.0 / mean_curvature(x, y, z, name=self.name, k=k)
+            R = radius_of(mean_curvature(x, y, z, name=self.name, k=k))
             least = EQUATOR * extent * math.sqrt(max(1.0 + k, 0.0))
             values["R"] = math.copysign(max(abs(R), least), R)
         return self.with_parameters(**values) if values else self

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core.errors import DegenerateFitError
-from metrosep.forms._curvature import hessian, inside, mean_curvature
+from metrosep.forms._curvature import inside, mean_curvature, radius_of, scaled
 from metrosep.forms._shape import Shape, positive_root, root
 from metrosep.forms.base import checked
 
@@ -55,6 +55,8 @@ class Cylinder(Shape):
 
     name = "cylinder"
     units = {"R": "m", "angle": "rad"}  # noqa: RUF012
+    radii = ("R",)
+    weak = ("angle",)
 
     def __post_init__(self) -> None:
         self._set(R=checked(self.R, "R", zero=False), angle=checked(self.angle, "angle"))
@@ -70,24 +72,21 @@ class Cylinder(Shape):
         Returns
         -------
         Cylinder
-            The axis lies along the eigenvector of the smaller curvature of the best quadratic,
-            -pi/2 < angle <= pi/2; R by algebraic regression across it.
+            The axis has the direction, -pi/2 < angle <= pi/2, in which a parabolic cylinder with
+            tilt and piston leaves least; R by algebraic regression across it.
 
         Raises
         ------
         TooFewSamplesError
             If there are fewer than 4 points.
         DegenerateFitError
-            If the points lie in a plane to rounding, or have no extent across the axis.
+            If all points lie at the centre, or have no extent across the axis.
         """
         values: dict[str, float] = {}
         angle = self.angle
         if angle is None:
-            curvature, direction = np.linalg.eigh(hessian(x, y, z, name=self.name))
-            axis = direction[:, int(np.argmin(np.abs(curvature)))]
-            angle = math.atan2(axis[1], axis[0])
-            angle -= math.pi * math.ceil(angle / math.pi - 0.5)
-            values["angle"] = angle
+            scaled(x, y, z, self.name, 4)
+            angle = values["angle"] = _best_direction(x, y, z)
         if self.R is None:
             across = y * math.cos(angle) - x * math.sin(angle)
             extent = float(np.abs(across).max(initial=0.0))
@@ -97,7 +96,7 @@ class Cylinder(Shape):
                     " rad from +x): its radius shows nowhere; along a profile a cylinder is curved "
                     "with angle=pi/2"
                 )
-            R = 1.0 / mean_curvature(x, y, z, name=self.name, across=across)
+            R = radius_of(mean_curvature(x, y, z, name=self.name, across=across))
             values["R"] = inside(R, extent)
         return self.with_parameters(**values) if values else self
 
@@ -124,3 +123,24 @@ class Cylinder(Shape):
         u = t / R
         along = x * math.cos(angle) + y * math.sin(angle)
         return [-u * u / (w * (1.0 + w)) if n == "R" else -along * u / w for n in names]
+
+
+def _best_direction(x: FloatArray, y: FloatArray, z: FloatArray) -> float:
+    """Return the axis of the parabolic cylinder that leaves least, rad; a saddle has two valleys.
+
+    With t^2 = x^2 sin^2 - 2 x y sin cos + y^2 cos^2 beside 1, x, y: what t^2 explains is
+    (t^2 . z)^2 / (t^2 . t^2) of what the plane leaves, from the 3 x 3 sums of x^2, x y, y^2.
+    """
+    half = max(float(np.abs(x).max()), float(np.abs(y).max())) or 1.0
+    u, v = x / half, y / half
+    plane = np.linalg.qr(np.stack([np.ones_like(u), u, v], axis=1))[0]
+    bent = np.stack([u * u, u * v, v * v], axis=1)
+    bent = bent - plane @ (plane.T @ bent)
+    sums, right = bent.T @ bent, bent.T @ (z - z.mean())
+    angle = 0.5 * math.pi - math.pi / 720.0 * np.arange(720)
+    s, c = np.sin(angle), np.cos(angle)
+    square = np.stack([s * s, -2.0 * s * c, c * c])
+    length = np.einsum("in,ij,jn->n", square, sums, square)
+    gain = np.square(right @ square) / np.where(length > 0.0, length, np.inf)
+    # A profile shows no direction: the first of equals, curved along x.
+    return float(angle[int(np.argmax(gain >= (1.0 - 1e-9) * gain.max()))])

@@ -20,6 +20,7 @@ from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
+from metrosep.forms._curvature import curvature_name, curvature_of, is_flat
 from metrosep.forms.base import Form
 from metrosep.forms.fit_linear import Answer
 from metrosep.forms.freedoms import RIGID, Freedoms, choose_freedoms
@@ -95,8 +96,11 @@ def fit(
 
     Notes
     -----
-    O(n) in time, blocks of 16 000 points in memory. The covariance assumes independent deviations;
-    with a robust rule it is that of the weighted points.
+    O(n) in time, blocks of 16 000 points in memory. A radius is looked for as its curvature 1/R, so
+    that a flat part has an answer, R = inf. A conic constant that the points do not know to 1, and
+    the angle of a cylinder not known to 1 rad, is held, with a warning. The covariance is made from
+    the correlation of the residual when it is asked for; with a robust rule the residual is
+    winsorised.
 
     Examples
     --------
@@ -123,7 +127,7 @@ def fit(
         form, free, {} if fixed is None else fixed, is_profile=isinstance(obj, Profile)
     )
     with one_blas_thread():
-        answer, placed, n_iterations = find(
+        answer, placed, n_iterations, freedoms = find(
             points,
             form,
             freedoms,
@@ -177,7 +181,9 @@ def _result(
     rms = float(np.sqrt(answer.squares / n))
     shape = {k: float(v) for k, v in placed.form.parameters.items() if v is not None}
     rigid = {k: placed.get(k) for k in RIGID if k in freedoms.rigid or k in freedoms.held}
-    params = {**rigid, **shape}
+    bent = {curvature_name(k): curvature_of(shape[k]) for k in placed.form.radii if k in names}
+    shape.update({k: np.inf for k in placed.form.radii if is_flat(shape[k])})
+    params = {**rigid, **shape, **bent}
     step = Step(
         f"fit {placed.form.name}",
         {
@@ -220,14 +226,17 @@ def _result(
         form=placed.form,
         params=params,
         names=names,
-        cov=answer.cov,
+        white=answer.cov,
         residual=left,
         rms=rms,
         n_points=n,
         centre=points.centre,
         placement=placed,
-        units={**RIGID, **placed.form.units_of()},
-        warnings=fit_warnings(points, placed, names, answer.cov, rms),
+        units={**RIGID, **placed.form.units_of(), **dict.fromkeys(bent, "1/m")},
+        found_warnings=(
+            *freedoms.warnings,
+            *fit_warnings(points, placed, names, answer.cov, rms),
+        ),
         notes=tuple(notes),
         n_iterations=n_iterations,
         robust=robust,

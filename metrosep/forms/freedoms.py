@@ -61,12 +61,15 @@ class Freedoms:
         Rigid-body freedoms held at a value other than zero.
     notes : tuple of str
         What the caller should know.
+    warnings : tuple of str
+        What was asked for and is held, since the points do not determine it.
     """
 
     rigid: tuple[str, ...]
     shape: tuple[str, ...]
     held: Mapping[str, float]
     notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:

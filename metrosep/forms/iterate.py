@@ -8,7 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError
+from metrosep.core.errors import DataError, DegenerateFitError, NotConvergedError
+from metrosep.forms._correlated import estimated
+from metrosep.forms._curvature import curvature_of, radius_of
 from metrosep.forms.base import Form
 from metrosep.forms.fit_linear import Answer, solve_level, solve_linear, sum_of_squares
 from metrosep.forms.freedoms import RIGID, Freedoms, known_values
@@ -48,9 +50,15 @@ class _Job:
     sample: Sample
 
     def vector(self) -> FloatArray:
-        shape = self.begin.form.parameters
+        """Where to begin; a radius stands as its curvature, here and in all that is solved for."""
+        shape, radii = self.begin.form.parameters, self.begin.form.radii
         rigid = [self.begin.get(n) for n in self.freedoms.rigid]
-        return np.array([*rigid, *(shape[n] for n in self.freedoms.shape)], dtype=np.float64)
+        found = [float(shape[n] or 0.0) for n in self.freedoms.shape]
+        bent = [
+            curvature_of(v) if n in radii else v
+            for n, v in zip(self.freedoms.shape, found, strict=True)
+        ]
+        return np.array([*rigid, *bent], dtype=np.float64)
 
     def reach(self) -> FloatArray:
         """Largest sensible change of each freedom: the extent, a radian; a parameter has none."""
@@ -88,7 +96,11 @@ class _Job:
     def placed(self, values: FloatArray) -> Placement:
         n = len(self.freedoms.rigid)
         rigid = {**self.begin.rigid, **dict(zip(self.freedoms.rigid, values[:n], strict=True))}
-        shape = dict(zip(self.freedoms.shape, (float(v) for v in values[n:]), strict=True))
+        radii = self.begin.form.radii
+        shape = {
+            name: radius_of(float(v)) if name in radii else float(v)
+            for name, v in zip(self.freedoms.shape, values[n:], strict=True)
+        }
         form = self.begin.form.with_parameters(**shape) if shape else self.begin.form
         return replace(self.begin, form=form, rigid={k: float(v) for k, v in rigid.items()})
 
@@ -116,6 +128,17 @@ class _Job:
         ]
 
 
+_ROUNDING = 16.0 * float(np.finfo(float).eps)
+"""Of the largest height, as in `solve`."""
+_RIM = (
+    "the heights ask for a stronger curvature than a form through all points can have: the fit "
+    "stopped where the form ends at the rim of the data; check the units of height and position"
+)
+_CERTAIN = 0.3
+"""Of the allowed uncertainty: a weak parameter that even wholly correlated deviations leave better
+known is not looked at again."""
+
+
 def find(
     points: Points,
     form: Form,
@@ -126,8 +149,8 @@ def find(
     tilt: Tilt,
     direction: Direction,
     max_iterations: int,
-) -> tuple[Answer, Placement, int]:
-    """Return what was found, where the form sits, and the steps that it took.
+) -> tuple[Answer, Placement, int, Freedoms]:
+    """Return what was found, where the form sits, the steps that it took, and what was free.
 
     Parameters
     ----------
@@ -154,6 +177,8 @@ def find(
         The form at its place.
     n_iterations : int
         0 where everything that is free is linear.
+    freedoms : Freedoms
+        Without the weak parameters that the points do not determine.
 
     Raises
     ------
@@ -167,13 +192,140 @@ def find(
     if not start and direction == "vertical":
         answer = solve_linear(points, form, freedoms, robust)
         if answer is not None:
-            return answer, Placement(answer.form, {}, tilt), 0
+            return answer, Placement(answer.form, {}, tilt), 0, freedoms
     sample = points.sample()
     begin = _begin(points, form, freedoms, start, sample, tilt=tilt, direction=direction)
     answer = solve_level(points, begin, freedoms, robust)
     if answer is not None:
-        return answer, replace(begin, rigid=answer.rigid), 0
-    return _iterate(_Job(points, begin, freedoms, sample), robust, max_iterations)
+        return answer, replace(begin, rigid=answer.rigid), 0, freedoms
+    job = _Job(points, begin, freedoms, sample)
+    if set(form.weak) & set(freedoms.shape):
+        job = _without_the_undetermined(job, form, start, max_iterations)
+    try:
+        answer, placed, n_iterations = _iterate(job, robust, max_iterations)
+    except (NotConvergedError, DegenerateFitError):
+        weak = [n for n in job.freedoms.shape if n in form.weak]
+        if not weak or points.n_valid < len(job.freedoms.names):
+            raise
+        at = _where_held(weak, form, start, begin.form)
+        job = _held(job, form, start, at, dict.fromkeys(weak, np.inf))
+        answer, placed, n_iterations = _iterate(job, robust, max_iterations)
+    return answer, placed, n_iterations, job.freedoms
+
+
+def _where_held(
+    names: Sequence[str], given: Form, start: Mapping[str, float], begun: Form
+) -> dict[str, float]:
+    """Return where weak parameters are held: the start's, the drawing's, k = 0, the guessed angle."""
+    asked = {**given.parameters, **known_values(start, given, "start")}
+    guessed = {n: 0.0 if n.startswith("k") else begun.parameters[n] for n in names}
+    return {n: float((guessed if asked[n] is None else asked)[n] or 0.0) for n in names}
+
+
+def _held(
+    job: _Job,
+    form: Form,
+    start: Mapping[str, float],
+    at: Mapping[str, float],
+    u: Mapping[str, float],
+) -> _Job:
+    """Return the job begun anew with some parameters held at a value, and a warning for each."""
+    units = job.begin.form.units_of()
+
+    def short(value: float, name: str) -> str:
+        number = f"{value:.2g}" if np.isfinite(value) else "unlimited"
+        return number if units[name] == "1" else f"{number} {units[name]}"
+
+    warnings = tuple(
+        f"{n} is not determined by this map (u = {short(u[n], n)}): held at {short(v, n)}"
+        for n, v in at.items()
+    )
+    freedoms = replace(
+        job.freedoms,
+        shape=tuple(n for n in job.freedoms.shape if n not in at),
+        warnings=(*job.freedoms.warnings, *warnings),
+    )
+    rest = {k: v for k, v in known_values(start, form, "start").items() if k not in at}
+    begin = _begin(
+        job.points,
+        form.with_parameters(**at),
+        freedoms,
+        rest,
+        job.sample,
+        tilt=job.begin.tilt,
+        direction=job.begin.direction,
+    )
+    return _Job(job.points, begin, freedoms, job.sample)
+
+
+def _without_the_undetermined(
+    job: _Job, given: Form, start: Mapping[str, float], max_iterations: int
+) -> _Job:
+    """Return the job with those weak parameters held that the points do not know to 1.
+
+    All weak ones are held first, k at the drawing's value, the start's or 0. At that answer the
+    linearised fit says how well each would be known, the worst is held, and so on.
+    """
+    weak = [n for n in given.weak if n in job.freedoms.shape]
+    at = _where_held(weak, given, start, job.begin.form)
+    held = _held(job, given, start, at, dict.fromkeys(weak, np.inf))
+    try:
+        solution = held.solve(held.vector(), max_iterations, sample=job.sample)
+        values = solution.values
+        if not solution.is_at_rim and _is_determined(job, held.placed(values), weak):
+            return job
+        if job.points.n_valid > job.sample[2].size:
+            values = _solve(held, max_iterations)[0].values
+    except (NotConvergedError, DegenerateFitError):
+        return job  # a part so curved that the held form does not reach its rim
+    if solution.is_at_rim:  # where slopes are infinite, nothing linearised is true
+        return held
+    placed, open_, doubtful = held.placed(values), job.freedoms, dict[str, float]()
+    while weak:
+        u = _linearised_u(job.points, placed, open_)
+        if len(weak) > 1 and np.isinf([u[n] for n in weak]).all():  # one may hide the other
+            for n in weak:
+                rest = tuple(k for k in open_.shape if k == n or k not in weak)
+                u[n] = _linearised_u(job.points, placed, replace(open_, shape=rest))[n]
+        worst = max(weak, key=lambda n: u[n])
+        if not u[worst] > 1.0:
+            break
+        doubtful[worst] = u[worst]
+        weak.remove(worst)
+        open_ = replace(open_, shape=tuple(n for n in open_.shape if n != worst))
+    if not doubtful:
+        return job
+    begun = _held(job, given, start, {n: at[n] for n in doubtful}, doubtful)
+    return begun if weak else replace(begun, begin=placed)  # that is solved already
+
+
+def _is_determined(job: _Job, placed: Placement, weak: Sequence[str]) -> bool:
+    """Whether no correlation of the deviations could leave a weak parameter unknown."""
+    at = replace(job, begin=placed)
+    normal = accumulate(at.linearise(at.vector(), sample=job.sample), len(job.freedoms.names))
+    try:
+        cov = _covariance(normal, job.freedoms.names, 1.0)
+    except (DegenerateFitError, np.linalg.LinAlgError):
+        return False
+    left = normal.squares - float(normal.gradient @ cov @ normal.gradient)
+    left = max(left, normal.n * (_ROUNDING * job.points.largest) ** 2)
+    largest = np.sqrt(np.maximum(np.diag(cov), 0.0) * max(left, 0.0))  # u if all were one pixel
+    names = job.freedoms.names
+    known = [largest[names.index(n)] <= _CERTAIN for n in weak]
+    return bool(np.isfinite(cov).all() and (np.diag(cov) > 0.0).all() and all(known))
+
+
+def _linearised_u(points: Points, placed: Placement, freedoms: Freedoms) -> dict[str, float]:
+    """Return the standard uncertainty of each parameter at a place, infinite where nothing moves."""
+    p = len(freedoms.names)
+    found = estimated(
+        points,
+        lambda x, y, z: placed.linearised(x, y, z, freedoms.rigid, freedoms.shape),
+        points.over_blocks(placed.deviation),
+        p,
+    )
+    u = np.sqrt(np.diag(found.cov))
+    return dict(zip(freedoms.names, np.where(np.isnan(u), np.inf, u).tolist(), strict=True))
 
 
 def _iterate(
@@ -181,6 +333,8 @@ def _iterate(
 ) -> tuple[Answer, Placement, int]:
     names = job.freedoms.names
     solution, residual = _solve(job, max_iterations)
+    if solution.is_at_rim:
+        job.freedoms = replace(job.freedoms, warnings=(*job.freedoms.warnings, _RIM))
     normal, scale = solution.normal, 0.0
     if robust is not None:
         solution, scale = _robust(job, solution, robust, max_iterations)

@@ -42,12 +42,14 @@ def refit(result: FitResult) -> Any:
     points = points_of(result.source, centre=result.centre, middle=False)
     x, y, z = points.sample(points.z.size)
     parameters = lmfit.Parameters()
-    for name, value in result.params.items():
+    held = {k: v for k, v in result.params.items() if k in RIGID}
+    start = {**held, **result.form.parameters}
+    for name, value in start.items():
         parameters.add(name, value=value, vary=name in result.names)
     unit = result.rms if result.rms > 0.0 else 1.0
 
     def residual(values: Any) -> Any:
-        given = {k: float(values[k].value) for k in result.params}
+        given = {k: float(values[k].value) for k in start}
         rigid = {k: v for k, v in given.items() if k in RIGID}
         shape = {k: v for k, v in given.items() if k not in RIGID}
         placed = Placement(

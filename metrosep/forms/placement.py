@@ -139,7 +139,7 @@ class Placement:
         -------
         ndarray, shape (n_free + 1, n)
             A row per freedom and parameter, along the deviation; the last row is measured minus
-            ideal.
+            ideal. The derivative by a radius of curvature is that by 1/R, which has no pole.
 
         Notes
         -----
@@ -161,8 +161,10 @@ class Placement:
         gx, gy = slopes if slopes is not None else (height, height)
         add = self._plane_columns if self.tilt == "plane" else self._rotation_columns
         add(block, rigid, (x, y, z), (xf, yf), (gx, gy))
-        for row, column in enumerate(derived, start=len(rigid)):
+        for row, (name, column) in enumerate(zip(shape, derived, strict=True), start=len(rigid)):
             block[row] = column
+            if name in self.form.radii:  # dz/dc = -R^2 dz/dR with c = 1/R
+                block[row] *= -(float(self.form.parameters[name] or 0.0) ** 2)
         return block
 
     def _foot(

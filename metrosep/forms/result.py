@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,9 +13,13 @@ from metrosep.core.errors import NotConvergedError
 from metrosep.core.profile import Profile, html_table
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_engineering, format_length
+from metrosep.forms._correlated import Estimate, estimated
+from metrosep.forms._curvature import curvature_name
 from metrosep.forms.base import Form
+from metrosep.forms.freedoms import RIGID
 from metrosep.forms.placement import Placement
-from metrosep.forms.points import PointSet
+from metrosep.forms.points import PointSet, points_of
+from metrosep.forms.robust import Robust, winsorised
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -34,11 +38,12 @@ class FitResult:
     form : Form
         With the fitted parameters, in its own frame.
     params : mapping of str to float
-        Free and held parameters, SI; rigid-body freedoms first.
+        Free and held parameters, SI; rigid-body freedoms first. Beside each free radius of
+        curvature its curvature (c beside R), 1/m; the radius of a flat is infinite.
     names : tuple of str
         The free ones, in the order of `cov`.
-    cov : ndarray, shape (p, p)
-        Covariance, for deviations that are independent from point to point.
+    white : ndarray, shape (p, p)
+        Covariance if deviations were independent from point to point, by c where R is free.
     residual : Surface, Profile or PointSet
         Measured minus ideal; NaN where not measured or outside the form's domain.
     rms : float, m
@@ -51,8 +56,8 @@ class FitResult:
         The form at its place.
     units : mapping of str to str
         Unit of each parameter.
-    warnings, notes : tuple of str
-        Parameters that hang together; what the fit assumed.
+    found_warnings, notes : tuple of str
+        Parameters that hang together or are held; what the fit assumed.
     n_iterations : int
         Steps taken; 0 for a form that is linear in all that is free.
     robust : str or None
@@ -62,42 +67,181 @@ class FitResult:
 
     Notes
     -----
-    Where the deviations are correlated (waviness, a wrong form) the covariance is too small: it
-    says how well noise is averaged, not how well the form describes the part.
+    `u` and `cov` are made from the correlation of the residual, when they are first asked for
+    (explanation page: form fit). They say how well this map determines the parameters. An error
+    that has the shape of a parameter is not in them: scale, reference surface, repeatability.
     """
 
     form: Form
     params: Mapping[str, float]
     names: tuple[str, ...]
-    cov: FloatArray
+    white: FloatArray
     residual: Surface | Profile | PointSet
     rms: float
     n_points: int
     centre: tuple[float, float]
     placement: Placement
     units: Mapping[str, str]
-    warnings: tuple[str, ...] = ()
+    found_warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     n_iterations: int = 0
     robust: str | None = None
     source: Surface | Profile | PointSet | None = None
+    _estimates: list[Estimate] = field(default_factory=list, init=False, repr=False)
 
     @property
     def dof(self) -> int:
-        """Degrees of freedom."""
+        """Points less parameters; `dof_effective` counts what the residual can tell."""
         return self.n_points - len(self.names)
 
     @property
+    def _estimate(self) -> Estimate:
+        """What the residual says about the parameters, by c where R is free; kept."""
+        if not self._estimates:
+            self._estimates.append(self._estimated())
+        return self._estimates[0]
+
+    def _estimated(self) -> Estimate:
+        p = len(self.names)
+        if p == 0 or self.source is None:
+            return Estimate(np.full((p, p), np.nan), np.nan, np.nan, np.nan)
+        points = points_of(self.source, centre=self.centre, middle=False)
+        left = np.atleast_2d(np.asarray(self.residual.z))
+        if self.robust is not None:
+            left = winsorised(left, cast(Robust, self.robust))
+        rigid = tuple(n for n in self.names if n in RIGID)
+        shape = tuple(n for n in self.names if n not in RIGID)
+        placed = replace(self.placement, form=self.form)
+        return estimated(points, lambda x, y, z: placed.linearised(x, y, z, rigid, shape), left, p)
+
+    def _by_radius(self, cov: FloatArray) -> FloatArray:
+        """Return a covariance by R from that by c: dR = -R^2 dc."""
+        rate = np.array(
+            [-(self.params[n] ** 2) if n in self.form.radii else 1.0 for n in self.names]
+        )
+        with np.errstate(over="ignore", invalid="ignore"):
+            return np.asarray(rate[:, None] * cov * rate)
+
+    @property
+    def cov(self) -> FloatArray:
+        """Covariance of the free parameters, shape (p, p), from the correlation of the residual.
+
+        NaN where there are fewer than two independent cells for each parameter.
+        """
+        return self._by_radius(self._estimate.cov)
+
+    @property
+    def cov_white(self) -> FloatArray:
+        """Covariance if the deviations were independent from point to point, shape (p, p)."""
+        return self._by_radius(self.white)
+
+    @property
     def u(self) -> dict[str, float]:
-        """Standard uncertainty of each free parameter; NaN without degrees of freedom."""
-        return dict(zip(self.names, np.sqrt(np.diag(self.cov)).tolist(), strict=True))
+        """Standard uncertainty of each free parameter and curvature; NaN where it is not known."""
+        return self._standard(self._estimate.cov)
+
+    @property
+    def u_white(self) -> dict[str, float]:
+        """Standard uncertainty if the deviations were independent from point to point."""
+        return self._standard(self.white)
+
+    def _standard(self, cov: FloatArray) -> dict[str, float]:
+        own = dict(zip(self.names, np.sqrt(np.diag(cov)).tolist(), strict=True))
+        bent = {curvature_name(n): u for n, u in own.items() if n in self.form.radii}
+        with np.errstate(over="ignore", invalid="ignore"):
+            radii = {
+                n: float(np.float64(self.params[n]) ** 2 * u)
+                for n, u in own.items()
+                if n in self.form.radii
+            }
+        return {**own, **radii, **bent}
+
+    @property
+    def dof_effective(self) -> float:
+        """Degrees of freedom of `u`; NaN where `u` is not known."""
+        return self._estimate.dof
+
+    @property
+    def n_effective(self) -> float:
+        """Number of independent cells of the residual."""
+        return self._estimate.n_effective
+
+    @property
+    def correlation_length(self) -> float:
+        """Radius of an independent cell of the residual, in steps of the map."""
+        return self._estimate.length
+
+    @property
+    def coverage_factor(self) -> float:
+        """Student's t for 95 % and `dof_effective`: the expanded uncertainty is this times `u`."""
+        return student(self.dof_effective, 0.975)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a user must know: parameters that are held, tied or not determined by the map."""
+        return (*self.found_warnings, *self._flat(), *self._too_few())
+
+    def _too_few(self) -> list[str]:
+        cells = self.n_effective
+        if not self.names or self.dof < 1 or not (cells < 2 * len(self.names)):
+            return []
+        text = (
+            f"the residual has about {cells:.0f} independent cells for {len(self.names)} "
+            "parameters, so their uncertainty is not known; measure a larger area or free fewer"
+        )
+        return [text]
+
+    def _flat(self) -> list[str]:
+        """Return a sentence for each radius that the map hardly tells from a flat."""
+        found = []
+        for name in (n for n in self.form.radii if n in self.names):
+            bent = curvature_name(name)
+            c, u = self.params[bent], self.u[bent]
+            if not abs(c) < 3.0 * u:
+                continue
+            U = self.coverage_factor * u
+            sag = (
+                0.5
+                * points_of(cast(Any, self.source), centre=self.centre, middle=False).radius ** 2
+            )
+            low, high = c - U, c + U
+            bounds = f"{name} > {_length(1.0 / high)} or {name} < {_length(1.0 / low)}"
+            if low > 0.0 or high < 0.0:
+                bounds = f"{name} between {_length(1.0 / high)} and {_length(1.0 / low)}"
+            found.append(
+                f"{name} is hardly told from a flat: {bent} = {c:.3g} 1/m, U = {U:.2g} 1/m "
+                f"(power {format_length(c * sag)}, U = {format_length(U * sag)} over the aperture);"
+                f" with 95 % {bounds}"
+            )
+        return found
+
+    @property
+    def assumption(self) -> str:
+        """What `u` rests on, one sentence."""
+        if not self.names:
+            return "nothing was free, so there is no uncertainty of the fit"
+        if not np.isfinite(self.dof_effective):
+            return "u is not known: the residual has too few independent points"
+        if np.isnan(self.correlation_length):
+            how = "from the polynomials next to the model: the points of a list have no neighbours"
+        else:
+            how = (
+                f"from the correlation of the residual ({self.correlation_length:.2g} steps, about "
+                f"{self.n_effective:.3g} independent cells)"
+            )
+        return (
+            f"u {how}, {self.dof_effective:.3g} degrees of freedom, k = {self.coverage_factor:.3g} "
+            "for 95 %; scale, reference and repeatability are not in it"
+        )
 
     @property
     def correlations(self) -> FloatArray:
         """Correlation of the free parameters, shape (p, p)."""
-        sd = np.sqrt(np.diag(self.cov))
+        cov = self._estimate.cov
+        sd = np.sqrt(np.diag(cov))
         safe = np.where(sd > 0.0, sd, 1.0)
-        return np.asarray(self.cov / np.outer(safe, safe))
+        sign = np.array([-1.0 if n in self.form.radii else 1.0 for n in self.names])
+        return np.asarray(cov / np.outer(safe, safe) * np.outer(sign, sign))
 
     @property
     def peak_to_valley(self) -> float:
@@ -172,24 +316,34 @@ class FitResult:
         -------
         dict
             Keys ``form``, ``parameters``, ``rms_m``, ``pv_m``, ``n_points``, ``dof``,
-            ``centre_m``, ``tilt``, ``direction``, ``robust``, ``warnings``, ``notes``.
+            ``dof_effective``, ``n_effective``, ``correlation_length_steps``, ``u_rests_on``,
+            ``centre_m``, ``tilt``, ``direction``, ``robust``, ``warnings``, ``notes``. A radius
+            that is infinite is None beside its curvature.
         """
-        u = self.u
+        u, white = self.u, self.u_white
+        effective = {
+            "dof_effective": self.dof_effective,
+            "n_effective": self.n_effective,
+            "correlation_length_steps": self.correlation_length,
+        }
         return {
             "form": self.form.name,
             "parameters": {
                 k: {
-                    "value": v,
+                    "value": v if np.isfinite(v) else None,
                     "unit": self.units[k],
                     "u": u[k] if k in u and np.isfinite(u[k]) else None,
                     "free": k in u,
                 }
+                | ({"u_white": white[k] if np.isfinite(white[k]) else None} if k in u else {})
                 for k, v in self.params.items()
             },
             "rms_m": self.rms,
             "pv_m": self.peak_to_valley,
             "n_points": self.n_points,
             "dof": self.dof,
+            **{k: v if np.isfinite(v) else None for k, v in effective.items()},
+            "u_rests_on": self.assumption,
             "centre_m": list(self.centre),
             "tilt": self.placement.tilt,
             "direction": self.placement.direction,
@@ -226,6 +380,7 @@ class FitResult:
                 else "held"
             )
             lines.append(f"  {name:<12} {text:<22} {how}")
+        lines.append(self.assumption)
         lines += [f"warning: {w}" for w in self.warnings]
         lines += [f"note: {n}" for n in self.notes]
         return "\n".join(lines)
@@ -263,3 +418,17 @@ class FitResult:
         for i, warning in enumerate(self.warnings):
             rows[f"warning {i + 1}"] = warning
         return html_table(f"{self.form.name} fit", rows)
+
+
+def student(dof: float, share: float) -> float:
+    """Return the quantile of Student's distribution, NaN without degrees of freedom."""
+    from scipy.special import stdtrit
+
+    return float(stdtrit(dof, share)) if dof > 0.0 else float("nan")
+
+
+def _length(value: float) -> str:
+    """Return a radius with three digits, in m or km where it is long."""
+    if abs(value) >= 1e3:
+        return f"{value / 1e3:.3g} km"
+    return format_length(value, digits=3)

@@ -23,6 +23,7 @@ __all__ = [
     "robust_weights",
     "spread",
     "trimmed_start",
+    "winsorised",
 ]
 
 FloatArray = NDArray[np.float64]
@@ -130,16 +131,43 @@ def robust_variance(deviation: FloatArray, scale: float, rule: Robust, p: int) -
     limit = _TUNING[rule] * scale
     if limit == 0.0:
         return 0.0
-    weights = robust_weights(r, scale, rule)
+    psi, mean_slope = _psi(r, limit, rule)
+    return float(psi @ psi) / (r.size - p) / mean_slope**2 if mean_slope > 0.0 else float("nan")
+
+
+def winsorised(deviation: FloatArray, rule: Robust) -> FloatArray:
+    """Return the deviations that the covariance of a robust fit is made of.
+
+    Parameters
+    ----------
+    deviation : ndarray, m
+        From the fit; NaN is left out.
+    rule : {"tukey", "huber"}
+        Which weights.
+
+    Returns
+    -------
+    ndarray, m
+        ``psi(r) / mean(psi')`` in the same shape; NaN where the deviation is.
+    """
+    good = ~np.isnan(deviation)
+    limit = _TUNING[rule] * spread(deviation)
+    if limit == 0.0:
+        return np.where(good, 0.0, np.nan)
+    psi, slope = _psi(deviation[good], limit, rule)
+    out = np.full(deviation.shape, np.nan)
+    out[good] = psi / slope if slope > 0.0 else np.nan
+    return out
+
+
+def _psi(r: FloatArray, limit: float, rule: Robust) -> tuple[FloatArray, float]:
+    """Return psi(r) = w r, and the mean of its slope."""
+    psi = robust_weights(r, limit / _TUNING[rule], rule) * r
     inside = np.abs(r) < limit
     if rule == "tukey":
         square = np.where(inside, (r / limit) ** 2, 1.0)
-        slope = (1.0 - square) * (1.0 - 5.0 * square)
-    else:
-        slope = inside.astype(np.float64)
-    mean_slope = float(slope.mean())
-    psi = weights * r
-    return float(psi @ psi) / (r.size - p) / mean_slope**2 if mean_slope > 0.0 else float("nan")
+        return psi, float(((1.0 - square) * (1.0 - 5.0 * square)).mean())
+    return psi, float(inside.mean())
 
 
 def robust_fit(

@@ -34,6 +34,12 @@ _ROUNDING = 16.0 * float(np.finfo(float).eps)
 """Of the largest height: what a noise-free fit ends at."""
 _LEAST_DAMPING, _MAX_DAMPING = 1e-12, 1e12
 _DAMPING_OF_TIES = 1e-9
+_NO_HEIGHT = 1e-60
+"""m: a map of zeros has no largest height to compare with."""
+_STALLED = 5
+"""Steps that lower the residual by less than a millionth together."""
+_PARALLEL = 0.99
+"""Minus the cosine between two steps that go to and fro."""
 _CAUTION = (0.0, 1e-2, 10.0)
 """Damping at the start of each attempt: a careful one begins where a bold one did not arrive."""
 """Relative to columns of unit length. Small at first: nearly tied freedoms leave a long, bent
@@ -93,12 +99,15 @@ class Solution:
         Accepted steps.
     trace : list of float
         Root mean square after each.
+    is_at_rim : bool
+        Whether the last steps were refused since they take points out of the form's domain.
     """
 
     values: FloatArray
     normal: Normal
     n_iterations: int
     trace: list[float] = field(default_factory=list)
+    is_at_rim: bool = False
 
 
 def accumulate(blocks: Iterable[FloatArray], p: int) -> Normal:
@@ -187,11 +196,18 @@ def solve(
     )
     begin = start.astype(np.float64)
     failure: NotConvergedError | DegenerateFitError | None = None
+    at_rim: Solution | None = None
     for caution in _CAUTION:
         try:
-            return _descend(job, begin, max_iterations, caution=caution)
+            found = _descend(job, begin, max_iterations, caution=caution)
         except (NotConvergedError, DegenerateFitError) as error:
             failure = failure or error
+        else:
+            if not found.is_at_rim:
+                return found
+            at_rim = at_rim or found
+    if at_rim is not None:
+        return at_rim
     assert failure is not None  # noqa: S101
     raise failure
 
@@ -264,26 +280,39 @@ def _descend(job: _Job, values: FloatArray, max_iterations: int, *, caution: flo
     trace = [float(np.sqrt(normal.mean_square))]
     damping, accepted, effect = caution, 0, np.inf
     least = max(_LEAST_DAMPING, 1e-6 * caution)
+    last: FloatArray | None = None
+    is_at_rim = False
     for _ in range(max_iterations):
         step, effect = _step(normal, damping, job.names)
         rms = float(np.sqrt(normal.mean_square))
-        share = _STEP_SHARE if normal.n < _LARGE else _STEP_SHARE_LARGE
-        if effect <= max(share * rms, _ROUNDING * job.height, _resolution(normal, values)):
+        least_effect = _STEP_SHARE if normal.n < _LARGE else _STEP_SHARE_LARGE
+        if effect <= max(
+            least_effect * rms, _ROUNDING * job.height, _resolution(normal, values), _NO_HEIGHT
+        ):
             if damping > 0.0:  # the step is small because it was held back
                 damping = 0.0
                 continue
             _determined(normal, job.names)
             return Solution(values + step, normal, accepted, trace)
-        moved, trial = _trial(job, values + step)
+        scaled = step * np.sqrt(np.diag(normal.gram))
+        share = 1.0 if last is None else _share(scaled, last)
+        moved, trial = _trial(job, values + share * step)
+        if share < 1.0 and not _is_better(trial, normal, job.height):
+            share = 1.0
+            moved, trial = _trial(job, values + step)
         if _is_better(trial, normal, job.height):
+            last = scaled if share == 1.0 else None
             values, normal = moved, trial
             accepted += 1
             trace.append(float(np.sqrt(normal.mean_square)))
             damping = damping / (10.0 if caution else 100.0) if damping > least else 0.0
         else:
             damping = max(damping * 10.0, least)
+            is_at_rim = trial.n < normal.n
             if damping > _MAX_DAMPING:
                 break
+    if is_at_rim and len(trace) > _STALLED and trace[-1] > (1.0 - 1e-6) * trace[-_STALLED]:
+        return Solution(values, normal, accepted, trace, is_at_rim=True)
     advice = "give a start closer to the answer, or free fewer parameters"
     if float(np.linalg.eigvalsh(scaled_gram(normal, job.names)[0])[0]) < _NEARLY_TIED:
         advice = (
@@ -294,6 +323,18 @@ def _descend(job: _Job, values: FloatArray, max_iterations: int, *, caution: flo
         f"the fit of {', '.join(job.names)} did not settle in {max_iterations} steps (RMS "
         f"{trace[-1]:.3g} m, last step still moves the form by {effect:.3g} m RMS); {advice}"
     )
+
+
+def _share(step: FloatArray, last: FloatArray) -> float:
+    """Return the share of a step to take, 1 unless it takes back part of the step before.
+
+    Where the residual is large and bends with a parameter (the angle of a cylinder on a saddle),
+    steps go to and fro, each rho < 0 times the one before; their sum is step / (1 - rho).
+    """
+    before, along = float(last @ last), float(step @ last)
+    if not -along > _PARALLEL * np.sqrt(before * float(step @ step)):
+        return 1.0
+    return 1.0 / (1.0 - along / before)
 
 
 def _resolution(normal: Normal, values: FloatArray) -> float:
@@ -309,8 +350,10 @@ def _is_better(trial: Normal, normal: Normal, height: float) -> bool:
     sag is a million times the residual, the last steps lower it by less.
     """
     rounding = 2.0 * _ROUNDING * height * float(np.sqrt(normal.mean_square))
+    # From a start that holds all points none is lost; where some lie outside, a few may change.
+    fewest = 0.95 * normal.n if normal.n_outside else normal.n
     return bool(
-        trial.n >= 0.95 * normal.n
+        trial.n >= fewest
         and trial.mean_square <= normal.mean_square * (1.0 + 1e-12) + rounding
         and trial.works.all()
     )

@@ -10,7 +10,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.forms._curvature import inside, mean_curvature
+from metrosep.forms._curvature import inside, mean_curvature, radius_of
 from metrosep.forms._shape import Shape, positive_root, root
 from metrosep.forms.base import checked
 
@@ -51,6 +51,7 @@ class Sphere(Shape):
 
     name = "sphere"
     units = {"R": "m"}  # noqa: RUF012
+    radii = ("R",)
 
     def __post_init__(self) -> None:
         self._set(R=checked(self.R, "R", zero=False))
@@ -66,18 +67,18 @@ class Sphere(Shape):
         Returns
         -------
         Sphere
-            R by algebraic regression with tilt and piston; large and finite for a flat part.
+            R by algebraic regression with tilt and piston; finite also for a flat part.
 
         Raises
         ------
         TooFewSamplesError
             If there are fewer than 4 points.
         DegenerateFitError
-            If the points lie in a plane to rounding.
+            If all points lie at the centre.
         """
         if self.R is not None:
             return self
-        R = 1.0 / mean_curvature(x, y, z, name=self.name)
+        R = radius_of(mean_curvature(x, y, z, name=self.name))
         return self.with_parameters(R=inside(R, math.sqrt((x * x + y * y).max())))
 
     def _parts(self, x: FloatArray, y: FloatArray) -> tuple[float, FloatArray, FloatArray]:

@@ -36,7 +36,7 @@ def _start_radii(
                 f"the points have fewer than 3 positions along {axis}: the radius of a {name} "
                 "along it shows nowhere; give it, or measure a map"
             )
-    return radius_of(H[0, 0], x, y, z), radius_of(H[1, 1], x, y, z)
+    return radius_of(float(H[0, 0])), radius_of(float(H[1, 1]))
 
 
 @dataclass(frozen=True, repr=False)
@@ -80,6 +80,7 @@ class Toric(Shape):
 
     name = "toric"
     units = {"Rb": "m", "Rd": "m"}  # noqa: RUF012
+    radii = ("Rb", "Rd")
 
     def __post_init__(self) -> None:
         self._set(Rb=checked(self.Rb, "Rb", zero=False), Rd=checked(self.Rd, "Rd", zero=False))
@@ -102,8 +103,8 @@ class Toric(Shape):
         TooFewSamplesError
             If there are fewer than 4 points.
         DegenerateFitError
-            If the points lie in a plane to rounding, or have fewer than 3 positions along an axis
-            whose radius is not known.
+            If all points lie at the centre, or have fewer than 3 positions along an axis whose
+            radius is not known.
         """
         if self.Rb is not None and self.Rd is not None:
             return self
@@ -189,6 +190,8 @@ class Biconic(Shape):
 
     name = "biconic"
     units = {"Rx": "m", "Ry": "m", "kx": "1", "ky": "1"}  # noqa: RUF012
+    radii = ("Rx", "Ry")
+    weak = ("kx", "ky")
 
     def __post_init__(self) -> None:
         self._set(Rx=checked(self.Rx, "Rx", zero=False), Ry=checked(self.Ry, "Ry", zero=False))
@@ -213,8 +216,8 @@ class Biconic(Shape):
         TooFewSamplesError
             If there are fewer than 4 points.
         DegenerateFitError
-            If the points lie in a plane to rounding, or have fewer than 3 positions along an axis
-            whose radius is not known.
+            If all points lie at the centre, or have fewer than 3 positions along an axis whose
+            radius is not known.
         """
         Rx, Ry, kx, ky = self.Rx, self.Ry, self.kx, self.ky
         if Rx is None or Ry is None:

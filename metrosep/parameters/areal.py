@@ -38,6 +38,7 @@ from metrosep.parameters.material_ratio import (
 from metrosep.parameters.table import Context, ParameterTable
 from metrosep.parameters.volumes import Volumes, volumes
 from metrosep.parameters.watershed import (
+    LARGEST_HOLE,
     Peaks,
     five_point_height,
     mean_peak_curvature,
@@ -52,6 +53,9 @@ EDITION = "ISO 25178-2:2021"
 
 _ALIASES = {"Smrk1": "Smr1", "Smrk2": "Smr2"}
 """Symbols of 2021 that stand in the table under the older ones."""
+
+_FEATURES = {"S5p", "S5v", "S10z", "Spd", "Spc"}
+"""Parameters of peaks and pits, from the segmentation."""
 
 _CONSTANT = "all valid heights are equal, so Sq is zero and the ratio is not defined"
 
@@ -163,7 +167,7 @@ def areal_parameters(
     settings: dict[str, Any] = {"dx_m": surface.dx, "dy_m": surface.dy}
     if given & {"Sk", "Spk", "Svk", "Smr1", "Smr2"}:
         settings["line"] = line
-    if given & {"S5p", "S5v", "S10z", "Spd", "Spc"}:
+    if given & _FEATURES:
         settings["pruning"] = pruning
     context = Context(
         edition=EDITION,
@@ -171,7 +175,7 @@ def areal_parameters(
         n_total=surface.z.size,
         history=surface.history,
         settings=settings,
-        notes=_notes(surface),
+        notes=(*_notes(surface), *_filled_notes(work, given)),
     )
     return ArealParameterTable(quantities, context, unavailable=unavailable)
 
@@ -276,7 +280,38 @@ def _aspect_ratio(work: _Work) -> float:
 
 def _peak_density(work: _Work) -> float:
     dx, dy = work.steps
-    return len(work.peaks) / (work.heights.n_valid * dx * dy)
+    n = work.heights.n_valid + work.peaks.n_filled
+    return len(work.peaks) / (n * dx * dy)
+
+
+def _filled_notes(work: _Work, given: set[str]) -> list[str]:
+    """Return how many pixels were filled for the segmentation, and which numbers feel it."""
+    missing = work.surface.z.size - work.heights.n_valid
+    if not given & _FEATURES or not missing or work.heights.Sz == 0.0:
+        return []
+    notes = []
+    found = work.pits if given & _FEATURES == {"S5v"} else work.peaks
+    if found.n_filled:
+        notes.append(
+            f"{found.n_filled} of {missing} missing pixels lie in holes of at most {LARGEST_HOLE} "
+            "pixels and were filled to find peaks and pits; heights, Sz and all other parameters "
+            "are those of measured pixels"
+        )
+    if missing > found.n_filled:
+        notes.append(
+            f"{missing - found.n_filled} missing pixels lie in larger holes or outside: peaks and "
+            "pits beside them are not counted"
+        )
+    for symbol, what in (("S5p", "peaks"), ("S5v", "pits")):
+        if given & {symbol, "S10z"}:
+            n = int((work.peaks if symbol == "S5p" else work.pits).on_filled[:5].sum())
+            if n:
+                notes.append(f"{symbol}: {n} of its 5 {what} lie on filled pixels")
+    if "Spc" in given and (n := int(work.peaks.beside_filled.sum())):
+        notes.append(
+            f"Spc: {n} of {len(work.peaks)} peaks lie on or beside a filled pixel and are left out"
+        )
+    return notes
 
 
 _ROWS = (

@@ -6,6 +6,8 @@ joins it with the hill across that saddle, and goes on until every hill stands h
 threshold. Of two hills that meet the lower peak always goes, so the peaks that stay are those
 whose height above the saddle that joins them to a higher one reaches the threshold; that needs
 only the tree of highest saddles, which is the change tree.
+
+A few missing pixels are not an edge: small holes are filled for the segmentation, and for it alone.
 """
 
 from __future__ import annotations
@@ -28,6 +30,17 @@ IntArray = NDArray[np.intp]
 
 _FIVE = 5
 
+LARGEST_HOLE = 50
+"""Pixels of a hole that is filled for the segmentation: metrology-2, 5.1 (a rule of this project)."""
+_SIGMA = 2.0
+"""Pixels, of the Gaussian weight around a filled pixel."""
+_AMONG = 2.0 / 3.0
+"""Of the window around a missing pixel at the border that must be measured: 20 % of dropouts leave
+80 +- 4 %; beside the straight edge of a part half is measured, beside a round one less."""
+_NEAR, _FAR = 4, 8
+"""Pixels around a filled one that its quadratic is fitted to; the second in the middle of a hole
+as round as 50 pixels can be, where the first leaves too few."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Peaks:
@@ -44,6 +57,8 @@ class Peaks:
         that no saddle joins to a higher one: the highest of the map, or of an island in holes.
     threshold : float, m
         Least prominence that was asked for.
+    is_filled : ndarray of bool, shape (n_y, n_x)
+        Pixels that were filled.
     """
 
     rows: IntArray
@@ -51,12 +66,32 @@ class Peaks:
     heights: FloatArray
     prominences: FloatArray
     threshold: float
+    is_filled: NDArray[np.bool_]
+
+    @property
+    def n_filled(self) -> int:
+        """Number of pixels that were filled for the segmentation."""
+        return int(np.count_nonzero(self.is_filled))
+
+    @property
+    def on_filled(self) -> NDArray[np.bool_]:
+        """Whether each peak lies on a filled pixel, shape (n,)."""
+        return np.asarray(self.is_filled[self.rows, self.columns])
+
+    @property
+    def beside_filled(self) -> NDArray[np.bool_]:
+        """Whether each peak or one of its four neighbours was filled, shape (n,)."""
+        y, x = self.rows, self.columns
+        steps = ((0, 0), (0, -1), (0, 1), (-1, 0), (1, 0))
+        return np.asarray(np.any([self.is_filled[y + i, x + j] for i, j in steps], axis=0))
 
     def __len__(self) -> int:
         return int(self.heights.size)
 
 
-def significant_peaks(z: ArrayLike, *, pruning: float = 0.05) -> Peaks:
+def significant_peaks(
+    z: ArrayLike, *, pruning: float = 0.05, largest_hole: int = LARGEST_HOLE
+) -> Peaks:
     """Return the peaks that stand a share of the total height above their saddle.
 
     Parameters
@@ -65,23 +100,29 @@ def significant_peaks(z: ArrayLike, *, pruning: float = 0.05) -> Peaks:
         Heights; NaN where not measured. Pits are the peaks of ``-z``.
     pruning : float, optional
         Least height above the saddle as a share of Sz, 0 to 1.
+    largest_hole : int, optional
+        Pixels of the largest hole that is filled for the segmentation; 0 fills none.
 
     Returns
     -------
     Peaks
-        Those inside; none at the edge of the map or of a hole.
+        Those inside; none at the edge of the map or of a larger hole.
 
     Raises
     ------
     DataError
-        If `pruning` is not between 0 and 1.
+        If `pruning` is not between 0 and 1, or `largest_hole` is not a whole number from 0.
     InvalidSamplesError
         If nothing is valid, all heights are equal, or one is infinite.
 
     Notes
     -----
     Neighbours are the eight pixels around one. A flat top is one peak, at the pixel nearest its
-    middle. At the edge of the map or of a hole the highest pixel may be no more than the flank of
+    middle. A hole of at most `largest_hole` pixels is filled by a quadratic through the measured
+    pixels around each of its pixels: a dropout on a summit does not remove the hill. Where such a
+    hole touches the border of the map, only pixels two thirds of whose surroundings were
+    measured are filled. Sz, and with it the threshold, is that of the measured pixels.
+    At the edge of the map or of a hole the highest pixel may be no more than the flank of
     a hill outside: it takes part in the pruning, but is not given as a peak. So the number of
     peaks over the area is not biased by the length of the edge. What joins an island that holes
     surround to the rest was not measured. Its highest peak counts by its height above the lowest
@@ -101,6 +142,8 @@ def significant_peaks(z: ArrayLike, *, pruning: float = 0.05) -> Peaks:
     """
     if not 0.0 <= pruning < 1.0:
         raise DataError(f"pruning is a share of Sz from 0 to below 1, got {pruning}")
+    if isinstance(largest_hole, bool) or int(largest_hole) != largest_hole or largest_hole < 0:
+        raise DataError(f"largest_hole is a whole number of pixels from 0, got {largest_hole!r}")
     heights = frozen_float(z, name="z", ndim=2)
     measured = heights == heights
     if not measured.any():
@@ -110,6 +153,10 @@ def significant_peaks(z: ArrayLike, *, pruning: float = 0.05) -> Peaks:
     if highest == lowest:
         raise InvalidSamplesError("all heights are equal: there are no peaks")
     threshold = pruning * (highest - lowest)
+    is_filled = _small_holes(measured, int(largest_hole))
+    if is_filled.any():
+        heights = _with_filled(heights, measured, is_filled)
+        measured = measured | is_filled
     filled = np.where(measured, heights, -math.inf)
     labels, tops, complete = _hills(filled, measured)
     prominences = _prominences(filled, labels, filled.reshape(-1)[tops])
@@ -118,7 +165,81 @@ def significant_peaks(z: ArrayLike, *, pruning: float = 0.05) -> Peaks:
     kept = np.nonzero((prominences >= threshold) & (prominences > 0.0) & complete)[0]
     kept = kept[np.argsort(-filled.reshape(-1)[tops[kept]], kind="stable")]
     rows, columns = np.divmod(tops[kept], heights.shape[1])
-    return Peaks(rows, columns, heights[rows, columns], prominences[kept], threshold)
+    return Peaks(rows, columns, heights[rows, columns], prominences[kept], threshold, is_filled)
+
+
+def _small_holes(measured: NDArray[np.bool_], largest: int) -> NDArray[np.bool_]:
+    """Return the pixels of the 8-connected holes up to a size.
+
+    Of a hole at the border only those are given that lie among measured pixels: a dropout does, the
+    outside of a round part does not.
+    """
+    from scipy import ndimage
+
+    holes, n = ndimage.label(~measured, structure=np.ones((3, 3), dtype=bool))
+    small = np.bincount(holes.reshape(-1), minlength=n + 1) <= largest
+    small[0] = False
+    at_border = np.zeros(n + 1, dtype=bool)
+    for side in (holes[0], holes[-1], holes[:, 0], holes[:, -1]):
+        at_border[side] = True
+    wanted = small[holes]
+    if (small & at_border).any():
+        share = ndimage.uniform_filter(measured.astype(np.float64), 2 * _NEAR + 1, mode="reflect")
+        wanted &= ~at_border[holes] | (share > _AMONG)
+    return np.asarray(wanted)
+
+
+def _with_filled(
+    heights: FloatArray, measured: NDArray[np.bool_], wanted: NDArray[np.bool_]
+) -> FloatArray:
+    """Return the heights with the wanted pixels filled, each from the measured ones around it."""
+    out = heights.copy()
+    rows, columns = np.nonzero(wanted)
+    for start in range(0, rows.size, 4096):  # windows of 4096 pixels are 10 MB
+        some = slice(start, start + 4096)
+        out[rows[some], columns[some]] = _quadratic(
+            heights, measured, rows[some], columns[some], _NEAR
+        )
+    rows, columns = np.nonzero(wanted & np.isnan(out))  # in the middle of a round hole
+    if rows.size:
+        out[rows, columns] = _quadratic(heights, measured, rows, columns, _FAR)
+    return out
+
+
+def _quadratic(
+    heights: FloatArray, measured: NDArray[np.bool_], rows: IntArray, columns: IntArray, reach: int
+) -> FloatArray:
+    """Return the weighted quadratic of the pixels within `reach` at each pixel; NaN if too few.
+
+    Without the six coefficients being determined (fewer pixels, or all on two lines) the near
+    window gives NaN and the far one the solution of least norm.
+    """
+    dy, dx = (v.reshape(-1) for v in np.mgrid[-reach : reach + 1, -reach : reach + 1])
+    disc = dx * dx + dy * dy <= reach * reach
+    dy, dx = dy[disc], dx[disc]
+    weight = np.exp(-0.5 * (dx * dx + dy * dy) / _SIGMA**2)
+    u, v = dx / reach, dy / reach
+    terms = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=1)
+    y, x = rows[:, None] + dy, columns[:, None] + dx
+    inside = (y >= 0) & (y < heights.shape[0]) & (x >= 0) & (x < heights.shape[1])
+    y, x = np.where(inside, y, 0), np.where(inside, x, 0)
+    w = np.where(inside & measured[y, x], weight, 0.0)
+    z = np.where(w > 0.0, heights[y, x], 0.0)
+    n = (w > 0.0).sum(axis=1)
+    middle = z.sum(axis=1) / np.maximum(n, 1)
+    gram = np.einsum("pi,ij,ik->pjk", w, terms, terms)
+    right = np.einsum("pi,pi,ij->pj", w, z - middle[:, None], terms)
+    values = np.linalg.eigvalsh(gram)
+    sound = values[:, 0] > 1e-6 * values[:, -1]  # else rounding and noise decide
+    level = middle.copy()
+    level[sound] += np.linalg.solve(gram[sound], right[sound][..., None])[:, 0, 0]
+    rest = np.nonzero(~sound)[0]
+    if reach == _NEAR:
+        level[rest] = np.nan
+        return np.asarray(level)
+    for i in rest:
+        level[i] += np.linalg.lstsq(gram[i], right[i], rcond=1e-6)[0][0]
+    return np.asarray(level)
 
 
 def _hills(
@@ -311,11 +432,12 @@ def mean_peak_curvature(z: ArrayLike, peaks: Peaks, dx: float, dy: float) -> flo
     Raises
     ------
     TooFewSamplesError
-        If there is no significant peak.
+        If there is no significant peak, or none without a filled pixel beside it.
 
     Notes
     -----
-    -(d2z/dx2 + d2z/dy2) / 2 by second differences at the peak pixel. A noisy pixel is a sharp peak:
+    Peaks on or beside a filled pixel have no second difference of measured heights and are left
+    out of the mean. -(d2z/dx2 + d2z/dy2) / 2 by second differences at the peak pixel. A noisy pixel is a sharp peak:
     filter first.
 
     References
@@ -324,8 +446,14 @@ def mean_peak_curvature(z: ArrayLike, peaks: Peaks, dx: float, dy: float) -> flo
     """
     if len(peaks) == 0:
         raise TooFewSamplesError("no significant peak inside the map, so no curvature")
+    whole = ~peaks.beside_filled
+    if not whole.any():
+        raise TooFewSamplesError(
+            f"each of the {len(peaks)} significant peaks lies on or beside a missing pixel, so no "
+            "curvature was measured"
+        )
     heights = np.asarray(z, dtype=np.float64)
-    y, x = peaks.rows, peaks.columns
+    y, x = peaks.rows[whole], peaks.columns[whole]
     bend_x = (heights[y, x - 1] - 2.0 * heights[y, x] + heights[y, x + 1]) / dx**2
     bend_y = (heights[y - 1, x] - 2.0 * heights[y, x] + heights[y + 1, x]) / dy**2
     return float(np.mean(-0.5 * (bend_x + bend_y)))

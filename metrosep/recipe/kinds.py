@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 from metrosep.core.units import parse_quantity
-from metrosep.recipe.limits import Limit, parse_limit
+from metrosep.recipe.limits import FROM_FIT, Limit, parse_limit
 
 __all__ = ["KINDS"]
 
@@ -99,6 +99,11 @@ def _limit(value: Any) -> Limit:
     return parse_limit(value if isinstance(value, str) else _number(value))
 
 
+def _expanded(value: Any) -> Limit | str:
+    """Return an expanded uncertainty, or the word that asks for that of the fit."""
+    return FROM_FIT if value == FROM_FIT else _limit(value)
+
+
 def _list_of(check: Callable[[Any], float], example: str) -> Callable[[Any], tuple[float, ...]]:
     def checked(value: Any) -> tuple[float, ...]:
         if not isinstance(value, list) or not value:
@@ -183,6 +188,7 @@ KINDS: dict[str, Callable[[Any], Any]] = {
     "angles": _list_of(_quantity("angle"), '["0 deg", "45 deg"]'),
     "lengths": _list_of(_quantity("length"), '["0 mm", "10 mm"]'),
     "limit": _limit,
+    "expanded": _expanded,
     "numbers": _list_of(_number, "[1.0, 2.0]"),
     "integers": _list_of(_typed(int, "a whole number"), "[8, 7]"),
     "times": _list_of(_quantity("time"), '["0 s", "30 s"]'),

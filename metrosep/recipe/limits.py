@@ -9,7 +9,10 @@ from metrosep.core.errors import UnitError
 from metrosep.core.units import parse_quantity, parse_unit
 from metrosep.recipe.readable import digits_of, readable_unit
 
-__all__ = ["Limit", "dimension_of", "limit_problem", "order_problem", "parse_limit"]
+__all__ = ["FROM_FIT", "Limit", "dimension_of", "limit_problem", "order_problem", "parse_limit"]
+
+FROM_FIT = "from fit"
+"""As U of a check: the uncertainty that the fit itself gives, asked for by name."""
 
 _BASES: dict[str, dict[str, int]] = {
     "length": {"m": 1},

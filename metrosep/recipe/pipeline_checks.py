@@ -390,6 +390,9 @@ def _unit_in(step: Mapping[str, Any], symbol: str) -> str | None:
         return None
     if symbol in ("residual.pv", "residual.rms"):
         return "m"
+    from metrosep.forms._curvature import curvature_name
     from metrosep.forms.freedoms import RIGID
 
-    return {**RIGID, **form_options(step)[0].units_of()}.get(symbol)
+    ideal = form_options(step)[0]
+    bent = dict.fromkeys((curvature_name(n) for n in ideal.radii), "1/m")
+    return {**RIGID, **ideal.units_of(), **bent}.get(symbol)

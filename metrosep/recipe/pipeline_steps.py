@@ -91,17 +91,19 @@ def _form(obj: Measured, options: Mapping[str, Any]) -> Done:
             result.params[k],
             result.units[k],
             f"{k.replace('_', ' ')} of the fitted {name}",
-            u=float(u[k]) if np.isfinite(u[k]) else None,
+            u=float(v) if np.isfinite(v) else None,
             symbol=k,
+            dof=result.dof_effective if np.isfinite(result.dof_effective) else None,
+            u_source="fit residual",
         )
-        for k in result.names
+        for k, v in u.items()
     }
     text = f"of what the {name} leaves, before any further step"
     found["residual.pv"] = Quantity(
         result.peak_to_valley, "m", f"P-V {text}", symbol="PV residual"
     )
     found["residual.rms"] = Quantity(result.rms, "m", f"RMS {text}", symbol="RMS residual")
-    messages = [*result.warnings, *result.notes]
+    messages = [*result.warnings, *result.notes, *([result.assumption] if u else [])]
     lost = left.n_invalid - obj.n_invalid
     if lost:
         messages.append(f"{lost} measured heights lie where the {name} has no value")

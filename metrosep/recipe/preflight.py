@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from metrosep.core.errors import DataError, RecipeError
 from metrosep.parameters.decision import decide
-from metrosep.recipe.limits import limit_problem, order_problem
+from metrosep.recipe.limits import FROM_FIT, limit_problem, order_problem
 from metrosep.recipe.pipeline import STEPS as MEASURING
 from metrosep.recipe.pipeline_checks import known_unit, makes_metric
 from metrosep.recipe.schema import Place
@@ -92,7 +92,7 @@ def _check_limits(check: Mapping[str, Any], place: Place, *, has_table: bool) ->
             0.0,
             lower=check.get("lower"),
             upper=check.get("upper"),
-            U=check.get("U", 0.0),
+            U=0.0 if check.get("U") == FROM_FIT else check.get("U", 0.0),
             guard_factor=check.get("guard_factor", 1.0),
         )
     except DataError as exc:
@@ -164,7 +164,8 @@ def limit_errors(recipe: Recipe) -> Iterator[RecipeError]:
         unit = known_unit(recipe.steps, check["metric"])
         if unit is None:
             continue
-        for key in (k for k in ("lower", "upper", "U") if k in check):
+        keys = [k for k in ("lower", "upper", "U") if k in check and check[k] != FROM_FIT]
+        for key in keys:
             problem = limit_problem(key, check[key], check["metric"], unit)
             if problem is not None:
                 yield recipe.place("[[check]]", i).error(problem, key)

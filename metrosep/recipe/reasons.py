@@ -47,6 +47,8 @@ def _name(entry: Mapping[str, Any]) -> str:
 
 def _words(entry: Mapping[str, Any]) -> str:
     value = entry.get("value")
+    if entry.get("reason"):
+        return str(entry["reason"])
     limits = [v for v in (entry.get("lower"), entry.get("upper")) if v is not None]
     if value is None or not math.isfinite(value):
         return "not known"

@@ -41,6 +41,7 @@ Kind = Literal[
     "lengths",
     "numbers",
     "limit",
+    "expanded",
     "integers",
     "times",
     "speeds",

@@ -124,6 +124,7 @@ _KIND_WORDS = {
     "integer": "a whole number",
     "number": "a number",
     "flag": "true or false",
+    "expanded": 'as a limit, or "from fit" for a parameter of a fitted form',
     "limit": "a length or an angle with its unit, or a plain number",
     "text": "a text",
     "file": "a file",

@@ -154,7 +154,7 @@ METHOD_CHECK = {
     "metric": Field("text", required=True),
     "upper": Field("limit"),
     "lower": Field("limit"),
-    "U": Field("limit"),
+    "U": Field("expanded"),
     "guard_factor": Field("number"),
 }
 

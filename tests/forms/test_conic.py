@@ -237,8 +237,9 @@ def test_start_of_what_has_no_curvature(form, disc, rng):
     x, y = disc
 
     for z in (np.full_like(x, 3e-3), 1e-3 * x + 2e-3 * y + 1e-3):
-        with pytest.raises(DegenerateFitError, match="no curvature"):
-            form.start(x, y, z)
+        flat = form.start(x, y, z).R
+        assert np.isfinite(flat)
+        assert abs(flat) > 1e9  # m: its sag over the part is below the rounding of the heights
     with pytest.raises(DegenerateFitError, match="all points lie at the centre"):
         form.start(np.zeros(5), np.zeros(5), np.arange(5.0))
     for n in (0, 1, 3):

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
+import metrosep as ms
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
+from metrosep.parameters.areal import areal_parameters
 from metrosep.parameters.watershed import (
     five_point_height,
     mean_peak_curvature,
@@ -218,3 +220,43 @@ def test_bad_input_is_named():
     flat = significant_peaks(np.add.outer(np.arange(5.0), np.arange(5.0)))
     with pytest.raises(TooFewSamplesError, match="no significant peak"):
         mean_peak_curvature(np.zeros((5, 5)), flat, 1.0, 1.0)
+
+
+@pytest.mark.parametrize("share", [0.02, 0.1, 0.2])
+@pytest.mark.parametrize("seed", [3, 17])
+def test_dropouts_change_neither_the_number_of_peaks_nor_their_height(share, seed):
+    """The whole map is a sum of two waves: 7 by 8 hills are counted by hand, S5p is 2 amplitudes."""
+    i, j = np.mgrid[:210, :256]
+    z = 30e-9 * np.cos(2 * np.pi * (i - 15) / 30) + 20e-9 * np.cos(2 * np.pi * (j - 16) / 32)
+    rng = np.random.default_rng(seed)
+    z[rng.random(z.shape) < share] = np.nan
+
+    names = ["Spd", "S5p", "S10z", "Spc"]
+    table = areal_parameters(ms.Surface(z, 1e-6, 2e-6), names=names)
+
+    # One peak more or less is 2 %; a cluster of dropouts at the border of the map stays an edge.
+    assert table["Spd"].value == pytest.approx(56 / (210 * 256 * 2e-12), rel=2e-3, abs=0.0)
+    assert table["S5p"].value == pytest.approx(50e-9, rel=5e-3, abs=0.0)
+    assert table["S10z"].value == pytest.approx(100e-9, rel=5e-3, abs=0.0)
+    bend = 0.5 * (30e-9 * (2 * np.pi / 60e-6) ** 2 + 20e-9 * (2 * np.pi / 32e-6) ** 2)
+    assert table["Spc"].value == pytest.approx(bend, rel=5e-3, abs=0.0)
+    assert any("missing pixels lie in holes of at most 50" in n for n in table.context.notes)
+
+
+def test_a_large_hole_is_an_edge_and_is_told():
+    z = sine_grid()
+    z[60:90, 60:90] = np.nan  # over one peak; a hole of 900 pixels is not filled
+
+    table = areal_parameters(ms.Surface(z, 1e-6, 1e-6), names=["Spd"])
+
+    assert table["Spd"].value * (250**2 - 900) * 1e-12 == pytest.approx(24, rel=1e-9, abs=0.0)
+    assert any("900 missing pixels lie in larger holes" in n for n in table.context.notes)
+
+
+def test_the_outside_of_a_round_part_is_not_filled():
+    y, x = np.mgrid[-20:21, -20:21]
+    z = np.where(x * x + y * y <= 24.5**2, 1.0 * x + 0.01 * y * y, np.nan)
+    outside = int(np.isnan(z).sum())
+    assert outside // 4 <= 50  # a corner is small enough to be a hole, were it not outside
+
+    assert significant_peaks(z).n_filled <= 8  # two at each corner, at most

@@ -264,7 +264,9 @@ def test_the_radius_with_its_uncertainty_is_found_and_the_rest_is_noise():
     # sag r^2/2R over a square of half width a: var(r^2) = 8 a^4 / 45
     a, n = 2.5e-3, 101**2
     expected = 2 * NM / (np.sqrt(8 / 45 * a**4 * n) / (2 * (100e-3) ** 2))
-    assert R.u == pytest.approx(expected, abs=0.05 * expected)
+    assert stage.detail.u_white["R"] == pytest.approx(expected, abs=0.05 * expected)
+    # what is looked at beside the model is known to a fifth or so
+    assert 0.95 * expected < R.u < 1.5 * expected
     # the map has no origin: shifts count from its middle, 2.5 mm; the planted ones differ in sign
     assert stage.found["shift_x"].value == pytest.approx(0.4e-3, abs=1e-6)
     assert stage.found["shift_y"].value == pytest.approx(-0.3e-3, abs=1e-6)

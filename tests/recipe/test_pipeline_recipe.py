@@ -71,14 +71,16 @@ def check(metric, **keys):
 
 
 def test_the_document_holds_what_was_found_judged_and_done(part):
-    text = HEAD + STEPS + check("R", lower="49.9 mm", upper="50.1 mm")
+    text = HEAD + STEPS + check("R", lower="49.9 mm", upper="50.1 mm", U="from fit")
     text += check("Sq#2", upper="0.1 nm", U="0.02 nm", name="waviness")
     result = recipe(part, text).run(out=part / "out")
 
     found = {c["metric"]: c for c in result.document["characteristics"]}
     assert result.verdict == "reject"
     assert found["R"]["verdict"] == "accept"
-    assert found["R"]["U"] == pytest.approx(2 * found["R"]["u"], abs=1e-15)
+    assert 2.0 < found["R"]["U"] / found["R"]["u"] < 2.6  # Student's t
+    assert found["R"]["u_source"] == "fit residual"
+    assert found["Sq#2"]["u_source"] == "stated"
     assert found["Sq"]["value"] == pytest.approx(3 * NM, abs=0.1 * NM)
     assert found["Sq#2"]["name"] == "waviness"
     # sum of squared Gaussian weights: 1 / (2 (a Lc)^2) in pixels; more at the rim

@@ -1,0 +1,273 @@
+"""Fits of what is really measured: correlated noise, nearly flat maps, parameters nobody can know.
+
+Noise is made here, by a convolution of our own; the scatter of fits over seeds is the truth.
+"""
+
+import numpy as np
+import pytest
+
+import metrosep as ms
+from metrosep.core.errors import MetrosepError
+from metrosep.forms import (
+    Asphere,
+    Biconic,
+    Conic,
+    Cylinder,
+    Plane,
+    PointSet,
+    Polynomial,
+    Sphere,
+    Toric,
+    fit,
+)
+
+NM = 1e-9
+STEP = 0.1e-3
+STUDENT = {1: 12.706, 2: 4.303, 3: 3.182, 5: 2.571, 8: 2.306, 12: 2.179, 20: 2.086, 50: 2.009}
+"""97.5 % points of Student's distribution, from a table; used downwards, which is strict."""
+
+
+def grid(n):
+    x = STEP * (np.arange(n) - (n - 1) / 2)
+    return np.meshgrid(x, x)
+
+
+def surface(z):
+    n_y, n_x = z.shape
+    return ms.Surface(z, STEP, STEP, origin=(-STEP * (n_x - 1) / 2, -STEP * (n_y - 1) / 2))
+
+
+def correlated(rng, n, s):
+    """White noise under a Gaussian of sigma s pixels, of standard deviation 1."""
+    if s == 0:
+        return rng.standard_normal((n, n))
+    t = np.arange(-4 * s, 4 * s + 1)
+    kernel = np.exp(-0.5 * (t / s) ** 2)
+    kernel /= np.sqrt(np.sum(kernel**2))
+    wide = rng.standard_normal((n + 8 * s, n + 8 * s))
+    wide = np.apply_along_axis(np.convolve, 0, wide, kernel, mode="valid")
+    return np.apply_along_axis(np.convolve, 1, wide, kernel, mode="valid")
+
+
+def coverage(found):
+    """The factor of a table of Student's distribution for at most these degrees of freedom."""
+    known = [t for nu, t in STUDENT.items() if nu <= found.dof_effective]
+    return known[-1] if known else STUDENT[1]
+
+
+def sag(c, r2, k=0.0):
+    return c * r2 / (1 + np.sqrt(np.maximum(1 - (1 + k) * c * c * r2, 0.0)))
+
+
+# ---- u -------------------------------------------------------------------------------------------
+
+MODELS = {
+    "sphere": (Sphere(), lambda r2: sag(1 / 80e-3, r2), {"c": 1 / 80e-3, "tilt_x": 0.0}),
+    "conic": (Conic(), lambda r2: sag(1 / 20e-3, r2, -0.6), {"c": 1 / 20e-3, "k": -0.6}),
+    "polynomial": (Polynomial(3), lambda r2: 0.0 * r2, {"c_1_0": 0.0, "c_0_2": 0.0, "c_2_1": 0.0}),
+}
+
+
+@pytest.mark.parametrize("s", [0, 3, 6])
+@pytest.mark.parametrize("model", MODELS)
+def test_u_is_the_scatter_of_maps_whose_pixels_hang_together(model, s):
+    """Errors over u have an rms of about 1, and t u covers them, whatever the correlation is."""
+    form, height, truth = MODELS[model]
+    X, Y = grid(81)
+    r2 = X * X + Y * Y
+    pulls, covered, white = [], [], []
+    for seed in range(20):
+        z = height(r2) + 10 * NM * correlated(np.random.default_rng(seed), 81, s)
+        found = fit(surface(np.where(r2 <= X.max() ** 2, z, np.nan)), form)
+        off = np.array([found.params[n] - v for n, v in truth.items()])
+        u = np.array([found.u[n] for n in truth])
+        pulls.append(off / u)
+        covered.append(np.abs(off) <= coverage(found) * u)
+        white.append(off / [found.u_white[n] for n in truth])
+
+    # 20 draws of two or three parameters, u with few degrees of freedom: known to 0.3 or so.
+    assert 0.5 < np.sqrt(np.mean(np.square(pulls))) < 1.7
+    assert np.mean(covered) >= 0.87
+    if s:
+        assert np.sqrt(np.mean(np.square(white))) > 1.5 * s
+
+
+def test_a_profile_and_a_list_of_points_are_not_sure_of_themselves_either():
+    t = np.arange(-40, 41)
+    kernel = np.exp(-0.5 * (t / 10.0) ** 2)
+    kernel /= np.sqrt(np.sum(kernel**2))
+    x = 1e-5 * (np.arange(1000) - 499.5)
+    pulls = []
+    for seed in range(24):
+        noise = np.convolve(np.random.default_rng(seed).standard_normal(1080), kernel, "valid")
+        z = sag(1 / 50e-3, x * x) + 10 * NM * noise
+        line = fit(ms.Profile(x, z), Cylinder(angle=np.pi / 2))
+        points = fit(PointSet(x, 0.0 * x, z), Cylinder(angle=np.pi / 2), free=("piston", "tilt_x"))
+        pulls.append([(f.params["c"] - 20.0) / f.u["c"] for f in (line, points)])
+        assert line.u["c"] > 2.5 * line.u_white["c"]
+
+    assert np.sqrt(np.mean(np.square(pulls), axis=0)).min() > 0.4
+    assert np.sqrt(np.mean(np.square(pulls), axis=0)).max() < 1.8
+
+
+def test_robust_fit_knows_the_correlation_too():
+    X, Y = grid(97)
+    pulls = []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        z = sag(1 / 80e-3, X * X + Y * Y) + 10 * NM * correlated(rng, 97, 4)
+        z[rng.random(z.shape) < 0.02] += 1e-6
+        found = fit(surface(z), Sphere(), robust="tukey")
+        pulls.append((found.params["c"] - 12.5) / found.u["c"])
+
+    assert np.sqrt(np.mean(np.square(pulls))) < 1.8
+
+
+@pytest.mark.parametrize("name", ["st/metropro-1.dat", "st/sur-2.sur", "st/bcrf-1.bcrf"])
+def test_two_halves_of_a_real_map_agree_within_their_u(corpus, name):
+    """Stripes of 24 rows, every other one to each half."""
+    whole = ms.read(corpus / name)
+    stripe = (np.arange(whole.shape[0]) // 24) % 2
+    halves = []
+    for side in (0, 1):
+        z = np.where((stripe == side)[:, None], whole.z, np.nan)
+        half = ms.Surface(z, whole.dx, whole.dy)
+        halves.append(fit(half, Sphere(), centre=(0.0, 0.0)))
+    a, b = halves
+    apart = abs(a.params["c"] - b.params["c"])
+
+    assert apart <= 3.0 * max(a.u["c"], b.u["c"])
+
+
+def test_one_large_block_of_waviness_leaves_u_unknown_and_says_so():
+    found = fit(
+        surface(np.random.default_rng(0).standard_normal((3, 3)) * NM), Biconic(kx=0, ky=0)
+    )
+
+    assert all(np.isnan(u) for u in found.u.values())
+    assert any("independent cells" in w for w in found.warnings)
+    assert "not known" in found.report()
+
+
+def test_report_and_json_say_what_u_rests_on():
+    X, _ = grid(64)
+    found = fit(surface(5 * NM * correlated(np.random.default_rng(1), 64, 3) + 1e-4 * X), Plane())
+
+    for text in (found.report(), found.to_dict()["u_rests_on"]):
+        assert "correlation of the residual" in text
+        assert "reference" in text
+    entry = found.to_dict()["parameters"]["tilt_x"]
+    assert entry["u"] > 3.0 * entry["u_white"]
+
+
+# ---- curvature -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("R", [1e-3, 10e-3, 1.0, 30.0, 1e3])
+@pytest.mark.parametrize("form", [Sphere(), Conic(k=0.0), Asphere()])
+def test_any_radius_comes_back_on_the_same_aperture(form, R, sign):
+    n, a = 101, 0.8e-3
+    x = np.linspace(-a, a, n)
+    X, Y = np.meshgrid(x, x)
+    r2 = X * X + Y * Y
+    tilt = 3e-5 * X - 1e-5 * Y
+    z = np.where(r2 <= a * a, sag(sign / R, r2) + tilt, np.nan)
+
+    found = fit(ms.Surface(z, x[1] - x[0], x[1] - x[0], origin=(-a, -a)), form)
+
+    # Heights of 1e-8 m and more are known to 1e-16 of themselves; the sag of 1 km is 0.3 nm.
+    assert found.params["c"] == pytest.approx(sign / R, rel=1e-7, abs=0.0)
+    assert found.params["R"] == pytest.approx(sign * R, rel=1e-7, abs=0.0)
+    assert found.n_iterations <= 10
+
+
+FLAT_FORMS = [
+    Sphere(),
+    Conic(),
+    Cylinder(),
+    Cylinder(angle=None),
+    Toric(),
+    Biconic(),
+    Asphere(k=None, coefficients={4: None}),
+]
+
+
+@pytest.mark.parametrize("form", FLAT_FORMS, ids=repr)
+def test_a_flat_has_an_answer(form):
+    """Zeros, a plane, and a plane with noise: no exception, never worse than the plane."""
+    X, Y = grid(41)
+    noise = 2 * NM * np.random.default_rng(4).standard_normal(X.shape)
+    for z in (0.0 * X, 3e-5 * X + 1e-6, 3e-5 * X - 1e-5 * Y + noise):
+        found = fit(surface(z), form)
+        plane = fit(surface(z), Plane())
+
+        assert found.rms <= plane.rms * (1 + 1e-9) + 1e-20
+        assert found.n_iterations <= 10
+        assert any("hardly told from a flat" in w for w in found.warnings)
+        found.report()
+        assert "Infinity" not in repr(found.to_dict())
+
+
+def test_the_linear_fit_of_1_x_y_r2_is_the_answer_for_a_flat():
+    X, Y = grid(101)
+    z = 3e-5 * X + 2 * NM * np.random.default_rng(9).standard_normal(X.shape)
+    inside = X.max() ** 2 >= X**2 + Y**2
+    design = np.stack([np.ones_like(X), X, Y, X**2 + Y**2], axis=-1)[inside]
+    answer, rss = np.linalg.lstsq(design, z[inside], rcond=None)[:2]
+
+    found = fit(surface(np.where(inside, z, np.nan)), Sphere())
+
+    assert found.rms == pytest.approx(np.sqrt(rss[0] / inside.sum()), rel=1e-6, abs=0.0)
+    assert found.params["c"] == pytest.approx(2 * answer[3], rel=1e-6, abs=0.0)
+    U = found.coverage_factor * found.u["c"]
+    assert abs(found.params["c"]) < 2 * U  # the truth is zero
+    assert "km or R <" in found.report() or "m or R <" in found.report()
+
+
+def test_a_conic_constant_that_moves_no_height_is_held_and_said():
+    """R = 1 m on a radius of 5 mm: k moves 5.8 pm, the noise is 2 nm."""
+    X, Y = grid(101)
+    r2 = X * X + Y * Y
+    z = sag(1.0, r2) + 2 * NM * np.random.default_rng(2).standard_normal(X.shape)
+
+    for free in (None, ("piston", "tilt_x", "tilt_y", "k")):
+        found = fit(surface(np.where(r2 <= 25e-6, z, np.nan)), Conic(), free=free)
+        assert found.params["k"] == 0.0
+        assert "k" not in found.u
+        assert any("k is not determined by this map (u = " in w for w in found.warnings)
+        assert abs(found.params["c"] - 1.0) < 3.5 * found.u["c"]
+
+
+def test_a_conic_constant_that_shows_is_found():
+    """R = 30 mm on a radius of 5 mm: k moves 0.2 um, a hundred times the noise."""
+    X, Y = grid(101)
+    r2 = X * X + Y * Y
+    z = sag(1 / 30e-3, r2, -1.3) + 2 * NM * np.random.default_rng(2).standard_normal(X.shape)
+
+    found = fit(surface(np.where(r2 <= 25e-6, z, np.nan)), Conic())
+
+    assert not found.warnings
+    assert found.params["k"] == pytest.approx(-1.3, abs=4.0 * found.u["k"])
+
+
+def test_every_real_map_fits_and_never_worse_than_a_plane(corpus):
+    seen = 0
+    for path in sorted((*(corpus / "st").iterdir(), *(corpus / "prysm").iterdir())):
+        try:
+            measured = ms.read(path)
+        except MetrosepError:
+            continue
+        if not isinstance(measured, ms.Surface):
+            continue
+        if measured.dx is None:
+            measured = ms.Surface(measured.z, 1e-6, 1e-6)
+        seen += 1
+        if measured.z.size > 2e5:  # each second pixel, for speed
+            z = measured.z[::2, ::2]
+            measured = ms.Surface(z, 2 * measured.dx, 2 * measured.dy)
+        plane = fit(measured, Plane())
+        for form in FLAT_FORMS:
+            found = fit(measured, form)
+            assert found.rms <= plane.rms * (1 + 1e-9), (path.name, form)
+    assert seen >= 9
