@@ -231,6 +231,7 @@ def rank(
         typed=amounts.typed,
         messages=(
             *notes,
+            *chain.messages,
             *_large_angles(amounts, errors, mean),
             *_reach(maker),
             *_messages(amounts, gram, space, mesh),
