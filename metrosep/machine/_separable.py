@@ -101,7 +101,7 @@ class Solver:
 
     def solve(self, heights: FloatArray, used: NDArray[np.bool_]) -> Solution:
         """Return the amounts that explain heights at the used points; the smallest if not unique."""
-        columns = self._used_freedoms()
+        columns = self.used_freedoms()
         if used.all():
             design, freed = self.design, self.space.remove(heights)
         else:  # the aligned maps are aligned no more: align on the points that are left
@@ -123,7 +123,7 @@ class Solver:
     def effect(self, solution: Solution) -> FloatArray:
         """Return the linear effect of a solution at the points, m."""
         terms = self.maps[:, self.visible] @ (solution.scaled / self.sizes)
-        return np.asarray(terms + self._used_freedoms() @ solution.amounts)
+        return np.asarray(terms + self.used_freedoms() @ solution.amounts)
 
     def size_of(self, step: Solution) -> float:
         """Return how much a step moves the surface, RMS m."""
@@ -136,7 +136,7 @@ class Solver:
         The first (n, p + k) gives scaled amounts and freedoms as ``rows.T @ heights``; the second
         (n, rank + k) is an orthonormal basis of all that the fit can follow.
         """
-        columns = self._used_freedoms()[used]
+        columns = self.used_freedoms()[used]
         sizes = _column_sizes(columns)
         basis = np.linalg.qr(columns)[0]
         design = self.design[used]
@@ -150,7 +150,8 @@ class Solver:
         freedoms = inverse - terms @ (maps.T @ inverse)
         return np.hstack([terms, freedoms]), np.hstack([U[:, good], basis])
 
-    def _used_freedoms(self) -> FloatArray:
+    def used_freedoms(self) -> FloatArray:
+        """Return the maps of the freedoms that move the surface in a way of their own, (n, k)."""
         return self.columns[:, [self.space.names.index(n) for n in self.space.used]]
 
 
