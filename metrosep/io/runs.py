@@ -17,7 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError, FormatMismatchError, InvalidSamplesError
+from metrosep.core.errors import (
+    DataError,
+    FormatMismatchError,
+    InvalidSamplesError,
+    ReadOptionError,
+)
 from metrosep.core.provenance import Step
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import parse_quantity
@@ -167,7 +172,7 @@ def _layout(options: dict[str, Any]) -> dict[str, Any]:
     known = ("separator", "decimal", "encoding", "comment", "skip_rows")
     for name in options:
         if name not in known:
-            raise FormatMismatchError(
+            raise ReadOptionError(
                 f"read_runs takes no option {name!r}; for the layout of the text there are "
                 f"{', '.join(known)}"
             )
