@@ -48,13 +48,16 @@ _WHITE = 1.3
 """Times the uncertainty of white noise: from here on a message says that the residual is not."""
 
 _ORDERS = 6
-"""Legendre orders over the travel of a slide, and harmonics of a revolution, that a curve may have."""
+"""Legendre orders over the travel of a slide that a curve may have."""
 
 _BLOCKS = 32
 """Along a side of a map: its blocks show six orders, and the noise of the pixels averages out."""
 
-_CHANCE = 1e-3
-"""Of a message where there is noise alone; below 1 %, because the noise is a model too."""
+_PER_BLOCK = 4
+"""Scattered points in a block on average, so that hardly one is empty."""
+
+_CHANCE = 1e-4
+"""Of a message where there is noise alone: far below 1 %, because the noise is a model, too."""
 
 _OWN = 1e-6
 """Of the size of a column: what terms and freedoms leave of it is rounding."""
@@ -337,7 +340,8 @@ def _curves_left(
     """Return which error motions run over their travel in a way that constants do not describe.
 
     Each candidate, freed of terms and freedoms, is tested by F against the noise that is left when
-    all of them are fitted at once; the strongest joins the model, until none is significant.
+    it is fitted: white noise first, then noise that is alike over distance. The strongest joins the
+    model, until none is significant.
     """
     from scipy.special import fdtrc
 
@@ -353,15 +357,8 @@ def _curves_left(
         keep = _unit(block - plain @ (plain.T @ block))[1] > _OWN
         if keep.any():
             columns[name], curves[name] = block[:, keep], functions[:, keep] / sizes[keep]
-    everything = _span(np.hstack([plain, *columns.values()]))
-    free = rest.size - everything.shape[1]
     nothing = _CurvesLeft((), np.zeros(len(solver.visible)))
-    if not columns or free < everything.shape[1]:
-        return nothing
     reach = float(points.mesh.rho[-1])
-    lost = rest - everything @ (everything.T @ rest)
-    white = float(lost @ lost) / free
-    noise = map_noise(lost, everything, place, shape) if shape != (1, 1) else None
     found: list[tuple[str, float, tuple[str, ...]]] = []
     chosen: list[FloatArray] = []
     while True:
@@ -370,14 +367,18 @@ def _curves_left(
             own = _span(block - within @ (within.T @ block))
             amounts = own.T @ rest
             size = float(amounts @ amounts)
-            if size > rest.size * _SEEN**2:
-                own_noise = (
-                    np.eye(amounts.size) * white if noise is None else noise.covariance(own)
-                )
-                own_noise = own_noise + _SEEN**2 * np.eye(amounts.size)
-                chi = float(amounts @ np.linalg.solve(own_noise, amounts))
-                chance = fdtrc(own.shape[1], free, chi / own.shape[1]) * len(columns)
-                explained |= {name: size} if chance < _CHANCE else {}
+            lost = rest - own @ amounts
+            k, free = own.shape[1], rest.size - within.shape[1] - own.shape[1]
+            if free < rest.size / 2 or size <= rest.size * _SEEN**2:
+                continue
+            white = float(lost @ lost) / free + _SEEN**2
+            chance = fdtrc(k, free, size / (k * white))
+            if chance * len(columns) < _CHANCE:
+                noise = map_noise(lost, np.hstack([within, own]), place, shape).covariance(own)
+                noise += _SEEN**2 * np.eye(k)
+                chance = fdtrc(k, free, float(amounts @ np.linalg.solve(noise, amounts)) / k)
+            if chance * len(columns) < _CHANCE:
+                explained[name] = size
         if not explained:
             break
         top = max(explained.values())
@@ -404,28 +405,19 @@ def _curves_left(
 def _candidates(
     maker: MapMaker, points: Measured, used: NDArray[np.bool_]
 ) -> Iterator[tuple[str, FloatArray, FloatArray]]:
-    """Yield error motions of axes that move here: maps (n, k) of their curves, and the curves."""
+    """Yield error motions of slides that travel here: maps (n, k) of their curves, and the curves."""
     mesh, chain = points.mesh, maker.chain
     q = axis_positions(chain, mesh.x, mesh.y, mesh.z, positions=maker.positions, tool=maker.tool)
+    shown = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, 361), _ORDERS)[:, 1:]
     for e in chain.elements:
-        here = q[e.name][used] if e.kind != "fixed" and e.name in q else np.zeros(1)
-        low, travel = float(here.min()), float(np.ptp(here))
+        here = q[e.name][used] if e.kind == "linear" and e.name in q else np.zeros(1)
         names = tuple(f"E{d}{e.name}" for d in e.errors or () if f"E{d}{e.name}" in chain.terms)
-        if not names or travel <= _OWN * (float(mesh.rho[-1]) if e.kind == "linear" else 1.0):
+        travel = float(np.ptp(here))
+        if not names or travel <= _OWN * float(mesh.rho[-1]):
             continue
+        at = 2.0 * (here - float(here.min())) / travel - 1.0
+        over = np.polynomial.legendre.legvander(at, _ORDERS)[:, 1:]
         unit = replace(maker, terms=names, shapes={}).make()[used]
-        if e.kind == "linear":
-
-            def curve(at: FloatArray) -> FloatArray:
-                return np.polynomial.legendre.legvander(2.0 * at - 1.0, _ORDERS)[:, 1:]
-
-        else:
-
-            def curve(at: FloatArray, low: float = low, travel: float = travel) -> FloatArray:
-                angle = np.outer(low + travel * at, np.arange(1, _ORDERS + 1))
-                return np.hstack([np.cos(angle), np.sin(angle)])
-
-        over, shown = curve((here - low) / travel), curve(np.linspace(0.0, 1.0, 361))
         for k, name in enumerate(names):
             yield name, unit[:, k, None] * over, shown
 
@@ -435,18 +427,17 @@ def _block_means(
 ) -> tuple[Callable[[FloatArray], FloatArray], NDArray[np.intp], tuple[int, int]]:
     """Return what averages columns over blocks, and where the blocks stand in their map.
 
-    Blocks of scattered points are squares of the part; their map has no side that holds neighbours.
+    Blocks of a map hold as many pixels each, those of scattered points some points.
     """
     grid = points.on_thinned()
     if grid is None:
         at = np.stack([points.mesh.y[used], points.mesh.x[used]])
-        few = at.shape[1] <= _BLOCKS**2
+        side = int(min(max(np.sqrt(at.shape[1] / _PER_BLOCK), 1.0), _BLOCKS))
         span = np.maximum(np.ptp(at, axis=1), 1e-300)[:, None]
-        place = np.minimum(
-            (_BLOCKS * (at - at.min(axis=1)[:, None]) / span).astype(int), _BLOCKS - 1
+        row, column = np.minimum(
+            (side * (at - at.min(axis=1)[:, None]) / span).astype(int), side - 1
         )
-        block = np.arange(at.shape[1]) if few else place[0] * _BLOCKS + place[1]
-        shape = (1, 1)
+        block, shape = row * side + column, (side, side)
     else:
         side = -(-max(grid[1]) // _BLOCKS)
         row, column = np.divmod(grid[0][used], grid[1][1])
