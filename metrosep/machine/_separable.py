@@ -10,12 +10,15 @@ from numpy.typing import NDArray
 from metrosep.machine.alignment import Alignment
 from metrosep.machine.gram import AlignedGram, groups_alike
 
-__all__ = ["Solution", "Solver", "common_map"]
+__all__ = ["OWN", "Solution", "Solver", "common_map", "span_of", "unit_columns"]
 
 FloatArray = NDArray[np.float64]
 
 _DETERMINED = 1e-7
 """Of the largest singular value: below, a direction is rounding."""
+
+OWN = 1e-6
+"""Of the size of a column: what others leave of it is rounding."""
 
 _PART = 1e-3
 """Of a direction that is not determined: a term with less in it is told apart."""
@@ -169,3 +172,15 @@ def _column_sizes(columns: FloatArray) -> FloatArray:
 
 def _scaled_columns(columns: FloatArray, right: FloatArray) -> tuple[FloatArray, FloatArray]:
     return columns / _column_sizes(columns), right
+
+
+def unit_columns(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return columns of unit size, zeros left as they are, and the sizes."""
+    sizes = np.sqrt(np.sum(columns**2, axis=0))
+    return columns / np.where(sizes > 0.0, sizes, 1.0), sizes
+
+
+def span_of(columns: FloatArray) -> FloatArray:
+    """Return an orthonormal basis of columns that were of unit size before they were freed of others."""
+    U, singular, _ = np.linalg.svd(columns, full_matrices=False)
+    return U[:, singular > OWN]

@@ -30,7 +30,7 @@ from metrosep.machine._measured import Measured, measured_points
 from metrosep.machine._positions import Positions, axis_positions
 from metrosep.machine._responses import MapMaker
 from metrosep.machine._sensitivity_text import amount_text
-from metrosep.machine._separable import Solution, Solver, common_map
+from metrosep.machine._separable import OWN, Solution, Solver, common_map, span_of, unit_columns
 from metrosep.machine._term_amounts import term_unit
 from metrosep.machine.alignment import alignment_space, removed_freedoms
 from metrosep.machine.gram import aligned_gram
@@ -58,9 +58,6 @@ _PER_BLOCK = 4
 
 _CHANCE = 1e-4
 """Of a message where there is noise alone: far below 1 %, because the noise is a model, too."""
-
-_OWN = 1e-6
-"""Of the size of a column: what terms and freedoms leave of it is rounding."""
 
 _ALIKE = 0.9
 """Of what the best curve explains: another that explains as much cannot be told from it."""
@@ -347,14 +344,14 @@ def _curves_left(
 
     means, place, shape = _block_means(points, used)
     terms = solver.maps[:, solver.visible] / solver.sizes
-    base, base_sizes = _unit(means(np.hstack([terms, solver.used_freedoms()])[used]))
-    within = plain = _span(base)
+    base, base_sizes = unit_columns(means(np.hstack([terms, solver.used_freedoms()])[used]))
+    within = plain = span_of(base)
     start = means(left[used][:, None])[:, 0]
     start = rest = start - plain @ (plain.T @ start)
     columns, curves = {}, {}
     for name, maps, functions in _candidates(maker, points, used):
-        block, sizes = _unit(means(maps))
-        keep = _unit(block - plain @ (plain.T @ block))[1] > _OWN
+        block, sizes = unit_columns(means(maps))
+        keep = unit_columns(block - plain @ (plain.T @ block))[1] > OWN
         if keep.any():
             columns[name], curves[name] = block[:, keep], functions[:, keep] / sizes[keep]
     nothing = _CurvesLeft((), np.zeros(len(solver.visible)))
@@ -364,7 +361,7 @@ def _curves_left(
     while True:
         explained = {}
         for name, block in columns.items():
-            own = _span(block - within @ (within.T @ block))
+            own = span_of(block - within @ (within.T @ block))
             amounts = own.T @ rest
             size = float(amounts @ amounts)
             lost = rest - own @ amounts
@@ -385,20 +382,20 @@ def _curves_left(
         sizes = {}
         for n in (n for n, size in explained.items() if size > _ALIKE * top):
             own = columns[n] - within @ (within.T @ columns[n])
-            pv = float(np.ptp(curves[n] @ np.linalg.lstsq(own, rest, rcond=_OWN)[0]))
+            pv = float(np.ptp(curves[n] @ np.linalg.lstsq(own, rest, rcond=OWN)[0]))
             sizes[n] = pv, pv * (reach if n[1] in "ABC" else 1.0)
         name, *alike = sorted(sizes, key=lambda n: sizes[n][1])  # the smallest that does it
         found.append((name, sizes[name][0], tuple(alike)))
         block = columns.pop(name)
         chosen.append(block)
-        within = _span(np.hstack([within, block]))
+        within = span_of(np.hstack([within, block]))
         rest = rest - within @ (within.T @ rest)
     if not found:
         return nothing
     # what the curves hold of terms and freedoms goes over to those
     together = np.hstack(chosen)
-    amounts = np.linalg.lstsq(together - plain @ (plain.T @ together), start, rcond=_OWN)[0]
-    shifts = -np.linalg.lstsq(base, together @ amounts, rcond=_OWN)[0] / base_sizes
+    amounts = np.linalg.lstsq(together - plain @ (plain.T @ together), start, rcond=OWN)[0]
+    shifts = -np.linalg.lstsq(base, together @ amounts, rcond=OWN)[0] / base_sizes
     return _CurvesLeft(tuple(found), shifts[: len(solver.visible)])
 
 
@@ -413,7 +410,7 @@ def _candidates(
         here = q[e.name][used] if e.kind == "linear" and e.name in q else np.zeros(1)
         names = tuple(f"E{d}{e.name}" for d in e.errors or () if f"E{d}{e.name}" in chain.terms)
         travel = float(np.ptp(here))
-        if not names or travel <= _OWN * float(mesh.rho[-1]):
+        if not names or travel <= OWN * float(mesh.rho[-1]):
             continue
         at = 2.0 * (here - float(here.min())) / travel - 1.0
         over = np.polynomial.legendre.legvander(at, _ORDERS)[:, 1:]
@@ -451,18 +448,6 @@ def _block_means(
         return np.stack(sums, axis=1) / count[kept, None]
 
     return means, kept, shape
-
-
-def _unit(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return columns of unit size, zeros left as they are, and the sizes."""
-    sizes = np.sqrt(np.sum(columns**2, axis=0))
-    return columns / np.where(sizes > 0.0, sizes, 1.0), sizes
-
-
-def _span(columns: FloatArray) -> FloatArray:
-    """Return an orthonormal basis of columns that were of unit size before they were freed of others."""
-    U, singular, _ = np.linalg.svd(columns, full_matrices=False)
-    return U[:, singular > _OWN]
 
 
 def _uncertainty(
