@@ -379,13 +379,13 @@ def _curves_left(
         if not explained:
             break
         top = max(explained.values())
-        sizes = {}
+        spans: dict[str, tuple[float, float]] = {}
         for n in (n for n, size in explained.items() if size > _ALIKE * top):
             own = columns[n] - within @ (within.T @ columns[n])
             pv = float(np.ptp(curves[n] @ np.linalg.lstsq(own, rest, rcond=OWN)[0]))
-            sizes[n] = pv, pv * (reach if n[1] in "ABC" else 1.0)
-        name, *alike = sorted(sizes, key=lambda n: sizes[n][1])  # the smallest that does it
-        found.append((name, sizes[name][0], tuple(alike)))
+            spans[n] = pv, pv * (reach if n[1] in "ABC" else 1.0)
+        name, *alike = sorted(spans, key=lambda n: spans[n][1])  # the smallest that does it
+        found.append((name, spans[name][0], tuple(alike)))
         block = columns.pop(name)
         chosen.append(block)
         within = span_of(np.hstack([within, block]))
@@ -394,9 +394,9 @@ def _curves_left(
         return nothing
     # what the curves hold of terms and freedoms goes over to those
     together = np.hstack(chosen)
-    amounts = np.linalg.lstsq(together - plain @ (plain.T @ together), start, rcond=OWN)[0]
-    shifts = -np.linalg.lstsq(base, together @ amounts, rcond=OWN)[0] / base_sizes
-    return _CurvesLeft(tuple(found), shifts[: len(solver.visible)])
+    along = np.linalg.lstsq(together - plain @ (plain.T @ together), start, rcond=OWN)[0]
+    taken = np.asarray(np.linalg.lstsq(base, together @ along, rcond=OWN)[0], dtype=np.float64)
+    return _CurvesLeft(tuple(found), (-taken / base_sizes)[: len(solver.visible)])
 
 
 def _candidates(
@@ -405,7 +405,8 @@ def _candidates(
     """Yield error motions of slides that travel here: maps (n, k) of their curves, and the curves."""
     mesh, chain = points.mesh, maker.chain
     q = axis_positions(chain, mesh.x, mesh.y, mesh.z, positions=maker.positions, tool=maker.tool)
-    shown = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, 361), _ORDERS)[:, 1:]
+    legendre: Any = np.polynomial.legendre.legvander
+    shown = legendre(np.linspace(-1.0, 1.0, 361), _ORDERS)[:, 1:]
     for e in chain.elements:
         here = q[e.name][used] if e.kind == "linear" and e.name in q else np.zeros(1)
         names = tuple(f"E{d}{e.name}" for d in e.errors or () if f"E{d}{e.name}" in chain.terms)
@@ -413,7 +414,7 @@ def _candidates(
         if not names or travel <= OWN * float(mesh.rho[-1]):
             continue
         at = 2.0 * (here - float(here.min())) / travel - 1.0
-        over = np.polynomial.legendre.legvander(at, _ORDERS)[:, 1:]
+        over = legendre(at, _ORDERS)[:, 1:]
         unit = replace(maker, terms=names, shapes={}).make()[used]
         for k, name in enumerate(names):
             yield name, unit[:, k, None] * over, shown
