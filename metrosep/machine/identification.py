@@ -267,7 +267,7 @@ def _result(
     cov, freedom_u = spread[:m, :m], np.sqrt(np.diag(spread)[m:])
     values, u = np.full(len(names), np.nan), np.full(len(names), np.nan)
     grouped = {i for g in solver.groups for i in g}
-    moved = np.abs(curves.shifts) > np.sqrt(np.diag(cov))
+    moved = curves.lines | (np.abs(curves.shifts) > np.sqrt(np.diag(cov)))
     for k, i in enumerate(solver.visible):
         if i not in grouped and not moved[k]:
             values[i] = solution.scaled[k] / solver.sizes[k]
@@ -324,11 +324,13 @@ def _result(
 class _CurvesLeft:
     """Curves that the residual holds: (name, P-V in m or rad, what looks alike), strongest first.
 
-    `shifts` (p,): what the scaled amounts of the visible terms change by with them fitted along.
+    `shifts` (p,): what the scaled amounts of the visible terms change by with them fitted along;
+    `lines` (p,): whether a term is the line or the constant of one of them.
     """
 
     found: tuple[tuple[str, float, tuple[str, ...]], ...]
     shifts: FloatArray
+    lines: NDArray[np.bool_]
 
 
 def _curves_left(
@@ -348,13 +350,15 @@ def _curves_left(
     within = plain = span_of(base)
     start = means(left[used][:, None])[:, 0]
     start = rest = start - plain @ (plain.T @ start)
-    columns, curves = {}, {}
+    columns, curves, lower = {}, {}, {}
     for name, maps, functions in _candidates(maker, points, used):
         block, sizes = unit_columns(means(maps))
         keep = unit_columns(block - plain @ (plain.T @ block))[1] > OWN
         if keep.any():
+            lower[name] = block[:, ~keep]
             columns[name], curves[name] = block[:, keep], functions[:, keep] / sizes[keep]
-    nothing = _CurvesLeft((), np.zeros(len(solver.visible)))
+    m = len(solver.visible)
+    nothing = _CurvesLeft((), np.zeros(m), np.zeros(m, dtype=bool))
     reach = float(points.mesh.rho[-1])
     found: list[tuple[str, float, tuple[str, ...]]] = []
     chosen: list[FloatArray] = []
@@ -386,9 +390,8 @@ def _curves_left(
             spans[n] = pv, pv * (reach if n[1] in "ABC" else 1.0)
         name, *alike = sorted(spans, key=lambda n: spans[n][1])  # the smallest that does it
         found.append((name, spans[name][0], tuple(alike)))
-        block = columns.pop(name)
-        chosen.append(block)
-        within = span_of(np.hstack([within, block]))
+        chosen.append(columns.pop(name))
+        within = span_of(np.hstack([within, chosen[-1]]))
         rest = rest - within @ (within.T @ rest)
     if not found:
         return nothing
@@ -396,7 +399,9 @@ def _curves_left(
     together = np.hstack(chosen)
     along = np.linalg.lstsq(together - plain @ (plain.T @ together), start, rcond=OWN)[0]
     taken = np.asarray(np.linalg.lstsq(base, together @ along, rcond=OWN)[0], dtype=np.float64)
-    return _CurvesLeft(tuple(found), (-taken / base_sizes)[: len(solver.visible)])
+    lines = np.linalg.lstsq(base, np.hstack([lower[n] for n, _, _ in found]), rcond=OWN)[0]
+    share = np.abs(lines[:m]).max(axis=1, initial=0.0)
+    return _CurvesLeft(tuple(found), (-taken / base_sizes)[:m], share > _HARDLY)
 
 
 def _candidates(

@@ -137,3 +137,14 @@ def test_of_a_group_that_a_curve_moves_nothing_is_given_alone(lathe):
     assert all(np.isnan(v) for g in found.groups for v, _ in g.equivalents.values())
     assert "what each would be alone is not given" in " ".join(found.messages)
     assert "nan" not in found.report().lower()
+
+
+def test_a_bow_on_a_square_map_is_not_a_squareness_either():
+    """Its line is within u of the constant by chance of the region; it is a line, not an angle."""
+    lathe = presets("fts_lathe", radius=20e-3)
+    x, step = np.linspace(-14e-3, 14e-3, 80, retstep=True)
+    rho = np.hypot(x, x[:, None])
+    z = 60e-9 * ((20e-3 - rho) / 20e-3) ** 2
+    z += 1e-9 * np.random.default_rng(1).standard_normal(rho.shape)
+    found = identify(lathe, Surface(z, dx=step, dy=step), form=Plane(), terms=["B0Z"])
+    assert np.isnan(found["B0Z"].value)
