@@ -170,7 +170,7 @@ def volumetric_source(
     if isinstance(errors, ErrorSet | Mapping):
         chosen = as_error_set(errors)
         terms = chosen if isinstance(errors, ErrorSet) else None
-        messages = list(chosen.messages)
+        messages = [*chain.messages, *chosen.messages]
         facts: dict[str, Any] = {"errors": list(chosen.names), "exact": exact}
 
         def of_chain(q: Mapping[str, Any]) -> FloatArray:

@@ -60,6 +60,16 @@ def as_float(values: Any) -> FloatArray:
     return array
 
 
+def heights_as(z: FloatArray, dtype: Any, copy: bool | None) -> FloatArray:
+    """Return what ``__array__`` of an object with heights gives numpy."""
+    wanted = np.dtype(np.float64 if dtype is None else dtype)
+    if wanted == z.dtype and not copy:
+        return z
+    if copy is False:
+        raise ValueError(f"heights are float64: {wanted} needs a copy")
+    return z.astype(wanted)
+
+
 def _is_frozen(values: ArrayLike) -> TypeGuard[FloatArray]:
     if not isinstance(values, np.ndarray) or values.dtype != np.float64:
         return False

@@ -4,6 +4,7 @@
 
     MetrosepError
     |-- ReadError                     a file cannot become a measurement
+    |   |-- FileMissingError (FileNotFoundError)
     |   |-- UnknownFormatError        no reader knows the content
     |   |-- AmbiguousFormatError      two readers are sure
     |   |-- FormatMismatchError       the content is not what the caller declared
@@ -14,6 +15,7 @@
     |   |-- NotUniformError
     |   |-- TooFewSamplesError
     |   |-- InvalidSamplesError
+    |   |-- OptionError (TypeError)   an argument of the wrong kind, an unknown keyword
     |   `-- UnitError
     |-- FitError
     |   |-- DegenerateFitError
@@ -29,6 +31,7 @@
 
 from __future__ import annotations
 
+import errno
 from typing import Any
 
 __all__ = [
@@ -36,6 +39,7 @@ __all__ = [
     "CorruptFileError",
     "DataError",
     "DegenerateFitError",
+    "FileMissingError",
     "FitError",
     "FormatMismatchError",
     "InvalidSamplesError",
@@ -44,7 +48,9 @@ __all__ = [
     "NotConvergedError",
     "NotSeparableError",
     "NotUniformError",
+    "OptionError",
     "ReadError",
+    "ReadOptionError",
     "RecipeError",
     "SeparationError",
     "SignCheckFailedError",
@@ -55,6 +61,7 @@ __all__ = [
     "UnknownFormatError",
     "UnsupportedFeatureError",
     "WriteError",
+    "WriteOptionError",
 ]
 
 
@@ -63,7 +70,14 @@ class MetrosepError(Exception):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Restore from args and attributes: some errors are made from more than their message."""
-        return _restored, (type(self), self.args), self.__dict__
+        state = dict(self.__dict__)
+        if isinstance(self, OSError):  # which keeps these beside its attributes
+            state |= {"errno": self.errno, "filename": self.filename}
+        return _restored, (type(self), self.args), state
+
+    def __str__(self) -> str:
+        """Return the message, whatever a native base would print."""
+        return str(self.args[0]) if self.args else ""
 
 
 def _restored(kind: type[BaseException], args: tuple[Any, ...]) -> BaseException:
@@ -71,11 +85,29 @@ def _restored(kind: type[BaseException], args: tuple[Any, ...]) -> BaseException
     while native.__module__ != "builtins":  # whose own maker a second base would hide
         native = native.__base__
     made: BaseException = native.__new__(kind, *args)
+    made.args = args  # which an OSError leaves to a maker that is not called here
     return made
 
 
 class ReadError(MetrosepError):
     """A file cannot be turned into a measurement."""
+
+
+class FileMissingError(ReadError, FileNotFoundError):
+    """There is no such file.
+
+    Parameters
+    ----------
+    message : str
+        What is missing and what to do.
+    filename : str, optional
+        The file, as for FileNotFoundError.
+    """
+
+    def __init__(self, message: str, filename: str | None = None) -> None:
+        super().__init__(message)
+        self.errno = errno.ENOENT
+        self.filename = filename
 
 
 class UnknownFormatError(ReadError):
@@ -160,6 +192,18 @@ class TooFewSamplesError(DataError):
 
 class InvalidSamplesError(DataError):
     """Samples are NaN, infinite, out of order or inconsistent."""
+
+
+class OptionError(DataError, TypeError):
+    """An argument of the wrong kind (a truth value or a text for a number), or an unknown keyword."""
+
+
+class ReadOptionError(FormatMismatchError, OptionError):
+    """A keyword that the reader of this file does not take."""
+
+
+class WriteOptionError(WriteError, OptionError):
+    """A keyword that the writer of this format does not take."""
 
 
 class UnitError(DataError):

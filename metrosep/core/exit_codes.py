@@ -25,6 +25,7 @@ EXIT_CODES: Codes = (
     (errors.RecipeError, 2),
     (errors.WriteError, 2),
     (errors.UnitError, 2),
+    (errors.OptionError, 2),
     (errors.ReadError, 4),
     (errors.SeparationError, 4),
     (errors.FitError, 4),

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from metrosep.core._arrays import FloatArray, frozen_float, same_length
+from metrosep.core._arrays import FloatArray, frozen_float, heights_as, same_length
 from metrosep.core._thumbnails import png_image, profile_thumbnail
 from metrosep.core._upwards import explored
 from metrosep.core.errors import InvalidSamplesError, NotUniformError, TooFewSamplesError
@@ -94,6 +94,10 @@ class Profile:
 
     def __len__(self) -> int:
         return int(self.x.size)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> FloatArray:
+        """Return the heights: as they are, which cannot be written to, or a copy where one is asked for."""
+        return heights_as(self.z, dtype, copy)
 
     @property
     def n_invalid(self) -> int:

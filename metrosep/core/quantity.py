@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 from metrosep.core.errors import DataError
+from metrosep.core.numbers import real
 from metrosep.core.units import format_engineering
 
 __all__ = ["Quantity"]
@@ -47,6 +48,11 @@ class Quantity:
     u_source: str = ""
 
     def __post_init__(self) -> None:
+        for key in ("value", "u"):
+            given = getattr(self, key)
+            if given is not None or key == "value":
+                number = real(given, f"{key} of {self.definition}", finite=False)
+                object.__setattr__(self, key, number)
         if self.u is not None and self.u < 0.0:
             raise DataError(
                 f"the standard uncertainty of {self.definition} is {self.u}, below zero"

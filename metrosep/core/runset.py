@@ -7,7 +7,6 @@ time and the positions must agree with each other: a feed typed in the wrong uni
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -17,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray, frozen_float, same_length
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
+from metrosep.core.numbers import positive
 from metrosep.core.profile import Profile, html_table
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.units import format_length
@@ -181,13 +181,12 @@ def _check_monotonic(x: FloatArray, run_id: str) -> None:
 def _checked_feed(feed: float | None, run_id: str) -> float | None:
     if feed is None:
         return None
-    speed = float(feed)
-    if not math.isfinite(speed) or speed <= 0.0:
-        raise InvalidSamplesError(
-            f"run {run_id!r}: feed is {speed} m/s; it must be positive and finite "
-            "(the direction follows from the positions)"
-        )
-    return speed
+    return positive(
+        feed,
+        f"run {run_id!r}: feed",
+        dimension="speed",
+        why="the direction is that of the positions",
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -342,8 +341,8 @@ class RunSet:
         DataError
             If `feed` is not positive.
         """
-        if feed is not None and not (math.isfinite(feed) and feed > 0.0):
-            raise DataError(f"feed must be positive and finite, in m/s, got {feed}")
+        if feed is not None:
+            feed = positive(feed, "feed", dimension="speed")
         kept: Sequence[Run] = [
             r
             for r in self.runs

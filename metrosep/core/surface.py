@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -10,10 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from metrosep.core._arrays import FloatArray, frozen_float
+from metrosep.core._arrays import FloatArray, frozen_float, heights_as
 from metrosep.core._thumbnails import map_thumbnail
 from metrosep.core._upwards import explored
-from metrosep.core.errors import InvalidSamplesError
+from metrosep.core.errors import OptionError
+from metrosep.core.numbers import positive, quantity
 from metrosep.core.profile import html_summary
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.units import format_length
@@ -21,16 +21,17 @@ from metrosep.core.units import format_length
 __all__ = ["Surface"]
 
 
-def _checked_step(value: float | None, name: str) -> float | None:
-    if value is None:
-        return None
-    step = float(value)
-    if not math.isfinite(step) or step <= 0.0:
-        raise InvalidSamplesError(
-            f"{name} is {step} m; a lateral step must be positive and finite, or None when the "
-            "instrument is not laterally calibrated"
-        )
-    return step
+def _checked_step(value: float | str | None, name: str) -> float | None:
+    why = "a lateral step that the instrument did not calibrate is None"
+    return None if value is None else positive(value, name, dimension="length", why=why)
+
+
+def _checked_origin(origin: Any) -> tuple[float, float]:
+    pair = () if isinstance(origin, str) or not hasattr(origin, "__len__") else tuple(origin)
+    if len(pair) != 2:
+        raise OptionError(f"origin must be two numbers (x, y) in m, got {origin!r}")
+    x, y = (quantity(v, f"{k} of origin", "length") for k, v in zip("xy", pair, strict=True))
+    return x, y
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -45,7 +46,7 @@ class Surface:
     ----------
     z : array_like, shape (n_y, n_x), m
         Heights; NaN where not measured.
-    dx, dy : float or None, m
+    dx, dy : float (m), str with unit, or None
         Lateral steps, > 0; ``None`` where the instrument was not calibrated. ``dy=None`` with a
         given ``dx`` means not calibrated in y: square pixels are never assumed.
     origin : tuple of (float, float), m, optional
@@ -59,6 +60,14 @@ class Surface:
     ------
     InvalidSamplesError
         If z is not two-dimensional, is infinite somewhere, or a step is not positive.
+    OptionError
+        If a step or the origin is no number (True, an array, a complex number).
+    UnitError
+        If a text has no unit of length.
+
+    Notes
+    -----
+    ``numpy.asarray(surface)`` is `z`, which cannot be written to.
 
     Examples
     --------
@@ -77,19 +86,23 @@ class Surface:
     def __init__(
         self,
         z: ArrayLike,
-        dx: float | None = None,
-        dy: float | None = None,
+        dx: float | str | None = None,
+        dy: float | str | None = None,
         *,
-        origin: tuple[float, float] = (0.0, 0.0),
+        origin: tuple[float | str, float | str] = (0.0, 0.0),
         metadata: Mapping[str, Any] | None = None,
         history: tuple[Step, ...] = (),
     ) -> None:
         object.__setattr__(self, "z", frozen_float(z, name="z", ndim=2))
         object.__setattr__(self, "dx", _checked_step(dx, "dx"))
         object.__setattr__(self, "dy", _checked_step(dy, "dy"))
-        object.__setattr__(self, "origin", (float(origin[0]), float(origin[1])))
+        object.__setattr__(self, "origin", _checked_origin(origin))
         object.__setattr__(self, "metadata", freeze_mapping(metadata))
         object.__setattr__(self, "history", tuple(history))
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> FloatArray:
+        """Return the heights: as they are, which cannot be written to, or a copy where one is asked for."""
+        return heights_as(self.z, dtype, copy)
 
     @property
     def shape(self) -> tuple[int, int]:

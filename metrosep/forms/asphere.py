@@ -83,13 +83,13 @@ class Asphere(Shape):
                 raise DataError(f"the power {power} stands twice in the asphere; give it once")
             terms[power] = value
         ordered = tuple(sorted(terms.items()))
-        norm = checked(self.norm_radius, "norm_radius", zero=False)
+        norm = checked(self.norm_radius, "norm_radius", zero=False, dimension="length")
         if norm is not None and norm < 0.0:
             raise DataError(f"norm_radius must be positive, got {norm} m")
         units = {"R": "m", "k": "1"}
         units |= {f"a{n}": "m" if norm else f"m^{1 - n}" for n, _ in ordered}
         self._set(
-            R=checked(self.R, "R", zero=False),
+            R=checked(self.R, "R", zero=False, dimension="length"),
             k=checked(self.k, "k"),
             coefficients=ordered,
             odd=(),

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core.errors import DataError
+from metrosep.core.numbers import real
 
 __all__ = ["Form"]
 
@@ -229,7 +230,9 @@ class Form(ABC):
         return f"{type(self).__name__}({inside})"
 
 
-def checked(value: float | None, name: str, *, zero: bool = True) -> float | None:
+def checked(
+    value: float | str | None, name: str, *, zero: bool = True, dimension: str | None = None
+) -> float | None:
     """Return a parameter as a finite float, or None.
 
     Parameters
@@ -240,6 +243,8 @@ def checked(value: float | None, name: str, *, zero: bool = True) -> float | Non
         For the message.
     zero : bool, optional
         Whether zero is allowed.
+    dimension : str, optional
+        Where a text with a unit of it is taken, too.
 
     Returns
     -------
@@ -253,10 +258,7 @@ def checked(value: float | None, name: str, *, zero: bool = True) -> float | Non
     """
     if value is None:
         return None
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        raise DataError(f"{name} must be a number, got {value!r}") from None
+    number = real(value, name, dimension=dimension, finite=False)
     if not math.isfinite(number) or (number == 0.0 and not zero):
         raise DataError(f"{name} must be finite{'' if zero else ' and not zero'}, got {value}")
     return number

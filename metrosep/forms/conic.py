@@ -68,7 +68,7 @@ class Conic(Shape):
     weak = ("k",)
 
     def __post_init__(self) -> None:
-        self._set(R=checked(self.R, "R", zero=False), k=checked(self.k, "k"))
+        self._set(R=checked(self.R, "R", zero=False, dimension="length"), k=checked(self.k, "k"))
 
     def start(self, x: FloatArray, y: FloatArray, z: FloatArray) -> Self:
         """Return the conic with values for its unknown parameters, good enough to start a fit.

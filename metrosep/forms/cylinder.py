@@ -59,7 +59,10 @@ class Cylinder(Shape):
     weak = ("angle",)
 
     def __post_init__(self) -> None:
-        self._set(R=checked(self.R, "R", zero=False), angle=checked(self.angle, "angle"))
+        self._set(
+            R=checked(self.R, "R", zero=False, dimension="length"),
+            angle=checked(self.angle, "angle", dimension="angle"),
+        )
 
     def start(self, x: FloatArray, y: FloatArray, z: FloatArray) -> Self:
         """Return the cylinder with values for its unknown parameters, good enough to start a fit.

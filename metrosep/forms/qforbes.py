@@ -190,8 +190,8 @@ class QForbes(Shape):
         values = tuple(checked(v, f"a{m}") for m, v in enumerate(self.coefficients))
         if len(values) > _HIGHEST:
             raise DataError(f"at most {_HIGHEST} coefficients, got {len(values)}")
-        R, k = checked(self.R, "R", zero=False), checked(self.k, "k")
-        radius = checked(self.radius, "radius", zero=False)
+        R, k = checked(self.R, "R", zero=False, dimension="length"), checked(self.k, "k")
+        radius = checked(self.radius, "radius", zero=False, dimension="length")
         if radius is not None and radius < 0.0:
             raise DataError(f"radius must be positive, got {radius} m")
         if self.kind == "bfs" and k != 0.0:

@@ -76,7 +76,8 @@ class SineGrid(Shape):
         units |= {"phase_x": "rad", "phase_y": "rad"}
         self._set(units=units)
         for name, value in self.parameters.items():
-            number = checked(value, name)
+            kind = "angle" if units[name] == "rad" else "length"
+            number = checked(value, name, dimension=kind)
             if number is not None and name.startswith("wavelength") and number <= 0.0:
                 raise DataError(f"{name} must be positive, got {number} m")
             self._set(**{name: number})

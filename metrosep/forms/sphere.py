@@ -54,7 +54,7 @@ class Sphere(Shape):
     radii = ("R",)
 
     def __post_init__(self) -> None:
-        self._set(R=checked(self.R, "R", zero=False))
+        self._set(R=checked(self.R, "R", zero=False, dimension="length"))
 
     def start(self, x: FloatArray, y: FloatArray, z: FloatArray) -> Self:
         """Return the sphere with a radius good enough to start a fit.

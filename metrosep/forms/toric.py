@@ -83,7 +83,10 @@ class Toric(Shape):
     radii = ("Rb", "Rd")
 
     def __post_init__(self) -> None:
-        self._set(Rb=checked(self.Rb, "Rb", zero=False), Rd=checked(self.Rd, "Rd", zero=False))
+        self._set(
+            Rb=checked(self.Rb, "Rb", zero=False, dimension="length"),
+            Rd=checked(self.Rd, "Rd", zero=False, dimension="length"),
+        )
 
     def start(self, x: FloatArray, y: FloatArray, z: FloatArray) -> Self:
         """Return the toric with values for its unknown radii, good enough to start a fit.
@@ -194,7 +197,10 @@ class Biconic(Shape):
     weak = ("kx", "ky")
 
     def __post_init__(self) -> None:
-        self._set(Rx=checked(self.Rx, "Rx", zero=False), Ry=checked(self.Ry, "Ry", zero=False))
+        self._set(
+            Rx=checked(self.Rx, "Rx", zero=False, dimension="length"),
+            Ry=checked(self.Ry, "Ry", zero=False, dimension="length"),
+        )
         self._set(kx=checked(self.kx, "kx"), ky=checked(self.ky, "ky"))
 
     def start(self, x: FloatArray, y: FloatArray, z: FloatArray) -> Self:

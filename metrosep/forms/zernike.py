@@ -102,7 +102,7 @@ class Zernike(LinearForm):
         self.normalisation: Normalisation = normalisation or (
             "peak" if order == "fringe" else "rms"
         )
-        self.radius = checked(radius, "radius", zero=False)
+        self.radius = checked(radius, "radius", zero=False, dimension="length")
         if self.radius is not None and self.radius < 0.0:
             raise DataError(f"radius must be positive, got {radius}")
         self._values = self._given(coefficients)

@@ -6,7 +6,7 @@ import os
 from collections.abc import Mapping
 from typing import Any
 
-from metrosep.core.errors import FormatMismatchError, ReadError, UnknownFormatError
+from metrosep.core.errors import FormatMismatchError, ReadOptionError, UnknownFormatError
 from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.runset import RunSet
@@ -84,7 +84,7 @@ def read(
     for option in layout:
         if option not in accepted:
             own = [n for n in accepted if n not in {"file", "channel", "lateral_step", "unit"}]
-            raise ReadError(
+            raise ReadOptionError(
                 f"{file.path}: is {description.title}, which takes no option {option!r}; it takes "
                 f"{', '.join(own) or 'none'}"
             )

@@ -17,7 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError, FormatMismatchError, InvalidSamplesError
+from metrosep.core.errors import (
+    DataError,
+    FormatMismatchError,
+    InvalidSamplesError,
+    ReadOptionError,
+)
 from metrosep.core.provenance import Step
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.text_options import TEXT_OPTIONS
@@ -170,7 +175,7 @@ class _Request:
 def _layout(options: dict[str, Any]) -> dict[str, Any]:
     for name in options:
         if name not in TEXT_OPTIONS:
-            raise FormatMismatchError(
+            raise ReadOptionError(
                 f"read_runs takes no option {name!r}; for the layout of the text there are "
                 f"{', '.join(TEXT_OPTIONS)}"
             )

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import ReadError, UnsupportedFeatureError
+from metrosep.core.errors import FileMissingError, ReadError, UnsupportedFeatureError
 from metrosep.core.provenance import Step, hash_bytes
 from metrosep.core.units import parse_quantity
 
@@ -232,7 +232,8 @@ def _explained(path: str | os.PathLike[str]) -> Iterator[None]:
     try:
         yield
     except FileNotFoundError:
-        raise ReadError(f"{path}: no such file; check the name and the folder") from None
+        message = f"{path}: no such file; check the name and the folder"
+        raise FileMissingError(message, os.fspath(path)) from None
     except PermissionError:
         raise ReadError(f"{path}: you may not read this file; ask for permission") from None
     except (OSError, ValueError) as exc:

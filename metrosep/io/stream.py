@@ -17,7 +17,12 @@ from typing import Any, Protocol
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError, FormatMismatchError, UnsupportedFeatureError
+from metrosep.core.errors import (
+    DataError,
+    FormatMismatchError,
+    ReadOptionError,
+    UnsupportedFeatureError,
+)
 from metrosep.core.text_options import accepted_options
 from metrosep.core.units import Unit, parse_quantity
 from metrosep.io.logger import with_units
@@ -228,7 +233,7 @@ def _refuse_unknown(file: RawFile, opener: Any, options: Mapping[str, Any]) -> N
     for name in options:
         if name not in accepted:
             known = f"it takes {', '.join(accepted)}" if accepted else "it takes none"
-            raise FormatMismatchError(f"{file.path}: takes no option {name!r} here; {known}")
+            raise ReadOptionError(f"{file.path}: takes no option {name!r} here; {known}")
 
 
 def _interval(file: RawFile, own: float | None, sampling_rate: float | str | None) -> float | None:

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core.atomic import atomic_write
-from metrosep.core.errors import UnsupportedFeatureError, WriteError
+from metrosep.core.errors import UnsupportedFeatureError, WriteError, WriteOptionError
 from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.runset import RunSet
@@ -124,7 +124,7 @@ def _bytes(
     if name in _BINARY:
         return _by_module(obj, name, path, options)
     if options:
-        raise WriteError(f"{path}: {name} takes no option {next(iter(options))!r}")
+        raise WriteOptionError(f"{path}: {name} takes no option {next(iter(options))!r}")
     if name == "csv":
         return _csv(obj)
     if not isinstance(obj, Surface):
@@ -143,7 +143,7 @@ def _by_module(
     for option in options:
         if option not in accepted:
             known = f"it takes {', '.join(accepted)}" if accepted else "it takes none"
-            raise WriteError(f"{path}: {name} takes no option {option!r}; {known}")
+            raise WriteOptionError(f"{path}: {name} takes no option {option!r}; {known}")
     try:
         return bytes(make(obj, **options))
     except WriteError as exc:

@@ -44,15 +44,18 @@ def linear_error(elements: Sequence[Element], states: States, values: Values) ->
         if e.name not in states.active:
             continue
         sign = 1.0 if e.branch == "tool" else -1.0
-        parts = [(e.error_frame, sign, six_of(e, values))]
         line = line_of(e, values)
-        parts.append(("before", sign, line))
+        before, after = (states.levers[e.name, f] for f in ("before", "after"))
+        parts = [
+            (e.frame, states.read_lever(e), sign, six_of(e, values)),
+            ("before", before, sign, line),
+        ]
         if e.kind == "linear":
-            parts.append(("after", -sign, line))
-        for frame, s, (d, w) in parts:
+            parts.append(("after", after, -sign, line))
+        for frame, lever, s, (d, w) in parts:
             if ps.is_zero(d) and ps.is_zero(w):
                 continue
-            axes, lever = states.turned[e.name, frame], states.levers[e.name, frame]
+            axes = states.turned[e.name, frame]
             move = ps.turn(axes, ps.add(d, ps.cross(w, lever)))
             shift = ps.add(shift, ps.scale(move, s))
             turn = ps.add(turn, ps.scale(ps.turn(axes, w), s))
@@ -84,7 +87,10 @@ def line_of(element: Element, values: Values) -> tuple[ps.Vector, ps.Vector]:
 
 def _joint(element: Element, move: ps.Pose, values: Values, rule: str) -> list[Factor]:
     """Return the factors of one element after its location."""
-    error = _small(*six_of(element, values), rule)
+    errors = [_small(*six_of(element, values), rule)]
+    if any(element.measured_at):  # a displacement about the point where it was read
+        there = _nominal(ps.Pose(t=triple(element.measured_at)))
+        errors = [there, *errors, there[::-1]]
     line = line_of(element, values)
     moves = [_nominal(move)]
     if not (ps.is_zero(line[0]) and ps.is_zero(line[1])):
@@ -92,7 +98,7 @@ def _joint(element: Element, move: ps.Pose, values: Values, rule: str) -> list[F
         moves = [(forth, back), *moves]
         if element.kind == "linear":
             moves.append((back, forth))
-    return [error, *moves] if element.error_frame == "before" else [*moves, error]
+    return [*errors, *moves] if element.frame == "before" else [*moves, *errors]
 
 
 def _nominal(pose: ps.Pose) -> Factor:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.middle import assumed_axis
 from metrosep.core.surface import Surface
+from metrosep.core.units import format_length
 from metrosep.forms.grid import GridForm
 
 __all__ = ["N_AZIMUTH", "N_RHO", "SurfaceMesh", "centred_form", "polar_mesh"]
@@ -22,6 +23,9 @@ N_RHO, N_AZIMUTH = 300, 720
 
 _FEWEST = 16
 """Points: fewer do not show the shape of a map."""
+
+_AT_EDGE = 1e-9
+"""Of the radius: a part this near to the edge of its form, where the slope is infinite, is on it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -145,6 +149,8 @@ def polar_mesh(
             f"the surface is defined at {index.size} of {x.size} points between the radii {inner} "
             f"and {outer} m; give the radius of the part in m, and a surface that covers it"
         )
+    if not isinstance(surface, Surface):
+        _refuse_beyond(form, surface, outer, azimuth)
     area = np.repeat(rho, n_azimuth)[index]
     at = [np.ascontiguousarray(v[index]) for v in (x, y, z, slope_x, slope_y)]
     mesh = SurfaceMesh(
@@ -163,6 +169,30 @@ def polar_mesh(
     for name in ("x", "y", "z", "slope_x", "slope_y", "weights", "index", "rho", "azimuth"):
         getattr(mesh, name).setflags(write=False)
     return mesh
+
+
+def _refuse_beyond(form: Any, given: Any, outer: float, azimuth: FloatArray) -> None:
+    """Refuse a part that reaches to or beyond the edge of its form."""
+
+    def lost(rho: FloatArray) -> NDArray[np.bool_]:
+        x, y = rho * np.cos(azimuth), rho * np.sin(azimuth)
+        with np.errstate(all="ignore"):
+            return np.asarray(~np.isfinite([form(x, y), *form.gradient(x, y)]).all(axis=0))
+
+    far = np.full(azimuth.shape, outer * (1.0 + _AT_EDGE))
+    beyond = lost(far)
+    if not beyond.any():
+        return
+    near = np.full(azimuth.shape, _AT_EDGE * outer)
+    while np.max(far - near) > _AT_EDGE * outer:
+        middle = 0.5 * (near + far)
+        off = lost(middle)
+        near, far = np.where(off, near, middle), np.where(off, middle, far)
+    edge = format_length(float(near[beyond].min()))
+    raise DataError(
+        f"the form {given!r} ends at a radius of {edge} from the axis of the part, and the part "
+        f"has {format_length(outer)}: give a smaller radius, or the form of the part"
+    )
 
 
 def _radii(radius: Any, inner_radius: Any) -> tuple[float, float]:

@@ -26,6 +26,8 @@ def amount_text(value: float, unit: str) -> str:
     >>> amount_text(4.84813681109536e-06, "rad"), amount_text(1.234e-6, "rad")
     ('1 arcsec', '1.23 urad')
     """
+    if value != value:
+        return "not known"
     if unit != "rad":
         return f"0 {unit}" if value == 0.0 else format_length(value, digits=3)
     texts = {name: f"{value / factor:.3g}" for name, factor in _ANGLES}

@@ -10,12 +10,15 @@ from numpy.typing import NDArray
 from metrosep.machine.alignment import Alignment
 from metrosep.machine.gram import AlignedGram, groups_alike
 
-__all__ = ["Solution", "Solver", "common_map"]
+__all__ = ["OWN", "Solution", "Solver", "common_map", "span_of", "unit_columns"]
 
 FloatArray = NDArray[np.float64]
 
 _DETERMINED = 1e-7
 """Of the largest singular value: below, a direction is rounding."""
+
+OWN = 1e-6
+"""Of the size of a column: what others leave of it is rounding."""
 
 _PART = 1e-3
 """Of a direction that is not determined: a term with less in it is told apart."""
@@ -101,7 +104,7 @@ class Solver:
 
     def solve(self, heights: FloatArray, used: NDArray[np.bool_]) -> Solution:
         """Return the amounts that explain heights at the used points; the smallest if not unique."""
-        columns = self._used_freedoms()
+        columns = self.used_freedoms()
         if used.all():
             design, freed = self.design, self.space.remove(heights)
         else:  # the aligned maps are aligned no more: align on the points that are left
@@ -123,7 +126,7 @@ class Solver:
     def effect(self, solution: Solution) -> FloatArray:
         """Return the linear effect of a solution at the points, m."""
         terms = self.maps[:, self.visible] @ (solution.scaled / self.sizes)
-        return np.asarray(terms + self._used_freedoms() @ solution.amounts)
+        return np.asarray(terms + self.used_freedoms() @ solution.amounts)
 
     def size_of(self, step: Solution) -> float:
         """Return how much a step moves the surface, RMS m."""
@@ -136,7 +139,7 @@ class Solver:
         The first (n, p + k) gives scaled amounts and freedoms as ``rows.T @ heights``; the second
         (n, rank + k) is an orthonormal basis of all that the fit can follow.
         """
-        columns = self._used_freedoms()[used]
+        columns = self.used_freedoms()[used]
         sizes = _column_sizes(columns)
         basis = np.linalg.qr(columns)[0]
         design = self.design[used]
@@ -150,7 +153,8 @@ class Solver:
         freedoms = inverse - terms @ (maps.T @ inverse)
         return np.hstack([terms, freedoms]), np.hstack([U[:, good], basis])
 
-    def _used_freedoms(self) -> FloatArray:
+    def used_freedoms(self) -> FloatArray:
+        """Return the maps of the freedoms that move the surface in a way of their own, (n, k)."""
         return self.columns[:, [self.space.names.index(n) for n in self.space.used]]
 
 
@@ -168,3 +172,15 @@ def _column_sizes(columns: FloatArray) -> FloatArray:
 
 def _scaled_columns(columns: FloatArray, right: FloatArray) -> tuple[FloatArray, FloatArray]:
     return columns / _column_sizes(columns), right
+
+
+def unit_columns(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return columns of unit size, zeros left as they are, and the sizes."""
+    sizes = np.sqrt(np.sum(columns**2, axis=0))
+    return columns / np.where(sizes > 0.0, sizes, 1.0), sizes
+
+
+def span_of(columns: FloatArray) -> FloatArray:
+    """Return an orthonormal basis of columns that were of unit size before they were freed of others."""
+    U, singular, _ = np.linalg.svd(columns, full_matrices=False)
+    return U[:, singular > OWN]

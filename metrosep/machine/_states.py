@@ -79,9 +79,13 @@ class States:
             self.turned[e.name, "after"] = turned
         return turned
 
-    def six(self, element: Element, frame: str) -> list[ps.Vector]:
+    def read_lever(self, element: Element) -> ps.Vector:
+        """Return the tool point from where the error motions of an element were read."""
+        return ps.subtract(self.levers[element.name, element.frame], triple(element.measured_at))
+
+    def six(self, element: Element, frame: str, lever: ps.Vector) -> list[ps.Vector]:
         """Return ``sign W^-1 A hat(e_j) A^-1 p`` for the six directions of one frame A."""
-        turned, lever = self.turned[element.name, frame], self.levers[element.name, frame]
+        turned = self.turned[element.name, frame]
         sign = 1.0 if element.branch == "tool" else -1.0
         turns = [ps.turn(turned, ps.cross(axis, lever)) for axis in ps.UNIT]
         return [ps.scale(column, sign) for column in (*ps.transpose(turned), *turns)]

@@ -11,8 +11,9 @@
     kind = "linear"                             # or "rotary", "fixed"
     direction = "-X"                            # or a unit vector
     location_mm = [12.5, 0, 0]                  # or location_m = ["radius", 0, 0]
-    error_frame = "after"                       # or "before"
     errors_of = "body"                          # or "tool": against the workpiece
+    error_frame = "after"                       # or "before"; see Element
+    measured_at_mm = [0, 0, 0]                  # where the errors were read
     errors = "XYZABC"                           # default: all of an axis that moves
     location_errors = { B0Z = { B = -1 } }      # or a list ["B0X"]: plain turns and offsets
 """
@@ -37,9 +38,11 @@ _ANGLES = {"rad": 1.0, "deg": math.pi / 180.0}
 _TABLE_KEYS = ("name", "description", "parameters", "element")
 _PLAIN_KEYS = ("name", "branch", "kind", "direction", "error_frame", "errors_of", "errors", "location_errors",
                "parked", "parallel_to")  # fmt: skip
-_UNIT_KEYS = {f"location_{u}": ("location", f) for u, f in _LENGTHS.items()} | {
-    f"angle_{u}": ("angle", f) for u, f in _ANGLES.items()
-}
+_UNIT_KEYS = (
+    {f"location_{u}": ("location", f) for u, f in _LENGTHS.items()}
+    | {f"angle_{u}": ("angle", f) for u, f in _ANGLES.items()}
+    | {f"measured_at_{u}": ("measured_at", f) for u, f in _LENGTHS.items()}
+)
 
 
 def toml_table(path: str | PathLike[str]) -> dict[str, Any]:

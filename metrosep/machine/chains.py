@@ -166,6 +166,59 @@ class Chain:
             raise DataError(f"{path}: {exc}") from None
 
     @property
+    def messages(self) -> tuple[str, ...]:
+        """What the reader of a result must know of the description of the machine."""
+        lever = [
+            e.name
+            for e in self.elements
+            if (e.branch, e.kind, e.error_frame) == ("workpiece", "linear", None)
+            and e.frame == "after"
+            and set(e.errors or ()) & set("ABC")
+        ]
+        if not lever:
+            return ()
+        text = (
+            f"{', '.join(lever)}: errors of the body of a slide that carries the workpiece are taken "
+            "in the moved frame, so its own travel is a lever of its angles; where an instrument at "
+            'the tool read them, write errors_of = "tool", or error_frame = "before"'
+        )
+        return (text,)
+
+    def describe(self) -> str:
+        """Return where the errors of each axis are stated, in which directions and with which sign.
+
+        Returns
+        -------
+        str
+            One line for each axis, from the bed outwards.
+
+        Examples
+        --------
+        >>> chain = Chain([Element("X", "workpiece", "linear", (-1, 0, 0), errors_of="tool"),
+        ...                Element("Z", "tool", "linear")])
+        >>> print(chain.describe())
+        X: linear, carries the workpiece; errors of the tool against the workpiece at (0, 0, 0) mm, in the frame before the axis: own travel is no lever; zero at X = 0
+        Z: linear, carries the tool; errors of its body at (0, 0, 0) mm, in the frame that the axis moves; zero at Z = 0
+        """
+        frames = {
+            "before": "in the frame before the axis",
+            "after": "in the frame that the axis moves",
+        }
+        lines = []
+        for e in self.elements:
+            sense = "the tool against the workpiece" if error_sign(e) < 0.0 else "its body"
+            place = ", ".join(
+                f"{1e3 * (c + r):g}" for c, r in zip(e.location, e.measured_at, strict=True)
+            )
+            own = ": own travel is no lever" if (e.kind, e.frame) == ("linear", "before") else ""
+            home = "" if e.kind == "fixed" else f"; zero at {e.name} = 0"
+            lines.append(
+                f"{e.name}: {e.kind}, carries the {e.branch}; errors of {sense} at ({place}) mm, "
+                f"{frames[e.frame]}{own}{home}"
+            )
+        return "\n".join([*lines, *self.messages])
+
+    @property
     def axes(self) -> tuple[str, ...]:
         """Names of the axes that move, in the order of the elements."""
         return tuple(e.name for e in self.elements if e.kind != "fixed")
@@ -471,7 +524,7 @@ class Chain:
 
 def _columns(element: Element, states: States, chosen: Sequence[str]) -> dict[str, ps.Vector]:
     """Return the columns of one element, in workpiece coordinates."""
-    own = states.six(element, element.error_frame)
+    own = states.six(element, element.frame, states.read_lever(element))
     columns = {}
     for term in chosen:
         if term in element.location_errors:
@@ -495,6 +548,7 @@ def _line_column(element: Element, states: States, line: Sequence[float]) -> ps.
     total: ps.Vector = ps.ORIGIN
     ends = [("before", 1.0), ("after", -1.0)] if element.kind == "linear" else [("before", 1.0)]
     for frame, sign in ends:
-        for weight, column in zip(line, states.six(element, frame), strict=True):
+        lever = states.levers[element.name, frame]
+        for weight, column in zip(line, states.six(element, frame, lever), strict=True):
             total = ps.add(total, ps.scale(column, sign * weight))
     return total

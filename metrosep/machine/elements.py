@@ -6,8 +6,13 @@ The frame of an element sits in the frame of the element before it (or in the be
     T = Trans(location) (I + hat(xi)) M(q)      error frame "before": the error stays where it was
 
 with ``M = Trans(q direction)``, ``Rot(direction, q)`` or, for a fixed part, ``Rot(direction, angle)``
-and ``xi = (EX, EY, EZ, EA, EB, EC)`` along and about the element's own X, Y, Z. With all axes at zero
-(and no fixed rotation) every frame is parallel to the bed. SI: metres and radians.
+and ``xi = (EX, EY, EZ, EA, EB, EC)`` along and about the element's own X, Y, Z, at the functional
+point `measured_at` of that frame. With all axes at zero (and no fixed rotation) every frame is
+parallel to the bed. SI: metres and radians.
+
+An instrument reads at the functional point, which the tool side carries. Seen from there, an axis
+that carries the workpiece has its errors in the frame before it: its own travel is no lever, and a
+rotary table does not turn the directions in which a nest in the spindle reads.
 """
 
 from __future__ import annotations
@@ -63,12 +68,17 @@ class Element:
     location : sequence of float, shape (3,), m
         Origin of this element in the frame before it, at position zero: for a rotary axis a point
         on its axis, for a linear axis the point about which its angular errors turn.
-    error_frame : str
-        ``"after"`` (the errors are attached to the moved body) or ``"before"``.
+    error_frame : str, optional
+        ``"after"`` (the errors are attached to the moved body) or ``"before"``; `frame` says which
+        holds. If omitted, "before" for errors of the tool on an axis that carries the workpiece,
+        else "after".
     errors_of : str
         ``"body"``: the errors are motions of this body in its frame. ``"tool"``: they are motions of
         the tool against the workpiece, as an instrument between the two reads them; in the
         workpiece branch that is the opposite.
+    measured_at : sequence of float, shape (3,), m
+        Point at which the error motions were read, as an offset from the origin of the error frame
+        at position zero; zero reads them at the tool point of the chain's zero.
     errors : sequence of str, optional
         Directions that have an error term; all six where the element moves, none where it is fixed.
     location_errors : mapping of str to sequence of float, shape (6,), optional
@@ -109,8 +119,9 @@ class Element:
     kind: str
     direction: Sequence[float] = (0.0, 0.0, 1.0)
     location: Sequence[float] = (0.0, 0.0, 0.0)
-    error_frame: str = "after"
+    error_frame: str | None = None
     errors_of: str = "body"
+    measured_at: Sequence[float] = (0.0, 0.0, 0.0)
     errors: Sequence[str] | None = None
     location_errors: Mapping[str, Sequence[float]] = field(default_factory=dict, hash=False)
     angle: float = 0.0
@@ -132,12 +143,14 @@ class Element:
             ("errors_of", SIDES),
         ):
             value = getattr(self, key)
-            if value not in allowed:
+            if value not in (*allowed, None) or (value is None and key != "error_frame"):
                 raise DataError(
                     f"{key} of element {self.name!r} is {value!r}; known are {', '.join(allowed)}"
                 )
         self._set("direction", _vector(self.direction, 3, f"direction of {self.name!r}"))
         self._set("location", _vector(self.location, 3, f"location of {self.name!r}"))
+        point = _vector(self.measured_at, 3, f"measured_at of {self.name!r}")
+        self._set("measured_at", point)
         norm = math.hypot(*self.direction)
         if abs(norm - 1.0) > _UNIT_TOLERANCE:
             raise DataError(
@@ -158,6 +171,13 @@ class Element:
         self._check_parking()
         self._set("errors", self._checked_errors())
         self._set("location_errors", self._checked_location_errors())
+
+    @property
+    def frame(self) -> str:
+        """Frame of the error motions, "after" or "before": the one chosen, else as the errors are read."""
+        if self.error_frame is not None:
+            return self.error_frame
+        return "before" if error_sign(self) < 0.0 else "after"
 
     def _set(self, key: str, value: object) -> None:
         object.__setattr__(self, key, value)

@@ -8,7 +8,8 @@ each other. `error = actual - nominal`; the amount of a term is what the machine
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -26,9 +27,10 @@ from metrosep.machine._cut_model import CutModel
 from metrosep.machine._identified import Identification, IdentifiedGroup
 from metrosep.machine._map_noise import map_noise
 from metrosep.machine._measured import Measured, measured_points
-from metrosep.machine._positions import Positions
+from metrosep.machine._positions import Positions, axis_positions
 from metrosep.machine._responses import MapMaker
-from metrosep.machine._separable import Solution, Solver, common_map
+from metrosep.machine._sensitivity_text import amount_text
+from metrosep.machine._separable import OWN, Solution, Solver, common_map, span_of, unit_columns
 from metrosep.machine._term_amounts import term_unit
 from metrosep.machine.alignment import alignment_space, removed_freedoms
 from metrosep.machine.gram import aligned_gram
@@ -44,6 +46,24 @@ _HARDLY = 0.05
 
 _WHITE = 1.3
 """Times the uncertainty of white noise: from here on a message says that the residual is not."""
+
+_ORDERS = 6
+"""Legendre orders over the travel of a slide that a curve may have."""
+
+_BLOCKS = 32
+"""Along a side of a map: its blocks show six orders, and the noise of the pixels averages out."""
+
+_PER_BLOCK = 4
+"""Scattered points in a block on average, so that hardly one is empty."""
+
+_CHANCE = 1e-4
+"""Of a message where there is noise alone: far below 1 %, because the noise is a model, too."""
+
+_ALIKE = 0.9
+"""Of what the best curve explains: another that explains as much cannot be told from it."""
+
+_SEEN = 1e-12
+"""m; a smaller pattern is rounding, no instrument shows it."""
 
 _SMALL = 1e-6
 """Of the uncertainty: a step this small ends the iteration."""
@@ -165,7 +185,8 @@ def identify(
     solver = _solver(maker, freedoms, threshold)
     model = CutModel(chain, points.mesh.form, place, positions, exact=True)
     solution, left, used = _fit(solver, model, points, exact=exact)
-    return _result(solver, solution, left, used, points, surface_map, form is None)
+    curves = _curves_left(solver, maker, points, left, used)
+    return _result(solver, solution, left, used, points, surface_map, form is None, curves, exact)
 
 
 def _solver(maker: MapMaker, freedoms: tuple[str, ...], threshold: float) -> Solver:
@@ -235,6 +256,8 @@ def _result(
     points: Measured,
     source: Any,
     no_form: bool,
+    curves: _CurvesLeft,
+    exact: bool,
 ) -> Identification:
     n = int(used.sum())
     residual = points.on_map(np.where(used, left, np.nan))
@@ -244,8 +267,9 @@ def _result(
     cov, freedom_u = spread[:m, :m], np.sqrt(np.diag(spread)[m:])
     values, u = np.full(len(names), np.nan), np.full(len(names), np.nan)
     grouped = {i for g in solver.groups for i in g}
+    moved = curves.lines | (np.abs(curves.shifts) > np.sqrt(np.diag(cov)))
     for k, i in enumerate(solver.visible):
-        if i not in grouped:
+        if i not in grouped and not moved[k]:
             values[i] = solution.scaled[k] / solver.sizes[k]
             u[i] = np.sqrt(cov[k, k]) / solver.sizes[k]
     amounts = solution.scaled / solver.sizes
@@ -264,6 +288,7 @@ def _result(
         "removed": solver.space.names,
         "dropped": solver.space.dropped,
         "inflation": inflation,
+        "curves": tuple(name for name, _, _ in curves.found),
         **noise,
         "stride": points.stride,
         "centre_mm": tuple(1e3 * c for c in points.centre),
@@ -273,7 +298,7 @@ def _result(
         units=solver.units,
         values=values,
         u=u,
-        groups=tuple(_group(solver, solution, cov, g) for g in solver.groups),
+        groups=tuple(_group(solver, solution, cov, g, moved) for g in solver.groups),
         unobservable=tuple(names[i] for i in range(len(names)) if i not in solver.visible),
         estimate=freeze_mapping(dict(zip(seen_names, amounts.tolist(), strict=True))),
         covariance=covariance,
@@ -288,8 +313,147 @@ def _result(
         predicted_sq=float(np.sqrt(after**2 + added)),
         residual=_as_given(residual, source),
         audit=freeze_mapping(audit),
-        messages=_messages(solver, points, used, inflation, no_form),
+        messages=(
+            *_about_curves(curves, solver, solution, moved, exact),
+            *_messages(solver, points, used, inflation, no_form),
+        ),
     )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _CurvesLeft:
+    """Curves that the residual holds: (name, P-V in m or rad, what looks alike), strongest first.
+
+    `shifts` (p,): what the scaled amounts of the visible terms change by with them fitted along;
+    `lines` (p,): whether a term is the line or the constant of one of them.
+    """
+
+    found: tuple[tuple[str, float, tuple[str, ...]], ...]
+    shifts: FloatArray
+    lines: NDArray[np.bool_]
+
+
+def _curves_left(
+    solver: Solver, maker: MapMaker, points: Measured, left: FloatArray, used: NDArray[np.bool_]
+) -> _CurvesLeft:
+    """Return which error motions run over their travel in a way that constants do not describe.
+
+    Each candidate, freed of terms and freedoms, is tested by F against the noise that is left when
+    it is fitted: white noise first, then noise that is alike over distance. The strongest joins the
+    model, until none is significant.
+    """
+    from scipy.special import fdtrc
+
+    means, place, shape = _block_means(points, used)
+    terms = solver.maps[:, solver.visible] / solver.sizes
+    base, base_sizes = unit_columns(means(np.hstack([terms, solver.used_freedoms()])[used]))
+    within = plain = span_of(base)
+    start = means(left[used][:, None])[:, 0]
+    start = rest = start - plain @ (plain.T @ start)
+    columns, curves, lower = {}, {}, {}
+    for name, maps, functions in _candidates(maker, points, used):
+        block, sizes = unit_columns(means(maps))
+        keep = unit_columns(block - plain @ (plain.T @ block))[1] > OWN
+        if keep.any():
+            lower[name] = block[:, ~keep]
+            columns[name], curves[name] = block[:, keep], functions[:, keep] / sizes[keep]
+    m = len(solver.visible)
+    nothing = _CurvesLeft((), np.zeros(m), np.zeros(m, dtype=bool))
+    reach = float(points.mesh.rho[-1])
+    found: list[tuple[str, float, tuple[str, ...]]] = []
+    chosen: list[FloatArray] = []
+    while True:
+        explained = {}
+        for name, block in columns.items():
+            own = span_of(block - within @ (within.T @ block))
+            amounts = own.T @ rest
+            size = float(amounts @ amounts)
+            lost = rest - own @ amounts
+            k, free = own.shape[1], rest.size - within.shape[1] - own.shape[1]
+            if free < rest.size / 2 or size <= rest.size * _SEEN**2:
+                continue
+            white = float(lost @ lost) / free + _SEEN**2
+            chance = fdtrc(k, free, size / (k * white))
+            if chance * len(columns) < _CHANCE:
+                noise = map_noise(lost, np.hstack([within, own]), place, shape).covariance(own)
+                noise += _SEEN**2 * np.eye(k)
+                chance = fdtrc(k, free, float(amounts @ np.linalg.solve(noise, amounts)) / k)
+            if chance * len(columns) < _CHANCE:
+                explained[name] = size
+        if not explained:
+            break
+        top = max(explained.values())
+        spans: dict[str, tuple[float, float]] = {}
+        for n in (n for n, size in explained.items() if size > _ALIKE * top):
+            own = columns[n] - within @ (within.T @ columns[n])
+            pv = float(np.ptp(curves[n] @ np.linalg.lstsq(own, rest, rcond=OWN)[0]))
+            spans[n] = pv, pv * (reach if n[1] in "ABC" else 1.0)
+        name, *alike = sorted(spans, key=lambda n: spans[n][1])  # the smallest that does it
+        found.append((name, spans[name][0], tuple(alike)))
+        chosen.append(columns.pop(name))
+        within = span_of(np.hstack([within, chosen[-1]]))
+        rest = rest - within @ (within.T @ rest)
+    if not found:
+        return nothing
+    # what the curves hold of terms and freedoms goes over to those
+    together = np.hstack(chosen)
+    along = np.linalg.lstsq(together - plain @ (plain.T @ together), start, rcond=OWN)[0]
+    taken = np.asarray(np.linalg.lstsq(base, together @ along, rcond=OWN)[0], dtype=np.float64)
+    lines = np.linalg.lstsq(base, np.hstack([lower[n] for n, _, _ in found]), rcond=OWN)[0]
+    share = np.abs(lines[:m]).max(axis=1, initial=0.0)
+    return _CurvesLeft(tuple(found), (-taken / base_sizes)[:m], share > _HARDLY)
+
+
+def _candidates(
+    maker: MapMaker, points: Measured, used: NDArray[np.bool_]
+) -> Iterator[tuple[str, FloatArray, FloatArray]]:
+    """Yield error motions of slides that travel here: maps (n, k) of their curves, and the curves."""
+    mesh, chain = points.mesh, maker.chain
+    q = axis_positions(chain, mesh.x, mesh.y, mesh.z, positions=maker.positions, tool=maker.tool)
+    legendre: Any = np.polynomial.legendre.legvander
+    shown = legendre(np.linspace(-1.0, 1.0, 361), _ORDERS)[:, 1:]
+    for e in chain.elements:
+        here = q[e.name][used] if e.kind == "linear" and e.name in q else np.zeros(1)
+        names = tuple(f"E{d}{e.name}" for d in e.errors or () if f"E{d}{e.name}" in chain.terms)
+        travel = float(np.ptp(here))
+        if not names or travel <= OWN * float(mesh.rho[-1]):
+            continue
+        at = 2.0 * (here - float(here.min())) / travel - 1.0
+        over = legendre(at, _ORDERS)[:, 1:]
+        unit = replace(maker, terms=names, shapes={}).make()[used]
+        for k, name in enumerate(names):
+            yield name, unit[:, k, None] * over, shown
+
+
+def _block_means(
+    points: Measured, used: NDArray[np.bool_]
+) -> tuple[Callable[[FloatArray], FloatArray], NDArray[np.intp], tuple[int, int]]:
+    """Return what averages columns over blocks, and where the blocks stand in their map.
+
+    Blocks of a map hold as many pixels each, those of scattered points some points.
+    """
+    grid = points.on_thinned()
+    if grid is None:
+        at = np.stack([points.mesh.y[used], points.mesh.x[used]])
+        side = int(min(max(np.sqrt(at.shape[1] / _PER_BLOCK), 1.0), _BLOCKS))
+        span = np.maximum(np.ptp(at, axis=1), 1e-300)[:, None]
+        row, column = np.minimum(
+            (side * (at - at.min(axis=1)[:, None]) / span).astype(int), side - 1
+        )
+        block, shape = row * side + column, (side, side)
+    else:
+        side = -(-max(grid[1]) // _BLOCKS)
+        row, column = np.divmod(grid[0][used], grid[1][1])
+        shape = (-(-grid[1][0] // side), -(-grid[1][1] // side))
+        block = row // side * shape[1] + column // side
+    count = np.bincount(block)
+    kept = np.flatnonzero(2 * count >= np.median(count[count > 0]))
+
+    def means(columns: FloatArray) -> FloatArray:
+        sums = [np.bincount(block, weights=c, minlength=count.size)[kept] for c in columns.T]
+        return np.stack(sums, axis=1) / count[kept, None]
+
+    return means, kept, shape
 
 
 def _uncertainty(
@@ -323,7 +487,11 @@ def _uncertainty(
 
 
 def _group(
-    solver: Solver, solution: Solution, cov: FloatArray, members: tuple[int, ...]
+    solver: Solver,
+    solution: Solution,
+    cov: FloatArray,
+    members: tuple[int, ...],
+    moved: NDArray[np.bool_],
 ) -> IdentifiedGroup:
     """Return the common map of a group: its size, and each term's amount if it alone acted."""
     at = [solver.visible.index(i) for i in members]
@@ -334,7 +502,7 @@ def _group(
     alone = {}
     for k, i in enumerate(members):
         effect = float(np.sqrt(strength) * vector[k] * solver.sizes[at[k]])
-        seen = abs(vector[k]) > _HARDLY
+        seen = abs(vector[k]) > _HARDLY and not moved[at].any()
         alone[solver.names[i]] = (size / effect, u / abs(effect)) if seen else (np.nan, np.nan)
     return IdentifiedGroup(
         tuple(solver.names[i] for i in members),
@@ -357,6 +525,42 @@ def _as_given(residual: FloatArray, source: Any) -> Surface | FloatArray:
         metadata=source.metadata,
         history=(*source.history, Step("identify")),
     )
+
+
+def _about_curves(
+    curves: _CurvesLeft,
+    solver: Solver,
+    solution: Solution,
+    moved: NDArray[np.bool_],
+    exact: bool,
+) -> Iterator[str]:
+    """Yield what the reader must know of curves in the residual, and of the terms they shift."""
+    for name, size, alike in curves.found:
+        unit = "rad" if name[1] in "ABC" else "m"
+        like = f"; {', '.join(alike)} would look alike" if alike else ""
+        yield (
+            f"the residual holds a curve of {name} over its travel ({amount_text(size, unit)} P-V"
+            f"{like}): constants do not describe this part"
+            + ("" if exact else ", or the errors are too large for exact=False")
+        )
+    grouped = {i for g in solver.groups for i in g}
+    for k in np.flatnonzero(moved):
+        i = solver.visible[k]
+        amounts = np.array([solution.scaled[k], solution.scaled[k] + curves.shifts[k]])
+        without, beside = (
+            amount_text(float(v), solver.units[i]) for v in amounts / solver.sizes[k]
+        )
+        if i not in grouped:
+            yield (
+                f"{solver.names[i]}: not given, it depends on the curve: {without} without it, "
+                f"{beside} with it"
+            )
+    for g in solver.groups:
+        if moved[[solver.visible.index(i) for i in g]].any():
+            yield (
+                f"{', '.join(solver.names[i] for i in g)}: what each would be alone is not given, it "
+                "depends on the curve"
+            )
 
 
 def _messages(

@@ -46,8 +46,8 @@ def presets(
     name : str, optional
         ``"fts_lathe"``, ``"sts_lathe"``, ``"mill_xyz"`` or ``"five_axis"``; without it, the names.
     spindle_errors : str, optional
-        Of the lathes: ``"co-rotating"`` (eq 3 of [1]_: the errors turn with the workpiece; default)
-        or ``"fixed"`` (they stay in the machine, ISO 230-7).
+        Of the lathes: ``"co-rotating"`` (eq 3 of [1]_: the errors turn with the workpiece; default
+        of fts_lathe) or ``"fixed"`` (they stay in the machine, ISO 230-7; default of sts_lathe).
     **parameters : float, m
         ``radius`` of the workpiece (fts_lathe, > 0), ``pivot_height`` of the C table's datum above
         the axis of A (five_axis).
@@ -73,6 +73,11 @@ def presets(
     preset the positioning error (EXX, EYY, EZZ, EZFTS, EAA, ECC) is that of its position. The spindle angle theta puts the cut point at the
     workpiece azimuth -theta. Z may be left out: it is then no joint, and its errors do nothing.
     B0Z is the paper's eta_zx with the sign of its eq 1 (eq 9 has the other one).
+
+    Error motions are those that an instrument reads at the tool point (0, 0, 0) with the other axes
+    at zero: an indicator there on its own line returns EYX, EZX and so on, own travel is no lever
+    of an angle. For another point put ``measured_at_mm`` into `preset_table`. `Chain.describe` says
+    for each axis where, in which directions and with which sign.
 
     References
     ----------

@@ -25,6 +25,7 @@ from metrosep.machine._term_amounts import TermAmounts, amounts_of_set, term_amo
 from metrosep.machine.alignment import Alignment, alignment_space, removed_freedoms
 from metrosep.machine.error_sets import ErrorSet
 from metrosep.machine.gram import AlignedGram, aligned_gram, groups_alike
+from metrosep.machine.naming import axis_of
 from metrosep.machine.sensitivity import SensitivityTable
 
 __all__ = ["rank"]
@@ -72,8 +73,8 @@ def rank(
     radius : float, m
         Outer radius of the part.
     errors : mapping of str to float or str, or ErrorSet
-        Term -> magnitude in SI, or as text with a unit (``"1 um"``, ``"0.001 deg"``). Of an error
-        set the magnitude is ``sqrt(value^2 + u^2)``, and terms that depend on their axis position
+        Term -> magnitude in SI, or as text with a unit (``"1 um"``, ``"0.001 deg"``): an error that
+        is constant over the travel of its axis. Of an error set the magnitude is ``sqrt(value^2 + u^2)``, and terms that depend on their axis position
         act with their shape.
     removed : str or iterable of str, optional
         Freedoms that an alignment removes: ``"none"``, ``"piston"``, ``"plane"``,
@@ -117,8 +118,8 @@ def rank(
     Raises
     ------
     DataError
-        If a term, freedom or option is unknown, no term is given, a unit does not fit, or the way
-        from a point of the part to axis positions is not known.
+        If a term, freedom or option is unknown, no term is given, a unit does not fit, the way
+        from a point of the part to axis positions is not known, or the form ends inside `radius`.
     InvalidSamplesError
         If a magnitude is negative or not finite, radii do not fit, correlations are none, or an
         effect is not finite.
@@ -131,7 +132,7 @@ def rank(
     -----
     ``d = Ez - dz/dx Ex - dz/dy Ey`` [1]_; Sq is the root of the mean of d^2 over the area seen
     along z. First order in the errors: exact poses differ by 0.04 nm at 1 um and 0.001 deg on a
-    part of 20 mm. Points where the surface is NaN are left out and counted in a message. The mesh
+    part of 20 mm. Points where a measured map is NaN are left out and counted in a message. The mesh
     holds no point at the centre, where the azimuth is not defined.
 
     References
@@ -231,6 +232,7 @@ def rank(
         typed=amounts.typed,
         messages=(
             *notes,
+            *chain.messages,
             *_large_angles(amounts, errors, mean),
             *_reach(maker),
             *_messages(amounts, gram, space, mesh),
@@ -290,10 +292,24 @@ def _messages(
     found = []
     flat = [n for n, d in zip(amounts.names, np.diag(gram.raw), strict=True) if d == 0.0]
     gone = [n for n, g in zip(amounts.names, gram.is_removed, strict=True) if g and n not in flat]
-    if gone:
+    motions = {n for n in amounts.names if axis_of(n) is not None}
+    for names, why in (
+        ([n for n in gone if n not in motions], ""),
+        (
+            [n for n in gone if n in motions and n not in amounts.shapes],
+            " of this constant; a curve of the same term leaves a deviation",
+        ),
+        ([n for n in gone if n in amounts.shapes], " of this curve"),
+    ):
+        if names:
+            found.append(
+                f"{', '.join(names)}: the alignment ({', '.join(space.used)}) takes the whole effect{why}"
+            )
+    constant = [n for n in amounts.names if n in motions and n not in amounts.shapes]
+    if constant:
         found.append(
-            f"{', '.join(gone)}: the alignment ({', '.join(space.used)}) takes the whole effect; "
-            "no measurement of the aligned part shows such an error"
+            f"{', '.join(constant)}: one number, so constant over the travel; a bow or a wave of "
+            "this size leaves another deviation"
         )
     if flat:
         found.append(f"{', '.join(flat)}: no effect on this part with this tool point")

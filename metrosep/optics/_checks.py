@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from operator import index
 from typing import Any, TypeGuard
 
@@ -10,21 +9,15 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray, as_float
 from metrosep.core.errors import DataError, InvalidSamplesError
+from metrosep.core.numbers import real
 
 WAVELENGTHS = (1e-8, 1e-2)
 """m: from the extreme ultraviolet to microwaves; beyond lie nanometres or micrometres taken as m."""
 
 
 def real_number(value: object, name: str, unit: str = "m") -> float:
-    """Return a finite float; text, None, truth values, dates and complex numbers are refused."""
-    wrong = isinstance(value, bool | np.bool_ | str | bytes | np.datetime64 | np.timedelta64)
-    try:
-        number = math.nan if wrong else float(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError, OverflowError):
-        number = math.nan
-    if not math.isfinite(number):
-        raise DataError(f"{name} must be a finite number, in {unit}, got {value!r}")
-    return number
+    """Return a finite float."""
+    return real(value, name, what=f"a finite number, in {unit}")
 
 
 def positive(value: object, name: str, unit: str = "m") -> float:

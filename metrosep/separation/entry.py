@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.core.errors import DataError
+from metrosep.core.errors import DataError, OptionError
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.runset import RunSet
@@ -134,7 +134,7 @@ def separate(
     unknown = sorted(set(options) - set(_OPTIONS[method]))
     if unknown:
         known = ", ".join(_OPTIONS[method])
-        raise DataError(f"method {method!r} has no option {unknown[0]!r}; it knows {known}")
+        raise OptionError(f"method {method!r} has no option {unknown[0]!r}; it knows {known}")
     _check_types(runs, lag)
     length, start = metres(length, "length"), metres(start, "start")
     shortest = metres(shortest, "shortest")

@@ -2,45 +2,25 @@
 
 from __future__ import annotations
 
-import math
-import operator
 from collections.abc import Sequence
 
-import numpy as np
-
 from metrosep.core.errors import DataError
+from metrosep.core.numbers import count, real
 
 
 def whole_number(value: object, name: str, *, minimum: int = 1) -> int:
-    """Return a whole number from `minimum`; a bool, a float or a text is none."""
-    message = f"{name} must be a whole number from {minimum}, got {value!r}"
-    if isinstance(value, bool | np.bool_):
-        raise DataError(message)
-    try:
-        number = operator.index(value)  # type: ignore[arg-type]
-    except TypeError:
-        raise DataError(message) from None
-    if number < minimum:
-        raise DataError(message)
-    return number
+    """Return a whole number from `minimum`."""
+    return count(value, name, least=minimum)
 
 
 def real_number(value: object, name: str, what: str = "a number") -> float:
-    """Return a float, NaN and infinities included; a text, a bool or None is none."""
-    if not isinstance(value, bool | np.bool_ | str | bytes):
-        try:
-            return float(value)  # type: ignore[arg-type]
-        except (TypeError, ValueError, OverflowError):
-            pass
-    raise DataError(f"{name} must be {what}, got {value!r}")
+    """Return a float, NaN and infinities included."""
+    return real(value, name, what=what, finite=False)
 
 
 def finite_number(value: object, name: str, what: str = "a finite number") -> float:
     """Return a finite float."""
-    number = real_number(value, name, what)
-    if not math.isfinite(number):
-        raise DataError(f"{name} must be {what}, got {value!r}")
-    return number
+    return real(value, name, what=what)
 
 
 def symbols(names: object) -> Sequence[str]:

@@ -130,12 +130,13 @@ def test_rank_refuses(metrosep, words, part):
 
 
 def test_rank_tells_where_the_surface_ends(metrosep):
-    code, out, _ = metrosep(
+    code, out, err = metrosep(
         "rank", "fts_lathe", *TORIC[:2], "--radius", "150 mm", "--error", "EXX=1 um"
     )
 
-    assert code == 0
-    assert "not defined at" in out
+    assert code == 2
+    assert out == ""
+    assert "ends at a radius of 132.5 mm" in err  # Rd
 
 
 def test_predict_writes_program_and_budget(metrosep, job, tmp_path):

@@ -53,7 +53,8 @@ def mill_point(x, y, z, e, tip=TIP):
         return hat(*(sign * at.get(f"E{d}{axis}", 0.0) for d in "XYZABC"))
 
     tool = shift(z=z) @ six("Z", 1)
-    work = shift(y=-y) @ six("Y", -1) @ shift(x=-x) @ six("X", -1)
+    # read in place of the tool, so the slide turns about that place and not about its own zero
+    work = six("Y", -1) @ shift(y=-y) @ six("X", -1) @ shift(x=-x)
     return (np.linalg.inv(work) @ tool @ tip)[:3]
 
 
@@ -276,10 +277,10 @@ def test_dry_run_refuses_the_reversed_sign():
 
 
 def test_uncertainty_of_the_terms_is_that_of_the_table():
-    """u(EZX) = 30 nm along Z; u(ECX) = 1 urad times the lever of the tool point across."""
+    """u(EZX) = 30 nm along Z; u(ECX) = 1 urad times the offset of the tool; own travel is no lever."""
     errors = ErrorSet({"EZX": 0.0, "ECX": 0.0}, u={"EZX": 30e-9, "ECX": 1e-6})
     tables = mill_tables(errors)
-    lever = TIP[0] + X
+    lever = np.full(X.size, TIP[0])
     assert tables["Z"].u == pytest.approx(30e-9, abs=PM)
     assert tables["Y"].u == pytest.approx(1e-6 * np.abs(lever), abs=PM)
     assert mill_tables({"EZX": 0.0}, corrects="Z")["Z"].u is None

@@ -58,7 +58,8 @@ def product(elements, q, xi, line, tool):
         if e.kind == "linear":  # only its travel turns, not the carriage
             move = move @ np.linalg.inv(displaced)
         side = -1 if (e.errors_of, e.branch) == ("tool", "workpiece") else 1
-        error = displacement(side * xi[e.name])
+        at = shift(e.measured_at)
+        error = at @ displacement(side * xi[e.name]) @ np.linalg.inv(at)
         both = error @ move if e.error_frame == "before" else move @ error
         ends[e.branch] = ends[e.branch] @ shift(e.location) @ both
     return (np.linalg.inv(ends["workpiece"]) @ ends["tool"] @ np.append(tool, 1.0))[:3]
@@ -82,6 +83,7 @@ def random_chain(rng):
                 location=rng.normal(size=3),
                 error_frame=("after", "before")[int(rng.integers(2))],
                 errors_of=("body", "tool")[int(rng.integers(2))],
+                measured_at=rng.normal(size=3) * int(rng.integers(2)),
                 errors=DIRECTIONS,
                 location_errors={} if kind == "fixed" else {f"C0K{i}": weights},
                 angle=float(rng.normal()) if kind == "fixed" else 0.0,
@@ -145,7 +147,9 @@ def test_exact_products_are_those_of_matrices(seed, rule):
         for name, weights in e.location_errors.items():
             line = small(errors[name] * np.array(weights))
             move = line @ move @ (np.linalg.inv(line) if e.kind == "linear" else np.eye(4))
-        both = small(xi) @ move if e.error_frame == "before" else move @ small(xi)
+        at = shift(e.measured_at)
+        error = at @ small(xi) @ np.linalg.inv(at)
+        both = error @ move if e.error_frame == "before" else move @ error
         ends[e.branch] = ends[e.branch] @ shift(e.location) @ both
     pose = (np.linalg.inv(ends["workpiece"]) @ ends["tool"]).real
     point = pose @ np.append(tool, 1.0)

@@ -93,12 +93,15 @@ def test_angles_of_the_mill_act_over_the_lever_of_the_tool():
     assert np.abs(moved("mill_xyz", {"EBZ": SMALL})).max() < TINY
 
 
-def test_spindles_of_the_lathes_agree():
+@pytest.mark.parametrize("choice", ["co-rotating", "fixed"])
+def test_spindles_of_the_lathes_agree(choice):
+    fts = presets("fts_lathe", radius=0.02, spindle_errors=choice)
+    sts = presets("sts_lathe", spindle_errors=choice)
     for term in ("EXC", "EYC", "EZC", "EAC", "EBC", "ECC"):
         for theta in (0.0, 0.4, 2.0):
-            fts = moved("fts_lathe", {term: SMALL}, C=theta, X=0.005)
-            sts = moved("sts_lathe", {term: SMALL}, C=theta, X=0.015)
-            assert np.abs(fts - sts).max() < TINY, (term, theta)
+            one = fts.volumetric_error({"C": theta, "X": 0.005, "FTS": 1e-3}, {term: SMALL})
+            two = sts.volumetric_error({"C": theta, "X": 0.015, "Z": 1e-3}, {term: SMALL})
+            assert np.abs(one - two).max() < TINY, (term, theta)
 
 
 def test_a_positive_rotary_axis_turns_the_tool_about_the_positive_axis():

@@ -17,13 +17,14 @@ from metrosep.core.errors import (
     UnitError,
 )
 from metrosep.core.surface import Surface
-from metrosep.forms import Expression, Plane, Sphere, Toric
+from metrosep.forms import Biconic, Conic, Expression, Plane, Sphere, Toric
 from metrosep.machine._responses import vertical_maps
 from metrosep.machine.alignment import alignment_space
 from metrosep.machine.error_sets import ErrorSet
 from metrosep.machine.gram import aligned_gram
 from metrosep.machine.preset_chains import presets
 from metrosep.machine.ranking import rank
+from metrosep.machine.terms import TableTerm
 
 R = 20e-3
 TERMS = ("EXX", "EYX", "EZX", "EAX", "EBX", "ECC", "EXC", "EYC", "EAC", "EBC", "B0Z")
@@ -649,3 +650,41 @@ def test_an_angle_is_said_in_the_unit_in_which_it_is_round(lathe, value, text):
     table = rank(lathe, TORIC, radius=R, errors={"EBX": value}, n_rho=20, n_azimuth=24)
 
     assert table.size_text("EBX") == text
+
+
+@pytest.mark.parametrize(
+    ("form", "radius", "edge"),
+    [
+        (Sphere(R=20e-3), 20e-3, "20 mm"),  # the slope is infinite there
+        (Sphere(R=-13e-3), 14e-3, "13 mm"),
+        (Conic(R=20e-3, k=0.5625), 43.0, "16 mm"),  # R / sqrt(1 + k)
+        (Conic(R=20e-3, k=0.5625), 17e-3, "16 mm"),
+        (Biconic(Rx=30e-3, Ry=12e-3, kx=0.0, ky=0.0), 12.5e-3, "12 mm"),
+    ],
+)
+def test_a_part_larger_than_its_form_is_refused_and_not_ranked(form, radius, edge):
+    with pytest.raises(DataError, match=f"ends at a radius of {edge}|radius of the part in m"):
+        rank(presets("sts_lathe"), form, radius=radius, errors={"EXX": "1 um"})
+
+
+def test_a_part_that_just_fits_its_form_is_ranked():
+    table = rank(presets("sts_lathe"), Sphere(R=20e-3), radius=19.9e-3, errors={"EXX": "1 um"})
+    assert 0.0 < table["EXX"].value < 10e-6
+
+
+def test_one_number_is_called_a_constant_and_not_invisible_for_ever():
+    """A constant EZX is a piston; its bow of the same size is seen by every interferometer."""
+    lathe = presets("sts_lathe")
+    numbers = rank(lathe, Plane(), radius=25e-3, errors={"EZX": "1 um", "B0Z": "1 urad"})
+    said = " ".join(numbers.messages)
+    assert "EZX: one number, so constant over the travel" in said
+    assert "B0Z: one number" not in said  # a squareness is one number
+    assert "no measurement" not in said
+    assert numbers.unobservable == ("EZX",)
+    x = np.linspace(0.0, 25e-3, 51)
+    bow = ErrorSet({"EZX": TableTerm(x, 1e-6 * (x / 25e-3) ** 2)})
+    curve = rank(lathe, Plane(), radius=25e-3, errors=bow, removed="piston")
+    assert curve.unobservable == ()
+    assert "one number" not in " ".join(curve.messages)
+    # of rho^2 over a disc, piston removed: 1 um / sqrt(12)
+    assert curve.expected_sq == pytest.approx(1e-6 / np.sqrt(12.0), rel=1e-3, abs=0.0)
