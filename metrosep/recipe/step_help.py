@@ -179,9 +179,15 @@ _KEY_WORDS: Mapping[tuple[str, str], str] = {
     ("predict", "block_time"): 'that the controller needs for a block, "2 ms"',
     ("predict", "tolerance"): 'P-V that the points of the program may add, "1 nm"',
     ("predict", "core"): 'radius about the axis that is not judged, "4 um"',
-    ("predict", "nose_radius"): 'of the tool, "0.5 mm": the program is then a path of the tip; without '
+    (
+        "predict",
+        "nose_radius",
+    ): 'of the tool, "0.5 mm": the program is then a path of the tip; without '
     "it, points of the surface",
-    ("predict", "rake"): 'of the face in which the nose radius is measured, "-30 deg"; needs sense',
+    (
+        "predict",
+        "rake",
+    ): 'of the face in which the nose radius is measured, "-30 deg"; needs sense',
     ("predict", "window"): 'angle of the nose that is sharp, symmetric about the tip, "60 deg"',
     ("predict", "dx"): 'tool further from the spindle axis than programmed, "-0.25 um"',
     ("predict", "dy"): 'tool off the axis towards growing azimuth of the part, "0.1 um"',
