@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from metrosep.core._arrays import FloatArray, frozen_float, same_length
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.profile import Profile, html_table
-from metrosep.core.provenance import Step, freeze_mapping
+from metrosep.core.provenance import Step, freeze_mapping, hash_bytes
 from metrosep.core.units import format_length
 
 __all__ = ["Run", "RunSet"]
@@ -134,6 +134,11 @@ class Run:
         if self.t is None:
             return None
         return float((self.t.size - 1) / (self.t[-1] - self.t[0]))
+
+    @property
+    def sha256(self) -> str:
+        """Digest of positions and readings: the same numbers, the same run."""
+        return hash_bytes(self.x.tobytes() + self.z.tobytes())
 
     @property
     def n_invalid(self) -> int:

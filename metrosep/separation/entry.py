@@ -158,6 +158,7 @@ def separate(
             "start_m": start,
             "shortest_m": shortest,
             "lag_s": lag,
+            "runs_sha256": [r.sha256 for r in runs],
             **options,
         },
     )
