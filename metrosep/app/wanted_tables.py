@@ -10,6 +10,7 @@ from typing import Any
 from metrosep.controllers.files import write
 from metrosep.core.runset import RunSet
 from metrosep.recipe.outputs import make_carried
+from metrosep.recipe.result import as_stored
 from metrosep.separation.base import ErrorEstimate
 
 __all__ = ["Wanted"]
@@ -63,7 +64,7 @@ class Wanted:
         TableError
             If it cannot be made.
         """
-        return make_carried(estimate, self.output, runs, degree=self.degree)
+        return make_carried(estimate, self.output, as_stored(runs), degree=self.degree)
 
     def write(self, carried: Any, path: Path, against: RunSet | None, **more: Any) -> Any:
         """Write it as a run of the recipe does.
@@ -94,6 +95,7 @@ class Wanted:
             "sign_confirmed": bool(self.output.get("sign_confirmed", False)),
             **more,
         }
+        stored = None if against is None else as_stored(against)
         return write(
-            carried, path, self.controller, verified_against=against, **said, **self.machine
+            carried, path, self.controller, verified_against=stored, **said, **self.machine
         )

@@ -256,6 +256,7 @@ class _TooLargeError(MetrosepError, MemoryError):
 def _carry_out(
     task: Task, unit: Unit, identity: Identity, before: Mapping[str, tuple[int, int]]
 ) -> dict[str, Any]:
+    from metrosep.recipe.outputs import table_names
     from metrosep.recipe.reading_words import in_recipe_words
     from metrosep.recipe.run import run_recipe
 
@@ -275,6 +276,7 @@ def _carry_out(
             )
         document = done.document
         _require_unchanged(unit, before, identity, document)
+        _keep_tables(stage, folder, table_names(recipe), fresh=not task.resume)
         (folder / RESULT).unlink(missing_ok=True)
         for file in sorted(stage.iterdir()):
             file.replace(folder / file.name)
@@ -283,6 +285,17 @@ def _carry_out(
         shutil.rmtree(stage, ignore_errors=True)
     (folder / FAILED).unlink(missing_ok=True)
     return row_of(document, _link(folder, task, RESULT))
+
+
+def _keep_tables(stage: Path, folder: Path, names: list[str], *, fresh: bool) -> None:
+    """Keep tables that are replaced because all is done again; otherwise refuse to replace them."""
+    from metrosep.recipe.staging import keep_replaced
+
+    try:
+        keep_replaced(stage, folder, names, overwrite=fresh)
+    except WriteError as exc:
+        exc.args = (str(exc).replace("say overwrite", "do all again (--fresh)"),)
+        raise
 
 
 @lru_cache(maxsize=4)

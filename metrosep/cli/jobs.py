@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from metrosep.cli.options import (
+    force_option,
     json_option,
     name_values,
     named_options,
@@ -19,7 +20,7 @@ from metrosep.cli.options import (
     say,
     table_options,
 )
-from metrosep.cli.tables import print_verification, read_runs_of, write_table
+from metrosep.cli.tables import print_table, write_table
 
 if TYPE_CHECKING:
     from metrosep.recipe.result import Result
@@ -46,16 +47,17 @@ def progress(context: click.Context) -> Callable[[str], None]:
 
 @click.command()
 @click.option("-o", "--out", default="metrosep-demo", show_default=True, help="Folder to write.")
+@force_option
 @json_option
 @click.pass_context
-def demo(context: click.Context, out: str, as_json: bool) -> int:
+def demo(context: click.Context, out: str, force: bool, as_json: bool) -> int:
     """Run the main job on the shipped example: nine runs -> machine error -> table -> report."""
     from metrosep.cli.errors import verdict_code
     from metrosep.cli.example import example_folder
     from metrosep.recipe.recipe import Recipe
 
     recipe = Recipe.load(example_folder("straightness") / "recipe.toml")
-    result = recipe.run(out=out, progress=progress(context))
+    result = recipe.run(out=out, progress=progress(context), overwrite=force)
     _print_result(result, as_json=as_json)
     return verdict_code(result.verdict)
 
@@ -65,6 +67,7 @@ def demo(context: click.Context, out: str, as_json: bool) -> int:
 @click.argument("inputs", nargs=-1, metavar="INPUT...")
 @click.option("-o", "--out", required=True, help="Folder for tables, reports and result.json.")
 @override_option
+@force_option
 @json_option
 @click.pass_context
 def run(
@@ -73,6 +76,7 @@ def run(
     inputs: tuple[str, ...],
     out: str,
     overrides: tuple[str, ...],
+    force: bool,
     as_json: bool,
 ) -> int:
     """Carry out RECIPE on INPUT files or folders.
@@ -87,7 +91,9 @@ def run(
     loaded = Recipe.load(recipe, overrides=overrides)
     if context.obj is not None:
         context.obj["words"] = functools.partial(recipe_words, loaded)
-    result = loaded.run(list(inputs) or None, out=out, progress=progress(context))
+    result = loaded.run(
+        list(inputs) or None, out=out, progress=progress(context), overwrite=force
+    )
     if loaded.is_method:
         print_named(loaded, result, as_json=as_json)
     else:
@@ -122,6 +128,7 @@ def run(
 @table_options
 @click.option("--poly", metavar="DEGREE", help="Fit a polynomial: 2, or auto.")
 @click.option("-o", "--out", metavar="DIR", help="Folder for report, table and result.json.")
+@force_option
 @click.option("--print-recipe", is_flag=True, help="Print the recipe of this call and stop.")
 @json_option
 @click.pass_context
@@ -131,6 +138,7 @@ def separate(
     runs: tuple[str, ...],
     table_: str | None,
     out: str | None,
+    force: bool,
     print_recipe: bool,
     as_json: bool,
     flexure: bool,
@@ -183,13 +191,16 @@ def separate(
         recipe = Recipe.parse(text, name="command line")
     except RecipeError as exc:
         raise click.UsageError(option_error(exc), ctx=context) from None
-    result = recipe.run(list(runs), out=out, progress=progress(context))
+    result = recipe.run(list(runs), out=out, progress=progress(context), overwrite=force)
     written: list[str] = [str(f) for f in result.files]
+    beside = None
     if table_ is not None and not inside:
-        written += write_table(
-            result.estimate, path, controller, options, against=read_runs_of(runs, options)
+        files, beside = write_table(
+            dict(result.document), path, controller, options, force=force
         )
-    _print_result(result, as_json=as_json, written=written)
+        written += files
+        beside["path"] = path
+    _print_result(result, as_json=as_json, written=written, beside=beside)
     return 0
 
 
@@ -241,9 +252,17 @@ def _separate_named(
     return 0
 
 
-def _print_result(result: Result, *, as_json: bool, written: list[str] | None = None) -> None:
+def _print_result(
+    result: Result,
+    *,
+    as_json: bool,
+    written: list[str] | None = None,
+    beside: dict[str, Any] | None = None,
+) -> None:
+    """Print a result; `beside` is the sidecar of a table that is not in its document."""
     files = [str(f) for f in result.files] if written is None else written
     if as_json:
+        _print_tables(result, beside, warnings_only=True)
         click.echo(json.dumps(_summary(result, files), sort_keys=True, allow_nan=False))
         return
     estimate = result.estimate
@@ -252,9 +271,7 @@ def _print_result(result: Result, *, as_json: bool, written: list[str] | None = 
         say(f"next: {number} run(s) at {feed:.6g} mm/min")
     for message in result.document["messages"]:
         say(f"note: {message}")
-    for made in (result.document["table"], *result.document["more_tables"]):
-        if made is not None and isinstance(made.get("verification"), dict):
-            print_verification(made["verification"])
+    _print_tables(result, beside)
     if result.document["polynomial"] is not None:
         say(result.document["polynomial"]["horner"])
     if result.verdict is not None:
@@ -267,6 +284,14 @@ def _print_result(result: Result, *, as_json: bool, written: list[str] | None = 
             else labels.get(Path(file).suffix, "table")
         )
         say(f"{label:8} {file}")
+
+
+def _print_tables(
+    result: Result, beside: dict[str, Any] | None, *, warnings_only: bool = False
+) -> None:
+    for made in (result.document["table"], *result.document["more_tables"], beside):
+        if made is not None:
+            print_table(str(made.get("path", "table")), made, warnings_only=warnings_only)
 
 
 def _summary(result: Result, files: list[str]) -> dict[str, Any]:

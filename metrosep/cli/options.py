@@ -10,6 +10,7 @@ import click
 
 __all__ = [
     "file_options",
+    "force_option",
     "json_option",
     "name_values",
     "named_options",
@@ -41,6 +42,24 @@ def json_option(command: F) -> F:
     """
     return click.option(
         "as_json", "--json", is_flag=True, help="One JSON object on standard output."
+    )(command)
+
+
+def force_option(command: F) -> F:
+    """Add ``--force``.
+
+    Parameters
+    ----------
+    command : callable
+        To decorate.
+
+    Returns
+    -------
+    callable
+        Decorated.
+    """
+    return click.option(
+        "--force", is_flag=True, help="Replace another table of that name; it stays as NAME.1."
     )(command)
 
 

@@ -36,6 +36,7 @@ def recipe_words(recipe: Recipe, message: str) -> str:
     """
     from metrosep.recipe import reading_words
 
+    message = message.replace(" or say overwrite", " or give --force")
     return reading_words.recipe_words(recipe, message)
 
 

@@ -11,6 +11,7 @@ import click
 
 from metrosep.cli.options import (
     file_options,
+    force_option,
     json_option,
     name_values,
     optional_read_options,
@@ -19,10 +20,10 @@ from metrosep.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from metrosep.controllers.base import DialectInfo
     from metrosep.core.runset import RunSet
 
 __all__ = [
+    "print_table",
     "print_verification",
     "read_runs_of",
     "table",
@@ -40,7 +41,7 @@ __all__ = [
 @click.option("--over", metavar="AXIS,AXIS", help='Axes of a map, "X,Y".')
 @click.option("--poly", metavar="DEGREE", help="Degree of a polynomial: 2, or auto.")
 @click.option("--trial", metavar="LENGTH", help='One bump to try the sign on the machine: "2 um".')
-@click.option("--force", is_flag=True, help="Replace the table if it exists.")
+@force_option
 @file_options
 @json_option
 def table(
@@ -63,36 +64,31 @@ def table(
     """
     from metrosep.controllers.base import sidecar_path
     from metrosep.controllers.registry import find
+    from metrosep.recipe.result import load_document
 
     info = find(format_).info
     if info.carries == "map":
         made, against = _map_of(result, options, reading), None
     else:
-        made, against = _carried_of(result, info, options)
+        made, against = _carried_of(load_document(result), info.id, options)
     if options["trial"] is not None:
         made, against = _trial(made, options["trial"]), None
-    verification = _write(made, out, format_, options, against=against, force=force)
+    sidecar = _write(made, out, format_, options, against=against, force=force)
+    print_table(out, sidecar, warnings_only=as_json)
     if as_json:
-        sidecar = json.loads(sidecar_path(Path(out)).read_text(encoding="utf-8"))
         click.echo(json.dumps(sidecar, sort_keys=True))
-    elif verification is not None:
-        print_verification(verification.to_dict())
     for file in (out, str(sidecar_path(Path(out)))):
         say(f"wrote {file}")
     return 0
 
 
-def _carried_of(result: str, info: DialectInfo, options: dict[str, Any]) -> tuple[Any, Any]:
+def _carried_of(
+    document: dict[str, Any], controller: str, options: dict[str, Any]
+) -> tuple[Any, RunSet]:
     """Return the table or polynomial of a result, and the runs to dry-run it against."""
-    from metrosep.recipe.outputs import make_carried
-    from metrosep.recipe.result import load_document, measured_runs, stored_estimate
+    from metrosep.recipe.outputs import carried_of
 
-    document = load_document(result)
-    estimate, runs = stored_estimate(document), measured_runs(document)
-    polynomial = document.get("polynomial") or {}
-    degree = polynomial.get("degree", "aicc")
-    shape = {**_shape(options, info.id), **_axes_of(document, options)}
-    return make_carried(estimate, shape, runs, degree=degree), runs
+    return carried_of(document, {**_shape(options, controller), **_axes_of(document, options)})
 
 
 def _axes_of(document: dict[str, Any], options: dict[str, Any]) -> dict[str, str]:
@@ -214,45 +210,45 @@ def write_arguments(options: dict[str, Any]) -> dict[str, Any]:
 
 def _write(
     made: Any, path: str, controller: str, options: dict[str, Any], *, against: Any, force: bool
-) -> Any:
-    from metrosep import controllers
+) -> dict[str, Any]:
+    """Write a table; returns what its sidecar says."""
+    from metrosep.controllers.files import prepare
 
-    arguments = write_arguments(options)
-    return controllers.write(
-        made, path, controller, verified_against=against, overwrite=force, **arguments
+    prepared = prepare(
+        made,
+        path,
+        controller,
+        verified_against=against,
+        overwrite=force,
+        **write_arguments(options),
     )
+    prepared.write()
+    sidecar: dict[str, Any] = json.loads(prepared.sidecar)
+    return sidecar
 
 
 def write_table(
-    estimate: Any,
-    path: str,
-    controller: str,
-    options: dict[str, Any],
-    *,
-    against: RunSet,
-    force: bool = False,
-) -> list[str]:
-    """Write the table of an estimate.
+    document: dict[str, Any], path: str, controller: str, options: dict[str, Any], *, force: bool
+) -> tuple[list[str], dict[str, Any]]:
+    """Write the table of a result, as 'table RESULT' does.
 
     Parameters
     ----------
-    estimate : ErrorEstimate
-        Separated error.
+    document : dict
+        Content of result.json.
     path : str
         File to write.
     controller : str
         Its name.
     options : dict
         Of the command.
-    against : RunSet
-        Readings for the dry-run.
-    force : bool, optional
+    force : bool
         Replace an existing file.
 
     Returns
     -------
-    list of str
-        Files that were written.
+    tuple of (list of str, dict)
+        Files that were written, and what the sidecar says.
 
     Raises
     ------
@@ -264,11 +260,10 @@ def write_table(
         If controller or option is unknown or missing.
     """
     from metrosep.controllers.base import sidecar_path
-    from metrosep.recipe.outputs import make_carried
 
-    made = make_carried(estimate, _shape(options, controller), against)
-    _write(made, path, controller, options, against=against, force=force)
-    return [path, str(sidecar_path(Path(path)))]
+    made, against = _carried_of(document, controller, options)
+    sidecar = _write(made, path, controller, options, against=against, force=force)
+    return [path, str(sidecar_path(Path(path)))], sidecar
 
 
 @click.command()
@@ -389,6 +384,44 @@ def read_runs_of(files: Sequence[str], options: dict[str, Any]) -> RunSet:
         **{k: options.get(k) for k in keys},
         **{k: options[k] for k in layout if options.get(k) is not None},
     )
+
+
+def print_table(path: str, made: dict[str, Any], *, warnings_only: bool = False) -> None:
+    """Print the dry-run of a table and every warning that its sidecar holds.
+
+    Parameters
+    ----------
+    path : str
+        Name of the table.
+    made : dict
+        What the sidecar says.
+    warnings_only : bool, optional
+        Leave out the numbers of the dry-run.
+    """
+    verification = made.get("verification")
+    printed = isinstance(verification, dict) and {"residuals", "before_pv_m"} & verification.keys()
+    if printed and not warnings_only:
+        print_verification(verification)
+    for text in _warnings_of(made):
+        say(f"warning: {path}: {text}")
+
+
+def _warnings_of(made: dict[str, Any]) -> list[str]:
+    """Return what a sidecar warns of: findings, directions without a run, a dry-run that is missing."""
+    found = [
+        f"{f['problem']}{' (accepted with --waive ' + f['check'] + ')' if f.get('waived') else ''}; "
+        f"{f['fix']}"
+        for f in made.get("findings", ())
+    ]
+    verification = made.get("verification")
+    if isinstance(verification, str):
+        found.append(f"there was no dry-run: {verification}")
+    elif verification:
+        found += [
+            f"no run went {name}, so the {name} column is not verified; measure that direction"
+            for name in verification.get("not_verified", ())
+        ]
+    return found
 
 
 def print_verification(verification: dict[str, Any]) -> None:

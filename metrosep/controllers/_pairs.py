@@ -1,9 +1,12 @@
-"""A file and its sidecar: refused where they exist, written both or neither."""
+"""A file and its sidecar: never replaced unasked, written both or neither, the old pair kept."""
 
 from __future__ import annotations
 
 import contextlib
+import os
+import shutil
 from collections.abc import Callable, Iterator
+from itertools import count
 from pathlib import Path
 from typing import BinaryIO
 
@@ -11,7 +14,7 @@ from metrosep.controllers.base import load_bytes, sidecar_path
 from metrosep.core.atomic import atomic_stream, atomic_write
 from metrosep.core.errors import WriteError
 
-__all__ = ["paired_stream", "refuse_existing", "write_pair"]
+__all__ = ["is_written", "keep_old", "paired_stream", "refuse_existing", "write_pair"]
 
 
 def refuse_existing(target: Path) -> None:
@@ -28,22 +31,61 @@ def refuse_existing(target: Path) -> None:
         If one exists, or the folder cannot be looked into.
     """
     for path in (target, sidecar_path(target)):
-        try:
-            exists = path.exists()
-        except OSError as exc:
-            raise WriteError(
-                f"{path}: cannot be written ({exc.strerror or exc}); choose another name or folder"
-            ) from None
-        if exists:
+        if _exists(path):
             raise WriteError(
                 f"{path}: exists already and a machine may be using it; choose another name or say "
                 "overwrite"
             )
 
 
+def is_written(target: Path, data: bytes, sidecar: bytes, *, overwrite: bool) -> bool:
+    """Return whether just these bytes are there; other ones are refused without `overwrite`."""
+    pair = ((target, data), (sidecar_path(target), sidecar))
+    if all(_exists(p) and p.is_file() and load_bytes(p) == wanted for p, wanted in pair):
+        return True
+    if not overwrite:
+        refuse_existing(target)
+    return False
+
+
+def _exists(path: Path) -> bool:
+    try:
+        return path.exists()
+    except OSError as exc:
+        raise WriteError(
+            f"{path}: cannot be written ({exc.strerror or exc}); choose another name or folder"
+        ) from None
+
+
+def keep_old(target: Path) -> list[Path]:
+    """Keep a file and its sidecar beside them as NAME.1, NAME.1.json, or the next free number."""
+    pair = [p for p in (target, sidecar_path(target)) if p.is_file()]
+    if not pair:
+        return []
+    names = (target.with_name(f"{target.name}.{k}") for k in count(1))
+    name = next(n for n in names if not (_exists(n) or _exists(sidecar_path(n))))
+    kept = []
+    for old in pair:
+        new = name if old == target else sidecar_path(name)
+        try:
+            try:
+                os.link(old, new)
+            except OSError:  # a disk without links
+                shutil.copy2(old, new)
+        except OSError as exc:
+            raise WriteError(
+                f"{new}: the old file cannot be kept there ({exc.strerror or exc}); choose another "
+                "name or folder"
+            ) from None
+        kept.append(new)
+    return kept
+
+
 @contextlib.contextmanager
 def paired_stream(end: Path, text: Callable[[Path], str]) -> Iterator[BinaryIO]:
     """Give a binary file to write into; file and sidecar appear together or not at all.
+
+    A pair that is replaced stays under another name (`keep_old`).
 
     Parameters
     ----------
@@ -70,10 +112,12 @@ def paired_stream(end: Path, text: Callable[[Path], str]) -> Iterator[BinaryIO]:
     beside = sidecar_path(end)
     before = load_bytes(beside) if beside.is_file() else None
     wrote = False
+    kept: list[Path] = []
 
     def check(written: Path) -> None:
         nonlocal wrote
         said = text(written)
+        kept.extend(keep_old(end))
         wrote = True
         atomic_write(beside, said.encode("utf-8"))
 
@@ -81,6 +125,8 @@ def paired_stream(end: Path, text: Callable[[Path], str]) -> Iterator[BinaryIO]:
         with atomic_stream(end, check=check) as out:
             yield out
     except BaseException:
+        for file in kept:
+            file.unlink(missing_ok=True)
         if wrote:
             with contextlib.suppress(WriteError, OSError):
                 if before is None:

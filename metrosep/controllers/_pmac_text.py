@@ -69,7 +69,10 @@ ACTIVATION = (
         "move over the travel with small steps and read the correction that is applied (the motor's "
         "compensation register); its sign must be opposite to the measured error"
     ),
-    "only then SAVE counts; I51=0 switches all tables off",
+    (
+        "type SAVE only after this trial: the file does not, so that a reset drops a wrong table; I51=0 "
+        "switches all tables off"
+    ),
 )
 """Steps to load a table, for all of the family."""
 
@@ -153,7 +156,7 @@ def read_program(
             "not a table of Turbo PMAC",
             field="DEFINE line",
             found=found,
-            hint="the file holds DELETE lines, one DEFINE line, its entries, I51=1 and SAVE",
+            hint="the file holds DELETE lines, one DEFINE line, its entries and I51=1",
         )
     for number in re.findall(r"#(\d+)", match[0]):
         if not 1 <= int(number) <= MOTORS:
@@ -237,7 +240,7 @@ def _settings(code: Sequence[tuple[int, str]], path: Path, sets: Sequence[int]) 
             raise CorruptFileError(
                 path,
                 f"line {number}: {text[:60]!r} does not belong behind the entries",
-                expected=", ".join(f"I{i}=" for i in sets) + ", SAVE",
+                expected=", ".join(f"I{i}=" for i in sets) + "; SAVE may be last",
                 hint=AGAIN,
             )
     if values.get(51) != 1:

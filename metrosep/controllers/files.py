@@ -6,6 +6,7 @@ import hashlib
 import json
 import os
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from metrosep.compensation.table import CompensationTable
 from metrosep.compensation.trial import TrialTable
 from metrosep.compensation.trial_maps import TrialMap
 from metrosep.compensation.verify import dry_run
-from metrosep.controllers._pairs import refuse_existing, write_pair
+from metrosep.controllers._pairs import is_written, write_pair
 from metrosep.controllers.base import (
     Dialect,
     DialectInfo,
@@ -46,7 +47,7 @@ from metrosep.core.errors import (
     TableError,
 )
 
-__all__ = ["dry_run_carried", "read", "simulate", "write"]
+__all__ = ["Prepared", "dry_run_carried", "prepare", "read", "simulate", "write"]
 
 FloatArray = NDArray[np.float64]
 PathLike = str | os.PathLike[str]
@@ -92,7 +93,7 @@ def write(
     allow_unverified : bool, optional
         Write without a dry-run; recorded in the sidecar. The same as ``waive=("dry-run",)``.
     overwrite : bool, optional
-        Replace an existing file.
+        Replace an existing file by other bytes; the old one stays as ``<name>.1`` with its sidecar.
     sign_confirmed : bool, optional
         You tried the sign of this controller on the machine; needed where it is not documented.
     waive : sequence of str, optional
@@ -128,19 +129,63 @@ def write(
     The bytes are parsed back before a file appears, the dry-run uses the controller's lookup of
     those bytes, and file and sidecar are renamed into place: nothing half-written is ever seen.
     """
+    prepared = prepare(
+        table,
+        path,
+        controller,
+        verified_against=verified_against,
+        sign_confirmed=sign_confirmed,
+        waive=_names(waive, allow_unverified=allow_unverified),
+        overwrite=overwrite,
+        **machine,
+    )
+    prepared.write()
+    return prepared.verification
+
+
+@dataclass(frozen=True, slots=True)
+class Prepared:
+    """A table that passed its checks, ready to be written: bytes, sidecar and dry-run."""
+
+    target: Path
+    data: bytes
+    sidecar: bytes
+    verification: Any
+    overwrite: bool
+
+    def write(self, stage: Path | None = None) -> None:
+        """Write file and sidecar, into `stage` if given; replace other bytes only if that was said."""
+        there = is_written(self.target, self.data, self.sidecar, overwrite=self.overwrite)
+        if there and stage is None:
+            return
+        write_pair(self.target if stage is None else stage / self.target.name, self.data, self.sidecar)
+
+
+def prepare(
+    table: Any,
+    path: PathLike,
+    controller: str,
+    *,
+    verified_against: Any = None,
+    sign_confirmed: bool = False,
+    waive: Sequence[str] = (),
+    overwrite: bool = False,
+    **machine: Any,
+) -> Prepared:
+    """Return what `write` writes, after all of its checks; nothing is written."""
     dialect = find(controller)
     trial = table if isinstance(table, TrialTable | TrialMap) else None
     table = table if trial is None else trial.table
     _require_kind(table, dialect.info)
     target = Path(path)
-    if not overwrite:
-        refuse_existing(target)
     given, limit_values = split_machine(machine, dialect.options, controller)
     options = checked_options(given, dialect.options, controller)
     _require_sign(dialect.info, sign_confirmed or trial is not None)
-    waived = _names(waive, allow_unverified=allow_unverified)
-    limits = dialect.limits(**checked_limits(limit_values, controller))
-    found = [*table_findings(table, limits, dialect.info), *_iteration(table, target)]
+    waived = _names(waive, allow_unverified=False)
+    limit_values = checked_limits(limit_values, controller)
+    limits = dialect.limits(**limit_values)
+    found = [*table_findings(table, limits, dialect.info)]
+    found += _iteration(table, target) if overwrite else []
     judged(found, waived)
     encoded = dialect.encode(table, **options)
     written = table if encoded.carried is None else encoded.carried
@@ -183,8 +228,8 @@ def write(
         **encoded.notes,
     }
     text = json.dumps(sidecar, indent=1, sort_keys=True, allow_nan=False, default=str)
-    write_pair(target, encoded.data, (text + "\n").encode("utf-8"))
-    return verification
+    sidecar_bytes = (text + "\n").encode("utf-8")
+    return Prepared(target, encoded.data, sidecar_bytes, verification, overwrite)
 
 
 def _names(waive: Sequence[str], *, allow_unverified: bool) -> tuple[str, ...]:

@@ -235,7 +235,7 @@ class PMAC(Dialect):
     )
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
-        """Return DELETE lines, the DEFINE line, entries, I51=1 and SAVE.
+        """Return DELETE lines, the DEFINE line, entries and I51=1; SAVE comes after the trial.
 
         Parameters
         ----------
@@ -328,7 +328,6 @@ class PMAC(Dialect):
             ),
             *entry_lines(entries.tolist()),
             "I51=1",
-            "SAVE",
         ]
         return "\n".join(lines) + "\n"
 

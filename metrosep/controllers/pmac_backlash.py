@@ -167,7 +167,7 @@ class PMACBacklash(Dialect):
     )
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
-        """Return DELETE lines, the DEFINE line, entries, Ixx86, I51=1 and SAVE.
+        """Return DELETE lines, the DEFINE line, entries, Ixx86 and I51=1; SAVE comes after the trial.
 
         Parameters
         ----------
@@ -485,7 +485,6 @@ def _text(
         f"I{motor}{_SIZE}={base}",
         *rate,
         "I51=1",
-        "SAVE",
     ]
     return ("\n".join(lines) + "\n").encode("ascii")
 

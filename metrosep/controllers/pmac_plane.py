@@ -168,7 +168,7 @@ class PMACPlane(Dialect):
     )  # fmt: skip
 
     def encode(self, table: CompensationMap, **options: Any) -> Encoded:
-        """Return DELETE lines, the DEFINE line, the entries row by row, I51=1 and SAVE.
+        """Return DELETE lines, the DEFINE line, the entries row by row and I51=1; SAVE comes after the trial.
 
         Parameters
         ----------
@@ -383,7 +383,6 @@ def _text(
         *entry_lines(closed[0, 1:].tolist()),
         *(line for row in closed[1:] for line in entry_lines(row.tolist())),
         "I51=1",
-        "SAVE",
     ]
     return "\n".join(lines) + "\n"
 

@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from metrosep.compensation import CompensationTable, Verification
-from metrosep.core.errors import TableError, WriteError
+from metrosep.core.errors import TableError
 from metrosep.core.runset import RunSet
 from metrosep.core.units import format_length, parse_quantity
 from metrosep.recipe.preflight import machine_limits, output_name, report_formats
+from metrosep.recipe.result import measured_runs, stored_estimate
 from metrosep.recipe.schema import Place
 from metrosep.separation.base import ErrorEstimate
 
@@ -21,10 +22,11 @@ if TYPE_CHECKING:
 
 __all__ = [
     "WrittenTable",
+    "carried_of",
     "dry_runs",
     "make_carried",
     "make_table",
-    "refuse_foreign",
+    "table_names",
     "write_reports",
     "write_tables",
 ]
@@ -141,17 +143,42 @@ def make_carried(
     return make_table(estimate, output)
 
 
-def dry_runs(recipe: Recipe, runs: RunSet, estimate: ErrorEstimate) -> list[WrittenTable]:
+def carried_of(document: Mapping[str, Any], output: Mapping[str, Any]) -> tuple[Any, RunSet]:
+    """Return what an output holds and the runs for its dry-run, both as a result stores them.
+
+    Parameters
+    ----------
+    document : mapping
+        ``estimate``, ``runs`` and ``polynomial`` of a result, in memory or read from a file.
+    output : mapping
+        As for `make_carried`.
+
+    Returns
+    -------
+    tuple of (CompensationTable or PolynomialFit, RunSet)
+        The same to the last bit on every route: a polynomial has the degree of the result's own.
+
+    Raises
+    ------
+    TableError
+        If it cannot be made, or the controller holds maps.
+    CorruptFileError
+        If the document is damaged.
+    """
+    estimate, runs = stored_estimate(document), measured_runs(document)
+    degree = (document.get("polynomial") or {}).get("degree", "aicc")
+    return make_carried(estimate, output, runs, degree=degree), runs
+
+
+def dry_runs(recipe: Recipe, document: Mapping[str, Any]) -> list[WrittenTable]:
     """Return the tables of a recipe with their dry-runs; nothing is written.
 
     Parameters
     ----------
     recipe : Recipe
         With its outputs.
-    runs : RunSet
-        Readings for the dry-run.
-    estimate : ErrorEstimate
-        Separated error.
+    document : mapping
+        As for `carried_of`.
 
     Returns
     -------
@@ -165,7 +192,7 @@ def dry_runs(recipe: Recipe, runs: RunSet, estimate: ErrorEstimate) -> list[Writ
     """
     found = []
     for output, _ in _tables_of(recipe):
-        made = make_carried(estimate, output, runs, degree=_degree_of(recipe))
+        made, runs = carried_of(document, output)
         verification = _dry_run(made, runs)
         description = {**made.to_dict(), "verification": verification.to_dict()}
         found.append(WrittenTable(description, verification))
@@ -173,7 +200,13 @@ def dry_runs(recipe: Recipe, runs: RunSet, estimate: ErrorEstimate) -> list[Writ
 
 
 def write_tables(
-    recipe: Recipe, runs: RunSet, estimate: ErrorEstimate, folder: Path, tell: Progress
+    recipe: Recipe,
+    document: Mapping[str, Any],
+    folder: Path,
+    stage: Path,
+    tell: Progress,
+    *,
+    overwrite: bool = False,
 ) -> list[WrittenTable]:
     """Write the tables of a recipe, each after a dry-run of its very bytes.
 
@@ -181,14 +214,16 @@ def write_tables(
     ----------
     recipe : Recipe
         With its outputs.
-    runs : RunSet
-        Readings for the dry-run.
-    estimate : ErrorEstimate
-        Separated error.
+    document : mapping
+        As for `carried_of`.
     folder : Path
-        Where to write; empty.
+        Where they will be.
+    stage : Path
+        Where to write them until all outputs are made; empty.
     tell : callable
         Told what is being done.
+    overwrite : bool, optional
+        Whether tables of the folder may be replaced by other bytes.
 
     Returns
     -------
@@ -200,37 +235,39 @@ def write_tables(
     TableError
         If a table cannot be made, exceeds a limit or does not shrink the error.
     WriteError
-        If it cannot be written.
+        If it cannot be written, or another table of that name is there.
     """
-    from metrosep.controllers import write
     from metrosep.controllers.base import sidecar_path
+    from metrosep.controllers.files import prepare
 
     written = []
     for output, place in _tables_of(recipe):
         tell(f"dry-running and writing {output['path']}")
-        path = folder / output_name(output["path"], place)
-        verification = write(
-            make_carried(estimate, output, runs, degree=_degree_of(recipe)),
-            path,
+        made, runs = carried_of(document, output)
+        prepared = prepare(
+            made,
+            folder / output_name(output["path"], place),
             output["controller"],
             verified_against=runs,
             waive=tuple(output.get("waive", ())),
             sign_confirmed=output.get("sign_confirmed", False),
+            overwrite=overwrite,
             **machine_limits(output, place),
         )
-        if verification is None:
+        path = prepared.target
+        if prepared.verification is None:
             raise TableError(f"{path}: the table was written without a dry-run")
-        beside = sidecar_path(path)
-        sidecar = json.loads(beside.read_text(encoding="utf-8"))
+        prepared.write(stage)
+        sidecar = json.loads(prepared.sidecar)
         description = {**sidecar.pop("table"), **sidecar, "path": path.name}
-        written.append(WrittenTable(description, verification, (path.name, beside.name)))
+        names = (path.name, sidecar_path(path).name)
+        written.append(WrittenTable(description, prepared.verification, names))
     return written
 
 
-def _degree_of(recipe: Recipe) -> Any:
-    """Return the degree of the recipe's polynomial step, so that a file holds the same one."""
-    steps = (s for s in recipe.steps if s["op"] == "polynomial")
-    return next((s.get("degree", "aicc") for s in steps), "aicc")
+def table_names(recipe: Recipe) -> list[str]:
+    """Return the names of the tables of a recipe."""
+    return [output_name(output["path"], place) for output, place in _tables_of(recipe)]
 
 
 def _dry_run(made: Any, runs: RunSet) -> Verification:
@@ -243,32 +280,6 @@ def _dry_run(made: Any, runs: RunSet) -> Verification:
     result: Verification = dry_run_carried(made, table_lookup(made), runs)
     result.require("the polynomial")
     return result
-
-
-def refuse_foreign(recipe: Recipe, folder: Path) -> None:
-    """Refuse to replace a table that metrosep did not write: a machine may be using it.
-
-    Parameters
-    ----------
-    recipe : Recipe
-        With its outputs.
-    folder : Path
-        Where they shall appear.
-
-    Raises
-    ------
-    WriteError
-        If a file of that name is there without the sidecar of a metrosep table.
-    """
-    from metrosep.controllers.base import sidecar_path
-
-    for output, place in _tables_of(recipe):
-        path = folder / output_name(output["path"], place)
-        if path.exists() and not sidecar_path(path).exists():
-            raise WriteError(
-                f"{path}: exists already, not written by metrosep, and a machine may be using it; choose "
-                "another path or folder"
-            )
 
 
 def write_reports(

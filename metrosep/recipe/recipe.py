@@ -267,6 +267,7 @@ class Recipe:
         *,
         out: PathLike | None = None,
         progress: Progress | None = None,
+        overwrite: bool = False,
     ) -> Result:
         """Carry out the recipe.
 
@@ -280,6 +281,8 @@ class Recipe:
             omitted.
         progress : callable, optional
             Told what is being done.
+        overwrite : bool, optional
+            Replace tables of `out` by other bytes; the old ones stay as ``<name>.1``.
 
         Returns
         -------
@@ -295,7 +298,7 @@ class Recipe:
         from metrosep.recipe.run import run_recipe
 
         require_limits(self)
-        return run_recipe(self, inputs, out=out, progress=progress)
+        return run_recipe(self, inputs, out=out, progress=progress, overwrite=overwrite)
 
     def batch(
         self,

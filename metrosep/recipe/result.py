@@ -26,10 +26,12 @@ from metrosep.separation.base import ErrorEstimate
 __all__ = [
     "SCHEMA",
     "Result",
+    "as_stored",
     "clean",
     "load_document",
     "measured_runs",
     "plot_data",
+    "run_records",
     "stored_estimate",
 ]
 
@@ -39,6 +41,8 @@ SCHEMA = "metrosep.result/1"
 _MM, _NM = 1e-3, 1e-9
 _CURVE_POINTS = 601
 _MAX_POINTS = 2000
+_CELLS = 2001
+"""Of a stored run: as many as the positions at which a dry-run compares."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -278,8 +282,64 @@ def _thinned(x: FloatArray, curves: FloatArray) -> tuple[FloatArray, FloatArray]
     return x[index], curves[:, index]
 
 
+def run_records(runs: RunSet) -> list[dict[str, Any]]:
+    """Return runs as a result stores them: as they were measured, not levelled, in full digits.
+
+    Parameters
+    ----------
+    runs : RunSet
+        Readings.
+
+    Returns
+    -------
+    list of dict
+        For each run its name, direction, feed, positions and readings in the order of time. More
+        than 2001 samples become the means of cells of equal width, with how many each holds.
+    """
+    return [_run_record(r) for r in runs]
+
+
+def as_stored(runs: RunSet) -> RunSet:
+    """Return runs as `measured_runs` gives them back from a result."""
+    return measured_runs({"runs": run_records(runs)})
+
+
+def _run_record(run: Run) -> dict[str, Any]:
+    x, z, counts = run.x, run.z, None
+    if x.size > _CELLS:
+        x, z, counts = _cell_means(run)
+    return {
+        "id": run.run_id,
+        "direction": "forward" if run.direction > 0 else "reverse",
+        "feed_mm_min": None if run.feed is None else run.feed * 6e4,
+        "x_m": x.tolist(),
+        "z_m": z.tolist(),
+        **({} if counts is None else {"n": counts.tolist()}),
+    }
+
+
+def _cell_means(run: Run) -> tuple[FloatArray, FloatArray, NDArray[np.int64]]:
+    """Return mean position, mean reading and count of each cell that holds a sample.
+
+    Where some readings of a cell are missing, position and reading are those of the others.
+    """
+    share = (run.x - run.x[0]) / (run.x[-1] - run.x[0])
+    cell = np.minimum((share * _CELLS).astype(np.int64), _CELLS - 1)
+    if np.unique(cell).size < 3:  # nearly all samples at one place: cells of equal count instead
+        cell = np.arange(run.x.size) * _CELLS // run.x.size
+    known = ~np.isnan(run.z)
+    n_all, n = (np.bincount(cell, weights=w, minlength=_CELLS) for w in (None, known))
+    x_all = np.bincount(cell, weights=run.x, minlength=_CELLS)
+    x = np.bincount(cell, weights=np.where(known, run.x, 0.0), minlength=_CELLS)
+    z = np.bincount(cell, weights=np.where(known, run.z, 0.0), minlength=_CELLS)
+    with np.errstate(invalid="ignore"):
+        means = np.where(n > 0, x / n, x_all / n_all), np.where(n > 0, z / n, np.nan)
+    there = n_all > 0
+    return means[0][there], means[1][there], n.astype(np.int64)[there]
+
+
 def measured_runs(document: Mapping[str, Any]) -> RunSet:
-    """Return the mean runs of a result, to dry-run a table against.
+    """Return the runs of a result as they were measured, to dry-run a table against.
 
     Parameters
     ----------
@@ -289,22 +349,24 @@ def measured_runs(document: Mapping[str, Any]) -> RunSet:
     Returns
     -------
     RunSet
-        One run for each feed and direction, as the report draws them.
+        Every run, not levelled: lost motion and slope are in them.
 
     Raises
     ------
     CorruptFileError
         If the document holds no runs.
     """
-    try:
-        runs = [_stored_run(entry) for entry in document["plots"]["feeds"]]
-    except (AttributeError, KeyError, TypeError, ValueError, DataError) as exc:
-        raise _damaged("plots", exc) from None
-    if not runs:
+    if not document.get("runs"):
         raise CorruptFileError(
-            "result.json", "it holds no runs to dry-run against", hint="run the separation again"
+            "result.json",
+            "it does not hold the runs as they were measured, which a dry-run needs",
+            field="runs",
+            hint="run the separation again with this version",
         )
-    return RunSet(runs)
+    try:
+        return RunSet([_stored_run(entry) for entry in document["runs"]])
+    except (AttributeError, KeyError, TypeError, ValueError, DataError) as exc:
+        raise _damaged("runs", exc) from None
 
 
 def stored_estimate(document: Mapping[str, Any]) -> ErrorEstimate:
@@ -340,12 +402,12 @@ def stored_estimate(document: Mapping[str, Any]) -> ErrorEstimate:
 
 
 def _stored_run(entry: Mapping[str, Any]) -> Run:
-    x = np.array(entry["x_mm"], dtype=np.float64) * _MM
-    z = np.array([math.nan if v is None else v for v in entry["before_nm"]]) * _NM
-    if x.shape != z.shape:
-        raise ValueError(f"{x.size} positions but {z.size} readings")
-    order = slice(None) if entry["direction"] == "forward" else slice(None, None, -1)
-    return Run(x[order], z[order], run_id=f"{entry['feed_mm_min']} mm/min")
+    z = [math.nan if v is None else v for v in entry["z_m"]]
+    feed = entry["feed_mm_min"]
+    run = Run(entry["x_m"], z, feed=None if feed is None else feed / 6e4, run_id=str(entry["id"]))
+    if entry["direction"] != ("forward" if run.direction > 0 else "reverse"):
+        raise ValueError(f"run {run.run_id!r} is {entry['direction']}, its positions are not")
+    return run
 
 
 def _damaged(field: str, cause: Exception) -> CorruptFileError:

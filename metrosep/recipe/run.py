@@ -19,13 +19,13 @@ from metrosep.recipe.inputs_read import input_records
 from metrosep.recipe.outputs import (
     WrittenTable,
     dry_runs,
-    refuse_foreign,
+    table_names,
     write_reports,
     write_tables,
 )
 from metrosep.recipe.parts import write_arrays
 from metrosep.recipe.preflight import RESULT_NAME
-from metrosep.recipe.result import SCHEMA, Result, clean, plot_data
+from metrosep.recipe.result import SCHEMA, Result, clean, measured_runs, plot_data, run_records
 from metrosep.recipe.staging import staged
 from metrosep.recipe.versions import versions
 from metrosep.separation.base import ErrorEstimate
@@ -54,6 +54,7 @@ def run_recipe(
     progress: Progress | None,
     with_result: bool = True,
     more: Mapping[str, Any] | None = None,
+    overwrite: bool = False,
 ) -> Result:
     """Carry out a recipe; see `Recipe.run`.
 
@@ -71,6 +72,8 @@ def run_recipe(
         Also write result.json into `out`; a batch writes its own.
     more : mapping, optional
         Further keys of the document, such as the unit of a batch; the reports hold them too.
+    overwrite : bool, optional
+        Replace tables of the folder by other bytes; the old ones stay under another name.
 
     Returns
     -------
@@ -100,11 +103,11 @@ def run_recipe(
     if folder is None:
         alone = separated_result(recipe, runs, separate_inputs(recipe, runs, tell))
         return Result({**alone.document, **(more or {})}, alone.produced)
-    refuse_foreign(recipe, folder)
-    with staged(folder) as stage:
+    with staged(folder, tables=table_names(recipe)) as stage:
         estimate = separate_inputs(recipe, runs, tell)
-        tables = write_tables(recipe, runs, estimate, stage, tell)
-        document, names = _document(recipe, runs, estimate, tables)
+        basis = _basis(recipe, runs, estimate)
+        tables = write_tables(recipe, basis, folder, stage, tell, overwrite=overwrite)
+        document, names = _document(recipe, runs, estimate, basis, tables)
         document |= more or {}
         result = Result(document, estimate)
         names += write_arrays(recipe, estimate, document, stage, tell)
@@ -137,12 +140,23 @@ def separated_result(recipe: Recipe, runs: RunSet, estimate: ErrorEstimate) -> R
     MetrosepError
         If a table, the polynomial, the plan or a check cannot be made.
     """
-    document, _ = _document(recipe, runs, estimate, dry_runs(recipe, runs, estimate))
+    basis = _basis(recipe, runs, estimate)
+    document, _ = _document(recipe, runs, estimate, basis, dry_runs(recipe, basis))
     return Result(document, estimate)
 
 
+def _basis(recipe: Recipe, runs: RunSet, estimate: ErrorEstimate) -> dict[str, Any]:
+    """Return what tables are made of and judged by, as the document stores it."""
+    found = clean({"estimate": estimate.to_dict(), "runs": run_records(runs)})
+    return {**found, "polynomial": clean(_polynomial(recipe, measured_runs(found), estimate))}
+
+
 def _document(
-    recipe: Recipe, runs: RunSet, estimate: ErrorEstimate, tables: list[WrittenTable]
+    recipe: Recipe,
+    runs: RunSet,
+    estimate: ErrorEstimate,
+    basis: dict[str, Any],
+    tables: list[WrittenTable],
 ) -> tuple[dict[str, Any], list[str]]:
     """Return the content of result.json, and the names of the files of the tables."""
     described = [t.description for t in tables]
@@ -152,11 +166,9 @@ def _document(
         "metrosep": __version__,
         "title": recipe.title or "Separation of repeated runs",
         "inputs": input_records(runs.history),
-        "estimate": estimate.to_dict(),
         "plots": plot_data(runs, estimate),
         "table": described[0] if described else None,
         "more_tables": described[1:],
-        "polynomial": _polynomial(recipe, runs, estimate),
         "messages": [
             *runs.metadata.get("warnings", ()),
             *estimate.messages,
@@ -171,7 +183,7 @@ def _document(
     }
     if plan is not None:
         content["plan"] = plan
-    return clean(content), [name for t in tables for name in t.names]
+    return {**clean(content), **basis}, [name for t in tables for name in t.names]
 
 
 def _about_tables(described: list[dict[str, Any]]) -> list[str]:

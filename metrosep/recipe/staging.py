@@ -6,24 +6,26 @@ import contextlib
 import os
 import secrets
 import shutil
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from metrosep.core.errors import MetrosepError, WriteError
 from metrosep.recipe.preflight import RESULT_NAME
 
-__all__ = ["staged"]
+__all__ = ["keep_replaced", "staged"]
 
 
 @contextmanager
-def staged(folder: Path) -> Iterator[Path]:
+def staged(folder: Path, *, tables: Collection[str] = ()) -> Iterator[Path]:
     """Give a hidden folder inside `folder`; at the end its files move into `folder`.
 
     Parameters
     ----------
     folder : Path
         Where the files shall appear; made if needed.
+    tables : collection of str, optional
+        Names of controllers' tables: one that is replaced stays under another name.
 
     Yields
     ------
@@ -49,7 +51,7 @@ def staged(folder: Path) -> Iterator[Path]:
         except MetrosepError as exc:
             exc.args = (str(exc).replace(f"{stage}", f"{folder}"), *exc.args[1:])
             raise
-        _move(stage, folder)
+        _move(stage, folder, tables)
     finally:
         shutil.rmtree(stage, ignore_errors=True)
         if made:
@@ -75,7 +77,23 @@ def _hidden_folder(folder: Path) -> Path:
     return stage
 
 
-def _move(stage: Path, folder: Path) -> None:
+def keep_replaced(
+    stage: Path, folder: Path, tables: Collection[str], *, overwrite: bool = True
+) -> None:
+    """Keep the tables of a folder that other ones of a stage will replace, or refuse that."""
+    from metrosep.controllers._pairs import is_written, keep_old
+    from metrosep.controllers.base import sidecar_path
+
+    for name in tables:
+        new = stage / name
+        if new.is_file():
+            pair = (new.read_bytes(), sidecar_path(new).read_bytes())
+            if not is_written(folder / name, *pair, overwrite=overwrite):
+                keep_old(folder / name)
+
+
+def _move(stage: Path, folder: Path, tables: Collection[str]) -> None:
+    keep_replaced(stage, folder, tables)
     files = sorted(stage.iterdir(), key=lambda f: (f.name == RESULT_NAME, f.name))
     for file in files:
         try:

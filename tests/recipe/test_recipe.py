@@ -203,7 +203,7 @@ def test_measured_runs_come_back_from_a_result(folder):
 
     runs = measured_runs(result.document)
 
-    assert len(runs) == 3
+    assert len(runs) == 9
     assert runs.common_travel[0] == pytest.approx(-3.75e-3, abs=1e-4)
 
 
@@ -243,14 +243,13 @@ def stored(folder):
 @pytest.mark.parametrize(
     "damage",
     [
-        pytest.param(lambda d: d.pop("plots"), id="no plots"),
-        pytest.param(lambda d: d.update(plots=None), id="plots null"),
-        pytest.param(lambda d: d["plots"].update(feeds=[{"x_mm": [1.0]}]), id="feed incomplete"),
-        pytest.param(lambda d: d["plots"].update(feeds=[]), id="no feeds"),
-        pytest.param(
-            lambda d: d["plots"]["feeds"][0].update(before_nm=[1.0, 2.0]), id="lengths differ"
-        ),
-        pytest.param(lambda d: d["plots"]["feeds"][0].update(x_mm=["a"]), id="no number"),
+        pytest.param(lambda d: d.pop("runs"), id="no runs"),
+        pytest.param(lambda d: d.update(runs=None), id="runs null"),
+        pytest.param(lambda d: d.update(runs=[{"x_m": [1.0]}]), id="run incomplete"),
+        pytest.param(lambda d: d.update(runs=[]), id="runs empty"),
+        pytest.param(lambda d: d["runs"][0].update(z_m=[1.0, 2.0]), id="lengths differ"),
+        pytest.param(lambda d: d["runs"][0].update(x_m=["a"]), id="no number"),
+        pytest.param(lambda d: d["runs"][0].update(direction="reverse"), id="other direction"),
         pytest.param(lambda d: d.pop("estimate"), id="no estimate"),
         pytest.param(lambda d: d.update(estimate=None), id="estimate null"),
         pytest.param(lambda d: d["estimate"].update(start_m="x"), id="text for number"),
