@@ -25,6 +25,11 @@ Folds = Sequence[tuple[Sequence[int], Any]]
 _MOST_FITS = 5
 """A joint estimate takes about a second: more than these fits are not made for a verification."""
 
+_KEPT = 4
+"""Sets of folds that are remembered: several tables of one result, or one that is being shaped."""
+
+_MADE: dict[Any, list[tuple[tuple[int, ...], ErrorEstimate]]] = {}
+
 
 def made_of(history: Sequence[Step], runs: RunSet) -> tuple[Literal["all", "none", "file"], list[int]]:
     """Return whether runs made a table, and which of them did not.
@@ -43,7 +48,7 @@ def made_of(history: Sequence[Step], runs: RunSet) -> tuple[Literal["all", "none
         from a file that made it, but are not the readings that did.
     """
     told = {h for s in history for h in s.parameters.get("runs_sha256", ())}
-    mine = [r.sha256 for r in runs]
+    mine = [str(r.metadata.get("cells_of_sha256", r.sha256)) for r in runs]
     others = [i for i, h in enumerate(mine) if h not in told]
     if told and told == set(mine):
         return "all", []
@@ -104,7 +109,16 @@ def fold_estimates(
     groups = _groups(runs, most)
     if len(groups) < 2:
         raise TableError("one run made it: nothing is left without it")
-    return [(out, _without(runs, out, step.parameters, span)) for out in groups]
+    key = (
+        tuple((r.sha256, r.feed, None if r.t is None else r.t.tobytes()) for r in runs),
+        repr(sorted(step.parameters.items())),
+        span,
+    )
+    if key not in _MADE:
+        while len(_MADE) >= _KEPT:
+            _MADE.pop(next(iter(_MADE)))
+        _MADE[key] = [(out, _without(runs, out, step.parameters, span)) for out in groups]
+    return _MADE[key]
 
 
 def _without(
@@ -231,6 +245,10 @@ def own_runs(
                 made_it=True,
                 why="the readings come from files that made it, but are not the ones that did",
             )
+    if folds is None and any("cells_of_sha256" in r.metadata for r in runs):
+        return Own(
+            runs, made_it=True, why="the result holds means of cells of the runs and no folds"
+        )
     try:
         made = folds_of(carried, runs) if folds is None else folds
         return Own(runs, made_it=True, folds=tuple((tuple(o), lookup(t)) for o, t in made))

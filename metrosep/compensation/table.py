@@ -152,6 +152,20 @@ class CompensationTable:
         both = self.forward if self.reverse is None else np.r_[self.forward, self.reverse]
         return float(np.abs(both).max())
 
+    @property
+    def headline(self) -> str:
+        """What is looked up and what is corrected, in one line."""
+        what = "its own positioning" if self.is_on_axis else f"{self.compensates} over {self.axis}"
+        low, high = (v * 1e3 for v in self.span)
+        line = "the line is left out (alignment)"
+        if self.removed == "offset":
+            slope = float(np.polyfit(self.positions - self.positions.mean(), self.forward, 1)[0])
+            line = f"slope {slope * 1e6:.4g} um/m kept"
+        return (
+            f"{self.axis} -> {self.compensates} ({what}), {low:.6g} ... {high:.6g} mm, "
+            f"{self.positions.size} entries, {line}, zero at {self.reference * 1e3:.6g} mm"
+        )
+
     @classmethod
     def from_error(
         cls,
@@ -403,6 +417,7 @@ class CompensationTable:
         unknown: Unknown | None = None,
         u_slope: float | None = None,
         folds: Folds | None = None,
+        travel: tuple[float | None, float | None] = (None, None),
     ) -> Verification:
         """Return the dry-run against a measured error, and refuse a table that makes it worse.
 
@@ -417,6 +432,8 @@ class CompensationTable:
             Standard uncertainty of the slope, for one run of positioning.
         folds : sequence of (indices of runs, CompensationTable), optional
             Tables made without some of the runs, where the history does not say how to make them.
+        travel : tuple of (float or None, float or None), m, optional
+            Where the axis is used, if the runs reach beyond that and beyond the table.
 
         Returns
         -------
@@ -437,6 +454,7 @@ class CompensationTable:
             unknown=unknown,
             u_slope=u_slope,
             folds=folds,
+            travel=travel,
         )
         result.require(f"table {self.axis} -> {self.compensates}", only_refused=True)
         return result
@@ -464,6 +482,7 @@ class CompensationTable:
         return {
             "axis": self.axis,
             "compensates": self.compensates,
+            "headline": self.headline,
             "sign": "correction c = -e is added to the command; e = actual - nominal",
             "n_points": int(self.positions.size),
             "positions_m": self.positions.tolist(),

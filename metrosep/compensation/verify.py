@@ -375,6 +375,7 @@ def dry_run(
     sd: Callable[[FloatArray, int], FloatArray] | None = None,
     kind: Literal["runs", "stated", "estimate"] | None = None,
     u_slope: float | None = None,
+    travel: tuple[float | None, float | None] = (None, None),
 ) -> Verification:
     """Apply a correction to a measured error as a controller would, and judge it.
 
@@ -411,6 +412,9 @@ def dry_run(
         How to take `against`, where its type does not tell.
     u_slope : float, rad, optional
         Standard uncertainty of the slope of one run of positioning.
+    travel : tuple of (float or None, float or None), m, optional
+        Where the axis is used. Runs that reach beyond the table are judged there too, with what the
+        controller does outside, but not beyond the travel.
 
     Returns
     -------
@@ -451,7 +455,7 @@ def dry_run(
         reasons += [r for r in whole.reasons if r.grade == "refused" and r.text not in said]
     covered, warnings = _coverage(measured, span, (first, last), entries, how)
     reasons += covered
-    beyond, more = _outside(shape, stack, grids, span)
+    beyond, more = _outside(shape, stack, grids, span, travel)
     reasons += beyond
     warnings += more
     reasons += _alignment(measured, space, aligned)
@@ -466,8 +470,6 @@ def dry_run(
     residuals = tuple(_residual(d, stack) for d in measured.directions)
     own = not np.array_equal(correction(grids[0], 1), correction(grids[0], -1))
     missing = tuple({1, -1} - set(measured.directions)) if own else ()
-    if missing:
-        warnings.append(f"the {_NAMES[missing[0]]} column is not verified: no run went this way")
     lost = judge_lost_motion(stack) if measured.knows_lost_motion else None
     rank = {"refused": 0, "inconclusive": 1, "pointless": 2}
     return Verification(
@@ -491,6 +493,7 @@ def judged_table(
     unknown: Unknown | None = None,
     u_slope: float | None = None,
     folds: Folds | None = None,
+    travel: tuple[float | None, float | None] = (None, None),
 ) -> Verification:
     """Return the dry-run of a table or polynomial: the one way of every command and call.
 
@@ -505,7 +508,7 @@ def judged_table(
         only.
     applied : callable, optional
         What the controller does with the very bytes of `carried`; ``lookup(carried)`` if omitted.
-    unknown, u_slope : optional
+    unknown, u_slope, travel : optional
         As for `dry_run`.
     folds : sequence of (indices of runs, table or polynomial), optional
         What is made without some of the runs; made again from its history if omitted.
@@ -520,7 +523,7 @@ def judged_table(
     TableError
         If they do not overlap.
     """
-    more: dict[str, Any] = {"unknown": unknown, "u_slope": u_slope}
+    more: dict[str, Any] = {"unknown": unknown, "u_slope": u_slope, "travel": travel}
     warning = ""
     if against is not None and against is getattr(carried, "source", None):
         estimated = carried.made_over is not None
@@ -701,10 +704,16 @@ def _slope(shape: _Shape, row: Row, x: FloatArray) -> float:
 
 
 def _outside(
-    shape: _Shape, inside: Stack, grids: tuple[FloatArray, ...], span: tuple[float, float]
+    shape: _Shape,
+    inside: Stack,
+    grids: tuple[FloatArray, ...],
+    span: tuple[float, float],
+    travel: tuple[float | None, float | None],
 ) -> tuple[list[Reason], list[str]]:
     """Return whether the runs beyond the table get worse by what the controller does there."""
-    (low, high), measured = shape.measured.span, shape.measured
+    measured = shape.measured
+    low = max(measured.span[0], -math.inf if travel[0] is None else travel[0])
+    high = min(measured.span[1], math.inf if travel[1] is None else travel[1])
     step = (grids[0][-1] - grids[0][0]) / (grids[0].size - 1)
     beyond = np.concatenate(
         [np.arange(span[0] - step, low, -step)[::-1], np.arange(span[1] + step, high, step)]
@@ -729,7 +738,7 @@ def _outside(
     text = (
         f"the runs reach from {format_length(low)} to {format_length(high)}, beyond the table, and "
         f"what the controller does there makes it worse: {worse}; make the table as long as the "
-        "travel, or leave the readings beyond it out"
+        "travel, or state the travel that is used (travel_low, travel_high)"
     )
     return ([Reason("refused", "coverage", text)], []) if much else ([], [text])
 

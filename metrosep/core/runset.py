@@ -138,7 +138,8 @@ class Run:
     @property
     def sha256(self) -> str:
         """Digest of positions and readings: the same numbers, the same run."""
-        return hash_bytes(self.x.tobytes() + self.z.tobytes())
+        z = np.where(np.isnan(self.z), np.nan, self.z)  # one kind of NaN
+        return hash_bytes(self.x.tobytes() + z.tobytes())
 
     @property
     def n_invalid(self) -> int:
