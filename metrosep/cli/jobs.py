@@ -91,9 +91,7 @@ def run(
     loaded = Recipe.load(recipe, overrides=overrides)
     if context.obj is not None:
         context.obj["words"] = functools.partial(recipe_words, loaded)
-    result = loaded.run(
-        list(inputs) or None, out=out, progress=progress(context), overwrite=force
-    )
+    result = loaded.run(list(inputs) or None, out=out, progress=progress(context), overwrite=force)
     if loaded.is_method:
         print_named(loaded, result, as_json=as_json)
     else:
@@ -200,9 +198,7 @@ def separate(
     written: list[str] = [str(f) for f in result.files]
     beside = None
     if table_ is not None and not inside:
-        files, beside = write_table(
-            dict(result.document), path, controller, options, force=force
-        )
+        files, beside = write_table(dict(result.document), path, controller, options, force=force)
         written += files
         beside["path"] = path
     _print_result(result, as_json=as_json, written=written, beside=beside)

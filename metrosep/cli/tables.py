@@ -318,9 +318,9 @@ def verify(
     sidecar describes.
     """
     from metrosep import controllers
+    from metrosep.cli.errors import exit_code_of
     from metrosep.controllers.base import load_sidecar
     from metrosep.controllers.files import dry_run_carried
-    from metrosep.cli.errors import exit_code_of
     from metrosep.core.errors import TableError
 
     path = Path(table_file)

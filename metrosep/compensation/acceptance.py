@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -403,7 +404,9 @@ def _refusals(stack: Stack, improved: Improvement, pv: _Peaks) -> list[Reason]:
     before = float((stack.known**2).mean())
     after = float((stack.rest**2).mean()) + stack.zero**2
     if improved.is_worse:
-        moved = "" if stack.zero == 0.0 else f", the zero of the machine moves by {_nm(stack.zero)}"
+        moved = (
+            "" if stack.zero == 0.0 else f", the zero of the machine moves by {_nm(stack.zero)}"
+        )
         found.append(
             f"the error is larger with the table than without it: RMS {_rms(before)} -> "
             f"{_rms(after)}{moved}"
@@ -477,22 +480,21 @@ def _uncertain(
 ) -> list[Reason]:
     d, margin, n = improved.value, improved.t * improved.u, stack.n_runs
     found: list[tuple[str, str]] = []
+
+    def add(text: str, check: str = "inconclusive") -> None:
+        found.append((check, text))
+
     if stack.made_it and n < _FEWEST_RUNS and not stack.is_stated:
         many = "one run" if n == 1 else f"{n} runs"
-        found.append(
-            (
-                "single" if n == 1 else "inconclusive",
-                f"{many} made the table and no other shows it: what repeats is not known; take at "
-                f"least {_FEWEST_RUNS} runs (5 are better), or verify against runs that did not make it",
-            )
+        add(
+            f"{many} made the table and no other shows it: what repeats is not known; take at least "
+            f"{_FEWEST_RUNS} runs (5 are better), or verify against runs that did not make it",
+            "single" if n == 1 else "inconclusive",
         )
     elif stack.made_it and not stack.is_left_out and not stack.is_stated:
-        found.append(
-            (
-                "inconclusive",
-                "the runs made the table, and it cannot be made again without each of them"
-                f"{f' ({stack.why})' if stack.why else ''}: verify against runs that did not make it",
-            )
+        add(
+            "the runs made the table, and it cannot be made again without each of them"
+            f"{f' ({stack.why})' if stack.why else ''}: verify against runs that did not make it"
         )
     if energy == 0.0 or not stack.applied.any():
         return [Reason("inconclusive", check, text) for check, text in found]
@@ -502,39 +504,25 @@ def _uncertain(
             if d > 0.0
             else f"noise hides errors below {_rms(margin)}"
         )
-        found.append(("inconclusive", f"the readings do not show that the table helps: {way}"))
+        add(f"the readings do not show that the table helps: {way}")
     elif rest > ENOUGH and math.sqrt(max(energy - d - margin, 0.0) / energy) <= ENOUGH:
-        found.append(
-            (
-                "inconclusive",
-                "the readings do not show whether the table removes 30 % of the RMS: measure more runs",
-            )
+        add(
+            "the readings do not show whether the table removes 30 % of the RMS: measure more runs"
         )
     if n == 1 and not stack.is_stated:
         whole = float((stack.known**2).mean())
         cautious = math.sqrt(max(1.0 - d / whole, 0.0)) if whole > 0.0 else math.inf
         if rest <= ENOUGH < cautious:
-            found.append(
-                (
-                    "inconclusive",
-                    "one run does not show whether what stays is noise or error: measure more runs",
-                )
-            )
+            add("one run does not show whether what stays is noise or error: measure more runs")
         if stack.has_slope and stack.u_slope is None:
-            found.append(
-                (
-                    "inconclusive",
-                    "one run of positioning does not show its slope, and its uncertainty is not stated: "
-                    "measure more runs",
-                )
+            add(
+                "one run of positioning does not show its slope, and its uncertainty is not stated: "
+                "measure more runs"
             )
     if stack.is_left_out and pv.contrast / math.sqrt(n) > _NOISY * pv.before:
-        found.append(
-            (
-                "inconclusive",
-                f"the table would hold more noise than error: P-V of the noise in the mean "
-                f"{_nm(pv.contrast / math.sqrt(n))}, of the error {_nm(pv.before)}; measure more runs",
-            )
+        add(
+            f"the table would hold more noise than error: P-V of the noise in the mean "
+            f"{_nm(pv.contrast / math.sqrt(n))}, of the error {_nm(pv.before)}; measure more runs"
         )
     return [Reason("inconclusive", check, text) for check, text in found]
 
@@ -558,7 +546,7 @@ def _regions(stack: Stack) -> list[str]:
     """Return the windows, eight over the span, that get worse with 99.9 % confidence."""
     edges = np.linspace(float(stack.x.min()), float(stack.x.max()), _WINDOWS + 1)
     found = []
-    for low, high in zip(edges[:-1], edges[1:], strict=True):
+    for low, high in pairwise(edges):
         where = (stack.x >= low) & (stack.x <= high)
         if int(where.sum()) < _FEWEST_LAGS:
             continue

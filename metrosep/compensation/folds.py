@@ -31,7 +31,9 @@ _KEPT = 4
 _MADE: dict[Any, list[tuple[tuple[int, ...], ErrorEstimate]]] = {}
 
 
-def made_of(history: Sequence[Step], runs: RunSet) -> tuple[Literal["all", "none", "file"], list[int]]:
+def made_of(
+    history: Sequence[Step], runs: RunSet
+) -> tuple[Literal["all", "none", "file"], list[int]]:
     """Return whether runs made a table, and which of them did not.
 
     Parameters
@@ -178,9 +180,7 @@ def folds_of(carried: Any, runs: RunSet) -> list[tuple[tuple[int, ...], Any]]:
     if len(groups) < 2:
         raise TableError("one run made it: nothing is left without it")
     kept = ([r for i, r in enumerate(runs) if i not in out] for out in groups)
-    return [
-        (out, carried.remade(RunSet(rest))) for out, rest in zip(groups, kept, strict=True)
-    ]
+    return [(out, carried.remade(RunSet(rest))) for out, rest in zip(groups, kept, strict=True)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -234,11 +234,11 @@ def own_runs(
         if kind == "none":
             if len(others) in (0, len(runs)):
                 return Own(runs, made_it=False)
-            alone = RunSet(
-                [runs[i] for i in others], metadata=runs.metadata, history=runs.history
-            )
+            alone = RunSet([runs[i] for i in others], metadata=runs.metadata, history=runs.history)
             left = len(runs) - len(others)
-            return Own(alone, made_it=False, warning=f"{left} of the runs made it and are not used")
+            return Own(
+                alone, made_it=False, warning=f"{left} of the runs made it and are not used"
+            )
         if kind == "file":
             return Own(
                 runs,

@@ -39,7 +39,15 @@ from metrosep.core.errors import (
 from metrosep.core.runset import RunSet
 from metrosep.core.units import format_length
 
-__all__ = ["Against", "DirectionResidual", "Removed", "Unknown", "Verification", "dry_run", "judged_table"]
+__all__ = [
+    "Against",
+    "DirectionResidual",
+    "Removed",
+    "Unknown",
+    "Verification",
+    "dry_run",
+    "judged_table",
+]
 
 FloatArray = NDArray[np.float64]
 Correction = Callable[[FloatArray, int], FloatArray]
@@ -229,8 +237,10 @@ class Verification:
             gain += f" +- {self.u_gain:.2g}"
         lines = [
             f"{judged}, {low:.6g} ... {high:.6g} mm; off the readings: {_UNKNOWN[self.unknown]}",
-            f"RMS that repeats {_nm(rms[0])} -> {_nm(rms[1])}, P-V {_nm(j.pv_before)} -> "
-            f"{_nm(j.pv_after_plain)} (noise alone {_nm(j.pv_noise)}), {gain}",
+            (
+                f"RMS that repeats {_nm(rms[0])} -> {_nm(rms[1])}, P-V {_nm(j.pv_before)} -> "
+                f"{_nm(j.pv_after_plain)} (noise alone {_nm(j.pv_noise)}), {gain}"
+            ),
         ]
         why = "; ".join(r.text for r in self.reasons)
         lines.append(f"{self.grade}: {why}" if why else self.grade)
@@ -248,7 +258,9 @@ class Verification:
         return {
             "grade": self.grade,
             "passed": self.passed,
-            "reasons": [{"grade": r.grade, "check": r.check, "text": r.text} for r in self.reasons],
+            "reasons": [
+                {"grade": r.grade, "check": r.check, "text": r.text} for r in self.reasons
+            ],
             "sentences": list(self.sentences),
             "unknown": self.unknown,
             "unknown_text": _UNKNOWN[self.unknown],
@@ -332,8 +344,9 @@ class Verification:
         checks = [r.check for r in left if r.check != "dry-run"]
         waive = f" (to write it all the same, say waive={', '.join(dict.fromkeys(checks))!r})"
         can = bool(checks) and all(r.check != "dry-run" for r in left)
+        how = "the dry-run does not shrink the error: " if hint else ""
         raise kinds[grade](
-            f"{what}: {grade} by the dry-run: {text}{hint}; nothing was written{waive if can else ''}"
+            f"{what}: {grade}: {how}{text}{hint}; nothing was written{waive if can else ''}"
         )
 
     @property
@@ -450,7 +463,9 @@ def dry_run(
     result = judge(stack)
     reasons = list(result.reasons)
     if folds:  # what is written is the table of all runs: it must not make its own runs worse
-        whole = judge(_stack(replace(shape, table=replace(table, folds=None)), grids, made_it=True))
+        whole = judge(
+            _stack(replace(shape, table=replace(table, folds=None)), grids, made_it=True)
+        )
         said = {r.text for r in reasons}
         reasons += [r for r in whole.reasons if r.grade == "refused" and r.text not in said]
     covered, warnings = _coverage(measured, span, (first, last), entries, how)
@@ -598,7 +613,8 @@ def _positions(
         places = [row.places.get(d, np.empty(0)) for row in measured.rows]
         here = places[0][(places[0] >= first) & (places[0] <= last)]
         listed = _FEWEST <= here.size < _GRID_POINTS and all(
-            p.size == places[0].size and float(np.abs(p - places[0]).max()) <= 1e-9 * (last - first)
+            p.size == places[0].size
+            and float(np.abs(p - places[0]).max()) <= 1e-9 * (last - first)
             for p in places
         )
         grids.append(here if listed else np.linspace(first, last, n))
@@ -761,7 +777,9 @@ def _coverage(
         f"{format_length(common[0])} ... {format_length(common[1])} of it"
     )
     if share < _COVERED:
-        refused.append(f"{ranges} ({100.0 * share:.3g} %): measure the whole table, or make it shorter")
+        refused.append(
+            f"{ranges} ({100.0 * share:.3g} %): measure the whole table, or make it shorter"
+        )
     elif length * (1.0 - share) > spacing * (1.0 + 1e-9):
         warnings.append(f"{ranges}: the rest is not proven")
     if how == "runs":

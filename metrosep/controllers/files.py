@@ -168,7 +168,9 @@ class Prepared:
         there = is_written(self.target, self.data, self.sidecar, overwrite=self.overwrite)
         if there and stage is None:
             return
-        write_pair(self.target if stage is None else stage / self.target.name, self.data, self.sidecar)
+        write_pair(
+            self.target if stage is None else stage / self.target.name, self.data, self.sidecar
+        )
 
 
 def prepare(
@@ -223,16 +225,14 @@ def prepare(
             table, lookup, verified_against, target, waived,
             of=of, folds=folds, unknown=unknown,
             travel=(limits.travel_low, limits.travel_high),
+            free_zero="at_reference_m" in encoded.notes,
         )  # fmt: skip
         waived = tuple(w for w in waived if w != "dry-run")
         findings = (
             *findings,
             *_small_part(verification),
             *getattr(verification, "findings", ()),
-            *(
-                Finding("error", r.text, "", r.check)
-                for r in getattr(verification, "reasons", ())
-            ),
+            *(Finding("error", r.text, "", r.check) for r in getattr(verification, "reasons", ())),
         )
     sidecar = {
         "schema": "metrosep.table/1",
@@ -433,6 +433,7 @@ def dry_run_carried(
     folds: Folds | None = None,
     unknown: Unknown | None = None,
     travel: tuple[float | None, float | None] = (None, None),
+    free_zero: bool = False,
 ) -> Any:
     """Return the dry-run of what a file carries, through the controller's lookup.
 
@@ -449,6 +450,9 @@ def dry_run_carried(
         holds itself if omitted.
     folds, unknown, travel : optional
         As for `CompensationTable.verify`.
+    free_zero : bool, optional
+        Whether the file cannot be zero at the reference of a map (a product of two tables), so that
+        what it adds there is reported and not counted.
 
     Returns
     -------
@@ -470,6 +474,7 @@ def dry_run_carried(
             axes=carried.axes,
             compensates=carried.compensates,
             removed=carried.removed,
+            reference=None if free_zero else carried.reference,
         )
     return judged_table(
         carried,

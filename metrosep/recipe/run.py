@@ -165,9 +165,15 @@ def _folds(runs: RunSet, stored: RunSet, estimate: ErrorEstimate) -> list[dict[s
         made = fold_estimates(runs, estimate.history, (estimate.start, estimate.stop))
     except MetrosepError:
         return []  # a table then says why it cannot be made without some of the runs
-    bare = {"spectrum_data": {}, "feed_spectra_data": {}, "residual_psd_data": {}, "messages": (),
-            "evidence_data": {}, "audit": {}, "terms": {}, "history": ()}  # fmt: skip
-    return [{"left_out": list(o), "estimate": replace(e, **bare).to_dict()} for o, e in made]
+    return [{"left_out": list(o), "estimate": _bare(e).to_dict()} for o, e in made]
+
+
+def _bare(estimate: ErrorEstimate) -> ErrorEstimate:
+    """Return an estimate that evaluates to the same, without what a table does not need."""
+    return replace(
+        estimate, spectrum_data={}, feed_spectra_data={}, residual_psd_data={}, evidence_data={},
+        audit={}, terms={}, messages=(), history=(),
+    )  # fmt: skip
 
 
 def _document(

@@ -193,7 +193,11 @@ def test_lost_motion_of_the_wrong_sign_is_refused_though_pitch_hides_it():
     forward = np.array([0.0, 1.1, 1.9, 3.2, 4.1, 4.8]) * 1e-6
     reverse = forward - np.array([0.8, 0.7, 0.9, 0.8, 0.6, 0.7]) * 1e-6
     both = RunSet(
-        [r for _ in range(2) for r in (Run(x, forward, feed=0.1), Run(x[::-1], reverse[::-1], feed=0.1))]
+        [
+            r
+            for _ in range(2)
+            for r in (Run(x, forward, feed=0.1), Run(x[::-1], reverse[::-1], feed=0.1))
+        ]
     )
     wrong = CompensationTable(x, -forward, -(2 * forward - reverse), "X", "X", 0.0)
 
