@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 __all__ = [
+    "ROUNDING",
     "Improvement",
     "Judgement",
     "Reason",
@@ -30,6 +31,7 @@ __all__ = [
     "centre",
     "graded",
     "judge",
+    "length_text",
     "lost_motion_change",
     "outside_is_worse",
     "rising",
@@ -59,6 +61,9 @@ _SPIKE, _SPIKE_SHARE = 10.0, 0.05
 _NOISY = 0.5
 _FEWEST_RUNS = 3
 """Two slopes agree by chance in some percent of cases, as two disturbances do."""
+
+ROUNDING = 1e-12
+"""A picometre: a step of the table at a reversal below it is that of binary positions."""
 
 _WINDOWS = 8
 _FEWEST_LAGS = 4
@@ -126,6 +131,8 @@ class Stack:
             rest=self.wrong,
             wrong=self.rest,
             applied=-self.applied,
+            made_it=False,
+            is_left_out=False,
             zero=-self.zero,
             steps=-self.steps,
         )
@@ -391,12 +398,13 @@ def rising(before: float, after: float, noise: float = 0.0) -> bool:
     return after > _RISE * before and after > _RISE_NOISE * noise
 
 
-def _nm(value: float) -> str:
-    return f"{value * 1e9:.4g} nm"
+def length_text(value: float) -> str:
+    """Return a length in nm, or in um from 10 um on."""
+    return f"{value * 1e9:.4g} nm" if abs(value) < 1e-5 else f"{value * 1e6:.4g} um"
 
 
 def _rms(square: float) -> str:
-    return _nm(math.sqrt(max(square, 0.0)))
+    return length_text(math.sqrt(max(square, 0.0)))
 
 
 def _refusals(stack: Stack, improved: Improvement, pv: _Peaks) -> list[Reason]:
@@ -405,7 +413,9 @@ def _refusals(stack: Stack, improved: Improvement, pv: _Peaks) -> list[Reason]:
     after = float((stack.rest**2).mean()) + stack.zero**2
     if improved.is_worse:
         moved = (
-            "" if stack.zero == 0.0 else f", the zero of the machine moves by {_nm(stack.zero)}"
+            ""
+            if stack.zero == 0.0
+            else f", the zero of the machine moves by {length_text(stack.zero)}"
         )
         found.append(
             f"the error is larger with the table than without it: RMS {_rms(before)} -> "
@@ -413,8 +423,8 @@ def _refusals(stack: Stack, improved: Improvement, pv: _Peaks) -> list[Reason]:
         )
     if rising(pv.before, pv.after, pv.noise):
         found.append(
-            f"the P-V rises from {_nm(pv.before)} to {_nm(pv.after)}, noise alone "
-            f"{_nm(pv.noise)}: somewhere the table adds what is not there"
+            f"the P-V rises from {length_text(pv.before)} to {length_text(pv.after)}, noise alone "
+            f"{length_text(pv.noise)}: somewhere the table adds what is not there"
         )
     found += _directions(stack)
     return [Reason("refused", "dry-run", text) for text in found] + _spike(stack, pv)
@@ -431,9 +441,9 @@ def _directions(stack: Stack) -> list[str]:
             name = "forward" if d > 0 else "reverse"
             found.append(f"the {name} direction gets worse")
     step, change, margin = lost_motion_change(stack)
-    if step != 0.0 and change + margin < 0.0:
+    if abs(step) > ROUNDING and change + margin < 0.0:
         found.append(
-            f"the table makes the lost motion (reverse minus forward) larger, its step is {_nm(step)}: "
+            f"the table makes the lost motion (reverse minus forward) larger, its step is {length_text(step)}: "
             "check the sign of the reverse column"
         )
     return found
@@ -467,9 +477,9 @@ def _spike(stack: Stack, pv: _Peaks) -> list[Reason]:
         Reason(
             "refused",
             "spike",
-            f"run {stack.names[int(k)]} has a spike of {_nm(float(z[k, i]))} at "
+            f"run {stack.names[int(k)]} has a spike of {length_text(float(z[k, i]))} at "
             f"{stack.x[i] * 1e3:.6g} mm that no other run has, which puts "
-            f"{_nm(float(size[k, i]) / n)} into the table of the mean: leave the run out, or "
+            f"{length_text(float(size[k, i]) / n)} into the table of the mean: leave the run out, or "
             "separate with robust=true",
         )
     ]
@@ -522,7 +532,7 @@ def _uncertain(
     if stack.is_left_out and pv.contrast / math.sqrt(n) > _NOISY * pv.before:
         add(
             f"the table would hold more noise than error: P-V of the noise in the mean "
-            f"{_nm(pv.contrast / math.sqrt(n))}, of the error {_nm(pv.before)}; measure more runs"
+            f"{length_text(pv.contrast / math.sqrt(n))}, of the error {length_text(pv.before)}; measure more runs"
         )
     return [Reason("inconclusive", check, text) for check, text in found]
 

@@ -17,7 +17,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.compensation.acceptance import ENOUGH, Reason, graded, rising
+from metrosep.compensation.acceptance import ENOUGH, ROUNDING, Reason, graded, rising
 from metrosep.compensation.area_errors import AreaFunction, ErrorMap, area_error, format_position
 from metrosep.compensation.limits import Finding
 from metrosep.core.errors import (
@@ -40,9 +40,6 @@ _GRID_POINTS = 201
 
 _PLANE_POINTS = 4
 """A plane takes three; with no more than that nothing of the error is left."""
-
-_ROUNDING = 1e-12
-"""A picometre: a correction at the reference below it is that of binary positions."""
 
 _UNCHANGED = 1e-9
 """Change of the RMS, over it, that is rounding."""
@@ -195,6 +192,8 @@ class MapVerification:
             _UNCHANGED * self.before_rms
         ):
             hint = "the map changes nothing there: all its corrections are zero or equal"
+        elif self.zero != 0.0 and abs(self.zero) > self.before_rms:
+            hint = f"it moves the zero of the machine by {format_length(self.zero)}"
         else:
             hint = (
                 "neither sign shrinks it: rows and columns are exchanged or mirrored, or the map "
@@ -286,7 +285,7 @@ def dry_run_map(
     zero = 0.0
     if reference is not None:
         zero = float(np.asarray(correction(*(np.array([[p]]) for p in reference))).item())
-        zero = 0.0 if abs(zero) < _ROUNDING else zero
+        zero = 0.0 if abs(zero) < ROUNDING else zero
     before = e[valid] - off
     after, wrong = shifted[valid] - off + applied, flipped[valid] - off - applied
     span_of = {True: np.ptp, False: lambda v: np.ptp(np.append(v, 0.0))}[zero == 0.0]

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from metrosep.compensation.acceptance import Stack, lost_motion_change
+from metrosep.compensation.acceptance import ROUNDING, Stack, lost_motion_change
 
 __all__ = ["LostMotion", "judge_lost_motion"]
 
@@ -68,5 +68,5 @@ def judge_lost_motion(stack: Stack) -> LostMotion:
     u = float(before.std(ddof=1) / np.sqrt(before.size)) if before.size > 1 else None
     return LostMotion(
         float(before.mean()), float(after.mean()), float(wrong.mean()), step, u,
-        step == 0.0 or change + margin >= 0.0,
+        abs(step) <= ROUNDING or change + margin >= 0.0,
     )  # fmt: skip

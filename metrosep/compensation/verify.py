@@ -18,12 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.compensation.acceptance import (
+    ROUNDING,
     Judgement,
     Reason,
     Stack,
     centre,
     graded,
     judge,
+    length_text,
     outside_is_worse,
 )
 from metrosep.compensation.folds import Folds, own_runs
@@ -61,8 +63,8 @@ _BETWEEN = 4
 _MOST_POINTS = 20_001
 _FEWEST = 3
 _COVERED, _HOLE, _LONG_STEP, _OF_RUNS = 0.95, 0.05, 2.5, 0.5
-_ROUNDING = 1e-12
-"""A picometre: a correction at the reference below it is that of binary positions."""
+_SOME = 0.2
+"""Gain below which a shape is called foreign, in the text only."""
 
 _PREDICTED = 0.1
 """Mean square of the uncertainty over that of the corrections, below which a prediction is enough."""
@@ -238,8 +240,8 @@ class Verification:
         lines = [
             f"{judged}, {low:.6g} ... {high:.6g} mm; off the readings: {_UNKNOWN[self.unknown]}",
             (
-                f"RMS that repeats {_nm(rms[0])} -> {_nm(rms[1])}, P-V {_nm(j.pv_before)} -> "
-                f"{_nm(j.pv_after_plain)} (noise alone {_nm(j.pv_noise)}), {gain}"
+                f"RMS that repeats {length_text(rms[0])} -> {length_text(rms[1])}, P-V {length_text(j.pv_before)} -> "
+                f"{length_text(j.pv_after_plain)} (noise alone {length_text(j.pv_noise)}), {gain}"
             ),
         ]
         why = "; ".join(r.text for r in self.reasons)
@@ -356,7 +358,7 @@ class Verification:
             return "the reversed sign would shrink it: the sign of the readings or of the table is wrong"
         if self.gain > 0.5:
             return "its shape helps, its zero or a part of it does not"
-        if self.gain > 0.0:
+        if self.gain > _SOME:
             return (
                 f"the readings confirm {self.gain:.2g} of it: it is too large (unit, diameter), tilted, "
                 "shifted, or belongs to another state"
@@ -366,10 +368,6 @@ class Verification:
 
 def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
-
-
-def _nm(value: float) -> str:
-    return f"{value * 1e9:.4g} nm"
 
 
 def dry_run(
@@ -455,7 +453,7 @@ def dry_run(
     zero = 0.0
     if reference is not None:
         zero = float(correction(np.array([reference]), 1)[0])
-    table = _Table(correction, folds, on_axis, 0.0 if abs(zero) < _ROUNDING else zero)
+    table = _Table(correction, folds, on_axis, 0.0 if abs(zero) < ROUNDING else zero)
     aligned = alignment_range or span
     grids = _positions(measured, first, last, entries)
     shape = _Shape(measured, table, space, aligned, how)
@@ -485,7 +483,8 @@ def dry_run(
     residuals = tuple(_residual(d, stack) for d in measured.directions)
     own = not np.array_equal(correction(grids[0], 1), correction(grids[0], -1))
     missing = tuple({1, -1} - set(measured.directions)) if own else ()
-    lost = judge_lost_motion(stack) if measured.knows_lost_motion else None
+    known = measured.knows_lost_motion and space != "offsets"
+    lost = judge_lost_motion(stack) if known else None
     rank = {"refused": 0, "inconclusive": 1, "pointless": 2}
     return Verification(
         residuals, space, (first, last), result,
@@ -672,7 +671,7 @@ def _stack(
         u_known = float((np.abs(applied[0]) * spread).mean())
     return Stack(
         x, way, plain - off, after - off + applied, wrong - off - applied, applied, table.zero,
-        steps * measured.knows_lost_motion,
+        steps * (measured.knows_lost_motion and shape.unknown != "offsets"),
         tuple(row.name for row in measured.rows),
         has_slope=shape.unknown != "line",
         is_left_out=bool(table.folds),
