@@ -17,7 +17,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.compensation.acceptance import ENOUGH, ROUNDING, Reason, graded, rising
+from metrosep.compensation._acceptance import ENOUGH, ROUNDING, Reason, graded, rising
 from metrosep.compensation.area_errors import AreaFunction, ErrorMap, area_error, format_position
 from metrosep.compensation.limits import Finding
 from metrosep.core.errors import (

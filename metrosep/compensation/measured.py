@@ -207,7 +207,23 @@ def _of_estimate(estimate: _Evaluates, *, with_slope: bool) -> Measured:
 
 
 def estimate_slope(estimate: Any) -> float:
-    """Return the slope that an estimate has removed, rad; it is part of the error of an axis itself."""
+    """Return the slope that an estimate has removed; it is part of the error of an axis along itself.
+
+    Parameters
+    ----------
+    estimate : ErrorEstimate
+        With its ``slope``.
+
+    Returns
+    -------
+    float, rad
+        Least-squares line over the evaluation range.
+
+    Raises
+    ------
+    DataError
+        If the estimate does not tell it.
+    """
     slope: Quantity | None = getattr(estimate, "slope", None)
     if slope is None or not np.isfinite(slope.value):
         raise DataError(

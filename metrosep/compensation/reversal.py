@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from metrosep.compensation.acceptance import ROUNDING, Stack, lost_motion_change
+from metrosep.compensation._acceptance import ROUNDING, Stack, lost_motion_change
 
 __all__ = ["LostMotion", "judge_lost_motion"]
 
@@ -58,7 +58,18 @@ class LostMotion:
 
 
 def judge_lost_motion(stack: Stack) -> LostMotion:
-    """Return the lost motion before and after a table; `Stack` has rows of both directions."""
+    """Return the lost motion before and after a table.
+
+    Parameters
+    ----------
+    stack : Stack
+        With rows of both directions.
+
+    Returns
+    -------
+    LostMotion
+        Means over the runs.
+    """
     ahead, back = stack.way > 0, stack.way < 0
     before, after, wrong = (
         v[:, back].mean(axis=1) - v[:, ahead].mean(axis=1)

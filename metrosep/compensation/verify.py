@@ -2,7 +2,7 @@
 
 The correction is applied as the controller applies it: looked up at the command and added to it.
 What the measurement cannot know (its zero; the alignment of an artefact) is taken off the
-measurement, never off the table, and `metrosep.compensation.acceptance` says whether the machine is
+measurement, never off the table, and `metrosep.compensation._acceptance` says whether the machine is
 better with it than without it. A table that was made of the runs is judged run by run with the table
 that is made without that run.
 """
@@ -17,7 +17,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.compensation.acceptance import (
+from metrosep.compensation._acceptance import (
     ROUNDING,
     Judgement,
     Reason,
@@ -28,6 +28,7 @@ from metrosep.compensation.acceptance import (
     length_text,
     outside_is_worse,
 )
+from metrosep.compensation._coverage import alignment, coverage
 from metrosep.compensation.folds import Folds, own_runs
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.measured import Against, Measured, Row, measured_error
@@ -62,7 +63,6 @@ _BETWEEN = 4
 
 _MOST_POINTS = 20_001
 _FEWEST = 3
-_COVERED, _HOLE, _LONG_STEP, _OF_RUNS = 0.95, 0.05, 2.5, 0.5
 _SOME = 0.2
 """Gain below which a shape is called foreign, in the text only."""
 
@@ -466,12 +466,12 @@ def dry_run(
         )
         said = {r.text for r in reasons}
         reasons += [r for r in whole.reasons if r.grade == "refused" and r.text not in said]
-    covered, warnings = _coverage(measured, span, (first, last), entries, how)
+    covered, warnings = coverage(measured, span, (first, last), entries, how)
     reasons += covered
     beyond, more = _outside(shape, stack, grids, span, travel)
     reasons += beyond
     warnings += more
-    reasons += _alignment(measured, space, aligned)
+    reasons += alignment(measured, space, aligned)
     predicted, more = _predicted(stack, how, sd or measured.sd)
     reasons += predicted
     warnings += [*more, *result.warnings]
@@ -756,81 +756,6 @@ def _outside(
         "travel, or state the travel that is used (travel_low, travel_high)"
     )
     return ([Reason("refused", "coverage", text)], []) if much else ([], [text])
-
-
-def _coverage(
-    measured: Measured,
-    span: tuple[float, float],
-    common: tuple[float, float],
-    entries: FloatArray | None,
-    how: str,
-) -> tuple[list[Reason], list[str]]:
-    """Return 1.9: the share of the table that was measured, holes in it, and the share of the runs."""
-    refused, warnings = [], []
-    length = span[1] - span[0]
-    n = 2 if entries is None else entries.size
-    spacing = length / max(n - 1, 1)
-    share = (common[1] - common[0]) / length
-    ranges = (
-        f"the table covers {format_length(span[0])} ... {format_length(span[1])}, the measurement "
-        f"{format_length(common[0])} ... {format_length(common[1])} of it"
-    )
-    if share < _COVERED:
-        refused.append(
-            f"{ranges} ({100.0 * share:.3g} %): measure the whole table, or make it shorter"
-        )
-    elif length * (1.0 - share) > spacing * (1.0 + 1e-9):
-        warnings.append(f"{ranges}: the rest is not proven")
-    if how == "runs":
-        refused += _holes(measured, common, spacing, length)
-        whole = measured.span[1] - measured.span[0]
-        if (common[1] - common[0]) / whole < _OF_RUNS:
-            warnings.append(
-                f"the table covers {100.0 * (common[1] - common[0]) / whole:.3g} % of what was measured: "
-                "check the origin and the unit of the positions"
-            )
-    return [Reason("refused", "coverage", text) for text in refused], warnings
-
-
-def _holes(
-    measured: Measured, common: tuple[float, float], spacing: float, length: float
-) -> list[str]:
-    """Return the first hole of the readings inside the table, of each run that has one."""
-    found = []
-    for row in measured.rows:
-        for x in row.places.values():
-            steps = np.diff(x)
-            inside = (x[1:] > common[0]) & (x[:-1] < common[1])
-            usual = float(np.median(steps))
-            most = max(2.0 * spacing, _HOLE * length)
-            if _HOLE * length < 2.0 * usual:  # a list of targets
-                most = _LONG_STEP * usual
-            wide = np.flatnonzero(inside & (steps > most * (1.0 + 1e-9)))
-            if wide.size:
-                i = int(wide[0])
-                found.append(
-                    f"run {row.name} was not measured between {x[i] * 1e3:.6g} and "
-                    f"{x[i + 1] * 1e3:.6g} mm, inside the table: measure there, or leave it out"
-                )
-    return found[:1]
-
-
-def _alignment(measured: Measured, space: Unknown, aligned: tuple[float, float]) -> list[Reason]:
-    """Return that a line cannot be compared where the runs do not reach as far as it was removed."""
-    if space != "line":
-        return []
-    low, high = max(aligned[0], measured.span[0]), min(aligned[1], measured.span[1])
-    if high - low >= _COVERED * (aligned[1] - aligned[0]):
-        return []
-    return [
-        Reason(
-            "inconclusive",
-            "inconclusive",
-            f"the line of the table was removed over {format_length(aligned[0])} ... "
-            f"{format_length(aligned[1])}, the runs cover {format_length(low)} ... "
-            f"{format_length(high)} of it: they cannot show its tilt; measure the whole range",
-        )
-    ]
 
 
 def _predicted(

@@ -1,4 +1,4 @@
-"""The acceptance statistic: does a correction improve the machine, and with what confidence.
+"""Private: the acceptance statistic: does a correction improve the machine, and with what confidence.
 
 Only what the MEASUREMENT cannot know is taken off, and off the measurement only: never off the
 table. Equations of the specification of tables, section 1, with R runs m_k on K positions:
@@ -20,7 +20,6 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import stdtrit
 
 __all__ = [
     "ROUNDING",
@@ -253,8 +252,8 @@ def _improvement(stack: Stack, where: BoolArray) -> Improvement:
         - stack.zero**2
     )
     if stack.is_stated:
-        t = float(stdtrit(_STATED_FREEDOM, _CONFIDENCE))
-        strict = float(stdtrit(_STATED_FREEDOM, _STRICT))
+        t = float(_quantile(_STATED_FREEDOM, _CONFIDENCE))
+        strict = float(_quantile(_STATED_FREEDOM, _STRICT))
         return Improvement(value, 2.0 * (stack.u_known or 0.0), t, strict)
     scatter = (a - a.mean(axis=0)) * math.sqrt(n / (n - 1)) if n > 1 else _rest_of_one(stack)
     mean_c, u_slope, beta = c.mean(axis=0), 0.0, 0.0
@@ -285,14 +284,21 @@ def _improvement(stack: Stack, where: BoolArray) -> Improvement:
         u = math.sqrt(2.0) * max(u, float(changes.std(ddof=1)) / math.sqrt(n))
         u_slope *= math.sqrt(2.0)
         freedom = n - 1
-    t = float(stdtrit(freedom, _CONFIDENCE))
+    t = float(_quantile(freedom, _CONFIDENCE))
     return Improvement(
-        value, u + _slope_quantile(n) / t * u_slope, t, float(stdtrit(freedom, _STRICT))
+        value, u + _slope_quantile(n) / t * u_slope, t, float(_quantile(freedom, _STRICT))
     )
 
 
+def _quantile(freedom: float, probability: float) -> float:
+    """Return the quantile of Student's t."""
+    from scipy.special import stdtrit
+
+    return float(stdtrit(freedom, probability))
+
+
 def _slope_quantile(n_runs: int) -> float:
-    return float(stdtrit(n_runs - 1, _CONFIDENCE)) if n_runs > 1 else _NORMAL
+    return _quantile(n_runs - 1, _CONFIDENCE) if n_runs > 1 else _NORMAL
 
 
 def _inside(scatter: FloatArray, c: FloatArray, way: FloatArray, where: BoolArray) -> float:
@@ -459,7 +465,7 @@ def lost_motion_change(stack: Stack) -> tuple[float, float, float]:
     if stack.is_stated or n < 2:
         return step, change, 0.0
     u = 2.0 * abs(step) * float(b.std(ddof=1)) / math.sqrt(n)
-    return step, change, float(stdtrit(n - 1, _CONFIDENCE)) * u
+    return step, change, float(_quantile(n - 1, _CONFIDENCE)) * u
 
 
 def _spike(stack: Stack, pv: _Peaks) -> list[Reason]:
