@@ -17,11 +17,12 @@ import re
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from decimal import Decimal
+from fractions import Fraction
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.polynomial import Polynomial, legendre
+from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 from metrosep.compensation.limits import Finding
@@ -150,8 +151,9 @@ class _Polynomial(Dialect):
                 _comments(table, options, y)]  # fmt: skip
         text += self._body([low, high, *numbers], **options)
         data = ("\n".join(text) + "\n").encode("ascii")
-        read = self._read(data, Path(os.devnull), options)[0]
-        cost = float(np.abs(read.at(x * 10.0**x_places) / 10.0**y_places - y).max())
+        series = _exact_legendre(self._read(data, Path(os.devnull), options)[0])
+        u = 2.0 * (x - x[0]) / (x[-1] - x[0]) - 1.0
+        cost = float(np.abs(legendre.legval(u, series) / 10.0**y_places - y).max())
         rounding = self._rounding(printed) / 10.0**y_places
         return Encoded(
             data=data,
@@ -196,11 +198,7 @@ class _Polynomial(Dialect):
         """
         printed, known = self._read(data, path, options)
         x_places, y_places = _PLACES[known["x_unit"]], _PLACES[known["y_unit"]]
-        series = Polynomial(printed.coefficients).convert(
-            kind=legendre.Legendre, domain=[printed.low, printed.high], window=[-1, 1]
-        )
-        full = np.zeros(printed.coefficients.size)
-        full[: series.coef.size] = np.asarray(series.coef, dtype=np.float64) / 10.0**y_places
+        full = _exact_legendre(printed) / 10.0**y_places
         full[0] -= known["offset"]
         beside = load_sidecar(path).get("table")
         residual = beside.get("residual_rms_m") if isinstance(beside, dict) else None
@@ -288,6 +286,25 @@ def _require_usable(printed: Printed, known: Mapping[str, Any], path: Path) -> N
             found=f"{largest:g} m",
             hint=_AGAIN,
         )
+
+
+def _exact_legendre(printed: Printed) -> FloatArray:
+    """Return the Legendre coefficients on the range of the text, each rounded only once.
+
+    Powers about a far zero cancel: in floating point the sum lost more than the printed digits.
+    """
+    low, high = Fraction(printed.low), Fraction(printed.high)
+    middle, half = (high + low) / 2, (high - low) / 2
+    series = [Fraction(0)]
+    for c in printed.coefficients[::-1]:  # Horner: series (middle + half u) + c
+        times = [middle * a for a in series] + [Fraction(0)]
+        for k, a in enumerate(series):  # (2k+1) u P_k = (k+1) P_(k+1) + k P_(k-1)
+            times[k + 1] += half * a * Fraction(k + 1, 2 * k + 1)
+            if k:
+                times[k - 1] += half * a * Fraction(k, 2 * k + 1)
+        series = times
+        series[0] += Fraction(float(c))
+    return np.array([float(a) for a in series[: printed.coefficients.size]])
 
 
 def _metres(value: float, places: int) -> float:

@@ -26,6 +26,10 @@ from metrosep.errors import (
 
 DIALECTS = {"plc-st": PLCStructuredText, "plc-pmac": PLCTurboPMAC}
 NOWHERE = Path("/nonexistent/x.st")
+OF_THE_ENDS = 1e-15
+"""m; the ends of the range are printed in femtometres."""
+IN_DOUBLE = 1e-9
+"""Relative; 17 Legendre terms of one sign and size lose 1e-14."""
 ROUNDING = 1e-18
 """m; a polynomial of 10 um in double."""
 PRINTED = 1e-14
@@ -454,3 +458,28 @@ def test_numbers_that_no_machine_has_are_refused(old, new):
     for reader in (PLCStructuredText().decode, PLCStructuredText().lookup):
         with pytest.raises(CorruptFileError, match="any axis"):
             reader(data, NOWHERE)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_text_of_high_degree_is_read_as_it_computes_whatever_the_processor(seed):
+    rng = np.random.default_rng(seed)
+    start = rng.uniform(-0.045, 0.0)
+    fit = PolynomialFit(
+        1e-7 * rng.standard_normal(17), None, "given", (start, start + 0.045), "compensation", 0.0
+    )
+
+    encoded = encode("plc-st", fit)
+    text = encoded.data
+    read = DIALECTS["plc-st"]().decode(text, NOWHERE)
+
+    x_mm = 1e3 * np.linspace(*fit.domain, 9)[1:-1]
+    exact_um = np.array([evaluate("plc-st", text.decode(), float(x)) for x in x_mm])
+    coefficients = [float(c) for c in re.findall(r"\d+\.\d+(?=[)+-])", bare(text)[-2])]
+    terms_um = np.abs(coefficients) @ np.abs(x_mm) ** np.arange(17)[:, None]
+    in_double_um = (
+        2.0**-52 * terms_um + 1e6 * ROUNDING
+    )  # a decimal and its place, each rounded once
+    assert np.all(np.abs(1e6 * read.correction(1e-3 * x_mm) - exact_um) <= in_double_um)
+    x = np.linspace(*fit.domain, 501)
+    lost = np.abs(read.correction(x) - fit.correction(x)).max()
+    assert lost <= encoded.quantisation * (1.0 + IN_DOUBLE) + OF_THE_ENDS
