@@ -85,6 +85,8 @@ class CompensationTable:
     source : RunSet or None
         The error it was made of, between the entries too, for a dry-run where no measured runs
         are at hand; one run for each direction, without time.
+    made_over : tuple of (float, float) or None, m
+        Evaluation range of the estimate behind it, over which its line was removed.
 
     Raises
     ------
