@@ -462,8 +462,11 @@ def print_table(path: str, made: dict[str, Any], *, warnings_only: bool = False)
         Leave out the numbers of the dry-run.
     """
     verification = made.get("verification")
-    printed = isinstance(verification, dict) and {"residuals", "before_pv_m"} & verification.keys()
-    if printed and not warnings_only:
+    if (
+        isinstance(verification, dict)
+        and {"residuals", "before_pv_m"} & verification.keys()
+        and not warnings_only
+    ):
         headline = (made.get("table") or made).get("headline")
         if headline:
             say(f"table {headline}")

@@ -33,6 +33,7 @@ __all__ = [
     "length_text",
     "lost_motion_change",
     "outside_is_worse",
+    "pv_with_zero",
     "rising",
 ]
 
@@ -358,14 +359,14 @@ def _peaks(stack: Stack, gain: float) -> _Peaks:
         noise *= math.sqrt(1.0 + (1.0 / (n - 1) if stack.is_left_out else 0.0))
     return _Peaks(
         float(np.ptp(centre(stack.known))),
-        _pv(level, stack.zero),
-        _pv(middle, stack.zero),
+        pv_with_zero(level, stack.zero),
+        pv_with_zero(middle, stack.zero),
         noise,
         contrast,
     )
 
 
-def _pv(rest: FloatArray, zero: float) -> float:
+def pv_with_zero(rest: FloatArray, zero: float) -> float:
     """P-V of what stays with the zero that the table moves: the value 0 belongs to the set then."""
     return float(np.ptp(rest) if zero == 0.0 else np.ptp(np.append(rest + zero, 0.0)))
 

@@ -17,7 +17,14 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.compensation._acceptance import ENOUGH, ROUNDING, Reason, graded, rising
+from metrosep.compensation._acceptance import (
+    ENOUGH,
+    ROUNDING,
+    Reason,
+    graded,
+    pv_with_zero,
+    rising,
+)
 from metrosep.compensation.area_errors import AreaFunction, ErrorMap, area_error, format_position
 from metrosep.compensation.limits import Finding
 from metrosep.core.errors import (
@@ -288,12 +295,11 @@ def dry_run_map(
         zero = 0.0 if abs(zero) < ROUNDING else zero
     before = e[valid] - off
     after, wrong = shifted[valid] - off + applied, flipped[valid] - off - applied
-    span_of = {True: np.ptp, False: lambda v: np.ptp(np.append(v, 0.0))}[zero == 0.0]
     whole = [high - low for low, high in span]
     return MapVerification(
         before_pv=float(np.ptp(before)),
-        after_pv=float(span_of(after + zero)),
-        wrong_sign_pv=float(span_of(wrong - zero)),
+        after_pv=pv_with_zero(after, zero),
+        wrong_sign_pv=pv_with_zero(wrong, -zero),
         before_rms=float(np.sqrt(np.mean(before**2))),
         after_rms=float(np.sqrt(np.mean(after**2) + zero**2)),
         wrong_sign_rms=float(np.sqrt(np.mean(wrong**2) + zero**2)),
