@@ -218,7 +218,8 @@ def judge(stack: Stack) -> Judgement:
     ]
     return Judgement(
         improved, gain, u_gain, energy, rest,
-        pv.before, pv.after, pv.plain, pv.noise, tuple(reasons), tuple(_regions(stack)),
+        pv.before, pv.after, pv.plain, pv.noise, tuple(reasons),
+        () if improved.is_worse else tuple(_regions(stack)),
     )  # fmt: skip
 
 

@@ -62,7 +62,7 @@ _BETWEEN = 4
 """Compared positions from one entry to the next, at least."""
 
 _MOST_POINTS = 20_001
-_FEWEST = 3
+_FEWEST, _MANY = 3, 5
 _SOME = 0.2
 """Gain below which a shape is called foreign, in the text only."""
 
@@ -244,7 +244,7 @@ class Verification:
                 f"{length_text(j.pv_after_plain)} (noise alone {length_text(j.pv_noise)}), {gain}"
             ),
         ]
-        why = "; ".join(r.text for r in self.reasons)
+        why = "; ".join(r.text for r in self.reasons if r.grade == self.grade)
         lines.append(f"{self.grade}: {why}" if why else self.grade)
         return tuple(lines)
 
@@ -548,6 +548,11 @@ def judged_table(
         own = own_runs(carried, against, lookup, folds)
         against, warning = own.runs, own.warning
         more |= {"made_it": own.made_it, "folds": own.folds, "why": own.why}
+        if own.made_it and len(against) < _MANY and len(against.feeds) < 2:
+            warning = (
+                f"{len(against)} runs at one feed: a disturbance of fixed wavelength cannot be "
+                "distinguished from geometry; take 5 runs or more, or another feedrate"
+            )
     positions = getattr(carried, "positions", None)
     is_table = positions is not None
     if not is_table:  # a polynomial is fitted to the runs as they are, with their line
