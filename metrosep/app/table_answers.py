@@ -205,14 +205,15 @@ def _suggested(recipe: Recipe, runs: RunSet) -> dict[str, Any]:
     """Return an output that can be added to a recipe without a table."""
     span = max(float(run.x.max()) for run in runs) - min(float(run.x.min()) for run in runs)
     axis = _axis_of(recipe.input.get("x")) or "X"
-    compensates = _axis_of(recipe.input.get("z")) or axis
+    compensates = _axis_of(recipe.input.get("z"))
     return {
         "kind": "table",
         "controller": "csv",
         "axis": axis,
-        "compensates": compensates,
+        # which axis is corrected is never assumed: the form asks where no column says it
+        **({} if compensates is None else {"compensates": compensates}),
         "spacing": _near(span / _ENTRIES),
-        "path": f"{axis.lower()}-{compensates.lower()}.csv",
+        "path": f"{axis.lower()}-{(compensates or axis).lower()}.csv",
     }
 
 

@@ -148,8 +148,9 @@ def separate(
 
     With a named method (metrosep ops): separate the readings of RUNS into their parts.
 
-    Exit code 1: the table would not shrink the error, or exceeds a limit. 2: a wrong option, or an
-    output that cannot be written. 4: runs that cannot be read or separated.
+    Exit code 1: the table makes the error larger, removes less than 30 % of it, or exceeds a limit.
+    2: a wrong option, or an output that cannot be written. 3: the readings do not show whether the
+    table helps. 4: runs that cannot be read or separated.
     """
     from metrosep.cli.named import named_recipe, require_columns
     from metrosep.cli.shortcut import option_error, recipe_text
@@ -180,6 +181,10 @@ def separate(
     for name in ("compensates", "reference", "cross_axis", "machine", "waive", "sign_confirmed"):
         if table_ is None and options.get(name):
             raise click.UsageError(f"--{name.replace('_', '-')} shapes a table: add --table")
+    if table_ is not None and options.get("compensates") is None:
+        from metrosep.recipe.preflight import which_axis
+
+        raise click.UsageError(which_axis(options.get("axis") or "X", "--compensates "))
     inside = table_ is not None and out is not None
     text = recipe_text(
         options, table=(controller, path) if inside else None, report=out is not None

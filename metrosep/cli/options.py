@@ -290,7 +290,12 @@ def table_options(command: F) -> F:
     for option in reversed(
         (
             click.option("--axis", help="Axis that is looked up; of a result its own, else X."),
-            click.option("--compensates", metavar="AXIS", help="Axis that is corrected."),
+            click.option(
+                "--compensates",
+                metavar="AXIS",
+                help="Axis that is corrected, never assumed: X itself (positioning), or Z "
+                "(straightness).",
+            ),
             click.option(
                 "--spacing", default="1 mm", show_default=True, help="Between the entries."
             ),

@@ -89,9 +89,11 @@ if TYPE_CHECKING:
         resampling_error as resampling_error,
         uniform_spacing as uniform_spacing,
     )
-    from metrosep.compensation.verify import (
+    from metrosep.compensation.verification import (
         DirectionResidual as DirectionResidual,
         Verification as Verification,
+    )
+    from metrosep.compensation.verify import (
         dry_run as dry_run,
     )
 
@@ -122,7 +124,8 @@ _HOMES = {
     "trial": ["TrialTable", "trial_table"],
     "trial_maps": ["TrialMap", "trial_map"],
     "uniform": ["is_uniform", "resample_uniform", "resampling_error", "uniform_spacing"],
-    "verify": ["DirectionResidual", "Verification", "dry_run"],
+    "verification": ["DirectionResidual", "Verification"],
+    "verify": ["dry_run"],
 }
 
 __all__ = sorted(name for names in _HOMES.values() for name in names)  # noqa: PLE0605

@@ -1,22 +1,38 @@
 """The dry-run of a map: what its corrections make of a measured error over two axes.
 
 The corrections are applied as the controller applies them: looked up at the command, bilinear,
-added to the command. A map of heights has no absolute zero, so its mean is removed before P-V and
-RMS; its plane, too, where the map has no opinion on alignment. What was not measured is not
-compared, and counted.
+added to the command. A measured map has no absolute zero, so its mean is taken off the MEASUREMENT;
+its plane, too, where its alignment is not known. Off the map of corrections nothing is taken but its
+mean, and what it adds at its reference counts as error: a map may not move the zero of the machine.
+What was not measured is not compared, and counted.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.compensation._acceptance import (
+    ENOUGH,
+    ROUNDING,
+    Reason,
+    graded,
+    pv_with_zero,
+    rising,
+)
 from metrosep.compensation.area_errors import AreaFunction, ErrorMap, area_error, format_position
-from metrosep.core.errors import DataError, SignCheckFailedError, TableError
+from metrosep.compensation.limits import Finding
+from metrosep.core.errors import (
+    DataError,
+    PointlessTableError,
+    SignCheckFailedError,
+    TableError,
+)
 from metrosep.core.units import format_length
 
 __all__ = ["MapRemoved", "MapVerification", "dry_run_map"]
@@ -47,7 +63,7 @@ class MapVerification:
     before_rms, after_rms, wrong_sign_rms : float, m
         The same as RMS about the mean, or about the plane.
     removed : {"offset", "plane"}
-        What was taken from each of the three.
+        What the measurement cannot know and was taken off it.
     axes : tuple of (str, str)
         Axes whose positions are looked up.
     span : tuple of two tuples of float, m or rad
@@ -56,6 +72,8 @@ class MapVerification:
         Places with and without an error.
     coverage : float, dimensionless, 0 to 1
         Area that was compared over the area of the map.
+    zero : float, m
+        Correction at the reference.
     """
 
     before_pv: float
@@ -70,11 +88,47 @@ class MapVerification:
     n_compared: int
     n_not_measured: int
     coverage: float
+    zero: float = 0.0
+
+    @property
+    def reasons(self) -> tuple[Reason, ...]:
+        """Why the map is not accepted; empty if it is."""
+        found = []
+        if self.after_rms > self.before_rms * (1.0 + _UNCHANGED):
+            found.append(Reason("refused", "dry-run", "the error is larger with the map"))
+        if rising(self.before_pv, self.after_pv):
+            found.append(Reason("refused", "dry-run", "the P-V rises"))
+        if not found and self.rest > ENOUGH:
+            share = f"{100.0 * min(self.rest, 9.99):.3g} % of the RMS would stay"
+            found.append(Reason("pointless", "pointless", f"{share}: less than 30 % goes"))
+        return tuple(found)
+
+    @property
+    def grade(self) -> str:
+        """``"accepted"``, ``"pointless"`` or ``"refused"``."""
+        return graded(self.reasons)
+
+    @property
+    def rest(self) -> float:
+        """RMS that stays over RMS that was; infinite where there was no error."""
+        return self.after_rms / self.before_rms if self.before_rms > 0.0 else math.inf
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What one map cannot show."""
+        return (
+            Finding(
+                "warning",
+                "one map: what repeats is not known",
+                "verify against a second map",
+                "single",
+            ),
+        )
 
     @property
     def passed(self) -> bool:
-        """Whether both P-V and RMS shrink."""
-        return self.after_pv < self.before_pv and self.after_rms < self.before_rms
+        """Whether the grade is accepted: 30 % of the RMS goes and the P-V does not rise."""
+        return not self.reasons
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values with units in the keys.
@@ -85,13 +139,18 @@ class MapVerification:
             For sidecars and reports.
         """
         return {
+            "grade": self.grade,
             "passed": self.passed,
+            "reasons": [
+                {"grade": r.grade, "check": r.check, "text": r.text} for r in self.reasons
+            ],
+            "zero_m": self.zero,
             "removed": self.removed,
             "axes": list(self.axes),
             "span_si": [list(s) for s in self.span],
             "definition": (
                 "error plus correction, as the controller would apply the map (bilinear between "
-                "entries, constant outside), no filter"
+                "entries, constant outside); the mean, or the plane, is taken off the measurement only"
             ),
             "before_pv_m": self.before_pv,
             "after_pv_m": self.after_pv,
@@ -104,20 +163,30 @@ class MapVerification:
             "coverage": self.coverage,
         }
 
-    def require(self, what: str) -> None:
-        """Refuse when the error does not shrink.
+    def require(
+        self, what: str, *, waived: Collection[str] = (), only_refused: bool = False
+    ) -> None:
+        """Refuse what is not accepted.
 
         Parameters
         ----------
         what : str
             Name of the map for the message.
+        waived : collection of str, optional
+            "pointless" may be waived.
+        only_refused : bool, optional
+            Whether a pointless map passes.
 
         Raises
         ------
         SignCheckFailedError
-            If P-V or RMS does not shrink.
+            If RMS or P-V rises.
+        PointlessTableError
+            If less than 30 % of the RMS goes.
         """
-        if self.passed:
+        left = [r for r in self.reasons if r.check not in waived or r.check == "dry-run"]
+        grade = graded(left)
+        if grade == "accepted" or (only_refused and grade != "refused"):
             return
         if self.wrong_sign_rms < self.before_rms and self.wrong_sign_rms < self.after_rms:
             hint = "the reversed sign would shrink it: the sign of the measurement or of the map is wrong"
@@ -130,17 +199,21 @@ class MapVerification:
             _UNCHANGED * self.before_rms
         ):
             hint = "the map changes nothing there: all its corrections are zero or equal"
+        elif self.zero != 0.0 and abs(self.zero) > self.before_rms:
+            hint = f"it moves the zero of the machine by {format_length(self.zero)}"
         else:
             hint = (
                 "neither sign shrinks it: rows and columns are exchanged or mirrored, or the map "
                 "belongs to another place or state"
             )
-        raise SignCheckFailedError(
-            f"{what}: the dry-run does not shrink the error: P-V {format_length(self.before_pv)} -> "
+        kind = SignCheckFailedError if grade == "refused" else PointlessTableError
+        waive = "" if grade == "refused" else " (to write it all the same, say waive='pointless')"
+        raise kind(
+            f"{what}: {grade} by the dry-run, it does not shrink the error: P-V {format_length(self.before_pv)} -> "
             f"{format_length(self.after_pv)}, RMS {format_length(self.before_rms)} -> "
             f"{format_length(self.after_rms)}, with the reversed sign P-V "
             f"{format_length(self.wrong_sign_pv)}, RMS {format_length(self.wrong_sign_rms)}; {hint}; "
-            "nothing was written"
+            f"nothing was written{waive}"
         )
 
 
@@ -152,6 +225,7 @@ def dry_run_map(
     axes: tuple[str, str],
     compensates: str,
     removed: MapRemoved = "offset",
+    reference: tuple[float, float] | None = None,
 ) -> MapVerification:
     """Apply the corrections of a map to a measured error as a controller would.
 
@@ -168,7 +242,9 @@ def dry_run_map(
     compensates : str
         Axis that is corrected. If it is one of `axes`, the error is taken where the axis then is.
     removed : {"offset", "plane"}, optional
-        What is taken from the error before P-V and RMS.
+        What the measurement cannot know, and is taken off it.
+    reference : tuple of (float, float), m or rad, optional
+        Where the correction must be zero; not judged if omitted.
 
     Returns
     -------
@@ -210,17 +286,23 @@ def dry_run_map(
             "against"
         )
     grid = (x[valid], y[valid])
-    before, after, wrong = (
-        _leveled(v[valid], grid, removed) for v in (e, shifted + c, flipped - c)
-    )
+    off = _unknown(e[valid], grid, removed)
+    here = c[valid]
+    applied = here - here.mean()
+    zero = 0.0
+    if reference is not None:
+        zero = float(np.asarray(correction(*(np.array([[p]]) for p in reference))).item())
+        zero = 0.0 if abs(zero) < ROUNDING else zero
+    before = e[valid] - off
+    after, wrong = shifted[valid] - off + applied, flipped[valid] - off - applied
     whole = [high - low for low, high in span]
     return MapVerification(
         before_pv=float(np.ptp(before)),
-        after_pv=float(np.ptp(after)),
-        wrong_sign_pv=float(np.ptp(wrong)),
+        after_pv=pv_with_zero(after, zero),
+        wrong_sign_pv=pv_with_zero(wrong, -zero),
         before_rms=float(np.sqrt(np.mean(before**2))),
-        after_rms=float(np.sqrt(np.mean(after**2))),
-        wrong_sign_rms=float(np.sqrt(np.mean(wrong**2))),
+        after_rms=float(np.sqrt(np.mean(after**2) + zero**2)),
+        wrong_sign_rms=float(np.sqrt(np.mean(wrong**2) + zero**2)),
         removed=removed,
         axes=axes,
         span=(first, last),
@@ -229,6 +311,7 @@ def dry_run_map(
         coverage=float(
             n / e.size * (first[1] - first[0]) * (last[1] - last[0]) / (whole[0] * whole[1])
         ),
+        zero=zero,
     )
 
 
@@ -281,13 +364,14 @@ def _at(
     return np.asarray(error(px, py), dtype=np.float64)
 
 
-def _leveled(
+def _unknown(
     values: FloatArray, grid: tuple[FloatArray, FloatArray], removed: MapRemoved
 ) -> FloatArray:
-    rest = values - values.mean()
+    """Return P_N of a measured error: its mean, or its plane."""
+    mean = np.full_like(values, values.mean())
     if removed == "offset":
-        return np.asarray(rest)
+        return mean
     columns = [p - p.mean() for p in grid]
     matrix = np.stack([p / (np.ptp(p) or 1.0) for p in columns], axis=-1)
-    tilt, *_ = np.linalg.lstsq(matrix, rest, rcond=None)
-    return np.asarray(rest - matrix @ tilt)
+    tilt, *_ = np.linalg.lstsq(matrix, values - mean, rcond=None)
+    return np.asarray(mean + matrix @ tilt)

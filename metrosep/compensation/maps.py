@@ -415,13 +415,17 @@ class CompensationMap:
         """
         return require_findings(self.limits(limits, feeds=feeds))
 
-    def verify(self, against: AreaSource | None = None) -> MapVerification:
+    def verify(
+        self, against: AreaSource | None = None, *, free_zero: bool = False
+    ) -> MapVerification:
         """Return the dry-run against a measured error, and refuse if it does not shrink.
 
         Parameters
         ----------
         against : Surface, ErrorMap or callable e(x, y), optional
             Measured error e = actual - nominal in m; that of `source` if omitted.
+        free_zero : bool, optional
+            Whether what the map adds at its reference is not counted.
 
         Returns
         -------
@@ -452,8 +456,11 @@ class CompensationMap:
             axes=self.axes,
             compensates=self.compensates,
             removed=self.removed,
+            reference=None if free_zero else self.reference,
         )
-        result.require(f"map {self.axes[0]}, {self.axes[1]} -> {self.compensates}")
+        result.require(
+            f"map {self.axes[0]}, {self.axes[1]} -> {self.compensates}", only_refused=True
+        )
         return result
 
     def negated(self) -> CompensationMap:

@@ -1,10 +1,10 @@
-"""What a table is dry-run against: a measured error as one function per run and direction."""
+"""What a table is dry-run against: a measured error as one row for each run, or pair of directions."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from dataclasses import dataclass, field
+from typing import Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from metrosep.core.profile import Profile
 from metrosep.core.quantity import Quantity
 from metrosep.core.runset import Run, RunSet
 
-__all__ = ["Against", "Curve", "Measured", "measured_error"]
+__all__ = ["Against", "Curve", "Measured", "Row", "estimate_slope", "measured_error", "paired"]
 
 FloatArray = NDArray[np.float64]
 Curve = Callable[[FloatArray], FloatArray]
@@ -27,8 +27,32 @@ class _Evaluates(Protocol):
 
     def evaluate(self, x: FloatArray, *, direction: int | None = None) -> FloatArray: ...
 
+    def sd(self, x: FloatArray, *, direction: int | None = None) -> FloatArray: ...
+
 
 Against = RunSet | Profile | _Evaluates | Curve
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Row:
+    """One run, or the two directions of one cycle, which share their zero.
+
+    Parameters
+    ----------
+    name : str
+        For messages.
+    members : tuple of int
+        Which runs of the set it is.
+    curves : dict
+        For +1 and -1, as far as there is one: the error in m over position.
+    places : dict
+        Positions that were measured, rising, m; empty for a function.
+    """
+
+    name: str
+    members: tuple[int, ...]
+    curves: dict[int, Curve]
+    places: dict[int, FloatArray] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,24 +61,36 @@ class Measured:
 
     Parameters
     ----------
-    curves : dict
-        For +1 and -1, as far as there is one: a function of position for each run, m.
+    rows : tuple of Row
+        All with the same directions.
     span : tuple of (float, float), m
         Positions at which all of them are known.
+    kind : {"runs", "stated", "estimate"}
+        Readings; an error that somebody states; or one with a standard uncertainty of its own.
     knows_lost_motion : bool
-        Whether the offset between the directions was measured; a profile or function that
-        stands for both directions does not know it.
-    u_lost_motion : float or None, m
-        Its standard uncertainty where the curves do not show it by their scatter.
+        Whether the offset between the directions was measured.
+    sd : callable or None
+        Standard uncertainty in m over position and direction, of an estimate.
+    unpaired : tuple of str
+        Runs without a partner of the other direction, which are not compared.
     """
 
-    curves: dict[int, list[Curve]]
+    rows: tuple[Row, ...]
     span: tuple[float, float]
+    kind: Literal["runs", "stated", "estimate"]
     knows_lost_motion: bool
-    u_lost_motion: float | None = None
+    sd: Callable[[FloatArray, int], FloatArray] | None = None
+    unpaired: tuple[str, ...] = ()
+
+    @property
+    def directions(self) -> tuple[int, ...]:
+        """Those of every row, forward first."""
+        return tuple(d for d in (1, -1) if d in self.rows[0].curves)
 
 
-def measured_error(against: Against, span: tuple[float, float]) -> Measured:
+def measured_error(
+    against: Against, span: tuple[float, float], *, with_slope: bool = False
+) -> Measured:
     """Return a measured error as functions of position.
 
     Parameters
@@ -63,6 +99,8 @@ def measured_error(against: Against, span: tuple[float, float]) -> Measured:
         Error e = actual - nominal in m over position in m.
     span : tuple of (float, float), m
         Range of a callable, which does not tell its own.
+    with_slope : bool, optional
+        Whether the slope that an estimate has removed is part of the error (positioning).
 
     Returns
     -------
@@ -75,57 +113,131 @@ def measured_error(against: Against, span: tuple[float, float]) -> Measured:
         If there is no valid sample, or it is something else.
     """
     if isinstance(against, RunSet):
-        ends = np.array([_known(r) for r in against.runs])
-        curves = {
-            d: [_interpolated(r) for r in against.runs if r.direction == d]
-            for d in reversed(against.directions)
-        }
-        return Measured(
-            curves, (float(ends[:, 0].max()), float(ends[:, 1].min())), len(curves) > 1
-        )
+        return _of_runs(against)
     if isinstance(against, Profile):
-        curve = _interpolated(against)
-        return Measured({1: [curve], -1: [curve]}, _known(against), knows_lost_motion=False)
+        x, curve = _interpolated(against)
+        row = Row("profile", (), {1: curve, -1: curve}, {1: x, -1: x})
+        return Measured((row,), (float(x[0]), float(x[-1])), "stated", knows_lost_motion=False)
     if isinstance(against, _Evaluates):
-        return _of_estimate(against)
+        return _of_estimate(against, with_slope=with_slope)
     if callable(against):
-        return Measured({1: [against], -1: [against]}, span, knows_lost_motion=False)
+        row = Row("function", (), {1: against, -1: against})
+        return Measured((row,), span, "stated", knows_lost_motion=False)
     raise DataError(
         f"a table cannot be dry-run against a {type(against).__name__}; pass a RunSet, a Profile, an "
         "ErrorEstimate or a function of position"
     )
 
 
-def _of_estimate(estimate: _Evaluates) -> Measured:
+def paired(runs: RunSet) -> tuple[list[tuple[int, ...]], list[int]]:
+    """Return which runs make a row each, and those that are left over.
+
+    Parameters
+    ----------
+    runs : RunSet
+        In one direction or in both.
+
+    Returns
+    -------
+    list of tuple of int, list of int
+        One run, or the k-th forward and the k-th reverse run of one feed; runs without a partner.
+    """
+    if len(runs.directions) == 1:
+        return [(i,) for i in range(len(runs))], []
+    index = {id(run): i for i, run in enumerate(runs)}
+    groups = [members for _, members in runs.by_feed()]
+    groups.append(tuple(r for r in runs if r.feed is None))
+    pairs: list[tuple[int, ...]] = []
+    left: list[int] = []
+    for members in groups:
+        ways = [[index[id(r)] for r in members if r.direction == d] for d in (1, -1)]
+        pairs += zip(sorted(ways[0]), sorted(ways[1]), strict=False)
+        n = min(map(len, ways))
+        left += [i for way in ways for i in sorted(way)[n:]]
+    if not pairs:  # each direction at feeds of its own
+        ways = [[i for i, r in enumerate(runs) if r.direction == d] for d in (1, -1)]
+        pairs = list(zip(*ways, strict=False))
+        left = sorted(set(range(len(runs))) - {i for pair in pairs for i in pair})
+    return sorted(pairs), sorted(left)
+
+
+def _of_runs(runs: RunSet) -> Measured:
+    pairs, left = paired(runs)
+    rows = []
+    for members in pairs:
+        curves, places = {}, {}
+        for i in members:
+            places[runs[i].direction], curves[runs[i].direction] = _interpolated(runs[i])
+        name = " and ".join(_name(runs[i], i) for i in members)
+        rows.append(Row(name, members, curves, places))
+    ends = np.array([(x[0], x[-1]) for row in rows for x in row.places.values()])
+    return Measured(
+        tuple(rows),
+        (float(ends[:, 0].max()), float(ends[:, 1].min())),
+        "runs",
+        knows_lost_motion=len(runs.directions) > 1,
+        unpaired=tuple(_name(runs[i], i) for i in left),
+    )
+
+
+def _name(run: Run, i: int) -> str:
+    return repr(run.run_id) if run.run_id else str(i + 1)
+
+
+def _of_estimate(estimate: _Evaluates, *, with_slope: bool) -> Measured:
     lost: Quantity | None = getattr(estimate, "lost_motion", None)
-    offset = 0.0 if lost is None else lost.value
+    known = lost is not None and bool(np.isfinite(lost.value))
+    offset = lost.value if lost is not None and known else 0.0
+    slope = estimate_slope(estimate) if with_slope else 0.0
+    middle = 0.5 * (estimate.start + estimate.stop)
 
     def curve(direction: int) -> Curve:
         def at(x: FloatArray) -> FloatArray:
             inside = np.clip(x, estimate.start, estimate.stop)
-            shape = estimate.evaluate(inside, direction=direction)
+            shape = estimate.evaluate(inside, direction=direction) + slope * (inside - middle)
             return shape + offset if direction < 0 else shape
 
         return at
 
-    return Measured(
-        {1: [curve(1)], -1: [curve(-1)]},
-        (estimate.start, estimate.stop),
-        knows_lost_motion=lost is not None,
-        u_lost_motion=None if lost is None else lost.u,
-    )
+    def sd(x: FloatArray, direction: int) -> FloatArray:
+        return estimate.sd(np.clip(x, estimate.start, estimate.stop), direction=direction)
+
+    row = Row("estimate", (), {1: curve(1), -1: curve(-1)})
+    return Measured((row,), (estimate.start, estimate.stop), "estimate", known, sd)
 
 
-def _known(source: Run | Profile) -> tuple[float, float]:
-    """First and last position that was measured: what is not is not compared."""
-    x = source.x[~np.isnan(source.z)]
-    if x.size == 0:
-        raise DataError("there is no valid sample to dry-run the table against")
-    return float(x.min()), float(x.max())
+def estimate_slope(estimate: Any) -> float:
+    """Return the slope that an estimate has removed; it is part of the error of an axis along itself.
+
+    Parameters
+    ----------
+    estimate : ErrorEstimate
+        With its ``slope``.
+
+    Returns
+    -------
+    float, rad
+        Least-squares line over the evaluation range.
+
+    Raises
+    ------
+    DataError
+        If the estimate does not tell it.
+    """
+    slope: Quantity | None = getattr(estimate, "slope", None)
+    if slope is None or not np.isfinite(slope.value):
+        raise DataError(
+            "the estimate does not tell the slope that it removed, which is part of the error of an "
+            "axis along itself: separate again"
+        )
+    return float(slope.value)
 
 
-def _interpolated(source: Run | Profile) -> Curve:
+def _interpolated(source: Run | Profile) -> tuple[FloatArray, Curve]:
+    """Return the positions that were measured, rising, and the curve through them."""
     valid = ~np.isnan(source.z)
+    if not valid.any():
+        raise DataError("there is no valid sample to dry-run the table against")
     order = np.argsort(source.x[valid])
     x, z = source.x[valid][order], source.z[valid][order]
-    return lambda p: np.interp(p, x, z)
+    return x, lambda p: np.asarray(np.interp(p, x, z))

@@ -201,6 +201,41 @@ class PolynomialFit:
             "helps": rest <= _USEFUL,
         }
 
+    @property
+    def made_over(self) -> tuple[float, float]:
+        """Range of the estimate that it was fitted to, m."""
+        return self.domain
+
+    def remade(self, data: ErrorEstimate | RunSet | Profile) -> PolynomialFit:
+        """Return the polynomial that the same settings make of other data.
+
+        Parameters
+        ----------
+        data : ErrorEstimate, RunSet or Profile
+            Error e = actual - nominal.
+
+        Returns
+        -------
+        PolynomialFit
+            On the same domain.
+
+        Raises
+        ------
+        DataError
+            If its history does not say how it was made.
+        """
+        step = next((s for s in reversed(self.history) if s.name == "polynomial"), None)
+        if step is None:
+            raise DataError("the history of the polynomial does not say how it was made")
+        told = step.parameters
+        return fit_polynomial(
+            data,
+            degree=told.get("wanted_degree", self.degree),
+            quantity=self.quantity,
+            domain=self.domain,
+            max_degree=told.get("max_degree", 6),
+        )
+
     def horner(self, *, x_unit: str = "mm", y_unit: str = "um", digits: int = 9) -> str:
         """Return the polynomial in Horner form for a controller, with units and range.
 
@@ -363,7 +398,23 @@ def fit_polynomial(
         residual_rms=float(np.sqrt(np.mean(np.concatenate(residual) ** 2))),
         scores=tuple(scores),
         chosen_by=how,
-        history=(*data.history, Step("polynomial", {"degree": chosen, "quantity": quantity})),
+        history=(
+            *data.history,
+            Step(
+                "polynomial",
+                {
+                    "degree": chosen,
+                    "quantity": quantity,
+                    "wanted_degree": degree,
+                    "max_degree": max_degree,
+                    **(
+                        {"runs_sha256": [r.sha256 for r in data]}
+                        if isinstance(data, RunSet)
+                        else {}
+                    ),
+                },
+            ),
+        ),
         removed="line" if isinstance(data, ErrorEstimate) else "offset",
     )
 

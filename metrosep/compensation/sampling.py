@@ -14,6 +14,7 @@ from typing import Literal, SupportsIndex
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from metrosep.compensation.measured import estimate_slope
 from metrosep.core.errors import DataError, TableError
 from metrosep.core.profile import Profile
 from metrosep.core.units import format_length, parse_quantity
@@ -82,6 +83,7 @@ def sample_error(
     direction: str,
     positions: ArrayLike | str | int,
     reference: float | None,
+    on_axis: bool = False,
 ) -> SampledError:
     """Return an error as functions of position with its zero, checked for coverage.
 
@@ -95,6 +97,8 @@ def sample_error(
         Positions in m, spacing or number.
     reference : float or None, m
         Position of zero; 0 if it is in range, else the first position.
+    on_axis : bool, optional
+        Whether the axis corrects itself: the line that an estimate has removed is error then.
 
     Returns
     -------
@@ -108,7 +112,7 @@ def sample_error(
     DataError
         If `direction` is unknown or asks for what the error does not have.
     """
-    forward, backward = _functions(error, reverse, direction)
+    forward, backward = _functions(error, reverse, direction, on_axis=on_axis)
     p = _positions(positions, error)
     for source in (error, reverse):
         if source is not None:
@@ -125,7 +129,7 @@ def sample_error(
         reverse=back,
         reference=zero,
         offset=offset,
-        u=_uncertainty(error, reverse, direction, p),
+        u=_uncertainty(error, reverse, direction, p, zero, on_axis=on_axis),
         interpolation_error=_interpolation_error([ahead, back], p),
     )
 
@@ -163,9 +167,14 @@ def column(values: ArrayLike, name: str) -> FloatArray:
     return copied
 
 
-def _function(error: ErrorSource, direction: int | None) -> ErrorFunction:
+def _function(
+    error: ErrorSource, direction: int | None, *, on_axis: bool = False
+) -> ErrorFunction:
     if isinstance(error, ErrorEstimate):
-        return lambda x: error.evaluate(x, direction=direction)
+        # e(x) = evaluate(x) + slope (x - x_m), x_m the middle of the evaluation range
+        slope = estimate_slope(error) if on_axis else 0.0
+        middle = 0.5 * (error.start + error.stop)
+        return lambda x: error.evaluate(x, direction=direction) + slope * (x - middle)
     if isinstance(error, Profile):
         valid = ~np.isnan(error.z)
         if not valid.any():
@@ -179,14 +188,18 @@ def _function(error: ErrorSource, direction: int | None) -> ErrorFunction:
 
 
 def _functions(
-    error: ErrorSource, reverse: ErrorSource | None, direction: str
+    error: ErrorSource, reverse: ErrorSource | None, direction: str, *, on_axis: bool
 ) -> tuple[ErrorFunction, ErrorFunction | None]:
+
+    def function(source: ErrorSource, which: int | None) -> ErrorFunction:
+        return _function(source, which, on_axis=on_axis)
+
     if direction not in ("auto", "both", "split", "forward", "reverse"):
         raise DataError(f"direction={direction!r}; use auto, both, split, forward or reverse")
     if reverse is not None:
         if direction not in ("auto", "split"):
             raise DataError(f"direction={direction!r} contradicts reverse=; leave one of them out")
-        return _function(error, 1), _function(reverse, -1)
+        return function(error, 1), function(reverse, -1)
     has_both = _is_split(error, "split")
     if direction == "split" and not has_both:
         raise DataError(
@@ -194,13 +207,13 @@ def _functions(
             "direction: use direction='both'"
         )
     if isinstance(error, ErrorEstimate) and _is_split(error, direction):
-        return _function(error, 1), _minus(_function(error, -1), -significant_lost_motion(error))
+        return function(error, 1), _minus(function(error, -1), -significant_lost_motion(error))
     sign = {"forward": 1, "reverse": -1}.get(direction)
     if sign is not None and isinstance(error, ErrorEstimate) and sign not in error.directions:
         raise DataError(
             f"direction={direction!r}, but the estimate has no {direction} runs; use direction='both'"
         )
-    return _function(error, sign), None
+    return function(error, sign), None
 
 
 def significant_lost_motion(error: ErrorSource) -> float:
@@ -341,7 +354,13 @@ def _reference(p: FloatArray, reference: float | None) -> float:
 
 
 def _uncertainty(
-    error: ErrorSource, reverse: ErrorSource | None, direction: str, p: FloatArray
+    error: ErrorSource,
+    reverse: ErrorSource | None,
+    direction: str,
+    p: FloatArray,
+    zero: float,
+    *,
+    on_axis: bool,
 ) -> FloatArray | None:
     sources: list[tuple[ErrorSource, int | None]]
     if reverse is not None:
@@ -350,11 +369,19 @@ def _uncertainty(
         sources = [(error, 1), (error, -1)]
     else:
         sources = [(error, {"forward": 1, "reverse": -1}.get(direction))]
-    bands = [e.sd(p, direction=d) for e, d in sources if isinstance(e, ErrorEstimate)]
+    bands = [
+        np.hypot(e.sd(p, direction=d), (p - zero) * (_u_slope(e) if on_axis else 0.0))
+        for e, d in sources
+        if isinstance(e, ErrorEstimate)
+    ]
     if len(bands) < len(sources):
         return None
     band = np.max(bands, axis=0)
     return band if np.isfinite(band).all() else None
+
+
+def _u_slope(estimate: ErrorEstimate) -> float:
+    return math.nan if estimate.slope.u is None else estimate.slope.u
 
 
 def _interpolation_error(errors: list[ErrorFunction | None], p: FloatArray) -> float:

@@ -13,6 +13,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from metrosep.compensation.folds import Folds
 from metrosep.compensation.inverse import exact_correction
 from metrosep.compensation.limits import Finding, Limits, check_limits, require_findings
 from metrosep.compensation.sampling import (
@@ -23,10 +24,16 @@ from metrosep.compensation.sampling import (
     sample_error,
     significant_lost_motion,
 )
-from metrosep.compensation.verify import Against, Removed, Verification, dry_run
+from metrosep.compensation.verify import (
+    Against,
+    Removed,
+    Unknown,
+    Verification,
+    judged_table,
+)
 from metrosep.core.errors import DataError, TableError
 from metrosep.core.profile import html_table
-from metrosep.core.provenance import Step, history_as_dicts
+from metrosep.core.provenance import Step, hash_bytes, history_as_dicts
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import format_length
 from metrosep.separation.base import ErrorEstimate
@@ -65,7 +72,8 @@ class CompensationTable:
     interpolation_error : float or None, m
         Largest deviation of the linear interpolation from the error it was made of.
     removed : {"offset", "line"}
-        What the estimate behind the table has no opinion on.
+        What is not in the table: its zero; and the line, where straightness was estimated against an
+        artefact whose alignment is not known. The slope of an axis along itself is in the table.
     is_exact_inverse : bool
         Whether c(p) = -e(p + c(p)) was solved; for a cross-axis table the two are the same.
     offset_removed : float, m
@@ -77,6 +85,8 @@ class CompensationTable:
     source : RunSet or None
         The error it was made of, between the entries too, for a dry-run where no measured runs
         are at hand; one run for each direction, without time.
+    made_over : tuple of (float, float) or None, m
+        Evaluation range of the estimate behind it, over which its line was removed.
 
     Raises
     ------
@@ -98,6 +108,7 @@ class CompensationTable:
     source_sha256: tuple[str, ...] = ()
     history: tuple[Step, ...] = ()
     source: RunSet | None = None
+    made_over: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         positions = column(self.positions, "positions")
@@ -142,6 +153,20 @@ class CompensationTable:
         """Largest correction, absolute, m."""
         both = self.forward if self.reverse is None else np.r_[self.forward, self.reverse]
         return float(np.abs(both).max())
+
+    @property
+    def headline(self) -> str:
+        """What is looked up and what is corrected, in one line."""
+        what = "its own positioning" if self.is_on_axis else f"{self.compensates} over {self.axis}"
+        low, high = (v * 1e3 for v in self.span)
+        line = "the line is left out (alignment)"
+        if self.removed == "offset":
+            slope = float(np.polyfit(self.positions - self.positions.mean(), self.forward, 1)[0])
+            line = f"slope {slope * 1e6:.4g} um/m kept"
+        return (
+            f"{self.axis} -> {self.compensates} ({what}), {low:.6g} ... {high:.6g} mm, "
+            f"{self.positions.size} entries, {line}, zero at {self.reference * 1e3:.6g} mm"
+        )
 
     @classmethod
     def from_error(
@@ -195,10 +220,15 @@ class CompensationTable:
         DataError
             If `direction` is unknown or asks for what the error does not have.
         """
-        sampled = sample_error(
-            error, reverse, direction=direction, positions=positions, reference=reference
-        )
         target = compensates or axis
+        sampled = sample_error(
+            error,
+            reverse,
+            direction=direction,
+            positions=positions,
+            reference=reference,
+            on_axis=target == axis,
+        )
         invert = exact and target == axis
         make = exact_correction if invert else (lambda e, x: -e(x))
         p, zero = sampled.positions, sampled.reference
@@ -214,16 +244,34 @@ class CompensationTable:
             reference=zero,
             u=sampled.u,
             interpolation_error=sampled.interpolation_error,
-            removed="line" if isinstance(error, ErrorEstimate) else "offset",
+            removed="line" if isinstance(error, ErrorEstimate) and target != axis else "offset",
+            made_over=(error.start, error.stop) if isinstance(error, ErrorEstimate) else None,
             is_exact_inverse=invert,
             offset_removed=sampled.offset,
             source_sha256=source_sha256 or _hashes(error),
             history=(
                 *getattr(error, "history", ()),
-                Step("table", {"axis": axis, "compensates": target, "reference_m": zero, **lost}),
+                Step(
+                    "table",
+                    {
+                        "axis": axis,
+                        "compensates": target,
+                        "reference_m": zero,
+                        "direction": direction if reverse is None else "two sources",
+                        "exact": exact,
+                        **lost,
+                    },
+                ),
             ),
         )
-        return replace(table, source=_source(sampled))
+        *before, step = table.history
+        step = Step(step.name, {**step.parameters, "entries_sha256": table._digest()})
+        return replace(table, source=_source(sampled), history=(*before, step))
+
+    def _digest(self) -> str:
+        """Return the hash of the entries, by which a table changed since is known."""
+        columns = (self.positions, self.forward, self.reverse)
+        return hash_bytes(b"|".join(b"" if v is None else v.tobytes() for v in columns))
 
     def correction(self, position: ArrayLike, direction: int = 1) -> FloatArray:
         """Return the correction as a controller would interpolate it.
@@ -330,30 +378,87 @@ class CompensationTable:
         """
         return require_findings(self.limits(limits))
 
-    def verify(self, against: Against) -> Verification:
-        """Return the dry-run against a measured error, and refuse if it does not shrink.
+    def remade(self, error: ErrorEstimate) -> CompensationTable:
+        """Return the table that the same settings make of another estimate.
 
         Parameters
         ----------
-        against : RunSet, Profile or ErrorEstimate
-            Measured error over position.
+        error : ErrorEstimate
+            Of other runs, or of fewer.
+
+        Returns
+        -------
+        CompensationTable
+            On the same positions.
+
+        Raises
+        ------
+        TableError
+            If its history does not say how it was made, or something was done to it since.
+        """
+        last = self.history[-1] if self.history else None
+        if last is None or last.name != "table" or "direction" not in last.parameters:
+            raise TableError("its history does not say how it was made of an estimate")
+        told = last.parameters
+        if told.get("entries_sha256") != self._digest():
+            raise TableError("it was changed since it was made")
+        return type(self).from_error(
+            error,
+            positions=self.positions,
+            axis=self.axis,
+            compensates=self.compensates,
+            direction=told["direction"],
+            reference=self.reference,
+            exact=bool(told["exact"]),
+        )
+
+    def verify(
+        self,
+        against: Against,
+        *,
+        unknown: Unknown | None = None,
+        u_slope: float | None = None,
+        folds: Folds | None = None,
+        travel: tuple[float | None, float | None] = (None, None),
+    ) -> Verification:
+        """Return the dry-run against a measured error, and refuse a table that makes it worse.
+
+        Parameters
+        ----------
+        against : RunSet, Profile, ErrorEstimate or callable
+            Measured error over position. Runs that made the table are left out one by one: each
+            is judged with the table made without it.
+        unknown : {"offset", "offsets", "line"}, optional
+            What the measurement cannot know, see `dry_run`.
+        u_slope : float, rad, optional
+            Standard uncertainty of the slope, for one run of positioning.
+        folds : sequence of (indices of runs, CompensationTable), optional
+            Tables made without some of the runs, where the history does not say how to make them.
+        travel : tuple of (float or None, float or None), m, optional
+            Where the axis is used, if the runs reach beyond that and beyond the table.
 
         Returns
         -------
         Verification
-            P-V and RMS before, after and with the sign reversed.
+            Grade, improvement and gain; P-V and RMS before, after and with the sign reversed.
 
         Raises
         ------
         SignCheckFailedError
-            If the error does not shrink in some direction.
+            If the grade is "refused"; the other grades are returned.
         TableError
             If table and measurement do not overlap.
         """
-        result = dry_run(
-            self.correction, against, span=self.span, on_axis=self.is_on_axis, removed=self.removed
+        result = judged_table(
+            self,
+            lambda table: table.correction,
+            against,
+            unknown=unknown,
+            u_slope=u_slope,
+            folds=folds,
+            travel=travel,
         )
-        result.require(f"table {self.axis} -> {self.compensates}")
+        result.require(f"table {self.axis} -> {self.compensates}", only_refused=True)
         return result
 
     def negated(self) -> CompensationTable:
@@ -379,6 +484,7 @@ class CompensationTable:
         return {
             "axis": self.axis,
             "compensates": self.compensates,
+            "headline": self.headline,
             "sign": "correction c = -e is added to the command; e = actual - nominal",
             "n_points": int(self.positions.size),
             "positions_m": self.positions.tolist(),
@@ -393,6 +499,7 @@ class CompensationTable:
             "interpolation_error_m": self.interpolation_error,
             "exact_inverse": self.is_exact_inverse,
             "not_in_table": self.removed,
+            "made_over_m": None if self.made_over is None else list(self.made_over),
             "source_sha256": list(self.source_sha256),
             "history": history_as_dicts(self.history),
         }

@@ -220,6 +220,7 @@ def trial_table(
         u=None,
         interpolation_error=0.0,
         removed="offset",
+        made_over=None,
         is_exact_inverse=False,
         offset_removed=0.0,
         source_sha256=(),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep._version import __version__
+from metrosep.compensation.folds import Folds
 from metrosep.compensation.limits import Finding, Limits
 from metrosep.compensation.map_verify import dry_run_map
 from metrosep.compensation.maps import CompensationMap
@@ -21,7 +22,7 @@ from metrosep.compensation.polynomial import PolynomialFit
 from metrosep.compensation.table import CompensationTable
 from metrosep.compensation.trial import TrialTable
 from metrosep.compensation.trial_maps import TrialMap
-from metrosep.compensation.verify import dry_run
+from metrosep.compensation.verify import Unknown, judged_table
 from metrosep.controllers._pairs import is_written, write_pair
 from metrosep.controllers.base import (
     Dialect,
@@ -32,6 +33,7 @@ from metrosep.controllers.base import (
     load_sidecar,
     require_unchanged,
     sidecar_options,
+    table_lookup,
 )
 from metrosep.controllers.options import checked_limits, checked_options, split_machine
 from metrosep.controllers.registry import describe, find
@@ -73,6 +75,8 @@ def write(
     overwrite: bool = False,
     sign_confirmed: bool = False,
     waive: Sequence[str] = (),
+    folds: Folds | None = None,
+    unknown: Unknown | None = None,
     **machine: Any,
 ) -> Any:
     """Write a table for a controller, after a dry-run of the very bytes that are written.
@@ -99,6 +103,8 @@ def write(
     waive : sequence of str, optional
         Names of checks whose refusal you accept (`metrosep.controllers.safety.CHECKS`); recorded
         in the sidecar.
+    folds, unknown : optional
+        As for `CompensationTable.verify`.
     **machine
         Options of the dialect, and limits of the machine (fields of
         `metrosep.compensation.Limits`); numbers in SI, or texts with units.
@@ -111,8 +117,10 @@ def write(
     Raises
     ------
     SignCheckFailedError
-        If the dry-run does not shrink the error, or there is nothing to run it against and it
-        is not waived.
+        If the dry-run makes the error larger or the table is not covered by readings, or there is
+        nothing to run it against and it is not waived.
+    InconclusiveTableError, PointlessTableError
+        If the readings do not show that the table helps, or less than 30 % of the RMS goes.
     SignNotConfirmedError
         If the controller's sign is not documented and `sign_confirmed` is not said.
     LimitError
@@ -137,6 +145,8 @@ def write(
         sign_confirmed=sign_confirmed,
         waive=_names(waive, allow_unverified=allow_unverified),
         overwrite=overwrite,
+        folds=folds,
+        unknown=unknown,
         **machine,
     )
     prepared.write()
@@ -172,6 +182,8 @@ def prepare(
     sign_confirmed: bool = False,
     waive: Sequence[str] = (),
     overwrite: bool = False,
+    folds: Folds | None = None,
+    unknown: Unknown | None = None,
     **machine: Any,
 ) -> Prepared:
     """Return what `write` writes, after all of its checks; nothing is written."""
@@ -202,9 +214,26 @@ def prepare(
     verification = None
     if encoded.verification is None and not (verified_against is None and "dry-run" in waived):
         lookup = dialect.lookup(encoded.data, nowhere, **known)
-        verification = _verification(table, lookup, verified_against, target)
+
+        def of(made: Any) -> Simulator:
+            """Return what the controller does with the table made without some of the runs."""
+            data = dialect.encode(made, **options)
+            more = {k: v for k, v in options.items() if v is not None} | data.options
+            return dialect.lookup(data.data, nowhere, **more)
+
+        verification = _verification(
+            table, lookup, verified_against, target, waived,
+            of=of, folds=folds, unknown=unknown,
+            travel=(limits.travel_low, limits.travel_high),
+            free_zero="at_reference_m" in encoded.notes,
+        )  # fmt: skip
         waived = tuple(w for w in waived if w != "dry-run")
-        findings = (*findings, *_small_part(verification))
+        findings = (
+            *findings,
+            *_small_part(verification),
+            *getattr(verification, "findings", ()),
+            *(Finding("error", r.text, "", r.check) for r in getattr(verification, "reasons", ())),
+        )
     sidecar = {
         "schema": "metrosep.table/1",
         "metrosep": __version__,
@@ -376,19 +405,36 @@ def _apart(a: Any, b: Any) -> float:
     return float(np.abs(np.asarray(a) - np.asarray(b)).max(initial=0.0))
 
 
-def _verification(table: Any, lookup: Simulator, against: Any, target: Path) -> Any:
+def _verification(
+    table: Any,
+    lookup: Simulator,
+    against: Any,
+    target: Path,
+    waived: Sequence[str],
+    **more: Any,
+) -> Any:
     measured = getattr(table, "source", None) if against is None else against
     if measured is None:
         raise SignCheckFailedError(
             f"{target}: nothing to dry-run the table against, so its sign is not proven; give "
             "verified_against= the measured runs (or waive it with allow_unverified)"
         )
-    result = dry_run_carried(table, lookup, measured)
-    result.require(str(target))
+    result = dry_run_carried(table, lookup, measured, **more)
+    result.require(str(target), waived=waived)
     return result
 
 
-def dry_run_carried(carried: Any, lookup: Simulator, measured: Any) -> Any:
+def dry_run_carried(
+    carried: Any,
+    lookup: Simulator,
+    measured: Any,
+    *,
+    of: Callable[[Any], Simulator] | None = None,
+    folds: Folds | None = None,
+    unknown: Unknown | None = None,
+    travel: tuple[float | None, float | None] = (None, None),
+    free_zero: bool = False,
+) -> Any:
     """Return the dry-run of what a file carries, through the controller's lookup.
 
     Parameters
@@ -399,11 +445,19 @@ def dry_run_carried(carried: Any, lookup: Simulator, measured: Any) -> Any:
         Of `simulate`.
     measured : RunSet, Profile, Surface, estimate or callable
         Measured error.
+    of : callable, optional
+        Returns the controller's lookup of a table made without some of the runs; what that table
+        holds itself if omitted.
+    folds, unknown, travel : optional
+        As for `CompensationTable.verify`.
+    free_zero : bool, optional
+        Whether the file cannot be zero at the reference of a map (a product of two tables), so that
+        what it adds there is reported and not counted.
 
     Returns
     -------
     Verification or MapVerification
-        Before, after and with the sign reversed.
+        Grade, and before, after and with the sign reversed.
 
     Raises
     ------
@@ -420,16 +474,17 @@ def dry_run_carried(carried: Any, lookup: Simulator, measured: Any) -> Any:
             axes=carried.axes,
             compensates=carried.compensates,
             removed=carried.removed,
+            reference=None if free_zero else carried.reference,
         )
-    if isinstance(carried, CompensationTable):
-        return dry_run(
-            lookup,
-            measured,
-            span=carried.span,
-            on_axis=carried.is_on_axis,
-            removed=carried.removed,
-        )
-    return dry_run(lookup, measured, span=carried.domain, on_axis=False, removed=carried.removed)
+    return judged_table(
+        carried,
+        of or table_lookup,
+        measured,
+        applied=lookup,
+        folds=folds,
+        unknown=unknown,
+        travel=travel,
+    )
 
 
 def read(path: PathLike, controller: str = "linuxcnc", **options: Any) -> Any:

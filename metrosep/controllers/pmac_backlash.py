@@ -413,7 +413,9 @@ def _measured_difference(table: CompensationTable, x: FloatArray) -> FloatArray:
     if table.source is not None:
         measured = measured_error(table.source, table.span)
         if measured.knows_lost_motion:
-            rev, fwd = (np.mean([f(x) for f in measured.curves[d]], axis=0) for d in (-1, 1))
+            rev, fwd = (
+                np.mean([row.curves[d](x) for row in measured.rows], axis=0) for d in (-1, 1)
+            )
             return np.asarray(rev - fwd)
     return np.asarray(table.correction(x, 1) - table.correction(x, -1))
 

@@ -21,6 +21,10 @@ __all__ = ["CHECKS", "carried_findings", "file_findings", "judged", "table_findi
 
 CHECKS = {
     "dry-run": "the error shrinks when the very bytes are applied to it",
+    "inconclusive": "the readings show that the table helps",
+    "pointless": "the table removes 30 % of the error or more",
+    "single": "the error was measured more than once",
+    "spike": "no run has a reading that no other run has, in a table made of them",
     "points": "no more entries than the controller takes",
     "stroke": "the corrections stay within the actuator",
     "turning-back": "the corrected command of an axis still rises",

@@ -24,7 +24,9 @@
     |   `-- NotSeparableError
     |-- TableError
     |   |-- LimitError
-    |   |-- SignCheckFailedError      the dry-run did not shrink the error
+    |   |-- SignCheckFailedError      the dry-run makes the machine worse
+    |   |-- InconclusiveTableError    the readings do not show that the table helps
+    |   |-- PointlessTableError       it removes less than 30 % of the error
     |   `-- SignNotConfirmedError     nobody knows the controller's sign yet
     `-- RecipeError                   key and line of a recipe
 """
@@ -42,6 +44,7 @@ __all__ = [
     "FileMissingError",
     "FitError",
     "FormatMismatchError",
+    "InconclusiveTableError",
     "InvalidSamplesError",
     "LimitError",
     "MetrosepError",
@@ -49,6 +52,7 @@ __all__ = [
     "NotSeparableError",
     "NotUniformError",
     "OptionError",
+    "PointlessTableError",
     "ReadError",
     "ReadOptionError",
     "RecipeError",
@@ -239,7 +243,15 @@ class LimitError(TableError):
 
 
 class SignCheckFailedError(TableError):
-    """The dry-run of a table did not shrink the measured error."""
+    """The dry-run of a table makes the measured error larger, or cannot prove it where it must."""
+
+
+class InconclusiveTableError(TableError):
+    """The readings do not show that a table makes the machine better."""
+
+
+class PointlessTableError(TableError):
+    """A table removes less than 30 % of the error that repeats."""
 
 
 class SignNotConfirmedError(TableError):

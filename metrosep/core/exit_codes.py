@@ -1,7 +1,7 @@
 """Exit codes of errors: one table for the command line, the rows of a batch and the workbench.
 
 1 rejected (also: a table that would not shrink the error or exceeds a limit), 2 recipe or usage
-error (also: an output that cannot be written), 4 input unreadable or unusable, 5 internal error.
+error (also: an output that cannot be written), 3 inconclusive, 4 input unreadable or unusable, 5 internal error.
 """
 
 from __future__ import annotations
@@ -19,6 +19,8 @@ INTERNAL = 5
 
 EXIT_CODES: Codes = (
     (errors.SignCheckFailedError, 1),
+    (errors.PointlessTableError, 1),
+    (errors.InconclusiveTableError, 3),
     (errors.SignNotConfirmedError, 1),
     (errors.LimitError, 1),
     (errors.TableError, 2),

@@ -18,7 +18,7 @@ from metrosep.core._arrays import FloatArray, frozen_float, same_length
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.numbers import positive
 from metrosep.core.profile import Profile, html_table
-from metrosep.core.provenance import Step, freeze_mapping
+from metrosep.core.provenance import Step, freeze_mapping, hash_bytes
 from metrosep.core.units import format_length
 
 __all__ = ["Run", "RunSet"]
@@ -134,6 +134,12 @@ class Run:
         if self.t is None:
             return None
         return float((self.t.size - 1) / (self.t[-1] - self.t[0]))
+
+    @property
+    def sha256(self) -> str:
+        """Digest of positions and readings: the same numbers, the same run."""
+        z = np.where(np.isnan(self.z), np.nan, self.z)  # one kind of NaN
+        return hash_bytes(self.x.tobytes() + z.tobytes())
 
     @property
     def n_invalid(self) -> int:

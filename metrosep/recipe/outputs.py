@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from metrosep.compensation import CompensationTable, Verification
-from metrosep.core.errors import TableError
+from metrosep.compensation.folds import Folds
+from metrosep.core.errors import CorruptFileError, DataError, TableError
 from metrosep.core.runset import RunSet
 from metrosep.core.units import format_length, parse_quantity
 from metrosep.recipe.preflight import machine_limits, output_name, report_formats
@@ -142,8 +143,10 @@ def make_carried(
     return make_table(estimate, output)
 
 
-def carried_of(document: Mapping[str, Any], output: Mapping[str, Any]) -> tuple[Any, RunSet]:
-    """Return what an output holds and the runs for its dry-run, both as a result stores them.
+def carried_of(
+    document: Mapping[str, Any], output: Mapping[str, Any]
+) -> tuple[Any, RunSet, Folds | None]:
+    """Return what an output holds, the runs for its dry-run, and what it is without each of them.
 
     Parameters
     ----------
@@ -154,8 +157,9 @@ def carried_of(document: Mapping[str, Any], output: Mapping[str, Any]) -> tuple[
 
     Returns
     -------
-    tuple of (CompensationTable or PolynomialFit, RunSet)
+    tuple of (CompensationTable or PolynomialFit, RunSet, folds or None)
         The same to the last bit on every route: a polynomial has the degree of the result's own.
+        Folds are None where the stored runs can be separated again.
 
     Raises
     ------
@@ -166,7 +170,27 @@ def carried_of(document: Mapping[str, Any], output: Mapping[str, Any]) -> tuple[
     """
     estimate, runs = stored_estimate(document), measured_runs(document)
     degree = (document.get("polynomial") or {}).get("degree", "aicc")
-    return make_carried(estimate, output, runs, degree=degree), runs
+    made = make_carried(estimate, output, runs, degree=degree)
+    return made, runs, _folds_in(document, made)
+
+
+def _folds_in(document: Mapping[str, Any], made: Any) -> Folds | None:
+    """Return what `made` is without some of the runs, as far as a result stores it; else None."""
+    if not document.get("folds") or not isinstance(made, CompensationTable):
+        return None
+    try:
+        stored = [
+            (fold["left_out"], ErrorEstimate.from_dict(fold["estimate"]))
+            for fold in document["folds"]
+        ]
+    except (AttributeError, KeyError, TypeError, ValueError, DataError) as exc:
+        raise CorruptFileError(
+            "result.json",
+            f"a part of it is missing or damaged ({exc})",
+            field="folds",
+            hint="run the separation again",
+        ) from None
+    return [(out, made.remade(estimate)) for out, estimate in stored]
 
 
 def dry_runs(recipe: Recipe, document: Mapping[str, Any]) -> list[WrittenTable]:
@@ -190,9 +214,16 @@ def dry_runs(recipe: Recipe, document: Mapping[str, Any]) -> list[WrittenTable]:
         If a table cannot be made or does not shrink the error.
     """
     found = []
-    for output, _ in _tables_of(recipe):
-        made, runs = carried_of(document, output)
-        verification = _dry_run(made, runs)
+    for output, place in _tables_of(recipe):
+        made, runs, folds = carried_of(document, output)
+        limits = machine_limits(output, place)
+        verification = _dry_run(
+            made,
+            runs,
+            folds=folds,
+            travel=(limits.get("travel_low"), limits.get("travel_high")),
+            waived=tuple(output.get("waive", ())),
+        )
         description = {**made.to_dict(), "verification": verification.to_dict()}
         found.append(WrittenTable(description, verification))
     return found
@@ -242,12 +273,13 @@ def write_tables(
     written = []
     for output, place in _tables_of(recipe):
         tell(f"dry-running and writing {output['path']}")
-        made, runs = carried_of(document, output)
+        made, runs, folds = carried_of(document, output)
         prepared = prepare(
             made,
             folder / output_name(output["path"], place),
             output["controller"],
             verified_against=runs,
+            folds=folds,
             waive=tuple(output.get("waive", ())),
             sign_confirmed=output.get("sign_confirmed", False),
             overwrite=overwrite,
@@ -269,15 +301,13 @@ def table_names(recipe: Recipe) -> list[str]:
     return [output_name(output["path"], place) for output, place in _tables_of(recipe)]
 
 
-def _dry_run(made: Any, runs: RunSet) -> Verification:
+def _dry_run(made: Any, runs: RunSet, *, waived: tuple[str, ...], **more: Any) -> Verification:
     """Return the dry-run of a table or polynomial as it is, before a controller rounds it."""
     from metrosep.controllers.base import table_lookup
     from metrosep.controllers.files import dry_run_carried
 
-    if isinstance(made, CompensationTable):
-        return made.verify(runs)
-    result: Verification = dry_run_carried(made, table_lookup(made), runs)
-    result.require("the polynomial")
+    result: Verification = dry_run_carried(made, table_lookup(made), runs, **more)
+    result.require("the table", waived=waived)
     return result
 
 

@@ -198,6 +198,8 @@ def _names(output: Mapping[str, Any], place: Place) -> list[str]:
                 f"unknown controller {output['controller']!r}; there are {', '.join(names())}",
                 "controller",
             )
+        if "compensates" not in output:
+            raise place.error(which_axis(output["axis"], "compensates = "), "compensates")
         machine_limits(output, place)
         name = output_name(output["path"], place)
         return [name, f"{name}.json"]
@@ -311,3 +313,16 @@ def machine_limits(output: Mapping[str, Any], place: Place) -> dict[str, Any]:
             text += ': write machine = { NAME = "..." }'
         named = text.startswith("unknown machine")
         raise place.error(text if named else f"machine {text}", "machine") from None
+
+
+def which_axis(axis: str, key: str) -> str:
+    """Return the question which axis the corrections are of: both answers, and how to give them."""
+    return (
+        f"which axis do the readings of {axis} show, and shall the table correct? {key}{_said(axis, key)} "
+        f"if {axis} corrects itself (positioning, pitch), or another axis such as "
+        f"{key}{_said('Z' if axis != 'Z' else 'X', key)} (straightness); it is not assumed"
+    )
+
+
+def _said(axis: str, key: str) -> str:
+    return f'"{axis}"' if "=" in key else axis

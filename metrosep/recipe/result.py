@@ -315,7 +315,8 @@ def _run_record(run: Run) -> dict[str, Any]:
         "feed_mm_min": None if run.feed is None else run.feed * 6e4,
         "x_m": x.tolist(),
         "z_m": z.tolist(),
-        **({} if counts is None else {"n": counts.tolist()}),
+        **({} if run.t is None or counts is not None else {"t_s": run.t.tolist()}),
+        **({} if counts is None else {"n": counts.tolist(), "sha256": run.sha256}),
     }
 
 
@@ -405,7 +406,15 @@ def stored_estimate(document: Mapping[str, Any]) -> ErrorEstimate:
 def _stored_run(entry: Mapping[str, Any]) -> Run:
     z = [math.nan if v is None else v for v in entry["z_m"]]
     feed = entry["feed_mm_min"]
-    run = Run(entry["x_m"], z, feed=None if feed is None else feed / 6e4, run_id=str(entry["id"]))
+    run = Run(
+        entry["x_m"],
+        z,
+        t=entry.get("t_s"),
+        feed=None if feed is None else feed / 6e4,
+        run_id=str(entry["id"]),
+        # means of cells of a run that made the estimate are known by what they are means of
+        metadata={"cells_of_sha256": entry["sha256"]} if "sha256" in entry else None,
+    )
     if entry["direction"] != ("forward" if run.direction > 0 else "reverse"):
         raise ValueError(f"run {run.run_id!r} is {entry['direction']}, its positions are not")
     return run

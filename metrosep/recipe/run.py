@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from metrosep._version import __version__
 from metrosep.compensation import fit_polynomial
-from metrosep.core.errors import ReadError, RecipeError
+from metrosep.compensation.folds import fold_estimates
+from metrosep.core.errors import MetrosepError, ReadError, RecipeError
 from metrosep.core.natural_order import by_number
 from metrosep.core.provenance import history_as_dicts
 from metrosep.core.runset import RunSet
@@ -149,7 +151,30 @@ def separated_result(recipe: Recipe, runs: RunSet, estimate: ErrorEstimate) -> R
 def _basis(recipe: Recipe, runs: RunSet, estimate: ErrorEstimate) -> dict[str, Any]:
     """Return what tables are made of and judged by, as the document stores it."""
     found = clean({"estimate": estimate.to_dict(), "runs": run_records(runs)})
-    return {**found, "polynomial": clean(_polynomial(recipe, measured_runs(found), estimate))}
+    return {
+        **found,
+        "folds": clean(_folds(runs, measured_runs(found), estimate)),
+        "polynomial": clean(_polynomial(recipe, measured_runs(found), estimate)),
+    }
+
+
+def _folds(runs: RunSet, stored: RunSet, estimate: ErrorEstimate) -> list[dict[str, Any]]:
+    """Return the estimates without each run; none where the stored runs can be separated again."""
+    if [r.sha256 for r in runs] == [r.sha256 for r in stored]:
+        return []
+    try:
+        made = fold_estimates(runs, estimate.history, (estimate.start, estimate.stop))
+    except MetrosepError:
+        return []  # a table then says why it cannot be made without some of the runs
+    return [{"left_out": list(o), "estimate": _bare(e).to_dict()} for o, e in made]
+
+
+def _bare(estimate: ErrorEstimate) -> ErrorEstimate:
+    """Return an estimate that evaluates to the same, without what a table does not need."""
+    return replace(
+        estimate, spectrum_data={}, feed_spectra_data={}, residual_psd_data={}, evidence_data={},
+        audit={}, terms={}, messages=(), history=(),
+    )  # fmt: skip
 
 
 def _document(

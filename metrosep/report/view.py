@@ -273,7 +273,12 @@ def _known(value: float | None, *, digits: int = 4) -> str | None:
 
 
 def _verification(check: Document) -> dict[str, Any]:
-    removed = {"line": "offset and line", "offset": "offset"}.get(str(check.get("removed")), "")
+    removed = {
+        "plane": "mean and plane of the measurement",
+        "offset": "mean of the measurement",
+    }.get(str(check.get("removed")), "")
+    if check.get("unknown_text"):
+        removed = f"{check['unknown_text']} of the measurement"
     return {
         "passed": bool(check.get("passed")),
         "definition": _sentence(check.get("definition")),

@@ -177,6 +177,7 @@ def separate(
             "lag_s": lag,
             **({} if exclude is None else {"exclude": _plain_options({"": exclude})[""]}),
             **({} if accept is None else {"accept": _plain_options({"": accept})[""]}),
+            "runs_sha256": [r.sha256 for r in runs],
             **options,
         },
     )

@@ -11,6 +11,9 @@ from metrosep.cli.main import main
 
 COLUMNS = ("--x", "x_mm", "--z", "z_um", "--feed", "feed_mm_min", "--run", "run")
 
+TRAVEL = ("--machine", "travel_low=0 mm", "--machine", "travel_high=45 mm")
+"""The runs of the example reach beyond the travel that is used."""
+
 
 @pytest.fixture(scope="module")
 def result(tmp_path_factory):
@@ -56,7 +59,7 @@ def test_a_table_for_a_controller_with_facts_of_the_machine(metrosep, result, tm
     assert "--machine count=" in err
     assert not out.exists()
 
-    machine = ("--machine", "count=10 nm", "--machine", "target_motor=2")
+    machine = ("--machine", "count=10 nm", "--machine", "target_motor=2", *TRAVEL)
     code, _, err = metrosep("table", result, "--format", "pmac", *machine, *words)
     assert code == 0, err
     assert "dry-run forward" in err
@@ -67,7 +70,7 @@ def test_an_unconfirmed_sign_needs_a_trial(metrosep, result, tmp_path):
     out = tmp_path / "cec.ini"
     words = ("--axis", "X", "--compensates", "Z", "--spacing", "1 mm", "-o", out)
     machine = ("--machine", "input_axis=AX1", "--machine", "output_axis=AX3")
-    call = ("table", result, "--format", "sinumerik-cec", *machine, *words)
+    call = ("table", result, "--format", "sinumerik-cec", *machine, *TRAVEL, *words)
 
     code, _, err = metrosep(*call)
     assert code == 1
@@ -86,20 +89,17 @@ def test_an_unconfirmed_sign_needs_a_trial(metrosep, result, tmp_path):
 def test_a_polynomial_for_a_plc(metrosep, result, tmp_path):
     out = tmp_path / "x.st"
 
-    code, _, err = metrosep(
-        "table",
-        result,
-        "--format",
-        "plc-st",
-        "--poly",
-        "6",
-        "--machine",
-        "actuator_sign=1",
-        "-o",
-        out,
-    )
+    call = ("table", result, "--format", "plc-st", "--poly", "6", *TRAVEL, "-o", out)
+    call += ("--machine", "actuator_sign=1")
 
+    code, _, err = metrosep(*call)
+    assert code == 1
+    assert "pointless: 87" in err  # six powers do not follow the waves of the screw
+    assert not out.exists()
+
+    code, _, err = metrosep(*call, "--waive", "pointless")
     assert code == 0, err
+    assert "accepted with --waive pointless" in err
     assert "LREAL" in out.read_text()
 
 
@@ -162,17 +162,25 @@ def test_the_axes_are_those_of_the_result(metrosep, result, tmp_path):
     code, _, err = metrosep(*call, "--compensates", "X")
     assert code == 2
     assert "Z over X" in err
-    code, _, err = metrosep(*call)
+    code, _, err = metrosep(*call, *TRAVEL)
     assert code == 0, err
     assert json.loads((tmp_path / "x.csv.json").read_text())["table"]["compensates"] == "Z"
 
 
 def test_the_polynomial_is_that_of_the_result(metrosep, result, tmp_path):
     degree = json.loads((result / "result.json").read_text())["polynomial"]["degree"]
-    machine = ("--machine", "actuator_sign=1")
+    machine = ("--machine", "actuator_sign=1", *TRAVEL)
 
     code, _, err = metrosep(
-        "table", result, "--format", "plc-st", *machine, "-o", tmp_path / "p.st"
+        "table",
+        result,
+        "--format",
+        "plc-st",
+        *machine,
+        "--waive",
+        "pointless",
+        "-o",
+        tmp_path / "p.st",
     )
 
     assert code == 0, err

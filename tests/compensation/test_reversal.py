@@ -51,7 +51,7 @@ def test_right_sign_removes_it(lopsided, lost):
 def test_wrong_sign_is_refused_though_both_shapes_shrink(lopsided, lost):
     wrong = shifted(made(lopsided, lost), lost)
 
-    with pytest.raises(SignCheckFailedError, match=r"lost motion .*larger: .*1\.4.* um"):
+    with pytest.raises(SignCheckFailedError, match=r"lost motion .*larger"):
         wrong.verify(runs(lopsided, lost))
 
 
@@ -68,14 +68,14 @@ def test_table_that_leaves_it_alone_passes_and_says_so(lopsided):
     assert found.lost_motion.after == pytest.approx(LOST, abs=NM)
 
 
-def test_sensor_set_to_zero_between_runs_widens_the_margin(lopsided):
-    """Offsets scatter by 5 um: 0.7 um more or less is chance, and a good table is not refused."""
+def test_sensor_set_to_zero_between_runs_does_not_know_it(lopsided):
+    """Offsets scatter by 5 um: with that said, 0.7 um more or less is not held against the table."""
     scattered = runs(lopsided, offsets=((0.0, 5e-6), (-5e-6, 1e-6)))
 
-    found = made(lopsided).verify(scattered).lost_motion
+    found = made(lopsided).verify(scattered, unknown="offsets")
 
-    assert found.u == pytest.approx(np.sqrt(2.5e-6**2 + 3e-6**2), rel=1e-3, abs=0.0)
-    assert found.passed
+    assert found.lost_motion is None
+    assert found.unknown == "offsets"
 
 
 def test_profile_for_both_directions_does_not_know_it(lopsided):

@@ -5,9 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from metrosep import Profile
+from metrosep import Profile, Run, RunSet
 from metrosep.compensation import CompensationTable, Limits
 from metrosep.errors import DataError, LimitError, TableError
+from metrosep.separation import separate
 
 PM = 1e-12
 SETTLED = 2e-13
@@ -71,9 +72,26 @@ def test_estimate_gives_minus_the_truth(one_way, one_way_estimate):
     rest = table.forward + one_way.truth(x)
     rest -= np.polyval(np.polyfit(x, rest, 1), x)
     assert np.abs(rest).max() < 5e-9  # estimate's noise and e e' (1 um x 4e-4)
-    assert table.removed == "line"
+    assert table.removed == "offset"
     assert table.history[-1].name == "table"
-    np.testing.assert_allclose(table.u, one_way_estimate.sd(x), rtol=1e-12)
+    np.testing.assert_allclose(
+        table.u, np.hypot(one_way_estimate.sd(x), x * one_way_estimate.slope.u), rtol=1e-12
+    )
+
+
+def test_slope_of_the_runs_is_in_a_table_of_the_axis_itself_and_in_no_other():
+    """Pitch of 30 um/m: the correction at 60 mm is -1.8 um; straightness does not know it."""
+    x = np.linspace(0.0, 60e-3, 601)
+    askew = RunSet([Run(x, 30e-6 * x + 5e-6 * i, feed=0.1, run_id=f"r{i}") for i in range(4)])
+    estimate = separate(askew, method="mean")
+    told = {"positions": "10 mm", "axis": "X"}
+
+    pitch = CompensationTable.from_error(estimate, compensates="X", **told)
+    straight = CompensationTable.from_error(estimate, compensates="Z", **told)
+
+    # c(p) = -e(p + c(p)): 30e-6 of 1.8 um is 54 pm
+    assert pitch.forward[-1] == pytest.approx(-1.8e-6, abs=60 * PM)
+    assert np.abs(straight.forward).max() < PM
 
 
 @pytest.mark.parametrize(

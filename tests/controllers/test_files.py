@@ -146,12 +146,12 @@ def test_table_of_the_mirrored_axis_is_refused(tmp_path, table, bump):
 
 def test_reverse_runs_are_judged_by_the_reverse_column(tmp_path, table, bump):
     x = np.linspace(50e-3, 0.0, 2001)
-    back = RunSet([Run(x, bump(x), feed=0.1)])
+    back = RunSet([Run(x, bump(x), feed=0.1, run_id=f"r{i}") for i in range(3)])
     p = table.positions
     wrong = CompensationTable(p, table.forward, -table.reverse, "X", "X", 0.0)
 
     controllers.write(table, tmp_path / "x.comp", verified_against=back)
-    with pytest.raises(SignCheckFailedError, match="reverse error"):
+    with pytest.raises(SignCheckFailedError, match="reversed sign"):
         controllers.write(wrong, tmp_path / "y.comp", verified_against=back)
 
 

@@ -175,7 +175,7 @@ def test_pair_of_files_passes_the_dry_run_and_a_wrong_sign_does_not(tmp_path, bu
 
 
 def test_alone_it_does_not_pass_the_dry_run(tmp_path, table):
-    with pytest.raises(SignCheckFailedError):
+    with pytest.raises(TableError, match=r"pointless|does not shrink"):
         controllers.write(table, tmp_path / "x.pmc", "pmac-backlash", count="10 nm", motor=1)
     assert any("comp=" in f.fix for f in encode(table, count=COUNT).findings)
 
@@ -379,9 +379,6 @@ def already_forward():
 
 def test_where_forward_is_compensated_the_lost_motion_alone_is_judged(tmp_path):
     table, path = already_forward(), tmp_path / "b.pmc"
-    with pytest.raises(SignCheckFailedError, match="forward"):
-        controllers.write(table, path, "pmac-backlash", count="10 nm", motor=1)
-
     controllers.write(table, path, "pmac-backlash", count="10 nm", motor=1, forward_active=True)
 
     judged = json.loads(path.with_name("b.pmc.json").read_text())["verification"]

@@ -10,6 +10,8 @@ from metrosep.core.exit_codes import EXIT_CODES, INTERNAL, exit_code_of
 WANTED = {
     "SignCheckFailedError": 1,
     "SignNotConfirmedError": 1,
+    "PointlessTableError": 1,
+    "InconclusiveTableError": 3,
     "LimitError": 1,
     "TableError": 2,
     "RecipeError": 2,

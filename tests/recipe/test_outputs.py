@@ -25,6 +25,8 @@ controller = "linuxcnc"
 axis = "X"
 spacing = "0.5 mm"
 path = "x.comp"
+compensates = "X"
+machine = { travel_low = "0 mm", travel_high = "30 mm" }
 [[output]]
 kind = "report"
 """
@@ -74,7 +76,7 @@ def test_a_failing_second_run_leaves_the_first_whole(runs, tmp_path, monkeypatch
 def test_a_check_without_uncertainty_leaves_no_table(runs, tmp_path):
     text = GOOD + '[[check]]\nmetric = "residual_rms"\nupper = "1 um"\n'
 
-    with pytest.raises(RecipeError, match=r"r.toml:20: .*residual_rms.* state it"):
+    with pytest.raises(RecipeError, match=r"r.toml:22: .*residual_rms.* state it"):
         Recipe.parse(text, name="r.toml").run(runs, out=tmp_path / "out")
 
     assert not (tmp_path / "out").exists()
@@ -96,7 +98,7 @@ def test_an_old_result_is_gone_when_its_folder_is_only_half_renewed(tmp_path, mo
 
 
 def test_every_table_is_in_the_document(runs, tmp_path):
-    other = '[[output]]\nkind = "table"\ncontroller = "csv"\naxis = "X"\nspacing = "1 mm"\npath = "y.csv"\n'
+    other = '[[output]]\nkind = "table"\ncontroller = "csv"\naxis = "X"\ncompensates = "X"\nspacing = "1 mm"\npath = "y.csv"\nmachine = { travel_low = "0 mm", travel_high = "30 mm" }\n'
 
     result = Recipe.parse(GOOD + other).run(runs, out=tmp_path)
     document = json.loads((tmp_path / "result.json").read_text())
@@ -111,7 +113,7 @@ def test_every_table_is_in_the_document(runs, tmp_path):
 
 
 def test_limits_are_judged_on_the_worst_table(runs):
-    coarse = '[[output]]\nkind = "table"\ncontroller = "csv"\naxis = "X"\nspacing = "2.5 mm"\npath = "y.csv"\n'
+    coarse = '[[output]]\nkind = "table"\ncontroller = "csv"\naxis = "X"\ncompensates = "X"\nspacing = "2.5 mm"\npath = "y.csv"\nmachine = { travel_low = "0 mm", travel_high = "30 mm" }\n'
 
     def after(text):
         document = Recipe.parse(text).run(runs).document

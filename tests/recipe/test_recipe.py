@@ -41,6 +41,8 @@ controller = "linuxcnc"
 axis = "X"
 spacing = "0.5 mm"
 path = "x.comp"
+compensates = "X"
+machine = { travel_low = "0 mm", travel_high = "30 mm" }
 """
 
 
@@ -226,7 +228,7 @@ def test_json_has_no_nan():
 
 
 def test_machine_limits_need_units(folder, tmp_path):
-    text = GOOD.replace('path = "x.comp"', 'path = "x.comp"\nmachine = { stroke = 5 }')
+    text = GOOD.replace("machine = { ", "machine = { stroke = 5, ")
     with pytest.raises(RecipeError, match="machine stroke = 5 needs a unit"):
         Recipe.parse(text).run(folder, out=tmp_path)
 

@@ -22,9 +22,10 @@ controller = "linuxcnc"
 axis = "X"
 spacing = "0.5 mm"
 path = "x.comp"
+compensates = "X"
 """
 REPORT = '[[output]]\nkind = "report"\n'
-OTHER = '[[output]]\nkind = "table"\ncontroller = "csv"\naxis = "X"\nspacing = "1 mm"\n'
+OTHER = '[[output]]\nkind = "table"\ncontroller = "csv"\naxis = "X"\ncompensates = "X"\nspacing = "1 mm"\n'
 POLYNOMIAL = '[[step]]\nop = "polynomial"\nquantity = "error"\n'
 
 
@@ -86,14 +87,14 @@ def test_a_wrong_part_names_its_line(old, new, message):
 @pytest.mark.parametrize(
     ("extra", "message"),
     [
-        (REPORT + 'formats = ["docx"]\n', r"r.toml:20: no report format 'docx'.*there are .*html"),
+        (REPORT + 'formats = ["docx"]\n', r"r.toml:21: no report format 'docx'.*there are .*html"),
         (
             REPORT + 'path = "result.json"\n',
-            r"r.toml:20: two outputs would be called 'result.json'",
+            r"r.toml:21: two outputs would be called 'result.json'",
         ),
-        (REPORT + 'path = "x.comp.json"\n', r"r.toml:20: two outputs would be called"),
-        (OTHER + 'path = "X.comp"\n', r"r.toml:23: two outputs would be called 'X.comp'"),
-        (POLYNOMIAL * 2, r"r.toml:22: a recipe fits at most one polynomial"),
+        (REPORT + 'path = "x.comp.json"\n', r"r.toml:21: two outputs would be called"),
+        (OTHER + 'path = "X.comp"\n', r"r.toml:25: two outputs would be called 'X.comp'"),
+        (POLYNOMIAL * 2, r"r.toml:23: a recipe fits at most one polynomial"),
         ('[[step]]\nop = "separate"\n', r"exactly one \[\[step\]\]"),
     ],
 )

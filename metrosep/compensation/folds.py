@@ -1,0 +1,256 @@
+"""Leave one run out: what a table would be without each of the runs that made it.
+
+A table that is judged on its own runs is judged with the noise that it holds, so it always seems to
+help. Run k is therefore judged with the table made without it, by the same method and settings; the
+steps of its history say how it was made.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from metrosep.compensation.measured import paired
+from metrosep.core.errors import MetrosepError, TableError
+from metrosep.core.provenance import Step
+from metrosep.core.runset import RunSet
+from metrosep.separation.base import ErrorEstimate
+
+__all__ = ["Folds", "Own", "fold_estimates", "folds_of", "made_of", "own_runs"]
+
+Folds = Sequence[tuple[Sequence[int], Any]]
+"""Indices of the runs that were left out, and what is made (or looked up) without them."""
+
+_MOST_FITS = 5
+"""A joint estimate takes about a second: more than these fits are not made for a verification."""
+
+_KEPT = 4
+"""Sets of folds that are remembered: several tables of one result, or one that is being shaped."""
+
+_MADE: dict[Any, list[tuple[tuple[int, ...], ErrorEstimate]]] = {}
+
+
+def made_of(
+    history: Sequence[Step], runs: RunSet
+) -> tuple[Literal["all", "none", "file"], list[int]]:
+    """Return whether runs made a table, and which of them did not.
+
+    Parameters
+    ----------
+    history : sequence of Step
+        Of the table.
+    runs : RunSet
+        Readings to verify it with.
+
+    Returns
+    -------
+    str, list of int
+        "all": these runs and no others made it; "none": none of those listed did; "file": they come
+        from a file that made it, but are not the readings that did.
+    """
+    told = {h for s in history for h in s.parameters.get("runs_sha256", ())}
+    mine = [str(r.metadata.get("cells_of_sha256", r.sha256)) for r in runs]
+    others = [i for i, h in enumerate(mine) if h not in told]
+    if told and told == set(mine):
+        return "all", []
+    if told and len(others) == len(mine):
+        return ("file" if _files(history) & _files(runs.history) else "none"), others
+    if told:
+        return ("none" if others else "file"), others
+    return ("all" if _files(history) & _files(runs.history) else "none"), others
+
+
+def _files(history: Sequence[Step]) -> set[str]:
+    found: set[str] = set()
+    for step in history:
+        value = step.parameters.get("sha256", ())
+        found |= {value} if isinstance(value, str) else set(map(str, value))
+    return found
+
+
+def _groups(runs: RunSet, most: int | None) -> list[tuple[int, ...]]:
+    """Return which runs are left out together: pairs of directions, and round robin above `most`."""
+    rows, left = paired(runs)
+    rows = [*rows, *((i,) for i in left)]
+    if most is None or len(rows) <= most:
+        return rows
+    return [tuple(sorted(i for row in rows[k::most] for i in row)) for k in range(most)]
+
+
+def fold_estimates(
+    runs: RunSet, history: Sequence[Step], span: tuple[float, float]
+) -> list[tuple[tuple[int, ...], ErrorEstimate]]:
+    """Return the estimates made without each run, as the history of one from all runs says.
+
+    Parameters
+    ----------
+    runs : RunSet
+        That made it.
+    history : sequence of Step
+        Of the estimate; its last step ``separate`` holds the options.
+    span : tuple of (float, float), m
+        Evaluation range of the estimate; common to all folds.
+
+    Returns
+    -------
+    list of (tuple of int, ErrorEstimate)
+        Indices of the runs left out, and the estimate without them.
+
+    Raises
+    ------
+    TableError
+        If the history does not say how the estimate was made, or there is one run.
+    MetrosepError
+        If what is left cannot be separated.
+    """
+    step = next((s for s in reversed(history) if s.name == "separate"), None)
+    if step is None:
+        raise TableError("its history does not say how it was made")
+    most = _MOST_FITS if step.parameters.get("method") == "joint" else None
+    groups = _groups(runs, most)
+    if len(groups) < 2:
+        raise TableError("one run made it: nothing is left without it")
+    key = (
+        tuple((r.sha256, r.feed, None if r.t is None else r.t.tobytes()) for r in runs),
+        repr(sorted(step.parameters.items())),
+        span,
+    )
+    if key not in _MADE:
+        while len(_MADE) >= _KEPT:
+            _MADE.pop(next(iter(_MADE)))
+        _MADE[key] = [(out, _without(runs, out, step.parameters, span)) for out in groups]
+    return _MADE[key]
+
+
+def _without(
+    runs: RunSet, out: tuple[int, ...], told: Mapping[str, Any], span: tuple[float, float]
+) -> ErrorEstimate:
+    from metrosep.separation.entry import separate
+
+    kept = [i for i in range(len(runs)) if i not in out]
+    rest = RunSet([runs[i] for i in kept], metadata=runs.metadata, history=runs.history)
+    options = {k: v for k, v in told.items() if k != "runs_sha256"}
+    start, length = options.pop("start_m", None), options.pop("length_m", None)
+    if options["method"] != "kono":  # its range depends on its window
+        start, length = span[0], span[1] - span[0]
+    if options.get("probes") is not None:
+        options["probes"] = [options["probes"][i] for i in kept]
+    if options["method"] == "joint" and rest.feeds:
+        wanted = options.get("min_feeds", 2)
+        options["min_feeds"] = min(wanted, len(rest.feeds))
+    return separate(
+        rest,
+        start=start,
+        length=length,
+        shortest=options.pop("shortest_m", None),
+        lag=options.pop("lag_s", 0.0),
+        **options,
+    )
+
+
+def folds_of(carried: Any, runs: RunSet) -> list[tuple[tuple[int, ...], Any]]:
+    """Return what a table or polynomial would be without each of the runs that made it.
+
+    Parameters
+    ----------
+    carried : CompensationTable or PolynomialFit
+        With ``remade(source)``, made of an estimate of these runs or of the runs themselves.
+    runs : RunSet
+        That made it.
+
+    Returns
+    -------
+    list of (tuple of int, CompensationTable or PolynomialFit)
+        Indices of the runs left out, and what is made without them.
+
+    Raises
+    ------
+    TableError
+        If it cannot be made again from what its history says.
+    MetrosepError
+        If what is left cannot be separated.
+    """
+    if any(s.name == "separate" for s in carried.history):
+        return [
+            (out, carried.remade(estimate))
+            for out, estimate in fold_estimates(runs, carried.history, carried.made_over)
+        ]
+    groups = _groups(runs, None)
+    if len(groups) < 2:
+        raise TableError("one run made it: nothing is left without it")
+    kept = ([r for i, r in enumerate(runs) if i not in out] for out in groups)
+    return [(out, carried.remade(RunSet(rest))) for out, rest in zip(groups, kept, strict=True)]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Own:
+    """Readings that a table is judged with, and whether they made it.
+
+    Parameters
+    ----------
+    runs : RunSet
+        Those that are compared.
+    made_it : bool
+        Whether the table was made of them.
+    folds : tuple of (tuple of int, object) or None
+        What the controller does with the table made without some of them; None where not known.
+    why : str
+        Why a table that was made of them cannot be made without them.
+    warning : str
+        What else to know.
+    """
+
+    runs: RunSet
+    made_it: bool
+    folds: Folds | None = None
+    why: str = ""
+    warning: str = ""
+
+
+def own_runs(
+    carried: Any, runs: RunSet, lookup: Callable[[Any], Any], folds: Folds | None = None
+) -> Own:
+    """Return how runs are to be used to judge a table, with the folds of those that made it.
+
+    Parameters
+    ----------
+    carried : CompensationTable or PolynomialFit
+        What is judged.
+    runs : RunSet
+        Readings.
+    lookup : callable
+        Returns what the controller does with a table or polynomial.
+    folds : sequence of (indices of runs, table or polynomial), optional
+        Where they are known already; made from the runs otherwise.
+
+    Returns
+    -------
+    Own
+        Runs that did not make it are taken alone where there are some.
+    """
+    if folds is None:
+        kind, others = made_of(carried.history, runs)
+        if kind == "none":
+            if len(others) in (0, len(runs)):
+                return Own(runs, made_it=False)
+            alone = RunSet([runs[i] for i in others], metadata=runs.metadata, history=runs.history)
+            left = len(runs) - len(others)
+            return Own(
+                alone, made_it=False, warning=f"{left} of the runs made it and are not used"
+            )
+        if kind == "file":
+            return Own(
+                runs,
+                made_it=True,
+                why="the readings come from files that made it, but are not the ones that did",
+            )
+    if folds is None and any("cells_of_sha256" in r.metadata for r in runs):
+        return Own(
+            runs, made_it=True, why="the result holds means of cells of the runs and no folds"
+        )
+    try:
+        made = folds_of(carried, runs) if folds is None else folds
+        return Own(runs, made_it=True, folds=tuple((tuple(o), lookup(t)) for o, t in made))
+    except MetrosepError as exc:
+        return Own(runs, made_it=True, why=str(exc))

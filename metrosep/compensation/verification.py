@@ -1,0 +1,324 @@
+"""What a dry-run found: grade, numbers and sentences, for a person, a sidecar and a report."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from metrosep.compensation._acceptance import Judgement, Reason, graded, length_text
+from metrosep.compensation.limits import Finding
+from metrosep.compensation.reversal import LostMotion
+from metrosep.core.errors import (
+    InconclusiveTableError,
+    PointlessTableError,
+    SignCheckFailedError,
+)
+
+__all__ = ["DIRECTION_NAMES", "DirectionResidual", "Unknown", "Verification"]
+
+Unknown = Literal["offset", "offsets", "line"]
+
+_SOME = 0.2
+"""Gain below which a shape is called foreign, in the text only."""
+
+DIRECTION_NAMES = {1: "forward", -1: "reverse"}
+_UNKNOWN = {
+    "offset": "one constant",
+    "offsets": "one constant for each direction",
+    "line": "one constant and the line (alignment)",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class DirectionResidual:
+    """Error of one direction before and after the table.
+
+    Parameters
+    ----------
+    direction : int
+        +1 forward, -1 reverse.
+    n_runs : int
+        Runs that were compared; 1 for a curve.
+    before_pv, after_pv, wrong_sign_pv : float, m
+        P-V of the centre of the runs (median from three on) without, with, and with the negated
+        correction. Nothing but the unknown of the measurement is taken off.
+    before_rms, after_rms, wrong_sign_rms : float, m
+        RMS of the mean run, the same way.
+    run_before_rms, run_after_rms : float, m
+        Mean RMS of the single runs, with all that does not repeat.
+    u_after_rms, u_before_rms, u_after_pv, u_before_pv : float or None, m
+        Standard uncertainties from the scatter of the runs, to first order; None for one run.
+        Of a P-V: scatter of the runs between the two places where the mean is largest and
+        smallest; that noise makes every P-V too large is not in it.
+    """
+
+    direction: int
+    n_runs: int
+    before_pv: float
+    after_pv: float
+    wrong_sign_pv: float
+    before_rms: float
+    after_rms: float
+    wrong_sign_rms: float
+    run_before_rms: float
+    run_after_rms: float
+    u_after_rms: float | None
+    u_before_rms: float | None = None
+    u_after_pv: float | None = None
+    u_before_pv: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Verification:
+    """Result of a dry-run.
+
+    Parameters
+    ----------
+    residuals : tuple of DirectionResidual
+        One for each direction.
+    unknown : {"offset", "offsets", "line"}
+        What the measurement cannot know and was taken off it: one constant, one for each direction,
+        or a constant and the line.
+    span : tuple of (float, float), m
+        Positions that were compared.
+    judgement : Judgement
+        Improvement, gain, rest and P-V over all directions.
+    reasons : tuple of Reason
+        Why it is not accepted; empty if it is.
+    findings : tuple of Finding
+        Warnings.
+    n_runs : int
+        Runs, or pairs of directions; 0 where the error is stated.
+    left_out : int
+        Tables that were made without some of the runs; 0 where the runs did not make it.
+    is_reversed : bool
+        Whether the readings show that the sign is wrong.
+    lost_motion : LostMotion or None
+        Offset between the directions before and after; None where it was not measured.
+    unproven : tuple of int
+        Directions with a column of their own that no run went through.
+    """
+
+    residuals: tuple[DirectionResidual, ...]
+    unknown: Unknown
+    span: tuple[float, float]
+    judgement: Judgement
+    reasons: tuple[Reason, ...] = ()
+    findings: tuple[Finding, ...] = ()
+    n_runs: int = 0
+    left_out: int = 0
+    is_reversed: bool = False
+    lost_motion: LostMotion | None = None
+    unproven: tuple[int, ...] = ()
+
+    @property
+    def grade(self) -> str:
+        """``"accepted"``, ``"pointless"``, ``"inconclusive"`` or ``"refused"``."""
+        return graded(self.reasons)
+
+    @property
+    def passed(self) -> bool:
+        """Whether the grade is accepted: the machine is better with the table than without it."""
+        return not self.reasons
+
+    @property
+    def gain(self) -> float:
+        """Share of the table that the readings confirm: 1 right, 0 nothing, below 0 the wrong way."""
+        return self.judgement.gain
+
+    @property
+    def u_gain(self) -> float:
+        """Standard uncertainty of `gain`."""
+        return self.judgement.u_gain
+
+    @property
+    def improvement(self) -> float:
+        """Mean square of the error without the table minus that with it, m^2."""
+        return self.judgement.improvement.value
+
+    @property
+    def u_improvement(self) -> float:
+        """Standard uncertainty of `improvement`, m^2."""
+        return self.judgement.improvement.u
+
+    @property
+    def rest(self) -> float:
+        """RMS that stays over RMS that was, of what repeats."""
+        return self.judgement.rest
+
+    @property
+    def before_pv(self) -> float:
+        """Largest P-V before, m."""
+        return max(r.before_pv for r in self.residuals)
+
+    @property
+    def after_pv(self) -> float:
+        """Largest P-V after, m."""
+        return max(r.after_pv for r in self.residuals)
+
+    @property
+    def wrong_sign_pv(self) -> float:
+        """Largest P-V with the sign reversed, m."""
+        return max(r.wrong_sign_pv for r in self.residuals)
+
+    @property
+    def before_rms(self) -> float:
+        """Largest RMS before, m."""
+        return max(r.before_rms for r in self.residuals)
+
+    @property
+    def after_rms(self) -> float:
+        """Largest RMS after, m."""
+        return max(r.after_rms for r in self.residuals)
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """What a person should read: what was judged on what, the numbers, the grade and why."""
+        judged = (
+            "judged against the stated error"
+            if self.n_runs == 0
+            else f"judged on {self.n_runs} run{'s' if self.n_runs > 1 else ''}"
+        )
+        if self.left_out == self.n_runs > 0:
+            judged += ", each left out once"
+        elif self.left_out:
+            judged += f", left out in {self.left_out} groups"
+        low, high = (v * 1e3 for v in self.span)
+        j = self.judgement
+        rms = math.sqrt(j.energy), math.sqrt(max(j.energy - self.improvement, 0.0))
+        gain = f"gain {self.gain:.4g}"
+        if 0.0 < self.u_gain < math.inf:
+            gain += f" +- {self.u_gain:.2g}"
+        lines = [
+            f"{judged}, {low:.6g} ... {high:.6g} mm; off the readings: {_UNKNOWN[self.unknown]}",
+            (
+                f"RMS that repeats {length_text(rms[0])} -> {length_text(rms[1])}, P-V {length_text(j.pv_before)} -> "
+                f"{length_text(j.pv_after_plain)} (noise alone {length_text(j.pv_noise)}), {gain}"
+            ),
+        ]
+        why = "; ".join(r.text for r in self.reasons if r.grade == self.grade)
+        lines.append(f"{self.grade}: {why}" if why else self.grade)
+        return tuple(lines)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values with units in the keys.
+
+        Returns
+        -------
+        dict
+            For sidecars and reports.
+        """
+        j = self.judgement
+        return {
+            "grade": self.grade,
+            "passed": self.passed,
+            "reasons": [
+                {"grade": r.grade, "check": r.check, "text": r.text} for r in self.reasons
+            ],
+            "sentences": list(self.sentences),
+            "unknown": self.unknown,
+            "unknown_text": _UNKNOWN[self.unknown],
+            "n_runs": self.n_runs,
+            "left_out": self.left_out,
+            "improvement_m2": self.improvement,
+            "u_improvement_m2": self.u_improvement,
+            "gain": self.gain,
+            "u_gain": _finite(self.u_gain),
+            "rest": _finite(self.rest),
+            "repeats_m2": j.energy,
+            "before_pv_m": j.pv_before,
+            "after_pv_m": j.pv_after_plain,
+            "after_pv_without_chance_slope_m": j.pv_after,
+            "noise_pv_m": j.pv_noise,
+            "span_m": list(self.span),
+            "definition": (
+                "error as the controller would apply the table (linear between entries, constant "
+                f"outside); off the measurement: {_UNKNOWN[self.unknown]}; nothing off the table, no "
+                "filter"
+            ),
+            "residuals": [
+                {
+                    "direction": DIRECTION_NAMES[r.direction],
+                    "n_runs": r.n_runs,
+                    "before_pv_m": r.before_pv,
+                    "after_pv_m": r.after_pv,
+                    "wrong_sign_pv_m": r.wrong_sign_pv,
+                    "before_rms_m": r.before_rms,
+                    "after_rms_m": r.after_rms,
+                    "wrong_sign_rms_m": r.wrong_sign_rms,
+                    "run_before_rms_m": r.run_before_rms,
+                    "run_after_rms_m": r.run_after_rms,
+                    "u_after_rms_m": r.u_after_rms,
+                    "u_before_rms_m": r.u_before_rms,
+                    "u_after_pv_m": r.u_after_pv,
+                    "u_before_pv_m": r.u_before_pv,
+                }
+                for r in self.residuals
+            ],
+            "lost_motion": None if self.lost_motion is None else self.lost_motion.to_dict(),
+            "not_verified": [DIRECTION_NAMES[d] for d in self.unproven],
+        }
+
+    def require(
+        self, what: str, *, waived: Collection[str] = (), only_refused: bool = False
+    ) -> None:
+        """Refuse what is not accepted.
+
+        Parameters
+        ----------
+        what : str
+            Name of the table for the message.
+        waived : collection of str, optional
+            Checks whose refusal the user accepts: "coverage", "spike", "single", "inconclusive",
+            "pointless". What makes the machine worse cannot be waived.
+        only_refused : bool, optional
+            Whether the other grades pass.
+
+        Raises
+        ------
+        SignCheckFailedError
+            If it is refused.
+        InconclusiveTableError
+            If the readings do not show that it helps.
+        PointlessTableError
+            If less than 30 % of the RMS goes.
+        """
+        left = [r for r in self.reasons if r.check not in waived or r.check == "dry-run"]
+        grade = graded(left)
+        if grade == "accepted" or (only_refused and grade != "refused"):
+            return
+        kinds = {
+            "refused": SignCheckFailedError,
+            "inconclusive": InconclusiveTableError,
+            "pointless": PointlessTableError,
+        }
+        mine = [r for r in left if r.grade == grade]
+        text = "; ".join(r.text for r in mine)
+        hint = f"; {self.diagnosis}" if grade == "refused" and mine[0].check == "dry-run" else ""
+        checks = [r.check for r in left if r.check != "dry-run"]
+        waive = f" (to write it all the same, say waive={', '.join(dict.fromkeys(checks))!r})"
+        can = bool(checks) and all(r.check != "dry-run" for r in left)
+        how = "the dry-run does not shrink the error: " if hint else ""
+        raise kinds[grade](
+            f"{what}: {grade}: {how}{text}{hint}; nothing was written{waive if can else ''}"
+        )
+
+    @property
+    def diagnosis(self) -> str:
+        """What is probably wrong with a table that is refused; it never changes the grade."""
+        if self.is_reversed:
+            return "the reversed sign would shrink it: the sign of the readings or of the table is wrong"
+        if self.gain > 0.5:
+            return "its shape helps, its zero or a part of it does not"
+        if self.gain > _SOME:
+            return (
+                f"the readings confirm {self.gain:.2g} of it: it is too large (unit, diameter), tilted, "
+                "shifted, or belongs to another state"
+            )
+        return "neither sign shrinks it: the table belongs to another axis, travel or state"
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
