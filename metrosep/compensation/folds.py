@@ -8,7 +8,7 @@ steps of its history say how it was made.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from metrosep.compensation.measured import paired
@@ -17,7 +17,7 @@ from metrosep.core.provenance import Step
 from metrosep.core.runset import RunSet
 from metrosep.separation.base import ErrorEstimate
 
-__all__ = ["Folds", "Own", "fold_estimates", "folds_of", "made_of", "own_runs"]
+__all__ = ["Folds", "Own", "fold_estimates", "folds_of", "made_of", "own_runs", "used_runs"]
 
 Folds = Sequence[tuple[Sequence[int], Any]]
 """Indices of the runs that were left out, and what is made (or looked up) without them."""
@@ -59,6 +59,15 @@ def made_of(
     if told:
         return ("none" if others else "file"), others
     return ("all" if _files(history) & _files(runs.history) else "none"), others
+
+
+def used_runs(history: Sequence[Step], runs: RunSet) -> RunSet:
+    """Return the runs without those that a separation left out (``exclude=``)."""
+    out = {h for s in history for h in s.parameters.get("left_out_sha256", ())}
+    kept = [r for r in runs if r.metadata.get("cells_of_sha256", r.sha256) not in out]
+    if not kept or len(kept) == len(runs):
+        return runs
+    return RunSet(kept, metadata=runs.metadata, history=runs.history)
 
 
 def _files(history: Sequence[Step]) -> set[str]:
@@ -130,7 +139,8 @@ def _without(
 
     kept = [i for i in range(len(runs)) if i not in out]
     rest = RunSet([runs[i] for i in kept], metadata=runs.metadata, history=runs.history)
-    options = {k: v for k, v in told.items() if k != "runs_sha256"}
+    options = {k: v for k, v in told.items() if not k.endswith("_sha256") and k != "exclude"}
+    options["accept"] = "suspect"  # a run was settled once, with all the others beside it
     start, length = options.pop("start_m", None), options.pop("length_m", None)
     if options["method"] != "kono":  # its range depends on its window
         start, length = span[0], span[1] - span[0]
@@ -229,6 +239,14 @@ def own_runs(
     Own
         Runs that did not make it are taken alone where there are some.
     """
+    used = used_runs(carried.history, runs)
+    if len(used) < len(runs):
+        n = len(runs) - len(used)
+        own = own_runs(carried, used, lookup, folds)
+        left = (
+            f"{n} of the runs were left out of the separation (exclude=) and are not judged with"
+        )
+        return replace(own, warning="; ".join(w for w in (left, own.warning) if w))
     if folds is None:
         kind, others = made_of(carried.history, runs)
         if kind == "none":

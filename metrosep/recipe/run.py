@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from metrosep._version import __version__
 from metrosep.compensation import fit_polynomial
-from metrosep.compensation.folds import fold_estimates
+from metrosep.compensation.folds import fold_estimates, used_runs
 from metrosep.core.errors import MetrosepError, ReadError, RecipeError
 from metrosep.core.natural_order import by_number
 from metrosep.core.provenance import history_as_dicts
@@ -150,6 +150,7 @@ def separated_result(recipe: Recipe, runs: RunSet, estimate: ErrorEstimate) -> R
 
 def _basis(recipe: Recipe, runs: RunSet, estimate: ErrorEstimate) -> dict[str, Any]:
     """Return what tables are made of and judged by, as the document stores it."""
+    runs = used_runs(estimate.history, runs)
     found = clean({"estimate": estimate.to_dict(), "runs": run_records(runs)})
     return {
         **found,

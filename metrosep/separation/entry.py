@@ -147,7 +147,11 @@ def separate(
         runs = runs.select(feed=options["feed"])
     names = probe_names(runs, options.get("probes")) if method == "joint" else [""] * len(runs)
     checks = check_runs(runs, probes=names, spikes=not options.get("robust"))
+    given = runs
     runs, checks = checks.settle(runs, exclude=exclude, accept=accept)
+    left_out = [
+        r.sha256 for r, used in zip(given, checks.columns["used"], strict=True) if not used
+    ]
     names = [n for n, used in zip(names, checks.columns["used"], strict=True) if used]
     common = _common_range(runs, method, start, length, options)
     options = _plain_options(options)
@@ -178,6 +182,7 @@ def separate(
             **({} if exclude is None else {"exclude": _plain_options({"": exclude})[""]}),
             **({} if accept is None else {"accept": _plain_options({"": accept})[""]}),
             "runs_sha256": [r.sha256 for r in runs],
+            **({"left_out_sha256": left_out} if left_out else {}),
             **options,
         },
     )

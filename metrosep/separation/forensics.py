@@ -459,7 +459,7 @@ def _check_sizes(rms: FloatArray, members: Sequence[int], found: _Findings) -> N
         low, high = sorted(alive, key=lambda i: rms[i])
         ratio = float(rms[high] / rms[low]) if rms[low] > 0.0 else math.inf
         if rms[low] > 0.0 and ratio > _RMS_NAMED:
-            text = f"reads {ratio:.3g} times as much as run {found.labels[low]}: unit or gain"
+            text = f"reads {_factor(ratio)} times as much as run {found.labels[low]}: unit or gain"
             found.say(high, f"{text} of one of them", refused=ratio > _RMS_REFUSED)
         return
     middle = float(np.median(rms[alive]))
@@ -468,7 +468,7 @@ def _check_sizes(rms: FloatArray, members: Sequence[int], found: _Findings) -> N
         if not 1.0 / _RMS_NAMED <= ratio <= _RMS_NAMED:
             found.say(
                 i,
-                f"reads {ratio:.3g} times as much as the median run: its unit, its gain or its "
+                f"reads {_factor(ratio)} times as much as the median run: its unit, its gain or its "
                 "vibration",
                 refused=not 1.0 / _RMS_REFUSED <= ratio <= _RMS_REFUSED,
             )
@@ -989,3 +989,8 @@ def _nearby(z: FloatArray) -> FloatArray:
     padded = np.pad(z, 2, mode="reflect")
     sides = np.stack([padded[:-4], padded[1:-3], padded[3:-1], padded[4:]])
     return np.asarray(np.median(sides, axis=0))
+
+
+def _factor(ratio: float) -> str:
+    """Return a ratio of sizes as a person writes it: 936, 1,000, 0.021."""
+    return f"{ratio:,.0f}" if ratio >= 100.0 else f"{ratio:.2g}"

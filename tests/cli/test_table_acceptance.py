@@ -260,3 +260,24 @@ def test_second_iteration_on_a_wrong_signed_table_brings_the_true_error_down(tmp
     raw = RunSet([Run(x, 1e-6 * pitch_um(X) + rng.normal(0, 2e-8, x.size)) for _ in range(4)])
     with pytest.raises(SignCheckFailedError, match="does not shrink"):
         combine_tables(old, levelled).verify(raw)
+
+
+def test_a_run_that_was_left_out_makes_no_table_and_judges_none(metrosep, tmp_path):
+    runs, file = readings(tmp_path / "runs.csv", n=6), tmp_path / "x.comp"
+    head, *rows = runs.read_text().splitlines()
+    spoilt = [
+        f"{x},{1e3 * float(z):.6f},{run}" if run == "4" else f"{x},{z},{run}"
+        for x, z, run in (row.split(",") for row in rows)
+    ]
+    runs.write_text("\n".join([head, *spoilt]) + "\n")
+    call = ("separate", runs, *COLUMNS, *MEAN, "--compensates", "X", "--table", f"linuxcnc={file}")
+
+    refused, _, why = metrosep(*call)
+    code, _, err = metrosep(*call, "--exclude", "4")
+
+    assert refused == 4
+    assert "run 4 reads" in why
+    assert "--exclude 4" in why
+    assert code == 0, err
+    assert "judged on 5 runs, each left out once" in err
+    assert pv(machine_um(file)) < 0.12 * pv(pitch_um(X))
