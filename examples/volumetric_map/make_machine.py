@@ -2,7 +2,9 @@
 
 Run ``python make_machine.py [FOLDER]``; without a folder the files beside this script are written.
 The simulator uses no code of metrosep: rigid bodies one after the other, with whole rotations. The
-workpiece lies on X on Y, the tool hangs on Z; all errors are those of the tool against the workpiece.
+workpiece lies on X on Y, the tool hangs on Z; all errors are those of the tool against the workpiece,
+read where an indicator in the spindle stands at Z = 0: a carriage turns about that point, so its own
+travel is no lever. Y takes the guide of X away from the spindle: the roll of X has Y as its lever.
 """
 
 import sys
@@ -42,8 +44,8 @@ def in_mm(errors):
 def tool_z(x, y, z):
     """Return the height in mm of the tool over the table for commands in mm: z if all were right."""
     up, a, b = in_mm(y_errors(y))
-    px, py, pz = turned(a, b, (np.zeros_like(x), y, z))
-    point = px + x, py, pz + up
+    px, py, pz = turned(a, b, (np.zeros_like(x), np.zeros_like(y), z))
+    point = px, py + y, pz + up  # now in the carriage of Y, on which X is guided
     up, a, b = in_mm(x_errors(x))
     return turned(a, b, point)[2] + up
 

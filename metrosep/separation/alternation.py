@@ -130,7 +130,7 @@ def abba(
     Examples
     --------
     >>> result = abba([7.0, 3.1, 3.2, 7.3])  # drift 0.1 per step
-    >>> round(float(result.difference), 12), result.quadratic_gain
+    >>> round(float(result.difference), 12), round(result.quadratic_gain, 12)
     (4.0, 2.0)
     """
     if order not in ("ABBA", "BAAB"):

@@ -25,6 +25,8 @@ MM, NM, PM = 1e-3, 1e-9, 1e-12
 ROUNDING = 1e-3 * PM
 """Lines of some um over some hundred samples round by some 1e-16 of them."""
 
+LAST_DIGIT = 1e-5 * PM
+
 MODEL = 5 * NM
 """Kono's window and the mean of few runs leave some nm of 300 nm planted without noise."""
 
@@ -43,9 +45,18 @@ def run(feed: float, *, way: int = 1, slope: float = 0.0, level: float = 0.0, na
 
 def both_ways() -> RunSet:
     """Reverse runs carry twice the bump and lie 200 nm higher."""
+    rng = np.random.default_rng(4)  # far from the bump no reading equals another to the last digit
     forward = [run(f, name=f"f{i}") for i, f in enumerate((0.08, 0.08, 0.12))]
     reverse = [run(f, way=-1, name=f"b{i}") for i, f in enumerate((0.08, 0.12))]
-    reverse = [Run(r.x, 2 * bump(r.x) + 200 * NM, feed=r.feed, run_id=r.run_id) for r in reverse]
+    reverse = [
+        Run(
+            r.x,
+            2 * bump(r.x) + 200 * NM + LAST_DIGIT * rng.standard_normal(len(r)),
+            feed=r.feed,
+            run_id=r.run_id,
+        )
+        for r in reverse
+    ]
     return RunSet([*forward, *reverse])
 
 

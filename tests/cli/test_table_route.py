@@ -64,7 +64,7 @@ def test_separate_with_table_and_table_of_its_result_give_the_same_bytes(
     assert len({f.with_name(f.name + ".json").read_bytes() for f in files}) == 1
     x = np.linspace(2.0, 58.0, 57)
     added = 1e3 * np.array([looked_up(b, x, 1), looked_up(b, x, -1)])
-    left = [*added, error_um(x), error_um(x) + LOST_UM]
+    left = added + np.array([error_um(x), error_um(x) + LOST_UM])
     line = np.polyval(np.polyfit(x, left.mean(axis=0), 1), x)  # of both ways together
     assert np.abs(left - line).max() < 0.06  # linear between entries: 1.5^2 / 8 times the bend
 

@@ -67,7 +67,9 @@ def test_page_of_the_carriers_says_what_the_script_prints(written, examples, cap
     stated = re.findall(r"^\| ([\w, -]+) \| ([\d.]+) \| ([\d.]+) \|", page, re.MULTILINE)
     told = {n: (float(a), float(f)) for names, a, f in stated for n in names.split(", ")}
 
-    assert told == {name: row[1:] for name, row in rows.items()}
+    assert told.keys() == rows.keys()
+    for name, row in rows.items():
+        assert told[name] == pytest.approx(row[1:], abs=FLIPPED_NM)
 
 
 def test_every_other_carrier_of_tables_refuses_this_one(written, tmp_path, examples):
@@ -178,9 +180,13 @@ def test_only_z_words_change_where_no_block_is_split(programs, examples):
     assert len(same) > 2900  # the others are split: another F
 
 
-TERMS_NM = 50.0
+FLIPPED_NM = 0.6
+"""An entry in the middle between two digits is rounded up on one processor and down on another: a few
+of 181 entries of 0.1 um move the RMS of the part by some tenths of a nanometre."""
+
+TERMS_NM = 35.0
 """What straight lines over 20 mm miss at most, h^2 e'' / 8 of each term: EZX 9 + 5, EAX at 300 mm 5,
-EBX at 400 mm 13, EZY 12 + 2, EAY at 300 mm 5."""
+EZY 12 + 2. The pitches have no lever: both slides carry the workpiece past the spindle."""
 
 
 @pytest.fixture(scope="module")
@@ -209,7 +215,7 @@ def test_each_file_of_the_map_cancels_the_true_error(name, mill, truth):
 
     seen = controllers.simulate(folder / names["MAPS"][name][0], name)(x * 1e-3, y * 1e-3) * 1e9
 
-    assert error.std() > 1900.0
+    assert error.std() > 1600.0
     assert np.abs(error + seen).max() < TERMS_NM
     assert (error - seen).std() > 1.9 * error.std()
 
@@ -240,10 +246,10 @@ def test_two_tables_that_multiply_keep_a_quarter_of_the_map(mill):
     singular = np.linalg.svd(values, compute_uv=False)
     share = np.sqrt((singular[1:] ** 2).sum() / (singular**2).sum())
 
-    assert share == pytest.approx(0.244, abs=5e-4)
+    assert share == pytest.approx(0.246, abs=5e-4)
     kept = rank_one(mill[1]["tables"]["Z"], keep_zero=True)
     assert kept.share == pytest.approx(share, abs=1e-9)
-    assert rank_one(mill[1]["tables"]["Z"]).share < 0.09  # a constant is free
+    assert rank_one(mill[1]["tables"]["Z"]).share < 0.14  # a constant is free
 
 
 @pytest.mark.parametrize("name", ["carriers", "tool_path", "volumetric_map"])
