@@ -317,6 +317,11 @@ class Verification:
                 f"the readings confirm {self.gain:.2g} of it: it is too large (unit, diameter), tilted, "
                 "shifted, or belongs to another state"
             )
+        if self.gain < -_SOME:
+            return (
+                f"the readings run against it (gain {self.gain:.2g}): its sign is wrong, or it belongs "
+                "to another axis, travel or state"
+            )
         return "neither sign shrinks it: the table belongs to another axis, travel or state"
 
 

@@ -85,7 +85,9 @@ def test_table_from_a_result_and_verify(metrosep, runs_csv, tmp_path):
     assert code == 0
 
     comp = tmp_path / "x.comp"
-    code, _, err = metrosep("table", out / "result.json", "--spacing", "0.5 mm", "-o", comp, *ITSELF)
+    code, _, err = metrosep(
+        "table", out / "result.json", "--spacing", "0.5 mm", "-o", comp, *ITSELF
+    )
     assert code == 0, err
     code, stdout, _ = metrosep("verify", comp, "--against", runs_csv, *COLUMNS, "--json")
     assert code == 0
@@ -95,7 +97,14 @@ def test_table_from_a_result_and_verify(metrosep, runs_csv, tmp_path):
 def test_verify_rejects_a_flipped_table_with_code_1(metrosep, runs_csv, tmp_path):
     comp = tmp_path / "x.comp"
     code, _, _ = metrosep(
-        "separate", runs_csv, *COLUMNS, "--table", f"linuxcnc={comp}", "--spacing", "0.5 mm", *ITSELF
+        "separate",
+        runs_csv,
+        *COLUMNS,
+        "--table",
+        f"linuxcnc={comp}",
+        "--spacing",
+        "0.5 mm",
+        *ITSELF,
     )
     assert code == 0
     assert comp.exists()
@@ -106,7 +115,7 @@ def test_verify_rejects_a_flipped_table_with_code_1(metrosep, runs_csv, tmp_path
     code, _, err = metrosep("verify", flipped, "--against", runs_csv, *COLUMNS)
 
     assert code == 1
-    assert "the reversed sign would shrink it" in one_line_error(err)
+    assert "the readings run against it (gain -" in one_line_error(err)
 
 
 def test_run_recipe_and_its_verdict_become_the_exit_code(metrosep, runs_csv, tmp_path):

@@ -14,6 +14,7 @@ from metrosep.core import errors
 from metrosep.separation import machine_axis
 
 COLUMNS = ("--x", "x_mm", "--z", "z_um", "--feed", "feed_mm_min", "--run", "run")
+ITSELF = ("--compensates", "X")
 
 
 def write_runs(path, *, head="run,feed_mm_min,x_mm,z_um", feeds=(0.08, 0.12, 0.16)):
@@ -98,13 +99,13 @@ def test_codes_of_the_error_tree(error, code):
         (("--poly", "2.5"), "--poly '2.5': a whole number"),
         (("--reference", "0 mm"), "--reference shapes a table: add --table"),
         (("--table", "x.comp"), "--table is written NAME=FILE"),
-        (("--table", "fanuk=x.comp", "-o", "out"), "--table: unknown controller 'fanuk'"),
-        (("--table", "fanuk=x.comp"), "unknown controller 'fanuk'"),
-        (("--table", "linuxcnc=a/x.comp", "-o", "out"), "--table: output path 'a/x.comp'"),
-        (("--table", "linuxcnc=x.comp", "--spacing", "1 nm", "-o", "out"), "use a coarser spacing"),
-        (("--table", "linuxcnc=x.comp", "--spacing", "1 nm"), "use a coarser spacing"),
+        (("--table", "fanuk=x.comp", "-o", "out", *ITSELF), "--table: unknown controller 'fanuk'"),
+        (("--table", "fanuk=x.comp", *ITSELF), "unknown controller 'fanuk'"),
+        (("--table", "linuxcnc=a/x.comp", "-o", "out", *ITSELF), "--table: output path 'a/x.comp'"),
+        (("--table", "linuxcnc=x.comp", "--spacing", "1 nm", "-o", "out", *ITSELF), "use a coarser spacing"),
+        (("--table", "linuxcnc=x.comp", "--spacing", "1 nm", *ITSELF), "use a coarser spacing"),
         (("--table", "linuxcnc=x.comp", "--compensates", "Z", "-o", "out"), "--cross-axis hal"),
-        (("--table", "linuxcnc=none/x.comp"), "the folder"),
+        (("--table", "linuxcnc=none/x.comp", *ITSELF), "the folder"),
     ],
 )  # fmt: skip
 def test_wrong_options_are_named_and_leave_nothing(
@@ -191,7 +192,7 @@ def test_a_closed_pipe_ends_quietly():
 def test_an_interrupted_run_leaves_nothing(runs_csv, tmp_path):
     with subprocess.Popen(
         [sys.executable, "-m", "metrosep", "separate", str(runs_csv), *COLUMNS,
-         "--table", "linuxcnc=x.comp", "-o", str(tmp_path / "out")],
+         "--table", "linuxcnc=x.comp", *ITSELF, "-o", str(tmp_path / "out")],
         stderr=subprocess.PIPE, text=True,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),  # noqa: PLW1509
     ) as process:  # fmt: skip
@@ -209,7 +210,16 @@ def test_an_interrupted_run_leaves_nothing(runs_csv, tmp_path):
 @pytest.fixture(scope="module")
 def result_folder(runs_csv, tmp_path_factory):
     out = tmp_path_factory.mktemp("result")
-    words = ["separate", str(runs_csv), *COLUMNS, "--table", "linuxcnc=x.comp", "-o", str(out)]
+    words = [
+        "separate",
+        str(runs_csv),
+        *COLUMNS,
+        "--table",
+        "linuxcnc=x.comp",
+        *ITSELF,
+        "-o",
+        str(out),
+    ]
     with pytest.raises(SystemExit) as stop:
         main(["-q", *words])
     assert stop.value.code == 0
@@ -244,13 +254,13 @@ def test_an_existing_table_is_kept_unless_forced(failing, capsys, result_folder,
     target = tmp_path / "x.comp"
     target.write_text("mine")
 
-    code, line = failing("table", result_folder, "-o", target)
+    code, line = failing("table", result_folder, "-o", target, *ITSELF)
 
     assert code == 2
     assert "choose another name or give --force" in line
     assert target.read_text() == "mine"
     with pytest.raises(SystemExit) as stop:
-        main(["table", str(result_folder), "-o", str(target), "--force"])
+        main(["table", str(result_folder), "-o", str(target), *ITSELF, "--force"])
     assert stop.value.code == 0
     assert target.read_text() != "mine"
 
@@ -259,7 +269,7 @@ def test_an_existing_table_is_kept_unless_forced(failing, capsys, result_folder,
 def test_a_damaged_result_gives_no_table(failing, tmp_path, content):
     (tmp_path / "result.json").write_text(content)
 
-    code, line = failing("table", tmp_path / "result.json", "-o", tmp_path / "x.comp")
+    code, line = failing("table", tmp_path / "result.json", "-o", tmp_path / "x.comp", *ITSELF)
 
     assert code == 4
     assert "result.json" in line
