@@ -363,4 +363,4 @@ def test_what_the_reader_warns_of_is_said_where_a_number_is_made(metrosep, tmp_p
     ):
         code, _, err = metrosep(*call)
         assert code == 0, err
-        assert "warning: " in err and "line 59 ('Mittelwert;0.5') stands below the table" in err
+        assert "line 59 ('Mittelwert;0.5') stands below the table" in err

@@ -241,7 +241,7 @@ def test_form_without_a_parameter_is_refused():
 
 
 def test_part_larger_than_its_surface_is_refused():
-    with pytest.raises(DataError, match="ends at a radius of 132.5 mm"):
+    with pytest.raises(DataError, match="ends at a radius of 132"):
         run("rank", TORIC + PART.replace("20 mm", "150 mm") + 'all_lengths = "1 um"\n')
 
 
