@@ -416,9 +416,10 @@ def _profile(
         empty = np.flatnonzero(np.isnan(positions))
         if empty.size:
             line = int(table.lines[empty[0]])
+            every = ",".join(str(table.lines[i]) for i in empty)
             raise FormatMismatchError(
                 f"{file.path}: line {line}: position x is NaN in {empty.size} row(s), and a height without "
-                f"a position cannot be used; leave it out with skip_lines='{line}'"
+                f"a position cannot be used; leave it out with skip_lines='{every}'"
             )
     if np.isnan(heights).all():
         raise FormatMismatchError(

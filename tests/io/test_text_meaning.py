@@ -456,3 +456,15 @@ def test_a_marker_within_the_reach_of_the_heights_is_told_where_it_repeats(tmp_p
     (warning,) = ms.read(tmp_path / "a.csv").metadata["warnings"]
     assert "-9999 in 3 row(s) (first: line 2)" in warning
     assert np.isnan(ms.read(tmp_path / "a.csv", missing="-9999").z).sum() == 3
+
+
+def test_rows_without_a_position_are_named_so_that_one_call_leaves_all_of_them_out(tmp_path):
+    rows = [f"{0.5 * i:.1f};{i % 7}" for i in range(30)]
+    rows[5] = rows[17] = rows[22] = ";3"
+    (tmp_path / "a.csv").write_text("x_mm;z_um\n" + "\n".join(rows) + "\n", "ascii")
+
+    with pytest.raises(ms.errors.FormatMismatchError, match="NaN in 3 row") as told:
+        ms.read(tmp_path / "a.csv")
+
+    given = re.search(r"skip_lines='(.*?)'", str(told.value))[1]
+    assert len(ms.read(tmp_path / "a.csv", skip_lines=given)) == 27
