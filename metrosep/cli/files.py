@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from metrosep.cli.options import file_options, json_option, override_option, say
+from metrosep.cli.options import file_options, json_option, override_option, read_aloud, say
 
 __all__ = ["check", "convert", "formats", "info"]
 
@@ -159,12 +159,11 @@ def convert(
     from pathlib import Path
 
     from metrosep.core.errors import WriteError
-    from metrosep.io.read import read
     from metrosep.io.write import WITHOUT_HISTORY, write
 
     if Path(target).exists() and not force:
         raise WriteError(f"{target}: exists already; choose another name or give --force")
-    obj = read(source, **reading)
+    obj = read_aloud(source, reading)
     write(obj, target, format=target_format)
     say(f"{obj!r} -> {target}")
     name = (target_format or Path(target).suffix.lstrip(".")).lower()

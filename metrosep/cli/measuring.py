@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from metrosep.cli.options import file_options, json_option, name_values, say
+from metrosep.cli.options import file_options, json_option, name_values, read_aloud, say
 from metrosep.cli.softgauge import verify_softgauge
 from metrosep.core.text_options import TEXT_OPTIONS
 
@@ -149,7 +149,6 @@ def measure(
     from metrosep.cli.errors import exit_code_of, report_error, verdict_code
     from metrosep.cli.evaluation import Limits, Settings, evaluate
     from metrosep.core.errors import MetrosepError
-    from metrosep.io.read import read
 
     how = Settings(
         form=form_text,
@@ -181,7 +180,7 @@ def measure(
     codes = []
     for name in files:
         try:
-            found = evaluate(read(name, **reading), how, limits)
+            found = evaluate(read_aloud(name, reading), how, limits)
         except MetrosepError as error:
             if len(files) == 1:
                 raise
@@ -345,11 +344,10 @@ def form(
     from metrosep.core.surface import Surface
     from metrosep.forms.catalogue import form_from_text
     from metrosep.forms.fit import fit
-    from metrosep.io.read import read
     from metrosep.io.write import write
 
     ideal = form_from_text(form_text)
-    obj = read(file, **reading)
+    obj = read_aloud(file, reading)
     if not isinstance(obj, Surface | Profile):
         raise InvalidSamplesError(
             f"{file}: a form needs a profile or a map; this is a {type(obj).__name__}"

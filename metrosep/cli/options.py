@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
 import click
@@ -18,6 +18,7 @@ __all__ = [
     "named_options",
     "optional_read_options",
     "override_option",
+    "read_aloud",
     "read_options",
     "say",
     "table_options",
@@ -324,6 +325,29 @@ def table_options(command: F) -> F:
     ):
         command = option(command)
     return command
+
+
+def read_aloud(file: str, reading: Mapping[str, Any]) -> Any:
+    """Read a file for a command and print what its reader warns of, on standard error.
+
+    Parameters
+    ----------
+    file : str
+        Path.
+    reading : mapping
+        Options of the reader.
+
+    Returns
+    -------
+    object
+        As from `metrosep.read`.
+    """
+    from metrosep.io.read import read
+
+    obj = read(file, **reading)
+    for warning in getattr(obj, "metadata", {}).get("warnings") or ():
+        say(f"warning: {file}: {warning.removeprefix(f'{file}: ')}")
+    return obj
 
 
 def say(message: str) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
-from metrosep.cli.options import file_options, json_option, name_values, say
+from metrosep.cli.options import file_options, json_option, name_values, read_aloud, say
 
 if TYPE_CHECKING:
     from metrosep.controllers.gcode_corrections import PathCorrection
@@ -169,9 +169,8 @@ def _correction(file: str, reading: dict[str, Any], options: dict[str, Any]) -> 
     from metrosep.core.profile import Profile
     from metrosep.core.surface import Surface
     from metrosep.core.units import parse_quantity
-    from metrosep.io.read import read
 
-    measured = read(file, **reading)
+    measured = read_aloud(file, reading)
     if not isinstance(measured, Surface | Profile):
         raise DataError(
             f"{file}: holds a {type(measured).__name__}; the error of a part is a map or a profile"

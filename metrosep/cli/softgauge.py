@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from metrosep.cli.options import file_options, json_option
+from metrosep.cli.options import file_options, json_option, read_aloud
 
 __all__ = ["verify_softgauge"]
 
@@ -55,13 +55,12 @@ def verify_softgauge(
     from metrosep.core.errors import InvalidSamplesError
     from metrosep.core.profile import Profile
     from metrosep.core.units import parse_quantity
-    from metrosep.io.read import read
     from metrosep.parameters.softgauge import verify_softgauge as compare
 
     cutoff = (
         None if lambda_c is None else parse_quantity(lambda_c, dimension="length", name="lambda_c")
     )
-    profile = read(file, **reading)
+    profile = read_aloud(file, reading)
     if not isinstance(profile, Profile):
         raise InvalidSamplesError(
             f"{file}: a software gauge is a profile, this is {type(profile).__name__}"

@@ -17,6 +17,7 @@ from metrosep.cli.options import (
     json_option,
     name_values,
     optional_read_options,
+    read_aloud,
     say,
     table_options,
 )
@@ -406,9 +407,8 @@ def _controller_of(path: Path, sidecar: dict[str, Any]) -> str:
 def _read_map(file: str, reading: dict[str, Any]) -> Any:
     from metrosep.core.errors import DataError
     from metrosep.core.surface import Surface
-    from metrosep.io.read import read
 
-    found = read(file, **reading)
+    found = read_aloud(file, reading)
     if not isinstance(found, Surface):
         raise DataError(f"{file}: a map is needed, it holds a {type(found).__name__}")
     return found

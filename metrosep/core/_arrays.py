@@ -46,15 +46,21 @@ def frozen_float(values: ArrayLike, *, name: str, ndim: int, min_size: int = 1) 
 
 
 def as_float(values: Any) -> FloatArray:
-    """Return a copy in float64, masked values as NaN; complex numbers are a TypeError.
+    """Return a copy in float64, masked values as NaN; what holds no real numbers is a TypeError.
 
-    Also where some rows of a list are masked, whose masks numpy itself would drop.
+    Also where some rows of a list are masked, whose masks numpy itself would drop. Texts, times and
+    truth values are refused, which numpy itself would take for numbers.
     """
     if isinstance(values, list | tuple) and any(isinstance(v, np.ma.MaskedArray) for v in values):
         values = np.ma.array(values)
     if np.iscomplexobj(values):
         raise TypeError("complex numbers; take their real part")
-    array: FloatArray = np.array(values, dtype=np.float64)
+    given = np.asarray(values)
+    if given.dtype.kind in "bSUmM":
+        raise TypeError(f"elements of type {given.dtype.name}; give numbers")
+    if given.dtype == object and any(isinstance(v, bool | str | bytes) for v in given.flat):
+        raise TypeError("texts or truth values among them; give numbers")
+    array: FloatArray = np.array(given, dtype=np.float64)
     if isinstance(values, np.ma.MaskedArray):
         array[np.ma.getmaskarray(values)] = np.nan
     return array

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from metrosep.core.errors import DataError
+from metrosep.core.numbers import is_real
 from metrosep.forms.base import Form
 
 __all__ = ["RIGID", "Freedoms", "choose_freedoms"]
@@ -169,10 +170,7 @@ def known_values(values: Mapping[str, float], form: Form, option: str) -> dict[s
         key = _known(name, form)
         if key in found:
             raise DataError(f"{option} holds {key} twice, by two of its names")
-        try:
-            number = float(value)
-        except (TypeError, ValueError):
-            number = float("nan")
+        number = float(value) if is_real(value) else float("nan")
         if not np.isfinite(number):
             raise DataError(f"{option}[{name!r}] is {value!r}; give a finite number in SI")
         found[key] = number

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.core._arrays import frozen_float, same_length
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.middle import assumed_axis
+from metrosep.core.numbers import is_real
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.surface import Surface
@@ -342,7 +343,7 @@ def points_of(
 def _pair(centre: Any) -> tuple[float, float]:
     """Return the centre as two finite numbers."""
     try:
-        x0, y0 = (float(v) for v in centre)
+        x0, y0 = (float(v) if is_real(v) else float("nan") for v in centre)
     except (TypeError, ValueError):
         x0 = y0 = float("nan")
     if not (np.isfinite(x0) and np.isfinite(y0)):

@@ -497,6 +497,9 @@ _FAR = 5.0
 _VERY_FAR = 20.0
 """Any value that repeats exactly and is further away than that is reported."""
 _REPEATED = 3
+_NEAR = 0.5
+"""A value of marker shape that repeats is reported from so many spreads on: numbers of a measurement
+leave no gap of half their spread below an extreme that two of them share to the last digit."""
 
 
 def _has_marker_shape(value: float) -> bool:
@@ -509,11 +512,13 @@ def marker_of(values: FloatArray) -> tuple[float, float, bool] | None:
     """Return a value that means "not measured", its distance in spreads, and whether that is sure.
 
     Extremes of the shape of a marker are set aside in turn; what is left tells the spread R. Such a
-    value further than 5 R away is sure; any other that repeats, beyond 20 R, is not.
+    value further than 5 R away is sure; one that repeats, beyond 0.5 R, and any other that repeats,
+    beyond 20 R, are not.
     """
     rest = values[np.isfinite(values)]
     most = rest.size / 2
     aside: list[float] = []
+    near: tuple[float, float, bool] | None = None
     while rest.size >= _FEWEST:
         extremes = (float(rest.max()), float(rest.min()))
         counts = {e: int(np.count_nonzero(rest == e)) for e in extremes}
@@ -521,13 +526,15 @@ def marker_of(values: FloatArray) -> tuple[float, float, bool] | None:
         if not shaped or len(aside) == _MOST_MARKERS:
             repeated = [e for e in extremes if _REPEATED <= counts[e] <= most]
             found = next((e for e in repeated if _distance(e, rest[rest != e]) > _VERY_FAR), None)
-            return None if found is None else (found, _distance(found, rest[rest != found]), False)
+            return near if found is None else (found, _distance(found, rest[rest != found]), False)
         aside.append(shaped[0])
         rest = rest[rest != shaped[0]]
         for value in aside:
             if (ratio := _distance(value, rest)) > _FAR:
                 return value, ratio, True
-    return None
+            if ratio > _NEAR and near is None and np.count_nonzero(values == value) > 1:
+                near = (value, ratio, False)
+    return near
 
 
 _FEWEST = 3

@@ -337,5 +337,5 @@ def _no_dialect(sample: list[str], path: object) -> ReadError:
         "holds no table of numbers",
         expected="rows of numbers with one separator and one decimal mark",
         found=repr(last),
-        hint="export it as CSV, or declare separator= and decimal=",
+        hint="export it as CSV, or declare separator= and decimal=, and thousands= for groups of digits",
     )

@@ -119,7 +119,7 @@ def read(
         for k, (low, high) in ranges.items()
     )
     scale = wavelength * _MICROMETRE / counts
-    warnings: list[str] = []
+    warnings = file.cut_text()
     raw = _integers(file, header, max_pixels)
     z = scaled(raw, scale, _missing(file, header, raw, warnings))
     return make_surface(

@@ -107,7 +107,7 @@ def read(
             )
         for j, name in enumerate(("x", "z")):
             points[j, k] = to_number(file, fields[j], line=line, name=name)
-    warnings = []
+    warnings = file.cut_text()
     declared = int(lines[1])
     if declared != len(rows):
         warnings.append(

@@ -105,7 +105,7 @@ def read(
     words, values = zip(*((m[1], m[2]) for m in comments if m), strict=True)
     z_unit = _value_unit(file, values[3], unit)
     z = _matrix(file, lines)
-    warnings: list[str] = []
+    warnings = file.cut_text()
     sizes = tuple(_size(file, n, values[n], warnings) for n in (1, 2))
     own = tuple(
         None if s is None else lateral_or_none(file, words[n], s / count, warnings)

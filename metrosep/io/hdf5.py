@@ -43,7 +43,7 @@ def sniff(file: RawFile) -> Match:
     Match
         MAYBE, so that the special formats come first.
     """
-    return Match.MAYBE if has_magic(file.head) else Match.NO
+    return Match.MAYBE if has_magic(file) else Match.NO
 
 
 def channels(file: RawFile) -> tuple[str, ...]:

@@ -34,9 +34,6 @@ __all__ = ["MAGIC", "Hdf5File", "has_magic", "look_into", "open_hdf5"]
 
 MAGIC = b"\x89HDF\r\n\x1a\n"
 
-_OFFSETS = (0, 512, 1024, 2048)
-"""Where the signature may stand: a user block is a power of two long."""
-
 _MAX_RATIO = 250
 """Largest ratio of claimed to stored bytes; noise of an instrument never compresses so far."""
 
@@ -56,20 +53,28 @@ _SLOWEST_DISK = 2e7
 """Bytes per second that reading is given at least."""
 
 
-def has_magic(head: bytes) -> bool:
-    """Return whether bytes begin an HDF5 file.
+def has_magic(file: RawFile) -> bool:
+    """Return whether a file is HDF5.
 
     Parameters
     ----------
-    head : bytes
-        First bytes of the file.
+    file : RawFile
+        The file.
 
     Returns
     -------
     bool
-        True when the signature stands at 0, 512, 1024 or 2048.
+        True when the signature stands at 0, 512 or twice that again and again: a user block, whose
+        length is a power of two, may stand before it.
     """
-    return any(head[o : o + len(MAGIC)] == MAGIC for o in _OFFSETS)
+    offset = 0
+    with file.stream() as handle:
+        while offset + len(MAGIC) <= file.size:
+            handle.seek(offset)
+            if handle.read(len(MAGIC)) == MAGIC:
+                return True
+            offset = 2 * offset or 512
+    return False
 
 
 def look_into(file: RawFile) -> Hdf5File | None:
@@ -85,7 +90,7 @@ def look_into(file: RawFile) -> Hdf5File | None:
     Hdf5File or None
         Kept for the reader that follows.
     """
-    if not has_magic(file.head):
+    if not has_magic(file):
         return None
     try:
         with open_hdf5(file) as handle:
@@ -473,7 +478,7 @@ def open_hdf5(file: RawFile) -> Iterator[Hdf5File]:
     CorruptFileError
         If it is damaged.
     """
-    if not has_magic(file.head):
+    if not has_magic(file):
         raise FormatMismatchError(
             f"{file.path}: is no HDF5 file: expected {MAGIC[:4]!r} at offset 0, found {file.head[:4]!r}"
         )

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core.errors import FormatMismatchError
-from metrosep.io.hdf5_file import Hdf5File, has_magic, open_hdf5
+from metrosep.io.hdf5_file import MAGIC, Hdf5File, open_hdf5
 from metrosep.io.matlab_matrix import Structs
 from metrosep.io.matlab_v5 import HEADER_BYTES, byte_order, variables
 from metrosep.io.source import MAX_PIXELS, RawFile
@@ -89,7 +89,7 @@ def version_of(head: bytes) -> str | None:
     """
     if head.startswith(_MARKS[V5]) and head[126:128] in (b"IM", b"MI"):
         return V5
-    if head.startswith(_MARKS[V73]) and has_magic(head[_HDF5_START:]):
+    if head.startswith(_MARKS[V73]) and head.startswith(MAGIC, _HDF5_START):
         return V73
     return None
 

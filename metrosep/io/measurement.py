@@ -416,9 +416,10 @@ def _profile(
         empty = np.flatnonzero(np.isnan(positions))
         if empty.size:
             line = int(table.lines[empty[0]])
+            every = ",".join(str(table.lines[i]) for i in empty)
             raise FormatMismatchError(
                 f"{file.path}: line {line}: position x is NaN in {empty.size} row(s), and a height without "
-                f"a position cannot be used; leave it out with skip_lines='{line}'"
+                f"a position cannot be used; leave it out with skip_lines='{every}'"
             )
     if np.isnan(heights).all():
         raise FormatMismatchError(
@@ -445,6 +446,8 @@ def position_and_height(file: RawFile, table: Table) -> tuple[str, str, tuple[st
     if named[0].count(True) == 1 or named[1].count(True) == 1:
         swapped = named[0] == [False, True] or named[1] == [True, False]
         x, z = (second, first) if swapped else (first, second)
+        if _profile_role(z) != "height":
+            _refuse_two_positions(file, x, z)
         if _is_monotonic(x, strictly=False) or not rises[not swapped]:
             return x.name, z.name, ()
         raise FormatMismatchError(
@@ -463,6 +466,7 @@ def position_and_height(file: RawFile, table: Table) -> tuple[str, str, tuple[st
             ),
         )
     if rises == [True, True] and table.header.get("named", True):
+        _refuse_two_positions(file, first, second)
         return (
             first.name,
             second.name,
@@ -482,6 +486,19 @@ def _profile_role(column: Column) -> str | None:
     if role is None and column.unit is not None and column.unit.dimension == "voltage":
         return "height"
     return role
+
+
+def _refuse_two_positions(file: RawFile, x: Column, z: Column) -> None:
+    """Refuse a height that differs from the position by less than a tenth of the travel."""
+    if x.values is None or z.values is None or z.unit is None or z.unit.dimension != "length":
+        return
+    factor = 1.0 if x.unit is None else z.unit.factor / x.unit.factor
+    if np.ptp(z.values * factor - x.values) < 0.1 * np.ptp(x.values):
+        raise FormatMismatchError(
+            f"{file.path}: column {z.name!r} follows the position {x.name!r} itself, so that it looks "
+            "like the actual position, not a height; subtract one from the other for the error, or "
+            f"give x={x.name!r}, z={z.name!r} if it is a height"
+        )
 
 
 def _is_monotonic(column: Column, *, strictly: bool = True) -> bool:

@@ -262,6 +262,15 @@ def _text(file: RawFile, max_pixels: int | None) -> _Content:
         if raw.size == count:
             warnings = _type_notes(header)
             if star < 0:
+                if not bytes(body[-1:]).isspace():
+                    raise CorruptFileError(
+                        file.path,
+                        "the file ends within its last height",
+                        field="heights",
+                        expected="the '*' after them, or a line end",
+                        found=bytes(body[-20:]).decode("ascii", "replace"),
+                        hint="copy the file again; if it is whole, end its last line",
+                    )
                 warnings.append("the '*' after the heights is missing")
             header["trailer"] = _trailer(file, star + 1 if star >= 0 else file.size)
             return _Content(header, raw, None, warnings)

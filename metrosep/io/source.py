@@ -126,6 +126,12 @@ class RawFile:
         with _explained(self.path):
             return self.path.open("rb")
 
+    def cut_text(self) -> list[str]:
+        """Return a warning where a text ends without a line end, in its last number perhaps."""
+        if self.data[-4:].rstrip(b"\0")[-1:].isspace():
+            return []
+        return ["the file does not end with a line end; its last number may be cut off"]
+
     @cached_property
     def sha256(self) -> str:
         """SHA-256 of the content, 64 hexadecimal digits."""

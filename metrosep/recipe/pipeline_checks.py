@@ -375,10 +375,7 @@ def _named(step: Mapping[str, Any]) -> set[str]:
         return set(step.get("names") or usual) - {"all"}
     if step["op"] != "form":
         return set()
-    from metrosep.forms.freedoms import RIGID
-
-    names = {**RIGID, **form_options(step)[0].units_of()}
-    return {"residual.pv", "residual.rms", *names}
+    return set(_units_of_form(step))
 
 
 def _unit_in(step: Mapping[str, Any], symbol: str) -> str | None:
@@ -388,11 +385,15 @@ def _unit_in(step: Mapping[str, Any], symbol: str) -> str | None:
         return unit_of_symbol(symbol)
     if step["op"] != "form":
         return None
-    if symbol in ("residual.pv", "residual.rms"):
-        return "m"
+    return _units_of_form(step).get(symbol)
+
+
+def _units_of_form(step: Mapping[str, Any]) -> dict[str, str]:
+    """Return the unit of each value that the fit of a form finds; a radius also as a curvature."""
     from metrosep.forms._curvature import curvature_name
     from metrosep.forms.freedoms import RIGID
 
     ideal = form_options(step)[0]
     bent = dict.fromkeys((curvature_name(n) for n in ideal.radii), "1/m")
-    return {**RIGID, **ideal.units_of(), **bent}.get(symbol)
+    left = dict.fromkeys(("residual.pv", "residual.rms"), "m")
+    return {**left, **RIGID, **ideal.units_of(), **bent}

@@ -301,6 +301,8 @@ def test_a_step_that_fails_is_said_in_the_words_of_the_recipe(part):
         edits = [
             {"path": ["step", 1], "old": {"op": "parameters"}, "new": short},
             {"path": ["step", 2], "old": None, "new": short},
+            {"path": ["step", 3], "old": None, "new": short},
+            {"path": ["step", 1, "intermediate"], "old": None, "new": True},
         ]
         page.ok("edit", edits=edits)
         failed = page.ok("metrics", level="full")["failed"]

@@ -347,3 +347,20 @@ def test_a_file_that_is_no_gauge(metrosep, waves):
 
     assert code == 4
     assert "profile" in err
+
+
+def test_what_the_reader_warns_of_is_said_where_a_number_is_made(metrosep, tmp_path):
+    """A row below the table is no sample: each command that uses the file says so, not only info."""
+    file = tmp_path / "trace.csv"
+    rows = "\n".join(f"{0.25 * i:.2f};{(i * 7) % 11 * 0.1:.1f}" for i in range(57))
+    file.write_text(f"Weg [mm];Messwert [um]\n{rows}\nMittelwert;0.5\n", "utf-8")
+
+    for call in (
+        ("convert", file, tmp_path / "trace.h5"),
+        ("measure", file),
+        ("measure", file, "--json"),
+        ("form", file, "--form", "polynomial: degree=2"),
+    ):
+        code, _, err = metrosep(*call)
+        assert code == 0, err
+        assert "line 59 ('Mittelwert;0.5') stands below the table" in err

@@ -168,3 +168,20 @@ def test_public_names_are_all_there_and_unknown_ones_are_not():
         assert getattr(ms, name) is not None
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         _ = ms.nothing
+
+
+@pytest.mark.parametrize(
+    "heights",
+    [
+        [["1.0", "2.0"], ["3.0", "4.0"]],
+        np.array([["1", "2"], ["3", "4"]], dtype=object),
+        np.array([[True, False], [False, True]]),
+        np.array([[1, 2], [3, 4]], dtype="timedelta64[ns]"),
+    ],
+    ids=["texts", "texts as objects", "a mask", "times"],
+)
+def test_heights_that_are_no_numbers_are_never_metres(heights):
+    with pytest.raises(InvalidSamplesError, match="z must hold real numbers"):
+        ms.Surface(heights, 1e-6, 1e-6)
+    with pytest.raises(InvalidSamplesError, match="z must hold real numbers"):
+        ms.Profile([0.0, 1e-6], np.asarray(heights)[0])

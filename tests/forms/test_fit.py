@@ -861,3 +861,15 @@ def test_shift_and_tilt_of_a_shallow_sphere_are_named(radius):
             Sphere(),
             free=("piston", "tilt_x", "shift_x"),
         )
+
+
+@pytest.mark.parametrize("value", [True, "50", b"51", "50 mm"])
+@pytest.mark.parametrize("option", ["fixed", "start"])
+def test_a_radius_that_is_no_number_is_never_metres(option, value):
+    """A "50" of a text field meant mm, and True is no radius: both were held as 50 m and 1 m."""
+    map_ = ms.Surface(np.zeros((20, 20)), 1e-6, 1e-6)
+
+    with pytest.raises(DataError, match="give a finite number in SI"):
+        fit(map_, Sphere(), **{option: {"R": value}})
+    with pytest.raises(DataError, match="centre is a pair of finite positions"):
+        fit(map_, Sphere(), centre=(value, 0.0))

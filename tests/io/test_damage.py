@@ -178,3 +178,42 @@ def test_noise_is_never_a_measurement(tmp_path, seed):
 
     with pytest.raises(ms.errors.UnknownFormatError):
         ms.read(path)
+
+
+def _exported(kind, folder):
+    """A file of two rows of heights whose last characters are ``1.25e-07`` (or ``12500000``)."""
+    text = {
+        "gwyddion.txt": "# Channel: Z\n# Width: 2.0 um\n# Height: 2.0 um\n# Value units: m\n"
+        "1.5e-07\t2.5e-07\n3.5e-07\t1.25e-07\n",
+        "grid.int": "made by hand\nGRD 2 2 SUR WVL 0.5 SSZ 1000\n1500 2500\n3500 12500000\n",
+        "contour.DAT": "mm\n3\n  0.0,  0.00015\n  0.1,  0.00025\n  0.2,  1.25e-07\n",
+    }[kind]
+    (folder / kind).write_text(text, "ascii")
+    return folder / kind
+
+
+@pytest.mark.parametrize("kind", ["gwyddion.txt", "grid.int", "contour.DAT"])
+def test_a_text_cut_in_its_last_number_says_so(tmp_path, kind):
+    """A copy that stopped early: 1.25e-07 m became 1.25 m, and the count of numbers is right."""
+    path = _exported(kind, tmp_path)
+    whole = ms.read(path)
+    assert not any("line end" in w for w in whole.metadata["warnings"])
+
+    path.write_bytes(path.read_bytes()[:-5])
+    cut = ms.read(path)
+
+    assert np.size(cut) == np.size(whole)
+    assert any("last number may be cut off" in w for w in cut.metadata["warnings"])
+
+
+def test_an_sdf_cut_in_its_last_height_is_refused(tmp_path):
+    """ISO 25178-71 ends with '*': 1.869E-7 m without its exponent would be 1.869 m."""
+    path = tmp_path / "map.sdf"
+    ms.write(ms.Surface(np.array([[1.5, 2.5], [3.5, 1.25]]) * 1e-7, 1e-6, 1e-6), path)
+    text = path.read_bytes()
+    assert text[:4] == b"aISO"
+    end = text.rindex(b"e-", 0, text.rindex(b"*"))
+
+    path.write_bytes(text[:end])
+    with pytest.raises(ms.errors.CorruptFileError, match="ends within its last height"):
+        ms.read(path)

@@ -2,6 +2,7 @@
 
 import os
 import struct
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -170,9 +171,9 @@ def test_other_content_is_refused(tmp_path):
 
 
 def test_magic_may_follow_a_user_block():
-    assert has_magic(bytes(512) + hdf5_file.MAGIC)
-    assert not has_magic(bytes(100) + hdf5_file.MAGIC)
-    assert not has_magic(b"")
+    for before, found in ((512, True), (2**16, True), (100, False), (1536, False)):
+        assert has_magic(RawFile(Path("a.h5"), bytes(before) + hdf5_file.MAGIC)) is found
+    assert not has_magic(RawFile(Path("a.h5"), b""))
 
 
 def test_offset_beyond_the_end_is_refused(tmp_path):

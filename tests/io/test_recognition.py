@@ -131,6 +131,22 @@ def test_container_is_recognised_wherever_its_names_lie(repository, tmp_path, na
     assert registry.identify(path).id == name
 
 
+@pytest.mark.parametrize("size", [512, 4096, 2**16, 2**21])
+def test_hdf5_opens_behind_a_user_block_of_any_length(tmp_path, size):
+    """HDF5 allows any power of two from 512 on in front of its signature; h5py writes such files."""
+    path = tmp_path / "map.h5"
+    ms.write(ms.Surface(np.arange(12.0).reshape(3, 4) * NM, 1e-6, 1e-6), path)
+    with (
+        h5py.File(path) as plain,
+        h5py.File(tmp_path / "behind.h5", "w", userblock_size=size) as behind,
+    ):
+        for name in plain:
+            plain.copy(name, behind)
+        behind.attrs.update(plain.attrs)
+
+    assert np.array_equal(ms.read(tmp_path / "behind.h5").z, ms.read(path).z)
+
+
 def test_padded_files_read_as_the_plain_ones(repository, tmp_path):
     for name in ("fourd", "datx", "x3p", "mitutoyo-xlsx"):
         sample, padded = CONTAINER[name]

@@ -424,3 +424,47 @@ def test_the_call_that_separates_runs_works_as_it_is_printed(put, capsys, comman
 
     code_of(*shlex.split(call.group(1)), "--feed", "90 mm/min", "--method", "mean")
     assert "ErrorEstimate(mean" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("names", "factor"),
+    [("Soll [mm];Ist [mm]", 1.0), ("target_mm;position_mm", 1.0), ("nominal_mm;actual_um", 1e3)],
+)
+def test_an_actual_position_is_no_height(tmp_path, names, factor):
+    """A list of nominal and actual positions gave a profile of 14 mm in height, without a word."""
+    rows = [(-3.0 + 0.25 * i, -3.0 + 0.25 * i + 1e-3 * (i % 5)) for i in range(57)]
+    text = "\n".join(f"{a:.3f};{b * factor:.6f}" for a, b in rows)
+    (tmp_path / "list.csv").write_text(f"{names}\n{text}\n", "utf-8")
+
+    with pytest.raises(
+        ms.errors.FormatMismatchError, match="looks like the actual position"
+    ) as told:
+        ms.read(tmp_path / "list.csv")
+
+    x, z = re.search(r"give x='(.*?)', z='(.*?)' if", str(told.value)).groups()
+    assert np.ptp(ms.read(tmp_path / "list.csv", x=x, z=z).z) > 0.0139
+
+
+def test_a_marker_within_the_reach_of_the_heights_is_told_where_it_repeats(tmp_path):
+    """Heights of +-4200 nm and -9999 three times: 0.7 spreads away, too near to be refused."""
+    heights = [round(4200 * np.sin(0.3 * i), 1) for i in range(60)]
+    for i in (0, 1, 59):
+        heights[i] = -9999.0
+    rows = "\n".join(f"{0.25 * i:.2f};{h}" for i, h in enumerate(heights))
+    (tmp_path / "a.csv").write_text(f"x_mm;z_nm\n{rows}\n", "ascii")
+
+    (warning,) = ms.read(tmp_path / "a.csv").metadata["warnings"]
+    assert "-9999 in 3 row(s) (first: line 2)" in warning
+    assert np.isnan(ms.read(tmp_path / "a.csv", missing="-9999").z).sum() == 3
+
+
+def test_rows_without_a_position_are_named_so_that_one_call_leaves_all_of_them_out(tmp_path):
+    rows = [f"{0.5 * i:.1f};{i % 7}" for i in range(30)]
+    rows[5] = rows[17] = rows[22] = ";3"
+    (tmp_path / "a.csv").write_text("x_mm;z_um\n" + "\n".join(rows) + "\n", "ascii")
+
+    with pytest.raises(ms.errors.FormatMismatchError, match="NaN in 3 row") as told:
+        ms.read(tmp_path / "a.csv")
+
+    given = re.search(r"skip_lines='(.*?)'", str(told.value))[1]
+    assert len(ms.read(tmp_path / "a.csv", skip_lines=given)) == 27

@@ -240,10 +240,9 @@ def test_form_without_a_parameter_is_refused():
         run("rank", 'form = "toric: Rb=265 mm"\n' + PART + 'all_lengths = "1 um"\n')
 
 
-def test_part_larger_than_its_surface_is_told():
-    result = run("rank", TORIC + PART.replace("20 mm", "150 mm") + 'all_lengths = "1 um"\n')
-
-    assert any("not defined at" in m for m in result.document["messages"])
+def test_part_larger_than_its_surface_is_refused():
+    with pytest.raises(DataError, match="ends at a radius of 132"):
+        run("rank", TORIC + PART.replace("20 mm", "150 mm") + 'all_lengths = "1 um"\n')
 
 
 def test_surface_nowhere_defined_is_refused():
