@@ -190,7 +190,8 @@ def identify(
     model = CutModel(chain, points.mesh.form, place, positions, exact=True)
     solution, left, used = _fit(solver, model, points, exact=exact)
     curves = _curves_left(solver, maker, points, left, used)
-    return _result(solver, solution, left, used, points, surface_map, form is None, curves, exact)
+    found = _result(solver, solution, left, used, points, surface_map, form is None, curves, exact)
+    return replace(found, messages=(*chain.messages, *found.messages))
 
 
 def _solver(maker: MapMaker, freedoms: tuple[str, ...], threshold: float) -> Solver:

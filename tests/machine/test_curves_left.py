@@ -12,7 +12,7 @@ from scipy.ndimage import gaussian_filter
 
 from metrosep import Surface
 from metrosep.forms import Plane, Sphere, Toric
-from metrosep.machine import identify, presets
+from metrosep.machine import Chain, Element, identify, presets
 
 R = 18e-3
 INNER, OUTER = 0.5e-3, 17e-3
@@ -169,3 +169,15 @@ def test_a_step_in_the_part_is_not_explained_by_a_slide_that_turns_by_degrees(la
             )  # by 1 % of the radius, or 10 mrad
             si = {"pm": 1e-12, "nm": 1e-9, "um": 1e-6, "mm": 1e-3, "urad": 1e-6, "arcsec": 4.85e-6}
             assert float(amount) * si[unit] <= 0.01 * most, said
+
+
+def test_identify_says_where_own_travel_is_a_lever():
+    own = Chain(
+        [
+            Element("Z", "tool", "linear"),
+            Element("X", "workpiece", "linear", (-1, 0, 0)),
+            Element("C", "workpiece", "rotary"),
+        ]
+    )
+    found = identify(own, part(lambda rho: 0.0 * rho), terms=["EBX"])
+    assert "own travel is a lever of its angles" in found.messages[0]
