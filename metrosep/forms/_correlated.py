@@ -172,7 +172,9 @@ def _two_of_each(n: int, b: int) -> NDArray[np.intp]:
     first = np.arange(0, n, b)
     wide = np.minimum(b, n - first)
     middle, half = first + 0.5 * (wide - 1), wide / np.sqrt(12.0)
-    return np.rint(np.column_stack([middle - half, middle + half])).astype(np.intp).ravel()
+    return np.asarray(
+        np.rint(np.column_stack([middle - half, middle + half])).astype(np.intp).ravel()
+    )
 
 
 def _blocks(
