@@ -88,6 +88,7 @@ class MeshForm(Shape):
         """Return the height at points, and the triangle that gives it, -1 for none."""
         px, py = x.ravel(), y.ravel()
         z, facet = np.full(px.size, np.nan), np.full(px.size, -1, dtype=np.intp)
+        within = np.zeros(px.size, dtype=bool)
         u, v = (px - self.low[0]) / self.step[0], (py - self.low[1]) / self.step[1]
         nx, ny = self.n_bins
         at = np.flatnonzero((u >= -_EDGE) & (v >= -_EDGE) & (u <= nx + _EDGE) & (v <= ny + _EDGE))
@@ -105,8 +106,11 @@ class MeshForm(Shape):
             s1, s2 = inv[:, 0] * a + inv[:, 1] * b, inv[:, 2] * a + inv[:, 3] * b
             height = self.corners[t, 0, 2] + self.planes[t, 0] * a + self.planes[t, 1] * b
             hit = (s1 >= -_EDGE) & (s2 >= -_EDGE) & (s1 + s2 <= 1.0 + _EDGE)
-            hit &= ~(height <= z[at])
-            z[at[hit]], facet[at[hit]] = height[hit], t[hit]
+            # beyond its edge a triangle counts where no other is: its plane lies above a convex edge
+            inner = (s1 >= 0.0) & (s2 >= 0.0) & (s1 + s2 <= 1.0)
+            known = within[at]
+            hit &= (inner & ~known) | ((inner == known) & ~(height <= z[at]))
+            z[at[hit]], facet[at[hit]], within[at[hit]] = height[hit], t[hit], inner[hit]
             entry = entry + 1
 
     def _height(self, x: FloatArray, y: FloatArray) -> FloatArray:

@@ -62,6 +62,10 @@ _CHANCE = 1e-4
 _ALIKE = 0.9
 """Of what the best curve explains: another that explains as much cannot be told from it."""
 
+_LARGEST = 0.01
+"""Of the radius of the part (for an angle: rad): no slide that still turns parts moves by so much
+beside its line. Six orders of a motion that this part hardly feels would imitate any pattern."""
+
 _SEEN = 1e-12
 """m; a smaller pattern is rounding, no instrument shows it."""
 
@@ -186,7 +190,8 @@ def identify(
     model = CutModel(chain, points.mesh.form, place, positions, exact=True)
     solution, left, used = _fit(solver, model, points, exact=exact)
     curves = _curves_left(solver, maker, points, left, used)
-    return _result(solver, solution, left, used, points, surface_map, form is None, curves, exact)
+    found = _result(solver, solution, left, used, points, surface_map, form is None, curves, exact)
+    return replace(found, messages=(*chain.messages, *found.messages))
 
 
 def _solver(maker: MapMaker, freedoms: tuple[str, ...], threshold: float) -> Solver:
@@ -380,15 +385,17 @@ def _curves_left(
                 chance = fdtrc(k, free, float(amounts @ np.linalg.solve(noise, amounts)) / k)
             if chance * len(columns) < _CHANCE:
                 explained[name] = size
-        if not explained:
-            break
-        top = max(explained.values())
         spans: dict[str, tuple[float, float]] = {}
-        for n in (n for n, size in explained.items() if size > _ALIKE * top):
+        for n in explained:
             own = columns[n] - within @ (within.T @ columns[n])
             pv = float(np.ptp(curves[n] @ np.linalg.lstsq(own, rest, rcond=OWN)[0]))
             spans[n] = pv, pv * (reach if n[1] in "ABC" else 1.0)
-        name, *alike = sorted(spans, key=lambda n: spans[n][1])  # the smallest that does it
+        explained = {n: v for n, v in explained.items() if spans[n][1] <= _LARGEST * reach}
+        if not explained:
+            break
+        top = max(explained.values())
+        same = [n for n, size in explained.items() if size > _ALIKE * top]
+        name, *alike = sorted(same, key=lambda n: spans[n][1])  # the smallest that does it
         found.append((name, spans[name][0], tuple(alike)))
         chosen.append(columns.pop(name))
         within = span_of(np.hstack([within, chosen[-1]]))

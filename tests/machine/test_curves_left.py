@@ -4,13 +4,15 @@ Truth is the height of a faced or ground part in closed form, with the straight 
 squares lays through the planted curve.
 """
 
+import re
+
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
 from metrosep import Surface
-from metrosep.forms import Plane, Sphere
-from metrosep.machine import identify, presets
+from metrosep.forms import Plane, Sphere, Toric
+from metrosep.machine import Chain, Element, identify, presets
 
 R = 18e-3
 INNER, OUTER = 0.5e-3, 17e-3
@@ -148,3 +150,34 @@ def test_a_bow_on_a_square_map_is_not_a_squareness_either():
     z += 1e-9 * np.random.default_rng(1).standard_normal(rho.shape)
     found = identify(lathe, Surface(z, dx=step, dy=step), form=Plane(), terms=["B0Z"])
     assert np.isnan(found["B0Z"].value)
+
+
+@pytest.mark.parametrize("size", [25e-9, -60e-9])
+def test_a_step_in_the_part_is_not_explained_by_a_slide_that_turns_by_degrees(lathe, size):
+    """A stop in the cut: pitch of 16 degrees would do it on a toric as flat as this one."""
+    found = identify(
+        lathe,
+        part(lambda rho: size * (rho > 7e-3), form=Toric(Rb=0.3, Rd=0.2)),
+        form=Toric(Rb=0.3, Rd=0.2),
+        terms=["B0Z", "EZX"],
+    )
+    assert np.isnan(found["B0Z"].value)
+    for said in found.messages:
+        for amount, unit in re.findall(r"\((\S+) (\w+) P-V", said):
+            most = (
+                R if unit in {"pm", "nm", "um", "mm"} else 1.0
+            )  # by 1 % of the radius, or 10 mrad
+            si = {"pm": 1e-12, "nm": 1e-9, "um": 1e-6, "mm": 1e-3, "urad": 1e-6, "arcsec": 4.85e-6}
+            assert float(amount) * si[unit] <= 0.01 * most, said
+
+
+def test_identify_says_where_own_travel_is_a_lever():
+    own = Chain(
+        [
+            Element("Z", "tool", "linear"),
+            Element("X", "workpiece", "linear", (-1, 0, 0)),
+            Element("C", "workpiece", "rotary"),
+        ]
+    )
+    found = identify(own, part(lambda rho: 0.0 * rho), terms=["EBX"])
+    assert "own travel is a lever of its angles" in found.messages[0]

@@ -13,6 +13,7 @@ from metrosep.core.errors import (
     UnitError,
 )
 from metrosep.forms import Expression, SineGrid, Sphere, Toric
+from metrosep.forms.stl import from_triangles
 from metrosep.process.nose import RoundNose, rake_error
 from metrosep.process.nose_checks import clearance_check, gouge_check, window_check
 from metrosep.process.tool_settings import ToolSetting
@@ -371,3 +372,15 @@ def test_missing_angles_and_wrong_directions_are_refused():
         clearance_check(GRID, RoundNose(1e-3, clearance=0.1), travel="up")
     with pytest.raises(InvalidSamplesError, match="slope is nan"):
         RAKED.error([0.1, np.nan])
+
+
+@pytest.mark.parametrize("radius", [50e-6, 120e-6])
+def test_no_nose_gouges_a_convex_mesh(radius):
+    """A dome of triangles from a drawing: each edge bends away from the tool."""
+    x = np.linspace(-2e-3, 2e-3, 41)
+    X, Y = np.meshgrid(x, x)
+    P = np.stack([X, Y, -(X**2 + Y**2) / 0.1], axis=-1)
+    a, b, c, d = P[:-1, :-1], P[:-1, 1:], P[1:, :-1], P[1:, 1:]
+    triangles = [np.stack(t, axis=2).reshape(-1, 3, 3) for t in ((a, b, d), (a, d, c))]
+    dome = from_triangles(np.concatenate(triangles))
+    assert gouge_check(dome, RoundNose(radius), radius=1.25e-3).ok
