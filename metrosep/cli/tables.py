@@ -126,6 +126,8 @@ def _shape(options: dict[str, Any], controller: str) -> dict[str, Any]:
         k: options[k] for k in ("spacing", "axis", "compensates") if options.get(k) is not None
     }
     shape.setdefault("axis", "X")
+    if options.get("table_direction") is not None:
+        shape["direction"] = options["table_direction"]
     if options.get("reference") is not None:
         shape["reference"] = parse_quantity(
             options["reference"], dimension="length", name="--reference"
