@@ -66,7 +66,7 @@ def test_separate_prints_json_on_stdout_and_the_rest_elsewhere(metrosep, runs_cs
 def test_separate_writes_table_report_and_result(metrosep, runs_csv, tmp_path):
     code, _, err = metrosep(
         "separate", runs_csv, *COLUMNS, "--start", "0 mm", "--length", "30 mm",
-        "--table", "linuxcnc=x.comp", "--spacing", "0.5 mm", "--poly", "2", "-o", tmp_path / "out",
+        "--table", "linuxcnc=x.comp", "--compensates", "X", "--spacing", "0.5 mm", "--poly", "2", "-o", tmp_path / "out",
     )  # fmt: skip
 
     assert code == 0, err
@@ -83,7 +83,9 @@ def test_table_from_a_result_and_verify(metrosep, runs_csv, tmp_path):
     assert code == 0
 
     comp = tmp_path / "x.comp"
-    code, _, err = metrosep("table", out / "result.json", "--spacing", "0.5 mm", "-o", comp)
+    code, _, err = metrosep(
+        "table", out / "result.json", "--compensates", "X", "--spacing", "0.5 mm", "-o", comp
+    )
     assert code == 0, err
     code, stdout, _ = metrosep("verify", comp, "--against", runs_csv, *COLUMNS, "--json")
     assert code == 0
@@ -93,7 +95,15 @@ def test_table_from_a_result_and_verify(metrosep, runs_csv, tmp_path):
 def test_verify_rejects_a_flipped_table_with_code_1(metrosep, runs_csv, tmp_path):
     comp = tmp_path / "x.comp"
     code, _, _ = metrosep(
-        "separate", runs_csv, *COLUMNS, "--table", f"linuxcnc={comp}", "--spacing", "0.5 mm"
+        "separate",
+        runs_csv,
+        *COLUMNS,
+        "--table",
+        f"linuxcnc={comp}",
+        "--compensates",
+        "X",
+        "--spacing",
+        "0.5 mm",
     )
     assert code == 0
     assert comp.exists()
@@ -212,7 +222,15 @@ def test_bad_input_is_one_line_and_writes_nothing(metrosep, tmp_path, name, code
         columns[3] = "z"
 
     code, out, err = metrosep(
-        "separate", source, *columns, "--table", "linuxcnc=x.comp", "-o", tmp_path / "out"
+        "separate",
+        source,
+        *columns,
+        "--table",
+        "linuxcnc=x.comp",
+        "--compensates",
+        "X",
+        "-o",
+        tmp_path / "out",
     )
 
     assert code in codes, err
