@@ -104,6 +104,14 @@ def test_verify_rejects_a_flipped_table_with_code_1(metrosep, runs_csv, tmp_path
         "X",
         "--spacing",
         "0.5 mm",
+        "--start",
+        "0 mm",
+        "--length",
+        "30 mm",
+        "--machine",
+        "travel_low=0 mm",
+        "--machine",
+        "travel_high=30 mm",
     )
     assert code == 0
     assert comp.exists()
@@ -111,7 +119,17 @@ def test_verify_rejects_a_flipped_table_with_code_1(metrosep, runs_csv, tmp_path
     rows = [[float(v) for v in line.split()] for line in comp.read_text().splitlines()]
     flipped.write_text("".join(f"{p} {2 * p - f} {2 * p - r}\n" for p, f, r in rows))
 
-    code, _, err = metrosep("verify", flipped, "--against", runs_csv, *COLUMNS)
+    code, _, err = metrosep(
+        "verify",
+        flipped,
+        "--against",
+        runs_csv,
+        *COLUMNS,
+        "--machine",
+        "travel_low=0 mm",
+        "--machine",
+        "travel_high=30 mm",
+    )
 
     assert code == 1
     assert "the reversed sign would shrink it" in one_line_error(err)
