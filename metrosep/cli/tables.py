@@ -355,9 +355,9 @@ def verify(
                     f"--{column} names the column of the runs, such as --{column} {column}_mm"
                 )
         measured = read_runs_of(files, options)
-        loaded, travel = _as_made(loaded, sidecar)
-        travel = tuple(b if a is None else a for a, b in zip(stated, travel, strict=True))
-        more = {"unknown": unknown, "travel": travel}
+        loaded, known_travel = _as_made(loaded, sidecar)
+        pairs = zip(stated, known_travel, strict=True)
+        more = {"unknown": unknown, "travel": tuple(b if a is None else a for a, b in pairs)}
     result = dry_run_carried(loaded, lookup, measured, **more)
     found = result.to_dict()
     if as_json:
