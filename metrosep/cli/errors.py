@@ -106,6 +106,9 @@ def as_options(message: str, names: Collection[str]) -> str:
     if "table_" in names or "format_" in names:
         new = r"--format \1" if "format_" in names else r"--table \1=FILE"
         message = re.sub(r"\bcontroller='(\w+)'", new, message)
+    if "table_direction" in names:  # --direction names a column of the runs
+        ways = r"direction=(['\"])(auto|both|split|forward|reverse)\1"
+        message = re.sub(rf"(?<![\w.-]){ways}", r"--table-direction \2", message)
     return re.sub(r"(?<![\w.-])([a-z_]+)=(?:(['\"])(.*?)\2|([\w.+-]+))?", option, message)
 
 

@@ -178,7 +178,10 @@ def separate(
     controller, _, path = (table_ or "").partition("=")
     if table_ is not None and not path:
         raise click.UsageError("--table is written NAME=FILE, such as linuxcnc=x.comp")
-    for name in ("compensates", "reference", "cross_axis", "machine", "waive", "sign_confirmed"):
+    for name in (
+        "compensates", "reference", "table_direction", "cross_axis", "machine", "waive",
+        "sign_confirmed",
+    ):  # fmt: skip
         if table_ is None and options.get(name):
             raise click.UsageError(f"--{name.replace('_', '-')} shapes a table: add --table")
     if table_ is not None and options.get("compensates") is None:

@@ -307,6 +307,12 @@ def table_options(command: F) -> F:
             ),
             click.option("--reference", metavar="LENGTH", help="Position of zero correction."),
             click.option(
+                "--table-direction",
+                type=click.Choice(["auto", "both", "split", "forward", "reverse"]),
+                help="Of the runs: both in one column (both), a column for each (split), or those of "
+                "one; auto splits where the error differs.",
+            ),
+            click.option(
                 "--machine",
                 multiple=True,
                 metavar="NAME=VALUE",

@@ -63,6 +63,8 @@ def recipe_text(options: dict[str, Any], *, table: tuple[str, str] | None, repor
             for k in ("axis", "compensates", "spacing", "reference")
             if options.get(k) is not None
         ]
+        if options.get("table_direction") is not None:
+            lines.append(f"direction = {quoted(options['table_direction'])}")
         lines.append(f"path = {quoted(table[1])}")
         lines += _machine_lines(options)
     if report:

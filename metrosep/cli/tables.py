@@ -70,6 +70,11 @@ def table(
     from metrosep.recipe.result import load_document
 
     info = find(format_).info
+    if options["poly"] is not None and info.carries != "polynomial":
+        raise click.UsageError(
+            f"--poly is for controllers that hold a polynomial, and {info.id} holds a {info.carries}: "
+            "leave --poly out, or write --format plc-st"
+        )
     if info.carries == "map":
         made, against, folds = _map_of(result, options, reading), None, None
     else:
@@ -127,6 +132,8 @@ def _shape(options: dict[str, Any], controller: str) -> dict[str, Any]:
         k: options[k] for k in ("spacing", "axis", "compensates") if options.get(k) is not None
     }
     shape.setdefault("axis", "X")
+    if options.get("table_direction") is not None:
+        shape["direction"] = options["table_direction"]
     if options.get("reference") is not None:
         shape["reference"] = parse_quantity(
             options["reference"], dimension="length", name="--reference"
@@ -323,11 +330,17 @@ def verify(
     from metrosep.controllers.base import load_sidecar
     from metrosep.controllers.files import dry_run_carried
     from metrosep.core.errors import TableError
+    from metrosep.core.units import parse_quantity
 
     path = Path(table_file)
     sidecar = load_sidecar(path)
     name = format_ or _controller_of(path, sidecar)
     known = {k.replace("-", "_"): v for k, v in name_values(machine, "--machine")}
+    stated = [
+        None if text is None else parse_quantity(text, dimension="length", name=f"--machine {k}")
+        for k in ("travel_low", "travel_high")
+        for text in [known.pop(k, None)]
+    ]
     loaded = controllers.read(path, name, **known)
     lookup = controllers.simulate(path, name, **known)
     more: dict[str, Any] = {}
@@ -343,8 +356,9 @@ def verify(
                     f"--{column} names the column of the runs, such as --{column} {column}_mm"
                 )
         measured = read_runs_of(files, options)
-        loaded, travel = _as_made(loaded, sidecar)
-        more = {"unknown": unknown, "travel": travel}
+        loaded, known_travel = _as_made(loaded, sidecar)
+        pairs = zip(stated, known_travel, strict=True)
+        more = {"unknown": unknown, "travel": tuple(b if a is None else a for a, b in pairs)}
     result = dry_run_carried(loaded, lookup, measured, **more)
     found = result.to_dict()
     if as_json:

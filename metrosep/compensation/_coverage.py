@@ -9,11 +9,11 @@ from metrosep.compensation._acceptance import Reason
 from metrosep.compensation.measured import Measured
 from metrosep.core.units import format_length
 
-__all__ = ["alignment", "coverage"]
+__all__ = ["COVERED", "alignment", "coverage"]
 
 FloatArray = NDArray[np.float64]
 
-_COVERED, _HOLE, _LONG_STEP, _OF_RUNS = 0.95, 0.05, 2.5, 0.5
+COVERED, _HOLE, _LONG_STEP, _OF_RUNS = 0.95, 0.05, 2.5, 0.5
 
 
 def coverage(
@@ -33,7 +33,7 @@ def coverage(
         f"the table covers {format_length(span[0])} ... {format_length(span[1])}, the measurement "
         f"{format_length(common[0])} ... {format_length(common[1])} of it"
     )
-    if share < _COVERED:
+    if share < COVERED:
         refused.append(
             f"{ranges} ({100.0 * share:.3g} %): measure the whole table, or make it shorter"
         )
@@ -78,7 +78,7 @@ def alignment(measured: Measured, space: str, aligned: tuple[float, float]) -> l
     if space != "line":
         return []
     low, high = max(aligned[0], measured.span[0]), min(aligned[1], measured.span[1])
-    if high - low >= _COVERED * (aligned[1] - aligned[0]):
+    if high - low >= COVERED * (aligned[1] - aligned[0]):
         return []
     return [
         Reason(

@@ -243,10 +243,10 @@ def own_runs(
     if len(used) < len(runs):
         n = len(runs) - len(used)
         own = own_runs(carried, used, lookup, folds)
-        left = (
+        excluded = (
             f"{n} of the runs were left out of the separation (exclude=) and are not judged with"
         )
-        return replace(own, warning="; ".join(w for w in (left, own.warning) if w))
+        return replace(own, warning="; ".join(w for w in (excluded, own.warning) if w))
     if folds is None:
         kind, others = made_of(carried.history, runs)
         if kind == "none":

@@ -25,6 +25,7 @@ from metrosep.compensation._acceptance import (
     pv_with_zero,
     rising,
 )
+from metrosep.compensation._coverage import COVERED
 from metrosep.compensation.area_errors import AreaFunction, ErrorMap, area_error, format_position
 from metrosep.compensation.limits import Finding
 from metrosep.core.errors import (
@@ -74,6 +75,9 @@ class MapVerification:
         Area that was compared over the area of the map.
     zero : float, m
         Correction at the reference.
+    reach : float, dimensionless, 0 to 1
+        Rectangle of the measurement inside the map over that of the map; places without an error
+        (a round part) count.
     """
 
     before_pv: float
@@ -89,6 +93,7 @@ class MapVerification:
     n_not_measured: int
     coverage: float
     zero: float = 0.0
+    reach: float = 1.0
 
     @property
     def reasons(self) -> tuple[Reason, ...]:
@@ -101,6 +106,12 @@ class MapVerification:
         if not found and self.rest > ENOUGH:
             share = f"{100.0 * min(self.rest, 9.99):.3g} % of the RMS would stay"
             found.append(Reason("pointless", "pointless", f"{share}: less than 30 % goes"))
+        if self.reach < COVERED:
+            text = (
+                f"the measurement spans {100.0 * self.reach:.3g} % of the map: measure the whole map, "
+                "or make it smaller"
+            )
+            found.append(Reason("refused", "coverage", text))
         return tuple(found)
 
     @property
@@ -161,6 +172,7 @@ class MapVerification:
             "n_compared": self.n_compared,
             "n_not_measured": self.n_not_measured,
             "coverage": self.coverage,
+            "reach": self.reach,
         }
 
     def require(
@@ -173,14 +185,14 @@ class MapVerification:
         what : str
             Name of the map for the message.
         waived : collection of str, optional
-            "pointless" may be waived.
+            "pointless" and "coverage" may be waived.
         only_refused : bool, optional
             Whether a pointless map passes.
 
         Raises
         ------
         SignCheckFailedError
-            If RMS or P-V rises.
+            If RMS or P-V rises, or the measurement spans less than 95 % of the map.
         PointlessTableError
             If less than 30 % of the RMS goes.
         """
@@ -188,6 +200,12 @@ class MapVerification:
         grade = graded(left)
         if grade == "accepted" or (only_refused and grade != "refused"):
             return
+        if grade == "refused" and all(r.check != "dry-run" for r in left):
+            text, checks = "; ".join(r.text for r in left), ", ".join(r.check for r in left)
+            raise SignCheckFailedError(
+                f"{what}: refused: {text}; nothing was written (to write it all the same, say "
+                f"waive={checks!r})"
+            )
         if self.wrong_sign_rms < self.before_rms and self.wrong_sign_rms < self.after_rms:
             hint = "the reversed sign would shrink it: the sign of the measurement or of the map is wrong"
         elif self.after_rms < self.before_rms:
@@ -296,6 +314,7 @@ def dry_run_map(
     before = e[valid] - off
     after, wrong = shifted[valid] - off + applied, flipped[valid] - off - applied
     whole = [high - low for low, high in span]
+    reach = (first[1] - first[0]) * (last[1] - last[0]) / (whole[0] * whole[1])
     return MapVerification(
         before_pv=float(np.ptp(before)),
         after_pv=pv_with_zero(after, zero),
@@ -308,10 +327,9 @@ def dry_run_map(
         span=(first, last),
         n_compared=n,
         n_not_measured=int(e.size - n),
-        coverage=float(
-            n / e.size * (first[1] - first[0]) * (last[1] - last[0]) / (whole[0] * whole[1])
-        ),
+        coverage=n / e.size * reach,
         zero=zero,
+        reach=reach,
     )
 
 

@@ -453,7 +453,8 @@ def _outside(
     text = (
         f"the runs reach from {format_length(low)} to {format_length(high)}, beyond the table, and "
         f"what the controller does there makes it worse: {worse}; make the table as long as the "
-        "travel, or state the travel that is used (travel_low, travel_high)"
+        "travel, or state the travel that is used with travel_low= and travel_high= (command line: "
+        "--machine travel_low=, --machine travel_high=)"
     )
     return ([Reason("refused", "coverage", text)], []) if much else ([], [text])
 

@@ -42,6 +42,7 @@ from metrosep.controllers.safety import (
     file_findings,
     judged,
     table_findings,
+    waived_names,
 )
 from metrosep.core.errors import (
     SignCheckFailedError,
@@ -264,8 +265,9 @@ def prepare(
 
 
 def _names(waive: Sequence[str], *, allow_unverified: bool) -> tuple[str, ...]:
-    names = (waive,) if isinstance(waive, str) else tuple(waive)
-    return tuple(dict.fromkeys((*names, *(("dry-run",) if allow_unverified else ()))))
+    return tuple(
+        dict.fromkeys((*waived_names(waive), *(("dry-run",) if allow_unverified else ())))
+    )
 
 
 def _described_trial(trial: TrialTable | TrialMap) -> dict[str, Any]:

@@ -17,7 +17,14 @@ from metrosep.controllers.base import DialectInfo, Encoded
 from metrosep.core.errors import DataError, LimitError
 from metrosep.core.units import format_length
 
-__all__ = ["CHECKS", "carried_findings", "file_findings", "judged", "table_findings"]
+__all__ = [
+    "CHECKS",
+    "carried_findings",
+    "file_findings",
+    "judged",
+    "table_findings",
+    "waived_names",
+]
 
 CHECKS = {
     "dry-run": "the error shrinks when the very bytes are applied to it",
@@ -47,6 +54,12 @@ _SAME = 1e-12
 """Corrections below a picometre count as zero at the reference."""
 
 
+def waived_names(waive: str | Sequence[str]) -> tuple[str, ...]:
+    """Return the names of checks; one text may hold several, with commas, as messages print them."""
+    texts = (waive,) if isinstance(waive, str) else tuple(waive)
+    return tuple(name.strip() for text in texts for name in text.split(","))
+
+
 def judged(findings: Iterable[Finding], waive: Sequence[str]) -> tuple[Finding, ...]:
     """Return the findings, and refuse if an error is among them that is not waived.
 
@@ -69,7 +82,7 @@ def judged(findings: Iterable[Finding], waive: Sequence[str]) -> tuple[Finding, 
     LimitError
         If an error is left.
     """
-    names = (waive,) if isinstance(waive, str) else tuple(waive)
+    names = waived_names(waive)
     unknown = [n for n in names if n not in CHECKS]
     if unknown:
         raise DataError(f"waive={unknown[0]!r} is no check; there are {', '.join(CHECKS)}")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from metrosep.compensation import CompensationTable, Verification
 from metrosep.compensation.folds import Folds
+from metrosep.controllers.safety import waived_names
 from metrosep.core.errors import CorruptFileError, DataError, TableError
 from metrosep.core.runset import RunSet
 from metrosep.core.units import format_length, parse_quantity
@@ -222,7 +223,7 @@ def dry_runs(recipe: Recipe, document: Mapping[str, Any]) -> list[WrittenTable]:
             runs,
             folds=folds,
             travel=(limits.get("travel_low"), limits.get("travel_high")),
-            waived=tuple(output.get("waive", ())),
+            waived=waived_names(output.get("waive", ())),
         )
         description = {**made.to_dict(), "verification": verification.to_dict()}
         found.append(WrittenTable(description, verification))

@@ -7,15 +7,16 @@ the resolution, the second question has no answer.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core.errors import InvalidSamplesError, NotSeparableError, TooFewSamplesError
-from metrosep.core.runset import RunSet
+from metrosep.core.runset import Run, RunSet
 from metrosep.separation.evidence import evidence_table
+from metrosep.separation.spectra import feed_spectra
 
 __all__ = ["contradictions", "evidence_of"]
 
@@ -29,6 +30,9 @@ _STRONG = 8.0
 
 _TIMES = 4.0
 """The evidence is held against the estimate where its wave is so many times as strong."""
+
+_POINTS_OF_A_WAVE = 16
+"""Of the estimate, where its spectrum is taken as that of the runs."""
 
 _LEAST_RUNS = 2
 """Runs of each feedrate: fewer leave hardly any degrees of freedom."""
@@ -74,13 +78,19 @@ def evidence_of(
 
 
 def contradictions(
-    spectrum: Mapping[str, list[Any]], evidence: Mapping[str, list[Any]], *, noise_nm: float
+    spectrum: Mapping[str, list[Any]],
+    evidence: Mapping[str, list[Any]],
+    curve: Callable[[FloatArray], FloatArray],
+    *,
+    span: tuple[float, float],
+    noise_nm: float,
 ) -> list[str]:
     """Name the wave in which estimate and evidence of one result contradict each other most.
 
     The estimate knows the noise, the evidence only asks whether the runs agree; where both are
     right they find the same strong waves. Amplitudes are compared over neighbouring wavelengths,
-    since the two tables have different ones.
+    since the two tables have different ones; and with the estimate under the window of the
+    evidence, where a strong wave off the grid of the travel leaks into its neighbours.
     """
     if not evidence:
         return []
@@ -104,15 +114,25 @@ def contradictions(
             "add runs at another feedrate"
         )
     left = np.zeros(found.size)
+    x = np.linspace(*span, _POINTS_OF_A_WAVE * found.size + 1)
+    own_spectra = feed_spectra(
+        RunSet([Run(x, curve(x))]),
+        origin=span[0],
+        length=span[1] - span[0],
+        n_harmonics=found.size,
+        taper="tukey",
+    )
+    leaked = np.abs(own_spectra.coefficients[0]) / own_spectra.mean_weight * 1e9
     for k in np.flatnonzero(p < _AGREES):
         near = np.abs(wave[0] / own_wave - wave[0] / wave[k]) < 1.6
         around = found[max(k - 3, 0) : k + 4]
-        if found[k] >= around.max() and near.any() and found[k] > _TIMES * own[near].max():
+        held = max(own[near].max(initial=0.0), leaked[max(k - 1, 0) : k + 2].max())
+        if found[k] >= around.max() and near.any() and found[k] > _TIMES * held:
             left[k] = found[k] if found[k] > noise_nm else 0.0
     if left.any():
         top = int(np.argmax(left))
         sentences.append(
             f"the runs repeat a wave of {wave[top]:.3g} mm, {found[top]:.3g} nm (evidence), that the estimate "
-            "does not hold: ask for shorter wavelengths (shortest=) or for less in the model"
+            "does not hold: ask for shorter wavelengths with shortest="
         )
     return sentences

@@ -215,7 +215,11 @@ def separate_joint(
     messages = (
         *messages,
         *unsteady,
-        *([] if unsteady else contradictions(spectrum, evidence, noise_nm=band / _NM)),
+        *(
+            []
+            if unsteady
+            else contradictions(spectrum, evidence, curve, span=(first, last), noise_nm=band / _NM)
+        ),
         *explain_band(
             solution, band=band, plain=_plain_band(solution, (first, last), (low, high))
         ),

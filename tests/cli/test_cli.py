@@ -67,8 +67,7 @@ def test_separate_prints_json_on_stdout_and_the_rest_elsewhere(metrosep, runs_cs
 def test_separate_writes_table_report_and_result(metrosep, runs_csv, tmp_path):
     code, _, err = metrosep(
         "separate", runs_csv, *COLUMNS, "--start", "0 mm", "--length", "30 mm",
-        "--table", "linuxcnc=x.comp", "--spacing", "0.5 mm", "--poly", "2", "-o", tmp_path / "out",
-        *ITSELF,
+        "--table", "linuxcnc=x.comp", "--compensates", "X", "--spacing", "0.5 mm", "--poly", "2", "-o", tmp_path / "out",
     )  # fmt: skip
 
     assert code == 0, err
@@ -86,7 +85,7 @@ def test_table_from_a_result_and_verify(metrosep, runs_csv, tmp_path):
 
     comp = tmp_path / "x.comp"
     code, _, err = metrosep(
-        "table", out / "result.json", "--spacing", "0.5 mm", "-o", comp, *ITSELF
+        "table", out / "result.json", "--compensates", "X", "--spacing", "0.5 mm", "-o", comp
     )
     assert code == 0, err
     code, stdout, _ = metrosep("verify", comp, "--against", runs_csv, *COLUMNS, "--json")
@@ -102,9 +101,18 @@ def test_verify_rejects_a_flipped_table_with_code_1(metrosep, runs_csv, tmp_path
         *COLUMNS,
         "--table",
         f"linuxcnc={comp}",
+        "--compensates",
+        "X",
         "--spacing",
         "0.5 mm",
-        *ITSELF,
+        "--start",
+        "0 mm",
+        "--length",
+        "30 mm",
+        "--machine",
+        "travel_low=0 mm",
+        "--machine",
+        "travel_high=30 mm",
     )
     assert code == 0
     assert comp.exists()
@@ -112,7 +120,17 @@ def test_verify_rejects_a_flipped_table_with_code_1(metrosep, runs_csv, tmp_path
     rows = [[float(v) for v in line.split()] for line in comp.read_text().splitlines()]
     flipped.write_text("".join(f"{p} {2 * p - f} {2 * p - r}\n" for p, f, r in rows))
 
-    code, _, err = metrosep("verify", flipped, "--against", runs_csv, *COLUMNS)
+    code, _, err = metrosep(
+        "verify",
+        flipped,
+        "--against",
+        runs_csv,
+        *COLUMNS,
+        "--machine",
+        "travel_low=0 mm",
+        "--machine",
+        "travel_high=30 mm",
+    )
 
     assert code == 1
     assert "the readings run against it (gain -" in one_line_error(err)
@@ -223,7 +241,15 @@ def test_bad_input_is_one_line_and_writes_nothing(metrosep, tmp_path, name, code
         columns[3] = "z"
 
     code, out, err = metrosep(
-        "separate", source, *columns, "--table", "linuxcnc=x.comp", "-o", tmp_path / "out", *ITSELF
+        "separate",
+        source,
+        *columns,
+        "--table",
+        "linuxcnc=x.comp",
+        "--compensates",
+        "X",
+        "-o",
+        tmp_path / "out",
     )
 
     assert code in codes, err

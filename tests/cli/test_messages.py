@@ -99,13 +99,13 @@ def test_codes_of_the_error_tree(error, code):
         (("--poly", "2.5"), "--poly '2.5': a whole number"),
         (("--reference", "0 mm"), "--reference shapes a table: add --table"),
         (("--table", "x.comp"), "--table is written NAME=FILE"),
-        (("--table", "fanuk=x.comp", "-o", "out", *ITSELF), "--table: unknown controller 'fanuk'"),
-        (("--table", "fanuk=x.comp", *ITSELF), "unknown controller 'fanuk'"),
-        (("--table", "linuxcnc=a/x.comp", "-o", "out", *ITSELF), "--table: output path 'a/x.comp'"),
-        (("--table", "linuxcnc=x.comp", "--spacing", "1 nm", "-o", "out", *ITSELF), "use a coarser spacing"),
-        (("--table", "linuxcnc=x.comp", "--spacing", "1 nm", *ITSELF), "use a coarser spacing"),
+        (("--table", "fanuk=x.comp", "--compensates", "X", "-o", "out"), "--table: unknown controller 'fanuk'"),
+        (("--table", "fanuk=x.comp", "--compensates", "X"), "unknown controller 'fanuk'"),
+        (("--table", "linuxcnc=a/x.comp", "--compensates", "X", "-o", "out"), "--table: output path 'a/x.comp'"),
+        (("--table", "linuxcnc=x.comp", "--compensates", "X", "--spacing", "1 nm", "-o", "out"), "use a coarser spacing"),
+        (("--table", "linuxcnc=x.comp", "--compensates", "X", "--spacing", "1 nm"), "use a coarser spacing"),
         (("--table", "linuxcnc=x.comp", "--compensates", "Z", "-o", "out"), "--cross-axis hal"),
-        (("--table", "linuxcnc=none/x.comp", *ITSELF), "the folder"),
+        (("--table", "linuxcnc=none/x.comp", "--compensates", "X"), "the folder"),
     ],
 )  # fmt: skip
 def test_wrong_options_are_named_and_leave_nothing(
@@ -192,7 +192,7 @@ def test_a_closed_pipe_ends_quietly():
 def test_an_interrupted_run_leaves_nothing(runs_csv, tmp_path):
     with subprocess.Popen(
         [sys.executable, "-m", "metrosep", "separate", str(runs_csv), *COLUMNS,
-         "--table", "linuxcnc=x.comp", *ITSELF, "-o", str(tmp_path / "out")],
+         "--table", "linuxcnc=x.comp", "--compensates", "X", "-o", str(tmp_path / "out")],
         stderr=subprocess.PIPE, text=True,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),  # noqa: PLW1509
     ) as process:  # fmt: skip
@@ -216,7 +216,8 @@ def result_folder(runs_csv, tmp_path_factory):
         *COLUMNS,
         "--table",
         "linuxcnc=x.comp",
-        *ITSELF,
+        "--compensates",
+        "X",
         "-o",
         str(out),
     ]
@@ -269,7 +270,9 @@ def test_an_existing_table_is_kept_unless_forced(failing, capsys, result_folder,
 def test_a_damaged_result_gives_no_table(failing, tmp_path, content):
     (tmp_path / "result.json").write_text(content)
 
-    code, line = failing("table", tmp_path / "result.json", "-o", tmp_path / "x.comp", *ITSELF)
+    code, line = failing(
+        "table", tmp_path / "result.json", "--compensates", "X", "-o", tmp_path / "x.comp"
+    )
 
     assert code == 4
     assert "result.json" in line

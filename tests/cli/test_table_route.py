@@ -5,6 +5,7 @@ controller's manual says, without our simulator.
 """
 
 import json
+import re
 import shutil
 
 import numpy as np
@@ -275,3 +276,89 @@ def test_every_warning_of_a_sidecar_is_on_the_terminal(metrosep, sources, tmp_pa
         assert found["problem"] in err
         assert found["fix"] in err
         assert err.count("warning: ") >= len(findings)
+
+
+def test_a_hint_about_directions_works_in_the_command_that_prints_it(metrosep, tmp_path):
+    """A controller with one column asks for one table of both ways; its entries are their mean."""
+    runs = write_runs(tmp_path / "runs.csv")
+    assert metrosep("separate", runs, *COLUMNS, "-o", tmp_path / "result")[0] == 0
+    machine = ("--machine", "machine_axis=X1")
+    separate = ("separate", runs, *COLUMNS, "--table")
+    for name, call in (
+        ("a.ini", ("table", tmp_path / "result", "--format", "sinumerik-enc", "-o")),
+        ("b.ini", separate),
+    ):
+        out = tmp_path / name
+        target = f"sinumerik-enc={out}" if call is separate else out
+
+        code, _, err = metrosep(*call, target, *AXES, *machine)
+        assert code == 2
+        assert "--table-direction both" in err
+        assert not out.exists()
+
+        code, _, err = metrosep(*call, target, *AXES, *machine, "--table-direction", "both")
+        assert code == 0, err
+        entries = re.findall(r"\$AA_ENC_COMP\[0,\d+,X1\]=(\S+)", out.read_text())
+        error = 1e3 * np.array(entries, dtype=float)  # the control subtracts the entry
+        x = 1.5 * np.arange(error.size)
+        rest = error - error_um(x)
+        line = np.polyval(np.polyfit(x, rest, 1), x)  # the alignment of the estimate
+        assert np.abs(rest - line).max() < 0.03  # three times what 12 runs of 20 nm leave
+
+
+def test_the_waivers_that_a_refusal_names_are_taken_as_it_prints_them(metrosep, tmp_path):
+    runs = write_runs(tmp_path / "runs.csv")
+    assert metrosep("separate", runs, *COLUMNS, "-o", tmp_path / "result")[0] == 0
+    axes = ("--axis", "X", "--compensates", "X", "--spacing", "22 mm")
+    call = ("table", tmp_path / "result", "-o", tmp_path / "x.csv", "--format", "csv", *axes)
+
+    code, _, err = metrosep(*call)
+    assert code == 1
+    named = re.search(r'say --waive (?:"([^"]+)"|([\w-]+))\)', err)
+    assert named, err
+
+    code, _, err = metrosep(*call, "--waive", named.group(1) or named.group(2))
+    assert code == 0, err
+    assert (tmp_path / "x.csv").exists()
+
+
+def test_verify_judges_the_travel_that_is_stated_as_its_refusal_asks(metrosep, tmp_path):
+    """The table ends at 40 mm, where it holds 8 um; the machine goes on to 60 mm and has none."""
+    x = np.arange(0.0, 40.1, 1.0)
+    wedge = np.where(x > 30.0, 0.8 * (x - 30.0), 0.0)
+    rows = [f"{a:.3f},{-w:.6f}" for a, w in zip(x, wedge, strict=True)]
+    table = tmp_path / "x.csv"
+    table.write_text("position_mm,correction_forward_um\n" + "\n".join(rows) + "\n")
+    lines = ["x_mm,z_um,feed_mm_min,run"]
+    rng = np.random.default_rng(9)
+    for run in range(4):
+        at = np.linspace(0.0, 60.0, 601)
+        z = np.where((at > 30.0) & (at <= 40.0), 0.8 * (at - 30.0), 0.0)
+        z = z + rng.normal(0.0, 0.02, at.size)
+        lines += [f"{a:.4f},{b:.6f},400,{run}" for a, b in zip(at, z, strict=True)]
+    runs = tmp_path / "runs.csv"
+    runs.write_text("\n".join(lines) + "\n")
+    call = ("verify", table, "--format", "csv", "--against", runs, *COLUMNS)
+
+    code, _, err = metrosep(*call)
+    assert code == 1
+    assert "--machine travel_high=" in err
+
+    assert metrosep(*call, "--machine", "travel_high=40 mm")[0] == 0
+    code, _, err = metrosep(*call, "--machine", "travel_high=40")
+    assert code == 2
+    assert "no unit" in err
+
+
+def test_a_degree_is_refused_where_the_controller_holds_a_table(metrosep, tmp_path):
+    runs = write_runs(tmp_path / "runs.csv")
+    assert metrosep("separate", runs, *COLUMNS, "-o", tmp_path / "result")[0] == 0
+
+    code, _, err = metrosep(
+        "table", tmp_path / "result", "-o", tmp_path / "x.csv", "--format", "csv", *AXES,
+        "--poly", "3",
+    )  # fmt: skip
+
+    assert code == 2
+    assert "csv holds a table" in err
+    assert not (tmp_path / "x.csv").exists()

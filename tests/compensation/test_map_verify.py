@@ -22,9 +22,9 @@ def twisted(x, y):
     return 1e-6 * (x - 0.5) * (y - 0.5)
 
 
-def verified(share, error=twisted, **options):
+def verified(share, error=twisted, against=None, **options):
     options = {"span": SPAN, "axes": ("X", "Y"), "compensates": "Z"} | options
-    return dry_run_map(lambda x, y: -share * error(x, y), error, **options)
+    return dry_run_map(lambda x, y: -share * error(x, y), against or error, **options)
 
 
 @pytest.mark.parametrize("share", [1.0, 0.5, 0.9])
@@ -119,14 +119,21 @@ def test_what_was_not_measured_is_counted_and_not_compared():
     assert result.after_pv < ROUND
 
 
-def test_part_of_the_map_is_said_to_be_a_part():
+def test_a_map_of_which_a_part_was_measured_is_refused_until_that_is_waived():
     grid = np.linspace(0, 1, 21)
     table = CompensationMap.from_error(twisted, x=grid, y=grid)
     part = np.linspace(0.5, 1.5, 11)
     x, y = np.meshgrid(part, grid)
-    result = table.verify(ErrorMap(part, grid, twisted(x, y)))
+    measured = ErrorMap(part, grid, twisted(x, y))
+    with pytest.raises(SignCheckFailedError, match=r"spans 50 % of the map"):
+        table.verify(measured)
+    result = verified(1.0, against=measured)
     assert result.span == ((0.5, 1.0), (0.0, 1.0))
     assert result.coverage == pytest.approx(0.5, abs=1e-12)
+    assert result.grade == "refused"
+    with pytest.raises(SignCheckFailedError, match=r"spans 50 % of the map.*waive='coverage'"):
+        result.require("map")
+    result.require("map", waived=("coverage",))
 
 
 def test_ring_of_zeros_is_not_compared():

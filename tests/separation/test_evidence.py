@@ -214,3 +214,27 @@ def test_the_spectrum_says_where_repeatability_cannot_tell():
     assert chosen["reason"][long].str.contains("not separable by repeatability").all()
     assert (chosen["reason"][~long] == "repeats at all feedrates").all()
     assert not spectrum["reason"][~spectrum["selected"]].str.contains("not separable").any()
+
+
+@pytest.mark.parametrize("seed", [5, 15, 101])
+def test_a_strong_wave_off_the_grid_of_the_travel_is_not_called_missing_from_the_estimate(seed):
+    """2.7 and 6.6 waves in 367 mm leak into every harmonic of the travel; nothing is left out."""
+
+    def error(rng, x, t, v):
+        hum = 0.3e-6 * np.sin(2 * np.pi * 7.3 * t + rng.uniform(0, 2 * np.pi))
+        waves = 3.6e-6 * np.sin(2 * np.pi * x / 0.1369 + 0.7) + 2e-6 * np.cos(
+            2 * np.pi * x / 0.0559
+        )
+        bow = 21e-6 * (x / 0.37 - 0.5) ** 2
+        return waves + bow + hum + 0.16e-6 * rng.standard_normal(x.size)
+
+    rng = np.random.default_rng(seed)
+    runs = []
+    for v in (0.015, 0.0367, 0.0867):
+        for _ in range(2):
+            t = np.arange(int(0.37 / v * 20)) / 20
+            runs.append(Run(v * t, error(rng, v * t, t, v), t=t, feed=v))
+
+    messages = separate(RunSet(runs)).messages
+
+    assert not [m for m in messages if "repeat a wave" in m]
