@@ -299,19 +299,18 @@ def test_a_step_that_fails_is_said_in_the_words_of_the_recipe(part):
     short = {"op": "filter", "cutoff": "8 mm", "band": "short"}
     with client(part.parent, part) as http, Page(http) as page:
         edits = [
-            {"path": ["step", 1], "old": {"op": "parameters"}, "new": short},
             {"path": ["step", 2], "old": None, "new": short},
             {"path": ["step", 3], "old": None, "new": short},
             {"path": ["step", 1, "intermediate"], "old": None, "new": True},
         ]
         page.ok("edit", edits=edits)
         failed = page.ok("metrics", level="full")["failed"]
-        shown = page.refused("map", stage=2, pixels=[50, 40], level="full")
+        shown = page.refused("map", stage=3, pixels=[50, 40], level="full")
         page.ok("export", what="recipe", path="r.toml")
     with pytest.raises(MetrosepError) as told:
         Recipe.load(part.with_name("r.toml")).run([part])
 
-    assert failed["index"] == 2
+    assert failed["index"] == 3
     assert "refilter = true does it all the same" in failed["message"]
     assert "Python" not in failed["message"]
     assert shown == failed["message"]
