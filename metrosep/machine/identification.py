@@ -191,7 +191,7 @@ def identify(
     solution, left, used = _fit(solver, model, points, exact=exact)
     curves = _curves_left(solver, maker, points, left, used)
     found = _result(solver, solution, left, used, points, surface_map, form is None, curves, exact)
-    return replace(found, messages=(*chain.messages, *found.messages))
+    return replace(found, messages=(*getattr(chain, "messages", ()), *found.messages))
 
 
 def _solver(maker: MapMaker, freedoms: tuple[str, ...], threshold: float) -> Solver:

@@ -232,7 +232,7 @@ def rank(
         typed=amounts.typed,
         messages=(
             *notes,
-            *chain.messages,
+            *getattr(chain, "messages", ()),
             *_large_angles(amounts, errors, mean),
             *_reach(maker),
             *_messages(amounts, gram, space, mesh),
