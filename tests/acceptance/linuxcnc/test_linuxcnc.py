@@ -125,14 +125,13 @@ class Slide:
         )
 
     def measured(self) -> RunSet:
-        """One pass in each direction over the knots, SI."""
+        """Three passes in each direction over the knots, SI: one does not show a slope."""
         back = slice(None, None, -1)
-        return RunSet(
-            [
-                Run(self.position * MM, self.forward * MM),
-                Run(self.position[back] * MM, self.reverse[back] * MM),
-            ]
-        )
+        both = [
+            Run(self.position * MM, self.forward * MM),
+            Run(self.position[back] * MM, self.reverse[back] * MM),
+        ]
+        return RunSet(3 * both)
 
     def residual(self, target_mm, direction, offset_mm) -> np.ndarray:
         """Actual minus nominal when the motor is sent to target + offset."""

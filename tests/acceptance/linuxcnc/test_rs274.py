@@ -116,7 +116,8 @@ def test_only_z_moves_and_by_the_correction(tmp_path, sense, zero, record_proper
 
     assert before.shape == after.shape
     assert before.shape[0] > 4000
-    assert np.array_equal(before[:, :4], after[:, :4])  # line, rapid, X, Y
+    assert np.array_equal(before[:, 0] + 1, after[:, 0])  # line: the mark of the correction is one
+    assert np.array_equal(before[:, 1:4], after[:, 1:4])  # rapid, X, Y
     assert np.array_equal(before[:, 5:8], after[:, 5:8])  # A, B, C
     wanted = wanted_mm(before, sense=sense, zero=zero)[known]
     deviation = np.abs((after - before)[known, 4] - wanted)
