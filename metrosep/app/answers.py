@@ -46,44 +46,14 @@ def _nobody(news: Mapping[str, object]) -> None:
 
 
 class Answers:
-    """Answers for one session.
-
-    Parameters
-    ----------
-    session : Session
-        What the page works on.
-    """
+    """Answers for one session."""
 
     def __init__(self, session: Session) -> None:
         self.session = session
         self.pictures = PictureAnswers(session)
 
     def answer(self, message: Message, cancel: Cancel = _never, tell: Tell = _nobody) -> Answer:
-        """Return the answer to a request.
-
-        Parameters
-        ----------
-        message : mapping
-            With ``k``, its kind; see the page on messages of the workbench.
-        cancel : callable, optional
-            Asked between steps; true stops with `CancelledError`.
-        tell : callable, optional
-            Told news before the answer: frames without ``id``.
-
-        Returns
-        -------
-        header : dict
-            Without ``id``.
-        arrays : dict
-            By name.
-
-        Raises
-        ------
-        DataError
-            If there is no such kind, or a value of it is wrong.
-        MetrosepError
-            What reading, editing or a step raises.
-        """
+        """Return the answer to a request."""
         kind = message.get("k")
         if not isinstance(kind, str) or kind not in KINDS:
             raise DataError(f"there is no request {kind!r}; there are {', '.join(KINDS)}")

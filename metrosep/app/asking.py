@@ -60,20 +60,7 @@ _RUNS = {"feed", "run", "direction"}
 
 
 class Ask(DataError):  # noqa: N818
-    """The file does not say something that the user must.
-
-    Parameters
-    ----------
-    message : str
-        As the command line would say it.
-    name : str
-        Option of the reader, or ``"columns"``.
-    path : str
-        The file.
-    fields : sequence of mapping, optional
-        What is asked for, where it is more than the one option: ``name``, ``label``, ``value``,
-        ``choices``, ``hint``.
-    """
+    """The file does not say something that the user must."""
 
     def __init__(
         self, message: str, name: str, path: str, fields: Sequence[Mapping[str, Any]] = ()
@@ -83,20 +70,7 @@ class Ask(DataError):  # noqa: N818
 
 
 def holds_columns(file: Path, fewest: int = _FEWEST) -> bool:
-    """Return whether a file holds several columns of numbers, of text or of a recording.
-
-    Parameters
-    ----------
-    file : Path
-        Any file.
-    fewest : int, optional
-        How many are meant.
-
-    Returns
-    -------
-    bool
-        False where it is a map, one column, or cannot be read as columns.
-    """
+    """Return whether a file holds several columns of numbers, of text or of a recording."""
     try:
         return len(_numbers(file)) >= fewest
     except MetrosepError:
@@ -104,39 +78,14 @@ def holds_columns(file: Path, fewest: int = _FEWEST) -> bool:
 
 
 def are_runs(files: Sequence[Path], given: Mapping[str, Any]) -> bool:
-    """Return whether what is to be opened is a set of repeated runs, not a map or profile.
-
-    Parameters
-    ----------
-    files : sequence of Path
-        To open.
-    given : mapping
-        Options of reading.
-
-    Returns
-    -------
-    bool
-        True for several files, where a column tells runs or feeds apart, and where position and
-        reading are channels of a recording over time: no profile is cut of these.
-    """
+    """Return whether what is to be opened is a set of repeated runs, not a map or profile."""
     if len(files) > 1 or _RUNS & set(given):
         return True
     return "x" in given and "z" in given and _is_recording(files[0])
 
 
 def fewest_feeds(runs: RunSet) -> int:
-    """Return how many feedrates the runs have in the direction that has fewest.
-
-    Parameters
-    ----------
-    runs : RunSet
-        As read.
-
-    Returns
-    -------
-    int
-        0 where neither feed nor time is known; the joint separation needs two.
-    """
+    """Return how many feedrates the runs have in the direction that has fewest."""
     return min(len(runs.select(direction=way).feeds) for way in runs.directions)
 
 
@@ -152,22 +101,7 @@ def _is_recording(file: Path) -> bool:
 
 
 def ask_channel(file: Path, given: Mapping[str, Any], why: MetrosepError) -> Ask | None:
-    """Return the question which of its data sets a file is opened with.
-
-    Parameters
-    ----------
-    file : Path
-        That could not be read.
-    given : mapping
-        Options of reading.
-    why : MetrosepError
-        What the reader said.
-
-    Returns
-    -------
-    Ask or None
-        To be raised; None where the reader wants no channel, one was named, or there is no choice.
-    """
+    """Return the question which of its data sets a file is opened with."""
     from metrosep.io.read import channels
 
     if "channel=" not in str(why) or "channel" in given:
@@ -190,27 +124,7 @@ def ask_channel(file: Path, given: Mapping[str, Any], why: MetrosepError) -> Ask
 
 
 def ask_columns(files: Sequence[Path], given: Mapping[str, Any], why: str) -> Ask:
-    """Return the question which column is what, with guesses that the user confirms.
-
-    Parameters
-    ----------
-    files : sequence of Path
-        Of one set; the first tells the columns.
-    given : mapping
-        What was answered already.
-    why : str
-        Why it is asked.
-
-    Returns
-    -------
-    Ask
-        To be raised.
-
-    Raises
-    ------
-    ReadError
-        If the first file does not hold two columns of numbers.
-    """
+    """Return the question which column is what, with guesses that the user confirms."""
     columns = _numbers(files[0])
     if len(columns) < _FEWEST:
         raise ReadError(
@@ -269,21 +183,6 @@ def _may_be_map(file: Path) -> bool:
 
 def answered(given: Mapping[str, Any]) -> dict[str, Any]:
     """Return answers as ``[input]`` of a recipe has them.
-
-    Parameters
-    ----------
-    given : mapping
-        Of the page: columns with ``x_unit`` and ``z_unit`` beside them; empty where there is none.
-
-    Returns
-    -------
-    dict
-        Units within their columns; nothing that is empty.
-
-    Raises
-    ------
-    DataError
-        If a unit is given without its column.
 
     Examples
     --------

@@ -54,46 +54,7 @@ _LOCK = threading.Lock()
 
 
 def compare(session: Session, message: Message, cancel: Cancel, tell: Tell) -> Answer:
-    """Answer a request ``compare``.
-
-    Parameters
-    ----------
-    session : Session
-        What the page works on.
-    message : mapping
-        ``pin`` (label): keep the present result; ``unpin`` (label): forget one; ``against``
-        ({"pin": label}, {"result": path of a result.json} or {"files": paths, evaluated by the
-        present recipe}): compare, with ``picture`` ({"window", "pixels", "range"}) for the
-        difference map alone; nothing of these: list what is pinned.
-    cancel : callable
-        Asked between steps.
-    tell : callable
-        Told what is being done.
-
-    Returns
-    -------
-    header : dict
-        ``pins``; of a comparison ``names`` of a (the other) and b (the present), ``rows`` (each
-        ``metric``, ``name``, ``unit``, ``value_a``, ``value_b``, ``difference`` b minus a, ``U``
-        of it, ``exceeds``, verdicts, ``message``), ``recipe`` (lines of a unified diff),
-        ``inputs``, ``versions``, ``other``, ``messages``, and ``shown``: "map", "curves" or None
-        with ``refused``, the reason.
-    arrays : dict
-        Of the difference map ``index``; of curves ``a_x``, ``a_z``, ``b_x``, ``b_z`` and, where
-        the positions are the same, ``difference_x`` and ``difference_z`` (a direction after it
-        where there are several).
-
-    Raises
-    ------
-    DataError
-        If nothing is open, a label is not known or taken, or the other is no such result.
-    ReadError
-        If a file cannot be read, or lies outside the opened folders.
-    CancelledError
-        If `cancel` says so.
-    MetrosepError
-        Of the recipe.
-    """
+    """Answer a request ``compare``."""
     session.need()
     if "pin" in message:
         _pin(session, text_of(message, "pin"), cancel, tell)

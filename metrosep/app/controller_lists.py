@@ -50,11 +50,6 @@ _MACHINE = {
 def described_controllers() -> list[dict[str, Any]]:
     """Return every dialect, in the order in which they are listed.
 
-    Returns
-    -------
-    list of dict
-        See `described_controller`.
-
     Examples
     --------
     >>> described_controllers()[0]["id"]
@@ -64,19 +59,7 @@ def described_controllers() -> list[dict[str, Any]]:
 
 
 def described_controller(dialect: Dialect) -> dict[str, Any]:
-    """Return what a form needs to know of a dialect.
-
-    Parameters
-    ----------
-    dialect : Dialect
-        Any.
-
-    Returns
-    -------
-    dict
-        ``id``, ``title``, ``carries``, ``fits`` (one axis), ``why`` it does not, ``suffix``,
-        ``options``, ``limits`` in words, ``sign``, ``notes``; plain values.
-    """
+    """Return what a form needs to know of a dialect."""
     info = dialect.info
     of_one_axis = info.carries != "map"
     return {
@@ -99,18 +82,7 @@ def described_controller(dialect: Dialect) -> dict[str, Any]:
 
 
 def sign_words(info: DialectInfo) -> str:
-    """Return one sentence on the sign of a dialect.
-
-    Parameters
-    ----------
-    info : DialectInfo
-        Its facts.
-
-    Returns
-    -------
-    str
-        What is added, what an entry is, and how that is known.
-    """
+    """Return one sentence on the sign of a dialect."""
     return (
         f"The correction = \u2212error is ADDED to the command. An entry holds: {info.entry}. "
         f"{_SIGN[info.sign]} ({info.sign_status})."
@@ -118,13 +90,7 @@ def sign_words(info: DialectInfo) -> str:
 
 
 def machine_facts() -> list[dict[str, Any]]:
-    """Return the limits that every machine may have, as options of a form.
-
-    Returns
-    -------
-    list of dict
-        As the options of a dialect.
-    """
+    """Return the limits that every machine may have, as options of a form."""
     fields = [name for name in Limits.__dataclass_fields__ if name in _MACHINE]
     return [
         _described(Option(name, _MACHINE[name], LIMIT_DIMENSIONS.get(name, "integer")))

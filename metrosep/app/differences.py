@@ -20,23 +20,6 @@ _SAME = 1e-6
 def difference_of(a: Any, b: Any) -> Surface | Profile:
     """Return b minus a, sample by sample.
 
-    Parameters
-    ----------
-    a, b : Surface or Profile
-        Two maps, or two profiles, on the same grid.
-
-    Returns
-    -------
-    Surface or Profile
-        NaN where one of both is not measured.
-
-    Raises
-    ------
-    DataError
-        If they are of different kinds, or lie on different grids, saying what differs.
-    TooFewSamplesError
-        If no sample is measured in both.
-
     Examples
     --------
     >>> difference_of(Surface([[1.0, 5.0]], 1.0, 1.0), Surface([[3.0, 5.0]], 1.0, 1.0)).z.tolist()
@@ -63,18 +46,7 @@ def difference_of(a: Any, b: Any) -> Surface | Profile:
 
 
 def grid_words(a: Any, b: Any) -> str:
-    """Return what differs between the grids of two measurements of one kind.
-
-    Parameters
-    ----------
-    a, b : Surface or Profile
-        Of one kind.
-
-    Returns
-    -------
-    str
-        Empty where the grids are the same.
-    """
+    """Return what differs between the grids of two measurements of one kind."""
     if a.z.shape != b.z.shape:
         sizes = (" x ".join(map(str, v.z.shape[::-1])) for v in (a, b))
         return "{} and {} samples".format(*sizes)

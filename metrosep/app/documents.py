@@ -29,40 +29,17 @@ _FEWEST_FEEDS = 2
 
 @dataclass(frozen=True, slots=True)
 class Edit:
-    """One change of a recipe.
+    """One change of a recipe."""
 
-    Parameters
-    ----------
-    path : tuple of (str or int)
-        Keys and indices that lead to the value, such as ``("step", 1, "cutoff")``. An index one
-        beyond the end of a list adds to it.
-    old, new : object
-        What was there and what shall be: plain values; None where there is nothing.
-    """
-
+    # of (str or int): keys and indices that lead to the value, such as ``("step", 1, "cutoff")``.
+    # An index one beyond the end of a list adds to it
     path: tuple[str | int, ...]
-    old: Any
+    old: Any  # what was there and what shall be: plain values; None where there is nothing
     new: Any
 
     @classmethod
     def from_message(cls, message: Mapping[str, Any]) -> Edit:
-        """Return the edit that a page sends.
-
-        Parameters
-        ----------
-        message : mapping
-            ``path``, ``old``, ``new``.
-
-        Returns
-        -------
-        Edit
-            Checked.
-
-        Raises
-        ------
-        DataError
-            If it is none.
-        """
+        """Return the edit that a page sends."""
         path = message.get("path")
         if (
             not isinstance(path, list)
@@ -80,20 +57,6 @@ class Edit:
 def start_text(file: str, kind: str, reading: Mapping[str, Any] | None = None) -> str:
     """Return the recipe that a session starts with for a file.
 
-    Parameters
-    ----------
-    file : str
-        Name of the file, beside the recipe.
-    kind : {"map", "profile"}
-        What it holds.
-    reading : mapping, optional
-        Options of the reader that the user had to give.
-
-    Returns
-    -------
-    str
-        TOML: level the form and evaluate the usual parameters.
-
     Examples
     --------
     >>> "[[step]]" in start_text("part.sdf", "map")
@@ -108,22 +71,6 @@ def start_runs_text(
     files: Sequence[str], reading: Mapping[str, Any], feeds: int | None = None
 ) -> str:
     """Return the recipe that a session starts with for repeated runs.
-
-    Parameters
-    ----------
-    files : sequence of str
-        Names of the files, beside the recipe.
-    reading : mapping
-        Which column is what, as ``[input]`` says it.
-    feeds : int, optional
-        How many feedrates the runs of each direction have at least, once they are read; taken from
-        `reading` if omitted.
-
-    Returns
-    -------
-    str
-        TOML: the joint separation of the whole travel, or the mean of the runs where the joint one
-        would be refused.
 
     Notes
     -----
@@ -179,24 +126,7 @@ def _started(
 
 
 class RecipeDocument:
-    """The text of a recipe with its history of edits.
-
-    Parameters
-    ----------
-    text : str
-        TOML that `Recipe.parse` accepts.
-    folder : path, optional
-        Where relative file names start.
-    name : str, optional
-        For messages.
-    admits : callable, optional
-        Whether a path that the recipe names may be read; it holds for every later edit.
-
-    Raises
-    ------
-    RecipeError
-        If the text is no recipe, or names a file that may not be read.
-    """
+    """The text of a recipe with its history of edits."""
 
     def __init__(
         self,
@@ -234,22 +164,7 @@ class RecipeDocument:
         return self._undone[-1][0] if self._undone else None
 
     def edit(self, edits: Sequence[Edit], label: str | None = None) -> None:
-        """Carry edits out, as one that can be undone.
-
-        Parameters
-        ----------
-        edits : sequence of Edit
-            In order.
-        label : str, optional
-            For undo; made of the path if omitted.
-
-        Raises
-        ------
-        DataError
-            If there is none, or one found something else than it says.
-        RecipeError
-            If the recipe would no longer be one; nothing has changed then.
-        """
+        """Carry edits out, as one that can be undone."""
         import tomlkit
 
         if not edits:
@@ -271,46 +186,22 @@ class RecipeDocument:
         self._text, self._recipe = text, recipe
 
     def undo(self) -> None:
-        """Take the last edit back.
-
-        Raises
-        ------
-        DataError
-            If there is none.
-        """
+        """Take the last edit back."""
         self._swap(self._done, self._undone, "undo")
 
     def copy(self) -> RecipeDocument:
-        """Return a document of its own with the same text and history.
-
-        Returns
-        -------
-        RecipeDocument
-            To try an edit on.
-        """
+        """Return a document of its own with the same text and history."""
         made = object.__new__(RecipeDocument)
         made.folder, made.name, made.admits = self.folder, self.name, self.admits
         made._take(self)
         return made
 
     def anew(self) -> RecipeDocument:
-        """Return a document of its own with the same text and nothing to undo.
-
-        Returns
-        -------
-        RecipeDocument
-            To go on with, or to try an edit on.
-        """
+        """Return a document of its own with the same text and nothing to undo."""
         return RecipeDocument(self._text, self.folder, self.name, self.admits)
 
     def adopt(self, other: RecipeDocument) -> None:
-        """Take over text and history of a copy.
-
-        Parameters
-        ----------
-        other : RecipeDocument
-            A copy that was edited.
-        """
+        """Take over text and history of a copy."""
         self._take(other)
 
     def _take(self, other: RecipeDocument) -> None:
@@ -318,44 +209,16 @@ class RecipeDocument:
         self._done, self._undone = list(other._done), list(other._undone)
 
     def rename(self, name: str) -> None:
-        """Give the recipe the name of the file that it was saved as.
-
-        Parameters
-        ----------
-        name : str
-            For messages and results.
-
-        Raises
-        ------
-        RecipeError
-            Never for a document that was one.
-        """
+        """Give the recipe the name of the file that it was saved as."""
         self.name = name
         self._replace(self._text)
 
     def show(self, view: Mapping[str, Any]) -> None:
-        """Keep what the page shows in ``[view]``; it is no edit and cannot be undone.
-
-        Parameters
-        ----------
-        view : mapping
-            From `metrosep.app.view_tables.checked_view`.
-
-        Raises
-        ------
-        RecipeError
-            Never for a document that was one.
-        """
+        """Keep what the page shows in ``[view]``; it is no edit and cannot be undone."""
         self._replace(with_view(self._text, view))
 
     def redo(self) -> None:
-        """Do the last edit again that was taken back.
-
-        Raises
-        ------
-        DataError
-            If there is none.
-        """
+        """Do the last edit again that was taken back."""
         self._swap(self._undone, self._done, "redo")
 
     def _swap(
@@ -369,25 +232,7 @@ class RecipeDocument:
         target.append((label, now))
 
     def save(self, path: Path, *, write: Callable[[Path, bytes], Any] = atomic_write) -> Path:
-        """Write the recipe, whole or not at all.
-
-        Parameters
-        ----------
-        path : Path
-            File to write.
-        write : callable, optional
-            For tests of a full disk.
-
-        Returns
-        -------
-        Path
-            The file.
-
-        Raises
-        ------
-        WriteError
-            If it cannot be written.
-        """
+        """Write the recipe, whole or not at all."""
         write(path, self._text.encode("utf-8"))
         return path
 

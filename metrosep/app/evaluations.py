@@ -31,52 +31,19 @@ _SMALL = 200_000
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """Stages of a recipe as far as it could be carried out.
+    """Stages of a recipe as far as it could be carried out."""
 
-    Parameters
-    ----------
-    source : Surface or Profile
-        What the first step got.
-    stages : tuple of Stage
-        One for each step that was carried out.
-    failed : int or None
-        Number of the step that was not.
-    error : MetrosepError or None
-        Why.
-    is_preview : bool
-        Whether it is of a coarse copy.
-    shift : tuple of (float, float), m
-        What is to be added to positions of a preview: the middle of its first cell, where the map
-        has no origin of its own.
-    """
-
-    source: Surface | Profile
-    stages: tuple[Stage, ...]
-    failed: int | None = None
-    error: MetrosepError | None = None
-    is_preview: bool = False
+    source: Surface | Profile  # or Profile: what the first step got
+    stages: tuple[Stage, ...]  # one for each step that was carried out
+    failed: int | None = None  # number of the step that was not
+    error: MetrosepError | None = None  # why
+    is_preview: bool = False  # whether it is of a coarse copy
+    # of (float, float), m: what is to be added to positions of a preview: the middle of its first
+    # cell, where the map has no origin of its own
     shift: tuple[float, float] = (0.0, 0.0)
 
     def after(self, stage: int) -> Surface | Profile:
-        """Return the measurement after a step.
-
-        Parameters
-        ----------
-        stage : int
-            Its number; -1 for the last that was carried out, -2 for what was measured.
-
-        Returns
-        -------
-        Surface or Profile
-            As it was then.
-
-        Raises
-        ------
-        DataError
-            If there is no such step.
-        MetrosepError
-            If the step failed: its own error.
-        """
+        """Return the measurement after a step."""
         if stage == -2 or (stage == -1 and not self.stages):
             return self.source
         if stage == -1:
@@ -95,13 +62,7 @@ class _Kept:
 
 
 class Evaluations:
-    """The stages of one measurement, remembered.
-
-    Parameters
-    ----------
-    obj : Surface or Profile
-        The full data.
-    """
+    """The stages of one measurement, remembered."""
 
     def __init__(self, obj: Surface | Profile) -> None:
         self.obj = obj
@@ -121,25 +82,7 @@ class Evaluations:
         return self._pyramid
 
     def source(self, level: Level) -> tuple[Surface | Profile, bool]:
-        """Return the data of a size, and whether they are a preview.
-
-        Parameters
-        ----------
-        level : {"drag", "idle", "full"}
-            Size.
-
-        Returns
-        -------
-        Surface or Profile
-            The data, or a map of means over cells that are at least half measured.
-        bool
-            Whether it is coarser than the data.
-
-        Raises
-        ------
-        DataError
-            If there is no such size.
-        """
+        """Return the data of a size, and whether they are a preview."""
         if level not in ("drag", "idle", "full"):
             raise DataError(f"level is drag, idle or full, got {level!r}")
         obj = self.obj
@@ -173,31 +116,7 @@ class Evaluations:
         cancel: Callable[[], bool] | None = None,
         tell: Callable[[str], None] | None = None,
     ) -> Outcome:
-        """Return what the steps make of the data of a size.
-
-        Parameters
-        ----------
-        steps : sequence of mapping
-            Of the recipe, in SI.
-        level : {"drag", "idle", "full"}
-            Size of the data.
-        cancel : callable, optional
-            Asked before each step; true stops with `CancelledError`.
-        tell : callable, optional
-            Told what is being done.
-
-        Returns
-        -------
-        Outcome
-            Up to the first step that fails.
-
-        Raises
-        ------
-        DataError
-            If there is no such size.
-        CancelledError
-            If `cancel` says so.
-        """
+        """Return what the steps make of the data of a size."""
         source, is_preview = self.source(level)
         shift = self._shift(source)  # of the map itself: none
         name = level if is_preview else "full"

@@ -46,16 +46,6 @@ _REFUSED = 2
 class Exploration:
     """One map or profile with what its pictures are made of.
 
-    Parameters
-    ----------
-    obj : Surface or Profile
-        What is to be seen. It is kept, not copied.
-
-    Raises
-    ------
-    DataError
-        If it is neither.
-
     Notes
     -----
     Each method gives one frame. What a picture refuses is a frame too, with the message: the other
@@ -98,23 +88,7 @@ class Exploration:
         return (x0 + room, y), (x1 - room, y)
 
     def line(self, a: Pair | None = None, b: Pair | None = None) -> Profile:
-        """Return the profile itself, or the section of the map.
-
-        Parameters
-        ----------
-        a, b : tuple of (float, float), m, optional
-            Ends of the section; for a map only.
-
-        Returns
-        -------
-        Profile
-            At full resolution.
-
-        Raises
-        ------
-        DataError
-            If the ends are equal, or missing for a map.
-        """
+        """Return the profile itself, or the section of the map."""
         if isinstance(self.obj, Profile):
             return self.obj
         if a is None or b is None:
@@ -122,18 +96,7 @@ class Exploration:
         return section_profile(self.obj, a, b)
 
     def first_band(self, a: Pair | None = None, b: Pair | None = None) -> Pair | None:
-        """Return the middle third of the wavelengths, on a logarithmic scale.
-
-        Parameters
-        ----------
-        a, b : tuple of (float, float), m, optional
-            Ends of the section; for a map only.
-
-        Returns
-        -------
-        tuple of (float, float) or None, m
-            Shortest and longest; None where there is no spectrum.
-        """
+        """Return the middle third of the wavelengths, on a logarithmic scale."""
         try:
             waves = 1.0 / self._transformed(a, b).frequency[1:]
         except MetrosepError:
@@ -147,20 +110,7 @@ class Exploration:
     # ---- frames --------------------------------------------------------------------------------
 
     def map(self, view: Mapping[str, Any] | None = None, limits: Pair | None = None) -> bytes:
-        """Return the picture of a window of the map.
-
-        Parameters
-        ----------
-        view : mapping, optional
-            ``window`` (m), ``pixels`` and ``level``, as for `map_view`; the whole map if omitted.
-        limits : tuple of (float, float), m, optional
-            Heights at the ends of the colours; the robust range if omitted.
-
-        Returns
-        -------
-        bytes
-            Frame with ``index``.
-        """
+        """Return the picture of a window of the map."""
         wanted = view or {}
 
         def drawn() -> tuple[dict[str, Any], Arrays]:
@@ -179,18 +129,7 @@ class Exploration:
         return self._frame("map", drawn)
 
     def section(self, a: Pair, b: Pair) -> bytes:
-        """Return the section from a to b, read from the map at full resolution.
-
-        Parameters
-        ----------
-        a, b : tuple of (float, float), m
-            Ends.
-
-        Returns
-        -------
-        bytes
-            Frame with ``distance``, ``low`` and ``high``.
-        """
+        """Return the section from a to b, read from the map at full resolution."""
 
         def drawn() -> tuple[dict[str, Any], Arrays]:
             if not isinstance(self.obj, Surface):
@@ -200,18 +139,7 @@ class Exploration:
         return self._frame("section", drawn)
 
     def profile(self, window: Sequence[float] | None = None) -> bytes:
-        """Return a window of the profile.
-
-        Parameters
-        ----------
-        window : sequence of 2 floats, m, optional
-            Positions; all of it if omitted.
-
-        Returns
-        -------
-        bytes
-            Frame with ``x``, ``low`` and ``high``.
-        """
+        """Return a window of the profile."""
 
         def drawn() -> tuple[dict[str, Any], Arrays]:
             if self._extremes is None:
@@ -224,20 +152,7 @@ class Exploration:
     def spectrum(
         self, a: Pair | None = None, b: Pair | None = None, band: Pair | None = None
     ) -> bytes:
-        """Return amplitude against wavelength, of the profile or of the section.
-
-        Parameters
-        ----------
-        a, b : tuple of (float, float), m, optional
-            Ends of the section; for a map only.
-        band : tuple of (float, float), m, optional
-            Shortest and longest wavelength of which the RMS is told; all if omitted.
-
-        Returns
-        -------
-        bytes
-            Frame with ``wavelength``, ``amplitude`` and ``in_band``.
-        """
+        """Return amplitude against wavelength, of the profile or of the section."""
 
         def drawn() -> tuple[dict[str, Any], Arrays]:
             found = spectrum_view(

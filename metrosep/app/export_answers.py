@@ -18,38 +18,7 @@ __all__ = ["export"]
 
 
 def export(session: Session, message: Message, cancel: Cancel, tell: Tell) -> Answer:
-    """Answer a request ``export``.
-
-    Parameters
-    ----------
-    session : Session
-        What the page works on.
-    message : mapping
-        ``what`` (recipe or result), ``path``, and for the recipe ``overwrite``.
-    cancel : callable
-        Asked while the result is made.
-    tell : callable
-        Told what is being done.
-
-    Returns
-    -------
-    header : dict
-        ``files`` that were written, and the ``verdict`` of a result.
-    arrays : dict
-        None.
-
-    Raises
-    ------
-    DataError
-        If nothing is open, or the file is there already.
-    WriteError
-        If it lies outside the opened folders, is what is open, holds the result of something else,
-        cannot be written, or the files changed since they were opened.
-    UnsupportedFeatureError
-        If something else than a recipe or a result is asked for.
-    MetrosepError
-        Of the recipe.
-    """
+    """Answer a request ``export``."""
     opened, document = session.need()
     what, path = message.get("what"), text_of(message, "path")
     if what == "recipe":

@@ -20,36 +20,7 @@ _SHOWN = (
 
 
 def run_folder(session: Session, message: Message, cancel: Cancel, tell: Tell) -> Answer:
-    """Answer a request ``run_folder``.
-
-    Parameters
-    ----------
-    session : Session
-        What the page works on.
-    message : mapping
-        ``folder``, ``out``, ``pattern`` (of the names of the files; the suffix of the open file if
-        omitted), ``workers``, ``scheduler`` ("processes" if omitted), ``fresh``, ``dry_run``.
-    cancel : callable
-        Asked often; what is done is kept.
-    tell : callable
-        Told ``done``, ``total``, ``unit``, ``status``, ``eta_s`` after each file.
-
-    Returns
-    -------
-    header : dict
-        ``rows``, ``counts``, ``summary``, ``files`` of the index, ``messages``, ``interrupted``.
-    arrays : dict
-        None.
-
-    Raises
-    ------
-    DataError
-        If the recipe reads no input, or a value of the request is wrong.
-    ReadError
-        If the folder lies outside the opened ones, or holds no such file.
-    WriteError
-        If the output folder lies outside, or cannot be written.
-    """
+    """Answer a request ``run_folder``."""
     from metrosep.batch import run_batch
 
     opened, document = session.need()
@@ -89,27 +60,7 @@ def run_folder(session: Session, message: Message, cancel: Cancel, tell: Tell) -
 
 
 def recipe_of_folder(document: RecipeDocument, pattern: str, each: str = "file") -> Recipe:
-    """Return the recipe of a session for all files of a pattern; the session keeps its own.
-
-    Parameters
-    ----------
-    document : RecipeDocument
-        Whose ``[input] files`` names what is open.
-    pattern : str
-        Such as ``*.sdf``.
-    each : {"file", "folder"}, optional
-        What one result is made of.
-
-    Returns
-    -------
-    Recipe
-        With that pattern.
-
-    Raises
-    ------
-    RecipeError
-        If the pattern is none.
-    """
+    """Return the recipe of a session for all files of a pattern; the session keeps its own."""
     made = document.anew()
     files = list(document.recipe.input.get("files", ()))
     held = document.recipe.batch_options.get("each")

@@ -24,59 +24,13 @@ _LOCK = threading.RLock()
 
 
 def full_result(session: Session, cancel: Cancel, tell: Tell) -> Result:
-    """Return what the recipe of a session makes of the full data; nothing is written.
-
-    Parameters
-    ----------
-    session : Session
-        What the page works on.
-    cancel : callable
-        Asked between steps; true stops.
-    tell : callable
-        Told what is being done.
-
-    Returns
-    -------
-    Result
-        With the document that ``metrosep run`` writes.
-
-    Raises
-    ------
-    DataError
-        If nothing is open.
-    CancelledError
-        If `cancel` says so.
-    MetrosepError
-        Of a step or a check, as the command line says it.
-    """
+    """Return what the recipe of a session makes of the full data; nothing is written."""
     opened, document = session.need()
     return result_of(opened, document.recipe, cancel, tell)
 
 
 def result_of(opened: Opened, recipe: Recipe, cancel: Cancel, tell: Tell) -> Result:
-    """Return what a recipe makes of what was opened.
-
-    Parameters
-    ----------
-    opened : Opened
-        Files and what they hold.
-    recipe : Recipe
-        Of their kind.
-    cancel, tell : callable
-        See `full_result`.
-
-    Returns
-    -------
-    Result
-        With the document that ``metrosep run`` writes.
-
-    Raises
-    ------
-    CancelledError
-        If `cancel` says so.
-    MetrosepError
-        Of a step or a check.
-    """
+    """Return what a recipe makes of what was opened."""
     material = opened.material
     if not isinstance(material, Evaluations):
         tell({"k": "progress", "words": "computing"})
@@ -102,26 +56,7 @@ def result_of(opened: Opened, recipe: Recipe, cancel: Cancel, tell: Tell) -> Res
 def made_of(
     material: Any, what: str, text: str, make: Callable[[], Any], *, most: int = _MOST
 ) -> Any:
-    """Return what was made of a measurement by a recipe, made once and forgotten with it.
-
-    Parameters
-    ----------
-    material : object
-        What the recipe works on; not kept alive.
-    what : str
-        Tells results, reports and such apart.
-    text : str
-        Of the recipe.
-    make : callable
-        Makes it.
-    most : int, optional
-        How many of this kind are kept.
-
-    Returns
-    -------
-    object
-        What `make` returned; its errors are raised and not kept.
-    """
+    """Return what was made of a measurement by a recipe, made once and forgotten with it."""
     with _LOCK:
         kept = _KEPT.setdefault(material, {}).setdefault(what, {})
         if text in kept:

@@ -18,18 +18,10 @@ _LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
 
 @dataclass(frozen=True, slots=True)
 class Guard:
-    """The rule for one server.
+    """The rule for one server."""
 
-    Parameters
-    ----------
-    token : str
-        Of this start.
-    port : int
-        Where the server listens.
-    """
-
-    token: str
-    port: int
+    token: str  # of this start
+    port: int  # where the server listens
 
     @property
     def cookie(self) -> str:
@@ -40,20 +32,6 @@ class Guard:
         self, headers: Mapping[str, str], *, token: str | None, cookies: Mapping[str, str]
     ) -> str | None:
         """Return why a request is refused, or None.
-
-        Parameters
-        ----------
-        headers : mapping
-            ``host`` and ``origin``, names in lower case.
-        token : str or None
-            Of the query.
-        cookies : mapping
-            Of the request.
-
-        Returns
-        -------
-        str or None
-            One sentence for the page.
 
         Examples
         --------

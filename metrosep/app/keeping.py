@@ -25,15 +25,6 @@ Write = Callable[[Path, bytes], object]
 class Keeper:
     """Writes the latest text of a session in a thread of its own.
 
-    Parameters
-    ----------
-    write : callable, optional
-        ``write(path, content)``, whole or not at all; raises `WriteError`.
-    told : callable, optional
-        Called from that thread when a text was kept late, or could not be kept.
-    again : float, seconds, optional
-        After which what could not be kept is tried again.
-
     Notes
     -----
     A file that another program wrote since it was read or written here is left alone: the text goes
@@ -62,17 +53,7 @@ class Keeper:
         self._heard: str | None = None
 
     def keep(self, path: Path, text: str, *, aside: bool = False) -> None:
-        """Keep a text; an older one of the same file that still waits is left out.
-
-        Parameters
-        ----------
-        path : Path
-            File.
-        text : str
-            Its content.
-        aside : bool, optional
-            Whether a file that is there is put aside first (``.old``, ``.old.1`` ...).
-        """
+        """Keep a text; an older one of the same file that still waits is left out."""
         with self._changed:
             self._current = path
             self._take_failed()
@@ -88,18 +69,7 @@ class Keeper:
                 self._start()
 
     def has_failed(self, path: Path) -> bool:
-        """Return whether the latest text of a file is not on the disk since that failed.
-
-        Parameters
-        ----------
-        path : Path
-            File.
-
-        Returns
-        -------
-        bool
-            It is still tried.
-        """
+        """Return whether the latest text of a file is not on the disk since that failed."""
         return path in self._failed
 
     @property
@@ -108,49 +78,19 @@ class Keeper:
         return self._works
 
     def wait(self, seconds: float | None = None) -> bool:
-        """Wait until everything is kept, or could not be.
-
-        Parameters
-        ----------
-        seconds : float, optional
-            At most; without end if omitted.
-
-        Returns
-        -------
-        bool
-            Whether nothing waits any more.
-        """
+        """Wait until everything is kept, or could not be."""
         with self._changed:
             return self._changed.wait_for(lambda: not self._works, seconds)
 
     def begin(self, path: Path, held: bytes | None) -> None:
-        """Begin anew, for another file: nothing of it was kept yet.
-
-        Parameters
-        ----------
-        path : Path
-            Where it will be kept.
-        held : bytes or None
-            What was read there; None where nothing was.
-        """
+        """Begin anew, for another file: nothing of it was kept yet."""
         with self._changed:
             self.saved_at, self.problem, self.notice, self._current = None, "", "", path
             self._known[path] = held
             self._beside.pop(path, None)
 
     def close(self, seconds: float) -> bool:
-        """Try a last time to keep what could not be.
-
-        Parameters
-        ----------
-        seconds : float
-            That are waited at most.
-
-        Returns
-        -------
-        bool
-            Whether everything is kept.
-        """
+        """Try a last time to keep what could not be."""
         self.retry()
         done = self.wait(seconds)
         with self._changed:

@@ -69,29 +69,6 @@ class _Part:
 def linked_module(entry: str, read: Callable[[str], str | None] | Mapping[str, str]) -> str:
     """Return one ES module that does what `entry` does with all that it imports.
 
-    Parameters
-    ----------
-    entry : str
-        Path of the first module, such as ``"explore.js"``; it must have a default export.
-    read : callable or mapping
-        Text of a module by its path, None where there is none; paths hold no ``..``.
-
-    Returns
-    -------
-    str
-        Text of a module whose default export is that of `entry`. It imports nothing. Comments are
-        left out, except those with a copyright.
-
-    Raises
-    ------
-    UnsupportedFeatureError
-        If modules import one another in a circle; for ``import()``, ``import.meta``,
-        ``import * as``, an import for its effects, re-export, ``export let``; for a path that is
-        not relative or leaves the folder.
-    DataError
-        If a module does not exist, a name is imported that is not exported, or a text does not
-        end (a comment, a bracket).
-
     Notes
     -----
     A module is run once, after those that it imports, as a browser does it. Only what cannot
@@ -152,26 +129,6 @@ def linked_module(entry: str, read: Callable[[str], str | None] | Mapping[str, s
 
 def masked_code(text: str, path: str = "module") -> tuple[str, str]:
     """Return JavaScript without comments, and the same with blanks for what is not code.
-
-    Parameters
-    ----------
-    text : str
-        Source.
-    path : str, optional
-        Name in messages.
-
-    Returns
-    -------
-    kept : str
-        Without comments, but for those with a copyright.
-    mask : str
-        As long as `kept`; strings, regular expressions and comments are blanks in it, and so is
-        the text of templates, but not the expressions in them.
-
-    Raises
-    ------
-    DataError
-        If a string, comment or template does not end, or brackets do not match.
 
     Examples
     --------

@@ -33,23 +33,7 @@ Tell: TypeAlias = Callable[[Mapping[str, Any]], None]
 
 
 def level_of(message: Message) -> Level:
-    """Return the size of the data that a request wants.
-
-    Parameters
-    ----------
-    message : mapping
-        With ``level``; idle if omitted.
-
-    Returns
-    -------
-    {"drag", "idle", "full"}
-        Size.
-
-    Raises
-    ------
-    DataError
-        If there is no such size.
-    """
+    """Return the size of the data that a request wants."""
     level = message.get("level", "idle")
     if level not in ("drag", "idle", "full"):
         raise DataError(f"level is drag, idle or full, got {level!r}")
@@ -57,25 +41,7 @@ def level_of(message: Message) -> Level:
 
 
 def text_of(message: Message, name: str) -> str:
-    """Return a text of a request.
-
-    Parameters
-    ----------
-    message : mapping
-        The request.
-    name : str
-        Its key.
-
-    Returns
-    -------
-    str
-        Not empty.
-
-    Raises
-    ------
-    DataError
-        If it is none.
-    """
+    """Return a text of a request."""
     value = message.get(name)
     if not isinstance(value, str) or not value:
         raise DataError(f"{name} is a text, got {value!r}")
@@ -83,34 +49,12 @@ def text_of(message: Message, name: str) -> str:
 
 
 def number_or_none(value: float | None) -> float | None:
-    """Return a number as JSON knows it.
-
-    Parameters
-    ----------
-    value : float or None
-        Any.
-
-    Returns
-    -------
-    float or None
-        None where it is not finite.
-    """
+    """Return a number as JSON knows it."""
     return None if value is None or not np.isfinite(value) else float(value)
 
 
 def plain(value: Any) -> Any:
-    """Return nested values as JSON knows them.
-
-    Parameters
-    ----------
-    value : object
-        Mappings, lists, numbers, texts and paths.
-
-    Returns
-    -------
-    object
-        Without NaN and infinities.
-    """
+    """Return nested values as JSON knows them."""
     if isinstance(value, Mapping):
         return {str(k): plain(v) for k, v in value.items()}
     if isinstance(value, list | tuple):

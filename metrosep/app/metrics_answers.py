@@ -18,32 +18,7 @@ __all__ = ["metrics"]
 
 
 def metrics(session: Session, message: Message, cancel: Cancel, tell: Tell) -> Answer:
-    """Answer a request ``metrics``.
-
-    Parameters
-    ----------
-    session : Session
-        What the page works on.
-    message : mapping
-        With ``level``.
-    cancel : callable
-        Asked between steps.
-    tell : callable
-        Told what is being done.
-
-    Returns
-    -------
-    header : dict
-        ``rows``, ``verdict``, ``checks``, ``is_preview``, ``messages``, ``stages``, and where a
-        step or a limit failed ``failed`` or ``refused``.
-    arrays : dict
-        None.
-
-    Raises
-    ------
-    MetrosepError
-        If nothing is open, or the request is wrong.
-    """
+    """Answer a request ``metrics``."""
     with session.lock:
         opened, document = session.need()
         recipe = document.recipe

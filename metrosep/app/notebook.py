@@ -32,29 +32,6 @@ _SHARED_STYLE = ("map", "plots")
 def explore(obj: Surface | Profile, **options: Any) -> Any:
     """Return a widget that shows a map or a profile in a notebook.
 
-    Parameters
-    ----------
-    obj : Surface or Profile
-        What is to be seen.
-    **options
-        ``a``, ``b`` (tuple of 2 floats, m): ends of the section; ``band`` (tuple of 2 floats, m):
-        shortest and longest wavelength; ``limits`` (tuple of 2 floats, m): heights at the ends of
-        the colours; ``window`` (tuple of 2 floats, m): part of a profile; ``colours``: "viridis"
-        or "cividis"; ``height`` (int): pixels of the screen, 240 to 2000.
-
-    Returns
-    -------
-    ExploreWidget
-        An `anywidget.AnyWidget` with these names as attributes, which follow the hand and may be
-        set; ``section`` is the `Profile` from a to b at full resolution.
-
-    Raises
-    ------
-    UnsupportedFeatureError
-        If anywidget is not installed.
-    DataError
-        If it is neither a Surface nor a Profile, an option is unknown, or its value is wrong.
-
     Notes
     -----
     Of a map without lateral calibration, a, b and band are in pixels; nothing takes them for m.
@@ -87,31 +64,13 @@ def _kind(obj: object) -> str:
 
 @cache
 def widget_module() -> str:
-    """Return the front end as the text of one ES module.
-
-    Returns
-    -------
-    str
-        Default export ``{ render({ model, el }) }``; it imports nothing.
-    """
+    """Return the front end as the text of one ES module."""
     return linked_module("explore.js", _static)
 
 
 @cache
 def widget_style() -> str:
-    """Return the style of the front end; it touches nothing outside of the widget.
-
-    Returns
-    -------
-    str
-        The colours and the parts of the page's style on maps and plots, that of uPlot, and the
-        layout, all nested in the class of the widget.
-
-    Raises
-    ------
-    DataError
-        If the style of the page lacks one of these parts.
-    """
+    """Return the style of the front end; it touches nothing outside of the widget."""
     page = _text("style.css")
     roots = re.findall(r":root\s*\{([^}]*)\}", page)
     parts = dict(re.findall(r"/\* (\w+) \*/\n(.*?)(?=\n/\* |\Z)", page, re.DOTALL))

@@ -71,66 +71,26 @@ _COLUMNS = tuple(key for key in INPUT if key != "files")
 
 @dataclass(frozen=True, slots=True)
 class Opened:
-    """What was opened.
+    """What was opened."""
 
-    Parameters
-    ----------
-    kind : {"map", "profile", "runs", "method"}
-        Which pictures it has.
-    files : tuple of Path
-        That are read; empty where a recipe reads nothing.
-    home : Path
-        The recipe, or the first file.
-    document : RecipeDocument
-        The recipe.
-    material : Evaluations, Separations or MethodResults
-        What the recipe is carried out on.
-    messages : tuple of str
-        What the user should know.
-    kept : Path
-        Where the session is kept.
-    displaced : bool
-        Whether what is kept there is not used: it is put aside before it is written over.
-    serial : int
-        Number of the opening within its session.
-    stamps : tuple of Stamp
-        What tells the files from later ones of their names.
-    held : bytes or None
-        What was kept there at opening; None where nothing was.
-    base : str
-        SHA-256 of the recipe that was opened; empty where it was a measurement.
-    """
-
-    kind: Kind
-    files: tuple[Path, ...]
-    home: Path
-    document: RecipeDocument
-    material: Material
-    messages: tuple[str, ...] = ()
-    kept: Path = Path()
+    kind: Kind  # {"map", "profile", "runs", "method"}: which pictures it has
+    files: tuple[Path, ...]  # that are read; empty where a recipe reads nothing
+    home: Path  # the recipe, or the first file
+    document: RecipeDocument  # the recipe
+    material: Material  # or MethodResults: what the recipe is carried out on
+    messages: tuple[str, ...] = ()  # what the user should know
+    kept: Path = Path()  # where the session is kept
+    # whether what is kept there is not used: it is put aside before it is written over
     displaced: bool = False
-    serial: int = 0
-    stamps: tuple[Stamp, ...] = ()
+    serial: int = 0  # number of the opening within its session
+    stamps: tuple[Stamp, ...] = ()  # what tells the files from later ones of their names
+    # bytes or None: what was kept there at opening; None where nothing was
     held: bytes | None = None
-    base: str = ""
+    base: str = ""  # SHA-256 of the recipe that was opened; empty where it was a measurement
 
 
 def autosave_path(file: Path, others: Sequence[Path] = ()) -> Path:
-    """Return where the session of a file is kept: in the user's folder of state, not beside the data.
-
-    Parameters
-    ----------
-    file : Path
-        Measurement or recipe.
-    others : sequence of Path, optional
-        Further files of the same set of runs: each set has a session of its own.
-
-    Returns
-    -------
-    Path
-        ``<name>.<letters>.session.toml``; the letters tell it from files of other folders and from
-        other sets.
-    """
+    """Return where the session of a file is kept: in the user's folder of state, not beside the data."""
     names = "\0".join(sorted(os.path.realpath(f) for f in (file, *others)))
     which = hashlib.sha256(names.encode()).hexdigest()[:12]
     return _state_folder() / f"{file.name[:_LONGEST_NAME]}.{which}.session.toml"
@@ -174,35 +134,7 @@ def open_files(
     reading: Mapping[str, Any] | None = None,
     read: Read | None = None,
 ) -> Opened:
-    """Open a measurement, several runs as a set, or a recipe with its files.
-
-    Parameters
-    ----------
-    places : Places
-        Files that may be touched.
-    paths : sequence of str
-        As the page names them.
-    reading : mapping, optional
-        Options of the reader: what the files do not say.
-    read : callable, optional
-        Reads one file; `metrosep.io.read.read` if omitted.
-
-    Returns
-    -------
-    Opened
-        With the session that was kept beside it, if any.
-
-    Raises
-    ------
-    ReadError
-        If a file cannot be read, or lies outside the opened folders.
-    Ask
-        If the files do not say their unit or columns.
-    DataError
-        If they hold something else.
-    RecipeError
-        If a recipe is wrong.
-    """
+    """Open a measurement, several runs as a set, or a recipe with its files."""
     if not paths:
         raise DataError("name a file to open")
     files = sorted(dict.fromkeys(places.readable(p) for p in paths))
@@ -238,36 +170,7 @@ def open_with(
     reading: Mapping[str, Any] | None = None,
     read: Read | None = None,
 ) -> Opened:
-    """Open other files with the recipe that is at hand.
-
-    Parameters
-    ----------
-    places : Places
-        Files that may be touched.
-    paths : sequence of str
-        A map, a profile, or runs: of the kind that the recipe is of.
-    document : RecipeDocument
-        Recipe; its ``[input]`` says how the files are read.
-    reading : mapping, optional
-        What these files need beside it.
-    read : callable, optional
-        See `open_files`.
-
-    Returns
-    -------
-    Opened
-        With a recipe of its own that names these files; a session that is kept beside them is put
-        aside.
-
-    Raises
-    ------
-    DataError
-        If they hold something else than the recipe is of, or one of them is a recipe.
-    ReadError
-        If a file cannot be read, or lies outside the opened folders.
-    Ask
-        If the files do not say their unit or columns.
-    """
+    """Open other files with the recipe that is at hand."""
     if any(str(p).endswith(".toml") for p in paths):
         raise DataError("a recipe is opened by itself; the present one is kept for measurements")
     held = tomllib.loads(document.text).get("input", {})
@@ -348,27 +251,7 @@ def _with_input(document: RecipeDocument, given: Mapping[str, Any]) -> RecipeDoc
 
 
 def read_again(opened: Opened, recipe: Recipe, read: Read | None = None) -> Opened:
-    """Return what is open, read anew as its recipe says now.
-
-    Parameters
-    ----------
-    opened : Opened
-        What is open.
-    recipe : Recipe
-        Which names other columns, units or channels than before.
-    read : callable, optional
-        See `open_files`.
-
-    Returns
-    -------
-    Opened
-        The same files.
-
-    Raises
-    ------
-    MetrosepError
-        If they cannot be read so.
-    """
+    """Return what is open, read anew as its recipe says now."""
     if isinstance(opened.material, Separations):
         opened.material.runs(recipe)
         return opened
@@ -479,42 +362,12 @@ _OF_RECIPE = re.compile(r"\n# of [^\n]* sha256 ([0-9a-f]{64})\n\Z")
 
 
 def session_text(opened: Opened, text: str) -> str:
-    """Return what is kept of a session: its recipe, and of which recipe it is.
-
-    Parameters
-    ----------
-    opened : Opened
-        What is open.
-    text : str
-        Its recipe as it is now.
-
-    Returns
-    -------
-    str
-        The recipe; with a last line of comment where a recipe was opened.
-    """
+    """Return what is kept of a session: its recipe, and of which recipe it is."""
     return f"{text}\n# of {opened.home.name} sha256 {opened.base}\n" if opened.base else text
 
 
 def text_of_session(held: bytes) -> tuple[str, str]:
     """Return the recipe of a kept session, and the digest of the recipe that it began with.
-
-    Parameters
-    ----------
-    held : bytes
-        Content of its file.
-
-    Returns
-    -------
-    text : str
-        The recipe, without the line that `session_text` adds.
-    sha256 : str
-        Empty where it does not say.
-
-    Raises
-    ------
-    UnicodeDecodeError
-        If it is no text.
 
     Examples
     --------

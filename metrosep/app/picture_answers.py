@@ -27,13 +27,7 @@ __all__ = ["PictureAnswers"]
 
 
 class PictureAnswers:
-    """Pictures of what one session evaluates.
-
-    Parameters
-    ----------
-    session : Session
-        What the page works on.
-    """
+    """Pictures of what one session evaluates."""
 
     def __init__(self, session: Session) -> None:
         self.session = session
@@ -66,29 +60,7 @@ class PictureAnswers:
         self._transform = None
 
     def map(self, message: Message, cancel: Cancel) -> Answer:
-        """Answer a request ``map``.
-
-        Parameters
-        ----------
-        message : mapping
-            ``stage``, ``level``, ``window``, ``pixels``, ``range``, ``shade``.
-        cancel : callable
-            Asked between steps.
-
-        Returns
-        -------
-        header : dict
-            Range, window, scale, unit, coverage, whether it is a preview.
-        arrays : dict
-            ``index`` and, where asked, ``shade``.
-
-        Raises
-        ------
-        DataError
-            If what is open has no such picture, or a value of the request is wrong.
-        MetrosepError
-            Of the steps.
-        """
+        """Answer a request ``map``."""
         outcome, obj = self._surface(message, cancel, "map")
         view = map_view(
             self._pyramid(obj),
@@ -108,29 +80,7 @@ class PictureAnswers:
         return self._pyramids.of(obj)
 
     def section(self, message: Message, cancel: Cancel) -> Answer:
-        """Answer a request ``section``.
-
-        Parameters
-        ----------
-        message : mapping
-            ``stage``, ``level``, ``a``, ``b``, ``columns``.
-        cancel : callable
-            Asked between steps.
-
-        Returns
-        -------
-        header : dict
-            Length, P-V, RMS, valid share.
-        arrays : dict
-            ``distance``, ``low``, ``high``.
-
-        Raises
-        ------
-        DataError
-            If what is open has no such picture, or a value of the request is wrong.
-        MetrosepError
-            Of the steps.
-        """
+        """Answer a request ``section``."""
         outcome, obj = self._surface(message, cancel, "sections")
         view = section_view(
             obj, message["a"], message["b"], columns=message.get("columns") or 1000
@@ -138,29 +88,7 @@ class PictureAnswers:
         return section_frame(view, is_preview=outcome.is_preview)
 
     def profile(self, message: Message, cancel: Cancel) -> Answer:
-        """Answer a request ``profile``.
-
-        Parameters
-        ----------
-        message : mapping
-            ``stage``, ``level``, ``series``, ``window``, ``columns``.
-        cancel : callable
-            Asked between steps.
-
-        Returns
-        -------
-        header : dict
-            Whether it is a preview.
-        arrays : dict
-            Of each series x, low and high.
-
-        Raises
-        ------
-        DataError
-            If what is open has no such picture, or a value of the request is wrong.
-        MetrosepError
-            Of the steps.
-        """
+        """Answer a request ``profile``."""
         outcome, obj = self._stage(message, cancel)
         if not isinstance(obj, Profile):
             raise DataError("this measurement is a map: ask for a section")
@@ -177,29 +105,7 @@ class PictureAnswers:
         return {"is_preview": outcome.is_preview}, arrays
 
     def spectrum(self, message: Message, cancel: Cancel) -> Answer:
-        """Answer a request ``spectrum``.
-
-        Parameters
-        ----------
-        message : mapping
-            ``stage``, ``level``, ``a``, ``b``, ``band``.
-        cancel : callable
-            Asked between steps.
-
-        Returns
-        -------
-        header : dict
-            RMS in the band and outside, messages, unit of the wavelengths.
-        arrays : dict
-            ``wavelength``, ``amplitude``, ``in_band``.
-
-        Raises
-        ------
-        DataError
-            If what is open has no such picture, or a value of the request is wrong.
-        MetrosepError
-            Of the steps.
-        """
+        """Answer a request ``spectrum``."""
         from metrosep.app.spectrum_views import profile_spectrum, spectrum_view
         from metrosep.spectral.band import Band
 

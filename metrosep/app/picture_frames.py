@@ -25,16 +25,6 @@ Frame: TypeAlias = tuple[dict[str, Any], Arrays]
 def lateral_unit(obj: Surface | Profile) -> Literal["m", "px"]:
     """Return the unit of positions and wavelengths.
 
-    Parameters
-    ----------
-    obj : Surface or Profile
-        What is shown.
-
-    Returns
-    -------
-    {"m", "px"}
-        Pixels for a map without lateral calibration.
-
     Examples
     --------
     >>> lateral_unit(Surface([[0.0, 1e-9]])), lateral_unit(Surface([[0.0]], dx=1e-6, dy=1e-6))
@@ -44,24 +34,7 @@ def lateral_unit(obj: Surface | Profile) -> Literal["m", "px"]:
 
 
 def map_frame(view: MapView, extent: object, *, is_preview: bool = False) -> Frame:
-    """Return the picture of a map.
-
-    Parameters
-    ----------
-    view : MapView
-        The picture.
-    extent : sequence of 4 floats, m
-        Rim of the whole map: x0, y0, x1, y1.
-    is_preview : bool, optional
-        Whether the data are a preview; coarser cells than the data make one too.
-
-    Returns
-    -------
-    header : dict
-        Range, window, scale, unit, coverage, whether it is a preview, extent.
-    arrays : dict
-        ``index`` and, where it was asked for, ``shade``.
-    """
+    """Return the picture of a map."""
     header = {
         "range": view.range,
         "window": view.window,
@@ -76,22 +49,7 @@ def map_frame(view: MapView, extent: object, *, is_preview: bool = False) -> Fra
 
 
 def section_frame(view: SectionView, *, is_preview: bool = False) -> Frame:
-    """Return a section.
-
-    Parameters
-    ----------
-    view : SectionView
-        The section.
-    is_preview : bool, optional
-        Whether it was read from a preview.
-
-    Returns
-    -------
-    header : dict
-        Length, P-V, RMS, valid share, unit of the length.
-    arrays : dict
-        ``distance``, ``low``, ``high``.
-    """
+    """Return a section."""
     header = {
         "length": view.length,
         "pv": view.pv,
@@ -104,44 +62,14 @@ def section_frame(view: SectionView, *, is_preview: bool = False) -> Frame:
 
 
 def profile_arrays(view: ProfileView, before: str = "") -> Arrays:
-    """Return the lines of a profile.
-
-    Parameters
-    ----------
-    view : ProfileView
-        The picture.
-    before : str, optional
-        What stands before the names, such as ``"measured_"``.
-
-    Returns
-    -------
-    dict
-        ``x``, ``low``, ``high``.
-    """
+    """Return the lines of a profile."""
     return {f"{before}x": view.x, f"{before}low": view.low, f"{before}high": view.high}
 
 
 def spectrum_frame(
     view: SpectrumView, *, unit: Literal["m", "px"] = "m", is_preview: bool = False
 ) -> Frame:
-    """Return amplitude against wavelength.
-
-    Parameters
-    ----------
-    view : SpectrumView
-        The picture.
-    unit : {"m", "px"}, optional
-        Of the wavelengths, see `lateral_unit`.
-    is_preview : bool, optional
-        Whether it is of a preview.
-
-    Returns
-    -------
-    header : dict
-        RMS in the band and outside, messages, unit of the wavelengths.
-    arrays : dict
-        ``wavelength``, ``amplitude``, ``in_band``.
-    """
+    """Return amplitude against wavelength."""
     header = {
         "inside": view.inside,
         "outside": view.outside,

@@ -18,15 +18,7 @@ _NAME = re.compile(r"[^/\\\0]{1,200}")
 
 
 class Places:
-    """Folders that were opened, and a folder for uploads that goes with the session.
-
-    Parameters
-    ----------
-    folders : iterable of path
-        Opened on the command line.
-    largest_upload : int, bytes, optional
-        Larger uploads are refused.
-    """
+    """Folders that were opened, and a folder for uploads that goes with the session."""
 
     def __init__(self, folders: list[Path], largest_upload: int = 4_000_000_000) -> None:
         self._roots = [Path(os.path.realpath(f)) for f in folders]
@@ -40,33 +32,11 @@ class Places:
         return (*self._roots, *own)
 
     def add(self, folder: Path) -> None:
-        """Open another folder.
-
-        Parameters
-        ----------
-        folder : Path
-            Its files may be read and written from now on.
-        """
+        """Open another folder."""
         self._roots.append(Path(os.path.realpath(folder)))
 
     def readable(self, path: str) -> Path:
-        """Return a file inside the opened folders.
-
-        Parameters
-        ----------
-        path : str
-            As the page names it: absolute, or relative to the first folder.
-
-        Returns
-        -------
-        Path
-            Without symbolic links.
-
-        Raises
-        ------
-        ReadError
-            If it lies elsewhere, or is no file.
-        """
+        """Return a file inside the opened folders."""
         found = self.inside(path)
         if found is None:
             raise ReadError(
@@ -78,23 +48,7 @@ class Places:
         return found
 
     def writable(self, path: str) -> Path:
-        """Return where a file may be written.
-
-        Parameters
-        ----------
-        path : str
-            As the page names it.
-
-        Returns
-        -------
-        Path
-            Inside the opened folders.
-
-        Raises
-        ------
-        WriteError
-            If it lies elsewhere or among the uploads, or its folder does not exist.
-        """
+        """Return where a file may be written."""
         found = self.inside(path)
         if found is None:
             raise WriteError(
@@ -112,91 +66,29 @@ class Places:
         return found
 
     def is_upload(self, file: Path) -> bool:
-        """Return whether a file lies in the folder of uploads, which goes with the session.
-
-        Parameters
-        ----------
-        file : Path
-            Without symbolic links.
-
-        Returns
-        -------
-        bool
-            Nothing that is to last may be written there.
-        """
+        """Return whether a file lies in the folder of uploads, which goes with the session."""
         return self._uploads is not None and file.is_relative_to(self._uploads)
 
     def target(self, home: Path) -> Path:
-        """Return the folder where results of a file go unless the user says otherwise.
-
-        Parameters
-        ----------
-        home : Path
-            What was opened.
-
-        Returns
-        -------
-        Path
-            Beside it; of an upload the first folder that was opened.
-        """
+        """Return the folder where results of a file go unless the user says otherwise."""
         return self._roots[0] if self.is_upload(home) and self._roots else home.parent
 
     def inside(self, path: str) -> Path | None:
-        """Return a path without symbolic links, if it lies inside the opened folders.
-
-        Parameters
-        ----------
-        path : str
-            As the page names it: absolute, or relative to the first folder.
-
-        Returns
-        -------
-        Path or None
-            It need not exist; None where it lies elsewhere.
-        """
+        """Return a path without symbolic links, if it lies inside the opened folders."""
         if not path or "\0" in path or not self.roots:
             return None
         found = Path(os.path.realpath(self.roots[0] / path))
         return found if any(found.is_relative_to(root) for root in self.roots) else None
 
     def admits(self, path: Path) -> bool:
-        """Return whether a path that a recipe names lies inside the opened folders.
-
-        Parameters
-        ----------
-        path : Path
-            Links are followed.
-
-        Returns
-        -------
-        bool
-            It need not exist.
-        """
+        """Return whether a path that a recipe names lies inside the opened folders."""
         return self.inside(str(Path.cwd() / path)) is not None
 
     def _words(self) -> str:
         return ", ".join(map(str, self.roots)) or "none"
 
     def upload(self, name: str, together: str = "") -> Path:
-        """Return a new place for an uploaded file.
-
-        Parameters
-        ----------
-        name : str
-            As the browser names it; only its last part counts.
-        together : str, optional
-            Name of a set, letters and digits: its files lie in one folder.
-
-        Returns
-        -------
-        Path
-            In a folder of its own, or of its set, so that names never collide.
-
-        Raises
-        ------
-        WriteError
-            If the name is none, the set has a file of that name already, or there is no room.
-        """
+        """Return a new place for an uploaded file."""
         last = name.replace("\\", "/").rpartition("/")[2].strip()
         if not _NAME.fullmatch(last) or last in (".", "..") or not last.isprintable():
             raise WriteError(f"{name[:60]!r} is no file name")

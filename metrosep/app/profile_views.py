@@ -35,29 +35,6 @@ _HOLE = 8.0
 class Extremes:
     """A profile with the extremes of its blocks of 16, 256, 4096 ... samples.
 
-    Parameters
-    ----------
-    profile : Profile or Run
-        What is to be seen. Its arrays are kept, not copied (a reverse run is turned round).
-
-    Attributes
-    ----------
-    x, z : ndarray, shape (n,), m
-        Of the profile, positions rising.
-    low, high, count : tuple of ndarray
-        Least and greatest valid height (NaN where none) and number of valid samples of the blocks
-        of each level.
-    holes : ndarray of int
-        Index of the sample before each hole: a step more than eight times as long as both steps
-        beside it. There samples are missing, though none says NaN.
-    name, feed : str, float or None
-        Of a run: its name and its feedrate in m/s.
-
-    Raises
-    ------
-    DataError
-        If it is neither a Profile nor a Run.
-
     Notes
     -----
     Memory beyond the profile: 1.4 bytes for each sample.
@@ -69,13 +46,17 @@ class Extremes:
     [6.0, 6.0, 6.0]
     """
 
-    x: FloatArray
+    x: FloatArray  # shape (n,), m: of the profile, positions rising
     z: FloatArray
+    # of ndarray: least and greatest valid height (NaN where none) and number of valid samples of
+    # the blocks of each level
     low: tuple[FloatArray, ...]
     high: tuple[FloatArray, ...]
     count: tuple[NDArray[np.int32], ...]
+    # index of the sample before each hole: a step more than eight times as long as both steps
+    # beside it. There samples are missing, though none says NaN
     holes: IndexArray
-    name: str
+    name: str  # of a run: its name and its feedrate in m/s
     feed: float | None
 
     def __init__(self, profile: Profile | Run) -> None:
@@ -90,20 +71,7 @@ class Extremes:
             object.__setattr__(self, field, value)
 
     def of(self, start: IndexArray, stop: IndexArray) -> tuple[FloatArray, FloatArray, IndexArray]:
-        """Return the extremes of any ranges of samples.
-
-        Parameters
-        ----------
-        start, stop : ndarray of int, shape (n,)
-            Ranges ``start <= i < stop`` within the profile; none may be empty.
-
-        Returns
-        -------
-        low, high : ndarray, shape (n,), m
-            Over the valid samples of each range; NaN where there is none.
-        count : ndarray of int, shape (n,)
-            Valid samples of each range.
-        """
+        """Return the extremes of any ranges of samples."""
         low = np.full(start.size, np.nan)
         high, count = low.copy(), np.zeros(start.size, dtype=np.intp)
         sources = [(self.z, self.z, None), *zip(self.low, self.high, self.count, strict=True)]
@@ -153,17 +121,6 @@ def _gathered(
 def find_holes(x: FloatArray) -> IndexArray:
     """Return where samples are missing from a record, though none says NaN.
 
-    Parameters
-    ----------
-    x : ndarray, shape (n,), m
-        Rising positions.
-
-    Returns
-    -------
-    ndarray of int
-        Index of the sample before each step that is more than eight times as long as both steps
-        beside it. An axis that accelerates has no such step.
-
     Examples
     --------
     >>> import numpy as np
@@ -179,31 +136,19 @@ def find_holes(x: FloatArray) -> IndexArray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ProfileView:
-    """A profile as the screen shows it.
+    """A profile as the screen shows it."""
 
-    Parameters
-    ----------
-    x : ndarray, shape (n,), m
-        Middle of the samples of each pixel column that holds any, and the middle of each hole.
-    low, high : ndarray, shape (n,), m
-        Least and greatest valid sample of the column; NaN where there is none: a gap.
-    coverage : ndarray, shape (n,), dimensionless
-        Valid share of the samples of the column; 0 in a hole.
-    n_samples : int
-        Samples in the window.
-    name : str
-        Run or series.
-    feed : float or None, m/s
-        Feedrate of a run.
-    """
-
+    # shape (n,), m: middle of the samples of each pixel column that holds any, and the middle of
+    # each hole
     x: FloatArray
+    # shape (n,), m: least and greatest valid sample of the column; NaN where there is none: a gap
     low: FloatArray
     high: FloatArray
+    # shape (n,), dimensionless: valid share of the samples of the column; 0 in a hole
     coverage: FloatArray
-    n_samples: int
-    name: str = ""
-    feed: float | None = None
+    n_samples: int  # samples in the window
+    name: str = ""  # run or series
+    feed: float | None = None  # m/s: feedrate of a run
 
     @property
     def is_reduced(self) -> bool:
@@ -219,29 +164,6 @@ def profile_view(
     name: str = "",
 ) -> ProfileView:
     """Return a window of a profile for the screen.
-
-    Parameters
-    ----------
-    profile : Extremes, Profile or Run
-        The profile; keep its `Extremes` to make the next view quick.
-    window : sequence of 2 floats, m, optional
-        Positions ``(x0, x1)``, ``x0 < x1``; all of it if omitted.
-    columns : int, optional
-        Pixel columns of the screen, 1 to 100 000.
-    name : str, optional
-        Of the series; that of the run if omitted.
-
-    Returns
-    -------
-    ProfileView
-        One point for each column that holds samples, one for each sample where there are no more
-        than columns. Then the next sample on either side of the window is there too, so that the
-        line runs to the edge.
-
-    Raises
-    ------
-    DataError
-        If the window or the number of columns is wrong.
 
     Notes
     -----
@@ -301,26 +223,6 @@ def repeat_views(
     columns: int = 1000,
 ) -> tuple[ProfileView, ...]:
     """Return one view for each run, for lines over one another.
-
-    Parameters
-    ----------
-    runs : RunSet or iterable of Extremes, Profile or Run
-        Repeats; runs carry their feedrate and name.
-    window : sequence of 2 floats, m, optional
-        As for `profile_view`; the same for all, and the travel of all of them if omitted.
-    columns : int, optional
-        As for `profile_view`.
-
-    Returns
-    -------
-    tuple of ProfileView
-        In the order of the runs. None is averaged, shifted or resampled: a vibration slides
-        along the travel from feedrate to feedrate, and that is what is looked for.
-
-    Raises
-    ------
-    DataError
-        If there is no run, or as for `profile_view`.
 
     Examples
     --------

@@ -24,16 +24,6 @@ _ROTARY = "ABC"
 def term_words(term: str) -> str:
     """Return what an error term is, in words.
 
-    Parameters
-    ----------
-    term : str
-        Name as ISO 230-1 has it.
-
-    Returns
-    -------
-    str
-        Empty where the name follows no rule of the standard.
-
     Examples
     --------
     >>> term_words("EYX"), term_words("ECC"), term_words("B0Z")
@@ -71,41 +61,7 @@ def term_words(term: str) -> str:
 
 
 def ranking(session: Session, message: Message, cancel: Cancel, tell: Tell) -> Answer:
-    """Answer a request ``ranking``.
-
-    Parameters
-    ----------
-    session : Session
-        With a recipe of op ``rank`` open.
-    message : mapping
-        Nothing besides its kind.
-    cancel : callable
-        Asked before it begins.
-    tell : callable
-        Told what is being done.
-
-    Returns
-    -------
-    header : dict
-        ``rows``: ``term``, ``words``, ``size`` (as typed), ``unit``, ``rms``, ``pv``, ``rms_raw``,
-        ``pv_raw`` (m), ``share`` (of the expected mean square, None where not known), ``group``
-        (0: none), ``alike`` (terms of its group), ``path`` (where its size stands in the recipe) and
-        ``stored`` (what stands there); by falling RMS. ``hidden``: terms that leave nothing, each
-        with ``why``. ``total``: ``rms``, ``rms_raw`` and the U of a check where one is stated.
-        ``cumulative``: RMS share after each row, ``left``: what is left when terms are compensated.
-        ``response``, ``responses``, ``removed``, ``distribution``, ``messages``.
-    arrays : dict
-        None.
-
-    Raises
-    ------
-    DataError
-        If something else is open.
-    CancelledError
-        If `cancel` says so.
-    MetrosepError
-        Of the recipe.
-    """
+    """Answer a request ``ranking``."""
     opened, document = session.need()
     recipe = document.recipe
     op = recipe.steps[0]["op"]

@@ -13,15 +13,7 @@ Made = TypeVar("Made")
 
 
 class Remembered(Generic[Made]):
-    """A function of objects that keeps its latest results.
-
-    Parameters
-    ----------
-    make : callable
-        Of an object, and of what else it needs that follows from the object.
-    most : int, optional
-        How many results are kept; then all are forgotten.
-    """
+    """A function of objects that keeps its latest results."""
 
     def __init__(self, make: Callable[..., Made], most: int = 9) -> None:
         self._make, self._most = make, most
@@ -30,18 +22,6 @@ class Remembered(Generic[Made]):
 
     def of(self, obj: Any, *rest: Any) -> Made:
         """Return what is made of an object, made once.
-
-        Parameters
-        ----------
-        obj : object
-            Compared by identity; it is kept, so that its identity stays its own.
-        *rest
-            Passed on to the function.
-
-        Returns
-        -------
-        object
-            The result.
 
         Examples
         --------
@@ -66,16 +46,6 @@ class Remembered(Generic[Made]):
 
 def text_key(value: Any) -> str:
     """Return what tells values of a recipe apart, as text.
-
-    Parameters
-    ----------
-    value : object
-        Of TOML, nested; the order of keys does not count.
-
-    Returns
-    -------
-    str
-        The same for the same values.
 
     Examples
     --------

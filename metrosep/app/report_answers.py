@@ -16,40 +16,7 @@ __all__ = ["report"]
 
 
 def report(session: Session, message: Message, cancel: Cancel, tell: Tell) -> Answer:
-    """Answer a request ``report``.
-
-    Parameters
-    ----------
-    session : Session
-        What the page works on.
-    message : mapping
-        Nothing: the report is to be shown. With ``write`` (path): it is written in a ``format``
-        (html if omitted); ``overwrite`` allows that the file is there already.
-    cancel : callable
-        Asked between steps.
-    tell : callable
-        Told what is being done.
-
-    Returns
-    -------
-    header : dict
-        ``formats`` that can be written, ``verdict``, ``hash`` of the recipe it belongs to, and
-        ``files`` that were written.
-    arrays : dict
-        ``html``, UTF-8, where it is to be shown.
-
-    Raises
-    ------
-    DataError
-        If nothing is open, the format is not known, or the file is there already.
-    WriteError
-        If it lies outside the opened folders, is what is open, cannot be written, or the files
-        changed since they were opened.
-    CancelledError
-        If `cancel` says so.
-    MetrosepError
-        Of the recipe.
-    """
+    """Answer a request ``report``."""
     from metrosep.recipe.preflight import report_formats
 
     opened, document = session.need()

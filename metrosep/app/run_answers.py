@@ -95,40 +95,7 @@ def _step(recipe: Recipe) -> Mapping[str, Any]:
 
 
 def curves(session: Session, message: Message, cancel: Cancel, tell: Tell) -> Answer:
-    """Answer a request ``curves``: the runs over one another, and what was separated from them.
-
-    Parameters
-    ----------
-    session : Session
-        What the page works on.
-    message : mapping
-        ``level``, ``window`` [x0, x1] in m or null, ``columns``. Only level "full" separates.
-    cancel : callable
-        Asked before a separation begins.
-    tell : callable
-        Told nothing: the runs are shown at once.
-
-    Returns
-    -------
-    header : dict
-        ``runs`` [{run, feed, feed_words, direction, not_measured}], ``range`` and ``travel`` in m,
-        ``levelled`` (what was done for display), ``stated`` (keys of the step, SI), ``is_preview``;
-        at full level ``separated`` [{direction}], ``means`` [{feed, feed_words, direction,
-        n_runs}], ``lost_motion`` and ``slope`` {value, unit, u, definition}, ``residual_rms``.
-    arrays : dict
-        ``run_<i>_x``, ``_low``, ``_high``; ``error_<i>_x``, ``_low``, ``_high``, ``_band_low``,
-        ``_band_high``; ``mean_<i>_x``, ``_before_low``, ``_before_high``, ``_after_x``,
-        ``_after_low``, ``_after_high``.
-
-    Raises
-    ------
-    DataError
-        If nothing is open, it is no set of runs, or the window is wrong.
-    CancelledError
-        If `cancel` says so.
-    MetrosepError
-        If the runs cannot be read or separated.
-    """
+    """Answer a request ``curves``: the runs over one another, and what was separated from them."""
     recipe, material, runs, kept = _of_session(session)
     full = level_of(message) == "full"
     estimate = material.estimate(recipe, cancel) if full else None
@@ -238,40 +205,7 @@ def _quantity(given: Quantity | None) -> dict[str, Any] | None:
 
 
 def waves(session: Session, message: Message, cancel: Cancel, tell: Tell) -> Answer:
-    """Answer a request ``waves``: amplitude against wavelength, and what repeats.
-
-    Parameters
-    ----------
-    session : Session
-        What the page works on.
-    message : mapping
-        ``level``, ``direction`` (1, -1 or null). Only level "full" separates.
-    cancel : callable
-        Asked before a separation begins.
-    tell : callable
-        Told nothing: what is being computed is told with the metrics.
-
-    Returns
-    -------
-    header : dict
-        ``direction``, ``feeds`` [{feed, feed_words}], ``part``, ``is_preview``, ``stated``; at full
-        level ``method``, ``words``, ``shortest`` {value, by}, ``m``, ``reasons``, ``statistics``
-        [{name, key, value, unit, keeps, least}], ``thresholds_in_use``, ``vibrations`` [{frequency,
-        source, at: [{feed, wavelength, amplitude}]}], ``messages``.
-    arrays : dict
-        ``wavelength``, ``feed_<i>``; at full level ``estimate_wavelength``, ``estimate_amplitude``,
-        ``selected``, ``sd``, ``low``, ``high``, ``reason`` (index into ``reasons``), and
-        ``statistic_<i>``.
-
-    Raises
-    ------
-    DataError
-        If nothing is open, it is no set of runs, or it has not that direction.
-    CancelledError
-        If `cancel` says so.
-    MetrosepError
-        If the runs cannot be read or separated.
-    """
+    """Answer a request ``waves``: amplitude against wavelength, and what repeats."""
     recipe, material, runs, kept = _of_session(session)
     estimate = material.estimate(recipe, cancel) if level_of(message) == "full" else None
     direction = _direction(message.get("direction"), runs)

@@ -48,50 +48,18 @@ _LEAST = 2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LevelledRuns:
-    """Runs without their lines, ready to be looked at.
+    """Runs without their lines, ready to be looked at."""
 
-    Parameters
-    ----------
-    runs : tuple of Run
-        In the order of the set, without the line of each.
-    extremes : tuple of Extremes
-        Of each run, for any window.
-    slopes : ndarray, shape (n_runs,), rad
-        Slope of each line.
-    range : tuple of (float, float), m
-        Over which the lines were fitted.
-    message : str
-        What was done, in plain words.
-    """
-
-    runs: tuple[Run, ...]
-    extremes: tuple[Extremes, ...]
-    slopes: FloatArray
-    range: tuple[float, float]
-    message: str
+    runs: tuple[Run, ...]  # in the order of the set, without the line of each
+    extremes: tuple[Extremes, ...]  # of each run, for any window
+    slopes: FloatArray  # shape (n_runs,), rad: slope of each line
+    range: tuple[float, float]  # of (float, float), m: over which the lines were fitted
+    message: str  # what was done, in plain words
 
     def views(
         self, *, window: Sequence[float] | None = None, columns: int = 1000
     ) -> tuple[ProfileView, ...]:
-        """Return the least and greatest reading of each run in each pixel column.
-
-        Parameters
-        ----------
-        window : sequence of 2 floats, m, optional
-            Positions ``x0 < x1``; the travel of all runs if omitted.
-        columns : int, optional
-            Pixel columns, 1 to 100 000.
-
-        Returns
-        -------
-        tuple of ProfileView
-            In the order of the runs; NaN where nothing was measured.
-
-        Raises
-        ------
-        DataError
-            If the window or the number of columns is wrong.
-        """
+        """Return the least and greatest reading of each run in each pixel column."""
         return repeat_views(self.extremes, window=window, columns=columns)
 
 
@@ -99,20 +67,6 @@ def shown_range(
     runs: RunSet, start: float | None, length: float | None
 ) -> tuple[tuple[float, float], str]:
     """Return the evaluation range before anything is separated.
-
-    Parameters
-    ----------
-    runs : RunSet
-        Readings.
-    start, length : float or None, m
-        As the recipe states them.
-
-    Returns
-    -------
-    range : tuple of (float, float), m
-        As the separation takes it where it can; else the travel of all runs.
-    message : str
-        Why it is not the one that was asked for; often empty.
 
     Examples
     --------
@@ -128,18 +82,6 @@ def shown_range(
 
 def level_runs(runs: RunSet, over: tuple[float, float]) -> LevelledRuns:
     """Return runs without the least-squares line of each over a range.
-
-    Parameters
-    ----------
-    runs : RunSet
-        Readings; they are not changed.
-    over : tuple of (float, float), m
-        Range of positions; the line is taken off the whole run.
-
-    Returns
-    -------
-    LevelledRuns
-        For the picture.
 
     Notes
     -----
@@ -184,26 +126,17 @@ def _line(x: FloatArray, z: FloatArray, over: tuple[float, float]) -> tuple[floa
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeparatedView:
-    """The separated error as the screen shows it.
+    """The separated error as the screen shows it."""
 
-    Parameters
-    ----------
-    x : ndarray, shape (n,), m
-        Middle of each pixel column.
-    low, high : ndarray, shape (n,), m
-        Least and greatest error in the column; NaN outside the measured travel.
-    band_low, band_high : ndarray, shape (n,), m
-        Error -+ 2 standard uncertainties, the outermost of the column; NaN where not known.
-    direction : int
-        +1 forward, -1 reverse, 0 not distinguished.
-    """
-
-    x: FloatArray
+    x: FloatArray  # shape (n,), m: middle of each pixel column
+    # shape (n,), m: least and greatest error in the column; NaN outside the measured travel
     low: FloatArray
     high: FloatArray
+    # shape (n,), m: error -+ 2 standard uncertainties, the outermost of the column; NaN where not
+    # known
     band_low: FloatArray
     band_high: FloatArray
-    direction: int
+    direction: int  # +1 forward, -1 reverse, 0 not distinguished
 
 
 def separated_view(
@@ -213,29 +146,7 @@ def separated_view(
     window: Sequence[float] | None = None,
     columns: int = 1000,
 ) -> SeparatedView:
-    """Return the separated error with its band of two standard uncertainties.
-
-    Parameters
-    ----------
-    estimate : ErrorEstimate
-        Result of a separation.
-    direction : {0, 1, -1}, optional
-        One of ``estimate.directions``.
-    window : sequence of 2 floats, m, optional
-        Positions ``x0 < x1``; the travel that was modelled if omitted.
-    columns : int, optional
-        Pixel columns, 1 to 100 000.
-
-    Returns
-    -------
-    SeparatedView
-        Looked at in eight places of each column, and at every node of a curve that is sampled.
-
-    Raises
-    ------
-    DataError
-        If the window, the direction or the number of columns is wrong.
-    """
+    """Return the separated error with its band of two standard uncertainties."""
     if direction not in estimate.directions:
         raise DataError(
             f"the estimate has no direction {direction!r}; it has {estimate.directions}"
@@ -265,45 +176,20 @@ def separated_view(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeanRun:
-    """The mean run of one feedrate and direction, before and after the separated error is taken off.
+    """The mean run of one feedrate and direction, before and after the separated error is taken off."""
 
-    Parameters
-    ----------
-    x : ndarray, shape (n,), m
-        Rising, over the travel that all runs of the direction share.
-    before, after : ndarray, shape (n,), m
-        Mean of the levelled runs, and what is left of it; NaN where any of them was not measured.
-    feed : float or None, m/s
-        None where the runs do not say it.
-    direction : int
-        +1 or -1.
-    n_runs : int
-        How many were averaged.
-    """
-
-    x: FloatArray
+    x: FloatArray  # shape (n,), m: rising, over the travel that all runs of the direction share
+    # shape (n,), m: mean of the levelled runs, and what is left of it; NaN where any of them was
+    # not measured
     before: FloatArray
     after: FloatArray
-    feed: float | None
-    direction: int
-    n_runs: int
+    feed: float | None  # m/s: none where the runs do not say it
+    direction: int  # +1 or -1
+    n_runs: int  # how many were averaged
 
 
 def mean_runs(runs: RunSet, estimate: ErrorEstimate) -> tuple[MeanRun, ...]:
     """Return the mean run of each feedrate and direction, before and after the separation.
-
-    Parameters
-    ----------
-    runs : RunSet
-        Readings.
-    estimate : ErrorEstimate
-        What was separated from them.
-
-    Returns
-    -------
-    tuple of MeanRun
-        Forward first, slowest first: ``after = before - error``. The same curves as in the
-        report, of all samples.
 
     Notes
     -----
@@ -339,16 +225,6 @@ def _levelled_on(run: Run, x: FloatArray, over: tuple[float, float]) -> FloatArr
 
 def feed_words(feed: float | None) -> str:
     """Return a feedrate as a person writes it.
-
-    Parameters
-    ----------
-    feed : float or None, m/s
-        None where it is not known.
-
-    Returns
-    -------
-    str
-        In mm/min.
 
     Examples
     --------

@@ -39,40 +39,20 @@ _MOST_SAMPLES = 10_000_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SectionView:
-    """A section as the screen shows it, with the numbers of its full resolution.
+    """A section as the screen shows it, with the numbers of its full resolution."""
 
-    Parameters
-    ----------
-    distance : ndarray, shape (n,), m
-        From a, middle of the samples of each pixel column.
-    low, high : ndarray, shape (n,), m
-        Least and greatest height of each column; NaN where no sample of it is valid.
-    length : float, m
-        From a to b.
-    pv : float, m
-        Greatest less least valid height of all samples, nothing removed; NaN if none is valid.
-    sq : float, m
-        RMS of the valid samples about their mean; NaN if none is valid.
-    share_valid : float, dimensionless
-        Valid samples over all samples.
-    n_samples : int
-        Samples that were read.
-    method : str
-        ``"lanczos"``, ``"bilinear"`` or ``"nearest"``.
-    unit : str
-        Of distance and length: ``"m"``, or ``"px"`` for a map without lateral calibration.
-    """
-
-    distance: FloatArray
+    distance: FloatArray  # shape (n,), m: from a, middle of the samples of each pixel column
+    # shape (n,), m: least and greatest height of each column; NaN where no sample of it is valid
     low: FloatArray
     high: FloatArray
-    length: float
+    length: float  # m: from a to b
+    # m: greatest less least valid height of all samples, nothing removed; NaN if none is valid
     pv: float
-    sq: float
-    share_valid: float
-    n_samples: int
-    method: str
-    unit: str
+    sq: float  # m: RMS of the valid samples about their mean; NaN if none is valid
+    share_valid: float  # dimensionless: valid samples over all samples
+    n_samples: int  # samples that were read
+    method: str  # ``"lanczos"``, ``"bilinear"`` or ``"nearest"``
+    unit: str  # of distance and length: ``"m"``, or ``"px"`` for a map without lateral calibration
 
 
 def section_view(
@@ -84,28 +64,6 @@ def section_view(
     method: Reading = "lanczos",
 ) -> SectionView:
     """Return a section for the screen.
-
-    Parameters
-    ----------
-    surface : Surface
-        The map, at full resolution.
-    a, b : sequence of 2 floats, m
-        Ends (x, y); also outside the map, where nothing is measured. Pixels from the first one
-        where the map is not calibrated.
-    columns : int, optional
-        Pixel columns of the screen, >= 1. Fewer come back where there are fewer samples.
-    method : {"lanczos", "bilinear", "nearest"}, optional
-        How heights between pixels are read, see `section_profile`.
-
-    Returns
-    -------
-    SectionView
-        Extremes of each column, length, P-V, Sq, and the share of valid samples.
-
-    Raises
-    ------
-    DataError
-        If the ends are equal or not finite, or an option is wrong.
 
     Examples
     --------
@@ -145,30 +103,6 @@ def section_profile(
     method: Reading = "lanczos",
 ) -> Profile:
     """Return the heights of a map along the line from a to b.
-
-    Parameters
-    ----------
-    surface : Surface
-        The map.
-    a, b : sequence of 2 floats, m
-        Ends (x, y). Pixels from the first one where the map is not calibrated.
-    method : {"lanczos", "bilinear", "nearest"}, optional
-        ``"lanczos"``: from 8 x 8 pixels; bilinear where one of them is missing. ``"bilinear"``:
-        from the four neighbours; NaN unless all of those that carry weight are valid, and beyond
-        the centres of the outermost pixels. ``"nearest"``: the pixel in which the point lies, up
-        to the rim.
-
-    Returns
-    -------
-    Profile
-        Over the distance from a: samples at even steps, no longer than the smaller lateral step,
-        both ends included.
-
-    Raises
-    ------
-    DataError
-        If it is no Surface, the ends are equal, not finite or too far apart, or the method is
-        unknown.
 
     Notes
     -----

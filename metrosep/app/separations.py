@@ -51,15 +51,7 @@ class _Latest:
 
 
 class Separations:
-    """Repeated runs and what the step ``separate`` makes of them.
-
-    Parameters
-    ----------
-    files : sequence of Path
-        That hold the runs.
-    read : callable, optional
-        ``read(recipe, files)``; `metrosep.recipe.run.read_inputs` if omitted.
-    """
+    """Repeated runs and what the step ``separate`` makes of them."""
 
     def __init__(
         self,
@@ -71,50 +63,14 @@ class Separations:
         self._runs, self._estimates, self._results = _Latest(), _Latest(), _Latest()
 
     def runs(self, recipe: Recipe) -> RunSet:
-        """Return the readings.
-
-        Parameters
-        ----------
-        recipe : Recipe
-            With the columns of its ``[input]``.
-
-        Returns
-        -------
-        RunSet
-            As read.
-
-        Raises
-        ------
-        MetrosepError
-            If they cannot be read so.
-        """
+        """Return the readings."""
         found: RunSet = self._runs.of(
             _input_key(recipe), lambda: self._read(recipe, list(self.files))
         )
         return found
 
     def estimate(self, recipe: Recipe, cancel: Cancel | None = None) -> ErrorEstimate:
-        """Return the separated error.
-
-        Parameters
-        ----------
-        recipe : Recipe
-            With a step ``separate``.
-        cancel : callable, optional
-            Asked before the separation begins; true stops.
-
-        Returns
-        -------
-        ErrorEstimate
-            Of the runs.
-
-        Raises
-        ------
-        CancelledError
-            If `cancel` says so.
-        MetrosepError
-            If the runs cannot be read or separated.
-        """
+        """Return the separated error."""
         runs = self.runs(recipe)
         step = next(s for s in recipe.steps if s["op"] == "separate")
         key = _input_key(recipe) + text_key(step)
@@ -124,27 +80,7 @@ class Separations:
         return found
 
     def result(self, recipe: Recipe, cancel: Cancel | None = None) -> Result:
-        """Return everything that the recipe makes of the runs; nothing is written.
-
-        Parameters
-        ----------
-        recipe : Recipe
-            The whole of it.
-        cancel : callable, optional
-            See `estimate`.
-
-        Returns
-        -------
-        Result
-            As ``metrosep run`` has it.
-
-        Raises
-        ------
-        CancelledError
-            If `cancel` says so.
-        MetrosepError
-            Of any part.
-        """
+        """Return everything that the recipe makes of the runs; nothing is written."""
         estimate, runs = self.estimate(recipe, cancel), self.runs(recipe)
         found: Result = self._results.of(
             _shown(recipe), lambda: separated_result(recipe, runs, estimate)
@@ -153,42 +89,14 @@ class Separations:
 
 
 class MethodResults:
-    """What a recipe with one of the named methods makes of its readings.
-
-    Parameters
-    ----------
-    files : sequence of Path
-        Readings in their order; empty where the keys of the recipe say all.
-    """
+    """What a recipe with one of the named methods makes of its readings."""
 
     def __init__(self, files: Sequence[Path]) -> None:
         self.files = list(files)
         self._results = _Latest()
 
     def result(self, recipe: Recipe, cancel: Cancel | None = None) -> Result:
-        """Return everything that the recipe makes of the readings; nothing is written.
-
-        Parameters
-        ----------
-        recipe : Recipe
-            The whole of it.
-        cancel : callable, optional
-            Asked before it begins; true stops.
-
-        Returns
-        -------
-        Result
-            As ``metrosep run`` has it.
-
-        Raises
-        ------
-        CancelledError
-            If `cancel` says so.
-        DataError
-            If the recipe is none of a named method.
-        MetrosepError
-            Of any part.
-        """
+        """Return everything that the recipe makes of the readings; nothing is written."""
         if not recipe.is_method or recipe.is_pipeline:
             raise DataError(f"{recipe.name}: is no recipe of a named method")
         files = None if recipe.reads_nothing else self.files

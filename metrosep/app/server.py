@@ -46,35 +46,12 @@ _POLICY = (
 
 
 def new_token() -> str:
-    """Return a token for one start of the server.
-
-    Returns
-    -------
-    str
-        256 random bits, for an address.
-    """
+    """Return a token for one start of the server."""
     return secrets.token_urlsafe(32)
 
 
 def make_app(places: Places, *, port: int, token: str, first: Sequence[str] = ()) -> Starlette:
-    """Return the application.
-
-    Parameters
-    ----------
-    places : Places
-        Files it may touch.
-    port : int
-        Where it will listen: requests for another host are refused.
-    token : str
-        Of this start.
-    first : sequence of str, optional
-        Files to open: one, or several runs as a set.
-
-    Returns
-    -------
-    Starlette
-        Page, uploads and the WebSocket.
-    """
+    """Return the application."""
     guard = Guard(token, port)
     session = Session(places)
     answers = Answers(session)

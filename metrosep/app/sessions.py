@@ -31,17 +31,7 @@ _LAST_WAIT = 10.0
 
 
 class Session:
-    """What one page works on.
-
-    Parameters
-    ----------
-    places : Places
-        Files it may touch.
-    read : callable, optional
-        Reads a file; `metrosep.io.read.read` if omitted.
-    keeper : Keeper, optional
-        Writes the session.
-    """
+    """What one page works on."""
 
     def __init__(
         self,
@@ -68,28 +58,7 @@ class Session:
         *,
         keep_recipe: bool = False,
     ) -> None:
-        """Open a measurement, several runs as a set, or a recipe with its files.
-
-        Parameters
-        ----------
-        paths : str or sequence of str
-            As the page names them.
-        reading : mapping, optional
-            Options of the reader.
-        keep_recipe : bool, optional
-            Carry out the present recipe on them, instead of one of their own.
-
-        Raises
-        ------
-        ReadError
-            If a file cannot be read, or lies outside the opened folders.
-        Ask
-            If the files do not say their unit or columns.
-        DataError
-            If they hold something else.
-        RecipeError
-            If a recipe is wrong.
-        """
+        """Open a measurement, several runs as a set, or a recipe with its files."""
         names = [paths] if isinstance(paths, str) else list(paths)
         with self._changing:
             self.keeper.retry()
@@ -112,28 +81,7 @@ class Session:
                 self.keeper.begin(opened.kept, opened.held)
 
     def target(self, path: str, *, recipe: bool = False) -> Path:
-        """Return where a file that the user asks for may be written.
-
-        Parameters
-        ----------
-        path : str
-            As the page names it.
-        recipe : bool, optional
-            Whether the recipe is written; anything else is made of the files, which must be those
-            that were opened.
-
-        Returns
-        -------
-        Path
-            Inside the opened folders.
-
-        Raises
-        ------
-        DataError
-            If nothing is open.
-        WriteError
-            If it lies elsewhere, among the uploads, is what is open, or the files changed since.
-        """
+        """Return where a file that the user asks for may be written."""
         opened, _ = self.need()
         found = self.places.writable(path)
         refuse_open(found, opened, recipe=recipe)
@@ -142,13 +90,7 @@ class Session:
         return found
 
     def saved(self, file: Path) -> None:
-        """Take note that the recipe was saved, perhaps onto the one that was opened.
-
-        Parameters
-        ----------
-        file : Path
-            Where it was saved.
-        """
+        """Take note that the recipe was saved, perhaps onto the one that was opened."""
         with self._changing, self.lock:
             if self.opened is not None and self.opened.base and file == self.opened.home:
                 base = hashlib.sha256(file.read_bytes()).hexdigest()
@@ -157,20 +99,7 @@ class Session:
     # ---- editing -----------------------------------------------------------------------------
 
     def need(self) -> tuple[Opened, RecipeDocument]:
-        """Return what is open.
-
-        Returns
-        -------
-        opened : Opened
-            Files, kind, and what the recipe works on.
-        document : RecipeDocument
-            The recipe.
-
-        Raises
-        ------
-        DataError
-            If nothing is.
-        """
+        """Return what is open."""
         with self.lock:
             if self.opened is None or self.document is None:
                 raise DataError("no file is open; open one, or drop it onto the page")
@@ -180,42 +109,15 @@ class Session:
         return self.need()[1]
 
     def edit(self, edits: Sequence[Edit], label: str | None = None) -> None:
-        """Carry edits of the recipe out, and keep it.
-
-        Parameters
-        ----------
-        edits : sequence of Edit
-            As one step of undo.
-        label : str, optional
-            For undo.
-
-        Raises
-        ------
-        DataError
-            If nothing is open, or an edit does not fit.
-        RecipeError
-            If the recipe would no longer be one.
-        """
+        """Carry edits of the recipe out, and keep it."""
         self._carry_out(lambda document: document.edit(edits, label))
 
     def undo(self) -> None:
-        """Take the last edit back.
-
-        Raises
-        ------
-        DataError
-            If there is none, or nothing is open.
-        """
+        """Take the last edit back."""
         self._carry_out(RecipeDocument.undo)
 
     def redo(self) -> None:
-        """Do the last edit again that was taken back.
-
-        Raises
-        ------
-        DataError
-            If there is none, or nothing is open.
-        """
+        """Do the last edit again that was taken back."""
         self._carry_out(RecipeDocument.redo)
 
     def _carry_out(self, act: Callable[[RecipeDocument], None]) -> None:
@@ -237,18 +139,7 @@ class Session:
             self._adopt(opened, document, tried)
 
     def show(self, view: Mapping[str, Any]) -> None:
-        """Keep what the page shows with the recipe: no edit, nothing to undo.
-
-        Parameters
-        ----------
-        view : mapping
-            From `metrosep.app.view_tables.checked_view`.
-
-        Raises
-        ------
-        DataError
-            If nothing is open.
-        """
+        """Keep what the page shows with the recipe: no edit, nothing to undo."""
         with self._changing:
             opened, document = self.need()
             tried = document.copy()
@@ -284,27 +175,7 @@ class Session:
         cancel: Callable[[], bool] | None = None,
         tell: Callable[[str], None] | None = None,
     ) -> Outcome:
-        """Return what the steps make of the data of a size.
-
-        Parameters
-        ----------
-        level : {"drag", "idle", "full"}
-            Size.
-        cancel, tell : callable, optional
-            See `Evaluations.outcome`.
-
-        Returns
-        -------
-        Outcome
-            Up to the first step that fails.
-
-        Raises
-        ------
-        DataError
-            If nothing is open.
-        CancelledError
-            If `cancel` says so.
-        """
+        """Return what the steps make of the data of a size."""
         return self.evaluated(level, cancel=cancel, tell=tell)[0]
 
     def evaluated(
@@ -314,31 +185,7 @@ class Session:
         cancel: Callable[[], bool] | None = None,
         tell: Callable[[str], None] | None = None,
     ) -> tuple[Outcome, Recipe, str]:
-        """Return what the steps make of the data, with the recipe that holds these steps.
-
-        Parameters
-        ----------
-        level : {"drag", "idle", "full"}
-            Size.
-        cancel, tell : callable, optional
-            See `Evaluations.outcome`.
-
-        Returns
-        -------
-        outcome : Outcome
-            Up to the first step that fails.
-        recipe : Recipe
-            As it was when the evaluation began: an edit may have come since.
-        mark : str
-            Of file and recipe, as `state` tells it.
-
-        Raises
-        ------
-        DataError
-            If nothing is open, or it is no map or profile.
-        CancelledError
-            If `cancel` says so.
-        """
+        """Return what the steps make of the data, with the recipe that holds these steps."""
         with self.lock:
             opened, document = self.need()
             recipe = document.recipe
@@ -356,13 +203,7 @@ class Session:
         return outcome, recipe, mark_of(opened, recipe)
 
     def state(self) -> dict[str, Any]:
-        """Return everything that the page shows of the recipe.
-
-        Returns
-        -------
-        dict
-            ``session`` of the protocol; plain values.
-        """
+        """Return everything that the page shows of the recipe."""
         with self.lock:
             document, opened = self.document, self.opened
             if document is None or opened is None:
@@ -405,18 +246,7 @@ class Session:
         return [*self.messages, *filter(None, [self.keeper.notice, self.keeper.problem])]
 
     def words(self, message: str) -> str:
-        """Return a message of the library in the words of the recipe, as ``metrosep run`` has it.
-
-        Parameters
-        ----------
-        message : str
-            Of an error or a note.
-
-        Returns
-        -------
-        str
-            With keys of the recipe in place of arguments of Python.
-        """
+        """Return a message of the library in the words of the recipe, as ``metrosep run`` has it."""
         with self.lock:
             document = self.document
         for step in () if document is None else document.recipe.steps:
@@ -430,20 +260,7 @@ class Session:
 
 
 def mark_of(opened: Opened, recipe: Recipe) -> str:
-    """Return what tells a recipe on a file from all others: numbers of another are outdated.
-
-    Parameters
-    ----------
-    opened : Opened
-        The files.
-    recipe : Recipe
-        What is carried out on them.
-
-    Returns
-    -------
-    str
-        Number of the opening and hash of the recipe without its view.
-    """
+    """Return what tells a recipe on a file from all others: numbers of another are outdated."""
     return f"{opened.serial}-{recipe.recorded['sha256']}"
 
 
@@ -462,16 +279,6 @@ def _steps(data: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 def is_extreme(symbol: str) -> bool:
     """Return whether a parameter is that of single points, which a preview averages away.
-
-    Parameters
-    ----------
-    symbol : str
-        Such as ``"Sz"``.
-
-    Returns
-    -------
-    bool
-        True for peaks, valleys and heights between them.
 
     Examples
     --------

@@ -62,20 +62,11 @@ _WAYS = {"forward": 1, "reverse": -1}
 
 @dataclass(frozen=True, slots=True)
 class Vibration:
-    """A vibration, and where it lies at each feedrate.
+    """A vibration, and where it lies at each feedrate."""
 
-    Parameters
-    ----------
-    frequency : float, Hz
-        The same at all feedrates.
-    feeds : tuple of float, m/s
-        Feedrates, slowest first.
-    source : {"line", "residual"}
-        A line that the separation removed, or a resonance of what was left.
-    """
-
-    frequency: float
-    feeds: tuple[float, ...]
+    frequency: float  # the same at all feedrates
+    feeds: tuple[float, ...]  # m/s: feedrates, slowest first
+    # {"line", "residual"}: A line that the separation removed, or a resonance of what was left
     source: str
 
     @property
@@ -94,22 +85,6 @@ def find_vibrations(
     runs: RunSet, estimate: ErrorEstimate, *, direction: int
 ) -> tuple[tuple[Vibration, ...], str]:
     """Return the vibrations that the runs of a direction show at every feedrate.
-
-    Parameters
-    ----------
-    runs : RunSet
-        Readings.
-    estimate : ErrorEstimate
-        What was separated from them; its error is taken off.
-    direction : {1, -1}
-        Forward or reverse.
-
-    Returns
-    -------
-    vibrations : tuple of Vibration
-        Lines that the separation removed first, then resonances, rising.
-    message : str
-        Why none can be told, in plain words; often empty.
 
     Notes
     -----

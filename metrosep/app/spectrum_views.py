@@ -44,67 +44,29 @@ _WAYS = {1: "forward", -1: "reverse"}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ProfileSpectrum:
-    """The transform of a profile, kept while the limits move; made by `profile_spectrum`.
+    """The transform of a profile, kept while the limits move; made by `profile_spectrum`."""
 
-    Parameters
-    ----------
-    frequency : ndarray, shape (n // 2 + 1,), 1/m
-        From 0.
-    amplitude : ndarray, shape (n // 2 + 1,), m
-        Of the waves; at 0 what the window leaves of the mean.
-    power : ndarray, shape (n // 2 + 1,), m^2
-        Share of each bin in the mean square; they add up to that of the windowed heights.
-    start, stop : float, m
-        Part of the profile that was transformed.
-    n_samples : int
-        Its samples.
-    share_used : float, dimensionless
-        Its length over that of the profile.
-    messages : tuple of str
-        What was left out or resampled.
-    """
-
-    frequency: FloatArray
+    frequency: FloatArray  # shape (n // 2 + 1,), 1/m: from 0
+    # shape (n // 2 + 1,), m: of the waves; at 0 what the window leaves of the mean
     amplitude: FloatArray
+    # shape (n // 2 + 1,), m^2: share of each bin in the mean square; they add up to that of the
+    # windowed heights
     power: FloatArray
-    start: float
+    start: float  # m: part of the profile that was transformed
     stop: float
-    n_samples: int
-    share_used: float
-    messages: tuple[str, ...] = ()
+    n_samples: int  # its samples
+    share_used: float  # dimensionless: its length over that of the profile
+    messages: tuple[str, ...] = ()  # what was left out or resampled
 
     def band_rms(self, band: Band) -> tuple[float, float]:
-        """Return the RMS of the waves in a band, and of all the rest.
-
-        Parameters
-        ----------
-        band : Band
-            Wavelengths, limits included; an open side has none.
-
-        Returns
-        -------
-        tuple of (float, float), m
-            Inside and outside; their squares add up to the mean square of the windowed heights.
-            Zero frequency lies outside. The first is 0 where the band holds no bin.
-        """
+        """Return the RMS of the waves in a band, and of all the rest."""
         first, last = self.bins(band)
         inside = float(self.power[first:last].sum())
         outside = float(self.power[:first].sum() + self.power[last:].sum())
         return math.sqrt(inside), math.sqrt(outside)
 
     def bins(self, band: Band) -> tuple[int, int]:
-        """Return the bins of a band as a range ``first <= k < last``.
-
-        Parameters
-        ----------
-        band : Band
-            Wavelengths, limits included.
-
-        Returns
-        -------
-        tuple of (int, int)
-            First and last; equal where no bin lies in the band; never bin 0.
-        """
+        """Return the bins of a band as a range ``first <= k < last``."""
         first, last = 1, self.frequency.size
         if band.longest is not None:
             first += int(
@@ -119,36 +81,23 @@ class ProfileSpectrum:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SpectrumView:
-    """A spectrum as the screen shows it.
+    """A spectrum as the screen shows it."""
 
-    Parameters
-    ----------
-    wavelength : ndarray, shape (n,), m
-        Falling.
-    amplitude : ndarray, shape (n,), m
-        Of each wave; where a pixel column holds several, the greatest, at its own wavelength.
-    in_band : ndarray of uint8, shape (n,)
-        1 between the limits.
-    inside, outside : float, m
-        RMS of the waves in the band, and of the rest, of all bins and not only those shown.
-    selected : ndarray of uint8, shape (n,), or None
-        1 where a separation took the wave for repeatable.
-    low, high : ndarray, shape (n,), m, or None
-        Repeatability band of a separation: amplitude -+ 2 standard uncertainties, from 0 on; NaN
-        where the uncertainty is not known.
-    messages : tuple of str
-        In plain words.
-    """
-
-    wavelength: FloatArray
+    wavelength: FloatArray  # shape (n,), m: falling
+    # shape (n,), m: of each wave; where a pixel column holds several, the greatest, at its own
+    # wavelength
     amplitude: FloatArray
-    in_band: ByteArray
+    in_band: ByteArray  # of uint8, shape (n,): 1 between the limits
+    # m: RMS of the waves in the band, and of the rest, of all bins and not only those shown
     inside: float
     outside: float
+    # of uint8, shape (n,), or None: 1 where a separation took the wave for repeatable
     selected: ByteArray | None = None
+    # shape (n,), m, or None: repeatability band of a separation: amplitude -+ 2 standard
+    # uncertainties, from 0 on; NaN where the uncertainty is not known
     low: FloatArray | None = None
     high: FloatArray | None = None
-    messages: tuple[str, ...] = ()
+    messages: tuple[str, ...] = ()  # in plain words
 
 
 def profile_spectrum(
@@ -159,31 +108,6 @@ def profile_spectrum(
     unit: Literal["m", "px"] = "m",
 ) -> ProfileSpectrum:
     """Return the amplitudes and powers of the waves in a profile or section.
-
-    Parameters
-    ----------
-    profile : Profile or Run
-        Heights over positions.
-    gaps : {"longest", "refuse"}, optional
-        What to do where samples are missing: take the longest part without a gap, or raise.
-    detrend : {"line", "mean"} or None, optional
-        What is taken off before the window.
-    unit : {"m", "px"}, optional
-        Of the positions, for messages: a section of a map without lateral calibration has pixels.
-
-    Returns
-    -------
-    ProfileSpectrum
-        Transform of the part, with what was done in its messages.
-
-    Raises
-    ------
-    InvalidSamplesError
-        If there is a gap and `gaps` is "refuse".
-    TooFewSamplesError
-        If the part has fewer than 4 samples.
-    DataError
-        If an option is unknown, or it is no profile.
 
     Notes
     -----
@@ -296,25 +220,6 @@ def spectrum_view(
 ) -> SpectrumView:
     """Return the spectrum of a profile for the screen.
 
-    Parameters
-    ----------
-    spectrum : ProfileSpectrum
-        The transform.
-    band : Band, optional
-        The limits; all wavelengths if omitted.
-    columns : int, optional
-        Pixel columns of the logarithmic wavelength axis, 1 to 100 000.
-
-    Returns
-    -------
-    SpectrumView
-        One point for each column that holds bins: its greatest amplitude.
-
-    Raises
-    ------
-    DataError
-        If there is no transform, no band, or the number of columns is wrong.
-
     Examples
     --------
     >>> wave = Profile(np.arange(64.0), np.cos(2 * np.pi * np.arange(64.0) / 8))
@@ -357,28 +262,6 @@ def estimate_view(
     estimate: ErrorEstimate, *, band: Band | None = None, direction: int | None = None
 ) -> SpectrumView:
     """Return the wavelengths of a separation for the screen.
-
-    Parameters
-    ----------
-    estimate : ErrorEstimate
-        Result of a separation.
-    band : Band, optional
-        The limits; all wavelengths if omitted.
-    direction : {1, -1}, optional
-        Forward or reverse where both were estimated; the forward one if omitted, which a message
-        says.
-
-    Returns
-    -------
-    SpectrumView
-        Its spectrum table with ``selected`` and, where the scatter is known, the repeatability
-        band. `inside` and `outside` are the RMS over the basis period of the *selected* waves,
-        which make up the estimate.
-
-    Raises
-    ------
-    DataError
-        If it is no estimate, has no spectrum, or not this direction.
 
     Notes
     -----

@@ -32,26 +32,7 @@ _ENTRIES = 100
 
 
 def controllers(session: Session, message: Message, cancel: Cancel, tell: Tell) -> Answer:
-    """Answer a request ``controllers``.
-
-    Parameters
-    ----------
-    session : Session
-        What the page works on.
-    message : mapping
-        Nothing more.
-    cancel : callable
-        Not asked.
-    tell : callable
-        Told nothing.
-
-    Returns
-    -------
-    header : dict
-        ``controllers``, ``machine`` (limits that any machine may have), ``checks``.
-    arrays : dict
-        None.
-    """
+    """Answer a request ``controllers``."""
     return {
         "controllers": described_controllers(),
         "machine": machine_facts(),
@@ -60,40 +41,7 @@ def controllers(session: Session, message: Message, cancel: Cancel, tell: Tell) 
 
 
 def table(session: Session, message: Message, cancel: Cancel, tell: Tell) -> Answer:
-    """Answer a request ``table``: the preview of a table, or its file.
-
-    Parameters
-    ----------
-    session : Session
-        What the page works on.
-    message : mapping
-        ``output`` (number among the tables of the recipe, 0 if omitted), ``draft`` (an output
-        that is not in the recipe yet, in its place), ``write`` (path), ``overwrite``, ``trial``
-        (height of a bump, "2 um"), ``hash`` (of the recipe that the page shows).
-    cancel : callable
-        Asked before the separation and before something is written.
-    tell : callable
-        Told what is being done.
-
-    Returns
-    -------
-    header : dict
-        See `metrosep.app.table_views.view_table`; ``suggested`` where the recipe has no table;
-        ``files`` where one was written.
-    arrays : dict of ndarray
-        Curves, in m.
-
-    Raises
-    ------
-    DataError
-        If no runs are open, there is no such table, or the recipe is not the one that is shown.
-    WriteError
-        If the file lies outside the opened folders, or is not one of metrosep.
-    CancelledError
-        If `cancel` says so.
-    MetrosepError
-        If the runs cannot be separated, or a file is refused.
-    """
+    """Answer a request ``table``: the preview of a table, or its file."""
     opened, document = session.need()
     material = opened.material
     if not isinstance(material, Separations):

@@ -54,41 +54,14 @@ _EXPANDED = 2.0
 
 @dataclass(slots=True)
 class TableView:
-    """What the page is shown of a table.
+    """What the page is shown of a table."""
 
-    Parameters
-    ----------
-    header : dict
-        Plain values.
-    arrays : dict of ndarray
-        Curves, in m.
-    """
-
-    header: dict[str, Any] = field(default_factory=dict)
-    arrays: Arrays = field(default_factory=dict)
+    header: dict[str, Any] = field(default_factory=dict)  # plain values
+    arrays: Arrays = field(default_factory=dict)  # of ndarray: curves, in m
 
 
 def view_table(wanted: Wanted, estimate: ErrorEstimate, runs: RunSet) -> TableView:
     """Return everything about a table before it is written; nothing stays on the disk.
-
-    Parameters
-    ----------
-    wanted : Wanted
-        The table.
-    estimate : ErrorEstimate
-        Separated error.
-    runs : RunSet
-        Readings for the dry-run.
-
-    Returns
-    -------
-    TableView
-        With ``refused`` where a run of the recipe would refuse it; then without ``preview``.
-
-    Raises
-    ------
-    WriteError
-        If the temporary folder cannot be made.
 
     Notes
     -----

@@ -29,35 +29,7 @@ def write_file(
     *,
     overwrite: bool,
 ) -> dict[str, Any]:
-    """Write a table and its sidecar, as a run of the recipe does.
-
-    Parameters
-    ----------
-    wanted : Wanted
-        The table.
-    estimate : ErrorEstimate
-        Separated error.
-    runs : RunSet
-        Readings for the dry-run.
-    target : Path
-        The file.
-    overwrite : bool
-        Replace a table that metrosep wrote.
-
-    Returns
-    -------
-    dict
-        ``files``, ``sha256`` and the ``verification``.
-
-    Raises
-    ------
-    WriteError
-        If another file is there, or it cannot be written.
-    DataError
-        If a table of metrosep is there and `overwrite` is not said.
-    TableError
-        If the table is refused; nothing is written then.
-    """
+    """Write a table and its sidecar, as a run of the recipe does."""
     replaces = _replaces(target, overwrite=overwrite)
     verification = wanted.write(wanted.carried(estimate, runs), target, runs, overwrite=replaces)
     said = None if verification is None else verification.to_dict()
@@ -67,31 +39,7 @@ def write_file(
 def make_trial(
     wanted: Wanted, estimate: ErrorEstimate, runs: RunSet, height: object
 ) -> TrialTable:
-    """Return one bump that tells the sign on the machine, as ``metrosep table --trial`` has it.
-
-    Parameters
-    ----------
-    wanted : Wanted
-        The table in whose place it is tried.
-    estimate : ErrorEstimate
-        Separated error.
-    runs : RunSet
-        Readings.
-    height : object
-        Text with a unit, "2 um".
-
-    Returns
-    -------
-    TrialTable
-        Not written yet.
-
-    Raises
-    ------
-    DataError
-        If the height is no length, or the controller holds polynomials.
-    TableError
-        If the table cannot be made, or has no room for a bump.
-    """
+    """Return one bump that tells the sign on the machine, as ``metrosep table --trial`` has it."""
     if not isinstance(height, str):
         raise DataError(f"trial is a height with its unit, such as 2 um; got {height!r}")
     size = parse_quantity(height, dimension="length", name="trial")
@@ -102,18 +50,7 @@ def make_trial(
 
 
 def trial_words(trial: TrialTable) -> dict[str, Any]:
-    """Return what a trial of the sign asks for.
-
-    Parameters
-    ----------
-    trial : TrialTable
-        From `make_trial`.
-
-    Returns
-    -------
-    dict
-        ``instruction``, ``if_right``, ``if_wrong``.
-    """
+    """Return what a trial of the sign asks for."""
     return {
         "instruction": trial.instruction,
         "if_right": trial.if_right,
@@ -124,33 +61,7 @@ def trial_words(trial: TrialTable) -> dict[str, Any]:
 def write_trial(
     wanted: Wanted, trial: TrialTable, target: Path, *, overwrite: bool
 ) -> dict[str, Any]:
-    """Write a trial of the sign.
-
-    Parameters
-    ----------
-    wanted : Wanted
-        The table in whose place it is tried.
-    trial : TrialTable
-        From `make_trial`.
-    target : Path
-        The file.
-    overwrite : bool
-        Replace a table that metrosep wrote.
-
-    Returns
-    -------
-    dict
-        ``files``, ``sha256`` and the ``trial`` in words.
-
-    Raises
-    ------
-    WriteError
-        If another file is there, or it cannot be written.
-    DataError
-        If a table of metrosep is there and `overwrite` is not said.
-    TableError
-        If it is refused; nothing is written then.
-    """
+    """Write a trial of the sign."""
     replaces = _replaces(target, overwrite=overwrite)
     wanted.write(trial, target, None, overwrite=replaces)
     return {**_files(target), "trial": trial_words(trial)}

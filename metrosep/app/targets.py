@@ -22,44 +22,16 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class Stamp:
-    """What tells that a file is the one that was opened.
+    """What tells that a file is the one that was opened."""
 
-    Parameters
-    ----------
-    file : Path
-        The file.
-    size : int
-        Bytes.
-    mtime_ns : int, nanoseconds
-        When it was written.
-    sha256 : str
-        Digest of what was read; empty where it is not known.
-    """
-
-    file: Path
-    size: int
-    mtime_ns: int
-    sha256: str = ""
+    file: Path  # the file
+    size: int  # bytes
+    mtime_ns: int  # nanoseconds: when it was written
+    sha256: str = ""  # digest of what was read; empty where it is not known
 
 
 def stamps_of(files: Iterable[Path]) -> tuple[Stamp, ...]:
-    """Return what tells files from later ones of their names; taken before they are read.
-
-    Parameters
-    ----------
-    files : iterable of Path
-        To be opened.
-
-    Returns
-    -------
-    tuple of Stamp
-        In their order.
-
-    Raises
-    ------
-    ReadError
-        If one is not there.
-    """
+    """Return what tells files from later ones of their names; taken before they are read."""
     made = []
     for file in files:
         try:
@@ -71,20 +43,7 @@ def stamps_of(files: Iterable[Path]) -> tuple[Stamp, ...]:
 
 
 def with_digests(stamps: Sequence[Stamp], obj: Any) -> tuple[Stamp, ...]:
-    """Return stamps with the digest that the history of what was read from a file states.
-
-    Parameters
-    ----------
-    stamps : sequence of Stamp
-        Of one file: several are returned as they are.
-    obj : object
-        Map or profile, with a ``history``.
-
-    Returns
-    -------
-    tuple of Stamp
-        Of the same files.
-    """
+    """Return stamps with the digest that the history of what was read from a file states."""
     read = [s for s in getattr(obj, "history", ()) if s.name == "read"]
     if len(stamps) != 1 or len(read) != 1:
         return tuple(stamps)
@@ -96,16 +55,6 @@ def with_digests(stamps: Sequence[Stamp], obj: Any) -> tuple[Stamp, ...]:
 
 def refuse_changed(stamps: Iterable[Stamp]) -> None:
     """Refuse to write what was made of files that are others now.
-
-    Parameters
-    ----------
-    stamps : iterable of Stamp
-        Taken when they were opened.
-
-    Raises
-    ------
-    WriteError
-        If a file was changed or removed since.
 
     Notes
     -----
@@ -125,22 +74,7 @@ def refuse_changed(stamps: Iterable[Stamp]) -> None:
 
 
 def refuse_open(target: Path, opened: Any, *, recipe: bool = False) -> None:
-    """Refuse to write onto what is open: its files, its recipe, its session.
-
-    Parameters
-    ----------
-    target : Path
-        The file to be written.
-    opened : Opened
-        What is open.
-    recipe : bool, optional
-        Whether the recipe itself is written: it may replace the one that was opened.
-
-    Raises
-    ------
-    WriteError
-        If `target` is one of them; or the recipe, and it was changed by other hands since.
-    """
+    """Refuse to write onto what is open: its files, its recipe, its session."""
     if target in opened.files or any(_same(target, f) for f in opened.files):
         raise WriteError(
             f"{target.name}: is the measurement that is open, and stays as it is; choose another name"
@@ -170,18 +104,7 @@ def _same(target: Path, other: Path) -> bool:
 
 
 def refuse_other_result(folder: Path) -> None:
-    """Refuse a folder whose result.json is not of metrosep: it would be replaced.
-
-    Parameters
-    ----------
-    folder : Path
-        Where a result shall be written.
-
-    Raises
-    ------
-    WriteError
-        If there is such a file.
-    """
+    """Refuse a folder whose result.json is not of metrosep: it would be replaced."""
     from metrosep.recipe.preflight import RESULT_NAME
     from metrosep.recipe.result import load_document
 

@@ -18,25 +18,7 @@ _MOST_COLUMNS = 100_000
 def checked_window(
     window: Sequence[float] | None, whole: tuple[float, float]
 ) -> tuple[float, float]:
-    """Return the part of a line that is looked at.
-
-    Parameters
-    ----------
-    window : sequence of 2 floats or None, m
-        Positions ``x0 < x1``.
-    whole : tuple of (float, float), m
-        What is looked at where there is no window.
-
-    Returns
-    -------
-    tuple of (float, float), m
-        Finite positions, the lower first.
-
-    Raises
-    ------
-    DataError
-        If the window is something else.
-    """
+    """Return the part of a line that is looked at."""
     if window is None:
         return whole
     try:
@@ -49,23 +31,7 @@ def checked_window(
 
 
 def checked_columns(columns: Any) -> int:
-    """Return the number of pixel columns of a picture.
-
-    Parameters
-    ----------
-    columns : int
-        1 to 100 000.
-
-    Returns
-    -------
-    int
-        The same number.
-
-    Raises
-    ------
-    DataError
-        If it is another number, or none.
-    """
+    """Return the number of pixel columns of a picture."""
     is_whole = isinstance(columns, int | np.integer) and not isinstance(columns, bool)
     if not is_whole or not 1 <= columns <= _MOST_COLUMNS:
         raise DataError(f"columns must be a whole number from 1 to 100 000, got {columns!r}")

@@ -18,23 +18,7 @@ _FARTHEST = 1e9
 
 
 def checked_view(given: Any) -> dict[str, Any]:
-    """Return what the page wants to be remembered, or refuse it.
-
-    Parameters
-    ----------
-    given : object
-        Of a message.
-
-    Returns
-    -------
-    dict
-        Of `VIEW_KEYS`; keys without a value are left out.
-
-    Raises
-    ------
-    DataError
-        If it is no such table.
-    """
+    """Return what the page wants to be remembered, or refuse it."""
     if not isinstance(given, Mapping):
         raise DataError("view is an object of what is shown")
     unknown = [k for k in given if k not in VIEW_KEYS]
@@ -49,16 +33,6 @@ def checked_view(given: Any) -> dict[str, Any]:
 
 def shown_view(view: object) -> dict[str, Any]:
     """Return what the page can show of a table ``[view]``, which may have been written by hand.
-
-    Parameters
-    ----------
-    view : object
-        As the recipe holds it.
-
-    Returns
-    -------
-    dict
-        The keys of `VIEW_KEYS` whose value fits; what does not is as if it were not there.
 
     Examples
     --------
@@ -95,16 +69,6 @@ def _numbers(value: Any) -> bool:
 def view_of(text: str) -> dict[str, Any]:
     r"""Return the table ``[view]`` of a recipe.
 
-    Parameters
-    ----------
-    text : str
-        TOML.
-
-    Returns
-    -------
-    dict
-        Empty where there is none, or ``view`` is no table.
-
     Examples
     --------
     >>> view_of("metrosep = 1\n[view]\ntab = 'report'\n")
@@ -116,18 +80,6 @@ def view_of(text: str) -> dict[str, Any]:
 
 def with_view(text: str, view: Mapping[str, Any]) -> str:
     r"""Return a recipe with another table ``[view]``; all else stays as it is written.
-
-    Parameters
-    ----------
-    text : str
-        TOML.
-    view : mapping
-        What it shall hold; no table where it is empty.
-
-    Returns
-    -------
-    str
-        TOML.
 
     Examples
     --------

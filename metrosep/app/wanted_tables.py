@@ -18,21 +18,12 @@ __all__ = ["Wanted"]
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """A table of a recipe, ready to be written.
+    """A table of a recipe, ready to be written."""
 
-    Parameters
-    ----------
-    output : mapping
-        As the recipe has it, checked.
-    machine : mapping
-        Options and limits in SI, for `metrosep.controllers.write`.
-    degree : object
-        Of a polynomial where the output states none.
-    """
-
-    output: Mapping[str, Any]
+    output: Mapping[str, Any]  # mapping: as the recipe has it, checked
+    # mapping: options and limits in SI, for `metrosep.controllers.write`
     machine: Mapping[str, Any]
-    degree: Any = "aicc"
+    degree: Any = "aicc"  # of a polynomial where the output states none
 
     @property
     def controller(self) -> str:
@@ -45,51 +36,11 @@ class Wanted:
         return tuple(self.output.get("waive", ()))
 
     def carried(self, estimate: ErrorEstimate, runs: RunSet) -> Any:
-        """Return what the controller will hold.
-
-        Parameters
-        ----------
-        estimate : ErrorEstimate
-            Separated error.
-        runs : RunSet
-            Readings.
-
-        Returns
-        -------
-        CompensationTable or PolynomialFit
-            Corrections.
-
-        Raises
-        ------
-        TableError
-            If it cannot be made.
-        """
+        """Return what the controller will hold."""
         return make_carried(estimate, self.output, as_stored(runs), degree=self.degree)
 
     def write(self, carried: Any, path: Path, against: RunSet | None, **more: Any) -> Any:
-        """Write it as a run of the recipe does.
-
-        Parameters
-        ----------
-        carried : object
-            Of `carried`, or a trial.
-        path : Path
-            The file.
-        against : RunSet or None
-            Readings for the dry-run.
-        **more
-            Other arguments of `metrosep.controllers.write`.
-
-        Returns
-        -------
-        Verification or None
-            The dry-run.
-
-        Raises
-        ------
-        MetrosepError
-            If it is refused.
-        """
+        """Write it as a run of the recipe does."""
         said: dict[str, Any] = {
             "waive": self.waive,
             "sign_confirmed": bool(self.output.get("sign_confirmed", False)),

@@ -17,11 +17,6 @@ __all__ = ["start_warm_up", "warm_up"]
 def warm_up(stop: Callable[[], bool] = lambda: False) -> None:
     """Carry out on a few pixels what opening a map or profile does.
 
-    Parameters
-    ----------
-    stop : callable, optional
-        Asked between the parts; true ends.
-
     Notes
     -----
     The libraries behind forms, parameters and spectra load when they are used first: half a second
@@ -59,13 +54,7 @@ def warm_up(stop: Callable[[], bool] = lambda: False) -> None:
 
 
 def start_warm_up() -> Callable[[], None]:
-    """Warm up in a thread of its own.
-
-    Returns
-    -------
-    callable
-        Ends it after the part that is under way.
-    """
+    """Warm up in a thread of its own."""
     stop = threading.Event()
 
     def work() -> None:

@@ -45,46 +45,18 @@ _SMALLEST_Q = 1e-5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FeedWaves:
-    """Amplitude against wavelength of the mean run of each feedrate.
+    """Amplitude against wavelength of the mean run of each feedrate."""
 
-    Parameters
-    ----------
-    feeds : tuple of float or None, m/s
-        Slowest first; None where the runs do not say it.
-    wavelength : ndarray, shape (K,), m
-        Falling, the same for all.
-    amplitude : ndarray, shape (n_feeds, K), m
-        Of each feedrate.
-    part : str
-        From which part of the travel, in plain words.
-    """
-
-    feeds: tuple[float | None, ...]
-    wavelength: FloatArray
-    amplitude: FloatArray
-    part: str
+    feeds: tuple[float | None, ...]  # m/s: slowest first; None where the runs do not say it
+    wavelength: FloatArray  # shape (K,), m: falling, the same for all
+    amplitude: FloatArray  # shape (n_feeds, K), m: of each feedrate
+    part: str  # from which part of the travel, in plain words
 
 
 def feed_waves(
     runs: RunSet, *, direction: int, estimate: ErrorEstimate | None = None
 ) -> FeedWaves:
-    """Return amplitude against wavelength, one line for each feedrate.
-
-    Parameters
-    ----------
-    runs : RunSet
-        Readings.
-    direction : {1, -1}
-        Forward or reverse.
-    estimate : ErrorEstimate, optional
-        Whose table is taken; computed from the runs if omitted, without a separation.
-
-    Returns
-    -------
-    FeedWaves
-        Empty where every run has a gap that a Fourier sum cannot bridge, and before the separation
-        of so many samples that it would keep one waiting; `part` says which.
-    """
+    """Return amplitude against wavelength, one line for each feedrate."""
     some = runs.select(direction=direction)
     data: Mapping[str, Sequence[Any]]
     if estimate is None:
@@ -113,20 +85,6 @@ def feed_waves(
 def at_wavelength(waves: FeedWaves, feed: int, wavelength: float) -> float | None:
     """Return the amplitude of the line of a feedrate at any wavelength.
 
-    Parameters
-    ----------
-    waves : FeedWaves
-        The lines.
-    feed : int
-        Index of the feedrate.
-    wavelength : float, m
-        Between two wavelengths of the line.
-
-    Returns
-    -------
-    float or None, m
-        On the straight line between its neighbours on logarithmic axes; None outside the line.
-
     Examples
     --------
     >>> line = FeedWaves((0.1,), np.array([4e-3, 1e-3]), np.array([[8e-9, 2e-9]]), "")
@@ -142,104 +100,44 @@ def at_wavelength(waves: FeedWaves, feed: int, wavelength: float) -> float | Non
 
 @dataclass(frozen=True, slots=True)
 class Threshold:
-    """A threshold of the separation that can be moved.
+    """A threshold of the separation that can be moved."""
 
-    Parameters
-    ----------
-    key : str
-        Of the step ``separate``.
-    value : float
-        As it was used, SI.
-    unit : str
-        ``"m"``, ``"m2"``, ``"m3"`` or ``"1"``.
-    keeps : {"below", "above"}
-        Which side of it passes.
-    """
-
-    key: Literal["sigma_t", "p_t", "false_discovery_rate"]
-    value: float
-    unit: str
-    keeps: Literal["below", "above"]
+    key: Literal["sigma_t", "p_t", "false_discovery_rate"]  # of the step ``separate``
+    value: float  # as it was used, SI
+    unit: str  # ``"m"``, ``"m2"``, ``"m3"`` or ``"1"``
+    keeps: Literal["below", "above"]  # {"below", "above"}: which side of it passes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Statistic:
-    """What a threshold is compared with, for each wavelength.
+    """What a threshold is compared with, for each wavelength."""
 
-    Parameters
-    ----------
-    name : str
-        For the axis, in plain words.
-    values : ndarray, shape (K,)
-        NaN where not known.
-    threshold : Threshold
-        Its threshold.
-    least : float, optional
-        Smaller values are shown as this.
-    """
-
-    name: str
-    values: FloatArray
-    threshold: Threshold
-    least: float = 0.0
+    name: str  # for the axis, in plain words
+    values: FloatArray  # shape (K,): naN where not known
+    threshold: Threshold  # its threshold
+    least: float = 0.0  # smaller values are shown as this
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EstimateWaves:
-    """The wavelengths of a separation with the evidence for each.
+    """The wavelengths of a separation with the evidence for each."""
 
-    Parameters
-    ----------
-    view : SpectrumView
-        Wavelength (falling), amplitude, selected, band of -+ 2 standard uncertainties.
-    sd : ndarray, shape (K,), m
-        Standard uncertainty of each amplitude; NaN where not known.
-    reasons : tuple of str
-        Why each wavelength is selected or not.
-    statistics : tuple of Statistic
-        What the method decides by; none where the method has no threshold.
-    shortest : float or None, m
-        Shortest wavelength of the model.
-    shortest_by : str
-        Who chose it.
-    m : int or None
-        Highest harmonic that Kono's method keeps.
-    in_use : bool
-        Whether the thresholds choose; not where ``shortest`` is set by hand in Kono's method.
-    words : str
-        What this is, in a sentence.
-    """
-
+    # wavelength (falling), amplitude, selected, band of -+ 2 standard uncertainties
     view: SpectrumView
-    sd: FloatArray
-    reasons: tuple[str, ...]
+    sd: FloatArray  # shape (K,), m: standard uncertainty of each amplitude; NaN where not known
+    reasons: tuple[str, ...]  # why each wavelength is selected or not
+    # what the method decides by; none where the method has no threshold
     statistics: tuple[Statistic, ...]
-    shortest: float | None
-    shortest_by: str
-    m: int | None
+    shortest: float | None  # m: shortest wavelength of the model
+    shortest_by: str  # who chose it
+    m: int | None  # highest harmonic that Kono's method keeps
+    # whether the thresholds choose; not where ``shortest`` is set by hand in Kono's method
     in_use: bool
-    words: str
+    words: str  # what this is, in a sentence
 
 
 def estimate_waves(estimate: ErrorEstimate, *, direction: int) -> EstimateWaves:
     """Return the wavelengths of a separation of one direction, with the evidence for each.
-
-    Parameters
-    ----------
-    estimate : ErrorEstimate
-        By "joint" or "kono".
-    direction : {1, -1}
-        Forward or reverse, as the runs went.
-
-    Returns
-    -------
-    EstimateWaves
-        For the screen.
-
-    Raises
-    ------
-    DataError
-        If the method tells no wavelengths apart ("mean"), or the direction was not estimated.
 
     Notes
     -----
@@ -305,16 +203,6 @@ def _of_kono(column: Mapping[str, FloatArray], audit: Mapping[str, Any]) -> tupl
 
 def adjusted_p(p: FloatArray) -> FloatArray:
     """Return chances adjusted after Benjamini and Hochberg.
-
-    Parameters
-    ----------
-    p : ndarray, shape (n,)
-        One chance for each hypothesis, no NaN.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        The smallest false discovery rate at which each is rejected.
 
     References
     ----------

@@ -30,24 +30,6 @@ _MOST_HEADER = 64 * 1024 * 1024
 def pack(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]] | None = None) -> bytes:
     """Return one frame.
 
-    Parameters
-    ----------
-    header : mapping
-        Plain values for JSON; NaN becomes null. Without ``arrays``: that key is written here.
-    arrays : mapping of str to ndarray, optional
-        uint8, int32, float32 or float64, any shape, in this order; booleans go as uint8.
-
-    Returns
-    -------
-    bytes
-        The frame.
-
-    Raises
-    ------
-    DataError
-        If the header holds what JSON cannot say (infinities, other objects, keys that are not
-        text) or ``arrays``, or an array has another dtype.
-
     Notes
     -----
     The frame is made in one piece: beyond the arrays it takes their size once. Same input, same
@@ -80,23 +62,6 @@ def unpack(
     frame: bytes | bytearray | memoryview,
 ) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
     """Return header and arrays of a frame.
-
-    Parameters
-    ----------
-    frame : bytes
-        A whole frame.
-
-    Returns
-    -------
-    header : dict
-        Without ``arrays``.
-    arrays : dict of str to ndarray
-        Views of the frame, not writeable, little endian.
-
-    Raises
-    ------
-    DataError
-        If the frame is cut, has bytes over, or says anything that `pack` would not have written.
 
     Notes
     -----
@@ -150,24 +115,6 @@ def error_header(
     message: str, *, code: int, request: int | None = None, k: str | None = None, ask: Any = None
 ) -> dict[str, Any]:
     """Return the header of an answer that failed.
-
-    Parameters
-    ----------
-    message : str
-        The text that the command line prints.
-    code : int
-        Exit code of the command line.
-    request : int, optional
-        The ``id`` of the request; none for news.
-    k : str, optional
-        Its kind.
-    ask : mapping, optional
-        What the user has to say before the file can be read: name, kind, choices.
-
-    Returns
-    -------
-    dict
-        ``{"id", "k", "ok": False, "error": {"code", "message"}}``, for `pack`.
 
     Examples
     --------

@@ -15,22 +15,6 @@ __all__ = ["files_read"]
 def files_read(unit: Unit) -> tuple[str, ...]:
     """Return every file that a result of a unit may depend on.
 
-    Parameters
-    ----------
-    unit : Unit
-        With the files that were found.
-
-    Returns
-    -------
-    tuple of str
-        Those of the unit, then what lies beside them with the same stem and a suffix that a format
-        declares in ``sidecars`` (DABAM: ``m1.dat`` beside ``m1.txt``).
-
-    Raises
-    ------
-    ReadError
-        If the descriptions of the formats are missing.
-
     Notes
     -----
     All suffixes of all formats with ``sidecars`` count together. So one file too many may be taken,

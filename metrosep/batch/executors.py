@@ -61,23 +61,6 @@ class _Serial(Executor):
 def parse_scheduler(scheduler: str) -> tuple[str, str | None]:
     """Return kind and address of a scheduler.
 
-    Parameters
-    ----------
-    scheduler : str
-        "processes", "threads", "serial", "dask", or "dask=" and the address of a cluster.
-
-    Returns
-    -------
-    kind : str
-        One of `SCHEDULERS`.
-    address : str or None
-        Of a cluster that runs already.
-
-    Raises
-    ------
-    DataError
-        If there is no such scheduler.
-
     Examples
     --------
     >>> parse_scheduler("dask=tcp://qa-server:8786")
@@ -95,25 +78,6 @@ def parse_scheduler(scheduler: str) -> tuple[str, str | None]:
 @contextmanager
 def executor(scheduler: str, workers: int) -> Iterator[Callable[[], Executor]]:
     """Give what makes an executor; it may be called again when one broke.
-
-    Parameters
-    ----------
-    scheduler : str
-        As for `parse_scheduler`.
-    workers : int
-        How many work at once; a cluster that runs already has its own number.
-
-    Yields
-    ------
-    callable
-        Returns a new executor; the one before is given up. All are shut down at the end.
-
-    Raises
-    ------
-    DataError
-        If there is no such scheduler.
-    ClusterError
-        If Dask is not installed or the cluster cannot be reached.
 
     Notes
     -----
@@ -159,22 +123,7 @@ def _shut(pool: Executor, *, wait: bool) -> None:
 
 
 def make_executor(kind: str, workers: int, client: Any = None) -> Executor:
-    """Return one executor.
-
-    Parameters
-    ----------
-    kind : {"processes", "threads", "serial", "dask"}
-        Of which kind.
-    workers : int
-        How many work at once.
-    client : distributed.Client, optional
-        Of the cluster.
-
-    Returns
-    -------
-    Executor
-        To be shut down by the caller.
-    """
+    """Return one executor."""
     if kind == "serial":
         return _Serial()
     if kind == "threads":
@@ -187,18 +136,7 @@ def make_executor(kind: str, workers: int, client: Any = None) -> Executor:
 
 
 def is_broken(error: BaseException | None) -> bool:
-    """Return whether an error says that the worker died, not that the work failed.
-
-    Parameters
-    ----------
-    error : BaseException or None
-        Of a future.
-
-    Returns
-    -------
-    bool
-        True for a pool that lost a process and a cluster that lost a worker.
-    """
+    """Return whether an error says that the worker died, not that the work failed."""
     if error is None:
         return False
     lost = ("KilledWorker", "CommClosedError")

@@ -33,52 +33,18 @@ _MORE: exit_codes.Codes = ((WorkerDiedError, 4), (OSError, 4), (MemoryError, 4))
 
 
 def exit_code_of(error: BaseException) -> int:
-    """Return the exit code that ``run`` ends with for an error.
-
-    Parameters
-    ----------
-    error : BaseException
-        What was raised.
-
-    Returns
-    -------
-    int
-        5 for what metrosep did not raise on purpose.
-    """
+    """Return the exit code that ``run`` ends with for an error."""
     return exit_codes.exit_code_of(error, _MORE)
 
 
 def is_disk_full(error: BaseException) -> bool:
-    """Return whether an error comes from a disk or a quota that is full.
-
-    Parameters
-    ----------
-    error : BaseException
-        What was raised; the errors that led to it count.
-
-    Returns
-    -------
-    bool
-        Also where it was told by another error.
-    """
+    """Return whether an error comes from a disk or a quota that is full."""
     full = (errno.ENOSPC, errno.EDQUOT) if hasattr(errno, "EDQUOT") else (errno.ENOSPC,)
     return any(isinstance(e, OSError) and e.errno in full for e in _chain(error))
 
 
 def worth_another_try(error: BaseException) -> bool:
-    """Return whether the same bytes may pass when the batch is resumed.
-
-    Parameters
-    ----------
-    error : BaseException
-        What was raised.
-
-    Returns
-    -------
-    bool
-        True for what comes from outside: files that change or are locked, memory, writing, an
-        optional package or descriptions of formats that are missing, workers that died, bugs.
-    """
+    """Return whether the same bytes may pass when the batch is resumed."""
     outside = (
         ChangedError, WorkerDiedError, errors.WriteError, errors.UnsupportedFeatureError, MemoryError,
     )  # fmt: skip
@@ -99,20 +65,7 @@ def _no_formats() -> bool:
 
 
 def as_reason(error: BaseException, unit: Unit) -> str:
-    """Return an error as one sentence without machine paths.
-
-    Parameters
-    ----------
-    error : BaseException
-        What was raised.
-    unit : Unit
-        Whose input it concerns.
-
-    Returns
-    -------
-    str
-        One line.
-    """
+    """Return an error as one sentence without machine paths."""
     if isinstance(error, errors.MetrosepError):
         text = str(error)
     elif isinstance(error, MemoryError):

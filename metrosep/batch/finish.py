@@ -54,29 +54,7 @@ class Progress(Protocol):
 def finished_report(
     recipe: Recipe, task: Task, batch: Progress, more: tuple[str, ...] = ()
 ) -> BatchReport:
-    """Write the index and return the report.
-
-    Parameters
-    ----------
-    recipe : Recipe
-        What was done.
-    task : Task
-        Where.
-    batch : object
-        Rows, times, why it stopped, what was left out.
-    more : tuple of str, optional
-        Further messages.
-
-    Returns
-    -------
-    BatchReport
-        Of this batch.
-
-    Raises
-    ------
-    WriteError
-        If the index cannot be written.
-    """
+    """Write the index and return the report."""
     document, messages = told_index(recipe, task, batch)
     rows = tuple(batch.rows[name] for name in sorted(batch.rows))
     counts = Counter(r["status"] for r in rows)
@@ -102,29 +80,7 @@ def finished_report(
 def told_index(
     recipe: Recipe, task: Task, batch: Progress
 ) -> tuple[dict[str, Any], tuple[str, ...]]:
-    """Write the index in each format that the recipe wants, JSON always.
-
-    Parameters
-    ----------
-    recipe : Recipe
-        With ``[batch] index``.
-    task : Task
-        Where.
-    batch : object
-        Rows by unit, names of all units that were found, what was left out.
-
-    Returns
-    -------
-    document : dict
-        Content of index.json.
-    messages : tuple of str
-        What is not written, and what is not counted.
-
-    Raises
-    ------
-    WriteError
-        If index.json cannot be written; of other formats a message tells.
-    """
+    """Write the index in each format that the recipe wants, JSON always."""
     rows = batch.rows
     present: dict[str, str | None] = dict.fromkeys(batch.names)
     present |= dict.fromkeys(batch.changed, "")  # no result is of what is there now

@@ -163,30 +163,13 @@ def _folders(place: Path) -> list[str]:
 
 
 def index_formats() -> dict[str, Any]:
-    """Return what writes an index, by format.
-
-    Returns
-    -------
-    dict
-        ``json`` and ``csv``, and the entry points of the group ``metrosep.indexes``.
-    """
+    """Return what writes an index, by format."""
     others = {entry.name: entry for entry in entry_points(group="metrosep.indexes")}
     return {**others, "json": _write_json, "csv": _write_csv}
 
 
 def format_error(recipe: Recipe) -> RecipeError | None:
-    """Return what is wrong with ``[batch] index``.
-
-    Parameters
-    ----------
-    recipe : Recipe
-        Checked.
-
-    Returns
-    -------
-    RecipeError or None
-        With file and line, if it names a format that nothing installed writes.
-    """
+    """Return what is wrong with ``[batch] index``."""
     known = index_formats()
     for name in recipe.batch_options.get("index") or ():
         if name not in known:
@@ -202,29 +185,7 @@ def _unknown(name: str, known: Mapping[str, Any]) -> str:
 
 
 def write_index(document: Mapping[str, Any], path: Path, name: str) -> Path:
-    """Write an index.
-
-    Parameters
-    ----------
-    document : mapping
-        Of `build_index`.
-    path : Path
-        File.
-    name : str
-        Format.
-
-    Returns
-    -------
-    Path
-        The file.
-
-    Raises
-    ------
-    DataError
-        If nothing that is installed writes this format.
-    WriteError
-        If it cannot be written.
-    """
+    """Write an index."""
     known = index_formats()
     if name not in known:
         raise DataError(_unknown(name, known))

@@ -49,18 +49,6 @@ class LeftOut:
 def sentences(records: Iterable[Mapping[str, Any]], place: str) -> list[str]:
     """Return what was left out as sentences.
 
-    Parameters
-    ----------
-    records : iterable of mapping
-        Of `LeftOut.record`.
-    place : str
-        The folder, as it is called where this is read.
-
-    Returns
-    -------
-    list of str
-        One for each reason, with the first three names, on one line.
-
     Examples
     --------
     >>> links = LeftOut("links", "are links to folders", ("again",))

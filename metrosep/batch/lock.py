@@ -17,23 +17,7 @@ _NAME = ".metrosep-batch.lock"
 
 @contextmanager
 def locked(out: Path) -> Iterator[None]:
-    """Hold an output folder; made if needed.
-
-    Parameters
-    ----------
-    out : Path
-        Output folder.
-
-    Yields
-    ------
-    None
-        The lock goes with the process, however that ends.
-
-    Raises
-    ------
-    WriteError
-        If the folder cannot be made or written, or another batch works in it.
-    """
+    """Hold an output folder; made if needed."""
     try:
         out.mkdir(parents=True, exist_ok=True)
         handle = os.open(out / _NAME, os.O_RDWR | os.O_CREAT, 0o666)

@@ -28,13 +28,7 @@ _LOOK_SECONDS = 0.2
 
 
 class Stop:
-    """Whether the batch shall end early, and why.
-
-    Parameters
-    ----------
-    cancel : callable, optional
-        Asked often; true stops.
-    """
+    """Whether the batch shall end early, and why."""
 
     def __init__(self, cancel: Callable[[], bool] | None = None) -> None:
         self._cancel = cancel
@@ -49,24 +43,12 @@ class Stop:
         return self.reason is not None
 
     def because(self, reason: str) -> None:
-        """Stop; the first reason counts.
-
-        Parameters
-        ----------
-        reason : str
-            In plain words.
-        """
+        """Stop; the first reason counts."""
         self.reason = self.reason or reason
 
     @contextlib.contextmanager
     def at_signals(self) -> Iterator[None]:
-        """Let Ctrl-C and SIGTERM stop the batch cleanly; a second one skips the index.
-
-        Yields
-        ------
-        None
-            Only the main thread can listen; elsewhere `cancel` is the way.
-        """
+        """Let Ctrl-C and SIGTERM stop the batch cleanly; a second one skips the index."""
 
         def heard(number: int, _frame: Any) -> None:
             if self.interrupted:
@@ -95,29 +77,6 @@ def work_through(
     task: Task, units: Iterable[Unit], make: Callable[[], Executor], *, width: int, stop: Stop
 ) -> Iterator[dict[str, Any]]:
     """Yield the row of each unit as it is finished.
-
-    Parameters
-    ----------
-    task : Task
-        Recipe and output folder.
-    units : iterable of Unit
-        In the order in which they are begun; read as workers become free.
-    make : callable
-        Returns a new executor.
-    width : int
-        How many units may be handed out at once.
-    stop : Stop
-        Asked before each unit; those that are begun are finished.
-
-    Yields
-    ------
-    dict
-        Row, as `metrosep.batch.work.do_unit` returns it.
-
-    Raises
-    ------
-    ClusterError
-        If the whole cluster is lost.
 
     Notes
     -----

@@ -31,42 +31,20 @@ FAILED_SCHEMA = "metrosep.failed/1"
 
 
 def short_version(version: str = __version__) -> str:
-    """Return major and minor of a version: results of another one are not taken over.
-
-    Parameters
-    ----------
-    version : str, optional
-        Of this metrosep if omitted.
-
-    Returns
-    -------
-    str
-        Such as ``0.1``.
-    """
+    """Return major and minor of a version: results of another one are not taken over."""
     return ".".join(version.split(".")[:2])
 
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """What a result depends on; where all is equal, nothing need be done again.
+    """What a result depends on; where all is equal, nothing need be done again."""
 
-    Parameters
-    ----------
-    input_hash : str
-        SHA-256 of the input's bytes; of several files, of their names and hashes. Empty where they
-        could not be read.
-    recipe_hash : str
-        Of `metrosep.recipe.hashing.recipe_hash`.
-    version : str
-        Major and minor of metrosep.
-    name : str
-        Of the unit: equal content under two names has two results.
-    """
-
+    # SHA-256 of the input's bytes; of several files, of their names and hashes. Empty where they
+    # could not be read
     input_hash: str
-    recipe_hash: str
-    version: str
-    name: str
+    recipe_hash: str  # of `metrosep.recipe.hashing.recipe_hash`
+    version: str  # major and minor of metrosep
+    name: str  # of the unit: equal content under two names has two results
 
     @property
     def digest(self) -> str:
@@ -75,38 +53,12 @@ class Identity:
         return hashlib.sha256("\n".join(parts).encode("utf-8", "surrogateescape")).hexdigest()
 
     def folder(self, out: Path, unit: Unit) -> Path:
-        """Return where the results of a unit belong.
-
-        Parameters
-        ----------
-        out : Path
-            Output folder of the batch.
-        unit : Unit
-            With its key.
-
-        Returns
-        -------
-        Path
-            ``out/<key>/<first 8 digits of the digest>``.
-        """
+        """Return where the results of a unit belong."""
         return out / unit.key / self.digest[:8]
 
 
 def unit_record(unit: Unit, identity: Identity) -> dict[str, Any]:
-    """Return what a result says of its unit.
-
-    Parameters
-    ----------
-    unit : Unit
-        The unit.
-    identity : Identity
-        What its result depends on.
-
-    Returns
-    -------
-    dict
-        Plain values, without machine paths.
-    """
+    """Return what a result says of its unit."""
     return {
         "name": unit.name,
         "key": unit.key,
@@ -121,28 +73,7 @@ def unit_record(unit: Unit, identity: Identity) -> dict[str, Any]:
 def failed_document(
     record: Mapping[str, Any], *, status: str, code: int, kind: str, reason: str, again: bool
 ) -> dict[str, Any]:
-    """Return the content of failed.json.
-
-    Parameters
-    ----------
-    record : mapping
-        Of `unit_record`.
-    status : {"failed", "refused"}
-        Refused: the unit was not begun.
-    code : int
-        Exit code that ``run`` would end with.
-    kind : str
-        Class of the error.
-    reason : str
-        One sentence.
-    again : bool
-        Whether a resumed batch tries once more: what failed by its own content stays.
-
-    Returns
-    -------
-    dict
-        Schema ``metrosep.failed/1``.
-    """
+    """Return the content of failed.json."""
     return {
         "schema": FAILED_SCHEMA,
         "metrosep": __version__,
@@ -158,22 +89,6 @@ def failed_document(
 def write_mark(folder: Path, name: str, document: Mapping[str, Any]) -> None:
     """Write a mark; it appears whole or not at all.
 
-    Parameters
-    ----------
-    folder : Path
-        Of the unit; made if needed.
-    name : str
-        `RESULT` or `FAILED`.
-    document : mapping
-        Its content, plain values without NaN.
-
-    Raises
-    ------
-    WriteError
-        If it cannot be written.
-    OSError
-        If the folder cannot be made.
-
     Notes
     -----
     Without indents: a thousand maps are written several times as fast, and are half the size.
@@ -184,20 +99,7 @@ def write_mark(folder: Path, name: str, document: Mapping[str, Any]) -> None:
 
 
 def read_mark(folder: Path, name: str) -> dict[str, Any] | None:
-    """Return a mark, None where there is none that counts.
-
-    Parameters
-    ----------
-    folder : Path
-        Of a unit.
-    name : str
-        `RESULT` or `FAILED`.
-
-    Returns
-    -------
-    dict or None
-        Its content; None if it is missing, damaged, or not of a batch.
-    """
+    """Return a mark, None where there is none that counts."""
     try:
         found = json.loads((folder / name).read_bytes())
     except (OSError, ValueError):

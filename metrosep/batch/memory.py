@@ -14,36 +14,13 @@ FACTOR = 6
 
 
 def available_bytes() -> int | None:
-    """Return the memory that may still be taken.
-
-    Returns
-    -------
-    int or None
-        The smaller of what the system and the control group (a container) have left; None where
-        neither tells.
-    """
+    """Return the memory that may still be taken."""
     found = [n for n in (_of_system(), _of_group()) if n is not None]
     return min(found) if found else None
 
 
 def wanted_bytes(files: Sequence[str]) -> int:
-    """Return how much memory the files of a unit are expected to want.
-
-    Parameters
-    ----------
-    files : sequence of str
-        Paths; archives count unpacked.
-
-    Returns
-    -------
-    int
-        `FACTOR` times their size.
-
-    Raises
-    ------
-    OSError
-        If a file cannot be asked for its size.
-    """
+    """Return how much memory the files of a unit are expected to want."""
     return FACTOR * sum(max(os.stat(f).st_size, _unpacked(f)) for f in files)  # noqa: PTH116
 
 

@@ -19,16 +19,6 @@ _RESERVED = {"con", "prn", "aux", "nul", *(f"{d}{n}" for d in ("com", "lpt") for
 def safe_name(text: str) -> str:
     """Return a text as the name of one folder that cannot lead elsewhere.
 
-    Parameters
-    ----------
-    text : str
-        Of a file or a group of the pattern.
-
-    Returns
-    -------
-    str
-        Letters, digits, ``.``, ``-`` and ``_``, at most 80; other signs become ``_``.
-
     Examples
     --------
     >>> safe_name("../../etc/passwd"), safe_name("part 7"), safe_name("")
@@ -42,16 +32,6 @@ def safe_name(text: str) -> str:
 
 def utf8_name(name: str) -> str:
     r"""Return the name of a file as text that every format can hold.
-
-    Parameters
-    ----------
-    name : str
-        As the system gives it; bytes that are no UTF-8 are lone surrogates.
-
-    Returns
-    -------
-    str
-        The same, such bytes as ``\xff``.
 
     Examples
     --------
@@ -67,18 +47,7 @@ def utf8_name(name: str) -> str:
 
 
 def is_utf8(unit: Unit) -> bool:
-    """Return whether the names below the input folder that lead to a unit can be written.
-
-    Parameters
-    ----------
-    unit : Unit
-        With its file, or its folder and the files in it.
-
-    Returns
-    -------
-    bool
-        False where one of them holds bytes that are no UTF-8.
-    """
+    """Return whether the names below the input folder that lead to a unit can be written."""
     depth = 0 if unit.name == "." else unit.name.count("/") + 1
     names = PurePath(unit.target).parts[-depth:] if depth else ()
     own = (*names, *(PurePath(f).name for f in unit.files))
@@ -87,16 +56,6 @@ def is_utf8(unit: Unit) -> bool:
 
 def one_line_name(text: str) -> str:
     r"""Return a text for one line of a terminal.
-
-    Parameters
-    ----------
-    text : str
-        With names of files.
-
-    Returns
-    -------
-    str
-        Line ends and other control characters are escaped, such as ``\n`` and ``\x1b``.
 
     Examples
     --------

@@ -19,24 +19,7 @@ _ENDS = 1 << 16
 
 
 def is_output_folder(folder: Path) -> bool:
-    """Return whether a batch wrote a folder.
-
-    Parameters
-    ----------
-    folder : Path
-        Any.
-
-    Returns
-    -------
-    bool
-        True where it holds the lock of a batch, an index.json of the schema of an index, or, named
-        by eight digits, the result of a unit. A copy without hidden files is known too.
-
-    Raises
-    ------
-    OSError
-        If the files in it may not be looked at.
-    """
+    """Return whether a batch wrote a folder."""
     if any((folder / name).is_file() for name in (_LOCK, _SOURCE)):
         return True
     return _has_index(folder / "index.json") or _is_of_unit(folder)
@@ -65,40 +48,12 @@ def _is_of_unit(folder: Path) -> bool:
 
 
 def count_files(folder: Path) -> int:
-    """Return how many files lie in a folder and below, hidden ones left out.
-
-    Parameters
-    ----------
-    folder : Path
-        Any.
-
-    Returns
-    -------
-    int
-        Number.
-    """
+    """Return how many files lie in a folder and below, hidden ones left out."""
     return sum(not name.startswith(".") for _, _, files in os.walk(folder) for name in files)
 
 
 def require_own_source(out: Path, source: Path) -> tuple[str, ...]:
     """Refuse an output folder that holds the results of another input folder.
-
-    Parameters
-    ----------
-    out : Path
-        Output folder; it need not be there.
-    source : Path
-        Folder of the inputs.
-
-    Returns
-    -------
-    tuple of str
-        A message where the folder of before is not there any more: it was moved or renamed.
-
-    Raises
-    ------
-    WriteError
-        If the folder of before is there and is another one, or the record of it is damaged.
 
     Notes
     -----
@@ -131,20 +86,7 @@ def require_own_source(out: Path, source: Path) -> tuple[str, ...]:
 
 
 def record_source(out: Path, source: Path) -> None:
-    """Note whose results an output folder holds.
-
-    Parameters
-    ----------
-    out : Path
-        Output folder of a batch.
-    source : Path
-        Folder of the inputs.
-
-    Raises
-    ------
-    WriteError
-        If it cannot be written.
-    """
+    """Note whose results an output folder holds."""
     there, here = source.resolve(), out.resolve()
     try:
         way = os.path.relpath(there, here)

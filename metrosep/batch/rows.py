@@ -20,23 +20,7 @@ _SHOWN = (
 
 
 def row_of(document: Mapping[str, Any], link: str | None) -> dict[str, Any]:
-    """Return the row of a result.json or a failed.json.
-
-    Parameters
-    ----------
-    document : mapping
-        Its content, with ``unit``.
-    link : str or None
-        Its path below the output folder.
-
-    Returns
-    -------
-    dict
-        ``unit``, ``key``, ``groups``, ``status``, ``verdict``, ``reason``, ``exit_code``,
-        ``link``, ``characteristics``, ``messages``, ``hash``, ``input_sha256``, ``recipe_sha256``,
-        ``version``, ``measured_at`` (the earliest date that an input states); of failures also ``error``, the class of the error, and ``again``, whether a
-        resumed batch tries once more.
-    """
+    """Return the row of a result.json or a failed.json."""
     unit = document["unit"]
     verdict = document.get("verdict")
     failed = "reason" in document
@@ -74,19 +58,6 @@ def _code(status: str) -> int:
 
 def exit_code(rows: list[dict[str, Any]], *, closed: bool = False) -> int:
     """Return the exit code of a batch: 5, then 6, 1, 3; 0 where all is accepted.
-
-    Parameters
-    ----------
-    rows : list of dict
-        Of its units.
-    closed : bool, optional
-        Whether a folder could not be read, so that units may be missing.
-
-    Returns
-    -------
-    int
-        6: at least one unit failed or was refused, or a folder could not be read; 5: a unit failed
-        by a bug.
 
     Examples
     --------

@@ -13,20 +13,7 @@ __all__ = ["former_title", "title_notes"]
 
 
 def former_title(document: Mapping[str, Any], text: str) -> dict[str, str]:
-    """Return the title of a result, where the recipe has another one now.
-
-    Parameters
-    ----------
-    document : mapping
-        Content of its result.json.
-    text : str
-        Of the recipe now.
-
-    Returns
-    -------
-    dict of str to str
-        ``former_title``, to be added to its row, "" where it had none; empty where nothing changed.
-    """
+    """Return the title of a result, where the recipe has another one now."""
     recipe = document.get("recipe")
     before = recipe.get("text") if isinstance(recipe, Mapping) else None
     title = _title(before) if isinstance(before, str) else None
@@ -45,18 +32,7 @@ def _title(text: str) -> str | None:
 
 
 def title_notes(rows: Iterable[Mapping[str, Any]]) -> Iterator[str]:
-    """Give the message that results have a former title.
-
-    Parameters
-    ----------
-    rows : iterable of mapping
-        Of a batch.
-
-    Yields
-    ------
-    str
-        One at most.
-    """
+    """Give the message that results have a former title."""
     titles = [r["former_title"] for r in rows if "former_title" in r]
     if titles:
         each = dict.fromkeys(f'"{t}"' if t else "none" for t in titles)

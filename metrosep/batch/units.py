@@ -197,18 +197,7 @@ def _is_output(root: Path) -> bool:
 
 
 def one_file_each(recipe: Recipe) -> bool:
-    """Return whether each file is a unit: a pipeline, or a method that takes one map or table.
-
-    Parameters
-    ----------
-    recipe : Recipe
-        Any.
-
-    Returns
-    -------
-    bool
-        False where the files of a folder belong together.
-    """
+    """Return whether each file is a unit: a pipeline, or a method that takes one map or table."""
     if recipe.is_pipeline or recipe.batch_options.get("each") == "file":
         return True
     if not recipe.is_method or recipe.batch_options.get("each") == "folder":

@@ -33,34 +33,7 @@ def new_units(
     rows: Mapping[str, Mapping[str, Any]] | None = None,
     look: Callable[[Found, frozenset[str]], bool] | None = None,
 ) -> Iterator[tuple[Unit, ...]]:
-    """Yield units that are new or changed, again and again.
-
-    Parameters
-    ----------
-    recipe : Recipe
-        Which says what a unit is.
-    folder, out : Path
-        Input folder, and the output folder that is no input.
-    every : float or None, s
-        Time between two looks; None: one look.
-    stop : Stop
-        Ends it.
-    first : Found
-        What was found at the start.
-    rows : mapping of str to mapping, optional
-        What became of the units so far, by name; it grows while this goes on. A unit whose row
-        says ``again`` is tried once more after 1, 2, 4 ... looks, at most `_MOST_LOOKS`.
-    look : callable, optional
-        Given what each look into a hot folder found, with the names of units whose files are not
-        those any more that were handed out; returns whether units are gone. Called once more at
-        the end.
-
-    Yields
-    ------
-    tuple of Unit
-        Of one look. In a hot folder a unit counts when size and time of its files were the same
-        at two looks: what is still being written waits. Empty where units are only gone.
-    """
+    """Yield units that are new or changed, again and again."""
     if every is None:
         yield first.units
         return
@@ -96,18 +69,7 @@ def _changed(states: Mapping[str, object], handed: Mapping[str, object]) -> froz
 
 
 def file_time(unit: Unit) -> str | None:
-    """Return when the first of the files of a unit was changed for the last time.
-
-    Parameters
-    ----------
-    unit : Unit
-        With its files.
-
-    Returns
-    -------
-    str or None
-        ISO 8601 in UTC; None where they are gone.
-    """
+    """Return when the first of the files of a unit was changed for the last time."""
     try:
         first = min(os.stat(f).st_mtime for f in unit.files)  # noqa: PTH116
     except OSError:

@@ -45,46 +45,19 @@ STAGE = ".metrosep-"
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """What a worker needs to know; small, so that sending it costs nothing.
+    """What a worker needs to know; small, so that sending it costs nothing."""
 
-    Parameters
-    ----------
-    text, name, folder : str
-        Of the recipe, as `Recipe.parse` takes them.
-    recipe_hash : str
-        What the recipe must come to; another one was changed meanwhile.
-    out : str
-        Output folder.
-    workers : int
-        How many share the memory.
-    resume : bool
-        Whether what is done stays.
-    """
-
-    text: str
+    text: str  # of the recipe, as `Recipe.parse` takes them
     name: str
     folder: str
-    recipe_hash: str
-    out: str
-    workers: int
-    resume: bool = True
+    recipe_hash: str  # what the recipe must come to; another one was changed meanwhile
+    out: str  # output folder
+    workers: int  # how many share the memory
+    resume: bool = True  # whether what is done stays
 
 
 def do_unit(task: Task, unit: Unit) -> dict[str, Any]:
     """Carry out the recipe on one unit; the outcome is on the disk when this returns.
-
-    Parameters
-    ----------
-    task : Task
-        Recipe and output folder.
-    unit : Unit
-        Input.
-
-    Returns
-    -------
-    dict
-        Row of the index, with ``seconds`` and ``skipped`` (it was done before). Status `DISK_FULL`
-        where nothing could be written for want of room.
 
     Notes
     -----
@@ -119,26 +92,7 @@ def record_failure(
     status: str = "failed",
     identity: Identity | None = None,
 ) -> dict[str, Any]:
-    """Write failed.json of a unit and return its row.
-
-    Parameters
-    ----------
-    task : Task
-        Recipe and output folder.
-    unit : Unit
-        What failed.
-    error : BaseException
-        Why.
-    status : {"failed", "refused"}, optional
-        Refused: not begun.
-    identity : Identity, optional
-        Made from the input if omitted, as far as that can be read.
-
-    Returns
-    -------
-    dict
-        Row of the index; status `DISK_FULL` where even that cannot be written.
-    """
+    """Write failed.json of a unit and return its row."""
     if identity is None:
         with contextlib.suppress(OSError, MetrosepError):
             identity = Identity(
@@ -168,26 +122,7 @@ def record_failure(
 
 
 def input_hash(unit: Unit) -> str:
-    """Return the SHA-256 of a unit's input.
-
-    Parameters
-    ----------
-    unit : Unit
-        Its files.
-
-    Returns
-    -------
-    str
-        Of the bytes of its file; of several (a set, a file and what is read beside it), of their
-        names and hashes.
-
-    Raises
-    ------
-    OSError
-        If a file cannot be read.
-    ReadError
-        If the descriptions of the formats are missing.
-    """
+    """Return the SHA-256 of a unit's input."""
     hashes = []
     files = files_read(unit)
     for file in files:
@@ -201,23 +136,7 @@ def input_hash(unit: Unit) -> str:
 
 
 def earlier_row(task: Task, unit: Unit, identity: Identity) -> dict[str, Any] | None:
-    """Return the row of what an earlier run finished.
-
-    Parameters
-    ----------
-    task : Task
-        Recipe and output folder.
-    unit : Unit
-        Input.
-    identity : Identity
-        What its result would depend on.
-
-    Returns
-    -------
-    dict or None
-        None where there is work to do; a failure by the content of the input is finished. With
-        ``former_title`` where the recipe has another title now.
-    """
+    """Return the row of what an earlier run finished."""
     if not task.resume:
         return None
     folder = identity.folder(Path(task.out), unit)

@@ -160,13 +160,7 @@ def _rewritten(event: Mapping[str, Any]) -> None:
 
 
 def _rich(stack: contextlib.ExitStack) -> Tell:
-    """Return what tells through a bar of the package rich.
-
-    Raises
-    ------
-    ImportError
-        If it is not installed.
-    """
+    """Return what tells through a bar of the package rich."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 

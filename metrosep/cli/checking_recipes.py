@@ -19,16 +19,6 @@ __all__ = ["are_recipes", "check_recipes", "recipe_errors"]
 def are_recipes(files: Sequence[str]) -> bool:
     """Return whether `check` is given recipes, and not data.
 
-    Parameters
-    ----------
-    files : sequence of str
-        As typed.
-
-    Returns
-    -------
-    bool
-        True if each name ends with ``.toml``.
-
     Examples
     --------
     >>> are_recipes(["ring.toml"]), are_recipes(["ring.x3p"])
@@ -40,24 +30,7 @@ def are_recipes(files: Sequence[str]) -> bool:
 def check_recipes(
     files: Sequence[str], *, as_json: bool, explain: bool, overrides: Sequence[str] = ()
 ) -> int:
-    """Print what is wrong in recipes.
-
-    Parameters
-    ----------
-    files : sequence of str
-        Recipes.
-    as_json : bool
-        One JSON object instead of lines.
-    explain : bool
-        Print the keys of each step that the recipe leaves out, with what holds then.
-    overrides : sequence of str, optional
-        ``key=value`` each, in place of what the recipes say.
-
-    Returns
-    -------
-    int
-        0 if all are right, also where a warning is printed, else 2.
-    """
+    """Print what is wrong in recipes."""
     from metrosep.recipe.guard_room import guard_notes
 
     found = {name: _checked(name, overrides) for name in files}
@@ -115,20 +88,6 @@ def _checked(name: str, overrides: Sequence[str]) -> tuple[Recipe | None, list[s
 
 def recipe_errors(text: str, *, name: str, folder: Path) -> list[str]:
     """Return every mistake in the text of a recipe that shows without data.
-
-    Parameters
-    ----------
-    text : str
-        TOML.
-    name : str
-        Of its file, for messages.
-    folder : Path
-        Where the names of files in it start.
-
-    Returns
-    -------
-    list of str
-        One sentence each, with file and line, in the order of the recipe; empty if all is right.
 
     Notes
     -----

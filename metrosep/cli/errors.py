@@ -55,18 +55,6 @@ def _place(name: str, number: str) -> str:
 def as_options(message: str, names: Collection[str]) -> str:
     """Return a message of the library with its arguments written as options of a command.
 
-    Parameters
-    ----------
-    message : str
-        Such as ``accept averaging with method='mean' or min_feeds=1``.
-    names : collection of str
-        Parameters of the command; other arguments stay as they are.
-
-    Returns
-    -------
-    str
-        Such as ``accept averaging with --method mean or --min-feeds 1``.
-
     Notes
     -----
     A place, ``at x=0.02145``, is no option: it is written as ``at x = 21.45 mm``. Arguments of a
@@ -113,53 +101,20 @@ def as_options(message: str, names: Collection[str]) -> str:
 
 
 def exit_code_of(error: BaseException) -> int:
-    """Return the exit code for an error.
-
-    Parameters
-    ----------
-    error : BaseException
-        What was raised.
-
-    Returns
-    -------
-    int
-        5 for what metrosep did not raise on purpose.
-    """
+    """Return the exit code for an error."""
     code = exit_codes.exit_code_of(error, ((KeyboardInterrupt, _INTERRUPTED),))
     return 2 if code == exit_codes.INTERNAL and is_standard_output(error) else code
 
 
 def is_standard_output(error: BaseException) -> bool:
-    """Return whether an error says that standard output cannot be written.
-
-    Parameters
-    ----------
-    error : BaseException
-        What was raised; for files it is a WriteError instead.
-
-    Returns
-    -------
-    bool
-        True also where the reader of a pipe has gone.
-    """
+    """Return whether an error says that standard output cannot be written."""
     if isinstance(error, BrokenPipeError):
         return True
     return isinstance(error, OSError) and error.filename is None and error.errno in _STDOUT_ERRORS
 
 
 def verdict_code(verdict: str | None) -> int:
-    """Return the exit code for a verdict.
-
-    Parameters
-    ----------
-    verdict : str or None
-        "accept", "reject", "inconclusive" or none.
-
-    Returns
-    -------
-    int
-        0, 1, 3; 0 where nothing was to be judged.
-    """
+    """Return the exit code for a verdict."""
     return {"reject": 1, "inconclusive": 3}.get(verdict or "", 0)
 
 
@@ -170,25 +125,7 @@ def report_error(
     names: Collection[str] = (),
     words: Callable[[str], str] | None = None,
 ) -> int:
-    """Print one line about an error and return the exit code.
-
-    Parameters
-    ----------
-    error : BaseException
-        What was raised.
-    verbosity : int
-        2 or more prints the traceback too.
-    names : collection of str, optional
-        Parameters of the command, for `as_options`.
-    words : callable, optional
-        Returns the message in the words of what was typed, in place of `as_options`: keys of the
-        step that was carried out (`metrosep.recipe.step_words`).
-
-    Returns
-    -------
-    int
-        Exit code.
-    """
+    """Print one line about an error and return the exit code."""
     code = exit_code_of(error)
     if verbosity >= 2:
         traceback.print_exception(error, file=sys.stderr)

@@ -29,43 +29,21 @@ _EXAMPLES = {"m": ("1 nm", "0 nm"), "": ("0.001", "0"), "1": ("0.001", "0")}
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """How objects are evaluated; lengths in SI.
+    """How objects are evaluated; lengths in SI."""
 
-    Parameters
-    ----------
-    form : str
-        Text of the form that is removed first, or "none".
-    lambda_s, lambda_c : float or None
-        Cut-offs (profile) or nesting indices (surface) of the S- and L-filter.
-    end : str
-        End rule of the filters.
-    kind : str or None
-        P, W or R; None takes what the file or the filter says, else P.
-    edition : str or None
-        Of the profile standard; None is the present one.
-    sections : int or None
-        Sampling lengths; as many as there are cut-offs in a filtered profile, else 5.
-    centre : bool
-        Subtract means again.
-    line : str
-        Core line of the Rk family.
-    names : tuple of str
-        Symbols wanted; empty for all.
-    reference : str
-        Of form deviations.
-    """
-
-    form: str = "none"
+    form: str = "none"  # text of the form that is removed first, or "none"
+    # cut-offs (profile) or nesting indices (surface) of the S- and L-filter
     lambda_s: float | None = None
     lambda_c: float | None = None
-    end: str = "moment"
-    kind: str | None = None
-    edition: str | None = None
+    end: str = "moment"  # end rule of the filters
+    kind: str | None = None  # P, W or R; None takes what the file or the filter says, else P
+    edition: str | None = None  # of the profile standard; None is the present one
+    # sampling lengths; as many as there are cut-offs in a filtered profile, else 5
     sections: int | None = None
-    centre: bool = False
-    line: str = "lsq"
-    names: tuple[str, ...] = ()
-    reference: str = "MZ"
+    centre: bool = False  # subtract means again
+    line: str = "lsq"  # core line of the Rk family
+    names: tuple[str, ...] = ()  # symbols wanted; empty for all
+    reference: str = "MZ"  # of form deviations
 
     @property
     def evaluating(self) -> Evaluating:
@@ -83,39 +61,22 @@ class Settings:
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Tolerances and expanded uncertainties by symbol, in the unit of the parameter.
+    """Tolerances and expanded uncertainties by symbol, in the unit of the parameter."""
 
-    Parameters
-    ----------
-    lower, upper, U : dict of str to str
-        As typed; parsed with the unit of each parameter.
-    guard_factor : float
-        Guard band over U.
-    """
-
+    # to str: as typed; parsed with the unit of each parameter
     lower: dict[str, str] = field(default_factory=dict)
     upper: dict[str, str] = field(default_factory=dict)
     U: dict[str, str] = field(default_factory=dict)
-    guard_factor: float = 1.0
+    guard_factor: float = 1.0  # guard band over U
 
 
 @dataclass(frozen=True, slots=True)
 class Evaluation:
-    """Parameters of one object, and the verdicts on them.
+    """Parameters of one object, and the verdicts on them."""
 
-    Parameters
-    ----------
-    tables : tuple of ParameterTable
-        One per family.
-    verdicts : dict of str to dict
-        By symbol: verdict, lower, upper, U.
-    removed : str
-        What was fitted and removed, in words; empty if nothing.
-    """
-
-    tables: tuple[ParameterTable, ...]
-    verdicts: dict[str, dict[str, Any]]
-    removed: str = ""
+    tables: tuple[ParameterTable, ...]  # one per family
+    verdicts: dict[str, dict[str, Any]]  # to dict: by symbol: verdict, lower, upper, U
+    removed: str = ""  # what was fitted and removed, in words; empty if nothing
 
     @property
     def quantities(self) -> dict[str, Quantity]:
@@ -131,29 +92,7 @@ class Evaluation:
 
 
 def evaluate(obj: Any, settings: Settings, limits: Limits) -> Evaluation:
-    """Return the parameters of an object after form removal and filters.
-
-    Parameters
-    ----------
-    obj : Surface or Profile
-        As read.
-    settings : Settings
-        What to do.
-    limits : Limits
-        What to judge.
-
-    Returns
-    -------
-    Evaluation
-        Tables and verdicts.
-
-    Raises
-    ------
-    InvalidSamplesError
-        If the object is neither a profile nor a map.
-    DataError
-        If the object has no such parameter, or a limit names none.
-    """
+    """Return the parameters of an object after form removal and filters."""
     if not isinstance(obj, Surface | Profile):
         raise InvalidSamplesError(
             f"parameters need a profile or a map, and this file holds a {type(obj).__name__}; "

@@ -36,22 +36,7 @@ _VALUES = {
 
 
 def example_call(op: str, method: Method, folder: Path | None = None) -> list[str]:
-    """Return the words of a command for a named separation.
-
-    Parameters
-    ----------
-    op : str
-        Its name.
-    method : Method
-        What it reads and needs.
-    folder : path, optional
-        The folder of examples; beside the package if omitted.
-
-    Returns
-    -------
-    list of str
-        From ``metrosep`` on; `shell_text` prints them.
-    """
+    """Return the words of a command for a named separation."""
     folder = folder or Path(__file__).resolve().parents[2] / "examples"
     if method.reads == "nothing":
         return ["metrosep", "run", _recipe_of(op, folder) or "recipe.toml", "-o", "out"]
@@ -77,16 +62,6 @@ def example_call(op: str, method: Method, folder: Path | None = None) -> list[st
 
 def shell_text(words: Iterable[str]) -> str:
     """Return words as a shell takes them, those with blanks in double quotes.
-
-    Parameters
-    ----------
-    words : iterable of str
-        Of a command.
-
-    Returns
-    -------
-    str
-        One line.
 
     Examples
     --------

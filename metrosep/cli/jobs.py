@@ -29,18 +29,7 @@ __all__ = ["demo", "progress", "run", "separate"]
 
 
 def progress(context: click.Context) -> Callable[[str], None]:
-    """Return what is told of the steps of a run: nothing where the user wants quiet.
-
-    Parameters
-    ----------
-    context : click.Context
-        Of the command.
-
-    Returns
-    -------
-    callable
-        Takes a message.
-    """
+    """Return what is told of the steps of a run: nothing where the user wants quiet."""
     quiet = bool((context.obj or {}).get("quiet"))
     return (lambda _message: None) if quiet else (lambda message: say(f"metrosep: {message}"))
 

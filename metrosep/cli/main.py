@@ -110,23 +110,7 @@ def _give_up_standard_output() -> None:
 
 
 def main(arguments: list[str] | None = None) -> Any:
-    """Run the command line and exit.
-
-    Parameters
-    ----------
-    arguments : list of str, optional
-        Those of the process if omitted.
-
-    Returns
-    -------
-    never
-        It ends the process with one of the documented exit codes.
-
-    Raises
-    ------
-    SystemExit
-        Always.
-    """
+    """Run the command line and exit."""
     from metrosep.cli.errors import is_standard_output, report_error
 
     # two spinning BLAS threads cost more than they give on the small products here

@@ -24,26 +24,7 @@ def measure_recipe(
     reading: Mapping[str, Any],
     lengths: Mapping[str, str | None],
 ) -> str:
-    """Return the recipe of a call as TOML.
-
-    Parameters
-    ----------
-    file : str
-        Name of the measurement.
-    settings : Settings
-        What is done.
-    limits : Limits
-        What is judged.
-    reading : mapping
-        Options of the file.
-    lengths : mapping of str to str or None
-        ``lambda_s`` and ``lambda_c`` as they were typed.
-
-    Returns
-    -------
-    str
-        TOML that `Recipe.parse` reads.
-    """
+    """Return the recipe of a call as TOML."""
     lines = ["metrosep = 1", "", "[input]", f"files = [{quoted(file)}]"]
     lines += input_lines(reading, _INPUT)
     if settings.form.strip().lower() != "none":

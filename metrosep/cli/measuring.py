@@ -37,19 +37,7 @@ def _length(text: str | None, name: str) -> float | None:
 
 
 def flat_values(quantities: Any) -> dict[str, float | None]:
-    """Return parameters as flat keys with unit suffixes: ``sq_nm``, ``rsm_um``, ``ssk``.
-
-    Parameters
-    ----------
-    quantities : mapping of str to Quantity
-        By symbol.
-
-    Returns
-    -------
-    dict
-        Heights in nm, lengths along the surface in um, everything else in SI. Pv, the deepest
-        valley of a P profile, is ``p_v_nm``: ``pv_nm`` is peak to valley in every command.
-    """
+    """Return parameters as flat keys with unit suffixes: ``sq_nm``, ``rsm_um``, ``ssk``."""
     import math
 
     lateral = {"rsm", "wsm", "psm", "sal"}

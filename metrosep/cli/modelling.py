@@ -111,30 +111,7 @@ def identified(
     out: str | None,
     as_json: bool,
 ) -> int:
-    """Carry out ``form FILE --identify``: error terms, or a tool setting, that explain a map.
-
-    Parameters
-    ----------
-    context : click.Context
-        Of the command.
-    file : str
-        The map.
-    machine : str
-        ``tool`` for the tool setting, else a preset or a file of TOML.
-    form : str
-        The ideal surface.
-    options : dict
-        Further keys of the step; None is left out.
-    out : str or None
-        Folder for the report.
-    as_json : bool
-        Whether to print JSON.
-
-    Returns
-    -------
-    int
-        Exit code.
-    """
+    """Carry out ``form FILE --identify``: error terms, or a tool setting, that explain a map."""
     op = "tool_setting" if machine == "tool" else "identify"
     lines = ["metrosep = 1", "", "[input]"]
     lines += [f"{k} = {quoted(v)}" for k, v in options.pop("reading").items() if v is not None]

@@ -31,19 +31,7 @@ _OF_RUNS = (
 
 
 def require_columns(options: Mapping[str, Any]) -> None:
-    """Refuse a call for repeated runs without their columns.
-
-    Parameters
-    ----------
-    options : mapping
-        Of the command ``separate``.
-
-    Raises
-    ------
-    UsageError
-        If the method does not exist, ``--x`` or ``--z`` is missing, or an option is one of the
-        named separations.
-    """
+    """Refuse a call for repeated runs without their columns."""
     from metrosep.recipe.methods import METHODS
 
     known = ["joint", "kono", "mean", *METHODS]
@@ -71,27 +59,7 @@ def require_columns(options: Mapping[str, Any]) -> None:
 
 
 def named_recipe(name: str, options: Mapping[str, Any], *, report: bool) -> str:
-    """Return the recipe of a call with a named separation, as TOML.
-
-    Parameters
-    ----------
-    name : str
-        Of the method.
-    options : mapping
-        Of the command ``separate``.
-    report : bool
-        Whether parts and report are to be written.
-
-    Returns
-    -------
-    str
-        TOML that `Recipe.parse` reads.
-
-    Raises
-    ------
-    UsageError
-        If an option is one of repeated runs, or a ``--set`` is of the wrong kind.
-    """
+    """Return the recipe of a call with a named separation, as TOML."""
     from metrosep.recipe.methods import METHODS, input_fields
 
     method = METHODS[name]

@@ -141,18 +141,7 @@ def _wrapped(words: Iterable[str]) -> str:
 
 
 def data_words(method: Method) -> list[str]:
-    """Return how files, columns and repeats of a method are given.
-
-    Parameters
-    ----------
-    method : Method
-        What it reads.
-
-    Returns
-    -------
-    list of str
-        Sentences.
-    """
+    """Return how files, columns and repeats of a method are given."""
     if method.reads == "nothing":
         return ["no file: the keys of the step say all"]
     if method.reads == "maps":

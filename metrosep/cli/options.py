@@ -31,54 +31,21 @@ _READING = ("unit", "lateral_step", "channel", "format")
 
 
 def json_option(command: F) -> F:
-    """Add ``--json``.
-
-    Parameters
-    ----------
-    command : callable
-        To decorate.
-
-    Returns
-    -------
-    callable
-        Decorated.
-    """
+    """Add ``--json``."""
     return click.option(
         "as_json", "--json", is_flag=True, help="One JSON object on standard output."
     )(command)
 
 
 def force_option(command: F) -> F:
-    """Add ``--force``.
-
-    Parameters
-    ----------
-    command : callable
-        To decorate.
-
-    Returns
-    -------
-    callable
-        Decorated.
-    """
+    """Add ``--force``."""
     return click.option(
         "--force", is_flag=True, help="Replace another table of that name; it stays as NAME.1."
     )(command)
 
 
 def override_option(command: F) -> F:
-    """Add ``-s``, which overrides a key of a recipe.
-
-    Parameters
-    ----------
-    command : callable
-        To decorate; it takes them as ``overrides``.
-
-    Returns
-    -------
-    callable
-        Decorated.
-    """
+    """Add ``-s``, which overrides a key of a recipe."""
     return click.option(
         "-s",
         "overrides",
@@ -90,19 +57,7 @@ def override_option(command: F) -> F:
 
 
 def file_options(command: Callable[..., int]) -> Callable[..., int]:
-    """Add the options that say how a file is to be read.
-
-    Parameters
-    ----------
-    command : callable
-        To decorate. It takes the options that were given as one dict ``reading``, the keywords of
-        `metrosep.io.read.read`.
-
-    Returns
-    -------
-    callable
-        Decorated. It raises UsageError if a ``--set`` is no NAME=VALUE.
-    """
+    """Add the options that say how a file is to be read."""
 
     @functools.wraps(command)
     def with_reading(settings: tuple[str, ...], **options: Any) -> int:
@@ -135,25 +90,7 @@ def _settings(texts: tuple[str, ...]) -> dict[str, Any]:
 
 
 def name_values(texts: tuple[str, ...], option: str) -> list[tuple[str, str]]:
-    """Return the names and values of an option that is written NAME=VALUE.
-
-    Parameters
-    ----------
-    texts : tuple of str
-        As typed.
-    option : str
-        Its name, for the message.
-
-    Returns
-    -------
-    list of (str, str)
-        Name and value without spaces around them.
-
-    Raises
-    ------
-    UsageError
-        If a text is no NAME=VALUE.
-    """
+    """Return the names and values of an option that is written NAME=VALUE."""
     found = []
     for text in texts:
         name, _, value = (part.strip() for part in text.partition("="))
@@ -164,50 +101,17 @@ def name_values(texts: tuple[str, ...], option: str) -> list[tuple[str, str]]:
 
 
 def read_options(command: F) -> F:
-    """Add the options that say what the columns of run files are.
-
-    Parameters
-    ----------
-    command : callable
-        To decorate.
-
-    Returns
-    -------
-    callable
-        Decorated.
-    """
+    """Add the options that say what the columns of run files are."""
     return _with_columns(command, required=True)
 
 
 def optional_read_options(command: F) -> F:
-    """Add the same options where the method decides which of them are needed.
-
-    Parameters
-    ----------
-    command : callable
-        To decorate.
-
-    Returns
-    -------
-    callable
-        Decorated.
-    """
+    """Add the same options where the method decides which of them are needed."""
     return _with_columns(command, required=False)
 
 
 def named_options(command: F) -> F:
-    """Add the options of the named separations.
-
-    Parameters
-    ----------
-    command : callable
-        To decorate.
-
-    Returns
-    -------
-    callable
-        Decorated.
-    """
+    """Add the options of the named separations."""
     for option in reversed(
         (
             click.option(
@@ -276,18 +180,7 @@ def _with_columns(command: F, *, required: bool) -> F:
 
 
 def table_options(command: F) -> F:
-    """Add the options that shape a compensation table.
-
-    Parameters
-    ----------
-    command : callable
-        To decorate.
-
-    Returns
-    -------
-    callable
-        Decorated.
-    """
+    """Add the options that shape a compensation table."""
     for option in reversed(
         (
             click.option("--axis", help="Axis that is looked up; of a result its own, else X."),
@@ -334,20 +227,7 @@ def table_options(command: F) -> F:
 
 
 def read_aloud(file: str, reading: Mapping[str, Any]) -> Any:
-    """Read a file for a command and print what its reader warns of, on standard error.
-
-    Parameters
-    ----------
-    file : str
-        Path.
-    reading : mapping
-        Options of the reader.
-
-    Returns
-    -------
-    object
-        As from `metrosep.read`.
-    """
+    """Read a file for a command and print what its reader warns of, on standard error."""
     from metrosep.io.read import read
 
     obj = read(file, **reading)
@@ -357,11 +237,5 @@ def read_aloud(file: str, reading: Mapping[str, Any]) -> Any:
 
 
 def say(message: str) -> None:
-    """Print a line for the person, on standard error.
-
-    Parameters
-    ----------
-    message : str
-        Line.
-    """
+    """Print a line for the person, on standard error."""
     click.echo(message, err=True)

@@ -20,20 +20,7 @@ _SUMMARY = ("op", "what", "method", "null_space", "noise", "audit", "units", "ru
 
 
 def recipe_words(recipe: Recipe, message: str) -> str:
-    """Return a message of the library with its arguments as keys of a recipe.
-
-    Parameters
-    ----------
-    recipe : Recipe
-        Whose steps have the keys.
-    message : str
-        Of an error or a note.
-
-    Returns
-    -------
-    str
-        In terms of the recipe.
-    """
+    """Return a message of the library with its arguments as keys of a recipe."""
     from metrosep.recipe import reading_words
 
     message = message.replace(" or say overwrite", " or give --force")
@@ -41,19 +28,7 @@ def recipe_words(recipe: Recipe, message: str) -> str:
 
 
 def print_named(recipe: Recipe, result: Result, *, as_json: bool, command: bool = False) -> None:
-    """Print what a named separation found.
-
-    Parameters
-    ----------
-    recipe : Recipe
-        That was carried out.
-    result : Result
-        Of it.
-    as_json : bool
-        Whether as JSON on standard output.
-    command : bool, optional
-        Whether the user typed options: advice names them in place of keys of a recipe.
-    """
+    """Print what a named separation found."""
     from metrosep.recipe.step_words import step_words
     from metrosep.report.separation import not_seen
 

@@ -17,64 +17,28 @@ Writer = Callable[[Mapping[str, Any], Path], Any]
 
 @dataclass(frozen=True, slots=True)
 class RenderTask:
-    """The reports of one result.
+    """The reports of one result."""
 
-    Parameters
-    ----------
-    file : Path
-        The result.
-    name : str
-        Of the reports, without ending.
-    folder : Path
-        For the reports.
-    writers : mapping of str to callable
-        By format.
-    alone : bool
-        Whether it is the only result, so that the long forms are its own too.
-    """
-
-    file: Path
-    name: str
-    folder: Path
-    writers: Mapping[str, Writer]
-    alone: bool
+    file: Path  # the result
+    name: str  # of the reports, without ending
+    folder: Path  # for the reports
+    writers: Mapping[str, Writer]  # mapping of str to callable: by format
+    alone: bool  # whether it is the only result, so that the long forms are its own too
 
 
 @dataclass(frozen=True, slots=True)
 class Rendered:
-    """What became of it.
+    """What became of it."""
 
-    Parameters
-    ----------
-    written : tuple of Path
-        The reports.
-    document : mapping, optional
-        The result, where the caller writes it into a file with others.
-    unread : str
-        Why the result could not be read, if it could not.
-    missing : str
-        What is not installed or cannot be written at all, if so.
-    """
-
-    written: tuple[Path, ...] = ()
+    written: tuple[Path, ...] = ()  # the reports
+    # mapping: the result, where the caller writes it into a file with others
     document: Mapping[str, Any] | None = None
-    unread: str = ""
-    missing: str = ""
+    unread: str = ""  # why the result could not be read, if it could not
+    missing: str = ""  # what is not installed or cannot be written at all, if so
 
 
 def rendered(task: RenderTask) -> Rendered:
-    """Write the reports of one result; what is wrong with it is told with its name.
-
-    Parameters
-    ----------
-    task : RenderTask
-        What to do.
-
-    Returns
-    -------
-    Rendered
-        What was written, or why nothing more was.
-    """
+    """Write the reports of one result; what is wrong with it is told with its name."""
     from metrosep.core.errors import (
         CorruptFileError,
         DataError,

@@ -18,22 +18,7 @@ _SEPARATE = ("method", "start", "length", "shortest", "lag")
 
 
 def recipe_text(options: dict[str, Any], *, table: tuple[str, str] | None, report: bool) -> str:
-    """Return the recipe of a call as TOML.
-
-    Parameters
-    ----------
-    options : dict
-        Of the command.
-    table : tuple of (str, str) or None
-        Controller and file name of a table to write.
-    report : bool
-        Whether to write the report.
-
-    Returns
-    -------
-    str
-        TOML that `Recipe.parse` reads.
-    """
+    """Return the recipe of a call as TOML."""
     lines = ["metrosep = 1", "", "[input]"]
     lines += input_lines(options, _INPUT)
     lines += ["", "[[step]]", 'op = "separate"']
@@ -73,20 +58,7 @@ def recipe_text(options: dict[str, Any], *, table: tuple[str, str] | None, repor
 
 
 def input_lines(given: Mapping[str, Any], keys: Iterable[str]) -> list[str]:
-    """Return the lines of ``[input]`` for the options that were given; a count is no text.
-
-    Parameters
-    ----------
-    given : mapping
-        Options by name; None is not given.
-    keys : iterable of str
-        Those that ``[input]`` has.
-
-    Returns
-    -------
-    list of str
-        Lines of TOML.
-    """
+    """Return the lines of ``[input]`` for the options that were given; a count is no text."""
     return [
         f"{k} = {given[k] if k == 'skip_rows' and str(given[k]).isdecimal() else quoted(given[k])}"
         for k in keys
@@ -115,22 +87,7 @@ def _machine_lines(options: dict[str, Any]) -> list[str]:
 def option_error(
     error: RecipeError, *, settings: Collection[str] = (), columns: Collection[str] = ()
 ) -> str:
-    """Return the message of an error in the recipe of a call, in terms of the options given.
-
-    Parameters
-    ----------
-    error : RecipeError
-        Of the recipe that nobody sees.
-    settings : collection of str, optional
-        Keys that were given with ``--set``.
-    columns : collection of str, optional
-        Roles that were given with ``--column``.
-
-    Returns
-    -------
-    str
-        With the option in place of file and line.
-    """
+    """Return the message of an error in the recipe of a call, in terms of the options given."""
     message = re.sub(r"^command line(:\d+)?: ", "", str(error))
     key = error.key or ""
     options = {"degree": "poly", "controller": "table", "path": "table", "machine": "machine"}
@@ -145,18 +102,7 @@ def option_error(
 
 
 def quoted(value: object) -> str:
-    """Return a value as TOML writes a text.
-
-    Parameters
-    ----------
-    value : object
-        Its text is taken.
-
-    Returns
-    -------
-    str
-        In double quotes, escaped.
-    """
+    """Return a value as TOML writes a text."""
     import json
 
     return json.dumps(str(value), ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -198,18 +198,7 @@ def _trial(made: Any, amplitude: str) -> Any:
 
 
 def write_arguments(options: dict[str, Any]) -> dict[str, Any]:
-    """Return the arguments of `metrosep.controllers.write` that the options of a table give.
-
-    Parameters
-    ----------
-    options : dict
-        Of the command.
-
-    Returns
-    -------
-    dict
-        Machine, waivers and the confirmed sign.
-    """
+    """Return the arguments of `metrosep.controllers.write` that the options of a table give."""
     machine: dict[str, Any] = {
         name.replace("-", "_"): value
         for name, value in name_values(tuple(options.get("machine") or ()), "--machine")
@@ -253,35 +242,7 @@ def _write(
 def write_table(
     document: dict[str, Any], path: str, controller: str, options: dict[str, Any], *, force: bool
 ) -> tuple[list[str], dict[str, Any]]:
-    """Write the table of a result, as 'table RESULT' does.
-
-    Parameters
-    ----------
-    document : dict
-        Content of result.json.
-    path : str
-        File to write.
-    controller : str
-        Its name.
-    options : dict
-        Of the command.
-    force : bool
-        Replace an existing file.
-
-    Returns
-    -------
-    tuple of (list of str, dict)
-        Files that were written, and what the sidecar says.
-
-    Raises
-    ------
-    TableError
-        If the table cannot be made, exceeds a limit or does not shrink the error.
-    WriteError
-        If it cannot be written.
-    DataError
-        If controller or option is unknown or missing.
-    """
+    """Write the table of a result, as 'table RESULT' does."""
     from metrosep.controllers.base import sidecar_path
 
     made, against, folds = _carried_of(document, controller, options)
@@ -429,27 +390,7 @@ def _read_map(file: str, reading: dict[str, Any]) -> Any:
 
 
 def read_runs_of(files: Sequence[str], options: dict[str, Any]) -> RunSet:
-    """Return the runs that files hold.
-
-    Parameters
-    ----------
-    files : sequence of str
-        Paths.
-    options : dict
-        Of the command: the columns.
-
-    Returns
-    -------
-    RunSet
-        All runs.
-
-    Raises
-    ------
-    ReadError
-        If a file cannot be read.
-    DataError
-        If a column is not there.
-    """
+    """Return the runs that files hold."""
     from metrosep.core.text_options import TEXT_OPTIONS
     from metrosep.io.runs import read_runs
 
@@ -464,17 +405,7 @@ def read_runs_of(files: Sequence[str], options: dict[str, Any]) -> RunSet:
 
 
 def print_table(path: str, made: dict[str, Any], *, warnings_only: bool = False) -> None:
-    """Print the dry-run of a table and every warning that its sidecar holds.
-
-    Parameters
-    ----------
-    path : str
-        Name of the table.
-    made : dict
-        What the sidecar says.
-    warnings_only : bool, optional
-        Leave out the numbers of the dry-run.
-    """
+    """Print the dry-run of a table and every warning that its sidecar holds."""
     verification = made.get("verification")
     numbers = verification if isinstance(verification, dict) and not warnings_only else {}
     if {"residuals", "before_pv_m"} & numbers.keys():
@@ -505,13 +436,7 @@ def _warnings_of(made: dict[str, Any]) -> list[str]:
 
 
 def print_verification(verification: dict[str, Any]) -> None:
-    """Print a dry-run for the person.
-
-    Parameters
-    ----------
-    verification : dict
-        As `to_dict` of a verification gives it.
-    """
+    """Print a dry-run for the person."""
     if "sentences" not in verification:
         _print_line("dry-run", verification)
         return

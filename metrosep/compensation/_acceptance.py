@@ -72,52 +72,26 @@ _FEWEST_LAGS = 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stack:
-    """Runs and corrections at the compared positions; a pair of directions is one row.
+    """Runs and corrections at the compared positions; a pair of directions is one row."""
 
-    Parameters
-    ----------
-    x, way : ndarray, shape (K,), m and +1 or -1
-        Position and direction of each sample.
-    known, rest, wrong : ndarray, shape (R, K), m
-        a_k, r_k, and r_k with the negated correction.
-    applied : ndarray, shape (R, K), m
-        c~ of the table that each run is judged with.
-    zero : float, m
-        c_0, the correction at the reference.
-    names : tuple of str
-        Of the runs.
-    has_slope : bool
-        Whether the slope is part of what is known; it then has an uncertainty of its own.
-    is_left_out : bool
-        Whether each run is judged with the table that was made without it.
-    made_it : bool
-        Whether the table was made of these runs.
-    why : str
-        Why it was not made again without each of them.
-    is_stated : bool
-        Whether there are no readings: the error is stated, with u = 0 or with `u_known`.
-    u_known : float or None, m^2
-        u of <a c~> of a stated error, where it has one.
-    u_slope : float or None, rad
-        Of one run of positioning.
-    """
-
-    x: FloatArray
+    x: FloatArray  # shape (K,), m and +1 or -1: position and direction of each sample
     way: FloatArray
-    known: FloatArray
+    known: FloatArray  # shape (R, K), m: a_k, r_k, and r_k with the negated correction
     rest: FloatArray
     wrong: FloatArray
-    applied: FloatArray
-    zero: float
+    applied: FloatArray  # shape (R, K), m: c~ of the table that each run is judged with
+    zero: float  # m: c_0, the correction at the reference
     steps: FloatArray
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # of the runs
+    # whether the slope is part of what is known; it then has an uncertainty of its own
     has_slope: bool
-    is_left_out: bool = False
-    made_it: bool = False
-    why: str = ""
+    is_left_out: bool = False  # whether each run is judged with the table that was made without it
+    made_it: bool = False  # whether the table was made of these runs
+    why: str = ""  # why it was not made again without each of them
+    # whether there are no readings: the error is stated, with u = 0 or with `u_known`
     is_stated: bool = False
-    u_known: float | None = None
-    u_slope: float | None = None
+    u_known: float | None = None  # m^2: u of <a c~> of a stated error, where it has one
+    u_slope: float | None = None  # rad: of one run of positioning
 
     @property
     def n_runs(self) -> int:
@@ -191,18 +165,7 @@ class Judgement:
 
 
 def judge(stack: Stack) -> Judgement:
-    """Return improvement, gain, rest and P-V of a table, and every reason not to accept it.
-
-    Parameters
-    ----------
-    stack : Stack
-        Runs and corrections at the compared positions.
-
-    Returns
-    -------
-    Judgement
-        Reasons in the order refused, inconclusive, pointless; empty if accepted.
-    """
+    """Return improvement, gain, rest and P-V of a table, and every reason not to accept it."""
     a, c = stack.known, stack.applied
     energy_c = float((c**2).mean())
     improved = _improvement(stack, np.ones(stack.x.size, dtype=bool))

@@ -81,18 +81,7 @@ class ErrorMap:
         object.__setattr__(self, "history", tuple(self.history))
 
     def __call__(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
-        """Return the error at positions, bilinear between and held outside.
-
-        Parameters
-        ----------
-        x, y : array_like, m or rad
-            Positions; they broadcast.
-
-        Returns
-        -------
-        ndarray, m
-            NaN in a cell of which a corner that counts was not measured.
-        """
+        """Return the error at positions, bilinear between and held outside."""
         return bilinear(self.x, self.y, self.values, x, y)
 
     def __repr__(self) -> str:
@@ -107,25 +96,7 @@ AreaSource = Surface | ErrorMap | AreaFunction
 
 
 def rising(values: ArrayLike, name: str) -> FloatArray:
-    """Return positions of a grid, read-only, after a check.
-
-    Parameters
-    ----------
-    values : array_like, shape (n,), m or rad
-        Positions.
-    name : str
-        For messages.
-
-    Returns
-    -------
-    ndarray, shape (n,), m or rad
-        Finite and strictly rising.
-
-    Raises
-    ------
-    TableError
-        If there are fewer than 2, one is not finite, or they do not rise.
-    """
+    """Return positions of a grid, read-only, after a check."""
     try:
         positions = column(values, name)
     except (TypeError, ValueError):
@@ -148,26 +119,6 @@ def bilinear(
     x: FloatArray, y: FloatArray, values: FloatArray, at_x: ArrayLike, at_y: ArrayLike
 ) -> FloatArray:
     """Return values of a grid between its nodes, clamped outside, as controllers do.
-
-    Parameters
-    ----------
-    x, y : ndarray, shapes (n,) and (m,), m or rad
-        Strictly rising positions of columns and rows.
-    values : ndarray, shape (m, n), m
-        At the nodes.
-    at_x, at_y : array_like, m or rad
-        Where to look; they broadcast.
-
-    Returns
-    -------
-    ndarray, at least one-dimensional, m
-        NaN where the position is NaN or a corner with a weight is NaN; a corner without a weight
-        does not count.
-
-    Raises
-    ------
-    DataError
-        If the positions do not broadcast against each other.
 
     Examples
     --------
@@ -202,29 +153,7 @@ def _cell(nodes: FloatArray, at: FloatArray) -> tuple[NDArray[np.intp], FloatArr
 
 
 def area_error(error: Any, x: Any = None, y: Any = None) -> AreaFunction:
-    """Return an error over two axes as a function; a measured one is an `ErrorMap`.
-
-    Parameters
-    ----------
-    error : Surface, ErrorMap, callable e(x, y) or array_like of shape (m, n), m
-        Error e = actual - nominal; of an array `x` and `y` say where.
-    x, y : array_like, optional, m or rad
-        Positions of an array.
-
-    Returns
-    -------
-    callable
-        ``(x, y) -> e`` for arrays of one shape.
-
-    Raises
-    ------
-    TableError
-        If an array does not fit its positions.
-    DataError
-        If a surface is not calibrated laterally, or the error is something else.
-    InvalidSamplesError
-        If an array holds an infinite value.
-    """
+    """Return an error over two axes as a function; a measured one is an `ErrorMap`."""
     if isinstance(error, ErrorMap):
         return error
     if isinstance(error, Surface):
@@ -278,16 +207,6 @@ def _of_surface(surface: Surface) -> ErrorMap:
 def is_rotary(axis: str) -> bool:
     """Return whether an axis turns, by its name after ISO 841.
 
-    Parameters
-    ----------
-    axis : str
-        Such as ``"C"``.
-
-    Returns
-    -------
-    bool
-        True for A, B and C, also with an index (C1): its positions are in rad.
-
     Examples
     --------
     >>> is_rotary("C"), is_rotary("X"), is_rotary("AX1")
@@ -299,18 +218,6 @@ def is_rotary(axis: str) -> bool:
 
 def format_position(axis: str, value: float) -> str:
     """Return a position of an axis as text with its unit.
-
-    Parameters
-    ----------
-    axis : str
-        Name of the axis.
-    value : float, m or rad
-        Position.
-
-    Returns
-    -------
-    str
-        In millimetres, or degrees of an axis that turns.
 
     Examples
     --------

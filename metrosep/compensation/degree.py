@@ -33,49 +33,14 @@ _ROUNDING = 1e-14
 
 
 def to_unit(x: FloatArray, domain: tuple[float, float]) -> FloatArray:
-    """Return positions scaled so that the domain is -1 ... 1.
-
-    Parameters
-    ----------
-    x : ndarray, shape (n,), m
-        Positions.
-    domain : tuple of (float, float), m
-        What becomes -1 and 1.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        Dimensionless.
-    """
+    """Return positions scaled so that the domain is -1 ... 1."""
     return np.asarray((2.0 * x - domain[0] - domain[1]) / (domain[1] - domain[0]))
 
 
 def fit_legendre(
     x: FloatArray, z: FloatArray, domain: tuple[float, float], degree: int
 ) -> FloatArray:
-    """Return the least-squares coefficients in Legendre polynomials of the scaled position.
-
-    Parameters
-    ----------
-    x, z : ndarray, shape (n,), m
-        Positions and values.
-    domain : tuple of (float, float), m
-        What is scaled to -1 ... 1.
-    degree : int
-        Highest power.
-
-    Returns
-    -------
-    ndarray, shape (degree + 1,), m
-        Coefficients.
-
-    Raises
-    ------
-    TooFewSamplesError
-        If there are fewer than degree + 2 samples.
-    DegenerateFitError
-        If the positions do not determine the coefficients.
-    """
+    """Return the least-squares coefficients in Legendre polynomials of the scaled position."""
     if x.size < degree + 2:
         raise TooFewSamplesError(
             f"a polynomial of degree {degree} needs {degree + 2} samples, got {x.size}"
@@ -104,33 +69,7 @@ def choose_degree(
     degree: SupportsIndex | str,
     max_degree: int,
 ) -> tuple[int, list[dict[str, float]], str]:
-    """Return a degree, the scores of all that were tried, and who chose it.
-
-    Parameters
-    ----------
-    curves : list of (ndarray, ndarray), m
-        Positions and values of each run.
-    domain : tuple of (float, float), m
-        What is scaled to -1 ... 1.
-    degree : int or {"aicc", "f-test"}
-        Degree, or how to choose it.
-    max_degree : int
-        Highest degree to try.
-
-    Returns
-    -------
-    tuple of (int, list of dict, str)
-        Degree; score of each degree from 0; "user", "AICc" or "F-test, 1 %".
-
-    Raises
-    ------
-    DataError
-        If `degree` or `max_degree` is not one of its choices.
-    TooFewSamplesError
-        If there are too few samples.
-    DegenerateFitError
-        If the positions do not determine the coefficients.
-    """
+    """Return a degree, the scores of all that were tried, and who chose it."""
     if isinstance(degree, SupportsIndex) and not isinstance(degree, bool):
         wanted = operator.index(degree)
         if not 0 <= wanted <= MAX_DEGREE:

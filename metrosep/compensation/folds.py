@@ -34,21 +34,7 @@ _MADE: dict[Any, list[tuple[tuple[int, ...], ErrorEstimate]]] = {}
 def made_of(
     history: Sequence[Step], runs: RunSet
 ) -> tuple[Literal["all", "none", "file"], list[int]]:
-    """Return whether runs made a table, and which of them did not.
-
-    Parameters
-    ----------
-    history : sequence of Step
-        Of the table.
-    runs : RunSet
-        Readings to verify it with.
-
-    Returns
-    -------
-    str, list of int
-        "all": these runs and no others made it; "none": none of those listed did; "file": they come
-        from a file that made it, but are not the readings that did.
-    """
+    """Return whether runs made a table, and which of them did not."""
     told = {h for s in history for h in s.parameters.get("runs_sha256", ())}
     mine = [str(r.metadata.get("cells_of_sha256", r.sha256)) for r in runs]
     others = [i for i, h in enumerate(mine) if h not in told]
@@ -90,29 +76,7 @@ def _groups(runs: RunSet, most: int | None) -> list[tuple[int, ...]]:
 def fold_estimates(
     runs: RunSet, history: Sequence[Step], span: tuple[float, float]
 ) -> list[tuple[tuple[int, ...], ErrorEstimate]]:
-    """Return the estimates made without each run, as the history of one from all runs says.
-
-    Parameters
-    ----------
-    runs : RunSet
-        That made it.
-    history : sequence of Step
-        Of the estimate; its last step ``separate`` holds the options.
-    span : tuple of (float, float), m
-        Evaluation range of the estimate; common to all folds.
-
-    Returns
-    -------
-    list of (tuple of int, ErrorEstimate)
-        Indices of the runs left out, and the estimate without them.
-
-    Raises
-    ------
-    TableError
-        If the history does not say how the estimate was made, or there is one run.
-    MetrosepError
-        If what is left cannot be separated.
-    """
+    """Return the estimates made without each run, as the history of one from all runs says."""
     step = next((s for s in reversed(history) if s.name == "separate"), None)
     if step is None:
         raise TableError("its history does not say how it was made")
@@ -160,27 +124,7 @@ def _without(
 
 
 def folds_of(carried: Any, runs: RunSet) -> list[tuple[tuple[int, ...], Any]]:
-    """Return what a table or polynomial would be without each of the runs that made it.
-
-    Parameters
-    ----------
-    carried : CompensationTable or PolynomialFit
-        With ``remade(source)``, made of an estimate of these runs or of the runs themselves.
-    runs : RunSet
-        That made it.
-
-    Returns
-    -------
-    list of (tuple of int, CompensationTable or PolynomialFit)
-        Indices of the runs left out, and what is made without them.
-
-    Raises
-    ------
-    TableError
-        If it cannot be made again from what its history says.
-    MetrosepError
-        If what is left cannot be separated.
-    """
+    """Return what a table or polynomial would be without each of the runs that made it."""
     if any(s.name == "separate" for s in carried.history):
         return [
             (out, carried.remade(estimate))
@@ -195,50 +139,21 @@ def folds_of(carried: Any, runs: RunSet) -> list[tuple[tuple[int, ...], Any]]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Own:
-    """Readings that a table is judged with, and whether they made it.
+    """Readings that a table is judged with, and whether they made it."""
 
-    Parameters
-    ----------
-    runs : RunSet
-        Those that are compared.
-    made_it : bool
-        Whether the table was made of them.
-    folds : tuple of (tuple of int, object) or None
-        What the controller does with the table made without some of them; None where not known.
-    why : str
-        Why a table that was made of them cannot be made without them.
-    warning : str
-        What else to know.
-    """
-
-    runs: RunSet
-    made_it: bool
+    runs: RunSet  # those that are compared
+    made_it: bool  # whether the table was made of them
+    # of (tuple of int, object) or None: what the controller does with the table made without some
+    # of them; None where not known
     folds: Folds | None = None
-    why: str = ""
-    warning: str = ""
+    why: str = ""  # why a table that was made of them cannot be made without them
+    warning: str = ""  # what else to know
 
 
 def own_runs(
     carried: Any, runs: RunSet, lookup: Callable[[Any], Any], folds: Folds | None = None
 ) -> Own:
-    """Return how runs are to be used to judge a table, with the folds of those that made it.
-
-    Parameters
-    ----------
-    carried : CompensationTable or PolynomialFit
-        What is judged.
-    runs : RunSet
-        Readings.
-    lookup : callable
-        Returns what the controller does with a table or polynomial.
-    folds : sequence of (indices of runs, table or polynomial), optional
-        Where they are known already; made from the runs otherwise.
-
-    Returns
-    -------
-    Own
-        Runs that did not make it are taken alone where there are some.
-    """
+    """Return how runs are to be used to judge a table, with the folds of those that made it."""
     used = used_runs(carried.history, runs)
     if len(used) < len(runs):
         n = len(runs) - len(used)

@@ -69,18 +69,7 @@ class Knots:
     messages: tuple[str, ...] = ()
 
     def __call__(self, x: ArrayLike) -> FloatArray:
-        """Return the polyline, constant outside.
-
-        Parameters
-        ----------
-        x : array_like, m
-            Positions.
-
-        Returns
-        -------
-        ndarray, m
-            Linear between knots.
-        """
+        """Return the polyline, constant outside."""
         at = np.asarray(x, dtype=np.float64)
         return np.asarray(np.interp(at, self.positions, self.values))
 

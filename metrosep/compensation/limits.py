@@ -260,23 +260,6 @@ def _reversal(forward: FloatArray, reverse: FloatArray, limits: Limits) -> list[
 def require_findings(findings: tuple[Finding, ...], *, waive: bool = False) -> tuple[Finding, ...]:
     """Return findings, and refuse errors unless they are waived.
 
-    Parameters
-    ----------
-    findings : tuple of Finding
-        Of a table, a map or a rounding.
-    waive : bool, optional
-        Take the errors as they are; the caller records that.
-
-    Returns
-    -------
-    tuple of Finding
-        The same.
-
-    Raises
-    ------
-    LimitError
-        If there is an error that is not waived.
-
     Examples
     --------
     >>> require_findings(())

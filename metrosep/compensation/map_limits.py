@@ -202,18 +202,6 @@ def _error(problem: str, fix: str, check: str) -> Finding:
 def reference_finding(there: float, reference: str) -> tuple[Finding, ...]:
     """Return a warning where the correction looked up at the reference is not zero.
 
-    Parameters
-    ----------
-    there : float, m
-        Correction between the nodes, as a controller looks it up.
-    reference : str
-        The reference, for the message.
-
-    Returns
-    -------
-    tuple of Finding
-        Empty below a picometre.
-
     Examples
     --------
     >>> reference_finding(2e-9, "X = 5 mm")[0].problem

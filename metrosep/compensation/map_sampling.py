@@ -47,66 +47,23 @@ _SAME = 1e-9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SampledArea:
-    """An error over two axes made ready for a map.
+    """An error over two axes made ready for a map."""
 
-    Parameters
-    ----------
-    x, y : ndarray, shapes (n,) and (m,), m or rad
-        Positions of columns and rows.
-    values : ndarray, shape (m, n), m
-        Error at the nodes, zero at the reference.
-    error : callable
-        The same between the nodes, held constant outside of where it is known.
-    reference : tuple of (float, float), m or rad
-        Place of zero correction.
-    offset : float, m
-        What was subtracted to make it zero.
-    interpolation_error : float, m
-        Largest deviation of the bilinear interpolation between the nodes from the error.
-    source : ErrorMap
-        The error at and between the nodes, offset included.
-    """
-
-    x: FloatArray
+    x: FloatArray  # shapes (n,) and (m,), m or rad: positions of columns and rows
     y: FloatArray
-    values: FloatArray
-    error: AreaFunction
-    reference: tuple[float, float]
-    offset: float
+    values: FloatArray  # shape (m, n), m: error at the nodes, zero at the reference
+    error: AreaFunction  # the same between the nodes, held constant outside of where it is known
+    reference: tuple[float, float]  # of (float, float), m or rad: place of zero correction
+    offset: float  # m: what was subtracted to make it zero
+    # m: largest deviation of the bilinear interpolation between the nodes from the error
     interpolation_error: float
-    source: ErrorMap
+    source: ErrorMap  # the error at and between the nodes, offset included
 
 
 def grid_positions(
     wanted: ArrayLike | str | int | None, error: AreaFunction, which: int, axis: str
 ) -> FloatArray:
-    """Return the positions of a map along one axis.
-
-    Parameters
-    ----------
-    wanted : array_like, str, int or None
-        Positions; spacing as text (``"5 mm"``, ``"10 deg"``); their number; None takes those of the
-        measured grid.
-    error : callable or ErrorMap
-        What the map is made of.
-    which : {0, 1}
-        0 for the first axis (columns), 1 for the second.
-    axis : str
-        Its name.
-
-    Returns
-    -------
-    ndarray, shape (n,), m or rad
-        Inside what was measured.
-
-    Raises
-    ------
-    TableError
-        If positions leave the measured range, or a spacing or number has no range to refer to or
-        does not fit it.
-    UnitError
-        If the spacing has no unit or one of the wrong kind.
-    """
+    """Return the positions of a map along one axis."""
     known = (error.x, error.y)[which] if isinstance(error, ErrorMap) else None
     if wanted is not None and not isinstance(wanted, str) and np.ndim(wanted) > 0:
         positions = rising(wanted, axis)
@@ -137,36 +94,7 @@ def sample_area(
     axes: tuple[str, str],
     reference: tuple[float, float] | None,
 ) -> SampledArea:
-    """Return an error at the nodes of a map with its zero, checked for coverage and gaps.
-
-    Parameters
-    ----------
-    error : Surface, ErrorMap, callable e(x, y) or array_like, m
-        Error e = actual - nominal.
-    x, y : array_like, str, int or None
-        Positions of columns and rows, as for `grid_positions`.
-    axes : tuple of (str, str)
-        Names of the two axes.
-    reference : tuple of (float, float) or None, m or rad
-        Where the error is taken as zero; of each axis 0 if it is in range, else its first position.
-
-    Returns
-    -------
-    SampledArea
-        Ready to be negated or inverted.
-
-    Raises
-    ------
-    TableError
-        If positions leave what was measured, the error is not known somewhere between them, or the
-        reference is outside.
-    DataError
-        If the error is something else, or not calibrated laterally.
-    InvalidSamplesError
-        If an array holds an infinite value.
-    UnitError
-        If a spacing has no unit or one of the wrong kind.
-    """
+    """Return an error at the nodes of a map with its zero, checked for coverage and gaps."""
     first, second = _pair(reference)
     function = area_error(error, x, y)
     given = (x, y)
@@ -205,27 +133,6 @@ def sample_area(
 
 def inverse_along(error: AreaFunction, x: FloatArray, y: FloatArray, along: int) -> FloatArray:
     """Return c with ``c(p) = -e(p + c(p))`` along one axis of a map.
-
-    Parameters
-    ----------
-    error : callable
-        Error e(x, y) in m.
-    x, y : ndarray, shapes (n,) and (m,), m or rad
-        Positions of columns and rows.
-    along : {0, 1}
-        Whether the corrections move the first axis or the second.
-
-    Returns
-    -------
-    ndarray, shape (m, n), m
-        Corrections to add to the command.
-
-    Raises
-    ------
-    TableError
-        If the error is so steep that the axis would turn back, or not finite somewhere.
-    NotConvergedError
-        If the fixed point does not settle.
 
     Examples
     --------

@@ -35,51 +35,28 @@ Against = RunSet | Profile | _Evaluates | Curve
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Row:
-    """One run, or the two directions of one cycle, which share their zero.
+    """One run, or the two directions of one cycle, which share their zero."""
 
-    Parameters
-    ----------
-    name : str
-        For messages.
-    members : tuple of int
-        Which runs of the set it is.
-    curves : dict
-        For +1 and -1, as far as there is one: the error in m over position.
-    places : dict
-        Positions that were measured, rising, m; empty for a function.
-    """
-
-    name: str
-    members: tuple[int, ...]
-    curves: dict[int, Curve]
+    name: str  # for messages
+    members: tuple[int, ...]  # which runs of the set it is
+    curves: dict[int, Curve]  # for +1 and -1, as far as there is one: the error in m over position
+    # positions that were measured, rising, m; empty for a function
     places: dict[int, FloatArray] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Measured:
-    """A measured error, ready to be looked up.
+    """A measured error, ready to be looked up."""
 
-    Parameters
-    ----------
-    rows : tuple of Row
-        All with the same directions.
-    span : tuple of (float, float), m
-        Positions at which all of them are known.
-    kind : {"runs", "stated", "estimate"}
-        Readings; an error that somebody states; or one with a standard uncertainty of its own.
-    knows_lost_motion : bool
-        Whether the offset between the directions was measured.
-    sd : callable or None
-        Standard uncertainty in m over position and direction, of an estimate.
-    unpaired : tuple of str
-        Runs without a partner of the other direction, which are not compared.
-    """
-
-    rows: tuple[Row, ...]
-    span: tuple[float, float]
+    rows: tuple[Row, ...]  # all with the same directions
+    span: tuple[float, float]  # of (float, float), m: positions at which all of them are known
+    # {"runs", "stated", "estimate"}: readings; an error that somebody states; or one with a
+    # standard uncertainty of its own
     kind: Literal["runs", "stated", "estimate"]
-    knows_lost_motion: bool
+    knows_lost_motion: bool  # whether the offset between the directions was measured
+    # standard uncertainty in m over position and direction, of an estimate
     sd: Callable[[FloatArray, int], FloatArray] | None = None
+    # runs without a partner of the other direction, which are not compared
     unpaired: tuple[str, ...] = ()
 
     @property
@@ -91,27 +68,7 @@ class Measured:
 def measured_error(
     against: Against, span: tuple[float, float], *, with_slope: bool = False
 ) -> Measured:
-    """Return a measured error as functions of position.
-
-    Parameters
-    ----------
-    against : RunSet, Profile, ErrorEstimate or callable
-        Error e = actual - nominal in m over position in m.
-    span : tuple of (float, float), m
-        Range of a callable, which does not tell its own.
-    with_slope : bool, optional
-        Whether the slope that an estimate has removed is part of the error (positioning).
-
-    Returns
-    -------
-    Measured
-        Missing samples are bridged inside a run, never extrapolated.
-
-    Raises
-    ------
-    DataError
-        If there is no valid sample, or it is something else.
-    """
+    """Return a measured error as functions of position."""
     if isinstance(against, RunSet):
         return _of_runs(against)
     if isinstance(against, Profile):
@@ -130,18 +87,7 @@ def measured_error(
 
 
 def paired(runs: RunSet) -> tuple[list[tuple[int, ...]], list[int]]:
-    """Return which runs make a row each, and those that are left over.
-
-    Parameters
-    ----------
-    runs : RunSet
-        In one direction or in both.
-
-    Returns
-    -------
-    list of tuple of int, list of int
-        One run, or the k-th forward and the k-th reverse run of one feed; runs without a partner.
-    """
+    """Return which runs make a row each, and those that are left over."""
     if len(runs.directions) == 1:
         return [(i,) for i in range(len(runs))], []
     index = {id(run): i for i, run in enumerate(runs)}
@@ -207,23 +153,7 @@ def _of_estimate(estimate: _Evaluates, *, with_slope: bool) -> Measured:
 
 
 def estimate_slope(estimate: Any) -> float:
-    """Return the slope that an estimate has removed; it is part of the error of an axis along itself.
-
-    Parameters
-    ----------
-    estimate : ErrorEstimate
-        With its ``slope``.
-
-    Returns
-    -------
-    float, rad
-        Least-squares line over the evaluation range.
-
-    Raises
-    ------
-    DataError
-        If the estimate does not tell it.
-    """
+    """Return the slope that an estimate has removed; it is part of the error of an axis along itself."""
     slope: Quantity | None = getattr(estimate, "slope", None)
     if slope is None or not np.isfinite(slope.value):
         raise DataError(

@@ -58,18 +58,7 @@ class LostMotion:
 
 
 def judge_lost_motion(stack: Stack) -> LostMotion:
-    """Return the lost motion before and after a table.
-
-    Parameters
-    ----------
-    stack : Stack
-        With rows of both directions.
-
-    Returns
-    -------
-    LostMotion
-        Means over the runs.
-    """
+    """Return the lost motion before and after a table."""
     ahead, back = stack.way > 0, stack.way < 0
     before, after, wrong = (
         v[:, back].mean(axis=1) - v[:, ahead].mean(axis=1)

@@ -47,33 +47,18 @@ _SAME = 1e-9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SampledError:
-    """An error made ready for a table.
+    """An error made ready for a table."""
 
-    Parameters
-    ----------
-    positions : ndarray, shape (n,), m
-        Of the entries.
-    forward : callable
-        Error in m, zero at the reference, held constant outside of where it is known.
-    reverse : callable or None
-        The same of the other direction; None if there is one for both.
-    reference : float, m
-        Position of zero correction.
-    offset : float, m
-        What was subtracted to make it zero.
-    u : ndarray or None, shape (n,), m
-        Standard uncertainty of the error at the entries, of the less certain direction.
-    interpolation_error : float, m
-        Largest deviation of the linear interpolation between entries.
-    """
-
-    positions: FloatArray
+    positions: FloatArray  # shape (n,), m: of the entries
+    # error in m, zero at the reference, held constant outside of where it is known
     forward: ErrorFunction
-    reverse: ErrorFunction | None
-    reference: float
-    offset: float
+    reverse: ErrorFunction | None  # the same of the other direction; None if there is one for both
+    reference: float  # m: position of zero correction
+    offset: float  # m: what was subtracted to make it zero
+    # shape (n,), m: standard uncertainty of the error at the entries, of the less certain
+    # direction
     u: FloatArray | None
-    interpolation_error: float
+    interpolation_error: float  # m: largest deviation of the linear interpolation between entries
 
 
 def sample_error(
@@ -85,33 +70,7 @@ def sample_error(
     reference: float | None,
     on_axis: bool = False,
 ) -> SampledError:
-    """Return an error as functions of position with its zero, checked for coverage.
-
-    Parameters
-    ----------
-    error, reverse : ErrorEstimate, Profile or callable
-        Error in m; that of the reverse direction where it comes from elsewhere.
-    direction : {"auto", "both", "split", "forward", "reverse"}
-        As for `CompensationTable.from_error`.
-    positions : array_like, str or int
-        Positions in m, spacing or number.
-    reference : float or None, m
-        Position of zero; 0 if it is in range, else the first position.
-    on_axis : bool, optional
-        Whether the axis corrects itself: the line that an estimate has removed is error then.
-
-    Returns
-    -------
-    SampledError
-        Ready to be negated or inverted.
-
-    Raises
-    ------
-    TableError
-        If positions leave the measured range or lie in a gap, or the reference is outside.
-    DataError
-        If `direction` is unknown or asks for what the error does not have.
-    """
+    """Return an error as functions of position with its zero, checked for coverage."""
     forward, backward = _functions(error, reverse, direction, on_axis=on_axis)
     p = _positions(positions, error)
     for source in (error, reverse):
@@ -135,25 +94,7 @@ def sample_error(
 
 
 def column(values: ArrayLike, name: str) -> FloatArray:
-    """Return a read-only copy of a column of a table.
-
-    Parameters
-    ----------
-    values : array_like, shape (n,)
-        Numbers.
-    name : str
-        For messages.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        Finite, not writeable.
-
-    Raises
-    ------
-    TableError
-        If it is not one-dimensional or holds something not finite.
-    """
+    """Return a read-only copy of a column of a table."""
     copied = np.array(values, dtype=np.float64)
     if copied.ndim != 1:
         raise TableError(f"{name} must be one-dimensional, got shape {copied.shape}")
@@ -217,19 +158,7 @@ def _functions(
 
 
 def significant_lost_motion(error: ErrorSource) -> float:
-    """Return the lost motion that goes into a split table.
-
-    Parameters
-    ----------
-    error : ErrorEstimate, Profile or callable
-        What the table is made of.
-
-    Returns
-    -------
-    float, m
-        0 where it is below two standard uncertainties, or where its uncertainty is not known (one
-        run in a direction): the offset of single runs may as well be drift of the sensor.
-    """
+    """Return the lost motion that goes into a split table."""
     lost = error.lost_motion if isinstance(error, ErrorEstimate) else None
     if lost is None or lost.u is None or abs(lost.value) <= 2.0 * lost.u:
         return 0.0

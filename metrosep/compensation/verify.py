@@ -204,34 +204,7 @@ def judged_table(
     folds: Folds | None = None,
     travel: tuple[float | None, float | None] = (None, None),
 ) -> Verification:
-    """Return the dry-run of a table or polynomial: the one way of every command and call.
-
-    Parameters
-    ----------
-    carried : CompensationTable or PolynomialFit
-        What is judged.
-    lookup : callable
-        Returns what the controller does with a table or polynomial.
-    against : RunSet, Profile, estimate or callable
-        Measured error. The ``source`` of the table, the error that it was made of, shows the bytes
-        only.
-    applied : callable, optional
-        What the controller does with the very bytes of `carried`; ``lookup(carried)`` if omitted.
-    unknown, u_slope, travel : optional
-        As for `dry_run`.
-    folds : sequence of (indices of runs, table or polynomial), optional
-        What is made without some of the runs; made again from its history if omitted.
-
-    Returns
-    -------
-    Verification
-        Any grade.
-
-    Raises
-    ------
-    TableError
-        If they do not overlap.
-    """
+    """Return the dry-run of a table or polynomial: the one way of every command and call."""
     more: dict[str, Any] = {"unknown": unknown, "u_slope": u_slope, "travel": travel}
     warning = ""
     if against is not None and against is getattr(carried, "source", None):

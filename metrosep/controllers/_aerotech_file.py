@@ -34,28 +34,16 @@ _KEYS = ("OUTAXIS3", "POSUNIT", "CORUNIT", "OFFSETROW", "OFFSETCOL")
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """A 2-D table as it stands in the file.
+    """A 2-D table as it stands in the file."""
 
-    Parameters
-    ----------
-    row_axis, column_axis, output : int
-        Numbers of the axes along rows and columns and of the corrected one, from 1.
-    row_step, column_step : float, m
-        Sample distances; negative where the encoder counts against its axis.
-    row_offset, column_offset : float, m
-        As the file holds them: minus the first position.
-    values : ndarray, shape (rows, columns), m
-        Entries along the encoder of the corrected axis.
-    """
-
-    row_axis: int
+    row_axis: int  # numbers of the axes along rows and columns and of the corrected one, from 1
     column_axis: int
     output: int
-    row_step: float
+    row_step: float  # m: sample distances; negative where the encoder counts against its axis
     column_step: float
-    row_offset: float
+    row_offset: float  # m: as the file holds them: minus the first position
     column_offset: float
-    values: FloatArray
+    values: FloatArray  # shape (rows, columns), m: entries along the encoder of the corrected axis
 
 
 def _mm(value: float) -> str:

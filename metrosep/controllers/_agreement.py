@@ -16,27 +16,7 @@ _NEAR = 1e-9
 
 
 def named_axes(fields: dict[str, Any], axes: tuple[str, str], path: Path) -> dict[str, Any]:
-    """Return the fields of a table whose file names its axes, and refuse another sidecar.
-
-    Parameters
-    ----------
-    fields : dict
-        Of `metrosep.controllers.base.identity`.
-    axes : tuple of str
-        Looked up and corrected, as the file says.
-    path : Path
-        The file.
-
-    Returns
-    -------
-    dict
-        With the axes of the file.
-
-    Raises
-    ------
-    DataError
-        If its sidecar names others.
-    """
+    """Return the fields of a table whose file names its axes, and refuse another sidecar."""
     if load_sidecar(path).get("table"):
         said = (fields["axis"], fields["compensates"])
         require_agreement(path, "the axes", ("the file", axes), ("its sidecar", said))
@@ -44,25 +24,7 @@ def named_axes(fields: dict[str, Any], axes: tuple[str, str], path: Path) -> dic
 
 
 def own_axis(fields: dict[str, Any], path: Path) -> dict[str, Any]:
-    """Return the axes of a file that shifts the axis it looks up, and refuse a sidecar with two.
-
-    Parameters
-    ----------
-    fields : dict
-        Of `metrosep.controllers.base.identity`.
-    path : Path
-        The file.
-
-    Returns
-    -------
-    dict
-        The same.
-
-    Raises
-    ------
-    CorruptFileError
-        If the sidecar says that another axis is corrected.
-    """
+    """Return the axes of a file that shifts the axis it looks up, and refuse a sidecar with two."""
     if fields["compensates"] != fields["axis"]:
         raise CorruptFileError(
             path,
@@ -80,29 +42,7 @@ def fact(
     in_file: Mapping[str, Any],
     path: Path,
 ) -> Any:
-    """Return an option that the user gave, the file states or its sidecar knows; all must agree.
-
-    Parameters
-    ----------
-    dialect : Dialect
-        Whose options.
-    name : str
-        Option.
-    given, in_file : mapping
-        Known values.
-    path : Path
-        The file.
-
-    Returns
-    -------
-    object
-        In SI.
-
-    Raises
-    ------
-    DataError
-        If nothing tells, or two contradict each other.
-    """
+    """Return an option that the user gave, the file states or its sidecar knows; all must agree."""
     told = {
         "the file": in_file.get(name),
         "its sidecar": sidecar_options(path, dialect.options).get(name),
@@ -121,22 +61,7 @@ def fact(
 
 
 def require_agreement(path: Path, name: str, one: tuple[str, Any], other: tuple[str, Any]) -> None:
-    """Refuse two statements about a fact that contradict each other.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    name : str
-        Fact.
-    one, other : tuple of str and object
-        Who says it, and the value; numbers agree within rounding; None says nothing.
-
-    Raises
-    ------
-    DataError
-        If they differ.
-    """
+    """Refuse two statements about a fact that contradict each other."""
     a, b = one[1], other[1]
     if a is None or b is None or a == b:
         return

@@ -21,34 +21,10 @@ _FARTHEST = 1e6
 
 @dataclass(frozen=True, slots=True)
 class AlongOption(Option):
-    """A length, or an angle of an axis that turns; which one is known only with the table.
-
-    Parameters
-    ----------
-    name, help, kind, default, required, choices, lowest, highest, positive
-        Of `Option`; `kind` is "length or angle".
-    """
+    """A length, or an angle of an axis that turns; which one is known only with the table."""
 
     def checked(self, value: Any, controller: str) -> Any:
-        """Return the value as it is, if it is a number or a text with a unit of either kind.
-
-        Parameters
-        ----------
-        value : object
-            As the user gave it.
-        controller : str
-            For the message.
-
-        Returns
-        -------
-        object
-            For `along_axis`.
-
-        Raises
-        ------
-        DataError
-            If it is neither a length nor an angle.
-        """
+        """Return the value as it is, if it is a number or a text with a unit of either kind."""
         if value is None:
             return None
         what = f"{controller}: {self.name}"
@@ -67,25 +43,6 @@ class AlongOption(Option):
 
 def along_axis(value: Any, axis: str, name: str, *, positive: bool = True) -> float | None:
     """Return an option that is a length along an axis, or an angle where the axis turns.
-
-    Parameters
-    ----------
-    value : float, str or None, m or rad
-        As the user gave it: a number in SI, or a text with its unit.
-    axis, name : str
-        Axis and option.
-    positive : bool, optional
-        Refuse zero and less.
-
-    Returns
-    -------
-    float or None, m or rad
-        None where it is not given.
-
-    Raises
-    ------
-    DataError
-        If it is no such quantity.
 
     Examples
     --------
@@ -114,20 +71,6 @@ def along_axis(value: Any, axis: str, name: str, *, positive: bool = True) -> fl
 def format_span(axis: str, value: float, *, digits: int = 4) -> str:
     """Return a distance along an axis as text with its unit.
 
-    Parameters
-    ----------
-    axis : str
-        A, B and C turn.
-    value : float, m or rad
-        Distance.
-    digits : int, optional
-        That count.
-
-    Returns
-    -------
-    str
-        In mm, or degrees.
-
     Examples
     --------
     >>> format_span("X", 5e-4), format_span("C", 0.03490658503988659)
@@ -140,20 +83,6 @@ def format_span(axis: str, value: float, *, digits: int = 4) -> str:
 
 def format_amount(axis: str, value: float, *, digits: int = 4) -> str:
     """Return a small amount of an axis as text with its unit.
-
-    Parameters
-    ----------
-    axis : str
-        A, B and C turn.
-    value : float, m or rad
-        Amount.
-    digits : int, optional
-        That count.
-
-    Returns
-    -------
-    str
-        In pm, nm, um or mm, or urad.
 
     Examples
     --------

@@ -55,28 +55,14 @@ _POSITION_DECIMALS = 12
 
 @dataclass(frozen=True, slots=True)
 class CecTable:
-    """One table of a file.
+    """One table of a file."""
 
-    Parameters
-    ----------
-    index : int
-        Its index.
-    grid : Grid
-        Entries, in units of the file.
-    input_axis, output_axis : str
-        Machine axes that are looked up and corrected.
-    direction : int
-        0 for both directions of motion, 1 or -1 for one.
-    multiplied_by : int
-        Number (index + 1) of the table it is multiplied by, or 0.
-    """
-
-    index: int
-    grid: Grid
-    input_axis: str
+    index: int  # its index
+    grid: Grid  # entries, in units of the file
+    input_axis: str  # Machine axes that are looked up and corrected
     output_axis: str
-    direction: int
-    multiplied_by: int
+    direction: int  # 0 for both directions of motion, 1 or -1 for one
+    multiplied_by: int  # number (index + 1) of the table it is multiplied by, or 0
 
 
 def table_lines(
@@ -86,26 +72,7 @@ def table_lines(
     axes: tuple[str, str],
     facts: Mapping[str, int],
 ) -> list[str]:
-    """Return the lines of one table.
-
-    Parameters
-    ----------
-    index : int
-        Its index.
-    words : sequence of str
-        Entries as printed.
-    span : sequence of float
-        First and last position, in units of the file.
-    axes : tuple of str
-        Input and output axis.
-    facts : mapping
-        DIRECTION, MULT_BY_TABLE and IS_MODULO.
-
-    Returns
-    -------
-    list of str
-        Without line ends.
-    """
+    """Return the lines of one table."""
     low, high = span
     places = {"STEP": (high - low) / (len(words) - 1), "MIN": low, "MAX": high}
     return [
@@ -120,25 +87,7 @@ def table_lines(
 
 
 def read_tables(assignments: list[Assignment], path: Path) -> dict[int, CecTable]:
-    """Return the tables of a file by index.
-
-    Parameters
-    ----------
-    assignments : list of Assignment
-        Of the file.
-    path : Path
-        For messages.
-
-    Returns
-    -------
-    dict
-        CecTable by index, rising.
-
-    Raises
-    ------
-    CorruptFileError
-        If there is none, or one lacks or contradicts something.
-    """
+    """Return the tables of a file by index."""
     values: dict[int, dict[int, Assignment]] = {}
     facts: dict[int, dict[str, Assignment]] = {}
     for a in assignments:
@@ -198,41 +147,13 @@ def _one(
 
 
 def check_turns(axis: str, key: str, turns: bool) -> None:
-    """Refuse an axis whose name contradicts what is said about it.
-
-    Parameters
-    ----------
-    axis, key : str
-        Axis of the table, name of the option.
-    turns : bool
-        What the option says.
-
-    Raises
-    ------
-    DataError
-        If they contradict each other.
-    """
+    """Refuse an axis whose name contradicts what is said about it."""
     if is_rotary(axis) != turns:
         raise DataError(f"the axis is {axis}, but {key}={turns}: a turning axis is in degrees")
 
 
 def check_count(positions: FloatArray, o: Mapping[str, Any], axis: str) -> None:
-    """Refuse more entries than a table holds.
-
-    Parameters
-    ----------
-    positions : ndarray, m
-        Of the entries.
-    o : mapping
-        Options.
-    axis : str
-        For the message.
-
-    Raises
-    ------
-    LimitError
-        If there are more than `points_limit`.
-    """
+    """Refuse more entries than a table holds."""
     most = o["points_limit"]
     if most is not None and positions.size > most:
         needed = float(positions[-1] - positions[0]) / (most - 1)
@@ -245,22 +166,7 @@ def check_count(positions: FloatArray, o: Mapping[str, Any], axis: str) -> None:
 def check_values(
     values: FloatArray, positions: FloatArray, limit: float | None, axis: str, corrected: str
 ) -> None:
-    """Refuse corrections above the limit of the control.
-
-    Parameters
-    ----------
-    values, positions : ndarray, m or rad
-        Corrections and where they stand.
-    limit : float or None, m or rad
-        Of the control.
-    axis, corrected : str
-        Axis of the positions and corrected axis, for the message.
-
-    Raises
-    ------
-    LimitError
-        If one is above the limit.
-    """
+    """Refuse corrections above the limit of the control."""
     largest = int(np.abs(values).argmax())
     if limit is not None and abs(values[largest]) > limit:
         raise LimitError(
@@ -274,29 +180,7 @@ def check_values(
 def pair(
     tables: Mapping[int, CecTable], path: Path, options: Mapping[str, Any]
 ) -> tuple[CecTable, CecTable | None]:
-    """Return the chosen table, and that of the other direction.
-
-    Parameters
-    ----------
-    tables : mapping of int to CecTable
-        Of the file.
-    path : Path
-        For messages.
-    options : mapping
-        With `table_index`, where the user chose one.
-
-    Returns
-    -------
-    tuple
-        The table, and the other one or None.
-
-    Raises
-    ------
-    UnsupportedFeatureError
-        If tables multiply or add up on the output axis, or none is chosen.
-    DataError
-        If the chosen one is not there.
-    """
+    """Return the chosen table, and that of the other direction."""
     if any(t.multiplied_by for t in tables.values()):
         raise UnsupportedFeatureError(
             f"{path}: tables multiply (MULT_BY_TABLE): read it as 'sinumerik-cec-product'"
@@ -340,27 +224,7 @@ def pair(
 
 
 def factors(tables: Mapping[int, CecTable], path: Path) -> tuple[CecTable, CecTable]:
-    """Return the table that is multiplied, and the one it is multiplied by.
-
-    Parameters
-    ----------
-    tables : mapping of int to CecTable
-        Of the file.
-    path : Path
-        For messages.
-
-    Returns
-    -------
-    tuple of CecTable
-        Both.
-
-    Raises
-    ------
-    UnsupportedFeatureError
-        If there are other tables too, or they repeat or depend on the direction.
-    CorruptFileError
-        If the second one is not there.
-    """
+    """Return the table that is multiplied, and the one it is multiplied by."""
     linked = [t for t in tables.values() if t.multiplied_by]
     if len(linked) != 1 or len(tables) != 2:
         raise UnsupportedFeatureError(
@@ -392,37 +256,7 @@ def opened(
     options: Mapping[str, Any],
     controller: str,
 ) -> tuple[dict[int, CecTable], dict[str, Any], dict[str, str]]:
-    """Return the tables of a file by index, and what is known about them.
-
-    Parameters
-    ----------
-    data : bytes
-        Content.
-    path : Path
-        Its name.
-    known : tuple of Option
-        Of the dialect.
-    options : mapping
-        That the user gave.
-    controller : str
-        For the message.
-
-    Returns
-    -------
-    tables : dict
-        CecTable by index.
-    options : dict
-        Of user, sidecar and comment.
-    noted : dict
-        Facts of the comment.
-
-    Raises
-    ------
-    CorruptFileError
-        If the file is damaged.
-    DataError
-        If the sign is told by nothing, or user and comment contradict.
-    """
+    """Return the tables of a file by index, and what is known about them."""
     assignments, noted = read_assignments(data, path)
     o = agreed(noted, known, {**sidecar_options(path, known), **options}, path)
     if "entry_sign" not in o:
@@ -441,22 +275,6 @@ def axis_names(
 ) -> tuple[str, ...]:
     """Return names for machine axes: of the comment, else by their letters, else usual ones.
 
-    Parameters
-    ----------
-    noted : mapping
-        Facts of the comment.
-    machine : sequence of str
-        Machine axes; equal ones get equal names, others not.
-    turns : sequence of bool
-        Which of them turn.
-    otherwise : sequence of str
-        Names where nothing tells.
-
-    Returns
-    -------
-    tuple of str
-        As many.
-
     Examples
     --------
     >>> axis_names({}, ("AX1", "AX1"), (False, False), ("X", "Z"))
@@ -474,20 +292,7 @@ def axis_names(
 
 
 def require_same_axes(named: Sequence[str], machine: Sequence[str], path: Path) -> None:
-    """Refuse names that say something else about the corrected axis than the machine axes do.
-
-    Parameters
-    ----------
-    named, machine : sequence of str
-        Looked-up axes and, last, the corrected one: by name, and in the file.
-    path : Path
-        For the message.
-
-    Raises
-    ------
-    CorruptFileError
-        If one of them is the corrected axis by name and not in the file, or the other way round.
-    """
+    """Refuse names that say something else about the corrected axis than the machine axes do."""
     if [n == named[-1] for n in named[:-1]] != [m == machine[-1] for m in machine[:-1]]:
         raise CorruptFileError(
             path,

@@ -139,40 +139,19 @@ _HINT = "write the map again; nothing in this file may be changed"
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """What is written into the program.
+    """What is written into the program."""
 
-    Parameters
-    ----------
-    axes : tuple of (str, str, str)
-        The two that are looked up, the one that is corrected.
-    count : Decimal, mm
-        Length of a count.
-    period : Decimal, s
-        Between two look-ups.
-    ratio : Decimal
-        OFFSET_AV_RATIO.
-    x, y : tuple of Decimal, mm
-        Positions of columns and rows.
-    counts : tuple of tuple of int
-        Corrections, rows y.
-    """
-
+    # of (str, str, str): the two that are looked up, the one that is corrected
     axes: tuple[str, str, str]
-    count: Decimal
-    period: Decimal
-    ratio: Decimal
-    x: tuple[Decimal, ...]
+    count: Decimal  # mm: length of a count
+    period: Decimal  # s: between two look-ups
+    ratio: Decimal  # OFFSET_AV_RATIO
+    x: tuple[Decimal, ...]  # mm: positions of columns and rows
     y: tuple[Decimal, ...]
-    counts: tuple[tuple[int, ...], ...]
+    counts: tuple[tuple[int, ...], ...]  # of tuple of int: corrections, rows y
 
     def hal_lines(self) -> list[str]:
-        """Return the lines of a HAL file that run and connect the component.
-
-        Returns
-        -------
-        list of str
-            To be read after motmod is loaded.
-        """
+        """Return the lines of a HAL file that run and connect the component."""
         first, second, third = (a.lower() for a in self.axes)
         return [
             "loadusr -Wn comp-map /usr/bin/python3 <this file>",
@@ -188,23 +167,11 @@ class Grid:
         ]
 
     def ini_lines(self) -> list[str]:
-        """Return the lines of the INI file that let the axis take an offset.
-
-        Returns
-        -------
-        list of str
-            Section and entry.
-        """
+        """Return the lines of the INI file that let the axis take an offset."""
         return [f"[AXIS_{self.axes[2]}]", f"OFFSET_AV_RATIO = {_short(self.ratio)}"]
 
     def text(self) -> str:
-        """Return the program.
-
-        Returns
-        -------
-        str
-            ASCII, LF.
-        """
+        """Return the program."""
         text = _PROGRAM.format(
             first=self.axes[0],
             second=self.axes[1],
@@ -223,20 +190,7 @@ class Grid:
 
 
 def printed(value: float, decimals: int) -> Decimal:
-    """Return a number rounded to a number of decimals.
-
-    Parameters
-    ----------
-    value : float
-        Finite.
-    decimals : int
-        How many.
-
-    Returns
-    -------
-    Decimal
-        What is printed.
-    """
+    """Return a number rounded to a number of decimals."""
     return Decimal(f"{value:.{decimals}f}")
 
 
@@ -252,26 +206,7 @@ def _indented(lines: Iterable[str]) -> str:
 
 
 def grid_of(data: bytes, path: Path) -> Grid:
-    """Return what a program holds; the rest of it must be the program that metrosep writes.
-
-    Parameters
-    ----------
-    data : bytes
-        Content of the file.
-    path : Path
-        Its name, for messages.
-
-    Returns
-    -------
-    Grid
-        Axes, positions, counts.
-
-    Raises
-    ------
-    CorruptFileError
-        If a line is missing, changed or unknown, positions do not rise, rows differ in length, or
-        the numbers are not those of the checksum.
-    """
+    """Return what a program holds; the rest of it must be the program that metrosep writes."""
     try:
         lines = data.decode("ascii").split("\n")
     except UnicodeDecodeError as exc:

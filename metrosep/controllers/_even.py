@@ -41,29 +41,7 @@ _FARTHEST = 1e6
 def even_positions(
     positions: FloatArray, spacing: float | None, name: str, axis: str
 ) -> FloatArray:
-    """Return the positions themselves, or even ones from first to last.
-
-    Parameters
-    ----------
-    positions : ndarray, shape (n,), m or rad
-        Rising.
-    spacing : float or None, m or rad
-        Largest spacing; one that divides the span is taken. None keeps even positions.
-    name, axis : str
-        Of the option and the axis, for messages.
-
-    Returns
-    -------
-    ndarray, m or rad
-        First and last unchanged.
-
-    Raises
-    ------
-    TableError
-        If they are not even and no spacing is given.
-    LimitError
-        If the spacing gives more positions than any controller holds.
-    """
+    """Return the positions themselves, or even ones from first to last."""
     if spacing is None:
         if is_uniform(positions):
             return positions
@@ -91,29 +69,7 @@ def _between(axis: str, steps: FloatArray) -> str:
 def even_table(
     table: CompensationTable, spacing: float | None, name: str = "spacing"
 ) -> tuple[CompensationTable, float]:
-    """Return a table at even positions, and how far that takes it off.
-
-    Parameters
-    ----------
-    table : CompensationTable
-        Corrections.
-    spacing : float or None, m
-        As for `even_positions`.
-    name : str, optional
-        Of the option.
-
-    Returns
-    -------
-    table : CompensationTable
-        The same if it is even already.
-    error : float, m
-        Largest difference, both directions.
-
-    Raises
-    ------
-    TableError, LimitError
-        As for `even_positions`.
-    """
+    """Return a table at even positions, and how far that takes it off."""
     p = even_positions(table.positions, spacing, name, table.axis)
     step = float(p[-1] - p[0]) / (p.size - 1)
     carried = resample_uniform(table, start=float(p[0]), step=step, n=p.size)
@@ -123,29 +79,7 @@ def even_table(
 def even_map(
     table: CompensationMap, spacings: tuple[float | None, float | None], names: tuple[str, str]
 ) -> tuple[CompensationMap, float]:
-    """Return a map at even positions, and how far that takes it off.
-
-    Parameters
-    ----------
-    table : CompensationMap
-        Corrections.
-    spacings : tuple of float or None, m or rad
-        Of the first axis (x) and the second, as for `even_positions`.
-    names : tuple of str
-        Of the options.
-
-    Returns
-    -------
-    map : CompensationMap
-        The same if it is even already.
-    error : float, m
-        Largest difference at the nodes of both, where it is largest.
-
-    Raises
-    ------
-    TableError, LimitError
-        As for `even_positions`.
-    """
+    """Return a map at even positions, and how far that takes it off."""
     x = even_positions(table.x, spacings[0], names[0], table.axes[0])
     y = even_positions(table.y, spacings[1], names[1], table.axes[1])
     if x is table.x and y is table.y:
@@ -158,27 +92,7 @@ def even_map(
 def map_identity(
     path: Path, *, axes: tuple[str, str], compensates: str, first: tuple[float, float]
 ) -> dict[str, Any]:
-    """Return what a map's file cannot hold: axes, reference, what is not in it.
-
-    Parameters
-    ----------
-    path : Path
-        The map.
-    axes, compensates : str
-        Names where there is no sidecar.
-    first : tuple of float, m or rad
-        Its first node, the reference where there is no sidecar.
-
-    Returns
-    -------
-    dict
-        Fields of `CompensationMap`.
-
-    Raises
-    ------
-    CorruptFileError
-        If there is a sidecar that is not one of a map.
-    """
+    """Return what a map's file cannot hold: axes, reference, what is not in it."""
     told = load_sidecar(path).get("table")
     if told is None:
         return {"axes": axes, "compensates": compensates, "reference": first}

@@ -19,18 +19,10 @@ UNSIGNED = r"\d{1,300}(?:\.\d{1,300})?"
 
 @dataclass(frozen=True, slots=True)
 class Printed:
-    """A polynomial as its text has it.
+    """A polynomial as its text has it."""
 
-    Parameters
-    ----------
-    coefficients : ndarray, shape (degree + 1,)
-        Of 1, x, x^2 ... in the units of the text.
-    low, high : float
-        Where the position is held, in the unit of x.
-    """
-
-    coefficients: FloatArray
-    low: float
+    coefficients: FloatArray  # shape (degree + 1,): of 1, x, x^2 ... in the units of the text
+    low: float  # where the position is held, in the unit of x
     high: float
 
     @property
@@ -43,18 +35,7 @@ class Printed:
         return float(terms.max())
 
     def at(self, x: FloatArray) -> FloatArray:
-        """Return the value at positions, as the text computes it.
-
-        Parameters
-        ----------
-        x : ndarray
-            In the unit of x.
-
-        Returns
-        -------
-        ndarray
-            In the unit of y; that of the nearest end outside.
-        """
+        """Return the value at positions, as the text computes it."""
         held = np.clip(x, self.low, self.high)
         y = np.full(held.shape, self.coefficients[-1])
         for c in self.coefficients[-2::-1]:
@@ -64,18 +45,6 @@ class Printed:
 
 def horner(numbers: Sequence[str], x: str) -> str:
     """Return a polynomial in Horner form without a minus in front of a coefficient.
-
-    Parameters
-    ----------
-    numbers : sequence of str
-        Coefficients of 1, x, x^2 ... as decimals.
-    x : str
-        Name of the position.
-
-    Returns
-    -------
-    str
-        The expression; only the first coefficient may be negative.
 
     Examples
     --------
@@ -92,18 +61,6 @@ def horner(numbers: Sequence[str], x: str) -> str:
 
 def parsed_horner(text: str, x: str) -> FloatArray | None:
     """Return the coefficients of a Horner form, None if it is none.
-
-    Parameters
-    ----------
-    text : str
-        Without blanks.
-    x : str
-        Name of the position.
-
-    Returns
-    -------
-    ndarray or None
-        Of 1, x, x^2 ...
 
     Examples
     --------

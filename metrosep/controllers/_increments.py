@@ -59,60 +59,21 @@ class Resampling(Dialect):
     """A dialect that resamples by itself: its points are counted in the file, not in the table."""
 
     def limits(self, **machine: Any) -> Limits:
-        """Return the limits of the machine; the entries are counted by `encode`.
-
-        Parameters
-        ----------
-        **machine
-            Fields of `metrosep.compensation.limits.Limits`.
-
-        Returns
-        -------
-        Limits
-            Without a number of points unless it is given.
-
-        Raises
-        ------
-        DataError
-            If a keyword is unknown.
-        """
+        """Return the limits of the machine; the entries are counted by `encode`."""
         return super().limits(**{"max_points": None, **machine})
 
 
 @dataclass(frozen=True, slots=True)
 class Carried:
-    """A table or map at the positions of a file.
+    """A table or map at the positions of a file."""
 
-    Parameters
-    ----------
-    table : CompensationTable or CompensationMap
-        At these positions, not rounded.
-    error : float, m
-        Largest deviation from the table it was made of, in both directions.
-    is_new : bool
-        Whether its positions are others.
-    """
-
-    table: Any
-    error: float
-    is_new: bool
+    table: Any  # or CompensationMap: at these positions, not rounded
+    error: float  # m: largest deviation from the table it was made of, in both directions
+    is_new: bool  # whether its positions are others
 
 
 def carry(table: CompensationTable, positions: FloatArray) -> Carried:
-    """Return a table at other positions.
-
-    Parameters
-    ----------
-    table : CompensationTable
-        Corrections.
-    positions : ndarray, shape (n,), m
-        Positions in the file.
-
-    Returns
-    -------
-    Carried
-        Linear between its entries; the deviation is taken at all positions of both.
-    """
+    """Return a table at other positions."""
     margin = _UNIFORM * float(np.diff(positions).min())
     same = positions.size == table.positions.size
     if same and float(np.abs(positions - table.positions).max()) <= margin:
@@ -141,35 +102,7 @@ def uniform_positions(
     max_points: int,
     title: str,
 ) -> FloatArray:
-    """Return positions of equal spacing that cover a table.
-
-    Parameters
-    ----------
-    table : CompensationTable
-        Corrections.
-    through : float or None, m
-        Position that belongs to them, such as the reference; None: the first of the table.
-    interval : float or None, m
-        Spacing; None: that of the table, or, where it has no equal one, its smallest.
-    quantum : float, m
-        The spacing is a multiple of it; 0 for any.
-    max_points : int
-        Most positions.
-    title : str
-        Of the controller, for messages.
-
-    Returns
-    -------
-    ndarray, shape (n,), m
-        Rising; the last may lie beyond the table.
-
-    Raises
-    ------
-    TableError
-        If the spacing is not a multiple of the quantum.
-    LimitError
-        If there are more than `max_points`, or the spacing exceeds the span.
-    """
+    """Return positions of equal spacing that cover a table."""
     low, high = table.span
     span = high - low
     anchor = low if through is None else through
@@ -199,20 +132,7 @@ def uniform_positions(
 
 
 def require_interval(interval: float, span: float, title: str) -> None:
-    """Refuse a spacing that is larger than the table.
-
-    Parameters
-    ----------
-    interval, span : float, m
-        Spacing of the file, range of the table.
-    title : str
-        Of the controller.
-
-    Raises
-    ------
-    LimitError
-        If it is: the units are wrong.
-    """
+    """Refuse a spacing that is larger than the table."""
     if interval > span * (1.0 + 1e-9):
         raise LimitError(
             f"{title}: interval={format_length(interval, digits=9)} is larger than the table, which "
@@ -223,22 +143,7 @@ def require_interval(interval: float, span: float, title: str) -> None:
 def require_sizes(
     table: CompensationTable, title: str, *, farthest: float, largest: float
 ) -> None:
-    """Refuse positions and corrections that no number of the format holds.
-
-    Parameters
-    ----------
-    table : CompensationTable
-        Corrections.
-    title : str
-        Of the controller.
-    farthest, largest : float, m
-        Largest position and correction, absolute.
-
-    Raises
-    ------
-    LimitError
-        If one is larger, with its place.
-    """
+    """Refuse positions and corrections that no number of the format holds."""
     p = table.positions
     columns = [table.forward] if table.reverse is None else [table.forward, table.reverse]
     for what, values, most in (
@@ -259,22 +164,7 @@ def _is_grid(positions: FloatArray, spacing: float, anchor: float) -> bool:
 
 
 def require_one_direction(table: CompensationTable, title: str, way: str) -> None:
-    """Refuse a table of two directions.
-
-    Parameters
-    ----------
-    table : CompensationTable
-        Corrections.
-    title : str
-        Of the controller.
-    way : str
-        Where lost motion belongs there.
-
-    Raises
-    ------
-    TableError
-        If it has a reverse column.
-    """
+    """Refuse a table of two directions."""
     if table.reverse is not None:
         raise TableError(
             f"{title} holds one value for both directions and this table has two; make it with "
@@ -283,22 +173,7 @@ def require_one_direction(table: CompensationTable, title: str, way: str) -> Non
 
 
 def require_on_axis(table: CompensationTable, title: str, instead: str) -> None:
-    """Refuse a table that corrects another axis than it looks up.
-
-    Parameters
-    ----------
-    table : CompensationTable
-        Corrections.
-    title : str
-        Of the controller.
-    instead : str
-        Controllers for such a table.
-
-    Raises
-    ------
-    TableError
-        If it does: the controller would shift the axis that is looked up.
-    """
+    """Refuse a table that corrects another axis than it looks up."""
     if not table.is_on_axis:
         raise TableError(
             f"{title} shifts the axis whose position it looks up; this table is {table.axis} -> "
@@ -308,24 +183,7 @@ def require_on_axis(table: CompensationTable, title: str, instead: str) -> None:
 
 
 def require_capacity(dialect: Dialect, n: int, given: Mapping[str, Any], path: Path) -> None:
-    """Refuse a file of more points than the control takes.
-
-    Parameters
-    ----------
-    dialect : Dialect
-        With an option "capacity".
-    n : int
-        Points in the file.
-    given : mapping
-        Options that the user gave; else the sidecar or the default counts.
-    path : Path
-        The file.
-
-    Raises
-    ------
-    LimitError
-        If there are more.
-    """
+    """Refuse a file of more points than the control takes."""
     option = next(o for o in dialect.options if o.name == "capacity")
     stored = sidecar_options(path, (option,))
     capacity = given.get("capacity") or stored.get("capacity") or option.default
@@ -337,20 +195,7 @@ def require_capacity(dialect: Dialect, n: int, given: Mapping[str, Any], path: P
 
 
 def require_linear(axes: Iterable[str], title: str) -> None:
-    """Refuse axes that turn.
-
-    Parameters
-    ----------
-    axes : iterable of str
-        Looked up and corrected.
-    title : str
-        Of the controller.
-
-    Raises
-    ------
-    TableError
-        If one is a rotary axis: its positions are angles, the file is in lengths.
-    """
+    """Refuse axes that turn."""
     for axis in axes:
         if is_rotary(axis):
             raise TableError(
@@ -360,22 +205,7 @@ def require_linear(axes: Iterable[str], title: str) -> None:
 
 
 def require_zero(table: CompensationTable, reference: float, title: str) -> None:
-    """Refuse a table that is not zero where the controller takes it to be.
-
-    Parameters
-    ----------
-    table : CompensationTable
-        Corrections.
-    reference : float, m
-        Reference position.
-    title : str
-        Of the controller.
-
-    Raises
-    ------
-    TableError
-        If the correction there is not zero within a picometre.
-    """
+    """Refuse a table that is not zero where the controller takes it to be."""
     there = float(table.correction(reference, 1)[0])
     if abs(there) > _SAME:
         raise TableError(
@@ -387,37 +217,13 @@ def require_zero(table: CompensationTable, reference: float, title: str) -> None
 
 
 def fixed(value: float, decimals: int) -> str:
-    """Return a decimal without exponent, and without the sign of a zero.
-
-    Parameters
-    ----------
-    value : float
-        Number.
-    decimals : int
-        Behind the point.
-
-    Returns
-    -------
-    str
-        Such as ``-0.0010``.
-    """
+    """Return a decimal without exponent, and without the sign of a zero."""
     text = f"{value:.{decimals}f}"
     return text[1:] if text.startswith("-") and not text.strip("-0.") else text
 
 
 def mm_text(value: float | Decimal) -> str:
-    """Return a length in mm, exact, without exponent.
-
-    Parameters
-    ----------
-    value : float or Decimal, m
-        Length.
-
-    Returns
-    -------
-    str
-        The shortest decimal that reads back as the same number.
-    """
+    """Return a length in mm, exact, without exponent."""
     number = value if isinstance(value, Decimal) else Decimal(repr(float(value)))
     text = format(number.scaleb(3), "f")
     text = text.rstrip("0").rstrip(".") if "." in text else text
@@ -425,43 +231,12 @@ def mm_text(value: float | Decimal) -> str:
 
 
 def mm_value(text: str) -> float:
-    """Return a length that is printed in mm.
-
-    Parameters
-    ----------
-    text : str
-        Decimal number.
-
-    Returns
-    -------
-    float, m
-        Inverse of `mm_text`.
-    """
+    """Return a length that is printed in mm."""
     return float(Decimal(text).scaleb(-3))
 
 
 def ascii_lines(data: bytes, path: Path, what: str) -> list[str]:
-    """Return the lines of a text, and refuse one that was cut.
-
-    Parameters
-    ----------
-    data : bytes
-        Content.
-    path : Path
-        Name of the file.
-    what : str
-        What it should be.
-
-    Returns
-    -------
-    list of str
-        Without their ends, CRLF or LF.
-
-    Raises
-    ------
-    CorruptFileError
-        If it is not ASCII text, or its last line has no end.
-    """
+    """Return the lines of a text, and refuse one that was cut."""
     try:
         text = data.decode("ascii")
     except UnicodeDecodeError as exc:

@@ -77,30 +77,7 @@ NUMBER_TYPE = Option(
 
 
 def placed(table: CompensationTable, options: Mapping[str, Any], title: str) -> Carried:
-    """Return a table at positions that a list can hold.
-
-    Parameters
-    ----------
-    table : CompensationTable
-        Corrections.
-    options : mapping
-        Capacity, interval and type of numbers.
-    title : str
-        For messages.
-
-    Returns
-    -------
-    Carried
-        At the positions of the table, at equal spacing, or, with too many entries, at knots placed
-        by the error (two columns: at equal spacing); always on multiples of what a number holds.
-
-    Raises
-    ------
-    TableError
-        If positions fall together when rounded.
-    LimitError
-        If the interval gives more entries than the capacity.
-    """
+    """Return a table at positions that a list can hold."""
     capacity = options["capacity"]
     values = None
     if options["interval"] is not None:
@@ -131,25 +108,7 @@ def placed(table: CompensationTable, options: Mapping[str, Any], title: str) -> 
 
 
 def to_units(values: FloatArray, kind: str) -> list[str]:
-    """Return lengths as numbers of a list.
-
-    Parameters
-    ----------
-    values : ndarray, m
-        Positions or entries.
-    kind : {"integer", "real"}
-        Of the numbers.
-
-    Returns
-    -------
-    list of str
-        Multiples of 0.1 um.
-
-    Raises
-    ------
-    LimitError
-        If one leaves 32 bits.
-    """
+    """Return lengths as numbers of a list."""
     counts = np.asarray(values) / UNIT
     if float(np.abs(counts).max()) > SGN32:
         worst = float(np.asarray(values)[int(np.abs(counts).argmax())])
@@ -165,20 +124,7 @@ def _printed(count: float, kind: str) -> str:
 
 
 def spacing(positions: list[str], kind: str) -> str:
-    """Return the interval of equally spaced positions, "0" if they are not.
-
-    Parameters
-    ----------
-    positions : list of str
-        In 0.1 um.
-    kind : {"integer", "real"}
-        Of the numbers.
-
-    Returns
-    -------
-    str
-        In 0.1 um.
-    """
+    """Return the interval of equally spaced positions, "0" if they are not."""
     p = np.array([float(v) for v in positions])
     step = _printed(float(p[-1] - p[0]) / (p.size - 1), kind)
     off = np.abs(p - (p[0] + float(step) * np.arange(p.size))).max()
@@ -186,25 +132,7 @@ def spacing(positions: list[str], kind: str) -> str:
 
 
 def head_lines(name: str, options: Mapping[str, Any]) -> list[str]:
-    """Return comment and head of a list.
-
-    Parameters
-    ----------
-    name : str
-        Of the corrected axis.
-    options : mapping
-        Its number and the sign of entries.
-
-    Returns
-    -------
-    list of str
-        Lines.
-
-    Raises
-    ------
-    TableError
-        If the name has characters that a list has not.
-    """
+    """Return comment and head of a list."""
     if not NAME.fullmatch(name):
         raise TableError(f"axis {name!r} is no name for a list: letters, digits, underscores")
     sign = "+" if options["entry_sign"] > 0 else "-"
@@ -218,26 +146,7 @@ def head_lines(name: str, options: Mapping[str, Any]) -> list[str]:
 def encoded(
     carried: Any, wanted: list[FloatArray], columns: list[list[str]], lines: list[str], kind: str
 ) -> Encoded:
-    """Return the bytes with what rounding costs.
-
-    Parameters
-    ----------
-    carried : Carried
-        Table or map at the positions of the list.
-    wanted : list of ndarray, m
-        Entries before rounding.
-    columns : list of list of str
-        The same as printed.
-    lines : list of str
-        Of the list.
-    kind : {"integer", "real"}
-        Of the numbers.
-
-    Returns
-    -------
-    Encoded
-        ASCII, LF.
-    """
+    """Return the bytes with what rounding costs."""
     off = max(
         float(np.abs(np.array([float(v) for v in c]) * UNIT - w).max())
         for c, w in zip(columns, wanted, strict=True)

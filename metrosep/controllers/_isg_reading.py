@@ -40,30 +40,7 @@ _SIGN = re.compile(r"# metrosep: entry = ([+-])e in 0\.1 um, sign not documented
 def read_list(
     data: bytes, path: Path, options: Mapping[str, Any]
 ) -> tuple[Entries, dict[str, Any]]:
-    """Return the entries of a list, and what its comment tells.
-
-    Parameters
-    ----------
-    data : bytes
-        Content.
-    path : Path
-        Name of the file.
-    options : mapping
-        Type of numbers, if it is known.
-
-    Returns
-    -------
-    entries : dict
-        Word and line by key; consumed by `column` and the others.
-    comment : dict
-        Sign of entries.
-
-    Raises
-    ------
-    CorruptFileError
-        If a line is no entry, a key stands twice, a comment is not closed, or two comments
-        contradict each other.
-    """
+    """Return the entries of a list, and what its comment tells."""
     text, comments = _without_comments(
         "\n".join(ascii_lines(data, path, "compensation value list")), path
     )
@@ -151,29 +128,7 @@ def _taken(entries: Entries, key: str, pattern: re.Pattern[str], path: Path) -> 
 
 
 def header(entries: Entries, options: Mapping[str, Any], path: Path) -> tuple[int, str]:
-    """Return number and name of the corrected axis.
-
-    Parameters
-    ----------
-    entries : dict
-        Of the list.
-    options : mapping
-        Number of the axis, if it is known.
-    path : Path
-        The file.
-
-    Returns
-    -------
-    number : int
-        Logical.
-    name : str
-        Name.
-
-    Raises
-    ------
-    CorruptFileError
-        If it is missing or the list is that of another axis.
-    """
+    """Return number and name of the corrected axis."""
     number = int(_taken(entries, "kopf.achs_nr", _WHOLE, path))
     if options.get("axis_number") not in (None, number):
         raise CorruptFileError(
@@ -187,24 +142,7 @@ def header(entries: Entries, options: Mapping[str, Any], path: Path) -> tuple[in
 
 
 def require_value(entries: Entries, key: str, allowed: set[str], path: Path) -> None:
-    """Refuse an entry that is not one of some words.
-
-    Parameters
-    ----------
-    entries : dict
-        Of the list.
-    key : str
-        Name.
-    allowed : set of str
-        Words.
-    path : Path
-        The file.
-
-    Raises
-    ------
-    CorruptFileError
-        If it is another.
-    """
+    """Refuse an entry that is not one of some words."""
     word = _taken(entries, key, _WHOLE, path)
     if word not in allowed:
         raise CorruptFileError(
@@ -219,53 +157,14 @@ def require_value(entries: Entries, key: str, allowed: set[str], path: Path) -> 
 def capacity_of(
     entries: Entries, structure: str, usual: int, given: Mapping[str, Any], path: Path
 ) -> int:
-    """Return how many numbers a kernel has reserved for a list.
-
-    Parameters
-    ----------
-    entries : dict
-        Of the list; ``max_points`` is consumed.
-    structure : str
-        Such as ``kw.ssfk``.
-    usual : int
-        What is reserved where nobody says it.
-    given : mapping
-        Options: capacity, if it is known.
-    path : Path
-        The file.
-
-    Returns
-    -------
-    int
-        Of ``max_points`` in the list, else the capacity that was said, else the usual one.
-
-    Raises
-    ------
-    CorruptFileError
-        If ``max_points`` is no such number.
-    """
+    """Return how many numbers a kernel has reserved for a list."""
     key = f"{structure}.max_points"
     reserved = whole(entries, key, path) if key in entries else 0
     return reserved or given.get("capacity") or usual
 
 
 def require_room(n: int, room: int, what: str, path: Path) -> None:
-    """Refuse a list of more points than the kernel takes.
-
-    Parameters
-    ----------
-    n, room : int
-        Points of the list; most of them.
-    what : str
-        Where that number comes from.
-    path : Path
-        The file.
-
-    Raises
-    ------
-    LimitError
-        If there are more: the kernel would switch the list off.
-    """
+    """Refuse a list of more points than the kernel takes."""
     if n > room:
         raise LimitError(
             f"{path}: {n} points, the kernel takes {room}, {what}; if yours has room for more, say "
@@ -274,52 +173,12 @@ def require_room(n: int, room: int, what: str, path: Path) -> None:
 
 
 def whole(entries: Entries, key: str, path: Path) -> int:
-    """Return a count.
-
-    Parameters
-    ----------
-    entries : dict
-        Of the list.
-    key : str
-        Name.
-    path : Path
-        The file.
-
-    Returns
-    -------
-    int
-        Zero or more.
-
-    Raises
-    ------
-    CorruptFileError
-        If it is missing or no such number.
-    """
+    """Return a count."""
     return int(_taken(entries, key, _WHOLE, path))
 
 
 def real(entries: Entries, key: str, path: Path) -> float:
-    """Return a number.
-
-    Parameters
-    ----------
-    entries : dict
-        Of the list.
-    key : str
-        Name.
-    path : Path
-        The file.
-
-    Returns
-    -------
-    float
-        In 0.1 um.
-
-    Raises
-    ------
-    CorruptFileError
-        If it is missing, no number, or beyond 32 bits.
-    """
+    """Return a number."""
     value = float(_taken(entries, key, _NUMBER, path))
     if abs(value) > SGN32:
         raise CorruptFileError(path, f"{key} leaves 32 bits", found=value, hint="mend it")
@@ -327,31 +186,7 @@ def real(entries: Entries, key: str, path: Path) -> float:
 
 
 def column(entries: Entries, table: str, field: str, n: int, path: Path) -> FloatArray:
-    """Return one field of all points.
-
-    Parameters
-    ----------
-    entries : dict
-        Of the list.
-    table : str
-        Such as ``kw.ssfk.table``.
-    field : str
-        Such as ``pos``.
-    n : int
-        Number of points.
-    path : Path
-        The file.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        In 0.1 um.
-
-    Raises
-    ------
-    CorruptFileError
-        If one is missing, no number, or there are fewer than two.
-    """
+    """Return one field of all points."""
     if n < 2 or n > len(entries):
         raise CorruptFileError(
             path, f"{n} points are announced, the list does not hold them", hint="write it again"
@@ -360,20 +195,7 @@ def column(entries: Entries, table: str, field: str, n: int, path: Path) -> Floa
 
 
 def no_more(entries: Entries, path: Path) -> None:
-    """Refuse entries that nobody asked for.
-
-    Parameters
-    ----------
-    entries : dict
-        What is left.
-    path : Path
-        The file.
-
-    Raises
-    ------
-    CorruptFileError
-        If something is left.
-    """
+    """Refuse entries that nobody asked for."""
     for key, (_, line) in entries.items():
         raise CorruptFileError(
             path,
@@ -383,20 +205,7 @@ def no_more(entries: Entries, path: Path) -> None:
 
 
 def require_rising(positions: FloatArray, path: Path) -> None:
-    """Refuse positions that do not rise.
-
-    Parameters
-    ----------
-    positions : ndarray, shape (n,)
-        In 0.1 um.
-    path : Path
-        The file.
-
-    Raises
-    ------
-    CorruptFileError
-        If one does not.
-    """
+    """Refuse positions that do not rise."""
     falling = np.flatnonzero(np.diff(positions) <= 0)
     if falling.size:
         raise CorruptFileError(

@@ -48,22 +48,13 @@ Curve = tuple[tuple[Decimal, Decimal], ...]
 
 @dataclass(frozen=True, slots=True)
 class Chain:
-    """What the file says.
+    """What the file says."""
 
-    Parameters
-    ----------
-    curves : tuple of tuple of (Decimal, Decimal), mm
-        Points of each lincurve; degrees of an axis that turns.
-    source, target : int
-        Joints that are looked up and corrected.
-    thread : str
-        Servo thread.
-    """
-
+    # of tuple of (Decimal, Decimal), mm: points of each lincurve; degrees of an axis that turns
     curves: tuple[Curve, ...]
-    source: int
+    source: int  # joints that are looked up and corrected
     target: int
-    thread: str
+    thread: str  # servo thread
 
     def knots(self) -> list[tuple[Decimal, Decimal]]:
         """Return the points of the sum of the curves, mm."""
@@ -75,18 +66,7 @@ class Chain:
 
 
 def cut(x: Sequence[int], y: Sequence[int]) -> tuple[Curve, ...]:
-    """Return the curves: the first as it is, every other one from the zero at its first point.
-
-    Parameters
-    ----------
-    x, y : sequence of int
-        Points in units of 1e-10 mm.
-
-    Returns
-    -------
-    tuple of tuple of (Decimal, Decimal), mm
-        At most 16 points each; neighbours share an end.
-    """
+    """Return the curves: the first as it is, every other one from the zero at its first point."""
     step = POINTS_PER_CURVE - 1
     curves = []
     for start in range(0, len(x) - 1, step):
@@ -98,19 +78,7 @@ def cut(x: Sequence[int], y: Sequence[int]) -> tuple[Curve, ...]:
 
 
 def hal_lines(chain: Chain) -> list[str]:
-    """Return the file without its comments: values, order in the thread, wiring.
-
-    Parameters
-    ----------
-    chain : Chain
-        What it shall say.
-
-    Returns
-    -------
-    list of str
-        HAL commands. The feedback is corrected before the motion controller runs, with the value of
-        the period that moved the drive; the curves run after it.
-    """
+    """Return the file without its comments: values, order in the thread, wiring."""
     n = len(chain.curves)
     curves = [f"comp-{i}" for i in range(n)]
     sums = [f"comp-sum-{i}" for i in range(1, n)]
@@ -148,25 +116,7 @@ def _printed(value: Decimal) -> str:
 
 
 def parsed(data: bytes, path: Path) -> Chain:
-    """Return what the file says; the wiring must be, word for word, that of `hal_lines`.
-
-    Parameters
-    ----------
-    data : bytes
-        Content of the file.
-    path : Path
-        Its name, for messages.
-
-    Returns
-    -------
-    Chain
-        Checked.
-
-    Raises
-    ------
-    CorruptFileError
-        If a line is missing, double, changed or unknown, or the curves do not chain.
-    """
+    """Return what the file says; the wiring must be, word for word, that of `hal_lines`."""
     rows = _rows(data, path)
     chain = Chain(
         _curves(rows, path),

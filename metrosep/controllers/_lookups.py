@@ -19,27 +19,7 @@ Simulator = Callable[..., FloatArray]
 def looked_up(
     places: tuple[ArrayLike, ...], direction: ArrayLike
 ) -> tuple[tuple[FloatArray, ...], NDArray[Any]]:
-    """Return places and directions, broadcast.
-
-    Parameters
-    ----------
-    places : tuple of array_like, m
-        Positions along one axis, or along two.
-    direction : array_like
-        1 or -1.
-
-    Returns
-    -------
-    tuple of ndarray, m
-        The places.
-    ndarray
-        The directions, of the same shape.
-
-    Raises
-    ------
-    DataError
-        If a direction is neither 1 nor -1.
-    """
+    """Return places and directions, broadcast."""
     arrays = np.broadcast_arrays(
         *(np.asarray(p, dtype=np.float64) for p in places), np.asarray(direction)
     )
@@ -49,21 +29,7 @@ def looked_up(
 
 
 def one_way(function: Any, n_places: int = 1) -> Simulator:
-    """Return a lookup that is the same in both directions of motion.
-
-    Parameters
-    ----------
-    function : callable
-        Of one or two arrays in m.
-    n_places : int, optional
-        How many it takes.
-
-    Returns
-    -------
-    callable
-        ``(position, direction=1)`` or ``(x, y, direction=1)``; arguments are broadcast. It raises
-        DataError if the direction is neither 1 nor -1.
-    """
+    """Return a lookup that is the same in both directions of motion."""
 
     def along(position: ArrayLike, direction: ArrayLike = 1) -> FloatArray:
         return np.asarray(function(*looked_up((position,), direction)[0]))

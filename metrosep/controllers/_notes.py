@@ -25,18 +25,6 @@ _CHECK = "check"
 def note(facts: Mapping[str, object], body: Iterable[str]) -> str:
     """Return the comment, without the characters that start one.
 
-    Parameters
-    ----------
-    facts : mapping
-        Words without blanks, by name.
-    body : iterable of str
-        Lines of the file that are not comments.
-
-    Returns
-    -------
-    str
-        One line.
-
     Examples
     --------
     >>> note({"entry_sign": 1}, ["0 1"]).split(" check=")[0]
@@ -47,43 +35,12 @@ def note(facts: Mapping[str, object], body: Iterable[str]) -> str:
 
 
 def is_note(comment: str) -> bool:
-    """Return whether a comment is one of metrosep with facts.
-
-    Parameters
-    ----------
-    comment : str
-        Without the characters that start it.
-
-    Returns
-    -------
-    bool
-        Whether it is.
-    """
+    """Return whether a comment is one of metrosep with facts."""
     return comment.strip().startswith(_MARK)
 
 
 def read_notes(comments: Iterable[str], body: Sequence[str], path: Path) -> dict[str, str]:
-    """Return the facts of a file, after a check of its lines.
-
-    Parameters
-    ----------
-    comments : iterable of str
-        All of them; others than metrosep's are passed over.
-    body : sequence of str
-        Lines that are not comments.
-    path : Path
-        For messages.
-
-    Returns
-    -------
-    dict
-        By name; empty if the file has no such comment.
-
-    Raises
-    ------
-    CorruptFileError
-        If two comments contradict each other, or the lines are not those that were written.
-    """
+    """Return the facts of a file, after a check of its lines."""
     told: dict[str, str] = {}
     for comment in filter(is_note, comments):
         words = comment.strip().removeprefix(_MARK).split()
@@ -119,31 +76,7 @@ def agreed(
     given: Mapping[str, Any],
     path: Path,
 ) -> dict[str, Any]:
-    """Return what a file and the user say about options, and refuse if they contradict.
-
-    Parameters
-    ----------
-    noted : mapping
-        Of `read_notes`.
-    known : iterable of Option
-        Of the dialect.
-    given : mapping
-        What user and sidecar say.
-    path : Path
-        For messages.
-
-    Returns
-    -------
-    dict
-        By name.
-
-    Raises
-    ------
-    CorruptFileError
-        If the file says what the option cannot be.
-    DataError
-        If they contradict.
-    """
+    """Return what a file and the user say about options, and refuse if they contradict."""
     found = dict(given)
     for option in known:
         if option.name not in noted:

@@ -18,18 +18,7 @@ __all__ = ["paired_stream", "refuse_existing", "write_pair"]
 
 
 def refuse_existing(target: Path) -> None:
-    """Refuse if a file or its sidecar is there already.
-
-    Parameters
-    ----------
-    target : Path
-        The file.
-
-    Raises
-    ------
-    WriteError
-        If one exists, or the folder cannot be looked into.
-    """
+    """Refuse if a file or its sidecar is there already."""
     for path in (target, sidecar_path(target)):
         if _exists(path):
             raise WriteError(
@@ -87,23 +76,6 @@ def paired_stream(end: Path, text: Callable[[Path], str]) -> Iterator[BinaryIO]:
 
     A pair that is replaced stays under another name (`keep_old`).
 
-    Parameters
-    ----------
-    end : Path
-        The target.
-    text : callable
-        Called with the complete temporary file; returns what the sidecar says.
-
-    Yields
-    ------
-    BinaryIO
-        To be written.
-
-    Raises
-    ------
-    WriteError
-        If something cannot be written.
-
     Notes
     -----
     The sidecar is written first and put back if the file does not get its name. Between the two only
@@ -137,19 +109,6 @@ def paired_stream(end: Path, text: Callable[[Path], str]) -> Iterator[BinaryIO]:
 
 
 def write_pair(target: Path, data: bytes, sidecar: bytes) -> None:
-    """Write a file and its sidecar; both appear, or what was there before stays.
-
-    Parameters
-    ----------
-    target : Path
-        The file.
-    data, sidecar : bytes
-        Their content.
-
-    Raises
-    ------
-    WriteError
-        If one cannot be written.
-    """
+    """Write a file and its sidecar; both appear, or what was there before stays."""
     with paired_stream(target, lambda _written: sidecar.decode("utf-8")) as out:
         out.write(data)

@@ -48,18 +48,6 @@ _FEMTOMETRE = 1e-15
 def decimal(value: float, digits: int = 17) -> str:
     """Return a number as a decimal without exponent, with the fewest digits up to `digits`.
 
-    Parameters
-    ----------
-    value : float
-        Finite.
-    digits : int, optional
-        Significant digits, 1 to 17; with 17 the text reads back as the very number.
-
-    Returns
-    -------
-    str
-        Such as ``"0.00000012"``; never ``"-0"``.
-
     Examples
     --------
     >>> decimal(1.2e-7), decimal(-0.0), decimal(4e6)
@@ -71,18 +59,6 @@ def decimal(value: float, digits: int = 17) -> str:
 
 def scaled(value: float, places: int) -> str:
     """Return a number times ten to a power as an exact decimal without exponent.
-
-    Parameters
-    ----------
-    value : float
-        Finite, such as a length in m.
-    places : int
-        Power of ten, such as 9 for nm.
-
-    Returns
-    -------
-    str
-        The decimal.
 
     Examples
     --------
@@ -100,25 +76,7 @@ def _plain(number: Decimal) -> str:
 
 
 def printable(text: str, what: str) -> str:
-    """Return a text that may stand in a comment, and refuse others.
-
-    Parameters
-    ----------
-    text : str
-        Such as the name of an axis.
-    what : str
-        For the message.
-
-    Returns
-    -------
-    str
-        It, unchanged.
-
-    Raises
-    ------
-    TableError
-        If it holds other than printable ASCII, or what would end a comment.
-    """
+    """Return a text that may stand in a comment, and refuse others."""
     if not (text.isascii() and text.isprintable()) or "*" in text:
         raise TableError(
             f"{what} {text!r} cannot stand in a controller's file: use plain letters and digits"
@@ -127,27 +85,7 @@ def printable(text: str, what: str) -> str:
 
 
 def ascii_lines(data: bytes, path: Path, what: str) -> list[str]:
-    """Return the lines of a file.
-
-    Parameters
-    ----------
-    data : bytes
-        Content.
-    path : Path
-        For the message.
-    what : str
-        What the file should be, for the message.
-
-    Returns
-    -------
-    list of str
-        Without line ends.
-
-    Raises
-    ------
-    CorruptFileError
-        If it is not ASCII text.
-    """
+    """Return the lines of a file."""
     try:
         return data.decode("ascii").splitlines()
     except UnicodeDecodeError as exc:
@@ -157,25 +95,7 @@ def ascii_lines(data: bytes, path: Path, what: str) -> list[str]:
 
 
 def facts_of(comments: Sequence[str], path: Path) -> dict[str, str]:
-    """Return the facts of comment lines.
-
-    Parameters
-    ----------
-    comments : sequence of str
-        Without their marks.
-    path : Path
-        For the message.
-
-    Returns
-    -------
-    dict
-        Value by name, as text.
-
-    Raises
-    ------
-    CorruptFileError
-        If one is stated twice.
-    """
+    """Return the facts of comment lines."""
     facts: dict[str, str] = {}
     for found in filter(None, (_FACT.fullmatch(c.strip()) for c in comments)):
         name, value = found[1], found[2].strip()
@@ -196,34 +116,7 @@ def resolved(
     known: Sequence[Option],
     told: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """Return every option of a dialect: of the file's comments, the user, its sidecar, its default.
-
-    Parameters
-    ----------
-    given : mapping
-        Options of the user, or of the sidecar.
-    facts : mapping
-        Of the file's comments.
-    path : Path
-        The file.
-    known : sequence of Option
-        Of the dialect.
-    told : sequence of str, optional
-        Names of options whose default is good for writing, but never assumed in reading.
-
-    Returns
-    -------
-    dict
-        By name.
-
-    Raises
-    ------
-    CorruptFileError
-        If a fact is no such value.
-    DataError
-        If a required one, or one that must be told, is told nowhere, or comment, user and sidecar
-        contradict each other.
-    """
+    """Return every option of a dialect: of the file's comments, the user, its sidecar, its default."""
     beside = sidecar_options(path, tuple(known))
     found: dict[str, Any] = {}
     for option in known:
@@ -248,32 +141,7 @@ def resolved(
 def known_options(
     given: Mapping[str, Any], path: Path, known: Sequence[Option], told: Sequence[str]
 ) -> dict[str, Any]:
-    """Return every option of a dialect whose file holds no comments: of the user, the sidecar.
-
-    Parameters
-    ----------
-    given : mapping
-        Options of the user.
-    path : Path
-        The file.
-    known : sequence of Option
-        Of the dialect.
-    told : sequence of str
-        Names that are never guessed: their defaults count only where a sidecar does not name them,
-        and while a file is being written.
-
-    Returns
-    -------
-    dict
-        By name.
-
-    Raises
-    ------
-    DataError
-        If one is told by nobody, or user and sidecar contradict each other.
-    CorruptFileError
-        If the sidecar is not one of metrosep.
-    """
+    """Return every option of a dialect whose file holds no comments: of the user, the sidecar."""
     beside = sidecar_options(path, tuple(known))
     has_defaults = is_described(path)
     found: dict[str, Any] = {}
@@ -292,18 +160,7 @@ def known_options(
 
 
 def is_described(path: Path) -> bool:
-    """Return whether all options of a file are known, so that those not named have their defaults.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    bool
-        If it has a sidecar, or is about to be written.
-    """
+    """Return whether all options of a file are known, so that those not named have their defaults."""
     return path == Path(os.devnull) or bool(load_sidecar(path))
 
 
@@ -324,27 +181,7 @@ def _of_comment(option: Option, facts: Mapping[str, str], path: Path) -> Any:
 
 
 def agreed(name: str, sources: Mapping[str, Any], path: Path) -> Any:
-    """Return the one value that all who state it state.
-
-    Parameters
-    ----------
-    name : str
-        Of an option.
-    sources : mapping
-        Who states it, to the value in SI; None where nothing is stated.
-    path : Path
-        The file.
-
-    Returns
-    -------
-    object
-        The value, or None.
-
-    Raises
-    ------
-    DataError
-        If two differ.
-    """
+    """Return the one value that all who state it state."""
     stated = [(who, v) for who, v in sources.items() if v is not None]
     for who, value in stated[1:]:
         if not is_same(stated[0][1], value, exact="count" in name):
@@ -357,18 +194,6 @@ def agreed(name: str, sources: Mapping[str, Any], path: Path) -> Any:
 
 def is_same(a: Any, b: Any, *, exact: bool) -> bool:
     """Return whether two values of an option are one, but for the rounding of decimals.
-
-    Parameters
-    ----------
-    a, b : object
-        In SI.
-    exact : bool
-        Of counts, which are printed in full: no absolute tolerance of 1 fm.
-
-    Returns
-    -------
-    bool
-        Whether they are.
 
     Examples
     --------

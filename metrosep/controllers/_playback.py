@@ -99,32 +99,15 @@ TOLD = {
 
 @dataclass(frozen=True, slots=True)
 class Playback:
-    """Where the moving axis is when the generator puts out each point.
+    """Where the moving axis is when the generator puts out each point."""
 
-    Parameters
-    ----------
-    start : float, m or rad
-        Position at point 0.
-    step : float, m or rad
-        From point to point, negative for a pass in - direction.
-    n : int
-        Points of the wave.
-    rate : int
-        Servo periods that each point lasts.
-    period : float, s
-        Servo period.
-    is_cyclic : bool
-        Whether point 0 follows the last one, turn after turn.
-    interpolates : bool
-        Whether the generator moves on in a line at every servo period, or holds each point.
-    """
-
-    start: float
-    step: float
-    n: int
-    rate: int
-    period: float
-    is_cyclic: bool
+    start: float  # m or rad: position at point 0
+    step: float  # m or rad: from point to point, negative for a pass in - direction
+    n: int  # points of the wave
+    rate: int  # servo periods that each point lasts
+    period: float  # s: servo period
+    is_cyclic: bool  # whether point 0 follows the last one, turn after turn
+    # whether the generator moves on in a line at every servo period, or holds each point
     interpolates: bool
 
     @property
@@ -138,33 +121,13 @@ class Playback:
         return 1 if self.step > 0 else -1
 
     def positions(self) -> FloatArray:
-        """Return where the axis is at each point, and at the end of the turn.
-
-        Returns
-        -------
-        ndarray, shape (n,), or (n + 1,) if cyclic; m or rad
-            In the order in which they are played.
-        """
+        """Return where the axis is at each point, and at the end of the turn."""
         return np.asarray(
             self.start + self.step * np.arange(self.n + self.is_cyclic, dtype=np.float64)
         )
 
     def played(self, values: FloatArray, position: ArrayLike) -> FloatArray:
-        """Return what the generator puts out when the axis is at a position.
-
-        Parameters
-        ----------
-        values : ndarray, shape (n,), m
-            Points of the wave.
-        position : array_like, m or rad
-            Of the axis.
-
-        Returns
-        -------
-        ndarray, m
-            Staircase of points, or of servo periods on the line between points. Before the start
-            and after the end of a pass the first and the last point; a turn repeats.
-        """
+        """Return what the generator puts out when the axis is at a position."""
         u = (np.asarray(position, dtype=np.float64) - self.start) / self.step
         u = np.mod(u + _NODE, self.n) if self.is_cyclic else np.clip(u + _NODE, 0.0, self.n - 1)
         k = np.floor(u).astype(np.int64)
@@ -175,20 +138,7 @@ class Playback:
         return np.asarray(values[k] + (values[after] - values[k]) * ticks, dtype=np.float64)
 
     def lookup(self, values: FloatArray) -> Simulator:
-        """Return the lookup of the wave.
-
-        Parameters
-        ----------
-        values : ndarray, shape (n,), m
-            Corrections at the points.
-
-        Returns
-        -------
-        callable
-            ``(position, direction=1)`` to the correction in m, the same in both directions: the
-            wave is played in one of them only, and for the other another one is written. It raises
-            DataError if the direction is neither 1 nor -1.
-        """
+        """Return the lookup of the wave."""
         return one_way(lambda position: self.played(values, position))
 
 
@@ -201,38 +151,7 @@ def plan(
     begin: float | None = None,
     end: float | None = None,
 ) -> Playback:
-    """Return the playback of a pass or a turn.
-
-    Parameters
-    ----------
-    options : dict
-        `PLAYBACK_OPTIONS`.
-    period : float, s
-        Servo period of the generator.
-    interpolates : bool
-        Whether it draws lines between points.
-    n : int, optional
-        Points, where a file tells.
-    begin : float, m, optional
-        Where a pass over all of a table begins, for the message.
-    end : float, m, optional
-        Where a pass must end at least, where there is no file yet.
-
-    Returns
-    -------
-    Playback
-        Not yet filled with values.
-
-    Raises
-    ------
-    DataError
-        If speed, start, points or rotation are missing, a turn is no whole number of points, or it
-        has another number of points than the file.
-    TableError
-        If the pass starts behind its end.
-    LimitError
-        If it has more points than any generator holds.
-    """
+    """Return the playback of a pass or a turn."""
     rate = int(options["rate"])
     if options["motion"] == "turn":
         told = _turn_points(options, rate * period)
@@ -270,20 +189,7 @@ def plan(
 
 
 def chosen(play: Playback, options: dict[str, Any]) -> dict[str, Any]:
-    """Return the options that were not given and follow from the table: where a pass starts.
-
-    Parameters
-    ----------
-    play : Playback
-        As planned.
-    options : dict
-        Of the writer.
-
-    Returns
-    -------
-    dict
-        For `Encoded.options`.
-    """
+    """Return the options that were not given and follow from the table: where a pass starts."""
     if play.is_cyclic or options.get("start") is not None:
         return {}
     return {"start": play.start}
@@ -330,36 +236,7 @@ def _require_possible(points: float) -> None:
 def sampled(
     table: CompensationTable, options: dict[str, Any], *, period: float, interpolates: bool
 ) -> tuple[Playback, FloatArray]:
-    """Return a table's corrections at the points of a wave.
-
-    Parameters
-    ----------
-    table : CompensationTable
-        One column for both directions.
-    options : dict
-        `PLAYBACK_OPTIONS`.
-    period : float, s
-        Servo period of the generator.
-    interpolates : bool
-        Whether it draws lines between points.
-
-    Returns
-    -------
-    playback : Playback
-        Pass or turn.
-    values : ndarray, shape (n,), m
-        Corrections c at its points.
-
-    Raises
-    ------
-    TableError
-        If the table has two columns, does not cover pass or turn, or does not close, or the motion
-        is not that of its axis.
-    DataError
-        If `plan` misses something.
-    LimitError
-        If there are more points than any generator holds.
-    """
+    """Return a table's corrections at the points of a wave."""
     if table.reverse is not None:
         raise TableError(
             "a wave is played in one direction of motion, this table has two columns; make one for "
@@ -396,20 +273,7 @@ def _require_motion(axis: str, motion: str) -> None:
 
 
 def dropped(play: Playback, table: CompensationTable) -> tuple[Finding, ...]:
-    """Return what part of a table a wave does not play.
-
-    Parameters
-    ----------
-    play : Playback
-        Pass or turn.
-    table : CompensationTable
-        What was sampled.
-
-    Returns
-    -------
-    tuple of Finding
-        An error of the check "coverage" if a pass begins inside the table, by more than half a step.
-    """
+    """Return what part of a table a wave does not play."""
     begin = table.span[0 if play.direction > 0 else 1]
     if play.is_cyclic or play.direction * (play.start - begin) <= 0.5 * abs(play.step):
         return ()
@@ -449,22 +313,7 @@ def _wanted(table: CompensationTable, play: Playback, places: FloatArray) -> Flo
 
 
 def rebuilt(play: Playback, values: FloatArray, table: CompensationTable) -> CompensationTable:
-    """Return the table that a wave carries.
-
-    Parameters
-    ----------
-    play : Playback
-        Pass or turn.
-    values : ndarray, shape (n,), m
-        Corrections at its points.
-    table : CompensationTable
-        Names of the axes and the reference are taken from it.
-
-    Returns
-    -------
-    CompensationTable
-        Rising positions; a turn ends with its first value.
-    """
+    """Return the table that a wave carries."""
     places = play.positions()
     column = np.append(values, values[0]) if play.is_cyclic else values
     order = slice(None, None, play.direction)
@@ -474,22 +323,7 @@ def rebuilt(play: Playback, values: FloatArray, table: CompensationTable) -> Com
 
 
 def resampling_error(play: Playback, values: FloatArray, table: CompensationTable) -> float:
-    """Return how far the played wave is from the table at most.
-
-    Parameters
-    ----------
-    play : Playback
-        Pass or turn.
-    values : ndarray, shape (n,), m
-        Corrections at its points.
-    table : CompensationTable
-        What was sampled.
-
-    Returns
-    -------
-    float, m
-        Looked for at the table's positions, at each point, before and between them.
-    """
+    """Return how far the played wave is from the table at most."""
     index = np.arange(play.n - (not play.is_cyclic))[:, None] + np.array([0.0, 0.5, 1.0 - 1e-6])
     places = np.concatenate([play.start + play.step * index.ravel(), table.positions])
     ends = play.positions()[[0, -1]]
@@ -498,44 +332,13 @@ def resampling_error(play: Playback, values: FloatArray, table: CompensationTabl
 
 
 def rest_position(options: dict[str, Any]) -> float:
-    """Return where the stage rests (d_off): as stated, else half its travel.
-
-    Parameters
-    ----------
-    options : dict
-        `PLAYBACK_OPTIONS`.
-
-    Returns
-    -------
-    float, m
-        From the end of its travel.
-    """
+    """Return where the stage rests (d_off): as stated, else half its travel."""
     offset = options.get("offset")
     return float(options["travel"] / 2.0 if offset is None else offset)
 
 
 def require_travel(play: Playback, values: FloatArray, options: dict[str, Any]) -> FloatArray:
-    """Return where the stage must stand at each point, and refuse what is beyond its travel.
-
-    Parameters
-    ----------
-    play : Playback
-        Pass or turn.
-    values : ndarray, shape (n,), m
-        Corrections c at its points.
-    options : dict
-        `PLAYBACK_OPTIONS`.
-
-    Returns
-    -------
-    ndarray, shape (n,), m
-        ``offset + polarity c``.
-
-    Raises
-    ------
-    LimitError
-        If a point lies outside 0 ... travel.
-    """
+    """Return where the stage must stand at each point, and refuse what is beyond its travel."""
     rest, travel = rest_position(options), float(options["travel"])
     stage = rest + options["polarity"] * values
     beyond = np.maximum(-stage, stage - travel)
@@ -551,20 +354,7 @@ def require_travel(play: Playback, values: FloatArray, options: dict[str, Any]) 
 
 
 def facts(play: Playback, stage: FloatArray) -> dict[str, Any]:
-    """Return what the operator must know of a wave.
-
-    Parameters
-    ----------
-    play : Playback
-        Pass or turn.
-    stage : ndarray, shape (n,), m
-        Displacement of the stage at its points.
-
-    Returns
-    -------
-    dict
-        For the sidecar.
-    """
+    """Return what the operator must know of a wave."""
     dwell = play.rate * play.period
     jumps = np.diff(np.append(stage, stage[0])) if play.is_cyclic else np.diff(stage)
     places = play.positions()

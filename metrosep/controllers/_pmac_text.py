@@ -89,24 +89,12 @@ _INTEGER = re.compile(r"[+-]?\d{1,12}")
 
 @dataclass(frozen=True, slots=True)
 class Program:
-    """A PMAC file, read.
+    """A PMAC file, read."""
 
-    Parameters
-    ----------
-    define : Match
-        The DEFINE line.
-    entries : ndarray of int
-        The numbers that follow it.
-    settings : dict of int to int
-        I-variables that the file sets.
-    facts : dict of str to str
-        Of its comments.
-    """
-
-    define: re.Match[str]
-    entries: NDArray[np.int64]
-    settings: Mapping[int, int]
-    facts: Mapping[str, str]
+    define: re.Match[str]  # the DEFINE line
+    entries: NDArray[np.int64]  # the numbers that follow it
+    settings: Mapping[int, int]  # to int: I-variables that the file sets
+    facts: Mapping[str, str]  # to str: of its comments
 
 
 def read_program(
@@ -116,31 +104,7 @@ def read_program(
     count_entries: Callable[[re.Match[str]], int],
     sets: Sequence[int] = (51,),
 ) -> Program:
-    """Return what a PMAC file holds; strict.
-
-    Parameters
-    ----------
-    data : bytes
-        Content.
-    path : Path
-        For messages.
-    define : Pattern
-        The one DEFINE line that is allowed.
-    count_entries : callable
-        Match of that line to the number of entries that must follow.
-    sets : sequence of int, optional
-        I-variables that may be set; I51 must be, to 1.
-
-    Returns
-    -------
-    Program
-        Its parts.
-
-    Raises
-    ------
-    CorruptFileError
-        If anything else is in the file, entries are missing or too many, or I51 is not set to 1.
-    """
+    """Return what a PMAC file holds; strict."""
     lines = ascii_lines(data, path, "Turbo PMAC table")
     comments = [line.partition(";")[2] for line in lines if ";" in line]
     code = [(i, line.partition(";")[0].strip()) for i, line in enumerate(lines, start=1)]
@@ -256,18 +220,7 @@ def _settings(code: Sequence[tuple[int, str]], path: Path, sets: Sequence[int]) 
 
 
 def entry_lines(entries: Sequence[int]) -> list[str]:
-    """Return entries as lines of at most ten.
-
-    Parameters
-    ----------
-    entries : sequence of int
-        They.
-
-    Returns
-    -------
-    list of str
-        Separated by blanks.
-    """
+    """Return entries as lines of at most ten."""
     words = [str(int(v)) for v in entries]
     return [
         " ".join(words[i : i + _ENTRIES_A_LINE]) for i in range(0, len(words), _ENTRIES_A_LINE)
@@ -277,27 +230,7 @@ def entry_lines(entries: Sequence[int]) -> list[str]:
 def rounded_entries(
     values: FloatArray, count: float, place: Callable[[int], str]
 ) -> NDArray[np.int64]:
-    """Return corrections in 1/16 count.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,), m
-        Corrections of the target motor.
-    count : float, m
-        Length of one count.
-    place : callable
-        Number of an entry to where it stands, for the message.
-
-    Returns
-    -------
-    ndarray of int, shape (n,)
-        Rounded.
-
-    Raises
-    ------
-    LimitError
-        If one has more than 24 bits.
-    """
+    """Return corrections in 1/16 count."""
     scaled_values = np.rint(SCALE * values / count)
     worst = int(np.abs(scaled_values).argmax())
     if abs(scaled_values[worst]) > LARGEST:
@@ -310,20 +243,7 @@ def rounded_entries(
 
 
 def signed(name: str, whose: str) -> Option:
-    """Return the option for the direction of a motor.
-
-    Parameters
-    ----------
-    name : str
-        Its name.
-    whose : str
-        Of which motor, for lists.
-
-    Returns
-    -------
-    Option
-        1 or -1.
-    """
+    """Return the option for the direction of a motor."""
     return Option(
         name,
         f"-1 if the counts of {whose} motor fall where its axis rises (#1->-1000X)",
@@ -334,18 +254,7 @@ def signed(name: str, whose: str) -> Option:
 
 
 def length_facts(**lengths: float | None) -> list[str]:
-    """Return comment lines that state lengths.
-
-    Parameters
-    ----------
-    **lengths : float or None, m
-        By name of their option; None is left away.
-
-    Returns
-    -------
-    list of str
-        Counts in nm, exact; positions in mm, to a femtometre.
-    """
+    """Return comment lines that state lengths."""
     return [
         f"; {name} = {scaled(v, 9)} nm"
         if "count" in name
@@ -356,45 +265,12 @@ def length_facts(**lengths: float | None) -> list[str]:
 
 
 def motor_facts(given: Mapping[str, Any], *names: str) -> list[str]:
-    """Return comment lines that state motors.
-
-    Parameters
-    ----------
-    given : mapping
-        Options.
-    *names : str
-        Of those that are numbers of motors.
-
-    Returns
-    -------
-    list of str
-        One each.
-    """
+    """Return comment lines that state motors."""
     return [f"; {name} = {given[name]}" for name in names]
 
 
 def motors_of(stated: Mapping[str, int], known: dict[str, Any], path: Path) -> dict[str, Any]:
-    """Return options with the motors that the DEFINE line names, and refuse contradictions.
-
-    Parameters
-    ----------
-    stated : mapping
-        Motors of the DEFINE line by the name of their option.
-    known : dict
-        Options.
-    path : Path
-        The file.
-
-    Returns
-    -------
-    dict
-        With them.
-
-    Raises
-    ------
-    DataError
-        If comments, user or sidecar name other motors.
-    """
+    """Return options with the motors that the DEFINE line names, and refuse contradictions."""
     checked = {
         name: agreed(
             name, {"the DEFINE line": n, "its comment, user or sidecar": known.get(name)}, path
@@ -405,18 +281,7 @@ def motors_of(stated: Mapping[str, int], known: dict[str, Any], path: Path) -> d
 
 
 def refuse_turning(*axes: str) -> None:
-    """Refuse axes that turn.
-
-    Parameters
-    ----------
-    *axes : str
-        That a table is over, and that it corrects.
-
-    Raises
-    ------
-    TableError
-        If one of them does.
-    """
+    """Refuse axes that turn."""
     for axis in axes:
         if is_rotary(axis):
             raise TableError(
@@ -429,29 +294,7 @@ def refuse_turning(*axes: str) -> None:
 def named_axes(
     path: Path, facts: Mapping[str, str], first: float, *, same_motor: bool
 ) -> dict[str, Any]:
-    """Return what a table's file cannot hold: of the sidecar, else of the comments.
-
-    Parameters
-    ----------
-    path : Path
-        The table.
-    facts : mapping
-        Of its comments.
-    first : float, m
-        Its first position.
-    same_motor : bool
-        Whether the motor that is looked up is the one that is corrected.
-
-    Returns
-    -------
-    dict
-        Fields of `CompensationTable`.
-
-    Raises
-    ------
-    CorruptFileError
-        If comments, sidecar and motors contradict each other.
-    """
+    """Return what a table's file cannot hold: of the sidecar, else of the comments."""
     found = identity(path, first=first)
     pair = found["axis"], found["compensates"]
     if ("axis" in facts) != ("compensates" in facts):
@@ -484,22 +327,7 @@ def named_axes(
 
 
 def require_short_span(counts: int, long_span: bool, axis: str) -> None:
-    """Refuse a span that no document is known to allow.
-
-    Parameters
-    ----------
-    counts : int
-        Of the source motor.
-    long_span : bool
-        The user tried it.
-    axis : str
-        For the message.
-
-    Raises
-    ------
-    LimitError
-        If it has more than 24 bits.
-    """
+    """Refuse a span that no document is known to allow."""
     if counts > LARGEST and not long_span:
         raise LimitError(
             f"{axis}: the span is {counts} counts; more than {LARGEST} (24 bits) is not documented: "

@@ -56,45 +56,23 @@ _SAME = 1e-12
 
 @dataclass(frozen=True, slots=True)
 class Assignment:
-    """One line of the file.
+    """One line of the file."""
 
-    Parameters
-    ----------
-    line : int
-        Its number.
-    name : str
-        System variable.
-    indices : tuple of str
-        In the brackets.
-    value : str
-        After the equals sign.
-    """
-
-    line: int
-    name: str
-    indices: tuple[str, ...]
-    value: str
+    line: int  # its number
+    name: str  # system variable
+    indices: tuple[str, ...]  # in the brackets
+    value: str  # after the equals sign
 
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """Entries of one table.
+    """Entries of one table."""
 
-    Parameters
-    ----------
-    low, high, step : float
-        First position, last position and spacing, in units of the file.
-    entries : ndarray, shape (n,)
-        In units of the file.
-    modulo : bool
-        Whether it repeats.
-    """
-
-    low: float
+    low: float  # first position, last position and spacing, in units of the file
     high: float
     step: float
-    entries: FloatArray
-    modulo: bool
+    entries: FloatArray  # shape (n,): in units of the file
+    modulo: bool  # whether it repeats
 
     @property
     def positions(self) -> FloatArray:
@@ -103,25 +81,7 @@ class Grid:
 
 
 def checked_name(name: str, what: str) -> str:
-    """Return the name of a machine axis, and refuse what is none.
-
-    Parameters
-    ----------
-    name : str
-        Such as ``"X1"``.
-    what : str
-        Option, for the message.
-
-    Returns
-    -------
-    str
-        It.
-
-    Raises
-    ------
-    DataError
-        If it is not a letter with letters, digits and underscores after it.
-    """
+    """Return the name of a machine axis, and refuse what is none."""
     if not _NAME.fullmatch(name):
         raise DataError(f"{what}={name!r} is no name of a machine axis such as 'X1'")
     return name
@@ -129,20 +89,6 @@ def checked_name(name: str, what: str) -> str:
 
 def number_text(value: float, *, decimals: int, at_least: int = 0) -> str:
     """Return a number without exponent and without needless zeros.
-
-    Parameters
-    ----------
-    value : float
-        In units of the file.
-    decimals : int
-        Most decimals.
-    at_least : int, optional
-        Fewest decimals.
-
-    Returns
-    -------
-    str
-        Never ``-0``.
 
     Examples
     --------
@@ -162,24 +108,7 @@ def write_program(
     lines: Sequence[str],
     facts: Mapping[str, object],
 ) -> bytes:
-    """Return a file.
-
-    Parameters
-    ----------
-    name : str
-        Of the program, without ``%_N_``.
-    channel : int
-        Of CHANDATA.
-    comments, lines : sequence of str
-        Its body.
-    facts : mapping
-        For metrosep's own comment.
-
-    Returns
-    -------
-    bytes
-        ASCII, LF.
-    """
+    """Return a file."""
     head = [f"%_N_{name}", f"CHANDATA({channel})"]
     told = [*comments, note(facts, [*head, *lines, "M17"])]
     body = [*head, *(f"; {c}" for c in told), *lines, "M17"]
@@ -187,28 +116,7 @@ def write_program(
 
 
 def read_assignments(data: bytes, path: Path) -> tuple[list[Assignment], dict[str, str]]:
-    """Return the assignments of a file, and the facts of metrosep's own comment.
-
-    Parameters
-    ----------
-    data : bytes
-        Content.
-    path : Path
-        For messages.
-
-    Returns
-    -------
-    assignments : list of Assignment
-        In their order.
-    facts : dict
-        By name; empty where there is no such comment.
-
-    Raises
-    ------
-    CorruptFileError
-        If a line is none, header or end are missing, a variable is set twice, or the comment does
-        not fit the lines.
-    """
+    """Return the assignments of a file, and the facts of metrosep's own comment."""
     try:
         text = data.decode("ascii")
     except UnicodeDecodeError as exc:
@@ -269,29 +177,7 @@ def _assignments(code: list[tuple[int, str]], path: Path) -> list[Assignment]:
 def grid_of(
     values: dict[int, Assignment], facts: dict[str, Assignment], path: Path, what: str
 ) -> Grid:
-    """Return the entries of a table, checked against its own first, last and step.
-
-    Parameters
-    ----------
-    values : dict
-        Assignment of each entry by its index.
-    facts : dict
-        Assignments of STEP, MIN, MAX and IS_MODULO.
-    path : Path
-        For messages.
-    what : str
-        Name of the table, for messages.
-
-    Returns
-    -------
-    Grid
-        In units of the file.
-
-    Raises
-    ------
-    CorruptFileError
-        If one is missing or no number, or they contradict each other.
-    """
+    """Return the entries of a table, checked against its own first, last and step."""
     missing = [k for k in ("STEP", "MIN", "MAX", "IS_MODULO") if k not in facts]
     if missing:
         raise CorruptFileError(path, f"{what} has no {missing[0]}", field=missing[0])
@@ -343,20 +229,7 @@ def _number(assignment: Assignment, path: Path) -> float:
 
 
 def folded(lookup: Simulator, low: float, high: float) -> Simulator:
-    """Return a lookup that repeats after its range.
-
-    Parameters
-    ----------
-    lookup : callable
-        ``(position, direction=1)``.
-    low, high : float, m or rad
-        Its range.
-
-    Returns
-    -------
-    callable
-        The same, with the position taken modulo ``high - low``.
-    """
+    """Return a lookup that repeats after its range."""
 
     def along(position: ArrayLike, direction: ArrayLike = 1) -> FloatArray:
         p = np.asarray(position, dtype=np.float64)
@@ -366,37 +239,12 @@ def folded(lookup: Simulator, low: float, high: float) -> Simulator:
 
 
 def units(*, turns: bool) -> float:
-    """Return the unit of an axis in the file: degrees if it turns, else mm.
-
-    Parameters
-    ----------
-    turns : bool
-        Whether it turns.
-
-    Returns
-    -------
-    float, m or rad
-        The unit.
-    """
+    """Return the unit of an axis in the file: degrees if it turns, else mm."""
     return _DEGREE if turns else _MM
 
 
 def axis_letter(machine_axis: str, *, turns: bool, otherwise: str) -> str:
     """Return the name of an axis of a table for a machine axis that nothing else names.
-
-    Parameters
-    ----------
-    machine_axis : str
-        Such as ``"X1"`` or ``"AX3"``.
-    turns : bool
-        Whether it turns.
-    otherwise : str
-        Where the name tells no letter.
-
-    Returns
-    -------
-    str
-        A letter of ISO 841 that turns or not as the axis does.
 
     Examples
     --------
@@ -410,29 +258,7 @@ def axis_letter(machine_axis: str, *, turns: bool, otherwise: str) -> str:
 
 
 def turning(machine_axis: str, told: bool | None, option: str, path: Path) -> bool:
-    """Return whether a machine axis turns, and refuse where nothing tells.
-
-    Parameters
-    ----------
-    machine_axis : str
-        Such as ``"X1"``, which does not, or ``"C1"``, which does; ``"AX3"`` tells nothing.
-    told : bool or None
-        What user, sidecar or comment say.
-    option : str
-        That would tell, for the message.
-    path : Path
-        For the message.
-
-    Returns
-    -------
-    bool
-        Whether it turns: its positions are in degrees then.
-
-    Raises
-    ------
-    DataError
-        If nothing tells.
-    """
+    """Return whether a machine axis turns, and refuse where nothing tells."""
     if told is not None:
         return told
     match = _LETTER.fullmatch(machine_axis)
@@ -446,25 +272,7 @@ def turning(machine_axis: str, told: bool | None, option: str, path: Path) -> bo
 def checked_modulo(
     words: list[str], values: FloatArray, span: tuple[float, float], axis: str
 ) -> None:
-    """Make both ends of a table that repeats equal as printed, and refuse one that cannot repeat.
-
-    Parameters
-    ----------
-    words : list of str
-        Entries as printed; the last becomes the first.
-    values : ndarray, shape (n,), m or rad
-        Corrections.
-    span : tuple of float, m or rad
-        First and last position.
-    axis : str
-        Whose position is looked up.
-
-    Raises
-    ------
-    TableError
-        If the ends differ by more than 1e-12, or an axis that turns does not come back to the first
-        entry after a turn.
-    """
+    """Make both ends of a table that repeats equal as printed, and refuse one that cannot repeat."""
     first, last = float(values[0]), float(values[-1])
     if abs(first - last) > _SAME:
         raise TableError(

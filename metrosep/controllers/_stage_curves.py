@@ -34,21 +34,13 @@ _SLACK = 1e-9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StageCurves:
-    """What converts displacements and voltages of a stage.
+    """What converts displacements and voltages of a stage."""
 
-    Parameters
-    ----------
-    calibration : FlexureCalibration or float
-        Curves, or sensitivity in m/V.
-    branch : {"mean", "up", "down", "sweep"}
-        Curve to use; "sweep" takes "up" where the voltage rises and "down" where it falls.
-    low, high : float, V
-        Range of the amplifier's input.
-    """
-
-    calibration: FlexureCalibration | float
+    calibration: FlexureCalibration | float  # or float: curves, or sensitivity in m/V
+    # {"mean", "up", "down", "sweep"}: curve to use; "sweep" takes "up" where the voltage rises and
+    # "down" where it falls
     branch: str
-    low: float
+    low: float  # V: range of the amplifier's input
     high: float
 
     @property
@@ -80,20 +72,7 @@ class StageCurves:
         return float(np.abs(np.diff(self.displacement(v, None)) / np.diff(v)).max())
 
     def displacement(self, voltage: FloatArray, rising: BoolArray | None) -> FloatArray:
-        """Return where the stage stands at voltages.
-
-        Parameters
-        ----------
-        voltage : ndarray, shape (n,), V
-            Values beyond the calibration, by part of a step of the DAC, are taken as its end.
-        rising : ndarray of bool or None, shape (n,)
-            Whether the voltage rises there, for the branch "sweep"; None takes the mean curve.
-
-        Returns
-        -------
-        ndarray, shape (n,), m
-            Displacement.
-        """
+        """Return where the stage stands at voltages."""
         if isinstance(self.calibration, float):
             return np.asarray(voltage * self.calibration)
         known = self.calibration.voltage
@@ -107,29 +86,7 @@ class StageCurves:
         return np.asarray(np.where(cast("BoolArray", rising), up, down))
 
     def voltage_for(self, displacement: FloatArray, rising: BoolArray) -> FloatArray:
-        """Return the voltages that give displacements.
-
-        Parameters
-        ----------
-        displacement : ndarray, shape (n,), m
-            Finite.
-        rising : ndarray of bool, shape (n,)
-            Whether the voltage rises there, for the branch "sweep".
-
-        Returns
-        -------
-        ndarray, shape (n,), V
-            By the monotone inverse.
-
-        Raises
-        ------
-        LimitError
-            If a displacement was not calibrated.
-        InvalidSamplesError
-            If a curve has no inverse.
-        DataError
-            If the calibration holds no such branch.
-        """
+        """Return the voltages that give displacements."""
         if isinstance(self.calibration, float):
             return np.asarray(displacement / self.calibration)
         if self.branch != "sweep":
@@ -142,13 +99,7 @@ class StageCurves:
         return result
 
     def stored(self) -> dict[str, Any] | float:
-        """Return the calibration as plain values.
-
-        Returns
-        -------
-        dict or float
-            For the sidecar; `of` takes it back.
-        """
+        """Return the calibration as plain values."""
         if isinstance(self.calibration, float):
             return self.calibration
         curves = {
@@ -159,29 +110,7 @@ class StageCurves:
 
     @staticmethod
     def of(value: Any, branch: str, low: float, high: float) -> StageCurves:
-        """Return the curves of a calibration in any of its forms.
-
-        Parameters
-        ----------
-        value : FlexureCalibration, mapping, float or str
-            See the module.
-        branch : {"mean", "up", "down", "sweep"}
-            Curve to use.
-        low, high : float, V
-            Range of the amplifier's input.
-
-        Returns
-        -------
-        StageCurves
-            Checked.
-
-        Raises
-        ------
-        DataError
-            If it is no calibration, the range is empty, or a sensitivity has no such branch.
-        UnitError
-            If a text is no sensitivity.
-        """
+        """Return the curves of a calibration in any of its forms."""
         if not high > low:
             raise DataError(f"v_min={low} V, v_max={high} V; the upper voltage must be larger")
         if isinstance(value, str) and value.lstrip().startswith("{"):
@@ -267,20 +196,7 @@ def _curve(values: Any) -> FloatArray:
 
 
 def rising_parts(values: FloatArray, *, sign: float = 1.0) -> BoolArray:
-    """Return at which samples a signal came from below.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-        In the order in which they are passed.
-    sign : float, optional
-        Negative to tell falling ones.
-
-    Returns
-    -------
-    ndarray of bool, shape (n,)
-        Where it stands still, as before; the first as the second.
-    """
+    """Return at which samples a signal came from below."""
     steps = np.sign(np.diff(values)) * math.copysign(1.0, sign)
     moving = np.flatnonzero(steps)
     if moving.size == 0:
@@ -296,29 +212,7 @@ def quantised(
     bits: int,
     places: FloatArray,
 ) -> FloatArray:
-    """Return the voltages that a DAC sets for displacements, in the order they are passed.
-
-    Parameters
-    ----------
-    displacement : ndarray, shape (n,), m
-        Of the stage.
-    curves : StageCurves
-        Of the stage.
-    bits : int
-        Of the DAC over the range of the amplifier, both ends being levels.
-    places : ndarray, shape (n,)
-        Positions or angles, for messages.
-
-    Returns
-    -------
-    ndarray, shape (n,), V
-        Nearest levels.
-
-    Raises
-    ------
-    LimitError
-        If a displacement is out of reach; nothing is clipped.
-    """
+    """Return the voltages that a DAC sets for displacements, in the order they are passed."""
     low, high = curves.stroke
     beyond = np.maximum(low - displacement, displacement - high)
     i = int(np.argmax(beyond))

@@ -42,16 +42,6 @@ _MOST = 100_000
 def is_whole(value: float) -> bool:
     """Return whether a number of steps is whole, but for the rounding of decimals.
 
-    Parameters
-    ----------
-    value : float
-        Such as a position over a spacing.
-
-    Returns
-    -------
-    bool
-        Within 1e-6.
-
     Examples
     --------
     >>> is_whole(3e-3 / 1e-3), is_whole(2.5)
@@ -62,16 +52,6 @@ def is_whole(value: float) -> bool:
 
 def holds_zero(x: FloatArray) -> bool:
     """Return whether knots enclose zero, or end so close to it that no line leads there.
-
-    Parameters
-    ----------
-    x : ndarray, shape (n,), m
-        Rising, n >= 2.
-
-    Returns
-    -------
-    bool
-        Within a thousandth of the smallest step.
 
     Examples
     --------
@@ -84,19 +64,6 @@ def holds_zero(x: FloatArray) -> bool:
 
 def natural_spacing(positions: FloatArray, finest: int = _FINEST) -> float:
     """Return the widest spacing of a grid through zero that holds every position, if there is one.
-
-    Parameters
-    ----------
-    positions : ndarray, shape (n,), m
-        Strictly rising, n >= 2.
-    finest : int, optional
-        Most intervals where no grid holds all positions.
-
-    Returns
-    -------
-    float, m
-        The spacing, or a half to a tenth of it, so that positions and zero lie on the grid; where
-        none does, a quarter of the smallest step, but no more than `finest` intervals with the way to zero.
 
     Examples
     --------
@@ -115,25 +82,13 @@ def natural_spacing(positions: FloatArray, finest: int = _FINEST) -> float:
 
 @dataclass(frozen=True, slots=True)
 class RollingGrid:
-    """A grid of n intervals from zero to a span, beyond which positions roll over.
+    """A grid of n intervals from zero to a span, beyond which positions roll over."""
 
-    Parameters
-    ----------
-    n : int
-        Intervals; node n is node 0.
-    step : float, m
-        Their length.
-    low, high : float, m
-        Range of positions that is used, zero included; negative ones stand at the top.
-    counts : int
-        The span in counts of the axis.
-    """
-
-    n: int
-    step: float
-    low: float
+    n: int  # intervals; node n is node 0
+    step: float  # m: their length
+    low: float  # m: range of positions that is used, zero included; negative ones stand at the top
     high: float
-    counts: int
+    counts: int  # the span in counts of the axis
 
     @property
     def span(self) -> float:
@@ -149,18 +104,6 @@ class RollingGrid:
 
 def enclosing_nodes(step: float, first: float, last: float) -> NDArray[np.int64]:
     """Return the numbers of the nodes, multiples of a step, that enclose a range.
-
-    Parameters
-    ----------
-    step : float, m
-        Positive.
-    first, last : float, m
-        Range.
-
-    Returns
-    -------
-    ndarray of int
-        Rising, negative below zero; at least two.
 
     Examples
     --------
@@ -181,33 +124,7 @@ def rolling_grid(
     axis: str,
     finest: int = _FINEST,
 ) -> RollingGrid:
-    """Return the grid of a table that starts at zero and rolls over.
-
-    Parameters
-    ----------
-    positions : ndarray, shape (n,), m
-        Positions of the motor that the table is known at, rising.
-    span, spacing : float or None, m
-        As the user gave them; chosen here otherwise, with a margin of two intervals or 5 %.
-    count : float, m
-        Length of a count; the span is a whole number of them.
-    axis : str
-        For messages.
-    finest : int, optional
-        Most intervals that are chosen here where no grid holds all positions.
-
-    Returns
-    -------
-    RollingGrid
-        It covers zero and every position.
-
-    Raises
-    ------
-    TableError
-        If the span is shorter than the travel, or no multiple of the spacing.
-    LimitError
-        If there are more than about 100000 intervals, or the spacing is below a count.
-    """
+    """Return the grid of a table that starts at zero and rolls over."""
     low, high = min(float(positions[0]), 0.0), max(float(positions[-1]), 0.0)
     travel = high - low
     step = natural_spacing(positions, finest) if spacing is None else spacing
@@ -243,28 +160,7 @@ def rolling_grid(
 
 
 def rolled_values(grid: RollingGrid, x: FloatArray, y: FloatArray, tolerance: float) -> FloatArray:
-    """Return a broken line at the nodes 0 ... n - 1 of a grid, zero at zero.
-
-    Parameters
-    ----------
-    grid : RollingGrid
-        Its low and high enclose x.
-    x, y : ndarray, shape (k,), m
-        Knots, rising, and values.
-    tolerance : float, m
-        Half the step of an entry: less than that at zero is zero.
-
-    Returns
-    -------
-    ndarray, shape (n,), m
-        Behind the last knot a straight line leads to the first one, over zero where zero lies
-        outside the knots.
-
-    Raises
-    ------
-    TableError
-        If the value at zero is not zero, or the ends meet at the roll-over with unlike values.
-    """
+    """Return a broken line at the nodes 0 ... n - 1 of a grid, zero at zero."""
     if holds_zero(x):
         there = float(np.interp(0.0, x, y))
         if abs(there) > tolerance:
@@ -293,21 +189,7 @@ def rolled_values(grid: RollingGrid, x: FloatArray, y: FloatArray, tolerance: fl
 
 
 def rolled_weights(grid: RollingGrid, x: FloatArray) -> FloatArray:
-    """Return the matrix that takes values at knots to the nodes 0 ... n - 1 of a grid.
-
-    Parameters
-    ----------
-    grid : RollingGrid
-        Its low and high enclose x.
-    x : ndarray, shape (k,), m
-        Knots, rising.
-
-    Returns
-    -------
-    ndarray, shape (n, k), dimensionless
-        Rows sum to 1: linear between knots, and from the last knot on to the first one, a span
-        further.
-    """
+    """Return the matrix that takes values at knots to the nodes 0 ... n - 1 of a grid."""
     knots = np.append(x, x[0] + grid.span)
     at = x[0] + np.mod(grid.positions - x[0], grid.span)
     at = np.where(knots[-1] - at <= _NEAR * grid.step, x[0], at)

@@ -124,29 +124,7 @@ class Aerotech(Dialect):
     )
 
     def encode(self, table: CompensationMap, **options: Any) -> Encoded:
-        """Return the text of a file.
-
-        Parameters
-        ----------
-        table : CompensationMap
-            Corrections; ``table.axes[0]`` runs along the columns, ``table.axes[1]`` along the rows.
-        **options
-            Every option, checked.
-
-        Returns
-        -------
-        Encoded
-            UTF-8, LF.
-
-        Raises
-        ------
-        TableError
-            If an axis turns, or the spacing is not uniform and none is given.
-        DataError
-            If axis numbers and signs contradict each other.
-        LimitError
-            If a spacing gives too many points.
-        """
+        """Return the text of a file."""
         for axis in (*table.axes, table.compensates):
             _refuse_rotary(axis)
         o = {**{x.name: x.default for x in self.options}, **options}
@@ -168,33 +146,7 @@ class Aerotech(Dialect):
         )
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationMap:
-        """Return the map of a file.
-
-        Parameters
-        ----------
-        data : bytes
-            Content.
-        path : Path
-            Its name.
-        **options
-            Options that the user gave; `corrected_sign` is taken from the file's comment or the
-            sidecar where it is not given.
-
-        Returns
-        -------
-        CompensationMap
-            Corrections c along the axis, not the encoder.
-
-        Raises
-        ------
-        CorruptFileError
-            If a line does not fit the format.
-        UnsupportedFeatureError
-            If there are several tables, or other units.
-        DataError
-            If the encoder's sign of the corrected axis is told by nothing, or options contradict
-            the file.
-        """
+        """Return the map of a file."""
         grid, known = read_grid(data, path, self.options, options, self.info.id)
         _require_offset_rule(grid, known, path, ("column", "row"))
         values = known["corrected_sign"] * grid.values
@@ -253,29 +205,7 @@ class AerotechLine(Dialect):
     )
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
-        """Return the text of a file.
-
-        Parameters
-        ----------
-        table : CompensationTable
-            Corrections, the same in both directions; its axis runs along the columns.
-        **options
-            Every option, checked.
-
-        Returns
-        -------
-        Encoded
-            UTF-8, LF.
-
-        Raises
-        ------
-        TableError
-            If the directions differ, an axis turns, or the spacing is not uniform and none is given.
-        DataError
-            If axis numbers and signs contradict each other.
-        LimitError
-            If a spacing gives too many points.
-        """
+        """Return the text of a file."""
         for axis in (table.axis, table.compensates):
             _refuse_rotary(axis)
         if table.reverse is not None and not np.array_equal(table.reverse, table.forward):
@@ -310,32 +240,7 @@ class AerotechLine(Dialect):
         )
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
-        """Return the table of a file.
-
-        Parameters
-        ----------
-        data : bytes
-            Content.
-        path : Path
-            Its name.
-        **options
-            Options that the user gave, as for `Aerotech`.
-
-        Returns
-        -------
-        CompensationTable
-            Corrections c along the axis, not the encoder.
-
-        Raises
-        ------
-        CorruptFileError
-            If a line does not fit the format, or the rows differ.
-        UnsupportedFeatureError
-            If there are several tables, or other units.
-        DataError
-            If the encoder's sign of the corrected axis is told by nothing, or options contradict
-            the file.
-        """
+        """Return the table of a file."""
         grid, known = read_grid(data, path, self.options, options, self.info.id)
         if (grid.values != grid.values[0]).any():
             raise CorruptFileError(

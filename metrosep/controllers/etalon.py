@@ -109,29 +109,7 @@ class Etalon(Dialect):
     )
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
-        """Return the text of a file.
-
-        Parameters
-        ----------
-        table : CompensationTable
-            Corrections, the same in both directions; in rad if it compensates A, B or C.
-        **options
-            Every option, checked.
-
-        Returns
-        -------
-        Encoded
-            ASCII, LF.
-
-        Raises
-        ------
-        TableError
-            If the directions differ, or positions lie closer than the decimals.
-        DataError
-            If axes and parameter are not those of ISO 230-1.
-        LimitError
-            If there are more rows than `records_limit`.
-        """
+        """Return the text of a file."""
         o = {**{x.name: x.default for x in self.options}, **options}
         parameter = _parameter(table, o["parameter"])
         if table.reverse is not None and not np.array_equal(table.reverse, table.forward):
@@ -172,32 +150,7 @@ class Etalon(Dialect):
         )
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
-        """Return one look-up table of a file as corrections.
-
-        Parameters
-        ----------
-        data : bytes
-            Content.
-        path : Path
-            Its name.
-        **options
-            Options that the user gave; `parameter` chooses among several, `entry_sign` is taken from
-            metrosep's comment before the chosen one, or the sidecar, where it is not given.
-
-        Returns
-        -------
-        CompensationTable
-            Corrections ``c = -entry_sign * entry``, in rad for an angle.
-
-        Raises
-        ------
-        CorruptFileError
-            If a line does not fit the format, or the lines are not those that metrosep wrote.
-        UnsupportedFeatureError
-            If there are several tables and none is chosen.
-        DataError
-            If the sign is told by nothing or told twice, or the chosen table is not in the file.
-        """
+        """Return one look-up table of a file as corrections."""
         told = {**sidecar_options(path, self.options), **options}
         chosen = _chosen(_read(data, path), told.get("parameter"), path)
         o = agreed(chosen.noted, self.options, told, path)

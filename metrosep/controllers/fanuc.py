@@ -127,30 +127,7 @@ class Fanuc(Resampling):
     )
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
-        """Return parameters and increments.
-
-        Parameters
-        ----------
-        table : CompensationTable
-            Corrections, one column, zero at the reference position.
-        **options
-            Detection unit and the others.
-
-        Returns
-        -------
-        Encoded
-            ASCII, LF. The cumulative curve is rounded, then differenced.
-
-        Raises
-        ------
-        TableError
-            If an axis turns, the table corrects another axis than it looks up, has two directions,
-            is not zero at the reference position, or the spacing is not a multiple of the input
-            increment.
-        LimitError
-            If there are too many points, an increment leaves the range, or the interval is too
-            small for the rapid traverse.
-        """
+        """Return parameters and increments."""
         require_linear((table.axis, table.compensates), _TITLE)
         require_on_axis(table, _TITLE, "'fanuc-straightness'")
         require_one_direction(table, _TITLE, "into parameter 1851 (backlash)")
@@ -192,32 +169,7 @@ class Fanuc(Resampling):
         )
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
-        """Return the cumulative corrections.
-
-        Parameters
-        ----------
-        data : bytes
-            Content of the file.
-        path : Path
-            Its name, for messages and the sidecar.
-        **options
-            Detection unit, input increment and reference position where the file does not tell.
-
-        Returns
-        -------
-        CompensationTable
-            One column.
-
-        Raises
-        ------
-        CorruptFileError
-            If a line is no word of the format, or a parameter or point is missing, double or out
-            of range.
-        LimitError
-            If there are more points than the control takes.
-        DataError
-            If a fact is missing.
-        """
+        """Return the cumulative corrections."""
         lines = ascii_lines(data, path, "Fanuc parameter file")
         if len(lines) < 3 or not lines[0].startswith("%") or lines[-1] != "%":
             raise CorruptFileError(

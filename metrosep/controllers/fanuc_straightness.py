@@ -131,28 +131,7 @@ class FanucStraightness(Resampling):
     )
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
-        """Return the parameters of four points.
-
-        Parameters
-        ----------
-        table : CompensationTable
-            Corrections of another axis, one column.
-        **options
-            Detection unit, spacing and number of the reference point, and the others.
-
-        Returns
-        -------
-        Encoded
-            ASCII, LF. The largest deviation of the polyline is `resampling_error`.
-
-        Raises
-        ------
-        TableError
-            If an axis turns, the table corrects the axis that it looks up, has two directions, an axis name of
-            more than a letter and a digit, or spans fewer than four points.
-        LimitError
-            If a point has no number, or a value leaves -32767 ... 32767.
-        """
+        """Return the parameters of four points."""
         require_linear((table.axis, table.compensates), _TITLE)
         require_one_direction(table, _TITLE, "into parameter 1851 (backlash) of the moving axis")
         _require_axes(table, options)
@@ -196,30 +175,7 @@ class FanucStraightness(Resampling):
         )
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
-        """Return the polyline of four points.
-
-        Parameters
-        ----------
-        data : bytes
-            Content of the file.
-        path : Path
-            Its name, for messages and the sidecar.
-        **options
-            Detection unit, spacing, number and position of the reference where the file does not
-            tell.
-
-        Returns
-        -------
-        CompensationTable
-            One column.
-
-        Raises
-        ------
-        CorruptFileError
-            If a line is no word of the format, or a parameter is missing, double or out of range.
-        DataError
-            If a fact is missing.
-        """
+        """Return the polyline of four points."""
         lines = ascii_lines(data, path, "Fanuc parameter file")
         if len(lines) < 3 or not lines[0].startswith("%") or lines[-1] != "%":
             raise CorruptFileError(

@@ -26,56 +26,22 @@ _LARGEST = 1e9
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """How a path is rewritten; see `metrosep.controllers.gcode_paths.rewrite_path`.
+    """How a path is rewritten; see `metrosep.controllers.gcode_paths.rewrite_path`."""
 
-    Parameters
-    ----------
-    axes : tuple of str
-        Words that may change.
-    decimals : int or None
-        Digits after the point.
-    resolution : float, m
-        Finest step, without `decimals`.
-    tolerance : float or None, m
-        Largest deviation from chords.
-    outside : {"refuse", "zero", "hold"}
-        Beyond the map.
-    stroke : float, m
-        Largest correction.
-    blocks_per_s : float or None, 1/s
-        Most blocks per second.
-    c_rollover : bool or None
-        Whether C takes the shortest way (True) or goes along its numbers (False); None while
-        nobody says.
-    """
-
-    axes: tuple[str, ...]
-    decimals: int | None
-    resolution: float
-    tolerance: float | None
-    outside: Outside
-    stroke: float
-    blocks_per_s: float | None
+    axes: tuple[str, ...]  # words that may change
+    decimals: int | None  # digits after the point
+    resolution: float  # m: finest step, without `decimals`
+    tolerance: float | None  # m: largest deviation from chords
+    outside: Outside  # {"refuse", "zero", "hold"}: beyond the map
+    stroke: float  # m: largest correction
+    blocks_per_s: float | None  # 1/s: most blocks per second
+    # whether C takes the shortest way (True) or goes along its numbers (False); None while nobody
+    # says
     c_rollover: bool | None = None
 
 
 def check_size(values: FloatArray, letter: str, columns: Columns) -> None:
-    """Refuse positions where no machine goes.
-
-    Parameters
-    ----------
-    values : ndarray
-        Words of the moves, NaN where there is none.
-    letter : str
-        Of the words.
-    columns : Columns
-        The moves.
-
-    Raises
-    ------
-    DataError
-        If a word is too large.
-    """
+    """Refuse positions where no machine goes."""
     large = np.abs(values) > _LARGEST
     if large.any():
         i = int(np.flatnonzero(large)[0])
@@ -85,22 +51,7 @@ def check_size(values: FloatArray, letter: str, columns: Columns) -> None:
 
 
 def check_digits(digits: FloatArray, letter: str, columns: Columns) -> None:
-    """Refuse words with more digits than double precision holds.
-
-    Parameters
-    ----------
-    digits : ndarray
-        After the point, of each move.
-    letter : str
-        Of the words.
-    columns : Columns
-        The moves.
-
-    Raises
-    ------
-    DataError
-        If a word has too many.
-    """
+    """Refuse words with more digits than double precision holds."""
     if digits.max() > _MOST_DIGITS:
         i = int(digits.argmax())
         raise DataError(
@@ -112,31 +63,7 @@ def check_digits(digits: FloatArray, letter: str, columns: Columns) -> None:
 def check_way(
     columns: Columns, where: IntArray, left: FloatArray, tolerance: float | None
 ) -> tuple[str, int] | None:
-    """Refuse what lies between two points: gaps, the border of the map, too steep a bend.
-
-    Parameters
-    ----------
-    columns : Columns
-        The moves.
-    where : ndarray of int
-        Those that were looked at.
-    left : ndarray, m
-        Largest deviation from the chords; NaN over gaps, infinite where a move is too long.
-    tolerance : float or None, m
-        What is allowed.
-
-    Returns
-    -------
-    tuple of (str, int) or None
-        What to tell, and the line.
-
-    Raises
-    ------
-    InvalidSamplesError
-        If a move crosses what is not known.
-    LimitError
-        If the tolerance is not met.
-    """
+    """Refuse what lies between two points: gaps, the border of the map, too steep a bend."""
     gap = np.flatnonzero(np.isnan(left))
     if gap.size:
         raise InvalidSamplesError(
@@ -164,22 +91,7 @@ def check_way(
 
 
 def check_turns(columns: Columns, turn: FloatArray, parts: IntArray) -> None:
-    """Refuse to split a block that may go over the roll-over of C.
-
-    Parameters
-    ----------
-    columns : Columns
-        The moves.
-    turn : ndarray, deg
-        How far C moves, along its numbers.
-    parts : ndarray of int
-        Parts of each block.
-
-    Raises
-    ------
-    UnsupportedFeatureError
-        If a block that is to be split moves C by more than half a turn.
-    """
+    """Refuse to split a block that may go over the roll-over of C."""
     unsure = np.flatnonzero((parts > 1) & (np.abs(turn) > 180.0))
     if unsure.size:
         i = int(unsure[0])

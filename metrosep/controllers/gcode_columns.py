@@ -52,115 +52,50 @@ class Mover:
 
     The first group is the block up to the number of Z or, without Z, up to the end of the last
     axis word.
-
-    Parameters
-    ----------
-    match : re.Pattern
-        Finds every block of the shape.
-    g, x, c, z, f : int
-        Groups of the numbers of G, X, C, Z and F.
-    moves : bool
-        Whether there is an axis word.
     """
 
-    match: re.Pattern[str]
-    g: int
+    match: re.Pattern[str]  # re.Pattern: finds every block of the shape
+    g: int  # groups of the numbers of G, X, C, Z and F
     x: int
     c: int
     z: int
     f: int
-    moves: bool
+    moves: bool  # whether there is an axis word
 
 
 @dataclass(slots=True)
 class Columns:
-    """Moves of a piece of a program, one entry for each.
+    """Moves of a piece of a program, one entry for each."""
 
-    Parameters
-    ----------
-    row : list of int
-        Line within the piece.
-    x, c, z : list of float
-        Words in units of the file and degrees, NaN where the block has none.
-    f : list of float
-        Feed words, NaN where there is none.
-    motion : list of int
-        0 for rapid, 1 for feed.
-    start, end : list of int
-        Where the number of the Z word begins and ends in the block; both are the end of the last
-        axis word, where Z is inserted, if there is none.
-    digits : list of int
-        Digits after the point of the Z word, 0 where there is none.
-    feed_mode : list of str
-        In force.
-    lost : list of (int, str)
-        Moves before which the place of some axes is no longer known, and which axes.
-    line : int
-        Number of the first line of the piece, from 1.
-    """
-
-    line: int
-    row: list[int] = field(default_factory=list)
+    line: int  # number of the first line of the piece, from 1
+    row: list[int] = field(default_factory=list)  # line within the piece
+    # words in units of the file and degrees, NaN where the block has none
     x: list[float] = field(default_factory=list)
     c: list[float] = field(default_factory=list)
     z: list[float] = field(default_factory=list)
-    f: list[float] = field(default_factory=list)
-    motion: list[int] = field(default_factory=list)
+    f: list[float] = field(default_factory=list)  # feed words, NaN where there is none
+    motion: list[int] = field(default_factory=list)  # 0 for rapid, 1 for feed
+    # where the number of the Z word begins and ends in the block; both are the end of the last
+    # axis word, where Z is inserted, if there is none
     start: list[int] = field(default_factory=list)
     end: list[int] = field(default_factory=list)
+    # digits after the point of the Z word, 0 where there is none
     digits: list[int] = field(default_factory=list)
-    feed_mode: list[str] = field(default_factory=list)
+    feed_mode: list[str] = field(default_factory=list)  # in force
+    # of (int, str): moves before which the place of some axes is no longer known, and which axes
     lost: list[tuple[int, str]] = field(default_factory=list)
 
     def lost_at(self, letter: str) -> list[int]:
-        """Return the moves before which the place of an axis is no longer known.
-
-        Parameters
-        ----------
-        letter : {"X", "C", "Z"}
-            The axis.
-
-        Returns
-        -------
-        list of int
-            The number of moves where this is after the last of them.
-        """
+        """Return the moves before which the place of an axis is no longer known."""
         return [at for at, axes in self.lost if letter in axes]
 
     def line_of(self, index: int) -> int:
-        """Return the number of the line of a move.
-
-        Parameters
-        ----------
-        index : int
-            Which move.
-
-        Returns
-        -------
-        int
-            From 1.
-        """
+        """Return the number of the line of a move."""
         return self.line + self.row[index]
 
 
 def open_program(path: Path) -> BinaryIO:
-    """Open a program.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    BinaryIO
-        To be closed by the caller.
-
-    Raises
-    ------
-    ReadError
-        If it is missing, a folder or not readable.
-    """
+    """Open a program."""
     try:
         if path.is_dir():
             raise ReadError(f"{path}: is a folder, a program is needed")
@@ -172,30 +107,7 @@ def open_program(path: Path) -> BinaryIO:
 
 
 def pieces(stream: BinaryIO, path: Path, *, mark: bool = False) -> Iterator[list[str]]:
-    """Give the lines of a program, with their ends, some ten thousand at a time.
-
-    Parameters
-    ----------
-    stream : BinaryIO
-        The program.
-    path : Path
-        Its name, for messages.
-    mark : bool, optional
-        Whether a byte order mark of UTF-8 may stand at the beginning.
-
-    Yields
-    ------
-    list of str
-        Bytes as Latin-1, so that every byte comes back as it was.
-
-    Raises
-    ------
-    CorruptFileError
-        If a block is longer than any controller takes, or holds zero bytes, or the text begins with
-        a byte order mark.
-    ReadError
-        If the file cannot be read to its end.
-    """
+    """Give the lines of a program, with their ends, some ten thousand at a time."""
     rest, line = b"", 1
     while True:
         try:
@@ -246,31 +158,7 @@ def _simple(data: bytes) -> bool:
 def read_columns(
     lines: list[str], state: ModalState, shapes: dict[str, Mover | None], line: int
 ) -> Columns:
-    """Return the moves of a piece of a program.
-
-    Parameters
-    ----------
-    lines : list of str
-        Blocks with their line ends.
-    state : ModalState
-        What is in force; it goes on from piece to piece.
-    shapes : dict of str to Mover or None
-        Shapes seen before; it grows.
-    line : int
-        Number of the first line.
-
-    Returns
-    -------
-    Columns
-        One entry for each move.
-
-    Raises
-    ------
-    UnsupportedFeatureError
-        If a block holds what cannot be corrected.
-    CorruptFileError
-        If a block is no G-code.
-    """
+    """Return the moves of a piece of a program."""
     out = Columns(line)
     row = 0
     for shape, run in groupby(_shapes(lines)):
@@ -417,22 +305,7 @@ def _mover(shape: str) -> Mover | None:
 
 
 def carried(values: FloatArray, before: float, lost: Sequence[int] = ()) -> FloatArray:
-    """Return a column with each missing word as the one before it: words are modal.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-        NaN where the block has no word.
-    before : float
-        In force before the first.
-    lost : sequence of int, optional
-        Entries before which nothing is in force any more; n is after the last.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        NaN only where nothing was said yet, or since it was lost.
-    """
+    """Return a column with each missing word as the one before it: words are modal."""
     full = np.concatenate([[before], values])
     last = np.where(np.isnan(full), 0, np.arange(full.size))
     for at in lost:

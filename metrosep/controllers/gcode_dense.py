@@ -41,21 +41,6 @@ _AT_ONCE = 50_000
 def chord_errors(lookup: Lookup, ends: FloatArray, pitch: float | None = None) -> FloatArray:
     """Return how far the correction on the way of each move is from its chord.
 
-    Parameters
-    ----------
-    lookup : callable
-        Correction in m from X (m) and C (rad).
-    ends : ndarray, shape (4, n)
-        X and C at the beginning, X and C at the end of each move.
-    pitch : float or None, m, optional
-        Distance on the part over which the correction may bend.
-
-    Returns
-    -------
-    ndarray, shape (n,), m
-        Absolute, the largest seen; NaN where the way crosses what is not known, infinite where a
-        move is too long to be looked at.
-
     Examples
     --------
     >>> ends = np.array([[0.0], [0.0], [2e-3], [0.0]])
@@ -73,25 +58,6 @@ def part_counts(
     lookup: Lookup, ends: FloatArray, tolerance: float, pitch: float | None
 ) -> tuple[IntArray, FloatArray]:
     """Return into how many equal parts each move is split, and the deviation that is left.
-
-    Parameters
-    ----------
-    lookup : callable
-        Correction in m from X (m) and C (rad).
-    ends : ndarray, shape (4, n)
-        X and C at the beginning, X and C at the end of each move.
-    tolerance : float, m
-        Largest deviation of the correction from its chords.
-    pitch : float or None, m
-        Distance on the part over which the correction may bend.
-
-    Returns
-    -------
-    parts : ndarray of int, shape (n,)
-        1, 2, 4 ... `MAX_PARTS`.
-    left : ndarray, shape (n,), m
-        Largest deviation seen with these parts: above the tolerance where `MAX_PARTS` do not do,
-        NaN and infinite as in `chord_errors`.
 
     Examples
     --------

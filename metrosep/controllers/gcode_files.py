@@ -38,20 +38,7 @@ _LARGEST_SIDECAR = 10**6
 
 
 def check_files(start: Path, end: Path, *, overwrite: bool) -> None:
-    """Refuse a target that is the source, or exists.
-
-    Parameters
-    ----------
-    start, end : Path
-        What is read, and what is to be written.
-    overwrite : bool
-        Whether an existing file may be replaced.
-
-    Raises
-    ------
-    WriteError
-        If it must not be written.
-    """
+    """Refuse a target that is the source, or exists."""
     try:
         same = end.exists() and start.exists() and end.samefile(start)
     except OSError as exc:
@@ -99,20 +86,7 @@ def marked(lines: Sequence[str], text: str, *, is_list: bool = False) -> list[st
 
 
 def require_unmarked(lines: Sequence[str], path: Path) -> None:
-    """Refuse lines of a program or list that bear the mark of a correction.
-
-    Parameters
-    ----------
-    lines : sequence of str
-        Of the source.
-    path : Path
-        Its name.
-
-    Raises
-    ------
-    DataError
-        If one of them does.
-    """
+    """Refuse lines of a program or list that bear the mark of a correction."""
     found = _MARK.search("".join(lines))
     if found is not None:
         raise DataError(
@@ -123,18 +97,7 @@ def require_unmarked(lines: Sequence[str], path: Path) -> None:
 
 
 def require_uncorrected(path: Path) -> None:
-    """Refuse a program or list that has a correction in it already, by the sidecars of its folder.
-
-    Parameters
-    ----------
-    path : Path
-        The source.
-
-    Raises
-    ------
-    DataError
-        If a sidecar beside it says that it was corrected.
-    """
+    """Refuse a program or list that has a correction in it already, by the sidecars of its folder."""
     beside = sidecar_path(path)
     found = _said(beside)
     if found is not None:
@@ -176,20 +139,7 @@ def _said(beside: Path) -> dict[str, Any] | None:
 
 
 def require_hash(path: Path, wanted: str) -> None:
-    """Refuse a file that the disk does not hold as it was written.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    wanted : str
-        SHA-256 of what was written.
-
-    Raises
-    ------
-    WriteError
-        If it differs.
-    """
+    """Refuse a file that the disk does not hold as it was written."""
     digest = hashlib.sha256()
     with path.open("rb") as stream:
         while piece := stream.read(1 << 20):

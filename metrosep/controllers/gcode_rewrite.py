@@ -75,22 +75,7 @@ class _Piece:
 
 
 class Rewriter:
-    """Rewrite pieces of one program in order.
-
-    Parameters
-    ----------
-    correction : PathCorrection
-        What is added.
-    settings : Settings
-        How.
-    state : ModalState
-        Before the first block.
-
-    Raises
-    ------
-    DataError
-        If the correction cannot do what is asked for.
-    """
+    """Rewrite pieces of one program in order."""
 
     def __init__(self, correction: PathCorrection, settings: Settings, state: ModalState) -> None:
         if settings.outside == "hold" and correction.held is None:
@@ -121,29 +106,7 @@ class Rewriter:
         self._line_out = 1
 
     def rewrite(self, lines: list[str]) -> list[str]:
-        """Return the lines of a piece, corrected and read back.
-
-        Parameters
-        ----------
-        lines : list of str
-            Blocks with their line ends.
-
-        Returns
-        -------
-        list of str
-            As many; a block that was split is one text of several lines.
-
-        Raises
-        ------
-        UnsupportedFeatureError
-            If a block cannot be corrected.
-        InvalidSamplesError
-            If the path leaves the map or crosses what was not measured.
-        LimitError
-            If stroke or block rate are exceeded.
-        TableError
-            If what was written does not read back as meant.
-        """
+        """Return the lines of a piece, corrected and read back."""
         columns = read_columns(lines, self.state, self._readers[0], self._line)
         self._line += len(lines)
         self.tally.blocks += len(lines)
@@ -174,13 +137,7 @@ class Rewriter:
                     setattr(self._carry, f"{name}_out", math.nan)
 
     def finish(self) -> None:
-        """Check what only the whole program can tell.
-
-        Raises
-        ------
-        UnsupportedFeatureError
-            If the spindle turns while it cuts, C never changes, and the correction depends on C.
-        """
+        """Check what only the whole program can tell."""
         if self.correction.needs_c and self.state.spun and not self._turned:
             raise refuse_block(
                 self.state.spun,

@@ -42,41 +42,7 @@ def split_block(
     line: int,
     rollover: bool = False,
 ) -> tuple[str, tuple[FloatArray, FloatArray, FloatArray, FloatArray]]:
-    """Return the blocks that replace one, and the points that were added.
-
-    Parameters
-    ----------
-    original, corrected : str
-        The block before and after its end point was corrected.
-    start, end : ndarray, shape (3,)
-        X, C (degrees), Z before correction, in units of the file; C may be NaN.
-    parts : int
-        How many, 2 or more.
-    digits : int
-        Digits after the point of lengths.
-    inverse_time : bool
-        Whether F is the inverse of the time of the block.
-    correct : callable
-        Correction in units of the file from X in units of the file and C in degrees.
-    line : int
-        Number of the line, for messages.
-    rollover : bool, optional
-        Write C within one turn, from 0 to 360.
-
-    Returns
-    -------
-    text : str
-        The blocks, with their line ends.
-    points : tuple of ndarray
-        Corrected Z before rounding, X, C as they are written, and digits, of the added points.
-
-    Raises
-    ------
-    UnsupportedFeatureError
-        If the block does more than move, or G93 has no F word.
-    InvalidSamplesError
-        If a point between was not measured.
-    """
+    """Return the blocks that replace one, and the points that were added."""
     tokens = tokenize(original, line)
     _require_plain(tokens, line)
     words = {t.letter: t for t in tokens if t.kind == "word"}

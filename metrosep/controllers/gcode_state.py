@@ -105,98 +105,41 @@ _OTHER_AXES = "YABUVW"
 
 @dataclass(slots=True)
 class ModalState:
-    """What is in force; changed by each block that is more than axis words.
+    """What is in force; changed by each block that is more than axis words."""
 
-    Parameters
-    ----------
-    scale : float or None, m
-        Length of one unit of the file; None while it is unknown.
-    diameter : bool or None
-        Whether X words are diameters; None while nothing says so.
-    motion : int or None
-        0 for rapid, 1 for feed, None for no motion mode.
-    feed_mode : str
-        ``"G93"``, ``"G94"`` ... or empty while unknown.
-    stated_scale, stated_diameter, stated_absolute : bool
-        Whether program (or caller, for the diameter) said so.
-    moved, cut, z_known : bool
-        Whether there was a move, a feed move, a Z word.
-    away : int
-        Line of the last home move, 0 if there was none.
-    lost : str
-        Axes whose place the text no longer tells since the last move; taken by the reader.
-    feed : float
-        F of a block that is no move, NaN once a move has taken it.
-    spindle : int
-        Line of the last M3 or M4, 0 if the spindle stands.
-    spun : int
-        Line of the first M3 or M4 that was in force in a feed move.
-    begun : bool
-        After the first block that is more than ``%``.
-    harmless_m : frozenset of int
-        M codes of this machine that neither move nor change the coordinates.
-    g_system : str or None
-        "A" or "B" of Fanuc lathes, or "mill"; None where nobody said.
-    ended : bool
-        After M2 or M30.
-    messages : dict of str to int
-        Words for the person, with the line of the first occasion.
-    """
-
-    scale: float | None = None
-    diameter: bool | None = None
-    motion: int | None = None
-    feed_mode: str = ""
-    stated_scale: bool = False
+    scale: float | None = None  # m: length of one unit of the file; None while it is unknown
+    diameter: bool | None = None  # whether X words are diameters; None while nothing says so
+    motion: int | None = None  # 0 for rapid, 1 for feed, None for no motion mode
+    feed_mode: str = ""  # ``"G93"``, ``"G94"`` ... or empty while unknown
+    stated_scale: bool = False  # whether program (or caller, for the diameter) said so
     stated_diameter: bool = False
     stated_absolute: bool = False
-    moved: bool = False
+    moved: bool = False  # whether there was a move, a feed move, a Z word
     cut: bool = False
     z_known: bool = False
-    away: int = 0
+    away: int = 0  # line of the last home move, 0 if there was none
+    # axes whose place the text no longer tells since the last move; taken by the reader
     lost: str = ""
-    feed: float = math.nan
-    spindle: int = 0
-    spun: int = 0
-    begun: bool = False
+    feed: float = math.nan  # F of a block that is no move, NaN once a move has taken it
+    spindle: int = 0  # line of the last M3 or M4, 0 if the spindle stands
+    spun: int = 0  # line of the first M3 or M4 that was in force in a feed move
+    begun: bool = False  # after the first block that is more than ``%``
+    # frozenset of int: M codes of this machine that neither move nor change the coordinates
     harmless_m: frozenset[int] = frozenset()
-    g_system: str | None = None
-    ended: bool = False
+    g_system: str | None = None  # "A" or "B" of Fanuc lathes, or "mill"; None where nobody said
+    ended: bool = False  # after M2 or M30
+    # to int: words for the person, with the line of the first occasion
     messages: dict[str, int] = field(default_factory=dict)
 
     @property
     def unit(self) -> float:
-        """Length of one unit of the file in m.
-
-        Raises
-        ------
-        UnitError
-            While it is unknown.
-        """
+        """Length of one unit of the file in m."""
         if self.scale is None:
             raise UnitError("the unit of the path is not known; give unit='mm' or 'inch'")
         return self.scale
 
     def apply(self, tokens: Sequence[Token], line: int) -> bool:
-        """Take a block into account.
-
-        Parameters
-        ----------
-        tokens : sequence of Token
-            Of the block.
-        line : int
-            Its number, from 1.
-
-        Returns
-        -------
-        bool
-            Whether the axis words of the block are a move.
-
-        Raises
-        ------
-        UnsupportedFeatureError
-            If the block holds what cannot be corrected.
-        """
+        """Take a block into account."""
         if self.ended:
             return False
         words = [t for t in tokens if t.kind == "word"]
@@ -229,15 +172,7 @@ class ModalState:
         return bool(axes) and self._move(axes, codes, line)
 
     def note(self, message: str, line: int) -> None:
-        """Keep a message with the line where it was first due.
-
-        Parameters
-        ----------
-        message : str
-            For the person.
-        line : int
-            Number of the line.
-        """
+        """Keep a message with the line where it was first due."""
         self.messages.setdefault(message, line)
 
     def _refuse_cycle(self, codes: set[int], words: list[Token], line: int) -> None:
@@ -451,18 +386,7 @@ class ModalState:
         return True
 
     def check_move(self, line: int) -> None:
-        """Take note of a move.
-
-        Parameters
-        ----------
-        line : int
-            Number of its line.
-
-        Raises
-        ------
-        UnsupportedFeatureError
-            If the unit is not known, or the machine went home before and had cut already.
-        """
+        """Take note of a move."""
         if self.scale is None:
             raise refuse_block(
                 line,

@@ -18,38 +18,10 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(slots=True)
 class Tally:
-    """Running counts and extremes of a path; lengths in m, times in s.
+    """Running counts and extremes of a path; lengths in m, times in s."""
 
-    Parameters
-    ----------
-    blocks, moves, changed, inserted, added, unplaced, outside : int
-        Lines; moves; blocks changed; words inserted; blocks added; moves before the position was
-        known; moves beyond the map.
-    low, high, total, squares : float
-        Smallest and largest correction, sum and sum of squares.
-    after_low, after_high : float
-        Smallest and largest of what rounding leaves.
-    step : float
-        One unit of the last digit.
-    chord, read_back : float
-        Largest deviations between points, and of the file from what was meant.
-    first, last : int
-        Lines of the first and last change.
-    shortest : float
-        Time of the fastest block.
-    shortest_line, feed_line : int
-        Lines of that block and of the largest change of feed.
-    feed_change : float
-        Relative change of the time of a block in G94 with C moving.
-    per_turn : bool
-        Whether there is feed per turn.
-    border, border_way : float
-        Largest step of the correction from a move within the map to one beyond it, and the length
-        of that move on the part.
-    border_line : int
-        Its line.
-    """
-
+    # lines; moves; blocks changed; words inserted; blocks added; moves before the position was
+    # known; moves beyond the map
     blocks: int = 0
     moves: int = 0
     changed: int = 0
@@ -57,47 +29,32 @@ class Tally:
     added: int = 0
     unplaced: int = 0
     outside: int = 0
-    low: float = math.inf
+    low: float = math.inf  # smallest and largest correction, sum and sum of squares
     high: float = -math.inf
     total: float = 0.0
     squares: float = 0.0
-    after_low: float = math.inf
+    after_low: float = math.inf  # smallest and largest of what rounding leaves
     after_high: float = -math.inf
-    step: float = 0.0
-    chord: float = 0.0
+    step: float = 0.0  # one unit of the last digit
+    chord: float = 0.0  # largest deviations between points, and of the file from what was meant
     read_back: float = 0.0
-    first: int = 0
+    first: int = 0  # lines of the first and last change
     last: int = 0
-    shortest: float = math.inf
-    shortest_line: int = 0
-    feed_change: float = 0.0
+    shortest: float = math.inf  # time of the fastest block
+    shortest_line: int = 0  # lines of that block and of the largest change of feed
+    feed_change: float = 0.0  # relative change of the time of a block in G94 with C moving
     feed_line: int = 0
-    per_turn: bool = False
+    per_turn: bool = False  # whether there is feed per turn
+    # largest step of the correction from a move within the map to one beyond it, and the length of
+    # that move on the part
     border: float = 0.0
     border_way: float = 0.0
-    border_line: int = 0
+    border_line: int = 0  # its line
 
     def look(
         self, columns: Columns, dz: FloatArray, known: NDArray[np.bool_], stroke: float
     ) -> None:
-        """Take the corrections of a piece into account.
-
-        Parameters
-        ----------
-        columns : Columns
-            Its moves.
-        dz : ndarray, m
-            What is added to Z.
-        known : ndarray of bool
-            Where it was looked up.
-        stroke : float, m
-            Largest correction.
-
-        Raises
-        ------
-        LimitError
-            If a correction is larger.
-        """
+        """Take the corrections of a piece into account."""
         self.moves += dz.size
         self.unplaced += int(np.count_nonzero(~known))
         values = dz[known]
@@ -123,19 +80,7 @@ class Tally:
         away: FloatArray,
         step: float,
     ) -> None:
-        """Count the blocks of a piece that change.
-
-        Parameters
-        ----------
-        columns : Columns
-            Its moves.
-        edit, insert : ndarray of bool
-            Blocks whose Z changes, and those of them that had none.
-        away : ndarray, m
-            Error that is left at each corrected point: -c + what is added in fact.
-        step : float, m
-            One unit of the last digit.
-        """
+        """Count the blocks of a piece that change."""
         self.step = max(self.step, step)
         if away.size:
             self.after_low = min(self.after_low, float(away.min()))
@@ -156,28 +101,7 @@ class Tally:
         parts: NDArray[np.int64],
         limit: float | None,
     ) -> None:
-        """Find the block that takes the shortest time.
-
-        Parameters
-        ----------
-        columns : Columns
-            Moves of a piece.
-        points : tuple of ndarray, shapes (3, n)
-            X (radius), C (degrees), Z before and after each move, lengths in units of the file.
-        dz : ndarray
-            Corrections in units of the file.
-        feeds : ndarray
-            F in force.
-        parts : ndarray of int
-            Parts of each block.
-        limit : float or None, 1/s
-            Most blocks per second of the controller.
-
-        Raises
-        ------
-        LimitError
-            If a block is shorter than the controller takes.
-        """
+        """Find the block that takes the shortest time."""
         modes = np.array(columns.feed_mode)
         feed = np.array(columns.motion) == 1
         before, after = points

@@ -40,27 +40,15 @@ _DIGITS = str.maketrans("", "", "0123456789.+-")
 
 @dataclass(frozen=True, slots=True)
 class Token:
-    """A piece of a block.
+    """A piece of a block."""
 
-    Parameters
-    ----------
-    kind : {"word", "comment", "space", "percent", "slash", "call"}
-        What it is; "call" is a named setting of smoothing such as ``CYCLE832(...)``.
-    text : str
-        Its characters.
-    start : int
-        Where it begins in the block.
-    letter : str
-        Of a word, upper case; otherwise empty.
-    number : str
-        Of a word, as it is written; otherwise empty.
-    """
-
+    # {"word", "comment", "space", "percent", "slash", "call"}: what it is; "call" is a named
+    # setting of smoothing such as ``CYCLE832(...)``
     kind: Kind
-    text: str
-    start: int
-    letter: str = ""
-    number: str = ""
+    text: str  # its characters
+    start: int  # where it begins in the block
+    letter: str = ""  # of a word, upper case; otherwise empty
+    number: str = ""  # of a word, as it is written; otherwise empty
 
     @property
     def value(self) -> float:
@@ -75,25 +63,6 @@ class Token:
 
 def tokenize(block: str, line: int = 0) -> tuple[Token, ...]:
     """Cut a block into tokens whose texts joined are the block.
-
-    Parameters
-    ----------
-    block : str
-        One line, with or without its line end.
-    line : int, optional
-        Number of the line, for messages.
-
-    Returns
-    -------
-    tuple of Token
-        In order.
-
-    Raises
-    ------
-    UnsupportedFeatureError
-        If the block holds a variable, an expression or a control word.
-    CorruptFileError
-        If it holds characters that are no word.
 
     Examples
     --------
@@ -120,16 +89,6 @@ def tokenize(block: str, line: int = 0) -> tuple[Token, ...]:
 def shape_of(block: str) -> str:
     """Return the block without its digits, points and signs.
 
-    Parameters
-    ----------
-    block : str
-        One line.
-
-    Returns
-    -------
-    str
-        Equal for blocks that differ in numbers only.
-
     Examples
     --------
     >>> shape_of("N10 X1.5 Z-.25")
@@ -140,16 +99,6 @@ def shape_of(block: str) -> str:
 
 def decimals_of(number: str) -> int:
     """Return how many digits stand after the point.
-
-    Parameters
-    ----------
-    number : str
-        As it is written.
-
-    Returns
-    -------
-    int
-        0 without a point.
 
     Examples
     --------
@@ -162,18 +111,6 @@ def decimals_of(number: str) -> int:
 def format_number(value: float, decimals: int) -> str:
     """Return a number with that many digits after the point, never an exponent or minus zero.
 
-    Parameters
-    ----------
-    value : float
-        In the unit of the file.
-    decimals : int
-        Digits after the point, 1 or more, so that no controller takes it for an integer.
-
-    Returns
-    -------
-    str
-        Rounded to the nearest.
-
     Examples
     --------
     >>> format_number(-4e-9, 6), format_number(1.25, 3)
@@ -184,24 +121,7 @@ def format_number(value: float, decimals: int) -> str:
 
 
 def refuse_block(line: int, what: str, why: str, way_out: str) -> UnsupportedFeatureError:
-    """Return the error for a block that cannot be rewritten.
-
-    Parameters
-    ----------
-    line : int
-        Number of the line, from 1.
-    what : str
-        The word.
-    why : str
-        Why it cannot be corrected.
-    way_out : str
-        What the user can do.
-
-    Returns
-    -------
-    UnsupportedFeatureError
-        To be raised.
-    """
+    """Return the error for a block that cannot be rewritten."""
     return UnsupportedFeatureError(f"line {line}: {what}: {why}; {way_out}")
 
 

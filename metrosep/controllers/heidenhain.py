@@ -115,31 +115,7 @@ class Heidenhain(Resampling):
     )
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
-        """Return the table text.
-
-        Parameters
-        ----------
-        table : CompensationTable
-            Corrections; with two columns the reverse one goes into BACKLASH.
-        **options
-            Spacing, resolution and sign.
-
-        Returns
-        -------
-        Encoded
-            ASCII, CRLF.
-
-        Raises
-        ------
-        TableError
-            If an axis turns or has a name of more than a letter and a digit, another axis is
-            corrected differently in the two directions, or the spacing is not a multiple of the
-            resolution.
-        LimitError
-            If there are more than 256 points or an entry is too large for its column.
-        DataError
-            If the resolution is no power of ten of a millimetre.
-        """
+        """Return the table text."""
         require_linear((table.axis, table.compensates), _TITLE)
         _require_axes(table, options["looked_up_axis"])
         require_sizes(table, _TITLE, farthest=_FARTHEST, largest=_LARGEST)
@@ -183,32 +159,7 @@ class Heidenhain(Resampling):
         )
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
-        """Return the table.
-
-        Parameters
-        ----------
-        data : bytes
-            Content of the file.
-        path : Path
-            Its name, for messages and the sidecar.
-        **options
-            Sign of entries, where no sidecar tells.
-
-        Returns
-        -------
-        CompensationTable
-            Two columns if BACKLASH is filled.
-
-        Raises
-        ------
-        CorruptFileError
-            If a line is no line of the table, lines are missing, or positions are not equally
-            spaced.
-        LimitError
-            If there are more than 256 lines.
-        DataError
-            If the sign of entries is not told.
-        """
+        """Return the table."""
         lines = ascii_lines(data, path, "HEIDENHAIN table")
         if len(lines) < 3 or lines[-1] != "[END]":
             raise CorruptFileError(

@@ -103,28 +103,7 @@ class IsgAxis(Resampling):
     )
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
-        """Return a bilateral list, at equal spacing if the positions are, else with setpoints.
-
-        Parameters
-        ----------
-        table : CompensationTable
-            Corrections of the axis itself, one or two columns.
-        **options
-            Axis number and the others.
-
-        Returns
-        -------
-        Encoded
-            ASCII, LF.
-
-        Raises
-        ------
-        TableError
-            If an axis turns, the table corrects another axis, its name has characters that a list
-            has not, or positions fall together when rounded.
-        LimitError
-            If a number leaves 32 bits.
-        """
+        """Return a bilateral list, at equal spacing if the positions are, else with setpoints."""
         require_linear((table.axis, table.compensates), "kw.ssfk")
         require_sizes(table, "kw.ssfk", farthest=FARTHEST, largest=FARTHEST)
         if not table.is_on_axis:
@@ -157,32 +136,7 @@ class IsgAxis(Resampling):
         return encoded(carried, [k * made.forward, k * reverse], columns, lines, kind)
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
-        """Return the table.
-
-        Parameters
-        ----------
-        data : bytes
-            Content of the file.
-        path : Path
-            Its name, for messages and the sidecar.
-        **options
-            Sign where the file does not tell.
-
-        Returns
-        -------
-        CompensationTable
-            Two columns, or one where they are equal.
-
-        Raises
-        ------
-        CorruptFileError
-            If a line is no entry of the list, one is missing or double, or a unilateral list does
-            not say which column is used.
-        LimitError
-            If there are more points than the control takes.
-        DataError
-            If the sign is not told.
-        """
+        """Return the table."""
         entries, comment = read_list(data, path, options)
         sign = fact(self, "entry_sign", options, comment, path)
         _, name = header(entries, options, path)
@@ -269,30 +223,7 @@ class IsgCross(Resampling):
     )
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
-        """Return the list of the slave axis.
-
-        Parameters
-        ----------
-        table : CompensationTable
-            Corrections, one column; more points than the capacity are replaced by knots that lie
-            where the error needs them.
-        **options
-            Axis numbers and the others.
-
-        Returns
-        -------
-        Encoded
-            ASCII, LF.
-
-        Raises
-        ------
-        TableError
-            If an axis turns, the table corrects the axis that it looks up, has two directions, both
-            axes have the same number, an axis name has characters that a list has not, or
-            positions fall together when rounded.
-        LimitError
-            If a number leaves 32 bits.
-        """
+        """Return the list of the slave axis."""
         require_linear((table.axis, table.compensates), "kw.crosscomp")
         require_one_direction(table, "kw.crosscomp", "as backlash of the slave or into kw.ssfk")
         require_sizes(table, "kw.crosscomp", farthest=FARTHEST, largest=FARTHEST)
@@ -318,31 +249,7 @@ class IsgCross(Resampling):
         return encoded(carried, [k * carried.table.forward], [c], lines, kind)
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
-        """Return the table.
-
-        Parameters
-        ----------
-        data : bytes
-            Content of the file.
-        path : Path
-            Its name, for messages and the sidecar.
-        **options
-            Sign where the file does not tell.
-
-        Returns
-        -------
-        CompensationTable
-            One column; the name of the master axis is that of the sidecar.
-
-        Raises
-        ------
-        CorruptFileError
-            If a line is no entry of the list, or one is missing or double.
-        LimitError
-            If there are more points than the control takes.
-        DataError
-            If the sign is not told.
-        """
+        """Return the table."""
         entries, comment = read_list(data, path, options)
         sign = fact(self, "entry_sign", options, comment, path)
         number, name = header(entries, options, path)

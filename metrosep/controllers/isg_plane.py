@@ -129,28 +129,7 @@ class IsgPlane(Resampling):
     )
 
     def encode(self, table: CompensationMap, **options: Any) -> Encoded:
-        """Return the list of the slave axis.
-
-        Parameters
-        ----------
-        table : CompensationMap
-            Corrections over two linear axes.
-        **options
-            Axis numbers and the others.
-
-        Returns
-        -------
-        Encoded
-            ASCII, LF.
-
-        Raises
-        ------
-        TableError
-            If an axis turns, two axes have the same number, or a name has characters that a list
-            has not.
-        LimitError
-            If there are too many points, the interval exceeds the map, or a number leaves 32 bits.
-        """
+        """Return the list of the slave axis."""
         _require_axes(table, options)
         kind = options["number_type"]
         quantum = UNIT if kind == "integer" else UNIT * 1e-6
@@ -181,31 +160,7 @@ class IsgPlane(Resampling):
         return encoded(carried, [wanted.ravel()], [entries], lines, kind)
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationMap:
-        """Return the map.
-
-        Parameters
-        ----------
-        data : bytes
-            Content of the file.
-        path : Path
-            Its name, for messages and the sidecar.
-        **options
-            Sign where the file does not tell.
-
-        Returns
-        -------
-        CompensationMap
-            The names of the master axes are those of the sidecar, else X and Y.
-
-        Raises
-        ------
-        CorruptFileError
-            If a line is no entry of the list, or one is missing or double.
-        LimitError
-            If there are more points than the control takes.
-        DataError
-            If the sign is not told.
-        """
+        """Return the map."""
         entries, comment = read_list(data, path, options)
         sign = fact(self, "entry_sign", options, comment, path)
         number, name = header(entries, options, path)

@@ -104,28 +104,7 @@ class Klipper(Dialect):
     )
 
     def encode(self, table: CompensationMap, **options: Any) -> Encoded:
-        """Return the section.
-
-        Parameters
-        ----------
-        table : CompensationMap
-            Z over X and Y.
-        **options
-            Every declared option, checked.
-
-        Returns
-        -------
-        Encoded
-            ASCII, LF.
-
-        Raises
-        ------
-        TableError
-            If it is not Z over X and Y, its positions are not even and no spacing is given, or the
-            name of the profile cannot stand in a section.
-        LimitError
-            If a spacing gives more nodes than make sense, or units are mistaken.
-        """
+        """Return the section."""
         require_bed(table, "Klipper")
         name = options["profile"]
         if _PROFILE.fullmatch(name) is None:
@@ -167,27 +146,7 @@ class Klipper(Dialect):
         )
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationMap:
-        """Return the map, refusing what Klipper would drop or die of.
-
-        Parameters
-        ----------
-        data : bytes
-            Content of the file.
-        path : Path
-            Its name, for messages and the sidecar.
-        **options
-            Not used by the format.
-
-        Returns
-        -------
-        CompensationMap
-            Heights are corrections.
-
-        Raises
-        ------
-        CorruptFileError
-            If it is not one mesh with every key, or its rows are not those it announces.
-        """
+        """Return the map, refusing what Klipper would drop or die of."""
         keys, rows = _parsed(data, path)
         for key, wanted in _FIXED.items():
             if keys[key] != wanted:
@@ -220,22 +179,7 @@ class Klipper(Dialect):
 
 
 def require_bed(table: CompensationMap, controller: str) -> None:
-    """Refuse a map that is not Z over X and Y.
-
-    Parameters
-    ----------
-    table : CompensationMap
-        Any.
-    controller : str
-        For the message.
-
-    Raises
-    ------
-    TableError
-        If it looks up or corrects other axes.
-    LimitError
-        If no such machine has its positions or corrections.
-    """
+    """Refuse a map that is not Z over X and Y."""
     if table.axes != ("X", "Y") or table.compensates != "Z":
         raise TableError(
             f"{controller} corrects Z over X (columns) and Y (rows), this map is "

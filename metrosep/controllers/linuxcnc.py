@@ -97,34 +97,7 @@ class LinuxCNC(Dialect):
         joint_type: str = "linear",
         **options: Any,
     ) -> Encoded:
-        """Return bare triples.
-
-        Parameters
-        ----------
-        table : CompensationTable
-            Corrections.
-        cross_axis : {"refuse", "hal"}, optional
-            A table that corrects another axis than it looks up is refused, unless HAL routes it;
-            the sidecar then holds the wiring.
-        joint_type : {"linear", "angular"}, optional
-            TYPE of the joint: millimetres or degrees.
-        **options
-            None other.
-
-        Returns
-        -------
-        Encoded
-            ASCII, LF, ten decimals of a millimetre or degree.
-
-        Raises
-        ------
-        TableError
-            If the table corrects another axis than the one it looks up.
-        DataError
-            If `joint_type` contradicts the axis of the table.
-        LimitError
-            If there are more than 256 points.
-        """
+        """Return bare triples."""
         if not table.is_on_axis and cross_axis != "hal":
             raise TableError(
                 f"a LinuxCNC compensation file corrects its own joint, this table is {table.axis} -> "
@@ -165,31 +138,7 @@ class LinuxCNC(Dialect):
         )
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
-        """Return the table, refusing whatever LinuxCNC would silently drop.
-
-        Parameters
-        ----------
-        data : bytes
-            Content of the file.
-        path : Path
-            Its name, for messages and the sidecar.
-        **options
-            `joint_type`, where there is no sidecar: linear (mm) if it is not told.
-
-        Returns
-        -------
-        CompensationTable
-            Corrections ``nominal - entry``.
-
-        Raises
-        ------
-        CorruptFileError
-            If a line is not three finite numbers or positions do not rise.
-        LimitError
-            If there are more than 256 lines.
-        DataError
-            If `joint_type` contradicts the axis that the sidecar names.
-        """
+        """Return the table, refusing whatever LinuxCNC would silently drop."""
         rows = [
             _triple(line, number, path)
             for number, line in enumerate(_text(data, path).splitlines(), start=1)

@@ -104,33 +104,7 @@ class LinuxCNCEoffset(Dialect):
         period: float = 2e-3,
         **options: Any,
     ) -> Encoded:
-        """Return the program with the map in it.
-
-        Parameters
-        ----------
-        table : CompensationMap
-            Corrections over two linear axes.
-        count : float, m, optional
-            Length of a count.
-        av_ratio : float, optional
-            OFFSET_AV_RATIO of the corrected axis.
-        period : float, s, optional
-            Time between two look-ups.
-        **options
-            None other.
-
-        Returns
-        -------
-        Encoded
-            ASCII, LF; whole counts.
-
-        Raises
-        ------
-        TableError
-            If an axis is not a linear one of LinuxCNC, or positions fall together when printed.
-        LimitError
-            If a correction exceeds 32 bits, or there are more nodes than were ever tried.
-        """
+        """Return the program with the map in it."""
         letters = [*table.axes, table.compensates]
         wrong = [a for a in letters if a not in tuple(LETTERS)]
         if wrong:
@@ -165,31 +139,7 @@ class LinuxCNCEoffset(Dialect):
         )
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationMap:
-        """Return the map, refusing a program that is not the one that was proven.
-
-        Parameters
-        ----------
-        data : bytes
-            Content of the file.
-        path : Path
-            Its name, for messages and the sidecar.
-        **options
-            Those of the dialect, where you want them confirmed.
-
-        Returns
-        -------
-        CompensationMap
-            In whole counts.
-
-        Raises
-        ------
-        CorruptFileError
-            If a line is missing, changed or unknown, or positions do not rise.
-        LimitError
-            If an entry exceeds 32 bits.
-        DataError
-            If an option says otherwise than the file.
-        """
+        """Return the map, refusing a program that is not the one that was proven."""
         grid = _checked(data, path, options)
         unit = float(grid.count) * _MM
         x, y = (np.array([float(v) * _MM for v in p]) for p in (grid.x, grid.y))
@@ -204,32 +154,7 @@ class LinuxCNCEoffset(Dialect):
         )
 
     def lookup(self, data: bytes, path: Path, **options: Any) -> Simulator:
-        """Return what the component sends: bilinear between the nodes, in whole counts.
-
-        Parameters
-        ----------
-        data : bytes
-            Content of the file.
-        path : Path
-            Its name, for messages.
-        **options
-            As for `decode`.
-
-        Returns
-        -------
-        callable
-            ``(x, y, direction=1)`` to the correction in m, when the ramp has come to rest.
-
-        Raises
-        ------
-        CorruptFileError
-            If the file is damaged.
-        LimitError
-            If an entry exceeds 32 bits.
-        DataError
-            If an option says otherwise than the file, or, of the function returned, if the
-            direction is neither 1 nor -1.
-        """
+        """Return what the component sends: bilinear between the nodes, in whole counts."""
         grid = _checked(data, path, options)
         unit = float(grid.count) * _MM
         x, y = (np.array([float(v) for v in p]) for p in (grid.x, grid.y))

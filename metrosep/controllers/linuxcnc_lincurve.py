@@ -119,34 +119,7 @@ class LinuxCNCLincurve(Dialect):
         thread: str = "servo-thread",
         **options: Any,
     ) -> Encoded:
-        """Return HAL commands.
-
-        Parameters
-        ----------
-        table : CompensationTable
-            Corrections, the same in both directions.
-        source_joint, target_joint : int
-            Joints that are looked up and corrected.
-        thread : str, optional
-            Servo thread.
-        **options
-            None other.
-
-        Returns
-        -------
-        Encoded
-            ASCII, LF, ten decimals of a millimetre or degree.
-
-        Raises
-        ------
-        TableError
-            If the directions differ, positions fall together when printed, joints and axes
-            contradict each other, or the name of an axis does not fit into a comment.
-        LimitError
-            If there are more points than 64 curves hold.
-        DataError
-            If the thread is no name of HAL.
-        """
+        """Return HAL commands."""
         _check_table(table, source_joint, target_joint)
         if not THREAD.fullmatch(thread):
             raise DataError(f"linuxcnc-lincurve: thread={thread!r} is no name of a thread in HAL")
@@ -174,28 +147,6 @@ class LinuxCNCLincurve(Dialect):
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
         """Return the table, refusing wiring that is not the one that was proven.
 
-        Parameters
-        ----------
-        data : bytes
-            Content of the file.
-        path : Path
-            Its name, for messages and the sidecar.
-        **options
-            The joints and the thread, where you want them confirmed.
-
-        Returns
-        -------
-        CompensationTable
-            The sum of the curves.
-
-        Raises
-        ------
-        CorruptFileError
-            If a line is missing, double, changed or unknown, the curves do not chain, or file and
-            sidecar contradict each other on an axis that turns.
-        DataError
-            If an option says otherwise than the file.
-
         Notes
         -----
         Without the comment that names the axes and without a sidecar nothing tells degrees: the numbers are
@@ -222,30 +173,7 @@ class LinuxCNCLincurve(Dialect):
         )
 
     def lookup(self, data: bytes, path: Path, **options: Any) -> Simulator:
-        """Return the sum of the clamped curves, as HAL's sum2 adds them.
-
-        Parameters
-        ----------
-        data : bytes
-            Content of the file.
-        path : Path
-            Its name, for messages.
-        **options
-            As for `decode`.
-
-        Returns
-        -------
-        callable
-            ``(position, direction=1)`` to the correction in m (or rad).
-
-        Raises
-        ------
-        CorruptFileError
-            If the file is damaged.
-        DataError
-            If an option says otherwise than the file, or, of the function returned, if the
-            direction is neither 1 nor -1.
-        """
+        """Return the sum of the clamped curves, as HAL's sum2 adds them."""
         table = self.decode(data, path, **options)
         unit, unit_c = _unit(table.axis)[0], _unit(table.compensates)[0]
         curves = [np.array(c, dtype=np.float64).T for c in parsed(data, path).curves]

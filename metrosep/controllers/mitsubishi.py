@@ -133,29 +133,7 @@ class Mitsubishi(Resampling):
     )
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
-        """Return parameters and numbers.
-
-        Parameters
-        ----------
-        table : CompensationTable
-            Corrections, one column, zero at the reference point.
-        **options
-            Output unit and the others.
-
-        Returns
-        -------
-        Encoded
-            ASCII, LF. The cumulative curve is rounded, then differenced.
-
-        Raises
-        ------
-        TableError
-            If an axis turns, the table has two directions, is not zero at the reference, corrects another axis
-            without a word, has an axis name of more than a letter and a digit, or the spacing is
-            not a multiple of the unit of #4007.
-        LimitError
-            If there are too many points or an increment leaves -128 ... 127.
-        """
+        """Return parameters and numbers."""
         require_linear((table.axis, table.compensates), _TITLE)
         require_one_direction(table, _TITLE, "into #2011 and #2012 (backlash)")
         _require_axes(table, options["cross_axis"])
@@ -196,29 +174,7 @@ class Mitsubishi(Resampling):
         )
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
-        """Return the cumulative corrections.
-
-        Parameters
-        ----------
-        data : bytes
-            Content of the file.
-        path : Path
-            Its name, for messages and the sidecar.
-        **options
-            Output unit and reference position where the file does not tell.
-
-        Returns
-        -------
-        CompensationTable
-            One column.
-
-        Raises
-        ------
-        CorruptFileError
-            If a line is no parameter of the list, or one is missing, double or out of range.
-        DataError
-            If a fact is missing.
-        """
+        """Return the cumulative corrections."""
         lines = ascii_lines(data, path, "list of Mitsubishi parameters")
         head = _head(lines, path)
         unit = fact(self, "output_unit", options, head, path)

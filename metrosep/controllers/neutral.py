@@ -60,20 +60,7 @@ class Neutral(Dialect):
     )
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
-        """Return the CSV, full precision.
-
-        Parameters
-        ----------
-        table : CompensationTable
-            Any.
-        **options
-            None.
-
-        Returns
-        -------
-        Encoded
-            UTF-8, LF.
-        """
+        """Return the CSV, full precision."""
         columns = [table.positions, table.forward]
         if table.reverse is not None:
             columns.append(table.reverse)
@@ -88,28 +75,7 @@ class Neutral(Dialect):
         return Encoded(("\n".join(lines) + "\n").encode("utf-8"), 0.0)
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
-        """Return the table.
-
-        Parameters
-        ----------
-        data : bytes
-            Content of the file.
-        path : Path
-            Its name, for messages and the sidecar.
-        **options
-            None.
-
-        Returns
-        -------
-        CompensationTable
-            With axis and reference from the sidecar where there is one.
-
-        Raises
-        ------
-        CorruptFileError
-            If header or numbers are not those of the format, the last line has no end, or the
-            sidecar names axes of other units.
-        """
+        """Return the table."""
         rows = _rows(data, path)
         header = tuple(h.strip() for h in rows[0][1]) if rows else ()
         unit = next(

@@ -64,20 +64,7 @@ class NeutralMap(Dialect):
     )
 
     def encode(self, table: CompensationMap, **options: Any) -> Encoded:
-        """Return the CSV, full precision.
-
-        Parameters
-        ----------
-        table : CompensationMap
-            Any.
-        **options
-            None.
-
-        Returns
-        -------
-        Encoded
-            ASCII, LF.
-        """
+        """Return the CSV, full precision."""
         units = ["rad" if is_rotary(a) else "mm" for a in table.axes]
         columns, rows = (
             [scaled(v, _UNITS[u]) for v in p]
@@ -92,28 +79,7 @@ class NeutralMap(Dialect):
         return Encoded(("\n".join(lines) + "\n").encode("ascii"), 0.0)
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationMap:
-        """Return the map.
-
-        Parameters
-        ----------
-        data : bytes
-            Content of the file.
-        path : Path
-            Its name, for messages and the sidecar.
-        **options
-            None.
-
-        Returns
-        -------
-        CompensationMap
-            With axes and reference from the sidecar where there is one.
-
-        Raises
-        ------
-        CorruptFileError
-            If header or numbers are not those of the format, nodes are missing, the last line has
-            no end, or the sidecar names axes of other units.
-        """
+        """Return the map."""
         rows = _rows(data, path)
         turns, scales, angle = _header(rows, path)
         require_last_end(data, path)
@@ -144,20 +110,7 @@ def _all_fields(
 
 
 def require_last_end(data: bytes, path: Path) -> None:
-    """Refuse a text whose last line has no end: it may have been cut within a number.
-
-    Parameters
-    ----------
-    data : bytes
-        Content of the file.
-    path : Path
-        For the message.
-
-    Raises
-    ------
-    CorruptFileError
-        If it does not end with a line feed.
-    """
+    """Refuse a text whose last line has no end: it may have been cut within a number."""
     if not data.endswith((b"\n", b"\r")):
         raise CorruptFileError(
             path,
@@ -169,27 +122,7 @@ def require_last_end(data: bytes, path: Path) -> None:
 def map_fields(
     path: Path, x: FloatArray, y: FloatArray, turns: tuple[bool, bool] = (False, False)
 ) -> dict[str, Any]:
-    """Return what a map's file cannot hold: axes, reference, what is not in it.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    x, y : ndarray, shapes (n,) and (m,), m or rad
-        Its positions; the reference is their zero or first where there is no sidecar.
-    turns : tuple of bool, optional
-        Whether the axes turn.
-
-    Returns
-    -------
-    dict
-        Fields of `CompensationMap`.
-
-    Raises
-    ------
-    CorruptFileError
-        If there is a sidecar that is not that of a map.
-    """
+    """Return what a map's file cannot hold: axes, reference, what is not in it."""
     known = load_sidecar(path).get("table", {})
     zero = [0.0 if p[0] <= 0.0 <= p[-1] else float(p[0]) for p in (x, y)]
     found = known if isinstance(known, dict) else {"axes": known}

@@ -80,29 +80,7 @@ class NV200(Dialect):
     options = PLAYBACK_OPTIONS
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
-        """Return the commands.
-
-        Parameters
-        ----------
-        table : CompensationTable
-            One column for both directions; positions in m, or in rad for a turn.
-        **options
-            Every declared option, checked.
-
-        Returns
-        -------
-        Encoded
-            ASCII, LF, values in um without exponent.
-
-        Raises
-        ------
-        TableError
-            If the table has two columns, or does not cover the pass or close in a turn.
-        LimitError
-            If a point leaves the travel, there are more than 1024, or a point lasts too long.
-        DataError
-            If speed, or points and rotation, are missing.
-        """
+        """Return the commands."""
         if options["rate"] > _MAX_RATE:
             raise LimitError(f"rate={options['rate']}; gtarb takes 1 to {_MAX_RATE}")
         play, values = sampled(table, options, period=_PERIOD, interpolates=False)
@@ -131,49 +109,11 @@ class NV200(Dialect):
         )
 
     def limits(self, **machine: Any) -> Limits:
-        """Return the limits of the machine; points are counted in `encode`, of the wave.
-
-        Parameters
-        ----------
-        **machine
-            Fields of `metrosep.compensation.limits.Limits`.
-
-        Returns
-        -------
-        Limits
-            Without a number of points: a table of more entries is sampled to fewer.
-
-        Raises
-        ------
-        DataError
-            If a keyword is unknown.
-        """
+        """Return the limits of the machine; points are counted in `encode`, of the wave."""
         return super().limits(**{"max_points": None, **machine})
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
-        """Return the corrections that the commands carry.
-
-        Parameters
-        ----------
-        data : bytes
-            Content of the file.
-        path : Path
-            Its name, for messages and the sidecar.
-        **options
-            Those of `encode`, where there is no sidecar.
-
-        Returns
-        -------
-        CompensationTable
-            At the positions at which the points are played.
-
-        Raises
-        ------
-        CorruptFileError
-            If a line is not the command that is expected there.
-        DataError
-            If polarity, travel or speed is told by nobody, or an option contradicts the file.
-        """
+        """Return the corrections that the commands carry."""
         play, values = self._read(data, path, options)
         places = play.positions()
         first = float(places.min())
@@ -189,30 +129,7 @@ class NV200(Dialect):
         return rebuilt(play, values, blank)
 
     def lookup(self, data: bytes, path: Path, **options: Any) -> Simulator:
-        """Return what the generator puts out while the axis moves as stated.
-
-        Parameters
-        ----------
-        data : bytes
-            Content of the file.
-        path : Path
-            Its name, for messages and the sidecar.
-        **options
-            As for `decode`.
-
-        Returns
-        -------
-        callable
-            ``(position, direction=1)`` to the correction in m: a staircase; for the other
-            direction, too, for which a wave of its own is written.
-
-        Raises
-        ------
-        CorruptFileError
-            As `decode`.
-        DataError
-            As `decode`.
-        """
+        """Return what the generator puts out while the axis moves as stated."""
         play, values = self._read(data, path, options)
         return play.lookup(values)
 

@@ -165,29 +165,7 @@ def _number(value: Any, kind: str, what: str) -> float:
 def split_machine(
     machine: Mapping[str, Any], known: Sequence[Option], controller: str
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return what of a machine is for the dialect, and what is a limit.
-
-    Parameters
-    ----------
-    machine : mapping
-        Keywords as given.
-    known : sequence of Option
-        Of the dialect.
-    controller : str
-        For the message.
-
-    Returns
-    -------
-    options : dict
-        For the dialect, unchecked.
-    limits : dict
-        Of the machine, unchecked.
-
-    Raises
-    ------
-    DataError
-        If a keyword is neither.
-    """
+    """Return what of a machine is for the dialect, and what is a limit."""
     own = {o.name for o in known}
     limits = {k: v for k, v in machine.items() if k in _LIMIT_NAMES and k not in own}
     options = {k: v for k, v in machine.items() if k in own}
@@ -203,29 +181,7 @@ def split_machine(
 def checked_options(
     given: Mapping[str, Any], known: Sequence[Option], controller: str, *, partial: bool = False
 ) -> dict[str, Any]:
-    """Return every option of a dialect, checked, with defaults.
-
-    Parameters
-    ----------
-    given : mapping
-        As the user gave them.
-    known : sequence of Option
-        Of the dialect.
-    controller : str
-        For the message.
-    partial : bool, optional
-        A missing required option is left away: a reader may find it in the file.
-
-    Returns
-    -------
-    dict
-        By name.
-
-    Raises
-    ------
-    DataError
-        If one is missing, unknown or no such value.
-    """
+    """Return every option of a dialect, checked, with defaults."""
     split_machine(given, known, controller)
     missing = [o for o in known if o.required and given.get(o.name) is None]
     if missing and not partial:
@@ -246,25 +202,7 @@ def checked_options(
 
 
 def checked_limits(given: Mapping[str, Any], controller: str) -> dict[str, Any]:
-    """Return limits of a machine in SI.
-
-    Parameters
-    ----------
-    given : mapping
-        Fields of `Limits`: numbers in SI, or texts with units.
-    controller : str
-        For the message.
-
-    Returns
-    -------
-    dict
-        By name.
-
-    Raises
-    ------
-    DataError
-        If a value is no such quantity.
-    """
+    """Return limits of a machine in SI."""
     result = {}
     for name, value in given.items():
         kind = LIMIT_DIMENSIONS.get(name, "integer")

@@ -108,29 +108,7 @@ class PiGcs(Dialect):
     )  # fmt: skip
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
-        """Return the commands.
-
-        Parameters
-        ----------
-        table : CompensationTable
-            One column for both directions; positions in m, or in rad for a turn.
-        **options
-            Every declared option, checked.
-
-        Returns
-        -------
-        Encoded
-            ASCII, LF, values in um without exponent.
-
-        Raises
-        ------
-        TableError
-            If the table has two columns, or does not cover the pass or close in a turn.
-        LimitError
-            If a point leaves the travel of the stage, or there are more than its memory holds.
-        DataError
-            If speed, or points and rotation, are missing.
-        """
+        """Return the commands."""
         play, values = sampled(
             table,
             options,
@@ -164,29 +142,7 @@ class PiGcs(Dialect):
         )
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
-        """Return the corrections that the commands carry.
-
-        Parameters
-        ----------
-        data : bytes
-            Content of the file.
-        path : Path
-            Its name, for messages and the sidecar.
-        **options
-            Those of `encode` that the commands do not state, where there is no sidecar.
-
-        Returns
-        -------
-        CompensationTable
-            At the positions at which the points are played.
-
-        Raises
-        ------
-        CorruptFileError
-            If a line is not the command that is expected there, or points are missing.
-        DataError
-            If polarity or speed is told by nobody, or an option contradicts the file.
-        """
+        """Return the corrections that the commands carry."""
         play, values = self._read(data, path, options)
         first = min(play.positions()[[0, -1]])
         names = identity(path, first=float(first))
@@ -199,30 +155,7 @@ class PiGcs(Dialect):
         return rebuilt(play, values, blank)
 
     def lookup(self, data: bytes, path: Path, **options: Any) -> Simulator:
-        """Return what the generator puts out while the axis moves as stated.
-
-        Parameters
-        ----------
-        data : bytes
-            Content of the file.
-        path : Path
-            Its name, for messages and the sidecar.
-        **options
-            As for `decode`.
-
-        Returns
-        -------
-        callable
-            ``(position, direction=1)`` to the correction in m: staircase or line, in steps of the
-            servo period; for the other direction, too, for which a wave of its own is written.
-
-        Raises
-        ------
-        CorruptFileError
-            As `decode`.
-        DataError
-            As `decode`.
-        """
+        """Return what the generator puts out while the axis moves as stated."""
         play, values = self._read(data, path, options)
         return play.lookup(values)
 

@@ -110,29 +110,7 @@ class _Polynomial(Dialect):
         """Return the polynomial of numbered lines without comments and blanks."""
 
     def encode(self, table: PolynomialFit, **options: Any) -> Encoded:
-        """Return the text.
-
-        Parameters
-        ----------
-        table : PolynomialFit
-            States whether it is the error or the correction.
-        **options
-            See `options`.
-
-        Returns
-        -------
-        Encoded
-            ASCII, LF; what the printed digits cost is its quantisation.
-
-        Raises
-        ------
-        TableError
-            If the fit does not state what it is, or is not finite.
-        LimitError
-            If a line would be longer than the controller takes.
-        DataError
-            If a name is no identifier, or variables coincide.
-        """
+        """Return the text."""
         _require_finite(table)
         x_places, y_places = _PLACES[options["x_unit"]], _PLACES[options["y_unit"]]
         sign = options["actuator_sign"] * (-1 if table.quantity == "error" else 1)
@@ -174,28 +152,7 @@ class _Polynomial(Dialect):
         return float((2.0 * powers + 2.0) @ terms * 2.0**-self.mantissa)
 
     def decode(self, data: bytes, path: Path, **options: Any) -> PolynomialFit:
-        """Return the correction that the text computes.
-
-        Parameters
-        ----------
-        data : bytes
-            Content of the file.
-        path : Path
-            Its name, for messages and the sidecar.
-        **options
-            What neither comments nor sidecar tell.
-
-        Returns
-        -------
-        PolynomialFit
-            Of the corrected axis, quantity "compensation", without offset; its residual is that of
-            the sidecar, else NaN, its covariance is not known.
-
-        Raises
-        ------
-        CorruptFileError
-            If the text is not one of these.
-        """
+        """Return the correction that the text computes."""
         printed, known = self._read(data, path, options)
         x_places, y_places = _PLACES[known["x_unit"]], _PLACES[known["y_unit"]]
         full = _exact_legendre(printed) / 10.0**y_places
@@ -213,30 +170,7 @@ class _Polynomial(Dialect):
         )
 
     def lookup(self, data: bytes, path: Path, **options: Any) -> Simulator:
-        """Return what the controller adds to the corrected axis, with the printed digits.
-
-        Parameters
-        ----------
-        data : bytes
-            Content of the file.
-        path : Path
-            Its name, for messages and the sidecar.
-        **options
-            As for `decode`.
-
-        Returns
-        -------
-        callable
-            ``(position, direction=1)`` to the correction in m; that of the nearest end outside the
-            domain, the same in both directions.
-
-        Raises
-        ------
-        CorruptFileError
-            If anything is not as the controller would take it.
-        DataError
-            If an option that is needed is told nowhere.
-        """
+        """Return what the controller adds to the corrected axis, with the printed digits."""
         printed, known = self._read(data, path, options)
         x_scale, y_scale = (10.0 ** _PLACES[known[u]] for u in ("x_unit", "y_unit"))
 

@@ -68,18 +68,7 @@ _DEFINE = re.compile(
 
 
 def require_one_way(table: CompensationTable) -> None:
-    """Refuse a table with two directions.
-
-    Parameters
-    ----------
-    table : CompensationTable
-        Corrections.
-
-    Raises
-    ------
-    TableError
-        If they differ by a picometre or more.
-    """
+    """Refuse a table with two directions."""
     if table.reverse is not None and float(np.abs(table.reverse - table.forward).max()) >= 1e-12:
         raise TableError(
             "DEFINE COMP holds one correction for both directions, this table has two; make it with "
@@ -89,29 +78,7 @@ def require_one_way(table: CompensationTable) -> None:
 
 
 def motor_range(options: Mapping[str, Any], n: int, step: float, path: Path) -> tuple[int, int]:
-    """Return the first and last node that a file speaks of, negative below the zero of the motor.
-
-    Parameters
-    ----------
-    options : mapping
-        first, last, motor_zero, source_sign.
-    n : int
-        Entries.
-    step : float, m
-        Their spacing.
-    path : Path
-        For the message.
-
-    Returns
-    -------
-    tuple of (int, int)
-        0 and the number of entries where nothing tells.
-
-    Raises
-    ------
-    CorruptFileError
-        If the range is longer than the span.
-    """
+    """Return the first and last node that a file speaks of, negative below the zero of the motor."""
     first, last = options["first"], options["last"]
     if first is None or last is None:
         return 0, n
@@ -235,28 +202,7 @@ class PMAC(Dialect):
     )
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
-        """Return DELETE lines, the DEFINE line, entries and I51=1; SAVE comes after the trial.
-
-        Parameters
-        ----------
-        table : CompensationTable
-            One correction for both directions, zero at the zero of the motor.
-        **options
-            See `options`.
-
-        Returns
-        -------
-        Encoded
-            ASCII, LF.
-
-        Raises
-        ------
-        TableError
-            If an axis turns, the table has two directions, is not zero at the zero of the motor, the
-            span is shorter than the travel, or motors, counts and signs contradict the axes.
-        LimitError
-            If an entry or the span is too large, or there are too many entries.
-        """
+        """Return DELETE lines, the DEFINE line, entries and I51=1; SAVE comes after the trial."""
         refuse_turning(table.axis, table.compensates)
         require_one_way(table)
         given = _checked_motors(table, options)
@@ -332,29 +278,7 @@ class PMAC(Dialect):
         return "\n".join(lines) + "\n"
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
-        """Return the table over the travel it was made for.
-
-        Parameters
-        ----------
-        data : bytes
-            Content of the file.
-        path : Path
-            Its name, for messages and the sidecar.
-        **options
-            What neither comments nor sidecar tell; `count` at least.
-
-        Returns
-        -------
-        CompensationTable
-            At the nodes; from the zero of the motor over the span where nothing tells the travel.
-
-        Raises
-        ------
-        CorruptFileError
-            If anything is not as PMAC would take it, or it would jump at the roll-over.
-        DataError
-            If no one tells the length of a count or a sign, or file and options contradict each other.
-        """
+        """Return the table over the travel it was made for."""
         nodes, step, known, program = self._read(data, path, options)
         n = nodes.size - 1
         low, high = motor_range(known, n, step, path)
@@ -373,29 +297,7 @@ class PMAC(Dialect):
         )
 
     def lookup(self, data: bytes, path: Path, **options: Any) -> Simulator:
-        """Return what PMAC adds: linear between the entries, rolled over, one value both ways.
-
-        Parameters
-        ----------
-        data : bytes
-            Content of the file.
-        path : Path
-            Its name, for messages and the sidecar.
-        **options
-            As for `decode`.
-
-        Returns
-        -------
-        callable
-            ``(position, direction=1)`` to the correction in m.
-
-        Raises
-        ------
-        CorruptFileError
-            If anything is not as the controller would take it.
-        DataError
-            If an option that is needed is told nowhere.
-        """
+        """Return what PMAC adds: linear between the entries, rolled over, one value both ways."""
         nodes, step, known, _ = self._read(data, path, options)
         n = nodes.size - 1
 
@@ -407,29 +309,7 @@ class PMAC(Dialect):
         return one_way(at)
 
     def facts(self, data: bytes, path: Path, **options: Any) -> dict[str, Any]:
-        """Return what a file says of its machine.
-
-        Parameters
-        ----------
-        data : bytes
-            Content of the file.
-        path : Path
-            Its name, for messages and the sidecar.
-        **options
-            As for `decode`.
-
-        Returns
-        -------
-        dict
-            Every option, the motors of the DEFINE line and the axes.
-
-        Raises
-        ------
-        CorruptFileError
-            If anything is not as the controller would take it.
-        DataError
-            If an option that is needed is told nowhere.
-        """
+        """Return what a file says of its machine."""
         _, _, known, program = self._read(data, path, options)
         same = known["source_motor"] == known["target_motor"]
         return {**known, **named_axes(path, program.facts, 0.0, same_motor=same)}

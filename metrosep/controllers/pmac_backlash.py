@@ -167,31 +167,7 @@ class PMACBacklash(Dialect):
     )
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
-        """Return DELETE lines, the DEFINE line, entries, Ixx86 and I51=1; SAVE comes after the trial.
-
-        Parameters
-        ----------
-        table : CompensationTable
-            With two directions, of one axis.
-        **options
-            See `options`.
-
-        Returns
-        -------
-        Encoded
-            ASCII, LF.
-
-        Raises
-        ------
-        TableError
-            If the axis turns, the table has one direction or corrects another axis, the span is
-            shorter than the travel, or comp is the table of another motor, axis, sign, zero or count.
-        SignCheckFailedError
-            If forward_active is said and the lost motion does not shrink.
-        LimitError
-            If the lost motion at the zero of the motor is negative, or an entry or the span too
-            large.
-        """
+        """Return DELETE lines, the DEFINE line, entries, Ixx86 and I51=1; SAVE comes after the trial."""
         refuse_turning(table.axis, table.compensates)
         _check(table, options)
         count, s, motor = (
@@ -269,29 +245,7 @@ class PMACBacklash(Dialect):
         }
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
-        """Return the difference of the directions: zero while moving positive.
-
-        Parameters
-        ----------
-        data : bytes
-            Content of the file.
-        path : Path
-            Its name, for messages and the sidecar.
-        **options
-            What neither comments nor sidecar tell; `count` at least.
-
-        Returns
-        -------
-        CompensationTable
-            At the nodes; zero in the direction in which the motor moves positive.
-
-        Raises
-        ------
-        CorruptFileError
-            If anything is not as PMAC would take it, or it would jump at the roll-over.
-        DataError
-            If no one tells the length of a count.
-        """
+        """Return the difference of the directions: zero while moving positive."""
         nodes, step, known, program = self._read(data, path, options)
         n = nodes.size - 1
         low, high = motor_range(known, n, step, path)
@@ -304,29 +258,7 @@ class PMACBacklash(Dialect):
         )
 
     def lookup(self, data: bytes, path: Path, **options: Any) -> Simulator:
-        """Return what PMAC adds in each direction, with the table besides if `comp` names one.
-
-        Parameters
-        ----------
-        data : bytes
-            Content of the file.
-        path : Path
-            Its name, for messages and the sidecar.
-        **options
-            As for `decode`.
-
-        Returns
-        -------
-        callable
-            ``(position, direction=1)`` to the correction in m.
-
-        Raises
-        ------
-        CorruptFileError
-            If anything is not as the controller would take it.
-        DataError
-            If an option that is needed is told nowhere.
-        """
+        """Return what PMAC adds in each direction, with the table besides if `comp` names one."""
         nodes, step, known, program = self._read(data, path, options)
         n = nodes.size - 1
         axis = named_axes(path, program.facts, 0.0, same_motor=True)["axis"]

@@ -168,28 +168,7 @@ class PMACPlane(Dialect):
     )  # fmt: skip
 
     def encode(self, table: CompensationMap, **options: Any) -> Encoded:
-        """Return DELETE lines, the DEFINE line, the entries row by row and I51=1; SAVE comes after the trial.
-
-        Parameters
-        ----------
-        table : CompensationMap
-            Zero where both motors read zero.
-        **options
-            See `options`.
-
-        Returns
-        -------
-        Encoded
-            ASCII, LF.
-
-        Raises
-        ------
-        TableError
-            If an axis turns, the map is not zero at the zero of the motors, a span is shorter than
-            the travel, or motors and signs contradict the axes.
-        LimitError
-            If an entry or a span is too large, or there are too many entries.
-        """
+        """Return DELETE lines, the DEFINE line, the entries row by row and I51=1; SAVE comes after the trial."""
         given = _checked(table, options)
         count, sign = given["count"], given["target_sign"]
         sides = _sides(table.axes, given)
@@ -228,29 +207,7 @@ class PMACPlane(Dialect):
         )
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationMap:
-        """Return the map over the travel it was made for.
-
-        Parameters
-        ----------
-        data : bytes
-            Content of the file.
-        path : Path
-            Its name, for messages and the sidecar.
-        **options
-            What neither comments nor sidecar tell; `count` at least.
-
-        Returns
-        -------
-        CompensationMap
-            At the nodes; from zero over the spans where nothing tells the travel.
-
-        Raises
-        ------
-        CorruptFileError
-            If anything is not as PMAC would take it, or it would jump at a roll-over.
-        DataError
-            If no one tells the length of a count.
-        """
+        """Return the map over the travel it was made for."""
         nodes, steps, known, program = self._read(data, path, options)
         axes = _named(path, program.facts)
         sides = _sides(axes["axes"], known)
@@ -270,29 +227,7 @@ class PMACPlane(Dialect):
         return CompensationMap(positions[0], positions[1], values, is_exact_inverse=True, **axes)
 
     def lookup(self, data: bytes, path: Path, **options: Any) -> Simulator:
-        """Return what PMAC adds: bilinear between the entries, rolled over, one value both ways.
-
-        Parameters
-        ----------
-        data : bytes
-            Content of the file.
-        path : Path
-            Its name, for messages and the sidecar.
-        **options
-            As for `decode`.
-
-        Returns
-        -------
-        callable
-            ``(x, y, direction=1)`` to the correction in m.
-
-        Raises
-        ------
-        CorruptFileError
-            If anything is not as the controller would take it.
-        DataError
-            If an option that is needed is told nowhere.
-        """
+        """Return what PMAC adds: bilinear between the entries, rolled over, one value both ways."""
         nodes, steps, known, _ = self._read(data, path, options)
         sides = _sides(("X", "Y"), known)
         rows, columns = nodes.shape

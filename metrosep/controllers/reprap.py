@@ -90,27 +90,7 @@ class RepRap(Dialect):
     )  # fmt: skip
 
     def encode(self, table: CompensationMap, **options: Any) -> Encoded:
-        """Return the file.
-
-        Parameters
-        ----------
-        table : CompensationMap
-            Z over X and Y.
-        **options
-            Every declared option, checked.
-
-        Returns
-        -------
-        Encoded
-            ASCII, LF.
-
-        Raises
-        ------
-        TableError
-            If it is not Z over X and Y, or its positions are not even and no spacing is given.
-        LimitError
-            If there are too many nodes, they are too close, or the decimals do not fit a line.
-        """
+        """Return the file."""
         require_bed(table, "RepRapFirmware")
         carried, error = even_map(
             table, (options["x_spacing"], options["y_spacing"]), ("x_spacing", "y_spacing")
@@ -143,27 +123,7 @@ class RepRap(Dialect):
         )
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationMap:
-        """Return the map, refusing what the firmware would reject, cut or replace.
-
-        Parameters
-        ----------
-        data : bytes
-            Content of the file.
-        path : Path
-            Its name, for messages and the sidecar.
-        **options
-            max_nodes.
-
-        Returns
-        -------
-        CompensationMap
-            Heights are corrections.
-
-        Raises
-        ------
-        CorruptFileError
-            If a line is not what the firmware wants, a node was not probed, or there are too many.
-        """
+        """Return the map, refusing what the firmware would reject, cut or replace."""
         grid, values = _parsed(data, path, int(options.get("max_nodes") or 441))
         x, y = (
             np.asarray((grid[2 * i] + grid[4 + i] * np.arange(n, dtype=np.float64)) * _MM)
@@ -172,30 +132,7 @@ class RepRap(Dialect):
         return CompensationMap(x, y, values * _MM, is_exact_inverse=True, **map_fields(path, x, y))
 
     def lookup(self, data: bytes, path: Path, **options: Any) -> Simulator:
-        """Return what the firmware adds to Z, in its single precision.
-
-        Parameters
-        ----------
-        data : bytes
-            Content of the file.
-        path : Path
-            Its name, for messages and the sidecar.
-        **options
-            max_nodes.
-
-        Returns
-        -------
-        callable
-            ``(x, y, direction=1)`` to the correction in m: bilinear, held 0.01 mm inside the far
-            ends; the direction is checked and has no effect.
-
-        Raises
-        ------
-        CorruptFileError
-            As `decode`.
-        DataError
-            The lookup, if the direction is neither 1 nor -1.
-        """
+        """Return what the firmware adds to Z, in its single precision."""
         grid, values = _parsed(data, path, int(options.get("max_nodes") or 441))
         heights = values.astype(np.float32)
         low = [np.float32(grid[0]), np.float32(grid[2])]

@@ -61,27 +61,7 @@ def waived_names(waive: str | Sequence[str]) -> tuple[str, ...]:
 
 
 def judged(findings: Iterable[Finding], waive: Sequence[str]) -> tuple[Finding, ...]:
-    """Return the findings, and refuse if an error is among them that is not waived.
-
-    Parameters
-    ----------
-    findings : iterable of Finding
-        Of all checks.
-    waive : sequence of str
-        Names of checks whose errors the user accepts.
-
-    Returns
-    -------
-    tuple of Finding
-        All of them, waived errors too.
-
-    Raises
-    ------
-    DataError
-        If a name is not that of a check.
-    LimitError
-        If an error is left.
-    """
+    """Return the findings, and refuse if an error is among them that is not waived."""
     names = waived_names(waive)
     unknown = [n for n in names if n not in CHECKS]
     if unknown:
@@ -97,22 +77,7 @@ def judged(findings: Iterable[Finding], waive: Sequence[str]) -> tuple[Finding, 
 
 
 def table_findings(carried: Any, limits: Limits, info: DialectInfo) -> list[Finding]:
-    """Return what is wrong or doubtful about corrections for a machine.
-
-    Parameters
-    ----------
-    carried : CompensationTable, CompensationMap or PolynomialFit
-        What shall be written.
-    limits : Limits
-        Of controller and machine.
-    info : DialectInfo
-        Of the dialect.
-
-    Returns
-    -------
-    list of Finding
-        Coverage, margins, reference, uncertainty, and what the object itself finds.
-    """
+    """Return what is wrong or doubtful about corrections for a machine."""
     found = list(carried.limits(limits)) if hasattr(carried, "limits") else []
     if info.carries == "map":
         _refuse_one_axis(limits, info)
@@ -139,22 +104,7 @@ def _refuse_one_axis(limits: Limits, info: DialectInfo) -> None:
 
 
 def carried_findings(carried: Any, table: Any, limits: Limits, info: DialectInfo) -> list[Finding]:
-    """Return what is lost between a table and what the file holds of it, and what was not checked.
-
-    Parameters
-    ----------
-    carried, table : CompensationTable, CompensationMap or PolynomialFit
-        What the file holds, and what it was made of.
-    limits : Limits
-        Of controller and machine.
-    info : DialectInfo
-        Of the dialect.
-
-    Returns
-    -------
-    list of Finding
-        Coverage of the table's span, and a word where no travel was stated.
-    """
+    """Return what is lost between a table and what the file holds of it, and what was not checked."""
     if info.carries != "table":
         return []
     found = []
@@ -286,20 +236,7 @@ def _area_uncertainty(carried: Any) -> list[Finding]:
 
 
 def file_findings(carried: Any, encoded: Encoded) -> list[Finding]:
-    """Return what is wrong or doubtful about the bytes.
-
-    Parameters
-    ----------
-    carried : CompensationTable, CompensationMap or PolynomialFit
-        What shall be written.
-    encoded : Encoded
-        Its bytes.
-
-    Returns
-    -------
-    list of Finding
-        Quantisation and resampling, and what the dialect itself found.
-    """
+    """Return what is wrong or doubtful about the bytes."""
     found = list(encoded.findings)
     span = _span(carried)
     if span is None or span == 0.0:

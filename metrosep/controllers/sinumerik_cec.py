@@ -140,30 +140,7 @@ class SinumerikCec(Dialect):
     )
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
-        """Return the text of a file; two tables where the directions differ.
-
-        Parameters
-        ----------
-        table : CompensationTable
-            Corrections.
-        **options
-            Every option, checked.
-
-        Returns
-        -------
-        Encoded
-            ASCII, LF.
-
-        Raises
-        ------
-        TableError
-            If the spacing is not uniform and none is given, or a repeating table has a step or
-            another period than a turn of its axis.
-        LimitError
-            If there are too many entries, or a correction is above `value_limit`.
-        DataError
-            If axes or `input_turns` and `output_turns` contradict the table.
-        """
+        """Return the text of a file; two tables where the directions differ."""
         o = {**{x.name: x.default for x in self.options}, **options}
         names = [checked_name(o[k], k) for k in ("input_axis", "output_axis")]
         if table.is_on_axis != (names[0] == names[1]):
@@ -209,57 +186,11 @@ class SinumerikCec(Dialect):
         )
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
-        """Return the table of a file, or the two of both directions as one.
-
-        Parameters
-        ----------
-        data : bytes
-            Content.
-        path : Path
-            Its name.
-        **options
-            Options that the user gave; `entry_sign` is taken from metrosep's comment or the sidecar
-            where it is not given, `table_index` chooses among several tables.
-
-        Returns
-        -------
-        CompensationTable
-            Corrections ``c = -entry_sign * entry``; zero in a direction for which there is none.
-
-        Raises
-        ------
-        CorruptFileError
-            If a line does not fit the format, or entries are missing.
-        UnsupportedFeatureError
-            If there are several tables and none is chosen, or they multiply.
-        DataError
-            If the sign, or whether an axis turns, is told by nothing, or options contradict the
-            file.
-        """
+        """Return the table of a file, or the two of both directions as one."""
         return self._read(data, path, options)[0]
 
     def lookup(self, data: bytes, path: Path, **options: Any) -> Simulator:
-        """Return what the control makes of the file: linear, end values hold, or it repeats.
-
-        Parameters
-        ----------
-        data : bytes
-            Content.
-        path : Path
-            Its name.
-        **options
-            As for `decode`.
-
-        Returns
-        -------
-        callable
-            ``(position, direction=1)`` to the correction in m or rad.
-
-        Raises
-        ------
-        CorruptFileError, UnsupportedFeatureError, DataError
-            As for `decode`.
-        """
+        """Return what the control makes of the file: linear, end values hold, or it repeats."""
         table, modulo = self._read(data, path, options)
         simulator = table_lookup(table)
         return folded(simulator, *table.span) if modulo else simulator
@@ -372,31 +303,7 @@ class SinumerikCecProduct(Dialect):
     )
 
     def encode(self, table: CompensationMap, **options: Any) -> Encoded:
-        """Return the text of a file of two tables.
-
-        Parameters
-        ----------
-        table : CompensationMap
-            Corrections.
-        **options
-            Every option, checked.
-
-        Returns
-        -------
-        Encoded
-            ASCII, LF; `notes` tell the residual of the product.
-
-        Raises
-        ------
-        LimitError
-            If the product misses more than a tenth of the map's span and `accept_residual` is not
-            said, there are too many entries, or a correction is above `value_limit`.
-        TableError
-            If the spacing is not uniform and none is given, the corrected axis turns, or the map is
-            zero everywhere.
-        DataError
-            If an axis has no proper name, or axes contradict the map.
-        """
+        """Return the text of a file of two tables."""
         o = {**{x.name: x.default for x in self.options}, **options}
         names = [
             checked_name(o[k], k) for k in ("first_input_axis", "second_input_axis", "output_axis")
@@ -458,33 +365,7 @@ class SinumerikCecProduct(Dialect):
         )
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationMap:
-        """Return the map of a file of two tables that multiply.
-
-        Parameters
-        ----------
-        data : bytes
-            Content.
-        path : Path
-            Its name.
-        **options
-            Options that the user gave; `entry_sign` is taken from metrosep's comment or the sidecar
-            where it is not given.
-
-        Returns
-        -------
-        CompensationMap
-            Corrections at the nodes of both tables.
-
-        Raises
-        ------
-        CorruptFileError
-            If a line does not fit the format, or a table that is named is not there.
-        UnsupportedFeatureError
-            If there are other tables too, or they repeat or depend on the direction.
-        DataError
-            If the sign, or whether an axis turns, is told by nothing, or options contradict the
-            file.
-        """
+        """Return the map of a file of two tables that multiply."""
         tables, o, noted = opened(data, path, self.options, options, self.info.id)
         first, second = factors(tables, path)
         found = (first.input_axis, second.input_axis, first.output_axis)

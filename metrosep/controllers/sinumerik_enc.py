@@ -109,32 +109,7 @@ class SinumerikEnc(Dialect):
     )
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
-        """Return the text of a file.
-
-        Parameters
-        ----------
-        table : CompensationTable
-            Corrections of an axis over its own position, the same in both directions.
-        **options
-            Every option, checked.
-
-        Returns
-        -------
-        Encoded
-            ASCII, LF.
-
-        Raises
-        ------
-        TableError
-            If it corrects another axis, the directions differ, the correction at the reference
-            point is not zero in the file, the spacing is not uniform and none is given, or a
-            repeating table has a step or another period than a turn.
-        LimitError
-            If there are more entries than `points_limit`.
-        DataError
-            If the name of the axis is none, `turns` contradicts the axis of the table, or a length
-            is given where an angle is needed.
-        """
+        """Return the text of a file."""
         o = {**{x.name: x.default for x in self.options}, **options}
         axis = checked_name(o["machine_axis"], "machine_axis")
         if not table.is_on_axis:
@@ -184,33 +159,7 @@ class SinumerikEnc(Dialect):
         )
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
-        """Return the table of a file.
-
-        Parameters
-        ----------
-        data : bytes
-            Content.
-        path : Path
-            Its name.
-        **options
-            Options that the user gave; `machine_axis` and `measuring_system` choose among several
-            tables.
-
-        Returns
-        -------
-        CompensationTable
-            Corrections ``c = -entry``.
-
-        Raises
-        ------
-        CorruptFileError
-            If a line does not fit the format, or entries are missing.
-        UnsupportedFeatureError
-            If there are several tables and none is chosen.
-        DataError
-            If the chosen table is not in the file, nothing tells whether the axis turns, or options
-            contradict the file.
-        """
+        """Return the table of a file."""
         return self._read(data, path, options)[0]
 
     def _read(
@@ -248,27 +197,7 @@ class SinumerikEnc(Dialect):
         return table, grid.modulo
 
     def lookup(self, data: bytes, path: Path, **options: Any) -> Simulator:
-        """Return what the control makes of the file: linear, end values hold, or it repeats.
-
-        Parameters
-        ----------
-        data : bytes
-            Content.
-        path : Path
-            Its name.
-        **options
-            As for `decode`.
-
-        Returns
-        -------
-        callable
-            ``(position, direction=1)`` to the correction in m or rad.
-
-        Raises
-        ------
-        CorruptFileError, UnsupportedFeatureError, DataError
-            As for `decode`.
-        """
+        """Return what the control makes of the file: linear, end values hold, or it repeats."""
         table, modulo = self._read(data, path, options)
         simulator = table_lookup(table)
         return folded(simulator, *table.span) if modulo else simulator

@@ -118,28 +118,7 @@ class TwinCAT(Resampling):
     )
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
-        """Return the declarations of table and parameters.
-
-        Parameters
-        ----------
-        table : CompensationTable
-            Corrections, one column.
-        **options
-            Spacing and name of the variable.
-
-        Returns
-        -------
-        Encoded
-            ASCII, LF, nine decimals of a millimetre.
-
-        Raises
-        ------
-        TableError
-            If an axis turns, the table corrects another axis than it looks up, has two directions,
-            the name is no identifier, or positions are closer than the last decimal.
-        LimitError
-            If there are more points than any axis needs.
-        """
+        """Return the declarations of table and parameters."""
         require_linear((table.axis, table.compensates), _TITLE)
         require_on_axis(
             table, _TITLE, "'isg-cross' (TwinCAT CNC), or 'csv' for a program of your own"
@@ -169,28 +148,7 @@ class TwinCAT(Resampling):
         )
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
-        """Return the table.
-
-        Parameters
-        ----------
-        data : bytes
-            Content of the file.
-        path : Path
-            Its name, for messages and the sidecar.
-        **options
-            Name of the variable, to be sure of the right one.
-
-        Returns
-        -------
-        CompensationTable
-            One column.
-
-        Raises
-        ------
-        CorruptFileError
-            If a line is not that of the declaration, counts or ends do not fit, or positions are
-            not equidistant.
-        """
+        """Return the table."""
         lines = [line.strip() for line in ascii_lines(data, path, "ST table of TwinCAT")]
         lines = [line for line in lines if line and not _COMMENT.fullmatch(line)]
         frame = len(lines) >= 5 and lines[0] == "VAR_GLOBAL" and lines[-1] == "END_VAR"

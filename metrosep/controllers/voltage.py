@@ -128,30 +128,7 @@ class Voltage(Dialect):
     )  # fmt: skip
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
-        """Return the CSV.
-
-        Parameters
-        ----------
-        table : CompensationTable
-            Over position any; over time with one column for both directions.
-        **options
-            Every declared option, checked.
-
-        Returns
-        -------
-        Encoded
-            UTF-8, LF, decimals without exponent.
-
-        Raises
-        ------
-        LimitError
-            If a displacement or voltage is out of reach (nothing is clipped), or the voltage
-            changes faster than the amplifier or the stage.
-        TableError
-            If the table cannot be played over time.
-        DataError
-            If the calibration is none, or speed is missing where a limit needs it.
-        """
+        """Return the CSV."""
         curves, rest, polarity = _curves(options), _rest(options), options["polarity"]
         if options["over"] == "time":
             return _over_time(table, curves, rest, options)
@@ -205,29 +182,7 @@ class Voltage(Dialect):
         )
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
-        """Return the corrections that the voltages make.
-
-        Parameters
-        ----------
-        data : bytes
-            Content of the file.
-        path : Path
-            Its name, for messages and the sidecar.
-        **options
-            Those of `encode`, where there is no sidecar.
-
-        Returns
-        -------
-        CompensationTable
-            Through the calibration.
-
-        Raises
-        ------
-        CorruptFileError
-            If header or numbers are not those of the format, or a voltage is outside the range.
-        DataError
-            If calibration or polarity is told by nobody.
-        """
+        """Return the corrections that the voltages make."""
         known, header, rows = self._read(data, path, options)
         curves, rest = _curves(known), _rest(known)
         if header[0] == "time_s":
@@ -254,31 +209,7 @@ class Voltage(Dialect):
         )
 
     def lookup(self, data: bytes, path: Path, **options: Any) -> Simulator:
-        """Return what the stage adds, as the voltages make it.
-
-        Parameters
-        ----------
-        data : bytes
-            Content of the file.
-        path : Path
-            Its name, for messages and the sidecar.
-        **options
-            As for `decode`.
-
-        Returns
-        -------
-        callable
-            ``(position, direction=1)`` to the correction in m. Over position the voltage is linear
-            between entries and the displacement follows the calibration; over time each entry is
-            held for a period of the DAC, whatever the direction.
-
-        Raises
-        ------
-        CorruptFileError
-            As `decode`.
-        DataError
-            As `decode`.
-        """
+        """Return what the stage adds, as the voltages make it."""
         known, header, rows = self._read(data, path, options)
         curves, rest, polarity = _curves(known), _rest(known), known["polarity"]
         if header[0] == "time_s":

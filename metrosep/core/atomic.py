@@ -25,25 +25,6 @@ __all__ = ["atomic_stream", "atomic_write"]
 def atomic_write(path: str | os.PathLike[str], data: bytes) -> Path:
     """Write bytes to a file that appears whole or not at all.
 
-    Parameters
-    ----------
-    path : str or path
-        The file; its folder must exist. A file of that name is replaced only when the new one is
-        complete; a symbolic link is followed.
-    data : bytes
-        The whole content.
-
-    Returns
-    -------
-    Path
-        The file that was written.
-
-    Raises
-    ------
-    WriteError
-        If the folder does not exist or cannot be written, the name is a folder, or the disk is
-        full; nothing half-written is left behind.
-
     Notes
     -----
     The bytes go to a temporary file in the same folder, are flushed to the disk (fsync) and
@@ -60,27 +41,6 @@ def atomic_stream(
     path: str | os.PathLike[str], *, check: Callable[[Path], None] | None = None
 ) -> Iterator[BinaryIO]:
     r"""Give a binary file to write into; the target appears only when the block ends well.
-
-    Parameters
-    ----------
-    path : str or path
-        The file; its folder must exist. A file of that name is replaced only when the new one is
-        complete; a symbolic link is followed.
-    check : callable, optional
-        Called with the path of the complete, flushed temporary file before it gets its name; what
-        it raises stops the rename.
-
-    Yields
-    ------
-    BinaryIO
-        Open for writing and for reading back; positioned at its start.
-
-    Raises
-    ------
-    WriteError
-        If the folder does not exist or cannot be written, the name is a folder, or the disk is
-        full. What the block or `check` raises passes through. Nothing half-written is left behind
-        and an older file of that name stays as it was.
 
     Notes
     -----

@@ -51,12 +51,6 @@ _LIMIT = _Limit()
 def one_blas_thread() -> Iterator[None]:
     """Limit BLAS to one thread for the length of a ``with`` block.
 
-    Yields
-    ------
-    None
-        The former limit returns at the end; of blocks that overlap in several threads, at the end
-        of the last.
-
     Notes
     -----
     The libraries are looked up once per process (some milliseconds), so this costs microseconds.
@@ -77,11 +71,6 @@ def one_blas_thread() -> Iterator[None]:
 def one_thread() -> Iterator[None]:
     """Keep all work of a ``with`` block in the thread that does it, BLAS and our own pools.
 
-    Yields
-    ------
-    None
-        What was before returns at the end.
-
     Notes
     -----
     For workers of a batch: the processors are shared out among them already.
@@ -101,16 +90,5 @@ def one_thread() -> Iterator[None]:
 
 
 def threads(most: int) -> int:
-    """Return how many threads a function may open.
-
-    Parameters
-    ----------
-    most : int
-        Beyond which more do not help it.
-
-    Returns
-    -------
-    int
-        At least 1, no more than there are processors; 1 inside of `one_thread`.
-    """
+    """Return how many threads a function may open."""
     return 1 if _ALONE.get() else max(1, min(most, os.cpu_count() or 1))

@@ -42,18 +42,6 @@ EXIT_CODES: Codes = (
 def exit_code_of(error: BaseException, more: Codes = ()) -> int:
     """Return the exit code for an error.
 
-    Parameters
-    ----------
-    error : BaseException
-        What was raised.
-    more : tuple of (type, int), optional
-        Kinds that only the caller knows; they are asked after `EXIT_CODES`.
-
-    Returns
-    -------
-    int
-        `INTERNAL` for what metrosep did not raise on purpose.
-
     Examples
     --------
     >>> exit_code_of(errors.LimitError("too steep")), exit_code_of(errors.TableError("no entries"))

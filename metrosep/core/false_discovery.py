@@ -13,18 +13,6 @@ FloatArray = NDArray[np.float64]
 def benjamini_hochberg(p_values: FloatArray, *, rate: float) -> NDArray[np.bool_]:
     """Return which hypotheses are rejected at a false discovery rate.
 
-    Parameters
-    ----------
-    p_values : ndarray, shape (n,)
-        One for each hypothesis.
-    rate : float
-        Expected share of false ones among the rejected, 0 < rate < 1.
-
-    Returns
-    -------
-    ndarray of bool, shape (n,)
-        True where rejected.
-
     References
     ----------
     .. [1] Benjamini and Hochberg 1995.

@@ -22,21 +22,6 @@ _CENTRED = 1e-3
 def measured_middle(z: FloatArray, x: Positions, y: Positions) -> tuple[float, float]:
     """Return the middle of the measured part of a map.
 
-    Parameters
-    ----------
-    z : ndarray, shape (n_y, n_x)
-        Heights; NaN where not measured.
-    x : ndarray, shape (n_x,), m
-        Positions of the columns.
-    y : ndarray, shape (n_y,), m
-        Positions of the rows.
-
-    Returns
-    -------
-    tuple of (float, float), m
-        Median over the rows of the middle between first and last measured point, and over the
-        columns likewise; the middle of the axes where nothing was measured.
-
     Notes
     -----
     All chords of a disc, a ring or a rectangle have their middle on its axis. The median forgives
@@ -57,34 +42,15 @@ def measured_middle(z: FloatArray, x: Positions, y: Positions) -> tuple[float, f
 
 
 class Axis(NamedTuple):
-    """Where the axis of a part is taken.
+    """Where the axis of a part is taken."""
 
-    Parameters
-    ----------
-    position : tuple of (float, float), m
-        In the coordinates of the map.
-    notes : tuple of str
-        What the caller should be told: where it was taken, if nothing but the data says so.
-    """
-
-    position: tuple[float, float]
+    position: tuple[float, float]  # of (float, float), m: in the coordinates of the map
+    # what the caller should be told: where it was taken, if nothing but the data says so
     notes: tuple[str, ...] = ()
 
 
 def assumed_axis(surface: Surface) -> Axis:
-    """Return the axis of a part whose centre was not given.
-
-    Parameters
-    ----------
-    surface : Surface
-        What was measured.
-
-    Returns
-    -------
-    Axis
-        (0, 0) of a map that declares its origin, else the middle of what was measured; with a note
-        where that lies off the middle of the map.
-    """
+    """Return the axis of a part whose centre was not given."""
     if surface.origin != (0.0, 0.0):
         return Axis((0.0, 0.0))
     rows, columns = surface.shape

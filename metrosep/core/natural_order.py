@@ -10,16 +10,6 @@ __all__ = ["by_number"]
 def by_number(name: str) -> list[tuple[int, int, str]]:
     """Return a key that sorts names with the numbers in them by their value.
 
-    Parameters
-    ----------
-    name : str
-        Of a file or a part.
-
-    Returns
-    -------
-    list of (int, int, str)
-        For ``sorted(..., key=by_number)``.
-
     Examples
     --------
     >>> sorted(["run10", "run2", "run", "b1"], key=by_number)

@@ -27,16 +27,6 @@ def is_real(value: object) -> bool:
     """Return whether a value is one real number: no truth value, text, date, complex number or array.
 
     An array without dimensions is the number that it holds.
-
-    Parameters
-    ----------
-    value : object
-        What the caller gave.
-
-    Returns
-    -------
-    bool
-        Whether it is one.
     """
     if isinstance(value, bool | np.bool_ | str | bytes | complex | np.complexfloating):
         return False
@@ -56,35 +46,7 @@ def real(
     what: str = "a number",
     finite: bool = True,
 ) -> float:
-    """Return one real number in SI; NaN and infinities only where `finite` is False.
-
-    Parameters
-    ----------
-    value : object
-        What the caller gave.
-    name : str
-        The argument, for the message.
-    dimension : str, optional
-        Kind of quantity of which a text with a unit is taken, such as "length".
-    what : str, optional
-        What is wanted, for the message.
-    finite : bool, optional
-        Whether NaN and infinities are refused.
-
-    Returns
-    -------
-    float
-        In SI.
-
-    Raises
-    ------
-    OptionError
-        It is no number: a truth value, None, a text, a complex number, an array.
-    InvalidSamplesError
-        It is NaN or infinite.
-    UnitError
-        A text has no unit of the dimension.
-    """
+    """Return one real number in SI; NaN and infinities only where `finite` is False."""
     if isinstance(value, str) and dimension is not None:
         return parse_quantity(value, dimension=dimension, name=name)
     if not is_real(value):
@@ -101,62 +63,12 @@ def real(
 
 
 def quantity(value: Any, name: str, dimension: str) -> float:
-    """Return a finite number in SI, of a number in SI or of a text with a unit of the dimension.
-
-    Parameters
-    ----------
-    value : object
-        What the caller gave.
-    name : str
-        The argument, for the message.
-    dimension : str
-        Kind of quantity of which a text with a unit is taken, such as "length".
-
-    Returns
-    -------
-    float
-        In SI.
-
-    Raises
-    ------
-    OptionError
-        It is no number: a truth value, None, a text, a complex number, an array.
-    InvalidSamplesError
-        It is NaN or infinite.
-    UnitError
-        A text has no unit of the dimension.
-    """
+    """Return a finite number in SI, of a number in SI or of a text with a unit of the dimension."""
     return real(value, name, dimension=dimension)
 
 
 def positive(value: Any, name: str, *, dimension: str | None = None, why: str = "") -> float:
-    """Return a finite number above zero; `why` ends the message of one that is not.
-
-    Parameters
-    ----------
-    value : object
-        What the caller gave.
-    name : str
-        The argument, for the message.
-    dimension : str, optional
-        Kind of quantity of which a text with a unit is taken, such as "length".
-    why : str, optional
-        What a person should know, for the end of the message.
-
-    Returns
-    -------
-    float
-        In SI.
-
-    Raises
-    ------
-    OptionError
-        It is no number: a truth value, None, a text, a complex number, an array.
-    InvalidSamplesError
-        It is not above zero, or not finite.
-    UnitError
-        A text has no unit of the dimension.
-    """
+    """Return a finite number above zero; `why` ends the message of one that is not."""
     number = real(value, name, dimension=dimension, finite=False)
     if not (math.isfinite(number) and number > 0.0):
         unit = f" {_UNITS[dimension]}" if dimension in _UNITS else ""
@@ -167,29 +79,7 @@ def positive(value: Any, name: str, *, dimension: str | None = None, why: str = 
 
 
 def count(value: Any, name: str, *, least: int = 1) -> int:
-    """Return a whole number from `least` on; a float is none, also where it looks whole.
-
-    Parameters
-    ----------
-    value : object
-        What the caller gave.
-    name : str
-        The argument, for the message.
-    least : int, optional
-        Smallest that is allowed.
-
-    Returns
-    -------
-    int
-        The number.
-
-    Raises
-    ------
-    OptionError
-        It is no number: a truth value, None, a text, a complex number, an array.
-    InvalidSamplesError
-        It is smaller than `least`.
-    """
+    """Return a whole number from `least` on; a float is none, also where it looks whole."""
     message = f"{name} must be a whole number from {least}, got {value!r}"
     if isinstance(value, bool | np.bool_):
         raise OptionError(message)
@@ -203,27 +93,7 @@ def count(value: Any, name: str, *, least: int = 1) -> int:
 
 
 def choice(value: Any, name: str, known: Iterable[str]) -> str:
-    """Return one of the known texts.
-
-    Parameters
-    ----------
-    value : object
-        What the caller gave.
-    name : str
-        The argument, for the message.
-    known : iterable of str
-        What may be chosen.
-
-    Returns
-    -------
-    str
-        The choice.
-
-    Raises
-    ------
-    OptionError
-        It is none of them.
-    """
+    """Return one of the known texts."""
     texts = tuple(known)
     if not isinstance(value, str) or value not in texts:
         raise OptionError(f"{name} is one of {', '.join(texts)}, got {value!r}")

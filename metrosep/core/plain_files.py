@@ -21,25 +21,7 @@ MACHINE_BYTES = 2**24
 
 
 def read_plain(path: str | os.PathLike[str], limit: int) -> bytes:
-    """Return the content of a plain file.
-
-    Parameters
-    ----------
-    path : str or path
-        The file.
-    limit : int, bytes
-        Largest size.
-
-    Returns
-    -------
-    bytes
-        All of it.
-
-    Raises
-    ------
-    OSError
-        If it cannot be opened, is a device or a pipe, or is larger.
-    """
+    """Return the content of a plain file."""
     flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
     with os.fdopen(os.open(path, flags), "rb") as handle:  # a pipe opens at once, without a writer
         _require(os.fstat(handle.fileno()), path, limit)
@@ -50,45 +32,12 @@ def read_plain(path: str | os.PathLike[str], limit: int) -> bytes:
 
 
 def read_plain_text(path: str | os.PathLike[str], limit: int) -> str:
-    r"""Return the text of a plain file in UTF-8, with ``\n`` as line ends.
-
-    Parameters
-    ----------
-    path : str or path
-        The file.
-    limit : int, bytes
-        Largest size.
-
-    Returns
-    -------
-    str
-        All of it.
-
-    Raises
-    ------
-    OSError
-        If it cannot be opened, is a device or a pipe, or is larger.
-    UnicodeDecodeError
-        If it is not UTF-8.
-    """
+    r"""Return the text of a plain file in UTF-8, with ``\n`` as line ends."""
     return read_plain(path, limit).decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
 
 
 def require_plain(path: Path, limit: int | None = None) -> None:
-    """Refuse a path that is no plain file, without opening it; one of no file at all passes.
-
-    Parameters
-    ----------
-    path : Path
-        Links are followed.
-    limit : int, bytes, optional
-        Largest size.
-
-    Raises
-    ------
-    OSError
-        If it is a folder, a device or a pipe, or is larger.
-    """
+    """Refuse a path that is no plain file, without opening it; one of no file at all passes."""
     try:
         found = path.stat()
     except (FileNotFoundError, NotADirectoryError):

@@ -262,24 +262,7 @@ class Profile:
 def html_summary(
     title: str, rows: Mapping[str, str], picture: bytes, history: tuple[Step, ...]
 ) -> str:
-    """Return a picture, a table and a history that opens, as HTML.
-
-    Parameters
-    ----------
-    title : str
-        Caption.
-    rows : mapping of str to str
-        Label and text of each row; both are escaped.
-    picture : bytes
-        PNG.
-    history : tuple of Step
-        Names and parameters are escaped.
-
-    Returns
-    -------
-    str
-        HTML fragment that asks for nothing.
-    """
+    """Return a picture, a table and a history that opens, as HTML."""
     steps = "".join(
         f"<li><b>{escape(step.name)}</b> "
         f"{escape(', '.join(f'{k} = {v}' for k, v in step.parameters.items()))}</li>"
@@ -295,20 +278,7 @@ def html_summary(
 
 
 def html_table(title: str, rows: Mapping[str, str]) -> str:
-    """Return a two-column HTML table.
-
-    Parameters
-    ----------
-    title : str
-        Caption.
-    rows : mapping of str to str
-        Label and text of each row; both are escaped.
-
-    Returns
-    -------
-    str
-        HTML fragment.
-    """
+    """Return a two-column HTML table."""
     body = "".join(
         f"<tr><th style='text-align:left;padding-right:1em'>{escape(k)}</th><td>{escape(v)}</td></tr>"
         for k, v in rows.items()

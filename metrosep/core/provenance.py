@@ -17,18 +17,7 @@ __all__ = ["Source", "Step", "freeze_mapping", "hash_bytes", "history_as_dicts"]
 
 
 def freeze_mapping(items: Mapping[str, Any] | None) -> Mapping[str, Any]:
-    """Return a read-only copy of a mapping.
-
-    Parameters
-    ----------
-    items : mapping or None
-        What to copy; ``None`` gives an empty one.
-
-    Returns
-    -------
-    mapping
-        A view that cannot be changed.
-    """
+    """Return a read-only copy of a mapping."""
     return MappingProxyType(dict(items or {}))
 
 
@@ -41,41 +30,18 @@ copyreg.pickle(MappingProxyType, _copied_mapping)
 
 
 def hash_bytes(data: bytes) -> str:
-    """Return the SHA-256 of bytes as 64 hexadecimal digits.
-
-    Parameters
-    ----------
-    data : bytes
-        Content of a file.
-
-    Returns
-    -------
-    str
-        Digest.
-    """
+    """Return the SHA-256 of bytes as 64 hexadecimal digits."""
     return hashlib.sha256(data).hexdigest()
 
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """A file that data were read from.
+    """A file that data were read from."""
 
-    Parameters
-    ----------
-    name : str
-        File name without its folder (a folder names a machine, not a measurement).
-    sha256 : str
-        Digest of the whole file.
-    size : int
-        Bytes.
-    format : str
-        Identifier of the format it was read as.
-    """
-
-    name: str
-    sha256: str
-    size: int
-    format: str
+    name: str  # file name without its folder (a folder names a machine, not a measurement)
+    sha256: str  # digest of the whole file
+    size: int  # bytes
+    format: str  # identifier of the format it was read as
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,18 +71,7 @@ class Step:
 
 
 def history_as_dicts(history: tuple[Step, ...]) -> list[dict[str, Any]]:
-    """Return a history as plain dictionaries for JSON.
-
-    Parameters
-    ----------
-    history : tuple of Step
-        From the source on.
-
-    Returns
-    -------
-    list of dict
-        Keys ``step``, ``parameters``, ``version``.
-    """
+    """Return a history as plain dictionaries for JSON."""
     return [
         {"step": s.name, "parameters": dict(s.parameters), "version": s.version} for s in history
     ]

@@ -30,63 +30,25 @@ _NO_MARKER = frozenset({"", "()", "none"})
 
 @dataclass(frozen=True, slots=True)
 class TextOptions:
-    """How a caller describes a text.
+    """How a caller describes a text."""
 
-    Parameters
-    ----------
-    separator, decimal, thousands, encoding, comment : str, optional
-        As in `TEXT_OPTIONS`; found from the content if omitted.
-    skip_rows : int, optional
-        Lines to leave out at the start.
-    skip_lines : tuple of range, optional
-        Lines to leave out by number, from 1.
-    missing : tuple of float or str, optional
-        Numbers and words for "not measured"; empty: no number means that.
-    """
-
-    separator: str | None = None
+    separator: str | None = None  # as in `TEXT_OPTIONS`; found from the content if omitted
     decimal: str | None = None
     thousands: str | None = None
     encoding: str | None = None
     comment: str | None = None
-    skip_rows: int = 0
-    skip_lines: tuple[range, ...] = ()
+    skip_rows: int = 0  # lines to leave out at the start
+    skip_lines: tuple[range, ...] = ()  # of range: lines to leave out by number, from 1
+    # or str: numbers and words for "not measured"; empty: no number means that
     missing: tuple[float | str, ...] | None = None
 
     def sets_aside(self, line: int) -> bool:
-        """Return whether the caller leaves out a line.
-
-        Parameters
-        ----------
-        line : int
-            Number of the line, from 1.
-
-        Returns
-        -------
-        bool
-            True for a line that is set aside.
-        """
+        """Return whether the caller leaves out a line."""
         return line <= self.skip_rows or any(line in r for r in self.skip_lines)
 
     @classmethod
     def of(cls, given: Mapping[str, Any]) -> TextOptions:
-        """Return the options of a call, checked; numbers may be text, as a person types them.
-
-        Parameters
-        ----------
-        given : mapping
-            Options by name; None is not given.
-
-        Returns
-        -------
-        TextOptions
-            All of them.
-
-        Raises
-        ------
-        ReadError
-            If a name or a value is not known.
-        """
+        """Return the options of a call, checked; numbers may be text, as a person types them."""
         known = {k: v for k, v in given.items() if v is not None}
         unknown = [k for k in known if k not in TEXT_OPTIONS]
         if unknown:
@@ -150,18 +112,7 @@ def _markers(value: Any) -> tuple[float | str, ...]:
 
 
 def accepted_options(function: Callable[..., Any]) -> list[str]:
-    """Return the names of the arguments of a reader.
-
-    Parameters
-    ----------
-    function : callable
-        Its ``**text`` stands for all of `TEXT_OPTIONS`.
-
-    Returns
-    -------
-    list of str
-        Names, in order.
-    """
+    """Return the names of the arguments of a reader."""
     names: list[str] = []
     for name, parameter in inspect.signature(function).parameters.items():
         is_text = parameter.kind is inspect.Parameter.VAR_KEYWORD

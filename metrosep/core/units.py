@@ -238,16 +238,6 @@ def _canonical(text: str) -> str:
 def likely_meaning(text: str) -> str | None:
     """Return what is odd about a text that a reader of another case would take for a unit.
 
-    Parameters
-    ----------
-    text : str
-        A unit, or the header of a column that ends in one.
-
-    Returns
-    -------
-    str or None
-        Such as ``"'Mm' is megametre, not mm"``; None where no change of case makes it a unit.
-
     Examples
     --------
     >>> likely_meaning("x [Mm]")
@@ -264,23 +254,6 @@ def likely_meaning(text: str) -> str | None:
 
 def parse_unit(text: str, *, dimension: str | None = None) -> Unit:
     """Return the unit that a text names.
-
-    Parameters
-    ----------
-    text : str
-        Such as ``"um"``, ``"mm/min"``, ``"arcsec"``. The case of symbols counts: ``Mm`` is not mm.
-    dimension : str, optional
-        Required dimension; any if omitted.
-
-    Returns
-    -------
-    Unit
-        Name, dimension and factor to SI.
-
-    Raises
-    ------
-    UnitError
-        If the unit is unknown or of another dimension.
 
     Examples
     --------
@@ -312,27 +285,6 @@ def _example(dimension: str) -> str:
 
 def parse_quantity(value: str | float, *, dimension: str, name: str = "value") -> float:
     """Return a quantity in SI from text such as ``"1.2 mm"``.
-
-    Parameters
-    ----------
-    value : str or float
-        Text with a number and a unit. A bare float is taken to be SI already (the Python
-        convention); a bare number in text is refused, since a person typed it.
-    dimension : str
-        Required dimension, such as ``"length"``.
-    name : str, optional
-        What the quantity is, for the message.
-
-    Returns
-    -------
-    float
-        Value in SI; of text with a decimal unit the float nearest to what is written.
-
-    Raises
-    ------
-    UnitError
-        If the text has no unit, an unknown one, one of another dimension, or the number is not
-        finite.
 
     Examples
     --------
@@ -381,21 +333,6 @@ def _scaled(digits: str, factor: float) -> float:
 def parse_sensitivity(text: str) -> float:
     """Return a sensor's sensitivity in m/V from text such as ``"2.5 um/V"``.
 
-    Parameters
-    ----------
-    text : str
-        A length per voltage; a negative sign is kept (a probe that reads down as the gap grows).
-
-    Returns
-    -------
-    float
-        Sensitivity in m/V.
-
-    Raises
-    ------
-    UnitError
-        If the text is not a length per voltage, or zero.
-
     Examples
     --------
     >>> round(parse_sensitivity("-2.5 um/V") * 1e6, 9)
@@ -419,16 +356,6 @@ def parse_sensitivity(text: str) -> float:
 
 def column_unit(header: str) -> tuple[str, Unit | None]:
     """Return the bare name of a column and the unit that its header declares.
-
-    Parameters
-    ----------
-    header : str
-        Such as ``"x_mm"``, ``"z [um]"``, ``"Height (nm)"``, ``"feed_mm_min"`` or ``"probe1"``.
-
-    Returns
-    -------
-    tuple of (str, Unit or None)
-        Name without the unit; ``None`` where the header declares none.
 
     Examples
     --------
@@ -456,18 +383,6 @@ _LENGTH_STEPS = ((1e-9, "pm", 1e-12), (1e-6, "nm", 1e-9), (1e-3, "um", 1e-6), (1
 def format_length(value: float | None, *, digits: int = 4) -> str:
     """Return a length in m as text with a readable unit.
 
-    Parameters
-    ----------
-    value : float or None, m
-        ``None`` or NaN prints as ``"not known"``.
-    digits : int, optional
-        Significant digits.
-
-    Returns
-    -------
-    str
-        Such as ``"1.25 um"``.
-
     Examples
     --------
     >>> format_length(1.25e-6)
@@ -486,20 +401,6 @@ def format_length(value: float | None, *, digits: int = 4) -> str:
 
 def format_engineering(value: float, unit: str, *, digits: int = 4) -> str:
     """Return a value with its unit name; lengths get a readable prefix.
-
-    Parameters
-    ----------
-    value : float
-        Value in SI.
-    unit : str
-        SI unit name, ``"m"`` for a length, ``"1"`` for a pure number.
-    digits : int, optional
-        Significant digits.
-
-    Returns
-    -------
-    str
-        Text for a person.
 
     Examples
     --------

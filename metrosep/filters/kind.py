@@ -47,26 +47,7 @@ def profile_kind(profile: Profile) -> ProfileKind | None:
 def filtered_profile(
     profile: Profile, z: Any, *, step: Step, kind: ProfileKind | None, x: Any = None
 ) -> Profile:
-    """Return a profile with filtered heights, its kind and one more step of history.
-
-    Parameters
-    ----------
-    profile : Profile
-        What was filtered.
-    z : array_like, shape (n,), m
-        Filtered heights.
-    step : Step
-        The filter with its parameters.
-    kind : {"P", "W", "R"} or None
-        Of the result; None leaves it undeclared.
-    x : array_like, shape (n,), m, optional
-        Positions, where the ends were cut.
-
-    Returns
-    -------
-    Profile
-        The filtered profile.
-    """
+    """Return a profile with filtered heights, its kind and one more step of history."""
     metadata = {**profile.metadata, "profile_kind": kind}
     return Profile(
         profile.x if x is None else x, z, metadata=metadata, history=(*profile.history, step)

@@ -40,17 +40,7 @@ _MOST_PASSES = 5
 
 
 class Span:
-    """What is fitted to a map: Legendre terms, or sums of them.
-
-    Parameters
-    ----------
-    degree : int
-        Highest degree along x or y.
-    terms : tuple of (int, int)
-        Legendre terms: degree along x, along y.
-    functions : ndarray, shape (n_functions, n_terms), optional
-        What is fitted, each as a sum of `terms`; the terms themselves by default.
-    """
+    """What is fitted to a map: Legendre terms, or sums of them."""
 
     def __init__(self, degree: int, terms: Terms, functions: FloatArray | None = None) -> None:
         self.degree, self.terms, self.functions = degree, terms, functions
@@ -106,33 +96,7 @@ def solve_grid(
     what: str = "the terms",
     enough: Callable[[int, int], None] | None = None,
 ) -> GridSolution:
-    """Return the least squares of Legendre terms, or of sums of them, over a map.
-
-    Parameters
-    ----------
-    grid : Grid
-        Map and Legendre values.
-    span : Span
-        What is fitted.
-    refine : bool, optional
-        Start from a fit to a coarse map, and fit what is left until nothing is.
-    what : str, optional
-        Name of what is fitted, for the message.
-    enough : callable, optional
-        Raises its error for a number of valid pixels and of fitted functions.
-
-    Returns
-    -------
-    GridSolution
-        Coefficients, inverse normal matrix, sum of squares, valid pixels.
-
-    Raises
-    ------
-    InvalidSamplesError
-        If a height is infinite.
-    DegenerateFitError
-        If the valid pixels do not determine what is fitted.
-    """
+    """Return the least squares of Legendre terms, or of sums of them, over a map."""
 
     def improved(
         a: FloatArray, sums: Sums, inverse: FloatArray

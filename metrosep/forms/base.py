@@ -173,18 +173,7 @@ class Form(ABC):
         return self
 
     def __call__(self, x: ArrayLike, y: ArrayLike = 0.0) -> FloatArray:
-        """Return z at points that broadcast; NaN outside the domain.
-
-        Parameters
-        ----------
-        x, y : array_like, m
-            Positions in the form's frame.
-
-        Raises
-        ------
-        DataError
-            If a parameter is not known yet.
-        """
+        """Return z at points that broadcast; NaN outside the domain."""
         xs, ys, shape = self._points(x, y)
         return self.height(xs, ys).reshape(shape)
 

@@ -21,13 +21,7 @@ _DIMENSIONS = {"m": "length", "rad": "angle"}
 
 
 def form_names() -> tuple[str, ...]:
-    """Return the names that `form_from_text` knows.
-
-    Returns
-    -------
-    tuple of str
-        In alphabetical order.
-    """
+    """Return the names that `form_from_text` knows."""
     return tuple(sorted(_BUILDERS))
 
 
@@ -65,27 +59,7 @@ def form_from_text(text: str) -> Form:
 
 
 def parameter_value(text: str, unit: str, name: str) -> float:
-    """Return the value of a parameter in SI.
-
-    Parameters
-    ----------
-    text : str
-        Such as ``"50 mm"``, ``"-1.2"`` or ``"1.5e3 SI"``.
-    unit : str
-        SI unit of the parameter.
-    name : str
-        For the message.
-
-    Returns
-    -------
-    float
-        Value.
-
-    Raises
-    ------
-    DataError
-        If it is no number with a fitting unit.
-    """
+    """Return the value of a parameter in SI."""
     match = _SI.match(text)
     if match is not None:
         return float(match[1])

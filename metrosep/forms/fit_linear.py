@@ -34,58 +34,20 @@ _LEVELS = ("piston", "tilt_x", "tilt_y")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Answer:
-    """What a fit found.
+    """What a fit found."""
 
-    Parameters
-    ----------
-    form : Form
-        With its parameters.
-    rigid : dict of str to float
-        Rigid-body freedoms.
-    cov : ndarray, shape (p, p)
-        Covariance in the order of the freedoms.
-    residual : ndarray, shape of the points' z, m
-        What is left; NaN outside the domain.
-    n : int
-        Points inside the domain.
-    squares : float, m^2
-        Sum of the squared residuals.
-    """
-
-    form: Form
-    rigid: dict[str, float]
-    cov: FloatArray
-    residual: FloatArray
-    n: int
-    squares: float
+    form: Form  # with its parameters
+    rigid: dict[str, float]  # to float: rigid-body freedoms
+    cov: FloatArray  # shape (p, p): covariance in the order of the freedoms
+    residual: FloatArray  # shape of the points' z, m: what is left; NaN outside the domain
+    n: int  # points inside the domain
+    squares: float  # m^2: sum of the squared residuals
 
 
 def solve_linear(
     points: Points, form: Form, freedoms: Freedoms, robust: Robust | None
 ) -> Answer | None:
-    """Return the answer of a form whose coefficients are all that is free, else None.
-
-    Parameters
-    ----------
-    points : Points
-        Measurement.
-    form : Form
-        Without coefficients.
-    freedoms : Freedoms
-        What may move.
-    robust : {"tukey", "huber"} or None
-        Rule that weighs outliers down.
-
-    Returns
-    -------
-    Answer or None
-        None where the general solver has to do it.
-
-    Raises
-    ------
-    NotConvergedError
-        If robust weights do not settle.
-    """
+    """Return the answer of a form whose coefficients are all that is free, else None."""
     if not isinstance(form, LinearForm) or freedoms.shape != tuple(form.parameters):
         return None
     if freedoms.rigid or freedoms.held:
@@ -100,24 +62,7 @@ def solve_linear(
 def solve_level(
     points: Points, placed: Placement, freedoms: Freedoms, robust: Robust | None
 ) -> Answer | None:
-    """Return piston and tilt of a known form on a map where nothing else is free, else None.
-
-    Parameters
-    ----------
-    points : Points
-        Measurement.
-    placed : Placement
-        The form where it begins.
-    freedoms : Freedoms
-        What may move.
-    robust : {"tukey", "huber"} or None
-        Rule that weighs outliers down.
-
-    Returns
-    -------
-    Answer or None
-        None where the general solver has to do it.
-    """
+    """Return piston and tilt of a known form on a map where nothing else is free, else None."""
     if points.z.shape[0] < 2 or freedoms.names != _LEVELS or robust is not None:
         return None
     if (placed.tilt, placed.direction) != ("plane", "vertical") or not points.is_uniform:
@@ -129,20 +74,7 @@ def solve_level(
 
 
 def sum_of_squares(residual: FloatArray) -> tuple[int, float]:
-    """Return the number of points that are not NaN, and the sum of their squares.
-
-    Parameters
-    ----------
-    residual : ndarray, m
-        Any shape.
-
-    Returns
-    -------
-    n : int
-        Points.
-    squares : float, m^2
-        Sum.
-    """
+    """Return the number of points that are not NaN, and the sum of their squares."""
     squares, n = 0.0, 0
     for part in np.array_split(residual.ravel(), max(1, residual.size >> 16)):
         good = part[~np.isnan(part)]

@@ -50,26 +50,14 @@ _ALIASES = {
 
 @dataclass(frozen=True, slots=True)
 class Freedoms:
-    """What a fit moves and what it holds.
+    """What a fit moves and what it holds."""
 
-    Parameters
-    ----------
-    rigid : tuple of str
-        Free rigid-body freedoms, in the order of `RIGID`.
-    shape : tuple of str
-        Free parameters of the form, in its order.
-    held : mapping of str to float
-        Rigid-body freedoms held at a value other than zero.
-    notes : tuple of str
-        What the caller should know.
-    warnings : tuple of str
-        What was asked for and is held, since the points do not determine it.
-    """
-
-    rigid: tuple[str, ...]
-    shape: tuple[str, ...]
+    rigid: tuple[str, ...]  # free rigid-body freedoms, in the order of `RIGID`
+    shape: tuple[str, ...]  # free parameters of the form, in its order
+    # mapping of str to float: rigid-body freedoms held at a value other than zero
     held: Mapping[str, float]
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # what the caller should know
+    # what was asked for and is held, since the points do not determine it
     warnings: tuple[str, ...] = ()
 
     @property
@@ -81,32 +69,7 @@ class Freedoms:
 def choose_freedoms(
     form: Form, free: Sequence[str] | None, fixed: Mapping[str, float], *, is_profile: bool
 ) -> tuple[Form, Freedoms]:
-    """Return the form with its fixed values, and what is free.
-
-    Parameters
-    ----------
-    form : Form
-        As the caller gave it.
-    free : sequence of str or None
-        Names; None means piston and tilt, but only the coefficients for a linear form without
-        them that holds piston or a tilt itself.
-    fixed : mapping of str to float
-        Names and the values at which they are held, SI.
-    is_profile : bool
-        A profile has no freedoms across its line.
-
-    Returns
-    -------
-    form : Form
-        With the fixed values put in.
-    freedoms : Freedoms
-        Parameters that are not known and not fixed are always free.
-
-    Raises
-    ------
-    DataError
-        If a name is unknown, occurs twice, is free and fixed, or does not exist on a profile.
-    """
+    """Return the form with its fixed values, and what is free."""
     held = known_values(fixed, form, "fixed")
     unknown = [k for k, v in form.parameters.items() if v is None and k not in held]
     is_open = form.is_linear and bool(unknown)
@@ -140,27 +103,7 @@ def choose_freedoms(
 
 
 def known_values(values: Mapping[str, float], form: Form, option: str) -> dict[str, float]:
-    """Return values by the proper name of each freedom.
-
-    Parameters
-    ----------
-    values : mapping of str to float
-        By name or alias, SI.
-    form : Form
-        With its parameters.
-    option : {"fixed", "start"}
-        For the message.
-
-    Returns
-    -------
-    dict of str to float
-        Finite values.
-
-    Raises
-    ------
-    DataError
-        If it is no mapping, a name is unknown or stands twice, or a value is no finite number.
-    """
+    """Return values by the proper name of each freedom."""
     if not isinstance(values, Mapping):
         raise DataError(
             f"{option} maps names to values in SI, such as {{'R': 0.05}}; got {values!r}"

@@ -150,45 +150,7 @@ def find(
     direction: Direction,
     max_iterations: int,
 ) -> tuple[Answer, Placement, int, Freedoms]:
-    """Return what was found, where the form sits, the steps that it took, and what was free.
-
-    Parameters
-    ----------
-    points : Points
-        Measurement.
-    form : Form
-        Some parameters may be None.
-    freedoms : Freedoms
-        What may move.
-    start : mapping of str to float
-        Where to begin, SI.
-    robust : {"tukey", "huber"} or None
-        Rule that weighs outliers down.
-    tilt, direction : str
-        As in `fit`.
-    max_iterations : int
-        Of each descent.
-
-    Returns
-    -------
-    answer : Answer
-        Form, covariance, residual.
-    placed : Placement
-        The form at its place.
-    n_iterations : int
-        0 where everything that is free is linear.
-    freedoms : Freedoms
-        Without the weak parameters that the points do not determine.
-
-    Raises
-    ------
-    DataError
-        If a start is given for what is not free.
-    DegenerateFitError
-        If the points do not determine what is free.
-    NotConvergedError
-        If the iteration does not settle.
-    """
+    """Return what was found, where the form sits, the steps that it took, and what was free."""
     if not start and direction == "vertical":
         answer = solve_linear(points, form, freedoms, robust)
         if answer is not None:

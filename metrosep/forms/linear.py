@@ -164,33 +164,6 @@ def solve_blocks(
 ) -> tuple[FloatArray, FloatArray, float]:
     """Return the least-squares coefficients, the inverse normal matrix, the sum of squares left.
 
-    Parameters
-    ----------
-    functions : callable
-        Gives the functions at a slice of the points, shape (n_functions, n_points).
-    z : ndarray, shape (n,), m
-        Heights without NaN.
-    weights : ndarray, shape (n,), optional
-        Weight of each point, >= 0.
-    what : str, optional
-        Name of what is fitted, for the message.
-
-    Returns
-    -------
-    coefficients : ndarray, shape (n_functions,)
-        In the unit of z.
-    inverse : ndarray, shape (n_functions, n_functions)
-        Inverse of the normal matrix.
-    residual_sum : float
-        Weighted sum of squared residuals.
-
-    Raises
-    ------
-    InvalidSamplesError
-        If a height is infinite.
-    DegenerateFitError
-        If the points do not determine the coefficients.
-
     Notes
     -----
     Each block is reduced to its triangle R by Householder reflections, and stacked triangles are

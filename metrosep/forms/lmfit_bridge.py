@@ -18,23 +18,7 @@ __all__ = ["refit"]
 
 
 def refit(result: FitResult) -> Any:
-    """Return lmfit's least squares with the freedoms of a result, started at it.
-
-    Parameters
-    ----------
-    result : FitResult
-        Of `metrosep.forms.fit`.
-
-    Returns
-    -------
-    lmfit.minimizer.MinimizerResult
-        Residuals in metres, divided by the RMS of the result so that lmfit's tolerances fit.
-
-    Raises
-    ------
-    DataError
-        If the result came without its measurement.
-    """
+    """Return lmfit's least squares with the freedoms of a result, started at it."""
     import lmfit
 
     if result.source is None:

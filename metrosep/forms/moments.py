@@ -235,18 +235,6 @@ def evaluate_grid(fit: GridPolynomial, shape: tuple[int, int] | None = None) -> 
 def polynomial_terms(degree: int, kind: Kind) -> tuple[tuple[int, int], ...]:
     """Return the powers (i along x, j along y) of a polynomial, lowest total degree first.
 
-    Parameters
-    ----------
-    degree : int
-        Highest degree, >= 0.
-    kind : {"total", "tensor"}
-        Terms with ``i + j <= degree``, or with each of i and j ``<= degree``.
-
-    Returns
-    -------
-    tuple of (int, int)
-        Such as ``(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)``.
-
     Examples
     --------
     >>> polynomial_terms(1, "tensor")

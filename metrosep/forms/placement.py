@@ -31,20 +31,7 @@ _STEP = 1e-30
 
 
 def rotation_matrix(tilt_x: Any, tilt_y: Any, rotation_z: Any) -> NDArray[Any]:
-    """Return the matrix that takes coordinates of the form to those of the measurement.
-
-    Parameters
-    ----------
-    tilt_x, tilt_y : float, rad
-        Slopes of the base plane: its normal is along (-tilt_x, -tilt_y, 1).
-    rotation_z : float, rad
-        About the form's own axis, first.
-
-    Returns
-    -------
-    ndarray, shape (3, 3)
-        Shortest rotation from +z to the normal, times the rotation about z.
-    """
+    """Return the matrix that takes coordinates of the form to those of the measurement."""
     length = (1.0 + tilt_x * tilt_x + tilt_y * tilt_y) ** 0.5
     nx, ny, nz = -tilt_x / length, -tilt_y / length, 1.0 / length
     k = 1.0 / (1.0 + nz)

@@ -106,29 +106,18 @@ class PointSet:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Points:
-    """Positions and heights of a measurement, from an assumed centre.
+    """Positions and heights of a measurement, from an assumed centre."""
 
-    Parameters
-    ----------
-    x, y : ndarray, shape (n_x,) and (n_y,), m
-        Positions of columns and rows from the centre; one row for a profile. With scattered
-        points both have one value per point.
-    z : ndarray, shape (n_y, n_x), m
-        Heights; NaN where not measured. One row of scattered points.
-    centre : tuple of (float, float), m
-        In the coordinates of the object.
-    is_scattered : bool
-        Whether positions are those of single points, not of rows and columns.
-    notes : tuple of str
-        Where the centre was taken, if nothing but the data says so.
-    """
-
+    # shape (n_x,) and (n_y,), m: positions of columns and rows from the centre; one row for a
+    # profile. With scattered points both have one value per point
     x: FloatArray
     y: FloatArray
+    # shape (n_y, n_x), m: heights; NaN where not measured. One row of scattered points
     z: FloatArray
-    centre: tuple[float, float]
+    centre: tuple[float, float]  # of (float, float), m: in the coordinates of the object
+    # whether positions are those of single points, not of rows and columns
     is_scattered: bool = False
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # where the centre was taken, if nothing but the data says so
     _counted: list[int] = field(default_factory=list, init=False, repr=False)
 
     @property
@@ -167,37 +156,19 @@ class Points:
         return all(bool(np.ptp(s) <= 1e-6 * abs(float(s.mean()))) for s in steps)
 
     def rows(self) -> Iterator[slice]:
-        """Yield slices of whole rows, about 16 000 points each.
-
-        Yields
-        ------
-        slice
-            Of the rows.
-        """
+        """Yield slices of whole rows, about 16 000 points each."""
         step, rows = max(1, _BLOCK // self.x.size), self.z.shape[0]
         for start in range(0, rows, step):
             yield slice(start, min(start + step, rows))
 
     def columns(self) -> Iterator[slice]:
-        """Yield slices of columns: a profile is one row and is cut along x.
-
-        Yields
-        ------
-        slice
-            Of the columns.
-        """
+        """Yield slices of columns: a profile is one row and is cut along x."""
         step = self.x.size if self.z.shape[0] > 1 else _BLOCK
         for start in range(0, self.x.size, step):
             yield slice(start, min(start + step, self.x.size))
 
     def blocks(self) -> Iterator[tuple[slice, slice, FloatArray, FloatArray, FloatArray]]:
-        """Yield rows, columns, x, y and z of each block, the arrays two-dimensional.
-
-        Yields
-        ------
-        tuple
-            Two slices and three arrays.
-        """
+        """Yield rows, columns, x, y and z of each block, the arrays two-dimensional."""
         for rows in self.rows():
             for columns in self.columns():
                 x = np.broadcast_to(
@@ -211,31 +182,14 @@ class Points:
     def over_blocks(
         self, of: Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
     ) -> FloatArray:
-        """Return a function of all points, block by block.
-
-        Parameters
-        ----------
-        of : callable
-            From x, y and z in m, two-dimensional, to values of their shape.
-
-        Returns
-        -------
-        ndarray, shape of z
-            Its values, such as deviations from a form.
-        """
+        """Return a function of all points, block by block."""
         values = np.empty(self.z.shape)
         for rows, columns, x, y, z in self.blocks():
             values[rows, columns] = of(x, y, z)
         return values
 
     def valid_blocks(self) -> Iterator[tuple[FloatArray, FloatArray, FloatArray]]:
-        """Yield x, y and z of the valid points of each block, one-dimensional.
-
-        Yields
-        ------
-        tuple of ndarray
-            Equal lengths; empty where a block has no valid point.
-        """
+        """Yield x, y and z of the valid points of each block, one-dimensional."""
         for _, _, x, y, z in self.blocks():
             bad = np.isnan(z)
             if bad.any():
@@ -245,18 +199,7 @@ class Points:
                 yield x.ravel(), y.ravel(), z.ravel()
 
     def sample(self, n: int = SAMPLE) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return all valid points, or about `n` of them drawn at random with a fixed seed.
-
-        Parameters
-        ----------
-        n : int, optional
-            Number wanted.
-
-        Returns
-        -------
-        tuple of ndarray
-            x, y and z.
-        """
+        """Return all valid points, or about `n` of them drawn at random with a fixed seed."""
         total = self.n_valid
         if total <= n:
             parts = list(self.valid_blocks())
@@ -284,32 +227,7 @@ class Points:
 def points_of(
     obj: Surface | Profile | PointSet, *, centre: tuple[float, float] | None, middle: bool
 ) -> Points:
-    """Return the points of an object, measured from a centre.
-
-    Parameters
-    ----------
-    obj : Surface, Profile or PointSet
-        With lateral calibration.
-    centre : tuple of (float, float) or None, m
-        Where the form has its origin, in the coordinates of the object (`Surface.origin`, or the
-        x of a profile).
-    middle : bool
-        Without a centre: whether a map whose origin was not declared (it is 0, 0) is measured from
-        the middle of its measured part. Otherwise its coordinates are taken as they are.
-
-    Returns
-    -------
-    Points
-        Views, nothing copied.
-
-    Raises
-    ------
-    DataError
-        If the object is neither, the surface has no lateral calibration, or the centre is no pair
-        of finite numbers.
-    TooFewSamplesError
-        If nothing was measured.
-    """
+    """Return the points of an object, measured from a centre."""
     centre = None if centre is None else _pair(centre)
     if isinstance(obj, Profile):
         x0 = 0.0 if centre is None else float(centre[0])

@@ -37,29 +37,6 @@ def fit_profile(
 ) -> RawFit:
     """Return the least-squares polynomial z(x), in Legendre polynomials on the span of the data.
 
-    Parameters
-    ----------
-    x : array_like, shape (n,), m
-        Positions, in any order and with any spacing.
-    z : array_like, shape (n,), m
-        Heights; NaN where not measured.
-    degree : int
-        Highest degree, >= 0.
-    weights : array_like, shape (n,), optional
-        Weight of each point, >= 0.
-
-    Returns
-    -------
-    RawFit
-        Coefficients of shape (degree + 1, 1), inverse, sum of squares, points, domain.
-
-    Raises
-    ------
-    InvalidSamplesError
-        If lengths differ, or something is infinite.
-    DegenerateFitError
-        If the valid points do not determine the coefficients.
-
     Notes
     -----
     Orthogonal factorisation in blocks: a million points need no more memory than a block.
@@ -78,31 +55,7 @@ def fit_points(
     *,
     weights: ArrayLike | None = None,
 ) -> RawFit:
-    """Return the least-squares polynomial through scattered points, in Legendre polynomials.
-
-    Parameters
-    ----------
-    x, y : array_like, shape (n,), m
-        Positions.
-    z : array_like, shape (n,), m
-        Heights; NaN where not measured.
-    terms : tuple of (int, int)
-        Degrees along x and y to fit.
-    weights : array_like, shape (n,), optional
-        Weight of each point, >= 0.
-
-    Returns
-    -------
-    RawFit
-        Coefficients, inverse, sum of squares, points, domain.
-
-    Raises
-    ------
-    InvalidSamplesError
-        If lengths differ, or something is infinite.
-    DegenerateFitError
-        If the valid points do not determine the coefficients.
-    """
+    """Return the least-squares polynomial through scattered points, in Legendre polynomials."""
     ys = np.asarray(y, dtype=np.float64).ravel()
     xs, zs, w, keep = _checked(x, z, weights)
     same_length(x=xs, y=ys)
@@ -191,37 +144,7 @@ def fit_grid(
     *,
     weights: ArrayLike | None = None,
 ) -> RawFit:
-    """Return the least-squares polynomial through a map, in Legendre polynomials.
-
-    Parameters
-    ----------
-    x : array_like, shape (n_x,), m
-        Positions of the columns, uniform.
-    y : array_like, shape (n_y,), m
-        Positions of the rows, uniform.
-    z : array_like, shape (n_y, n_x), m
-        Heights; NaN where not measured.
-    degree : int
-        Highest degree, 0 to 40.
-    kind : {"total", "tensor"}
-        Which terms.
-    weights : array_like, shape (n_y, n_x), optional
-        Weight of each pixel, 0 to 1.
-
-    Returns
-    -------
-    RawFit
-        Coefficients, inverse, sum of squares, points, domain of the valid pixels.
-
-    Raises
-    ------
-    InvalidSamplesError
-        If shapes differ, or something is infinite.
-    NotUniformError
-        If x or y is not uniform.
-    DegenerateFitError
-        If the valid pixels do not determine the coefficients.
-    """
+    """Return the least-squares polynomial through a map, in Legendre polynomials."""
     axes = _axes(x, y, z)
     return _from_grid(fit_grid_polynomial(z, degree, kind=kind, weights=weights), axes)
 
@@ -235,39 +158,7 @@ def remove_map(
     *,
     weights: ArrayLike | None = None,
 ) -> tuple[RawFit, FloatArray]:
-    """Return the least-squares polynomial through a map, and the map without it.
-
-    Parameters
-    ----------
-    x : array_like, shape (n_x,), m
-        Positions of the columns, uniform.
-    y : array_like, shape (n_y,), m
-        Positions of the rows, uniform.
-    z : array_like, shape (n_y, n_x), m
-        Heights; NaN where not measured.
-    degree : int
-        Highest degree, 0 to 40.
-    kind : {"total", "tensor"}
-        Which terms.
-    weights : array_like, shape (n_y, n_x), optional
-        Weight of each pixel, 0 to 1.
-
-    Returns
-    -------
-    fit : RawFit
-        As of `fit_grid`.
-    residual : ndarray, shape (n_y, n_x), m
-        Evaluated on the scaled domain, so that powers far from their origin cost no digits.
-
-    Raises
-    ------
-    InvalidSamplesError
-        If shapes differ, or something is infinite.
-    NotUniformError
-        If x or y is not uniform.
-    DegenerateFitError
-        If the valid pixels do not determine the coefficients.
-    """
+    """Return the least-squares polynomial through a map, and the map without it."""
     axes = _axes(x, y, z)
     residual, fit = remove_grid(z, degree, kind=kind, weights=weights)
     return _from_grid(fit, axes), residual
@@ -300,27 +191,7 @@ def _from_grid(fit: GridPolynomial, axes: tuple[Axis, Axis]) -> RawFit:
 
 
 def uniform_axis(x: ArrayLike, name: str) -> tuple[float, float, int]:
-    """Return first position, step and number of uniform positions.
-
-    Parameters
-    ----------
-    x : array_like, shape (n,), m
-        Positions.
-    name : str
-        For the message.
-
-    Returns
-    -------
-    tuple of (float, float, int)
-        The step of a single position is 1.
-
-    Raises
-    ------
-    InvalidSamplesError
-        If there is no position.
-    NotUniformError
-        If they are not uniform, to a millionth of the step.
-    """
+    """Return first position, step and number of uniform positions."""
     xs = np.asarray(x, dtype=np.float64)
     if xs.ndim != 1 or xs.size == 0:
         raise InvalidSamplesError(f"{name} must be a list of positions, got shape {xs.shape}")
@@ -344,28 +215,7 @@ def in_basis(
     source: Domain,
     target: Domain,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return coefficients and inverse normal matrix in another basis on another domain.
-
-    Parameters
-    ----------
-    c : ndarray, shape (n, n) or (n, 1)
-        Legendre coefficients.
-    inverse : ndarray, shape (n_terms, n_terms)
-        Inverse of the normal matrix.
-    terms : tuple of (int, int)
-        Degrees along x and y, in the order of `inverse`.
-    basis : {"power", "legendre", "chebyshev"}
-        New functions.
-    source, target : list of (float, float), m
-        Centre and half width of each variable.
-
-    Returns
-    -------
-    coefficients : ndarray
-        Shape of c.
-    inverse : ndarray, shape (n_terms, n_terms)
-        Inverse of the new normal matrix.
-    """
+    """Return coefficients and inverse normal matrix in another basis on another domain."""
     n = c.shape[0] - 1
     flat = c[:, 0] if len(source) == 1 else c
     new = converted(flat, basis, source, target).reshape(c.shape)

@@ -37,18 +37,6 @@ _HIGHEST = 100
 def q_con(X: FloatArray, n: int) -> tuple[FloatArray, FloatArray]:
     """Return Qcon_0 ... Qcon_(n-1) and their derivatives by X.
 
-    Parameters
-    ----------
-    X : ndarray
-        Square of the normalised radius.
-    n : int
-        How many, >= 1.
-
-    Returns
-    -------
-    tuple of ndarray, shape ``(n, *X.shape)``
-        Values and derivatives; the factor ``X^2`` of the sag is not in them.
-
     Notes
     -----
     Jacobi polynomials P_m^(0,4)(2 X - 1), by their recurrence.
@@ -68,18 +56,6 @@ def q_con(X: FloatArray, n: int) -> tuple[FloatArray, FloatArray]:
 
 def q_bfs(X: FloatArray, n: int) -> tuple[FloatArray, FloatArray]:
     """Return Qbfs_0 ... Qbfs_(n-1) and their derivatives by X.
-
-    Parameters
-    ----------
-    X : ndarray
-        Square of the normalised radius.
-    n : int
-        How many, >= 1.
-
-    Returns
-    -------
-    tuple of ndarray, shape ``(n, *X.shape)``
-        Values and derivatives; the factor ``X (1 - X)`` of the departure is not in them.
 
     Notes
     -----

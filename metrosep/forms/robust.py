@@ -52,44 +52,13 @@ _NORMAL_MAD = 1.4826
 
 
 def spread(deviation: FloatArray) -> float:
-    """Return the standard deviation that Gaussian noise of this median magnitude has.
-
-    Parameters
-    ----------
-    deviation : ndarray, m
-        From the fit; NaN is left out.
-
-    Returns
-    -------
-    float, m
-        1.4826 times the median magnitude.
-    """
+    """Return the standard deviation that Gaussian noise of this median magnitude has."""
     valid = np.abs(deviation[~np.isnan(deviation)])
     return _NORMAL_MAD * float(np.median(valid)) if valid.size else 0.0
 
 
 def robust_weights(deviation: FloatArray, scale: float, rule: Robust) -> FloatArray:
-    """Return the weight of each point, 0 to 1.
-
-    Parameters
-    ----------
-    deviation : ndarray, m
-        From the fit.
-    scale : float, m
-        Spread of the good points; 0 keeps only those without deviation.
-    rule : {"tukey", "huber"}
-        Tukey's biweight ends at zero, Huber's rule bounds the pull of a point.
-
-    Returns
-    -------
-    ndarray
-        Same shape; NaN where the deviation is.
-
-    Raises
-    ------
-    DataError
-        If the rule is unknown.
-    """
+    """Return the weight of each point, 0 to 1."""
     if rule not in _TUNING:
         raise DataError(f"robust must be one of {', '.join(_TUNING)}, got {rule!r}")
     limit = _TUNING[rule] * scale
@@ -104,22 +73,6 @@ def robust_weights(deviation: FloatArray, scale: float, rule: Robust) -> FloatAr
 
 def robust_variance(deviation: FloatArray, scale: float, rule: Robust, p: int) -> float:
     """Return the factor of ``(J'J)^-1`` in the covariance of a robust fit.
-
-    Parameters
-    ----------
-    deviation : ndarray, m
-        From the fit; NaN is left out.
-    scale : float, m
-        Spread that the weights were made with.
-    rule : {"tukey", "huber"}
-        Which weights.
-    p : int
-        Free parameters.
-
-    Returns
-    -------
-    float, m^2
-        ``sum(psi^2) / (n - p) / mean(psi')^2`` with ``psi = w r``; NaN without degrees of freedom.
 
     References
     ----------
@@ -136,20 +89,7 @@ def robust_variance(deviation: FloatArray, scale: float, rule: Robust, p: int) -
 
 
 def winsorised(deviation: FloatArray, rule: Robust) -> FloatArray:
-    """Return the deviations that the covariance of a robust fit is made of.
-
-    Parameters
-    ----------
-    deviation : ndarray, m
-        From the fit; NaN is left out.
-    rule : {"tukey", "huber"}
-        Which weights.
-
-    Returns
-    -------
-    ndarray, m
-        ``psi(r) / mean(psi')`` in the same shape; NaN where the deviation is.
-    """
+    """Return the deviations that the covariance of a robust fit is made of."""
     good = ~np.isnan(deviation)
     limit = _TUNING[rule] * spread(deviation)
     if limit == 0.0:
@@ -179,36 +119,7 @@ def robust_fit(
     largest: float,
     name: str,
 ) -> tuple[Fitted, float]:
-    """Return the fit at which the weights have settled: the spread held, twice.
-
-    Parameters
-    ----------
-    start : Fitted
-        A fit that most points agree with, as `refit` gives it.
-    spread_of : callable
-        From a fit to the `spread` of its deviations, m.
-    refit : callable
-        From a fit and the weights of deviations to the weighted fit, and the root mean square
-        change of the heights, m.
-    rule : {"tukey", "huber"}
-        Which weights.
-    largest : float, m
-        Largest magnitude of the heights.
-    name : str
-        Of the form, for the message.
-
-    Returns
-    -------
-    fitted : Fitted
-        The last one.
-    scale : float, m
-        Spread that its weights were made with; 0 where the good points fit exactly.
-
-    Raises
-    ------
-    NotConvergedError
-        If the weights do not settle.
-    """
+    """Return the fit at which the weights have settled: the spread held, twice."""
     fitted, scale = start, 0.0
     for _ in range(2):
         scale = spread_of(fitted)
@@ -241,21 +152,7 @@ def _with_scale(
 
 
 def trimmed_start(jacobian: FloatArray, deviation: FloatArray) -> FloatArray:
-    """Return the change of the parameters that the better half of the points asks for.
-
-    Parameters
-    ----------
-    jacobian : ndarray, shape (p, n)
-        Derivative of the ideal height by each parameter.
-    deviation : ndarray, shape (n,), m
-        Measured minus ideal; no NaN.
-
-    Returns
-    -------
-    ndarray, shape (p,)
-        Least trimmed squares of the linearised model, from random subsets with a fixed seed and
-        from no change at all; zeros where there are too few points.
-    """
+    """Return the change of the parameters that the better half of the points asks for."""
     p, n = jacobian.shape
     thin = max(1, n // _TRIM_POINTS)
     J, r = jacobian[:, ::thin], deviation[::thin]

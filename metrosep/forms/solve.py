@@ -48,30 +48,14 @@ valley, which a strong damping walks in tiny steps."""
 
 @dataclass(slots=True, eq=False)
 class Normal:
-    """What the blocks of one linearisation add up to.
+    """What the blocks of one linearisation add up to."""
 
-    Parameters
-    ----------
-    gram : ndarray, shape (p, p)
-        Sum of J J'.
-    gradient : ndarray, shape (p,)
-        Sum of J r.
-    squares : float
-        Sum of r^2.
-    n : int
-        Points inside the domain.
-    n_outside : int
-        Points where the form is not defined.
-    negligible : ndarray or None, shape (p,)
-        Derivatives up to this size are rounding.
-    """
-
-    gram: FloatArray
-    gradient: FloatArray
-    squares: float = 0.0
-    n: int = 0
-    n_outside: int = 0
-    negligible: FloatArray | None = None
+    gram: FloatArray  # shape (p, p): sum of J J'
+    gradient: FloatArray  # shape (p,): sum of J r
+    squares: float = 0.0  # sum of r^2
+    n: int = 0  # points inside the domain
+    n_outside: int = 0  # points where the form is not defined
+    negligible: FloatArray | None = None  # shape (p,): derivatives up to this size are rounding
 
     @property
     def works(self) -> NDArray[np.bool_]:
@@ -87,45 +71,18 @@ class Normal:
 
 @dataclass(slots=True, eq=False)
 class Solution:
-    """Where the iteration ended.
+    """Where the iteration ended."""
 
-    Parameters
-    ----------
-    values : ndarray, shape (p,)
-        Parameters.
-    normal : Normal
-        At these values.
-    n_iterations : int
-        Accepted steps.
-    trace : list of float
-        Root mean square after each.
-    is_at_rim : bool
-        Whether the last steps were refused since they take points out of the form's domain.
-    """
-
-    values: FloatArray
-    normal: Normal
-    n_iterations: int
-    trace: list[float] = field(default_factory=list)
+    values: FloatArray  # shape (p,): parameters
+    normal: Normal  # at these values
+    n_iterations: int  # accepted steps
+    trace: list[float] = field(default_factory=list)  # root mean square after each
+    # whether the last steps were refused since they take points out of the form's domain
     is_at_rim: bool = False
 
 
 def accumulate(blocks: Iterable[FloatArray], p: int) -> Normal:
-    """Return the sums over blocks of derivatives and deviations.
-
-    Parameters
-    ----------
-    blocks : iterable of ndarray, shape (p + 1, n)
-        Derivatives and, in the last row, deviations. Points where one is NaN are outside the
-        domain.
-    p : int
-        Number of parameters.
-
-    Returns
-    -------
-    Normal
-        Sums.
-    """
+    """Return the sums over blocks of derivatives and deviations."""
     total, n, n_outside = np.zeros((p + 1, p + 1)), 0, 0
     with np.errstate(over="ignore", invalid="ignore"):  # a wild trial: refused for its sum
         for block in blocks:
@@ -150,42 +107,7 @@ def solve(
     is_exact: bool = True,
     max_iterations: int = 100,
 ) -> Solution:
-    """Return the parameters of least squares.
-
-    Parameters
-    ----------
-    linearise : callable
-        Deviations and derivatives at given parameters, in blocks.
-    start : ndarray, shape (p,)
-        Where to begin.
-    names : sequence of str
-        Of the parameters, for messages.
-    height : float, m
-        Largest magnitude of the heights, which sets the rounding.
-    reach : ndarray, shape (p,), optional
-        Largest sensible change of each parameter; one that moves no height by more than rounding
-        within it has no effect. Infinite where it is not known.
-    linear : sequence of int, optional
-        Parameters in which the heights are linear; they are solved anew at each trial (variable
-        projection), since a shifted lens also moves up and tilts.
-    is_exact : bool, optional
-        Whether these are linear exactly, so that no second pass is needed.
-    max_iterations : int, optional
-        Steps, accepted or not.
-
-    Returns
-    -------
-    Solution
-        With the sums at the end.
-
-    Raises
-    ------
-    DegenerateFitError
-        If the form is defined at fewer points than there are parameters, or the points do not
-        determine a parameter.
-    NotConvergedError
-        If the steps do not become small.
-    """
+    """Return the parameters of least squares."""
     job = _Job(
         linearise,
         tuple(names),
@@ -220,33 +142,7 @@ def one_step(
     height: float,
     reach: FloatArray,
 ) -> tuple[Solution, float]:
-    """Return one undamped step from a start that is nearly there, and the squares it must leave.
-
-    Parameters
-    ----------
-    linearise : callable
-        Deviations and derivatives at given parameters, in blocks.
-    start : ndarray, shape (p,)
-        Answer of a sample.
-    names : sequence of str
-        Of the parameters.
-    height : float, m
-        Largest magnitude of the heights.
-    reach : ndarray, shape (p,)
-        As for `solve`.
-
-    Returns
-    -------
-    solution : Solution
-        After the step, with the sums before it.
-    squares : float
-        Sum of squares that a form linear in its parameters would leave.
-
-    Raises
-    ------
-    DegenerateFitError
-        If the points do not determine the parameters.
-    """
+    """Return one undamped step from a start that is nearly there, and the squares it must leave."""
     normal = accumulate(linearise(start), start.size)
     normal.negligible = _ROUNDING * height / reach
     _enough(normal, start.size, names)
@@ -396,27 +292,7 @@ def _enough(normal: Normal, p: int, names: Sequence[str]) -> None:
 
 
 def scaled_gram(normal: Normal, names: Sequence[str]) -> tuple[FloatArray, FloatArray]:
-    """Return the Gram matrix with unit diagonal, and the lengths it was divided by.
-
-    Parameters
-    ----------
-    normal : Normal
-        Sums.
-    names : sequence of str
-        Of the parameters.
-
-    Returns
-    -------
-    gram : ndarray, shape (p, p)
-        Correlations of the columns.
-    length : ndarray, shape (p,)
-        Euclidean length of each column.
-
-    Raises
-    ------
-    DegenerateFitError
-        If a parameter has no effect on any point.
-    """
+    """Return the Gram matrix with unit diagonal, and the lengths it was divided by."""
     length = np.sqrt(np.diag(normal.gram))
     largest = float(length.max(initial=0.0))
     idle = [name for name, works in zip(names, normal.works, strict=True) if not works]
@@ -429,20 +305,7 @@ def scaled_gram(normal: Normal, names: Sequence[str]) -> tuple[FloatArray, Float
 
 
 def tied(normal: Normal, names: Sequence[str]) -> list[str]:
-    """Return the parameters of the least determined direction, the strongest first.
-
-    Parameters
-    ----------
-    normal : Normal
-        Sums.
-    names : sequence of str
-        Of the parameters.
-
-    Returns
-    -------
-    list of str
-        Those with a share above a tenth of the largest.
-    """
+    """Return the parameters of the least determined direction, the strongest first."""
     gram, _ = scaled_gram(normal, names)
     vector = np.abs(np.linalg.eigh(gram)[1][:, 0])
     order = np.argsort(-vector)

@@ -17,18 +17,7 @@ _MAX_LAGS = 512
 
 
 def vertex(x: FloatArray, y: FloatArray, z: FloatArray) -> tuple[float, float]:
-    """Return where the least-squares quadric is level, or (0, 0) where that is far outside.
-
-    Parameters
-    ----------
-    x, y, z : ndarray, shape (n,), m
-        Valid points; all y equal for a profile.
-
-    Returns
-    -------
-    tuple of (float, float), m
-        Vertex.
-    """
+    """Return where the least-squares quadric is level, or (0, 0) where that is far outside."""
     half = max(float(np.abs(x).max()), float(np.abs(y).max()), np.finfo(float).tiny)
     u, v = x / half, y / half
     columns = [np.ones_like(u), u, u * u]
@@ -52,20 +41,6 @@ def vertex(x: FloatArray, y: FloatArray, z: FloatArray) -> tuple[float, float]:
 
 def best_shift(form: Form, points: Points, *, free: tuple[bool, bool]) -> tuple[float, float]:
     """Return the shift of the form, in whole samples, that leaves the smallest sum of squares.
-
-    Parameters
-    ----------
-    form : Form
-        With values for its parameters.
-    points : Points
-        Uniform in x and y.
-    free : tuple of (bool, bool)
-        Whether the form may move along x, y.
-
-    Returns
-    -------
-    tuple of (float, float), m
-        Shift; within half a period for a periodic form.
 
     Notes
     -----

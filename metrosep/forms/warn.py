@@ -27,26 +27,7 @@ _TILT_SHARE = 0.1
 def fit_warnings(
     points: Points, placed: Placement, names: Sequence[str], cov: FloatArray, rms: float
 ) -> tuple[str, ...]:
-    """Return the warnings of a fit, one sentence each.
-
-    Parameters
-    ----------
-    points : Points
-        What was fitted.
-    placed : Placement
-        The form at its place.
-    names : sequence of str
-        Free parameters.
-    cov : ndarray, shape (p, p)
-        Their covariance.
-    rms : float, m
-        Of the residual.
-
-    Returns
-    -------
-    tuple of str
-        Empty where nothing is odd.
-    """
+    """Return the warnings of a fit, one sentence each."""
     found = [*_tied(names, cov), *_periods(placed, names), *_kind_of_tilt(points, placed, rms)]
     return tuple(found)
 

@@ -50,38 +50,6 @@ def fit_zernike_grid(
 ) -> ZernikeFit:
     """Return the least-squares Zernike coefficients of a map on a disc around the origin.
 
-    Parameters
-    ----------
-    z : array_like, shape (n_y, n_x), m
-        Heights; NaN where not measured.
-    x : array_like, shape (n_x,), m
-        Positions of the columns from the centre of the disc, uniform.
-    y : array_like, shape (n_y,), m
-        Positions of the rows from the centre of the disc, uniform.
-    nm : tuple of (int, int)
-        Radial and azimuthal order of each term.
-    radius : float, m, optional
-        Of the disc; points beyond it have no part. Default: the farthest valid pixel.
-    weights : array_like, shape (n_y, n_x), optional
-        Weight of each pixel, 0 to 1.
-
-    Returns
-    -------
-    ZernikeFit
-        Coefficients of terms that are 1 at the rim, inverse normal matrix, sum of squares,
-        points, radius.
-
-    Raises
-    ------
-    DataError
-        If the radius is not positive.
-    InvalidSamplesError
-        If shapes differ, or something is infinite.
-    NotUniformError
-        If x or y is not uniform.
-    DegenerateFitError
-        If the valid pixels inside the disc do not determine the terms.
-
     Notes
     -----
     Cost: one pass over the map for orders up to 12.
@@ -119,36 +87,7 @@ def fit_zernike_points(
     radius: float | None = None,
     weights: ArrayLike | None = None,
 ) -> ZernikeFit:
-    """Return the least-squares Zernike coefficients of points on a disc around the origin.
-
-    Parameters
-    ----------
-    x, y : array_like, shape (n,), m
-        Positions from the centre of the disc.
-    z : array_like, shape (n,), m
-        Heights; NaN where not measured.
-    nm : tuple of (int, int)
-        Radial and azimuthal order of each term.
-    radius : float, m, optional
-        Of the disc; points beyond it have no part. Default: the farthest valid point.
-    weights : array_like, shape (n,), optional
-        Weight of each point, >= 0.
-
-    Returns
-    -------
-    ZernikeFit
-        Coefficients of terms that are 1 at the rim, inverse normal matrix, sum of squares,
-        points, radius.
-
-    Raises
-    ------
-    DataError
-        If the radius is not positive.
-    InvalidSamplesError
-        If lengths differ, or something is infinite.
-    DegenerateFitError
-        If the valid points inside the disc do not determine the terms.
-    """
+    """Return the least-squares Zernike coefficients of points on a disc around the origin."""
     xs, ys, zs = (np.asarray(a, dtype=np.float64).ravel() for a in (x, y, z))
     if not xs.size == ys.size == zs.size:
         raise InvalidSamplesError(f"arrays must be equally long: {xs.size}, {ys.size}, {zs.size}")
@@ -176,26 +115,7 @@ def fit_zernike_points(
 def zernike_map(
     x: ArrayLike, y: ArrayLike, nm: Terms, coefficients: FloatArray, *, radius: float
 ) -> FloatArray:
-    """Return a sum of Zernike terms on a grid, NaN beyond the radius.
-
-    Parameters
-    ----------
-    x : array_like, shape (n_x,), m
-        Positions of the columns from the centre of the disc.
-    y : array_like, shape (n_y,), m
-        Positions of the rows.
-    nm : tuple of (int, int)
-        Radial and azimuthal order of each term.
-    coefficients : ndarray, shape (n_terms,), m
-        Of terms that are 1 at the rim.
-    radius : float, m
-        Of the disc.
-
-    Returns
-    -------
-    ndarray, shape (n_y, n_x), m
-        Heights: separable for orders up to 12, by recurrence above.
-    """
+    """Return a sum of Zernike terms on a grid, NaN beyond the radius."""
     u, v = _axis(x, "x") / radius, _axis(y, "y") / radius
     outside = np.greater(u * u, ((1.0 + RIM) ** 2 - v * v)[:, None])
     degree = max(n for n, _ in nm)

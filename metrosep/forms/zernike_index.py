@@ -212,25 +212,7 @@ def nm_to_fringe(n: int, m: int) -> int:
 
 
 def to_nm(index: int, order: ZernikeOrder) -> tuple[int, int]:
-    """Return (n, m) of a term in any of the three orders.
-
-    Parameters
-    ----------
-    index : int
-        Number of the term.
-    order : {"ansi", "noll", "fringe"}
-        How terms are counted.
-
-    Returns
-    -------
-    tuple of int
-        Radial order n, azimuthal order m.
-
-    Raises
-    ------
-    DataError
-        If the order is unknown, or has no such term.
-    """
+    """Return (n, m) of a term in any of the three orders."""
     return _to_nm(order)(index)
 
 
@@ -242,23 +224,6 @@ def _number_of(number: object) -> int:
 
 def term_indices(terms: int | Sequence[int], order: ZernikeOrder) -> tuple[int, ...]:
     """Return the numbers of the first terms of an order, or the given ones, checked.
-
-    Parameters
-    ----------
-    terms : int or sequence of int
-        How many, or which.
-    order : {"ansi", "noll", "fringe"}
-        How terms are counted.
-
-    Returns
-    -------
-    tuple of int
-        Numbers in the order given.
-
-    Raises
-    ------
-    DataError
-        If there is no term, one is not of this order, or one occurs twice.
 
     Examples
     --------

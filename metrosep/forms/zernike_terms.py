@@ -63,20 +63,7 @@ class _Table:
 
 
 def zernike_values(x: FloatArray, y: FloatArray, nm: Sequence[tuple[int, int]]) -> FloatArray:
-    """Return Zernike polynomials that are 1 at the rim of the unit disc.
-
-    Parameters
-    ----------
-    x, y : ndarray
-        Positions over the radius; outside the disc the polynomial goes on.
-    nm : sequence of (int, int)
-        Radial and azimuthal order of each term.
-
-    Returns
-    -------
-    ndarray, shape ``(len(nm), *x.shape)``
-        Cosine terms for m >= 0, sine terms for m < 0.
-    """
+    """Return Zernike polynomials that are 1 at the rim of the unit disc."""
     table = _Table(x, y)
     _climb(table, nm)
     out = np.empty((len(nm), *x.shape))
@@ -89,20 +76,7 @@ def zernike_values(x: FloatArray, y: FloatArray, nm: Sequence[tuple[int, int]]) 
 def zernike_gradients(
     x: FloatArray, y: FloatArray, nm: Sequence[tuple[int, int]]
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the derivatives of `zernike_values` by x and by y.
-
-    Parameters
-    ----------
-    x, y : ndarray
-        Positions over the radius.
-    nm : sequence of (int, int)
-        Radial and azimuthal order of each term.
-
-    Returns
-    -------
-    tuple of ndarray, shape ``(len(nm), *x.shape)``
-        Per radius.
-    """
+    """Return the derivatives of `zernike_values` by x and by y."""
     table = _Table(x, y)
     _climb(table, nm)
     dx, dy = np.empty((len(nm), *x.shape)), np.empty((len(nm), *x.shape))

@@ -58,33 +58,7 @@ def find_layout(
     options: TextOptions = _DEFAULTS,
     further: Sequence[str] = (),
 ) -> Layout:
-    """Return the one layout under which lines are a table of numbers.
-
-    Parameters
-    ----------
-    lines : sequence of str
-        First lines, without comments and blank lines.
-    path : object
-        For the message.
-    options : TextOptions, optional
-        What the caller declares.
-    further : sequence of str, optional
-        Lines from the rest of the text, which decide with the first ones.
-
-    Returns
-    -------
-    Layout
-        Dialect, number of columns and first row.
-
-    Raises
-    ------
-    AmbiguousFormatError
-        If two dialects read different numbers.
-    CorruptFileError
-        If none fits.
-    ReadError
-        If a separator or decimal mark is declared that is not one of those known.
-    """
+    """Return the one layout under which lines are a table of numbers."""
     above = unmeasured_rows(lines)
     head = list(lines[above : above + _SAMPLE])
     sample = [*head, *further]
@@ -132,51 +106,21 @@ def find_layout(
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """How a table is written: ``n`` columns, ``n_raw`` fields of the usual row with those left empty.
+    """How a table is written: ``n`` columns, ``n_raw`` fields of the usual row with those left empty."""
 
-    Parameters
-    ----------
-    dialect : Dialect
-        Separator and decimal mark.
-    start : int
-        First row among the lines looked at.
-    n, n_raw, n_usual : int
-        Columns; fields of the usual row; fields of most rows that are not empty.
-    labels : tuple of bool
-        Which columns hold words.
-    n_fit : int
-        Lines that are rows.
-    unproven : bool
-        No number shows what its decimal mark is.
-    ends : bool
-        The last line looked at is a row.
-    """
-
-    dialect: Dialect
-    start: int
-    n: int
+    dialect: Dialect  # separator and decimal mark
+    start: int  # first row among the lines looked at
+    n: int  # columns; fields of the usual row; fields of most rows that are not empty
     n_raw: int
     n_usual: int
-    labels: tuple[bool, ...]
-    n_fit: int
-    unproven: bool
-    ends: bool
+    labels: tuple[bool, ...]  # which columns hold words
+    n_fit: int  # lines that are rows
+    unproven: bool  # no number shows what its decimal mark is
+    ends: bool  # the last line looked at is a row
 
 
 def unmeasured_rows(lines: Sequence[str]) -> int:
-    """Return how many rows at the start hold only words for "not measured": data, no header.
-
-    Parameters
-    ----------
-    lines : sequence of str
-        Lines without comments and blank lines.
-
-    Returns
-    -------
-    int
-        Rows such as ``nan,nan,nan`` above all others; a row of empty fields counts where it has
-        four and more.
-    """
+    """Return how many rows at the start hold only words for "not measured": data, no header."""
     for i, line in enumerate(lines):
         if not _is_unmeasured(line):
             return i

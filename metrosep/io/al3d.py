@@ -52,18 +52,7 @@ _PICTURES = ("TextureImageOffset", "IconOffset")
 
 
 def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is an Alicona file.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    Match
-        YES when the magic text is followed by the tag Version.
-    """
+    """Return how sure we are that a file is an Alicona file."""
     if not file.head.startswith(_MAGIC):
         return Match.NO
     first = file.head[len(_MAGIC) : len(_MAGIC) + 8]
@@ -78,35 +67,7 @@ def read(
     unit: Any = None,
     max_pixels: int | None = None,
 ) -> Surface:
-    """Return the depth image of an Alicona file.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    channel : {"height"}, optional
-        The data set.
-    lateral_step : float (m), str or pair, optional
-        Replaces the pixel sizes of the file, which are kept in the metadata.
-    unit : None
-        Not accepted: the format states its unit.
-    max_pixels : int, optional
-        Largest map to allocate; 2**28 if omitted.
-
-    Returns
-    -------
-    Surface
-        Heights in m.
-
-    Raises
-    ------
-    FormatMismatchError
-        If the magic text is another.
-    CorruptFileError
-        If a tag is missing or no number, sizes do not fit, or no pixel was measured.
-    UnsupportedFeatureError
-        If there is no depth image, or it is larger than `max_pixels`.
-    """
+    """Return the depth image of an Alicona file."""
     refuse_options(file, "an Alicona file with its own units", unit=unit)
     only_channels(file, "Alicona", channel)
     override = lateral_steps(lateral_step)

@@ -30,18 +30,7 @@ _UNIT_KEYS = ("units", "unit", "Units", "Unit")
 
 
 def unit_of(attributes: Mapping[str, Any]) -> Unit | None:
-    """Return the unit that the attributes of an array declare.
-
-    Parameters
-    ----------
-    attributes : mapping
-        Keys ``unit`` or ``units`` are looked at.
-
-    Returns
-    -------
-    Unit or None
-        ``None`` where there is none that metrosep knows.
-    """
+    """Return the unit that the attributes of an array declare."""
     try:
         return parse_unit(unit_label(attributes))
     except UnitError:
@@ -49,18 +38,7 @@ def unit_of(attributes: Mapping[str, Any]) -> Unit | None:
 
 
 def unit_label(attributes: Mapping[str, Any]) -> str:
-    """Return the text that the attributes of an array give as its unit.
-
-    Parameters
-    ----------
-    attributes : mapping
-        Keys ``unit`` or ``units`` are looked at.
-
-    Returns
-    -------
-    str
-        Empty where there is none.
-    """
+    """Return the text that the attributes of an array give as its unit."""
     return next((str(attributes[k]) for k in _UNIT_KEYS if attributes.get(k)), "")
 
 
@@ -76,41 +54,7 @@ def map_as_surface(
     scale: float | str | None = None,
     header: Mapping[str, Any],
 ) -> Surface:
-    """Return a two-dimensional array as a surface.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    format_id : str
-        Identifier of the format.
-    values : ndarray, shape (rows, columns)
-        Real numbers, NaN = not measured.
-    name : str
-        Of the array, for messages and metadata.
-    own_unit : Unit or None
-        What the file declares.
-    unit : str or None
-        What the caller declares.
-    lateral_step : float (m), str or pair, optional
-        Steps; not calibrated if omitted.
-    scale : float (m/V) or str, optional
-        Sensitivity where the unit is a voltage.
-    header : mapping
-        Raw fields of the file.
-
-    Returns
-    -------
-    Surface
-        Row 0 of the array is taken to have the smallest y.
-
-    Raises
-    ------
-    UnitError
-        If nobody declares a unit, or it is no length and no sensitivity is given.
-    FormatMismatchError
-        If file and caller contradict each other.
-    """
+    """Return a two-dimensional array as a surface."""
     declared = parse_unit(str(unit)) if unit is not None else None
     if declared is not None and own_unit is not None and declared != own_unit:
         raise FormatMismatchError(
@@ -153,33 +97,7 @@ def columns_as_object(
     header: Mapping[str, Any],
     **options: Any,
 ) -> Profile | Recording | Surface:
-    """Return arrays of one length as the columns of a table would be.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    format_id : str
-        Identifier of the format.
-    columns : mapping of str to (ndarray, Unit or None)
-        Name to values and unit.
-    header : mapping
-        Raw fields of the file.
-    **options
-        As for `metrosep.io.measurement.measurement`.
-
-    Returns
-    -------
-    Profile, Recording or Surface
-        SI, NaN = not measured.
-
-    Raises
-    ------
-    ReadError
-        If the columns do not say what they are.
-    UnitError
-        If a length or time has no unit.
-    """
+    """Return arrays of one length as the columns of a table would be."""
     made = tuple(
         Column(name, unit, np.asarray(v, dtype=np.float64)) for name, (v, unit) in columns.items()
     )

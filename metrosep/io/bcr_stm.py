@@ -54,18 +54,7 @@ class _Header(NamedTuple):
 
 
 def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is a BCR-STM file.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    Match
-        YES when the first line is the one of the format, in either encoding.
-    """
+    """Return how sure we are that a file is a BCR-STM file."""
     return Match.NO if _encoding(file.head) is None else Match.YES
 
 
@@ -86,37 +75,7 @@ def read(
     unit: Any = None,
     max_pixels: int | None = None,
 ) -> Surface:
-    """Return the height map of a BCR-STM file.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    channel : {"height"}, optional
-        The data set.
-    lateral_step : float (m), str or pair, optional
-        Replaces the steps of the file, which are kept in the metadata.
-    unit : str, optional
-        Unit of the heights, where ``zunit`` of integers is not the nm that ``bit2nm`` says.
-    max_pixels : int, optional
-        Largest map to allocate; 2**28 if omitted.
-
-    Returns
-    -------
-    Surface
-        Heights in m.
-
-    Raises
-    ------
-    FormatMismatchError
-        If the first line is another, or `unit` contradicts the file.
-    CorruptFileError
-        If header or size do not fit, a scale is not usable, or no pixel was measured.
-    UnsupportedFeatureError
-        For force curves and maps beyond `max_pixels`.
-    UnitError
-        If a unit is unknown or no length, or the file gives two for the heights.
-    """
+    """Return the height map of a BCR-STM file."""
     only_channels(file, "BCR-STM", channel)
     override = lateral_steps(lateral_step)
     header = _header(file)

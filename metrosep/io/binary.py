@@ -22,31 +22,7 @@ Layout: TypeAlias = Sequence[tuple[int, str, str]]
 def unpack_fields(
     file: RawFile, layout: Layout, *, order: str, start: int = 0, what: str = "the header"
 ) -> dict[str, Any]:
-    """Return the fields of a header; text is cut at its first zero byte and stripped.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    layout : sequence of (int, str, str)
-        Offset from `start`, `struct` code and name.
-    order : {"<", ">"}
-        Byte order.
-    start : int, optional
-        Where the header begins.
-    what : str, optional
-        What it is, for the message.
-
-    Returns
-    -------
-    dict
-        Name to value; text decoded as Latin-1, which also carries the micro sign 0xB5.
-
-    Raises
-    ------
-    CorruptFileError
-        If the file ends before the last field.
-    """
+    """Return the fields of a header; text is cut at its first zero byte and stripped."""
     end = max(offset + struct.calcsize(order + code) for offset, code, _ in layout)
     need_bytes(file, start, end, what)
     data = file.head if start + end <= len(file.head) else file.data
@@ -61,26 +37,7 @@ def unpack_fields(
 
 
 def need_bytes(file: RawFile, offset: int, count: int, what: str, *, name: str = "size") -> None:
-    """Refuse a file that ends before something that its header promises.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    offset : int
-        Where it begins.
-    count : int
-        Bytes it takes.
-    what : str
-        What it is.
-    name : str, optional
-        Field that promises it.
-
-    Raises
-    ------
-    CorruptFileError
-        If `offset` or `count` is negative or the file is too short.
-    """
+    """Refuse a file that ends before something that its header promises."""
     if count < 0 or offset < 0 or offset + count > file.size:
         raise CorruptFileError(
             file.path,
@@ -101,28 +58,7 @@ def check_area(
     names: tuple[str, str] = ("columns", "rows"),
     offsets: tuple[int | None, int | None] = (None, None),
 ) -> None:
-    """Refuse a map without size, or with more pixels than may be allocated.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    columns, rows : int
-        What the header claims.
-    max_pixels : int, optional
-        Largest number of pixels; `MAX_PIXELS` if omitted.
-    names : tuple of (str, str), optional
-        Names of the fields.
-    offsets : tuple of (int or None, int or None), optional
-        Where they stand.
-
-    Raises
-    ------
-    CorruptFileError
-        If a side is not positive.
-    UnsupportedFeatureError
-        If there are more pixels than allowed.
-    """
+    """Refuse a map without size, or with more pixels than may be allocated."""
     for value, name, offset in zip((columns, rows), names, offsets, strict=True):
         if value < 1:
             raise CorruptFileError(
@@ -150,31 +86,7 @@ def check_scale(
     low: float = 1e-3,
     high: float = 1e3,
 ) -> float:
-    """Return a scale of the heights, or refuse it.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    name : str
-        Name of the field.
-    value : float
-        What the header says.
-    offset : int, optional
-        Where it stands.
-    low, high : float, optional
-        Range in which it makes sense, in the unit of `value`.
-
-    Returns
-    -------
-    float
-        `value`.
-
-    Raises
-    ------
-    CorruptFileError
-        If it is not a number, zero, negative or outside the range.
-    """
+    """Return a scale of the heights, or refuse it."""
     if not low <= value <= high:  # also catches NaN
         raise CorruptFileError(
             file.path,

@@ -33,18 +33,7 @@ _SNIFFED = 20
 
 
 def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is the output of camonitor.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    Match
-        YES when the first lines are a name, a date, a time and a value, or silent variables.
-    """
+    """Return how sure we are that a file is the output of camonitor."""
     rest = (text for line in first_lines(file) if (text := line.strip()))
     found = False
     for number, text in enumerate(rest, start=1):
@@ -59,18 +48,7 @@ def sniff(file: RawFile) -> Match:
 
 
 def channels(file: RawFile) -> tuple[str, ...]:
-    """Return the names of the process variables that hold numbers.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    tuple of str
-        In the order of their first line.
-    """
+    """Return the names of the process variables that hold numbers."""
     return tuple(read(file).channels)
 
 
@@ -81,32 +59,7 @@ def read(
     lateral_step: Any = None,
     unit: Any = None,
 ) -> Recording:
-    """Return the process variables on the union of their times.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    channel : str, optional
-        The one variable to read, on its own times.
-    lateral_step : None
-        Not accepted: the variables are over time.
-    unit : str or mapping of str to str, optional
-        Unit of the variables; the text has none.
-
-    Returns
-    -------
-    Recording
-        Time in s from the first line; the start, as ISO 8601 text of the clock that wrote it, is
-        ``metadata["start_local"]``. NaN where a variable did not report or was ``INVALID``.
-
-    Raises
-    ------
-    FormatMismatchError
-        If the file is of another format or has no such variable.
-    CorruptFileError
-        If a line does not fit or a time goes back.
-    """
+    """Return the process variables on the union of their times."""
     refuse_options(file, "a text of camonitor", lateral_step=lateral_step)
     lines = text_lines(file)
     variables, notes = _variables(file, lines)

@@ -162,18 +162,7 @@ def _runs(path: str | os.PathLike[str]) -> RunSet | None:
 
 
 def check_object(obj: Surface | Profile | Recording) -> tuple[Finding, ...]:
-    """Return what is odd about a measurement.
-
-    Parameters
-    ----------
-    obj : Surface, Profile or Recording
-        The measurement, as it was read.
-
-    Returns
-    -------
-    tuple of Finding
-        Errors first; empty when nothing is odd.
-    """
+    """Return what is odd about a measurement."""
     found = [*_of_reader(obj.metadata)]
     if isinstance(obj, Recording):
         found += _clock(obj)

@@ -51,18 +51,7 @@ class _Header(NamedTuple):
 
 
 def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is a Code V interferogram.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    Match
-        YES when the line below comments and title declares a grid (or coefficients) and its scale.
-    """
+    """Return how sure we are that a file is a Code V interferogram."""
     return Match.NO if _top(file)[-1] is None else Match.YES
 
 
@@ -74,35 +63,7 @@ def read(
     unit: Any = None,
     max_pixels: int | None = None,
 ) -> Surface:
-    """Return the grid of a Code V interferogram.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    channel : {"height"}, optional
-        The data set.
-    lateral_step : float (m), str or pair, optional
-        Lateral steps; the format has none, so that they are ``None`` without it.
-    unit : None
-        Not accepted: the format states its scale.
-    max_pixels : int, optional
-        Largest map to allocate; 2**28 if omitted.
-
-    Returns
-    -------
-    Surface
-        Heights of a surface, or of a wavefront, in m; ``metadata["data_kind"]`` says which.
-
-    Raises
-    ------
-    FormatMismatchError
-        If there is no header line.
-    CorruptFileError
-        If header or count do not fit, a scale is not usable, or no pixel was measured.
-    UnsupportedFeatureError
-        For coefficients, intensity filters, unknown keywords and maps beyond `max_pixels`.
-    """
+    """Return the grid of a Code V interferogram."""
     refuse_options(file, "a Code V interferogram with its own scale", unit=unit)
     only_channels(file, "Code V", channel)
     override = lateral_steps(lateral_step)

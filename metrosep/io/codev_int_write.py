@@ -26,23 +26,7 @@ _FLAT_STEP = 1e-15
 
 
 def quantisation_step(surface: Surface) -> float:
-    """Return the step to which `int_bytes` rounds heights.
-
-    Parameters
-    ----------
-    surface : Surface
-        What is to be written.
-
-    Returns
-    -------
-    float
-        P-V / 65534 in m; the rounding error is at most half of it.
-
-    Raises
-    ------
-    WriteError
-        If nothing was measured.
-    """
+    """Return the step to which `int_bytes` rounds heights."""
     low, high = _range(surface)
     return (high - low) / (2 * _LARGEST) if high > low else _FLAT_STEP
 

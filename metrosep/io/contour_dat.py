@@ -33,19 +33,7 @@ _COUNT = re.compile(r"\s*(\d{1,10})\s*")
 
 
 def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is a contour file.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    Match
-        YES for a unit of length, a count and a row of two numbers of fixed width, each on a line of
-        its own. Without the blanks of fixed width it is a plain table (format ``delimited``).
-    """
+    """Return how sure we are that a file is a contour file."""
     lines = list(itertools.islice(first_lines(file), 3))
     if len(lines) < 3 or _unit(lines[0]) is None or not _COUNT.fullmatch(lines[1]):
         return Match.NO
@@ -57,31 +45,7 @@ def sniff(file: RawFile) -> Match:
 def read(
     file: RawFile, *, channel: str | None = None, lateral_step: Any = None, unit: Any = None
 ) -> Profile:
-    """Return the profile of a contour file.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    channel : {"height"}, optional
-        The data set.
-    lateral_step : float (m) or str, optional
-        Replaces the positions, which must be uniform.
-    unit : None
-        Not accepted: the file states its unit.
-
-    Returns
-    -------
-    Profile
-        Positions rising, heights in m; nothing is levelled.
-
-    Raises
-    ------
-    FormatMismatchError
-        If the first lines are not those of the format.
-    CorruptFileError
-        If a row does not fit or positions do not rise or fall throughout.
-    """
+    """Return the profile of a contour file."""
     refuse_options(file, "a contour with its own unit", unit=unit)
     only_channels(file, "contour", channel)
     override = lateral_steps(lateral_step)

@@ -49,18 +49,7 @@ _WORDS = (
 
 
 def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is the JSON of a DABAM profile.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    Match
-        YES for JSON with the three keys that say how to read the columns.
-    """
+    """Return how sure we are that a file is the JSON of a DABAM profile."""
     top = next((line for line in first_lines(file) if line.strip()), "")
     if not top.lstrip().startswith("{") or file.size > _MAX_JSON:
         return Match.NO
@@ -69,18 +58,7 @@ def sniff(file: RawFile) -> Match:
 
 
 def channels(file: RawFile) -> tuple[str, ...]:
-    """Return the columns ``Y1``, ``Y2`` ... that have a factor to SI.
-
-    Parameters
-    ----------
-    file : RawFile
-        The JSON file.
-
-    Returns
-    -------
-    tuple of str
-        In the order of the columns.
-    """
+    """Return the columns ``Y1``, ``Y2`` ... that have a factor to SI."""
     return _channels(_header(file))
 
 
@@ -92,36 +70,7 @@ def read(
     unit: Any = None,
     slope: str | None = None,
 ) -> Profile:
-    """Return a height profile of a DABAM entry.
-
-    Parameters
-    ----------
-    file : RawFile
-        The JSON file; its ``.dat`` must lie beside it.
-    channel : str, optional
-        ``"Y1"`` (the default), ``"Y2"`` ...
-    lateral_step : float (m) or str, optional
-        Replaces the positions of a uniform profile.
-    unit : None
-        Not accepted: the JSON states the factors to SI.
-    slope : {"integrate"}, optional
-        How to make heights of slopes; needed where the channel holds slopes.
-
-    Returns
-    -------
-    Profile
-        Heights in m. Of integrated slopes the first height is 0, nothing is levelled, and
-        ``metadata["slope_pv_rad"]`` and ``["slope_rms_rad"]`` describe the slopes themselves.
-
-    Raises
-    ------
-    UnsupportedFeatureError
-        If the channel holds slopes and `slope` is not given, or nothing says what it holds.
-    CorruptFileError
-        If the JSON or a row does not fit.
-    ReadError
-        If the ``.dat`` does not lie beside the file, or `slope` is another word.
-    """
+    """Return a height profile of a DABAM entry."""
     refuse_options(file, "a DABAM profile with its own factors", unit=unit)
     if slope not in (None, "integrate"):
         raise ReadError(f"{file.path}: slope={slope!r} is unknown; use slope='integrate'")

@@ -33,35 +33,13 @@ _SAME_STEP = 1e-3
 
 
 def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is an Mx file.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    Match
-        YES for HDF5 with a graph or attributes, and a surface that they or its place name.
-    """
+    """Return how sure we are that a file is an Mx file."""
     handle = look_into(file)
     return Match.YES if handle is not None and any(_paths(handle)) else Match.NO
 
 
 def channels(file: RawFile) -> tuple[str, ...]:
-    """Return ``height``, or the identifiers of the surfaces where there are several.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    tuple of str
-        The one that the graph leads to comes first.
-    """
+    """Return ``height``, or the identifiers of the surfaces where there are several."""
     with open_hdf5(file) as handle:
         return tuple(_surfaces(file, handle, []))
 
@@ -74,35 +52,7 @@ def read(
     unit: Any = None,
     max_pixels: int | None = None,
 ) -> Surface:
-    """Return the height map of an Mx file.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    channel : str, optional
-        Which surface, where there are several.
-    lateral_step : float (m), str or pair, optional
-        Replaces the file's steps; the file's own are kept in the metadata.
-    unit : None
-        Not accepted: the format states its unit.
-    max_pixels : int, optional
-        Largest map to allocate; 2**28 if omitted.
-
-    Returns
-    -------
-    Surface
-        Heights in m.
-
-    Raises
-    ------
-    FormatMismatchError
-        If it is no HDF5 file.
-    CorruptFileError
-        If it is damaged, a scale is not usable, or no pixel was measured.
-    UnsupportedFeatureError
-        If there is no such surface, its unit is unknown, or it is too large.
-    """
+    """Return the height map of an Mx file."""
     refuse_options(file, "an Mx map with its own units", unit=unit)
     override = lateral_steps(lateral_step)
     warnings: list[str] = []

@@ -33,19 +33,7 @@ _MAX_TITLES = 5
 
 
 def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is a table of numbers.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    Match
-        MAYBE for text in which most lines are rows of numbers (also when its dialect is
-        ambiguous, so that `read` can say why), else NO; plain numbers are never YES.
-    """
+    """Return how sure we are that a file is a table of numbers."""
     try:
         text, _ = decode(file.head, file.name)
     except ReadError:
@@ -79,18 +67,7 @@ def _mostly_digits(lines: list[str]) -> Match:
 
 
 def channels(file: RawFile) -> tuple[str, ...]:
-    """Return what ``channel=`` accepts: labels of a column of labels, else column names.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    tuple of str
-        Labels (such as the slices of a stacked export) or names of the columns of numbers.
-    """
+    """Return what ``channel=`` accepts: labels of a column of labels, else column names."""
     table = read_table(file)
     for column in table.columns:
         if column.labels is not None and len(set(column.labels)) > 1:
@@ -112,55 +89,7 @@ def read(
     scale: float | str | None = None,
     **text: Any,
 ) -> Profile | Recording | Surface:
-    """Return the profile, the recording or the surface that a table of numbers holds.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    channel : str, optional
-        Label of the rows to read where a column of labels stacks several data sets; for a
-        recording, the one column to read.
-    lateral_step : float (m) or str, optional
-        Step of the positions of a file with heights only: one column, or a matrix.
-    unit : str, tuple of str, or dict of str to str, optional
-        Unit of the columns that declare none: one for all, one per column of numbers, or by name;
-        also in one text, ``"um,um,nm"`` or ``"x=um,y=um,z=nm"``.
-    x, z : str or tuple of (str, str), optional
-        Columns of a profile, by name, ``"name:unit"`` or ``("name", "unit")``; by number from 1,
-        ``"3:nm"``, where no header names them.
-    y : str or tuple of (str, str), optional
-        With `x` and `z`: the columns of points on a regular grid, which make a surface.
-    time : str or tuple of (str, str), optional
-        Column of time of a recording.
-    sampling_rate : float (Hz) or str, optional
-        Makes a recording of a file without a column of time.
-    scale : float (m/V) or str, optional
-        Sensitivity of the sensor where the heights are a voltage, such as ``"2.5 um/V"``.
-    **text
-        How the text is written, where that is not clear: `metrosep.core.text_options.TEXT_OPTIONS`.
-
-    Returns
-    -------
-    Profile, Recording or Surface
-        A profile when `x` or `z` is given, or when the file has exactly two columns of numbers of
-        which neither is a time (position first, then height), or one column and `lateral_step`.
-        A recording when `time` or `sampling_rate` is given or a column is a time. Columns of a
-        recording whose unit is unknown keep their numbers and have no entry in ``units``. A surface
-        when `y` is given, or the columns are called x, y and z and all three declare a length, or
-        three columns without names get a unit of length each; or of three and more columns
-        without names, `unit` and `lateral_step`: a matrix of heights, first row at the smallest y.
-        What metrosep wrote brings its history, and a profile its kind and cut-offs.
-
-    Raises
-    ------
-    ReadError
-        If the text is no table, a row does not fit, a column is missing, positions are not
-        monotonic, the file has three and more columns and nothing says what they are, or the kind
-        or a cut-off that metrosep noted above the table is damaged.
-    UnitError
-        If a length or time has no unit.
-    """
+    """Return the profile, the recording or the surface that a table of numbers holds."""
     table = read_table(file, **text)
     return measurement(
         file,

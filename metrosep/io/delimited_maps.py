@@ -34,21 +34,6 @@ _FIRST_ROW = (
 def declared_units(unit: Any) -> Any:
     """Return what a caller wrote as unit: several in one text become one for each column.
 
-    Parameters
-    ----------
-    unit : str, sequence of str, mapping or None
-        ``"um, um, nm"`` or ``"x=um, y=um, z=nm"`` as a person types it, else as it is.
-
-    Returns
-    -------
-    str, tuple of str, dict of str to str, or None
-        One unit, one for each column of numbers, or units by the name of the column.
-
-    Raises
-    ------
-    FormatMismatchError
-        If only some of several units bear the name of a column.
-
     Examples
     --------
     >>> declared_units("um, um, nm"), declared_units("x=um,z=nm"), declared_units("nm")
@@ -69,38 +54,14 @@ def declared_units(unit: Any) -> Any:
 
 
 def is_matrix(table: Table) -> bool:
-    """Return whether a table holds only numbers, three and more columns, and no names of columns.
-
-    Parameters
-    ----------
-    table : Table
-        The columns.
-
-    Returns
-    -------
-    bool
-        True for what may be a matrix of heights, or points x, y, z.
-    """
+    """Return whether a table holds only numbers, three and more columns, and no names of columns."""
     plain = not table.header.get("named", True)
     n = len(table.columns)
     return plain and n >= _LEAST_COLUMNS and len(table.numbers) == n
 
 
 def looks_like_points(file: RawFile, table: Table) -> bool:
-    """Return whether three columns of numbers lie on a grid of the first two: x, y, z.
-
-    Parameters
-    ----------
-    file : RawFile
-        For messages.
-    table : Table
-        The columns.
-
-    Returns
-    -------
-    bool
-        False also where positions repeat or are scattered.
-    """
+    """Return whether three columns of numbers lie on a grid of the first two: x, y, z."""
     columns = [c.values for c in table.columns if c.values is not None]
     if len(columns) != _POINTS or len(table.columns) != _POINTS:
         return False
@@ -119,35 +80,7 @@ def matrix(
     steps: tuple[float, float] | None,
     scale: float | None,
 ) -> Surface:
-    """Return the map that a matrix of heights holds.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    table : Table
-        Columns with the unit that the caller declared: all of one unit.
-    format_id : str
-        Identifier of the format.
-    steps : tuple of (float, float), m, or None
-        dx and dy that the caller declared.
-    scale : float (m/V) or None
-        Sensitivity where the heights are voltages.
-
-    Returns
-    -------
-    Surface
-        A row of the file is a row of the map; the first row has the smallest y, which a warning
-        says. NaN = not measured.
-
-    Raises
-    ------
-    FormatMismatchError
-        If unit or step is missing, units differ, the columns are points x, y, z, or an empty line
-        stands between the rows of a text with tabs.
-    UnitError
-        If the unit is no length.
-    """
+    """Return the map that a matrix of heights holds."""
     units = {c.unit for c in table.columns}
     if looks_like_points(file, table):
         raise FormatMismatchError(
@@ -204,16 +137,6 @@ def _refuse_gaps(file: RawFile, table: Table) -> None:
 
 def shown_columns(names: tuple[str, ...]) -> str:
     """Return names of columns for a message, the first dozen of many.
-
-    Parameters
-    ----------
-    names : tuple of str
-        Of all columns.
-
-    Returns
-    -------
-    str
-        Such as ``x, z``.
 
     Examples
     --------

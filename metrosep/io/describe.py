@@ -33,33 +33,7 @@ def describe(
     format: str | None = None,  # noqa: A002
     **options: Any,
 ) -> dict[str, Any]:
-    """Return what a file holds as plain values that JSON can carry.
-
-    Parameters
-    ----------
-    path : str or path
-        The file.
-    format : str, optional
-        Identifier of the format.
-    **options
-        As for `metrosep.io.read.read`.
-
-    Returns
-    -------
-    dict
-        ``format``, ``kind`` (``surface``, ``profile``, ``recording``, ``runs`` or ``table``), ``shape``,
-        ``dx_m``, ``dy_m``, ``n_invalid``, ``pv_nm``, ``sq_nm`` (about the mean of the valid points,
-        nothing removed), ``mean_nm``, ``sha256``, ``metadata``; ``None`` where not applicable or
-        not calibrated. A table lists its columns in ``metadata["columns"]``, a recording has
-        ``channels`` (name to SI unit), ``duration_s`` and ``time_step_s`` (median) too.
-
-    Raises
-    ------
-    ReadError
-        If the file cannot be read.
-    UnitError
-        If a profile declares no unit.
-    """
+    """Return what a file holds as plain values that JSON can carry."""
     file = open_file(path)
     if format is None:
         file = principal(file)

@@ -67,39 +67,17 @@ _CONTROL = re.compile(rb"[\x00-\x08\x0e-\x1a\x1c-\x1f]")
 
 @dataclass(frozen=True, slots=True)
 class Dialect:
-    """Separator and decimal mark of a table.
+    """Separator and decimal mark of a table."""
 
-    Parameters
-    ----------
-    separator : str
-        Tab, ``";"``, ``","``, ``", "`` (a comma followed by space, where the decimal mark is a
-        comma too) or ``" "`` for any white space.
-    decimal : {".", ","}
-        Decimal mark.
-    quoted : bool, optional
-        Whether fields may stand in double quotes.
-    thousands : str, optional
-        Mark between groups of three digits, which only a caller declares.
-    """
-
+    # tab, ``";"``, ``","``, ``", "`` (a comma followed by space, where the decimal mark is a comma
+    # too) or ``" "`` for any white space
     separator: str
-    decimal: str
-    quoted: bool = False
-    thousands: str = ""
+    decimal: str  # {".", ","}: decimal mark
+    quoted: bool = False  # whether fields may stand in double quotes
+    thousands: str = ""  # mark between groups of three digits, which only a caller declares
 
     def split(self, lines: Iterable[str]) -> list[list[str]]:
-        """Return the fields of each line.
-
-        Parameters
-        ----------
-        lines : iterable of str
-            Lines without their ends.
-
-        Returns
-        -------
-        list of list of str
-            Fields; outer white space may remain.
-        """
+        """Return the fields of each line."""
         if self.separator == " ":
             return [line.split() for line in lines]
         if self.separator == ", ":
@@ -115,18 +93,7 @@ class Dialect:
         return [line.split(self.separator) for line in lines]
 
     def plain(self, field: str) -> str | None:
-        """Return a number as `float` reads it.
-
-        Parameters
-        ----------
-        field : str
-            The field.
-
-        Returns
-        -------
-        str or None
-            ``None`` where the field is no number.
-        """
+        """Return a number as `float` reads it."""
         text = field.strip()
         if not text.isascii():
             text = unicodedata.normalize("NFKC", text.translate(_MINUS)).translate(_MINUS)
@@ -146,28 +113,7 @@ class Dialect:
 
 
 def decode(data: bytes, path: object, encoding: str | None = None) -> tuple[str, str]:
-    r"""Return the text of a file and the encoding it was in.
-
-    Parameters
-    ----------
-    data : bytes
-        Content.
-    path : object
-        For the message.
-    encoding : str, optional
-        Declared encoding; otherwise a byte order mark decides, then UTF-16 by its zero bytes, then
-        UTF-8, then Latin-1 (which also carries the micro sign of older instruments).
-
-    Returns
-    -------
-    tuple of (str, str)
-        Text with ``\n`` line ends, and the encoding.
-
-    Raises
-    ------
-    ReadError
-        If the bytes are not text, or not in the declared encoding.
-    """
+    r"""Return the text of a file and the encoding it was in."""
     if encoding is None and len(data) <= HEAD_BYTES:
         known = _decoded_head(data)
         if known is not None:
@@ -185,18 +131,7 @@ def decode(data: bytes, path: object, encoding: str | None = None) -> tuple[str,
 
 
 def plain_ends(text: str) -> str:
-    """Return text whose lines end with LF alone; no other character ends a line.
-
-    Parameters
-    ----------
-    text : str
-        With LF, CR LF, CR or CR CR LF.
-
-    Returns
-    -------
-    str
-        Without a byte order mark.
-    """
+    """Return text whose lines end with LF alone; no other character ends a line."""
     for end in ("\r\r\n", "\r\n", "\r"):
         text = text.replace(end, "\n")
     return text.removeprefix("\ufeff")
@@ -240,21 +175,7 @@ def _encoding(data: bytes) -> str:
 
 
 def is_comment(line: str, prefix: str | None = None) -> bool:
-    """Return whether a line is a comment.
-
-    Parameters
-    ----------
-    line : str
-        The line.
-    prefix : str, optional
-        Declared start of comments; otherwise ``#``, ``%``, ``!``, ``//`` and, before anything that
-        is no number, ``;``.
-
-    Returns
-    -------
-    bool
-        True for a comment.
-    """
+    """Return whether a line is a comment."""
     text = line.lstrip().lstrip('"')
     if prefix is not None:
         return text.startswith(prefix)
@@ -267,36 +188,12 @@ def is_comment(line: str, prefix: str | None = None) -> bool:
 
 
 def is_number(field: str, decimal: str) -> bool:
-    """Return whether a field is one number.
-
-    Parameters
-    ----------
-    field : str
-        The field.
-    decimal : {".", ","}
-        Decimal mark.
-
-    Returns
-    -------
-    bool
-        True for a number; words for "not measured" are not numbers.
-    """
+    """Return whether a field is one number."""
     return _NUMBER[decimal].fullmatch(field.strip()) is not None
 
 
 def n_used(fields: Sequence[str]) -> int:
-    """Return how many fields there are up to the last that is not empty.
-
-    Parameters
-    ----------
-    fields : sequence of str
-        Of one line.
-
-    Returns
-    -------
-    int
-        0 where all are empty.
-    """
+    """Return how many fields there are up to the last that is not empty."""
     n = len(fields)
     while n and not fields[n - 1].strip():
         n -= 1

@@ -41,36 +41,14 @@ _OTHERS = {3: "a binary image", 10: "an intensity image", 12: "a colour image", 
 
 
 def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is a Digital Surf file.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    Match
-        YES when the signature is followed by a format number that exists, MAYBE otherwise.
-    """
+    """Return how sure we are that a file is a Digital Surf file."""
     if file.head[:12] not in SIGNATURES:
         return Match.NO
     return Match.YES if file.head[12:14] in (b"\0\0", b"\x01\x01") else Match.MAYBE
 
 
 def channels(file: RawFile) -> tuple[str, ...]:
-    """Return the objects of the file.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    tuple of str
-        ``("height",)``, or ``"object 1"``, ``"object 2"``, ... when there are several.
-    """
+    """Return the objects of the file."""
     return tuple(_named(read_objects(file)))
 
 
@@ -82,37 +60,7 @@ def read(
     unit: Any = None,
     max_pixels: int | None = None,
 ) -> Surface | Profile:
-    """Return a surface or a profile of a Digital Surf file.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    channel : str, optional
-        One of `channels`; the first if omitted.
-    lateral_step : float (m), str or pair, optional
-        Replaces the spacing of the file, which is kept in the metadata.
-    unit : None
-        Not accepted: the format states its units.
-    max_pixels : int, optional
-        Largest map to allocate; 2**28 if omitted.
-
-    Returns
-    -------
-    Surface or Profile
-        Heights in m.
-
-    Raises
-    ------
-    FormatMismatchError
-        If the signature is another.
-    CorruptFileError
-        If sizes do not fit, a scale is not usable, or no point was measured.
-    UnsupportedFeatureError
-        For objects that are no heights, big-endian files and maps beyond `max_pixels`.
-    UnitError
-        If heights are in no unit of length, or a profile has no usable spacing.
-    """
+    """Return a surface or a profile of a Digital Surf file."""
     refuse_options(file, "a Digital Surf file with its own units", unit=unit)
     override = lateral_steps(lateral_step)
     objects = read_objects(file)

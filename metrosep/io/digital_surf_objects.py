@@ -94,46 +94,16 @@ _MAX_RATIO = 1040
 
 
 class SurfObject(NamedTuple):
-    """Where an object lies in the file, and what its header says.
+    """Where an object lies in the file, and what its header says."""
 
-    Parameters
-    ----------
-    header : dict
-        Every header field, and the comment.
-    start : int
-        Offset of the header.
-    points : int
-        Offset of the points, or of the list of compressed streams.
-    end : int
-        Offset of the first byte after the object.
-    """
-
-    header: dict[str, Any]
-    start: int
-    points: int
-    end: int
+    header: dict[str, Any]  # every header field, and the comment
+    start: int  # offset of the header
+    points: int  # offset of the points, or of the list of compressed streams
+    end: int  # offset of the first byte after the object
 
 
 def read_objects(file: RawFile) -> list[SurfObject]:
-    """Return the objects of the file in order; each begins where the one before ends.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    list of SurfObject
-        At least one; every one lies in the file with all of its parts.
-
-    Raises
-    ------
-    FormatMismatchError
-        If the file begins with another signature.
-    CorruptFileError
-        If a part does not fit, or there are fewer objects than the first header claims.
-    """
+    """Return the objects of the file in order; each begins where the one before ends."""
     if file.head[:12] not in SIGNATURES:
         raise FormatMismatchError(
             f"{file.path}: is no Digital Surf file: expected 'DIGITAL SURF' or 'DSCOMPRESSED' at "
@@ -204,25 +174,7 @@ def _streams(file: RawFile, place: int) -> tuple[int, list[tuple[int, int]]]:
 
 
 def read_points(file: RawFile, item: SurfObject) -> NDArray[Any]:
-    """Return the stored values of an object; a stream is inflated up to its claimed size only.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    item : SurfObject
-        The object, whose sides have been checked.
-
-    Returns
-    -------
-    ndarray of int, shape (lines, points per line)
-        As in the file, the top line first.
-
-    Raises
-    ------
-    CorruptFileError
-        If the compressed streams are damaged or do not make the map.
-    """
+    """Return the stored values of an object; a stream is inflated up to its claimed size only."""
     header = item.header
     dtype = np.dtype(_ITEMS[header["bits_per_point"]])
     shape = header["lines"], header["points_per_line"]
@@ -273,26 +225,7 @@ def _inflate(file: RawFile, place: int, size: int, packed: int) -> bytes:
 def field_error(
     file: RawFile, start: int, header: dict[str, Any], name: str, expected: str
 ) -> CorruptFileError:
-    """Return the error that names a field of a header, for the caller to raise.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    start : int
-        Offset of the header.
-    header : dict
-        Its fields.
-    name : str
-        The field.
-    expected : str
-        What would do.
-
-    Returns
-    -------
-    CorruptFileError
-        With offset, expected and found value.
-    """
+    """Return the error that names a field of a header, for the caller to raise."""
     offset = start + next(o for o, _, n in FIELDS if n == name)
     found = header[name]
     reason = "the header is not usable"

@@ -30,23 +30,7 @@ _LARGEST = 1e9
 
 
 def sur_bytes(surface: Surface) -> bytes:
-    """Return a surface as the content of a Digital Surf file.
-
-    Parameters
-    ----------
-    surface : Surface
-        With both lateral steps.
-
-    Returns
-    -------
-    bytes
-        Header, a comment that states the step of the heights, and the heights, top row first.
-
-    Raises
-    ------
-    WriteError
-        If a step is missing, nothing was measured, or a value is too large for the format.
-    """
+    """Return a surface as the content of a Digital Surf file."""
     valid = ~np.isnan(surface.z)
     if not valid.any():
         raise WriteError("nothing was measured, so there is nothing to write as SUR")

@@ -35,27 +35,14 @@ _UNITS = {"length": ("mm", "m"), "angle": ("rad", "rad")}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Term:
-    """One error term in SI.
+    """One error term in SI."""
 
-    Parameters
-    ----------
-    name : str
-        As in the file, such as ``"EXY"``.
-    positions : ndarray, shape (n,)
-        Positions of the axis; empty for a constant.
-    errors : ndarray, shape (n,) or (1,)
-        Error at each position, or the constant.
-    position_unit : str
-        ``"m"``; empty for a rotary axis, whose unit the format leaves open (numbers as written).
-    error_unit : str
-        ``"m"`` or ``"rad"``.
-    """
-
-    name: str
-    positions: FloatArray
-    errors: FloatArray
+    name: str  # as in the file, such as ``"EXY"``
+    positions: FloatArray  # shape (n,): positions of the axis; empty for a constant
+    errors: FloatArray  # shape (n,) or (1,): error at each position, or the constant
+    # ``"m"``; empty for a rotary axis, whose unit the format leaves open (numbers as written)
     position_unit: str
-    error_unit: str
+    error_unit: str  # ``"m"`` or ``"rad"``
 
     @property
     def is_profile(self) -> bool:
@@ -64,18 +51,7 @@ class Term:
 
 
 def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is a file in the Etalon exchange format.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    Match
-        YES when the name of an error term in brackets is followed by its table or value.
-    """
+    """Return how sure we are that a file is a file in the Etalon exchange format."""
     section = ""
     for text in filter(None, map(_content, first_lines(file))):
         heading, key = _ANY_SECTION.fullmatch(text), _KEY.fullmatch(text)
@@ -89,18 +65,7 @@ def sniff(file: RawFile) -> Match:
 
 
 def channels(file: RawFile) -> tuple[str, ...]:
-    """Return the names of the terms that `read` gives as profiles.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    tuple of str
-        Length terms over a linear axis, in the order of the file.
-    """
+    """Return the names of the terms that `read` gives as profiles."""
     return tuple(name for name, term in read_terms(file).items() if term.is_profile)
 
 
@@ -111,31 +76,7 @@ def read(
     lateral_step: Any = None,
     unit: Any = None,
 ) -> Profile:
-    """Return one length term over the position of its axis.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    channel : str, optional
-        Name of the term, such as ``"EXY"``; may be left out when there is one length term.
-    lateral_step, unit : None
-        Not accepted: positions are in the file, in mm.
-
-    Returns
-    -------
-    Profile
-        Error over position, in m, with the sign of the file.
-
-    Raises
-    ------
-    FormatMismatchError
-        If the file is of another format, has no such term, or several and none was chosen.
-    UnsupportedFeatureError
-        If the term is an angle, a constant or of a rotary axis.
-    CorruptFileError
-        If a table does not fit.
-    """
+    """Return one length term over the position of its axis."""
     refuse_options(file, "in the Etalon format", lateral_step=lateral_step, unit=unit)
     terms = read_terms(file)
     profiles = [name for name, term in terms.items() if term.is_profile]
@@ -176,25 +117,7 @@ def read(
 
 
 def read_terms(file: RawFile) -> dict[str, Term]:
-    """Return every term of the file.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    dict of str to Term
-        In the order of the file, in SI.
-
-    Raises
-    ------
-    FormatMismatchError
-        If the file is of another format.
-    CorruptFileError
-        If a table does not fit.
-    """
+    """Return every term of the file."""
     tables, _ = _sections(file)
     if not tables:
         raise FormatMismatchError(

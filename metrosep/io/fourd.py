@@ -37,35 +37,13 @@ _DEFAULT_RTOL = 2e-3
 
 
 def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is a 4Sight file.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    Match
-        YES for HDF5 with the raw map of a measurement.
-    """
+    """Return how sure we are that a file is a 4Sight file."""
     handle = look_into(file)
     return Match.YES if handle is not None and _found(handle) else Match.NO
 
 
 def channels(file: RawFile) -> tuple[str, ...]:
-    """Return the measurements, by number.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    tuple of str
-        ``"measurement0"`` and so on.
-    """
+    """Return the measurements, by number."""
     with open_hdf5(file) as handle:
         return _measurements(file, handle)
 
@@ -78,36 +56,7 @@ def read(
     unit: Any = None,
     max_pixels: int | None = None,
 ) -> Surface:
-    """Return one raw map of a 4Sight file; masks and fits of the software are not applied.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    channel : str, optional
-        Name of the measurement; the first if omitted.
-    lateral_step : float (m), str or pair, optional
-        Replaces the file's pixel, which is often the camera's and not the part's.
-    unit : None
-        Not accepted: the format states its unit.
-    max_pixels : int, optional
-        Largest map to allocate; 2**28 if omitted.
-
-    Returns
-    -------
-    Surface
-        Heights in m.
-
-    Raises
-    ------
-    FormatMismatchError
-        If it is no HDF5 file.
-    CorruptFileError
-        If it is damaged, a scale is not usable, or no pixel was measured.
-    UnsupportedFeatureError
-        If there is no such measurement, it holds no path differences in waves, or it
-        is too large.
-    """
+    """Return one raw map of a 4Sight file; masks and fits of the software are not applied."""
     refuse_options(file, "a 4D map with its own units", unit=unit)
     override = lateral_steps(lateral_step)
     with open_hdf5(file) as handle:

@@ -27,28 +27,7 @@ _SMALL = 4096
 def to_grid(
     file: RawFile, x: FloatArray, y: FloatArray, z: FloatArray
 ) -> tuple[FloatArray, tuple[float, float], tuple[float, float]]:
-    """Return points in any order as a map.
-
-    Parameters
-    ----------
-    file : RawFile
-        For the message.
-    x, y, z : ndarray, shape (n,), m
-        Positions, finite, on a regular grid, and heights.
-
-    Returns
-    -------
-    tuple of (ndarray, (float, float), (float, float))
-        Heights ``z[row y, column x]`` with NaN where the list has no point, steps ``(dx, dy)`` and
-        origin ``(x, y)`` of ``z[0, 0]``, in m.
-
-    Raises
-    ------
-    FormatMismatchError
-        If positions are missing, repeat, or do not lie on a regular grid.
-    UnsupportedFeatureError
-        If the grid would be larger than 2**28 pixels.
-    """
+    """Return points in any order as a map."""
     columns, dx = _indices(file, x, "x")
     rows, dy = _indices(file, y, "y")
     shape = (int(rows.max()) + 1, int(columns.max()) + 1)

@@ -39,36 +39,14 @@ _AXES = ("xy", "z")
 
 
 def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is a Gwyddion file.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    Match
-        YES for the magic and a container, MAYBE for the magic alone.
-    """
+    """Return how sure we are that a file is a Gwyddion file."""
     if not file.head.startswith(_MAGIC):
         return Match.NO
     return Match.YES if file.head[4:].startswith(_CONTAINER.encode() + b"\0") else Match.MAYBE
 
 
 def channels(file: RawFile) -> tuple[str, ...]:
-    """Return the data fields, such as ``"/0/data"``.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    tuple of str
-        In the order of their numbers; a title that only one of them has is accepted as well.
-    """
+    """Return the data fields, such as ``"/0/data"``."""
     return _fields(_container(file, []))
 
 
@@ -80,37 +58,7 @@ def read(
     unit: Any = None,
     max_pixels: int | None = None,
 ) -> Surface:
-    """Return a data field of a Gwyddion file.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    channel : str, optional
-        ``"/0/data"`` ... or a title; the first field if omitted.
-    lateral_step : float (m), str or pair, optional
-        Replaces the steps that follow from the sizes.
-    unit : str or mapping, optional
-        Unit where the file states none: one for all, or ``{"xy": ..., "z": ...}``.
-    max_pixels : int, optional
-        Largest map to read; 2**28 if omitted.
-
-    Returns
-    -------
-    Surface
-        Heights in m; without a unit of the sizes its steps are ``None``.
-
-    Raises
-    ------
-    FormatMismatchError
-        If the file is of another format, or the given unit contradicts it.
-    CorruptFileError
-        If the tree or the sizes of the field do not fit.
-    UnitError
-        If the values have no unit of length.
-    UnsupportedFeatureError
-        If there is no data field, or not the one asked for.
-    """
+    """Return a data field of a Gwyddion file."""
     override = lateral_steps(lateral_step)
     warnings: list[str] = []
     root = _container(file, warnings)

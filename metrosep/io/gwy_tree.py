@@ -25,78 +25,30 @@ _MAX_COMPONENTS = 100_000
 
 @dataclass(frozen=True)
 class GwyArray:
-    """Where an array of numbers lies in the file.
+    """Where an array of numbers lies in the file."""
 
-    Parameters
-    ----------
-    code : str
-        ``"C"``, ``"I"``, ``"Q"`` or ``"D"``.
-    offset : int
-        First byte.
-    count : int
-        Number of items.
-    """
-
-    code: str
-    offset: int
-    count: int
+    code: str  # ``"C"``, ``"I"``, ``"Q"`` or ``"D"``
+    offset: int  # first byte
+    count: int  # number of items
 
 
 @dataclass(frozen=True)
 class GwyObject:
-    """An object of the tree.
+    """An object of the tree."""
 
-    Parameters
-    ----------
-    type : str
-        Such as ``"GwyDataField"``.
-    items : dict
-        Components by name: plain values, `GwyArray`, `GwyObject` or tuples of them.
-    offset : int
-        Where the object begins.
-    """
-
-    type: str
+    type: str  # such as ``"GwyDataField"``
+    # components by name: plain values, `GwyArray`, `GwyObject` or tuples of them
     items: dict[str, Any]
-    offset: int
+    offset: int  # where the object begins
 
 
 def read_object(file: RawFile, offset: int) -> tuple[GwyObject, int]:
-    """Return the object that begins at an offset, and where it ends.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    offset : int
-        Where its name begins.
-
-    Returns
-    -------
-    tuple of (GwyObject, int)
-        The object and the offset of the first byte after it.
-
-    Raises
-    ------
-    CorruptFileError
-        If a name, a size or a type does not fit into what encloses it.
-    """
+    """Return the object that begins at an offset, and where it ends."""
     return _Tree(file).object(offset, file.size, 0)
 
 
 def plain(value: Any) -> Any:
-    """Return a value of the tree as plain values; arrays become their type and length.
-
-    Parameters
-    ----------
-    value : object
-        A value of the tree.
-
-    Returns
-    -------
-    object
-        Such as JSON can carry.
-    """
+    """Return a value of the tree as plain values; arrays become their type and length."""
     if isinstance(value, GwyObject):
         return {"type": value.type, **{k: plain(v) for k, v in value.items.items()}}
     if isinstance(value, GwyArray):

@@ -39,18 +39,7 @@ _N_HEADER = 4
 
 
 def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is a Gwyddion ASCII export.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    Match
-        YES for four comments of which the second and third are sizes, above a row of numbers.
-    """
+    """Return how sure we are that a file is a Gwyddion ASCII export."""
     lines = list(itertools.islice(first_lines(file), _N_HEADER + 1))
     if len(lines) <= _N_HEADER:
         return Match.NO
@@ -66,33 +55,7 @@ def sniff(file: RawFile) -> Match:
 def read(
     file: RawFile, *, channel: str | None = None, lateral_step: Any = None, unit: Any = None
 ) -> Surface:
-    """Return the map of a Gwyddion ASCII export.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    channel : {"height"}, optional
-        The data set.
-    lateral_step : float (m), str or pair, optional
-        Replaces the steps that follow from width and height.
-    unit : str, optional
-        Unit of the values where the file states none.
-
-    Returns
-    -------
-    Surface
-        Heights in m; the file stores the top row first.
-
-    Raises
-    ------
-    FormatMismatchError
-        If the first lines are not those of the format.
-    CorruptFileError
-        If a row does not fit.
-    UnitError
-        If the values have no unit of length.
-    """
+    """Return the map of a Gwyddion ASCII export."""
     only_channels(file, "Gwyddion ASCII", channel)
     override = lateral_steps(lateral_step)
     if sniff(file) is Match.NO:

@@ -32,19 +32,7 @@ _PIN = "pin"
 
 
 def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is the output of halsampler.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    Match
-        YES when rows of numbers and a line ``overrun`` are all there is, else NO: any other
-        columns of numbers look the same.
-    """
+    """Return how sure we are that a file is the output of halsampler."""
     lines = itertools.islice(first_lines(file), _SNIFFED)
     rows = [text for line in lines if (text := line.strip()) and text != _OVERRUN]
     plain = all(is_number(field, ".") for text in rows for field in text.split())
@@ -64,18 +52,7 @@ def _lost_samples(file: RawFile) -> bool:
 
 
 def channels(file: RawFile) -> tuple[str, ...]:
-    """Return the names of the columns when none are declared.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    tuple of str
-        ``"pin 0"``, ``"pin 1"``, ...
-    """
+    """Return the names of the columns when none are declared."""
     body, _ = _rows(file, text_lines(file))
     return tuple(column_names(file, None, body.shape[1], _PIN))
 
@@ -92,43 +69,7 @@ def read(
     scale: Any = None,
     segment: int | None = None,
 ) -> Recording:
-    """Return the pins that halsampler wrote.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    channel : str, optional
-        The one pin to read.
-    lateral_step : None
-        Not accepted: the pins are over time.
-    unit : str or mapping of str to str, optional
-        Unit of the pins, such as ``"mm"``; the text has none.
-    sampling_rate : float (Hz) or str
-        Rate of the thread that sampled; needed.
-    names : sequence of str, optional
-        Names of the pins in their order; ``"pin 0"``, ... if omitted.
-    numbered : bool, optional
-        Whether the first column is the number of the sample (``halsampler -t``).
-    scale : float, str, sequence or mapping, optional
-        What one count of a pin is, such as ``"0.5 nm"``.
-    segment : int, optional
-        Which part between overruns, from 0; needed where samples are lost and not numbered.
-
-    Returns
-    -------
-    Recording
-        Time from the first sample in s; a gap where numbered samples are lost.
-
-    Raises
-    ------
-    FormatMismatchError
-        If samples are lost and no part was chosen, or the names do not fit.
-    CorruptFileError
-        If a row does not fit or the numbers do not rise.
-    ReadError
-        If no rate is given, or a scale is not usable.
-    """
+    """Return the pins that halsampler wrote."""
     refuse_options(file, "a text of halsampler", lateral_step=lateral_step)
     lines = text_lines(file)
     body, breaks = _rows(file, lines)

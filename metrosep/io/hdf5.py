@@ -31,34 +31,12 @@ _FIRST_INVALID = 1e38
 
 
 def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is an HDF5 file.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    Match
-        MAYBE, so that the special formats come first.
-    """
+    """Return how sure we are that a file is an HDF5 file."""
     return Match.MAYBE if has_magic(file) else Match.NO
 
 
 def channels(file: RawFile) -> tuple[str, ...]:
-    """Return the datasets of numbers with one or two dimensions.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    tuple of str
-        Paths.
-    """
+    """Return the datasets of numbers with one or two dimensions."""
     with open_hdf5(file) as handle:
         return tuple(n for n in handle.datasets if _dimensions(handle, n) in (1, 2))
 
@@ -76,41 +54,7 @@ def read(
     scale: float | str | None = None,
     max_pixels: int | None = None,
 ) -> Surface | Profile | Recording:
-    """Return a map, or the columns of one length.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    channel : str, optional
-        Path of the dataset; needed where there are several maps.
-    lateral_step : float (m), str or pair, optional
-        Steps of a map, or of a profile without positions.
-    unit : str, tuple or dict, optional
-        Unit of datasets without an attribute ``unit`` or ``units``.
-    x, z, time : column, optional
-        Datasets of a profile or a recording, by path; those of the top by their name too.
-    sampling_rate : float (Hz) or str, optional
-        Makes a recording of datasets without a time.
-    scale : float (m/V) or str, optional
-        Sensitivity of a sensor in volts.
-    max_pixels : int, optional
-        Largest dataset to read; 2**28 if omitted.
-
-    Returns
-    -------
-    Surface, Profile or Recording
-        SI; row 0 of a map is taken to have the smallest y.
-
-    Raises
-    ------
-    FormatMismatchError
-        If nothing says which dataset is meant.
-    CorruptFileError
-        If the file is damaged.
-    UnitError
-        If a length has no unit.
-    """
+    """Return a map, or the columns of one length."""
     with open_hdf5(file) as handle:
         if channel is None:
             _refuse_special(file)
@@ -172,30 +116,7 @@ def _dimensions(handle: Hdf5File, name: str) -> int:
 def physical_values(
     file: RawFile, name: str, raw: NDArray[Any], attributes: Mapping[str, Any]
 ) -> FloatArray:
-    """Return stored numbers as the attributes say that they are meant.
-
-    Parameters
-    ----------
-    file : RawFile
-        For the message.
-    name : str
-        Path of the dataset.
-    raw : ndarray
-        As stored.
-    attributes : mapping
-        ``scale_factor``, ``add_offset``, ``_FillValue`` and ``missing_value`` are looked at.
-
-    Returns
-    -------
-    ndarray
-        float64; NaN for the marks of missing values, and from 1e38 on, which is the largest
-        float32 that many programs write where nothing was measured.
-
-    Raises
-    ------
-    CorruptFileError
-        If scale or offset is no usable number.
-    """
+    """Return stored numbers as the attributes say that they are meant."""
     values = np.array(raw, dtype=np.float64)
     missing = ~(np.abs(values) < _FIRST_INVALID)
     for key in ("_FillValue", "missing_value"):
@@ -216,18 +137,7 @@ def physical_values(
 
 
 def is_number(value: Any) -> bool:
-    """Return whether an attribute is one real number.
-
-    Parameters
-    ----------
-    value : object
-        The attribute.
-
-    Returns
-    -------
-    bool
-        False for text, lists and truth values.
-    """
+    """Return whether an attribute is one real number."""
     return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 

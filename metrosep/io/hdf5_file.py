@@ -54,19 +54,7 @@ _SLOWEST_DISK = 2e7
 
 
 def has_magic(file: RawFile) -> bool:
-    """Return whether a file is HDF5.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    bool
-        True when the signature stands at 0, 512 or twice that again and again: a user block, whose
-        length is a power of two, may stand before it.
-    """
+    """Return whether a file is HDF5."""
     offset = 0
     with file.stream() as handle:
         while offset + len(MAGIC) <= file.size:
@@ -78,18 +66,7 @@ def has_magic(file: RawFile) -> bool:
 
 
 def look_into(file: RawFile) -> Hdf5File | None:
-    """Return the tree of a file to recognise it by, ``None`` where it is no HDF5 or is damaged.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    Hdf5File or None
-        Kept for the reader that follows.
-    """
+    """Return the tree of a file to recognise it by, ``None`` where it is no HDF5 or is damaged."""
     if not has_magic(file):
         return None
     try:
@@ -198,18 +175,7 @@ _TREES: WeakKeyDictionary[RawFile, dict[str, Any]] = WeakKeyDictionary()
 
 
 class Hdf5File:
-    """The tree of an open HDF5 file as plain Python, and its numbers on demand.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Raises
-    ------
-    CorruptFileError
-        If it is damaged.
-    """
+    """The tree of an open HDF5 file as plain Python, and its numbers on demand."""
 
     def __init__(self, file: RawFile) -> None:
         self._file = file
@@ -246,87 +212,21 @@ class Hdf5File:
         return name in self._datasets or name in self.groups
 
     def attributes(self, name: str) -> dict[str, Any]:
-        """Return the attributes of a group or dataset.
-
-        Parameters
-        ----------
-        name : str
-            Path, beginning with ``/``.
-
-        Returns
-        -------
-        dict of str to object
-            Text for bytes, a scalar for an array of length one, dicts for records.
-
-        Raises
-        ------
-        CorruptFileError
-            If there is no such object.
-        """
+        """Return the attributes of a group or dataset."""
         if name in self.groups:
             return self.groups[name]
         return dict(self._described(name)["attributes"])
 
     def shape(self, name: str) -> tuple[int, ...]:
-        """Return the shape of a dataset.
-
-        Parameters
-        ----------
-        name : str
-            Path.
-
-        Returns
-        -------
-        tuple of int
-            Empty for a scalar or an empty dataset.
-
-        Raises
-        ------
-        CorruptFileError
-            If there is no such dataset.
-        """
+        """Return the shape of a dataset."""
         return tuple(self._described(name)["shape"] or ())
 
     def is_numeric(self, name: str) -> bool:
-        """Return whether a dataset holds numbers.
-
-        Parameters
-        ----------
-        name : str
-            Path.
-
-        Returns
-        -------
-        bool
-            False for text, records and references.
-
-        Raises
-        ------
-        CorruptFileError
-            If there is no such dataset.
-        """
+        """Return whether a dataset holds numbers."""
         return bool(self._described(name)["dtype"])
 
     def rows(self, name: str) -> list[Any]:
-        """Return the values of a small dataset of text or records as plain Python.
-
-        Parameters
-        ----------
-        name : str
-            Path.
-
-        Returns
-        -------
-        list
-            One entry per value; a record is a dict.
-
-        Raises
-        ------
-        CorruptFileError
-            If there is no such dataset.
-        UnsupportedFeatureError
-            If it holds numbers, or too many values.
-        """
+        """Return the values of a small dataset of text or records as plain Python."""
         rows = self._described(name)["rows"]
         if rows is None:
             raise UnsupportedFeatureError(f"{self._file.path}: {name!r} is no short list of texts")
@@ -340,30 +240,7 @@ class Hdf5File:
         stop: int | None = None,
         max_pixels: int | None = None,
     ) -> NDArray[Any]:
-        """Return the numbers of a dataset, or a part along its first axis.
-
-        Parameters
-        ----------
-        name : str
-            Path.
-        start, stop : int, optional
-            Part to read; all of it if omitted.
-        max_pixels : int, optional
-            Largest number of values to read at once; 2**28 if omitted. Given, any compression is
-            accepted.
-
-        Returns
-        -------
-        ndarray
-            As stored.
-
-        Raises
-        ------
-        CorruptFileError
-            If the dataset does not exist, claims more than is stored, or cannot be read.
-        UnsupportedFeatureError
-            If it holds no numbers, lies in another file, or is larger than allowed.
-        """
+        """Return the numbers of a dataset, or a part along its first axis."""
         found = self._described(name)
         shape = tuple(found["shape"] or ())
         first = shape[0] if shape else 1
@@ -459,25 +336,7 @@ def _product(shape: Any) -> int:
 
 @contextmanager
 def open_hdf5(file: RawFile) -> Iterator[Hdf5File]:
-    """Open an HDF5 file for reading.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file; its content is not loaded as a whole.
-
-    Yields
-    ------
-    Hdf5File
-        Its tree.
-
-    Raises
-    ------
-    FormatMismatchError
-        If it is no HDF5 file.
-    CorruptFileError
-        If it is damaged.
-    """
+    """Open an HDF5 file for reading."""
     if not has_magic(file):
         raise FormatMismatchError(
             f"{file.path}: is no HDF5 file: expected {MAGIC[:4]!r} at offset 0, found {file.head[:4]!r}"

@@ -19,18 +19,7 @@ _BRACKETS = re.compile(r"^[\[(<]\s*(.*?)\s*[\])>]$")
 
 
 def bare_unit(field: str) -> Unit | None:
-    """Return the unit that a field names and nothing else, such as ``"[um]"``.
-
-    Parameters
-    ----------
-    field : str
-        Field of a row of units.
-
-    Returns
-    -------
-    Unit or None
-        ``None`` when it is no unit.
-    """
+    """Return the unit that a field names and nothing else, such as ``"[um]"``."""
     text = field.strip().strip('"').strip()
     match = _BRACKETS.match(text)
     try:
@@ -41,16 +30,6 @@ def bare_unit(field: str) -> Unit | None:
 
 def header_unit(header: str) -> tuple[str, Unit | None]:
     """Return the bare name of a column and the unit that its header declares.
-
-    Parameters
-    ----------
-    header : str
-        Such as ``"x_mm"``, ``"z [um]"``, ``"y in \u00b5m"``, ``"s / mm"`` or ``"Height nm"``.
-
-    Returns
-    -------
-    tuple of (str, Unit or None)
-        Name without the unit; ``None`` where the header declares none.
 
     Examples
     --------
@@ -73,22 +52,7 @@ def header_unit(header: str) -> tuple[str, Unit | None]:
 
 
 def split_header(line: str, separator: str, n_columns: int) -> list[str] | None:
-    """Return the names of `n_columns` columns from a line above a table.
-
-    Parameters
-    ----------
-    line : str
-        The line, without a comment mark.
-    separator : str
-        Separator of the table; others are tried after it.
-    n_columns : int
-        Number of columns of the table.
-
-    Returns
-    -------
-    list of str or None
-        Names; ``None`` when the line does not divide into that many.
-    """
+    """Return the names of `n_columns` columns from a line above a table."""
     text = line.strip()
     patterns = {
         "\t": r"\t",
@@ -118,29 +82,7 @@ def split_header(line: str, separator: str, n_columns: int) -> list[str] | None:
 
 
 def find_column(wanted: str, names: Sequence[str], path: object, *, role: str) -> str:
-    """Return the column that a caller means.
-
-    Parameters
-    ----------
-    wanted : str
-        Name as in the header, in any case, or without its unit.
-    names : sequence of str
-        Names of the columns.
-    path : object
-        For the message.
-    role : str
-        What the column is for, for the message.
-
-    Returns
-    -------
-    str
-        One of `names`.
-
-    Raises
-    ------
-    FormatMismatchError
-        If none or several fit; the message lists the columns that there are.
-    """
+    """Return the column that a caller means."""
     key = wanted.strip().casefold()
     for candidates in (
         [n for n in names if n == wanted],

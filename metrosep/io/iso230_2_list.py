@@ -35,18 +35,7 @@ _DIRECTIONS = {"REF_DATA_FWD": "forward", "REF_DATA_BWD": "backward"}
 
 
 def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is a list of a positioning test.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    Match
-        YES when the lines are keys and values, with targets and positions among the keys.
-    """
+    """Return how sure we are that a file is a list of a positioning test."""
     keys: set[str] = set()
     for text in filter(None, map(_content, first_lines(file))):
         match = _LINE.fullmatch(text)
@@ -59,18 +48,7 @@ def sniff(file: RawFile) -> Match:
 
 
 def channels(file: RawFile) -> tuple[str, ...]:
-    """Return the names of the runs.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    tuple of str
-        ``"forward 1"``, ..., ``"backward 1"``, ...
-    """
+    """Return the names of the runs."""
     return _test(file).runs
 
 
@@ -81,35 +59,7 @@ def read(
     lateral_step: Any = None,
     unit: str | None = None,
 ) -> Profile:
-    """Return one run of a positioning test.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    channel : str
-        Which run: ``"forward 1"``, ..., ``"backward 1"``, ...
-    lateral_step : None
-        Not accepted: the targets are in the file.
-    unit : str, optional
-        Unit of length of a file that gives none.
-
-    Returns
-    -------
-    Profile
-        Deviation (reached minus target) over the target, in m.
-
-    Raises
-    ------
-    FormatMismatchError
-        If the file is of another format, or no run or one that does not exist was chosen.
-    CorruptFileError
-        If a line does not fit or a position is missing.
-    UnitError
-        If neither file nor caller gives a unit.
-    UnsupportedFeatureError
-        If the axis is rotary.
-    """
+    """Return one run of a positioning test."""
     refuse_options(file, "a positioning test", lateral_step=lateral_step)
     test = _test(file)
     if channel not in test.runs:
@@ -136,33 +86,7 @@ def read(
 def read_targets(
     file: RawFile, *, unit: str | None = None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return all runs of a positioning test.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    unit : str, optional
-        Unit of length of a file that gives none.
-
-    Returns
-    -------
-    targets : ndarray, shape (m,), m
-        Target positions in the order of the file.
-    forward, backward : ndarray, shape (m, n), m
-        Positions reached, one column per cycle, NaN = not measured; n = 0 where there is none.
-
-    Raises
-    ------
-    FormatMismatchError
-        If the file is of another format.
-    CorruptFileError
-        If a line does not fit or a position is missing.
-    UnitError
-        If neither file nor caller gives a unit.
-    UnsupportedFeatureError
-        If the axis is rotary.
-    """
+    """Return all runs of a positioning test."""
     test = _test(file)
     factor = _length_unit(file, test, unit).factor
     return (

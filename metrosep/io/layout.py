@@ -94,24 +94,7 @@ class _ColumnLayout:
 
 
 class LayoutReader:
-    """Reader of one text format.
-
-    Parameters
-    ----------
-    format_id : str
-        Identifier of the format.
-    title : str
-        Name for a person.
-    layout : mapping
-        The table ``[layout]`` of its description.
-    where : object
-        Its ``format.toml``, for messages.
-
-    Raises
-    ------
-    ReadError
-        If a key is missing, unknown or of the wrong kind.
-    """
+    """Reader of one text format."""
 
     def __init__(
         self, format_id: str, title: str, layout: Mapping[str, Any], where: object
@@ -188,18 +171,7 @@ class LayoutReader:
         return _ColumnLayout(str(entry["name"]), unit, role, factor)
 
     def sniff(self, file: RawFile) -> Match:
-        """Return how sure the reader is.
-
-        Parameters
-        ----------
-        file : RawFile
-            The file.
-
-        Returns
-        -------
-        Match
-            YES when every text of ``recognise`` begins a line, in order, the first one near the top.
-        """
+        """Return how sure the reader is."""
         lines = first_lines(file, self._layout.get("encoding"))
         first, *others = self._marks
         if not any(s.lstrip().startswith(first) for s in itertools.islice(lines, _HEAD_LINES)):
@@ -208,18 +180,7 @@ class LayoutReader:
         return Match.YES if found else Match.NO
 
     def channels(self, file: RawFile) -> tuple[str, ...]:
-        """Return the columns that are channels.
-
-        Parameters
-        ----------
-        file : RawFile
-            The file; not looked at, since the description names them.
-
-        Returns
-        -------
-        tuple of str
-            Their names.
-        """
+        """Return the columns that are channels."""
         return tuple(c.name for c in self._columns if c.role == "channel") or ("height",)
 
     def read(
@@ -232,35 +193,7 @@ class LayoutReader:
         sampling_rate: float | str | None = None,
         scale: float | str | None = None,
     ) -> Surface | Profile | Recording:
-        """Return the measurement.
-
-        Parameters
-        ----------
-        file : RawFile
-            The file.
-        channel : str, optional
-            One of `channels`.
-        lateral_step : float (m) or str, optional
-            Step of a profile without positions.
-        unit : str, tuple or dict, optional
-            For columns without a unit.
-        sampling_rate : float (Hz) or str, optional
-            Replaces that of the description.
-        scale : float (m/V) or str, optional
-            Sensitivity of the sensor of the z column.
-
-        Returns
-        -------
-        Surface, Profile or Recording
-            A recording unless a column has the role z.
-
-        Raises
-        ------
-        FormatMismatchError
-            If the text is not the described one.
-        CorruptFileError
-            If a line does not fit.
-        """
+        """Return the measurement."""
         head, skip = self._head(file)
         table = read_table(
             file,

@@ -33,20 +33,7 @@ _LONGEST_TOP = 2**24
 
 
 def first_lines(file: RawFile, encoding: str | None = None) -> Iterator[str]:
-    """Yield whole lines from the top, as `text_lines` gives them, no further than they are asked for.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    encoding : str, optional
-        Found from the content if omitted.
-
-    Yields
-    ------
-    str
-        Without line end; none where the file is not text.
-    """
+    """Yield whole lines from the top, as `text_lines` gives them, no further than they are asked for."""
     shown, content = 0, file.head
     while True:
         try:
@@ -63,52 +50,12 @@ def first_lines(file: RawFile, encoding: str | None = None) -> Iterator[str]:
 
 
 def text_lines(file: RawFile) -> list[str]:
-    """Return the lines of a text file; the last is empty when the file ends with a line end.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    list of str
-        Without line ends.
-
-    Raises
-    ------
-    ReadError
-        If the file is not text.
-    """
+    """Return the lines of a text file; the last is empty when the file ends with a line end."""
     return decode(file.data, file.path)[0].split("\n")
 
 
 def to_number(file: RawFile, text: str, *, line: int, name: str, decimal: str = ".") -> float:
-    """Return the number in a field.
-
-    Parameters
-    ----------
-    file : RawFile
-        For the message.
-    text : str
-        The field; empty and the usual words mean not measured.
-    line : int
-        Line in the file, from 1.
-    name : str
-        What the field is.
-    decimal : {".", ","}, optional
-        Decimal mark.
-
-    Returns
-    -------
-    float
-        NaN where not measured.
-
-    Raises
-    ------
-    CorruptFileError
-        If it is no finite number.
-    """
+    """Return the number in a field."""
     field = text.strip()
     if field.lower() in MISSING:
         return float("nan")
@@ -136,24 +83,6 @@ def plain_block(
     """Return the numbers of rows by the C parser of NumPy, or ``None`` where one is not plain.
 
     Rows with a gap, a word or another count of fields are for `to_number`, which names the line.
-
-    Parameters
-    ----------
-    rows : sequence of str
-        Lines.
-    columns : iterable of int
-        Fields to take, from 0.
-    separator : str, optional
-        One character; white space if omitted.
-    decimal : {".", ","}, optional
-        Decimal mark.
-    counts : iterable of int
-        How many fields a row may have; with white space NumPy demands one count for all.
-
-    Returns
-    -------
-    ndarray, shape (rows, columns), or None
-        Finite numbers.
     """
     if separator and {row.count(separator) + 1 for row in rows} - set(counts):
         return None
@@ -170,29 +99,7 @@ def plain_block(
 
 
 def with_units(file: RawFile, labels: Mapping[str, str], unit: Any) -> dict[str, Unit | None]:
-    """Return the unit of each channel.
-
-    Parameters
-    ----------
-    file : RawFile
-        For the message.
-    labels : mapping of str to str
-        Channel to the text that the file gives as its unit; empty where it gives none.
-    unit : str, mapping of str to str, or None
-        What the caller declares: one for every channel whose label is empty, or by name.
-
-    Returns
-    -------
-    dict of str to (Unit or None)
-        ``None`` where neither knows it; such a channel keeps its numbers.
-
-    Raises
-    ------
-    UnitError
-        If a declared unit is unknown.
-    FormatMismatchError
-        If it contradicts the file, or names no channel.
-    """
+    """Return the unit of each channel."""
     known = {name: _unit_or_none(label) for name, label in labels.items()}
     if unit is None:
         return known
@@ -239,13 +146,7 @@ def _unit_or_none(label: str) -> Unit | None:
 
 
 class Channels:
-    """Samples of each channel with its own times, made into one recording.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    """
+    """Samples of each channel with its own times, made into one recording."""
 
     def __init__(self, file: RawFile) -> None:
         self._file = file
@@ -259,19 +160,7 @@ class Channels:
         return tuple(self._values)
 
     def add(self, name: str, t: FloatArray, values: FloatArray, label: str = "") -> None:
-        """Add a channel; a name that is taken gets a number.
-
-        Parameters
-        ----------
-        name : str
-            As in the file.
-        t : ndarray, shape (n,), s
-            Times.
-        values : ndarray, shape (n,)
-            In the unit of the file.
-        label : str, optional
-            The unit as the file writes it.
-        """
+        """Add a channel; a name that is taken gets a number."""
         unique, count = name or "channel", 1
         while unique in self._values:
             count += 1
@@ -289,38 +178,7 @@ class Channels:
         warnings: tuple[str, ...] = (),
         **facts: Any,
     ) -> Recording:
-        """Return the channels on one axis of time, in SI where the unit is known.
-
-        Parameters
-        ----------
-        format_id : str
-            Identifier of the format.
-        header : mapping
-            Raw header fields.
-        channel : str, optional
-            The one channel to return.
-        unit : str or mapping, optional
-            See `with_units`.
-        union : bool, optional
-            Join all times, NaN where a channel has no sample; otherwise the times must agree, and
-            only the end may be missing.
-        warnings : tuple of str, optional
-            What is odd about the file.
-        **facts
-            Derived values for the metadata.
-
-        Returns
-        -------
-        Recording
-            SI; a channel whose unit is unknown keeps its numbers and has no entry in ``units``.
-
-        Raises
-        ------
-        FormatMismatchError
-            If a channel is missing or the times differ.
-        CorruptFileError
-            If times do not increase or nothing was measured.
-        """
+        """Return the channels on one axis of time, in SI where the unit is known."""
         units = with_units(self._file, self._labels, unit)
         names = self._chosen(channel)
         t = self._time(names, union=union)

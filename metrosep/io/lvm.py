@@ -30,34 +30,12 @@ _SEPARATORS = {"tab": "\t", "comma": ","}
 
 
 def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is a LabVIEW measurement file.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    Match
-        YES when the first words are the ones of the format.
-    """
+    """Return how sure we are that a file is a LabVIEW measurement file."""
     return Match.YES if next(first_lines(file), "").startswith(_MAGIC) else Match.NO
 
 
 def channels(file: RawFile) -> tuple[str, ...]:
-    """Return the names of the channels of the first segment.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    tuple of str
-        As in the row of names.
-    """
+    """Return the names of the channels of the first segment."""
     return tuple(read(file, segment=0).channels)
 
 
@@ -69,36 +47,7 @@ def read(
     unit: Any = None,
     segment: int | None = None,
 ) -> Recording:
-    """Return the channels of a LabVIEW measurement file.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    channel : str, optional
-        The one channel to read; needed where the channels have different times.
-    lateral_step : None
-        Not accepted: the channels are over time.
-    unit : str or mapping of str to str, optional
-        Unit of channels whose label metrosep does not know.
-    segment : int, optional
-        Which segment, from 0; needed where the file holds several.
-
-    Returns
-    -------
-    Recording
-        Time from X0 in s; NaN where a field is empty. Comments are in ``metadata["comments"]`` as
-        pairs of time and text.
-
-    Raises
-    ------
-    FormatMismatchError
-        If the file is of another format, or holds several segments or times and none was chosen.
-    CorruptFileError
-        If a header or a row does not fit.
-    UnsupportedFeatureError
-        If the axis is not time.
-    """
+    """Return the channels of a LabVIEW measurement file."""
     refuse_options(file, "a LabVIEW recording", lateral_step=lateral_step)
     lines = text_lines(file)
     head, start = _file_header(file, lines)

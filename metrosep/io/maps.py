@@ -42,47 +42,14 @@ _MAX_LATERAL = 1.0
 
 
 def height_only(file: RawFile) -> tuple[str, ...]:
-    """Return the data sets of a format that holds one map: ``channels`` of its reader.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file; not looked at.
-
-    Returns
-    -------
-    tuple of str
-        Always ``("height",)``.
-    """
+    """Return the data sets of a format that holds one map: ``channels`` of its reader."""
     return ("height",)
 
 
 def only_channels(
     file: RawFile, title: str, channel: str | None, names: Sequence[str] = ("height",)
 ) -> str:
-    """Return the channel to read, the first if none was named.
-
-    Parameters
-    ----------
-    file : RawFile
-        For the message.
-    title : str
-        Name of the format.
-    channel : str or None
-        What the caller asked for.
-    names : sequence of str, optional
-        What there is.
-
-    Returns
-    -------
-    str
-        One of `names`.
-
-    Raises
-    ------
-    UnsupportedFeatureError
-        If there is no such channel.
-    """
+    """Return the channel to read, the first if none was named."""
     if channel is None:
         return names[0]
     if channel in names:
@@ -102,33 +69,7 @@ def lateral_or_none(
     offset: int | None = None,
     factor: float = 1.0,
 ) -> float | None:
-    """Return a lateral step in m, or ``None`` where the file is not calibrated.
-
-    Parameters
-    ----------
-    file : RawFile
-        For the message.
-    name : str
-        Name of the field.
-    value : float
-        What the file says; 0 and NaN mean not calibrated.
-    warnings : list of str
-        Gets a sentence on NaN.
-    offset : int, optional
-        Where it stands.
-    factor : float, optional
-        Metres per unit of `value`.
-
-    Returns
-    -------
-    float or None
-        In m.
-
-    Raises
-    ------
-    CorruptFileError
-        If it is negative, infinite or larger than 1 m.
-    """
+    """Return a lateral step in m, or ``None`` where the file is not calibrated."""
     if value == 0.0:
         return None
     if math.isnan(value):
@@ -155,27 +96,7 @@ def scaled(
     *,
     turned: bool = False,
 ) -> FloatArray:
-    """Return heights in m of raw values, NaN where not measured.
-
-    Parameters
-    ----------
-    raw : ndarray
-        Values as in the file, any type and byte order.
-    scale : float, m
-        Height of one raw unit.
-    invalid : ndarray of bool, or callable, optional
-        Where nothing was measured; a callable gets raw values in native byte order, a block of
-        rows at a time.
-    offset : float, m, optional
-        Added after the scale.
-    turned : bool, optional
-        Return the last row first; costs nothing here, and a pass over the memory later.
-
-    Returns
-    -------
-    ndarray
-        float64, in the shape of `raw`.
-    """
+    """Return heights in m of raw values, NaN where not measured."""
     z: FloatArray = np.empty(raw.shape, dtype=np.float64)
     target = z[::-1] if turned else z
     native = raw.dtype.newbyteorder("=")
@@ -203,35 +124,7 @@ def scaled_file(
     *,
     turned: bool = False,
 ) -> FloatArray:
-    """Return the heights of a map that lies in a file, without loading the file beside them.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file; its size has been checked.
-    offset : int
-        Where the first value stands.
-    shape : tuple of (int, int)
-        Rows and columns.
-    dtype : str
-        Type and byte order of a value, such as ``">i4"``.
-    scale : float, m
-        Height of one raw unit.
-    invalid : callable
-        Gets a block of raw values, returns where nothing was measured.
-    turned : bool, optional
-        Return the last row first.
-
-    Returns
-    -------
-    ndarray, shape (rows, columns)
-        float64, NaN = not measured.
-
-    Raises
-    ------
-    CorruptFileError
-        If the file ends early.
-    """
+    """Return the heights of a map that lies in a file, without loading the file beside them."""
     z: FloatArray = np.empty(shape, dtype=np.float64)
     target = z[::-1] if turned else z
     step = max(1, _BLOCK_VALUES // shape[1])
@@ -267,43 +160,7 @@ def make_surface(
     turned: bool = False,
     **facts: Any,
 ) -> Surface:
-    """Return a surface that meets the contract of all readers.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    format_id : str
-        Identifier of the format.
-    z : ndarray, shape (rows, columns), m
-        Heights in the order of the file, NaN = not measured.
-    own_steps : tuple of (float or None, float or None), m
-        dx and dy of the file, ``None`` when not calibrated.
-    row_order : {"smallest y first", "top row first"}
-        Order of the rows in the file.
-    header : mapping
-        Every raw header field.
-    override : tuple of (float, float), optional
-        Steps that the caller declares.
-    origin : tuple of (float, float), m, optional
-        Position of the pixel with the smallest x and y.
-    warnings : sequence of str, optional
-        What is odd about the file.
-    turned : bool, optional
-        Whether `z` has row 0 with the smallest y already, whatever the order of the file.
-    **facts
-        Derived values for the metadata, keys with unit suffixes.
-
-    Returns
-    -------
-    Surface
-        Row 0 with the smallest y.
-
-    Raises
-    ------
-    CorruptFileError
-        If no pixel was measured, or sizes and steps do not make a surface.
-    """
+    """Return a surface that meets the contract of all readers."""
     z, notes = _measured(file, z)
     if row_order == ROW_ORDERS[1] and not turned:
         z = z[::-1]
@@ -337,39 +194,7 @@ def make_profile(
     warnings: Sequence[str] = (),
     **facts: Any,
 ) -> Profile:
-    """Return a profile that meets the contract of all readers; falling positions are turned.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    format_id : str
-        Identifier of the format.
-    x : ndarray, shape (n,), m
-        Positions as in the file, rising or falling.
-    z : ndarray, shape (n,), m
-        Heights, NaN = not measured.
-    header : mapping
-        Every raw header field.
-    override : float, m, optional
-        Step that the caller declares; replaces `x`, which must be uniform.
-    warnings : sequence of str, optional
-        What is odd about the file.
-    **facts
-        Derived values for the metadata, keys with unit suffixes.
-
-    Returns
-    -------
-    Profile
-        Positions rising.
-
-    Raises
-    ------
-    CorruptFileError
-        If nothing was measured or the positions do not rise or fall throughout.
-    ReadError
-        If a step is declared for positions that are not uniform.
-    """
+    """Return a profile that meets the contract of all readers; falling positions are turned."""
     z, notes = _measured(file, z)
     order = "smallest x first"
     if x.size > 1 and x[0] > x[-1]:

@@ -29,34 +29,12 @@ _TIMES = ("t", "time")
 
 
 def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is a MATLAB file.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    Match
-        YES for the text of version 5 with its mark of byte order, or of version 7.3 with HDF5.
-    """
+    """Return how sure we are that a file is a MATLAB file."""
     return Match.NO if version_of(file.head) is None else Match.YES
 
 
 def channels(file: RawFile) -> tuple[str, ...]:
-    """Return the channels of a capture, and the names of matrices and vectors.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    tuple of str
-        A field of a struct as ``struct.field``, of an array of structs as ``struct(2).field``.
-    """
+    """Return the channels of a capture, and the names of matrices and vectors."""
     values = load(file)
     captures = trace_names(values)
     traces = tuple(name for named in captures.values() for name in named)
@@ -79,46 +57,7 @@ def read(
     scale: float | str | None = None,
     max_pixels: int | None = None,
 ) -> Surface | Profile | Recording:
-    """Return a matrix, vectors of one length, or a capture.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    channel : str, optional
-        Name of a variable, of a field, or of a channel of a capture.
-    lateral_step : float (m), str or pair, optional
-        Steps of a matrix, or of a profile without positions.
-    unit : str, tuple or dict, optional
-        Unit of the numbers; MATLAB stores none.
-    x, z : column, optional
-        Vectors of a profile: name, ``"name:unit"`` or ``("name", "unit")``.
-    time : column, optional
-        Vector of time of a recording.
-    sampling_rate : float (Hz) or str, optional
-        Makes a recording of vectors without a time.
-    scale : float (m/V) or str, optional
-        Sensitivity of a sensor in volts.
-    max_pixels : int, optional
-        Largest number of values in the file; 2**28 if omitted.
-
-    Returns
-    -------
-    Surface, Profile or Recording
-        SI; row 0 of a matrix is taken to have the smallest y. With `x`, `z`, `time` or
-        `sampling_rate` the columns of a matrix are vectors called ``name(:,1)`` and so on.
-
-    Raises
-    ------
-    FormatMismatchError
-        If nothing says which variable is meant.
-    CorruptFileError
-        If the file is damaged.
-    UnsupportedFeatureError
-        If it is too large, or the variable is of a kind that is not read.
-    UnitError
-        If a length or a time has no unit.
-    """
+    """Return a matrix, vectors of one length, or a capture."""
     values = load(file, max_pixels)
     columns: dict[str, ColumnSpec | None] = {"x": x, "z": z, "time": time}
     asked = [spec for spec in columns.values() if spec is not None]

@@ -35,18 +35,7 @@ def _captures(values: Values) -> dict[str, list[str]]:
 
 
 def trace_names(values: Values) -> dict[str, dict[str, str]]:
-    """Return the channels of every capture.
-
-    Parameters
-    ----------
-    values : Values
-        All variables.
-
-    Returns
-    -------
-    dict of str to (dict of str to str)
-        Capture to channel to prefix, such as ``capture.Y(2)``.
-    """
+    """Return the channels of every capture."""
     return {name: _traces(values, parts) for name, parts in _captures(values).items()}
 
 
@@ -72,27 +61,7 @@ def _clock(values: Values, capture: str) -> str | None:
 def find_capture(
     file: RawFile, values: Values, channel: str | None
 ) -> tuple[str, dict[str, str]] | None:
-    """Return the capture that is meant, and its channels.
-
-    Parameters
-    ----------
-    file : RawFile
-        For the message.
-    values : Values
-        All variables.
-    channel : str or None
-        Name of a capture or of one of its channels; the only capture if omitted.
-
-    Returns
-    -------
-    tuple of (str, dict of str to str) or None
-        Name of the capture, and channel to prefix; ``None`` where another array is meant.
-
-    Raises
-    ------
-    FormatMismatchError
-        If there are several and none was chosen.
-    """
+    """Return the capture that is meant, and its channels."""
     captures = trace_names(values)
     if channel is None:
         if len(captures) > 1:
@@ -118,35 +87,7 @@ def recording_of(
     *,
     unit: Any,
 ) -> Recording:
-    """Return the channels of a capture over its times.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    format_id : str
-        Identifier of the format.
-    values : Values
-        All variables.
-    capture : str
-        Name of the capture.
-    traces : dict of str to str
-        Channel to prefix, such as ``capture.Y(2)``.
-    unit : str, mapping or None
-        See `metrosep.io.logger.with_units`.
-
-    Returns
-    -------
-    Recording
-        SI where a unit is known.
-
-    Raises
-    ------
-    CorruptFileError
-        If times and samples do not fit.
-    UnsupportedFeatureError
-        If the capture has several axes of time.
-    """
+    """Return the channels of a capture over its times."""
     if f"{capture}.X(2).Data" in values.numbers:
         raise UnsupportedFeatureError(
             f"{file.path}: capture {capture!r} has several axes of time (X), and which channel has which is "

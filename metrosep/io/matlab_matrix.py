@@ -49,15 +49,9 @@ _MAX_DIMENSIONS = 32
 
 
 class Structs(NamedTuple):
-    """An array of structs.
+    """An array of structs."""
 
-    Parameters
-    ----------
-    items : list of dict
-        Field to value, for each struct.
-    """
-
-    items: list[dict[str, Any]]
+    items: list[dict[str, Any]]  # of dict: field to value, for each struct
 
 
 class _Element(NamedTuple):
@@ -70,32 +64,7 @@ class _Element(NamedTuple):
 
 
 def variable(file: RawFile, data: bytes, order: str, where: int) -> tuple[str, Any]:
-    """Return the name and the value of a variable.
-
-    Parameters
-    ----------
-    file : RawFile
-        For the message.
-    data : bytes
-        The element, from its tag on, without compression.
-    order : {"<", ">"}
-        Byte order.
-    where : int
-        Offset of the variable in the file, for the message.
-
-    Returns
-    -------
-    tuple of (str, object)
-        An array of real numbers, a text, a list (cells), `Structs`, or ``None`` for what is not read:
-        complex and sparse numbers, objects, functions.
-
-    Raises
-    ------
-    CorruptFileError
-        If an element does not fit into what encloses it.
-    UnsupportedFeatureError
-        If there are too many elements.
-    """
+    """Return the name and the value of a variable."""
     decoder = _Decoder(file, data, order, where)
     return decoder.matrix(decoder.tag(0, len(data)), 0)
 
@@ -103,24 +72,7 @@ def variable(file: RawFile, data: bytes, order: str, where: int) -> tuple[str, A
 def misfit(
     file: RawFile, what: str, offset: int, expected: object, found: object
 ) -> CorruptFileError:
-    """Return the error for something whose size or type does not fit.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    what : str
-        What it is.
-    offset : int
-        Where it stands.
-    expected, found : object
-        What should be there, and what is.
-
-    Returns
-    -------
-    CorruptFileError
-        Not raised yet.
-    """
+    """Return the error for something whose size or type does not fit."""
     return CorruptFileError(
         file.path, f"{what} does not fit", offset=offset, expected=expected, found=found
     )

@@ -21,23 +21,7 @@ _MAX_RATIO = 1032
 
 
 def byte_order(file: RawFile) -> str:
-    """Return the byte order of a v5 file for `struct`.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    {"<", ">"}
-        From the mark at offset 126.
-
-    Raises
-    ------
-    CorruptFileError
-        If there is no such mark.
-    """
+    """Return the byte order of a v5 file for `struct`."""
     mark = file.head[126:128]
     if mark not in (b"IM", b"MI"):
         raise CorruptFileError(
@@ -52,27 +36,7 @@ def byte_order(file: RawFile) -> str:
 
 
 def variables(file: RawFile, *, max_bytes: int) -> Iterator[tuple[str, Any]]:
-    """Return the variables of a v5 file, one after another.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    max_bytes : int
-        Largest size of all variables without compression.
-
-    Yields
-    ------
-    tuple of (str, object)
-        Name and value, see `metrosep.io.matlab_matrix.variable`.
-
-    Raises
-    ------
-    CorruptFileError
-        If an element does not fit into what encloses it.
-    UnsupportedFeatureError
-        If the variables are larger than allowed.
-    """
+    """Return the variables of a v5 file, one after another."""
     order, data = byte_order(file), file.data
     position, budget = HEADER_BYTES, max_bytes
     if position >= len(data):

@@ -29,35 +29,18 @@ _LONGEST_TEXT = 1000
 
 @dataclass
 class Values:
-    """What the variables of a file hold, by flat name.
+    """What the variables of a file hold, by flat name."""
 
-    Parameters
-    ----------
-    numbers : dict of str to ndarray
-        Arrays that are not empty, in the shape of MATLAB.
-    texts : dict of str to str
-        Texts, one line per row.
-    left_out : list of str
-        Names of what is not read: objects, functions, sparse and complex arrays.
-    header : dict
-        What the metadata of the file are to say.
-    """
-
+    # to ndarray: arrays that are not empty, in the shape of MATLAB
     numbers: dict[str, NDArray[Any]] = field(default_factory=dict)
-    texts: dict[str, str] = field(default_factory=dict)
+    texts: dict[str, str] = field(default_factory=dict)  # to str: texts, one line per row
+    # names of what is not read: objects, functions, sparse and complex arrays
     left_out: list[str] = field(default_factory=list)
+    # what the metadata of the file are to say
     header: dict[str, Any] = field(default_factory=dict)
 
     def add(self, name: str, value: Any) -> None:
-        """Add a value, and what is inside it.
-
-        Parameters
-        ----------
-        name : str
-            Flat name.
-        value : object
-            See `metrosep.io.matlab_matrix.variable`.
-        """
+        """Add a value, and what is inside it."""
         if isinstance(value, Structs):
             alone = len(value.items) == 1
             for i, item in enumerate(value.items, start=1):
@@ -75,18 +58,7 @@ class Values:
 
 
 def version_of(head: bytes) -> str | None:
-    """Return the version of a MATLAB file.
-
-    Parameters
-    ----------
-    head : bytes
-        First bytes of the file.
-
-    Returns
-    -------
-    str or None
-        ``"5.0"``, ``"7.3"``, or ``None`` for another file; version 4 has no mark.
-    """
+    """Return the version of a MATLAB file."""
     if head.startswith(_MARKS[V5]) and head[126:128] in (b"IM", b"MI"):
         return V5
     if head.startswith(_MARKS[V73]) and head.startswith(MAGIC, _HDF5_START):
@@ -95,29 +67,7 @@ def version_of(head: bytes) -> str | None:
 
 
 def load(file: RawFile, max_pixels: int | None = None) -> Values:
-    """Return the values of all variables.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    max_pixels : int, optional
-        Largest number of values; 2**28 if omitted.
-
-    Returns
-    -------
-    Values
-        In the order of the file.
-
-    Raises
-    ------
-    FormatMismatchError
-        If it is no such file.
-    CorruptFileError
-        If it is damaged.
-    UnsupportedFeatureError
-        If it is larger than allowed.
-    """
+    """Return the values of all variables."""
     version = version_of(file.head)
     if version is None:
         raise FormatMismatchError(

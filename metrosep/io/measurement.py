@@ -65,32 +65,7 @@ def measurement(
     sampling_rate: float | str | None = None,
     scale: float | str | None = None,
 ) -> Profile | Recording | Surface:
-    """Return the object that a table holds; see `metrosep.io.delimited.read`.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    table : Table
-        Its columns.
-    format_id : str
-        Identifier of the format.
-    channel, lateral_step, unit, x, y, z, time, sampling_rate, scale : optional
-        As for `metrosep.io.delimited.read`.
-
-    Returns
-    -------
-    Profile, Recording or Surface
-        SI, NaN = not measured.
-
-    Raises
-    ------
-    ReadError
-        If the columns do not say what they are, or do not make an object, or the kind or a cut-off
-        that metrosep noted above them is damaged.
-    UnitError
-        If a length or time has no unit.
-    """
+    """Return the object that a table holds; see `metrosep.io.delimited.read`."""
     table, channel, labels = _rows_of(file, table, channel)
     unit = declared_units(unit)
     bare = is_matrix(table)

@@ -18,17 +18,6 @@ _FIRST, _LAST = 1980, 2199
 def measured_at(metadata: Mapping[str, Any]) -> str | None:
     """Return the date and time of measuring that the file of a map or profile states.
 
-    Parameters
-    ----------
-    metadata : mapping
-        Of the object as it was read. A reader of another package may give ``measured_at`` itself,
-        as a text of ISO 8601.
-
-    Returns
-    -------
-    str or None
-        ISO 8601, with the offset where the file states it; None where the file states no date.
-
     Examples
     --------
     >>> measured_at({"format": "sdf", "header": {"CreateDate": "030120261215"}})
@@ -51,21 +40,6 @@ def measured_at(metadata: Mapping[str, Any]) -> str | None:
 
 def moment_of(text: str) -> datetime:
     """Return a text of `measured_at` as a time that can be compared with others.
-
-    Parameters
-    ----------
-    text : str
-        ISO 8601.
-
-    Returns
-    -------
-    datetime
-        In UTC where the text states its offset, as written where not; without an offset itself.
-
-    Raises
-    ------
-    ValueError
-        If it is no time.
 
     Examples
     --------

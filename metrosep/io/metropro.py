@@ -101,18 +101,7 @@ FIELDS: tuple[tuple[int, str, str], ...] = (
 
 
 def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is a MetroPro file.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    Match
-        YES when the magic number and the header format agree, MAYBE on the magic number alone.
-    """
+    """Return how sure we are that a file is a MetroPro file."""
     if len(file.head) < 6:
         return Match.NO
     magic, header_format = struct.unpack_from(">Ih", file.head)
@@ -129,36 +118,7 @@ def read(
     unit: Any = None,
     max_pixels: int | None = None,
 ) -> Surface:
-    """Return the height map of a MetroPro file.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    channel : {"height"}, optional
-        The data set.
-    lateral_step : float (m), str or pair, optional
-        Replaces the file's lateral resolution; the file's own is kept in the metadata.
-    unit : None
-        Not accepted: the format states its unit.
-    max_pixels : int, optional
-        Largest map to allocate; 2**28 if omitted.
-
-    Returns
-    -------
-    Surface
-        Heights in m. The format has one lateral step for both directions; 0 in the file means not
-        calibrated and gives ``None``.
-
-    Raises
-    ------
-    FormatMismatchError
-        If the magic number is another.
-    CorruptFileError
-        If sizes do not add up, a scale is not usable, or no pixel was measured.
-    UnsupportedFeatureError
-        If the file holds an intensity image only, or the map is larger than `max_pixels`.
-    """
+    """Return the height map of a MetroPro file."""
     refuse_options(file, "a MetroPro map with its own units", unit=unit)
     only_channels(file, "MetroPro", channel)
     override = lateral_steps(lateral_step)

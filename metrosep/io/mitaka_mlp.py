@@ -37,34 +37,12 @@ _GRID = 1e-3
 
 
 def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is an MLP file.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    Match
-        YES for the first line of either version together with the lines on the autofocus.
-    """
+    """Return how sure we are that a file is an MLP file."""
     return Match.YES if is_mlp(file) else Match.NO
 
 
 def channels(file: RawFile) -> tuple[str, ...]:
-    """Return the lines of points.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    tuple of str
-        ``("line 1", "line 2", ...)``.
-    """
+    """Return the lines of points."""
     return _names(read_points(file))
 
 
@@ -78,39 +56,7 @@ def read(
     z: str | None = None,
     overhang: str | None = None,
 ) -> Profile | Surface:
-    """Return a line of points as a profile, or lines on a regular grid as a surface.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    channel : str, optional
-        ``"line 1"`` ...; needed where there are several lines that do not lie on a grid.
-    lateral_step : None
-        Not accepted: the points have their own positions.
-    unit : None
-        Not accepted: the instrument writes mm.
-    x : {"X", "Y", "Z", "path"}, optional
-        Column of the position; ``"path"`` is the length along the line through the points.
-    z : {"X", "Y", "Z"}, optional
-        Column of the height.
-    overhang : {"drop"}, optional
-        Leave out points whose position lies behind that of a point before them.
-
-    Returns
-    -------
-    Profile or Surface
-        In m; ``metadata["columns"]`` says which column is what.
-
-    Raises
-    ------
-    FormatMismatchError
-        If the position turns back, a line must be chosen, or no coordinate is constant.
-    CorruptFileError
-        If a row or the header does not fit.
-    ReadError
-        If an option is not known.
-    """
+    """Return a line of points as a profile, or lines on a regular grid as a surface."""
     refuse_options(file, "an MLP list of points in mm", lateral_step=lateral_step, unit=unit)
     for option, value, legal in (
         ("x", x, (*AXES, "path")),

@@ -31,70 +31,25 @@ _MAX_HEADER = 200
 
 @dataclass(frozen=True)
 class Points:
-    """Points of a file, where each line begins, and what the header says.
+    """Points of a file, where each line begins, and what the header says."""
 
-    Parameters
-    ----------
-    header : dict
-        Fields of each header line by its first one.
-    xyz : ndarray, shape (n, 3), m
-        Columns X, Y, Z.
-    bounds : list of int
-        First point of each line, and the number of points.
-    stepping : str or None
-        The stepping axis, where the header names it.
-    first_line : int
-        Line of the first point in the file, from 1.
-    warnings : list of str
-        What is odd about the file.
-    """
-
-    header: dict[str, list[str]]
-    xyz: FloatArray
-    bounds: list[int]
-    stepping: str | None
-    first_line: int
-    warnings: list[str]
+    header: dict[str, list[str]]  # fields of each header line by its first one
+    xyz: FloatArray  # shape (n, 3), m: columns X, Y, Z
+    bounds: list[int]  # first point of each line, and the number of points
+    stepping: str | None  # the stepping axis, where the header names it
+    first_line: int  # line of the first point in the file, from 1
+    warnings: list[str]  # what is odd about the file
 
 
 def is_mlp(file: RawFile) -> bool:
-    """Return whether a file has the first line of either version, and the lines on the autofocus.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    bool
-        What `read_points` demands first.
-    """
+    """Return whether a file has the first line of either version, and the lines on the autofocus."""
     lines = list(itertools.islice(first_lines(file), _MAX_HEADER))
     known = bool(lines) and (_OLD.fullmatch(lines[0]) or _NEW.fullmatch(lines[0]))
     return bool(known) and all(any(line.startswith(m) for line in lines) for m in _MARKS)
 
 
 def read_points(file: RawFile) -> Points:
-    """Return the points of an MLP file.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    Points
-        All points that are there, whatever the header counts.
-
-    Raises
-    ------
-    FormatMismatchError
-        If the file is of another format.
-    CorruptFileError
-        If the header has no end, or a point lacks a coordinate.
-    """
+    """Return the points of an MLP file."""
     lines = text_lines(file)
     if not is_mlp(file):
         raise FormatMismatchError(

@@ -34,18 +34,7 @@ _COUNT = re.compile(r"[1-9]\d{0,3}")
 
 
 def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is a workbook of a Mitutoyo tester.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    Match
-        YES for a workbook with worksheets of both names, MAYBE for one that cannot be opened.
-    """
+    """Return how sure we are that a file is a workbook of a Mitutoyo tester."""
     members = zip_members(file, "xl/workbook.xml", "docProps/app.xml")
     if members.get("xl/workbook.xml") == b"":
         return Match.MAYBE  # a locked or damaged workbook: `read` says what is wrong with it
@@ -58,54 +47,14 @@ def sniff(file: RawFile) -> Match:
 
 
 def channels(file: RawFile) -> tuple[str, ...]:
-    """Return the data sets that can be read: the profile.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    tuple of str
-        Always ``("profile",)``.
-    """
+    """Return the data sets that can be read: the profile."""
     return ("profile",)
 
 
 def read(
     file: RawFile, *, channel: str | None = None, lateral_step: Any = None, unit: Any = None
 ) -> Profile:
-    """Return the evaluated profile of a Mitutoyo workbook.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    channel : {"profile"}, optional
-        The data set.
-    lateral_step : float (m) or str, optional
-        Replaces the positions, which must be uniform.
-    unit : tuple of (str, str), optional
-        Units of positions and heights, where no printed result shows them.
-
-    Returns
-    -------
-    Profile
-        Heights in m. It is the profile that the tester evaluated, filtered by it: the settings are in
-        ``metadata["header"]["settings"]``. Of roughness, ``metadata`` has the cut-offs as
-        ``lambda_c_m`` and ``lambda_s_m`` and the sections that the tester took as ``n_sections``,
-        where the file states them; a setting that is not understood is a warning.
-
-    Raises
-    ------
-    FormatMismatchError
-        If the file is of another format.
-    CorruptFileError
-        If the workbook or a row does not fit.
-    UnitError
-        If neither the results nor `unit` give the unit of the heights.
-    """
+    """Return the evaluated profile of a Mitutoyo workbook."""
     only_channels(file, "Mitutoyo", channel, channels(file))
     override = lateral_steps(lateral_step)
     book = Workbook(file)

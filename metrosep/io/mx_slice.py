@@ -30,18 +30,7 @@ _NAMES = ("X", "Y")
 
 
 def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is a slice export of Mx.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    Match
-        YES for the padded header above a row that ends with the name of a slice.
-    """
+    """Return how sure we are that a file is a slice export of Mx."""
     lines = list(itertools.islice(first_lines(file), 2))
     if len(lines) < 2 or not _HEADER.fullmatch(lines[0]):
         return Match.NO
@@ -49,18 +38,7 @@ def sniff(file: RawFile) -> Match:
 
 
 def channels(file: RawFile) -> tuple[str, ...]:
-    """Return the names of the slices.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    tuple of str
-        In the order of the file, such as ``("Slice 1", "Slice 2")``.
-    """
+    """Return the names of the slices."""
     return tuple(_rows(file)[0])
 
 
@@ -71,36 +49,7 @@ def read(
     lateral_step: Any = None,
     unit: Any = None,
 ) -> Profile:
-    """Return one slice.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    channel : str, optional
-        Name of the slice, upper or lower case; the first if omitted, with a warning that names the
-        others.
-    lateral_step : float (m) or str, optional
-        Replaces the positions of the file, which must be uniform; their step is kept in the
-        metadata.
-    unit : str, pair of str or mapping, optional
-        Unit of both columns, of X and Y, or by the name of the column; um if omitted, with a
-        warning that says so.
-
-    Returns
-    -------
-    Profile
-        Positions and heights in m; NaN where a height is empty.
-
-    Raises
-    ------
-    FormatMismatchError
-        If the header is another, or there is no such slice.
-    CorruptFileError
-        If a row does not fit, positions do not rise, or nothing was measured.
-    UnitError
-        If a unit is unknown or no length.
-    """
+    """Return one slice."""
     x_unit, z_unit = _units(file, unit)
     override = lateral_steps(lateral_step)
     slices, warnings = _rows(file)

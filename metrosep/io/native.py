@@ -34,35 +34,13 @@ __all__ = ["channels", "read", "sniff"]
 
 
 def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is a file of metrosep.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    Match
-        YES for HDF5 whose root says so.
-    """
+    """Return how sure we are that a file is a file of metrosep."""
     handle = look_into(file)
     return Match.YES if handle is not None and _is_own(handle) else Match.NO
 
 
 def channels(file: RawFile) -> tuple[str, ...]:
-    """Return the channels of a recording, else the height.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    tuple of str
-        Names.
-    """
+    """Return the channels of a recording, else the height."""
     with open_hdf5(file) as handle:
         if _kind(file, handle) == "recording":
             return tuple(name for _, name, _ in _channels(handle))
@@ -77,36 +55,7 @@ def read(
     unit: Any = None,
     max_pixels: int | None = None,
 ) -> Surface | Profile | Recording | RunSet:
-    """Return the object that was written.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    channel : str, optional
-        The one channel of a recording to keep.
-    lateral_step : float (m), str or pair, optional
-        Replaces the steps of a surface.
-    unit : None
-        Not accepted: the format is SI.
-    max_pixels : int, optional
-        Largest dataset to read; 2**28 if omitted.
-
-    Returns
-    -------
-    Surface, Profile, Recording or RunSet
-        Equal to what was written; ``metadata`` also names this file, what it replaced is in
-        ``metadata["source"]``.
-
-    Raises
-    ------
-    FormatMismatchError
-        If it is no such file.
-    CorruptFileError
-        If it is damaged.
-    UnsupportedFeatureError
-        If a later version of the layout wrote it.
-    """
+    """Return the object that was written."""
     refuse_options(file, "an object of metrosep in SI", unit=unit)
     override = lateral_steps(lateral_step)
     with open_hdf5(file) as handle:

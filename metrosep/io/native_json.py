@@ -20,39 +20,12 @@ _TUPLE, _NUMBER = "__tuple__", "__number__"
 
 
 def encode_mapping(values: Mapping[str, Any]) -> bytes:
-    """Return a mapping as UTF-8 JSON with sorted keys.
-
-    Parameters
-    ----------
-    values : mapping
-        Plain values, tuples and nested mappings.
-
-    Returns
-    -------
-    bytes
-        The same mapping gives the same bytes.
-    """
+    """Return a mapping as UTF-8 JSON with sorted keys."""
     return json.dumps(_encode(values), sort_keys=True, allow_nan=False).encode()
 
 
 def decode_mapping(data: bytes) -> dict[str, Any]:
-    """Return the mapping of `encode_mapping`.
-
-    Parameters
-    ----------
-    data : bytes
-        JSON.
-
-    Returns
-    -------
-    dict
-        Tuples and numbers as they were.
-
-    Raises
-    ------
-    ValueError
-        If it is no such JSON.
-    """
+    """Return the mapping of `encode_mapping`."""
     found = _decode(json.loads(data))
     if not isinstance(found, dict):
         raise ValueError("a mapping was expected")  # noqa: TRY004  (one error for the reader)
@@ -60,41 +33,12 @@ def decode_mapping(data: bytes) -> dict[str, Any]:
 
 
 def encode_history(history: tuple[Step, ...]) -> bytes:
-    """Return a history as UTF-8 JSON.
-
-    Parameters
-    ----------
-    history : tuple of Step
-        From the source on.
-
-    Returns
-    -------
-    bytes
-        JSON list.
-    """
+    """Return a history as UTF-8 JSON."""
     return json.dumps(_encode(history_as_dicts(history)), sort_keys=True, allow_nan=False).encode()
 
 
 def decode_history(data: bytes) -> tuple[Step, ...]:
-    """Return the history of `encode_history`.
-
-    Parameters
-    ----------
-    data : bytes
-        JSON.
-
-    Returns
-    -------
-    tuple of Step
-        As it was.
-
-    Raises
-    ------
-    ValueError
-        If it is no such JSON.
-    KeyError, TypeError
-        If an entry is no step.
-    """
+    """Return the history of `encode_history`."""
     entries = _decode(json.loads(data))
     return tuple(Step(str(e["step"]), e["parameters"], str(e["version"])) for e in entries)
 

@@ -26,18 +26,7 @@ LAYOUT_VERSION = 1
 
 
 def native_bytes(obj: Surface | Profile | Recording | RunSet) -> bytes:
-    """Return an object as the content of an HDF5 file.
-
-    Parameters
-    ----------
-    obj : Surface, Profile, Recording or RunSet
-        What to write.
-
-    Returns
-    -------
-    bytes
-        An HDF5 file that gives the same object back, bit for bit, with metadata and history.
-    """
+    """Return an object as the content of an HDF5 file."""
     import h5py
 
     stream = io.BytesIO()

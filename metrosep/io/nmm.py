@@ -60,72 +60,21 @@ _MONTHS = {
 
 
 def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is the description of an NMM scan.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    Match
-        YES when the title of the format stands below a line of dashes.
-    """
+    """Return how sure we are that a file is the description of an NMM scan."""
     lines = [line.strip() for line in itertools.islice(first_lines(file), 5) if line.strip()]
     is_scan = len(lines) > 1 and lines[0].startswith(_RULE) and lines[1] == _TITLE
     return Match.YES if is_scan else Match.NO
 
 
 def channels(file: RawFile) -> tuple[str, ...]:
-    """Return the scan lines and the positions.
-
-    Parameters
-    ----------
-    file : RawFile
-        The description.
-
-    Returns
-    -------
-    tuple of str
-        ``("line 1", ..., "positions")``.
-    """
+    """Return the scan lines and the positions."""
     return _names(_description(file))
 
 
 def read(
     file: RawFile, *, channel: str | None = None, lateral_step: Any = None, unit: Any = None
 ) -> Profile | Recording:
-    """Return a line of an NMM scan, or the positions and the environment of its lines.
-
-    Parameters
-    ----------
-    file : RawFile
-        The description; ``.dat`` or ``.pos`` must lie beside it.
-    channel : str, optional
-        ``"line 1"`` ... or ``"positions"``; needed where there are several lines.
-    lateral_step : None
-        Not accepted: each point has its measured position.
-    unit : None
-        Not accepted: the machine writes metres.
-
-    Returns
-    -------
-    Profile or Recording
-        A line: heights ``-Lz+Az`` over the motion along the line, in m. Positions: one sample per
-        line; temperatures, pressure and humidity keep their numbers and have no entry in ``units``.
-
-    Raises
-    ------
-    FormatMismatchError
-        If the file is of another format, or a line must be chosen.
-    CorruptFileError
-        If the description, a row or the number of rows does not fit.
-    UnsupportedFeatureError
-        If the columns hold no height or no motion along the line.
-    ReadError
-        If the other file does not lie beside the description.
-    """
+    """Return a line of an NMM scan, or the positions and the environment of its lines."""
     refuse_options(file, "an NMM scan in metres", lateral_step=lateral_step, unit=unit)
     description = _description(file)
     names = _names(description)

@@ -29,35 +29,13 @@ _LONGEST_HEADER = 4096
 
 
 def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is a ``.npy`` file.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    Match
-        YES on the magic bytes and a known version.
-    """
+    """Return how sure we are that a file is a ``.npy`` file."""
     known = file.head.startswith(_MAGIC) and len(file.head) > 7 and file.head[6] in _VERSIONS
     return Match.YES if known else Match.NO
 
 
 def channels(file: RawFile) -> tuple[str, ...]:
-    """Return the name of the one array.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    tuple of str
-        ``("array",)``.
-    """
+    """Return the name of the one array."""
     return ("array",)
 
 
@@ -73,44 +51,7 @@ def read(
     scale: float | str | None = None,
     max_pixels: int | None = None,
 ) -> Surface | Profile | Recording:
-    """Return the array as what the caller declares.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    channel : {"array"}, optional
-        The one array.
-    lateral_step : float (m), str or pair, optional
-        Steps of a map, or of a profile of a one-dimensional array.
-    unit : str, optional
-        Unit of the numbers.
-    sampling_rate : float (Hz) or str, optional
-        Makes a recording of a one-dimensional array, or of the columns ``column1`` ... of a
-        two-dimensional one.
-    x, z : column, optional
-        Columns of a two-dimensional array that make a profile.
-    scale : float (m/V) or str, optional
-        Sensitivity of a sensor in volts.
-    max_pixels : int, optional
-        Largest array to read; 2**28 if omitted.
-
-    Returns
-    -------
-    Surface, Profile or Recording
-        SI; row 0 of a map is taken to have the smallest y.
-
-    Raises
-    ------
-    FormatMismatchError
-        If it is no ``.npy`` file.
-    CorruptFileError
-        If header and size do not agree.
-    UnsupportedFeatureError
-        If it holds objects, text or complex numbers, or more than two dimensions.
-    UnitError
-        If nobody declares a unit.
-    """
+    """Return the array as what the caller declares."""
     only_channels(file, "NumPy", channel, ("array",))
     values, header = _array(file, max_pixels)
     if not np.isfinite(values).any():

@@ -33,31 +33,7 @@ def parse_numbers(
     missing: Sequence[bytes] = (),
     what: str = "a height",
 ) -> FloatArray:
-    """Return the numbers in a text, in its order.
-
-    Parameters
-    ----------
-    file : RawFile
-        For the message.
-    text : bytes
-        Numbers separated by white space.
-    offset : int, optional
-        Where the text stands in the file.
-    missing : sequence of bytes, optional
-        Words for "not measured", such as ``b"BAD"``.
-    what : str, optional
-        What a number is, for the message.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        NaN where not measured; an overflow is infinite.
-
-    Raises
-    ------
-    CorruptFileError
-        If a field is no number.
-    """
+    """Return the numbers in a text, in its order."""
     plain = text
     for word in missing:
         if word in text:
@@ -94,31 +70,7 @@ def _first_odd(text: bytes, missing: Sequence[bytes]) -> re.Match[bytes] | None:
 def one_number(
     file: RawFile, text: str, *, line: int, name: str, low: float, high: float
 ) -> float:
-    """Return a number of a header within its range.
-
-    Parameters
-    ----------
-    file : RawFile
-        For the message.
-    text : str
-        The field.
-    line : int
-        Line in the file, from 1.
-    name : str
-        What the field is.
-    low, high : float
-        Range in which it makes sense, both ends included.
-
-    Returns
-    -------
-    float
-        Finite.
-
-    Raises
-    ------
-    CorruptFileError
-        If it is no number or outside the range.
-    """
+    """Return a number of a header within its range."""
     value = float(text) if _ONE.fullmatch(text.strip()) else float("nan")
     if not low <= value <= high:  # also catches NaN
         raise CorruptFileError(

@@ -68,36 +68,14 @@ class _Block(NamedTuple):
 
 
 def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is an OPD file.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    Match
-        YES when the first entry is a directory of its own type, MAYBE on its name alone.
-    """
+    """Return how sure we are that a file is an OPD file."""
     if file.head[2:18].rstrip(b"\0") != b"Directory":
         return Match.NO
     return Match.YES if file.head[18:20] == b"\x01\0" else Match.MAYBE
 
 
 def channels(file: RawFile) -> tuple[str, ...]:
-    """Return the maps of heights in the file.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    tuple of str
-        Names of the blocks, in the order of the file.
-    """
+    """Return the maps of heights in the file."""
     return tuple(_maps(file, _blocks(file)))
 
 
@@ -109,35 +87,7 @@ def read(
     unit: Any = None,
     max_pixels: int | None = None,
 ) -> Surface:
-    """Return a height map of an OPD file.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    channel : str, optional
-        Name of the block, one of `channels`; the first if omitted.
-    lateral_step : float (m), str or pair, optional
-        Replaces the steps of the file, which are kept in the metadata.
-    unit : None
-        Not accepted: the format states its unit.
-    max_pixels : int, optional
-        Largest map to allocate; 2**28 if omitted.
-
-    Returns
-    -------
-    Surface
-        Heights in m.
-
-    Raises
-    ------
-    FormatMismatchError
-        If the file does not begin with a directory.
-    CorruptFileError
-        If a block does not fit, a scale is missing or not usable, or no pixel was measured.
-    UnsupportedFeatureError
-        If there is no map of heights, or it is larger than `max_pixels`.
-    """
+    """Return a height map of an OPD file."""
     refuse_options(file, "an OPD map with its own units", unit=unit)
     override = lateral_steps(lateral_step)
     blocks = _blocks(file)

@@ -55,36 +55,14 @@ _UNIT_RTOL = 1e-6
 
 
 def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is a Vision64 file.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    Match
-        YES on the magic number, MAYBE on its text alone.
-    """
+    """Return how sure we are that a file is a Vision64 file."""
     if file.head.startswith(_MAGIC):
         return Match.YES
     return Match.MAYBE if file.head.startswith(_MAGIC[:9]) else Match.NO
 
 
 def channels(file: RawFile) -> tuple[str, ...]:
-    """Return the maps and profiles whose values are lengths.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    tuple of str
-        Such as ``"2D_Data/Raw"`` and ``"1D_Data/Raw"``, the primary one first.
-    """
+    """Return the maps and profiles whose values are lengths."""
     return _heights(file, _tree(file))
 
 
@@ -96,37 +74,7 @@ def read(
     unit: Any = None,
     max_pixels: int | None = None,
 ) -> Surface | Profile:
-    """Return a map or a profile of a Vision64 file.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    channel : str, optional
-        One of `channels`; the first if omitted.
-    lateral_step : float (m), str or pair, optional
-        Replaces the positions of the file, whose step is kept in the metadata.
-    unit : None
-        Not accepted: the format states its units.
-    max_pixels : int, optional
-        Largest map to allocate; 2**28 if omitted.
-
-    Returns
-    -------
-    Surface or Profile
-        Heights in m.
-
-    Raises
-    ------
-    FormatMismatchError
-        If the magic number is another.
-    CorruptFileError
-        If an item does not fit or is missing, a scale is not usable, or nothing was measured.
-    UnsupportedFeatureError
-        If there are no heights, or numbers of another kind, or more than `max_pixels`.
-    UnitError
-        If a unit is no length, or a profile has no positions.
-    """
+    """Return a map or a profile of a Vision64 file."""
     refuse_options(file, "a Vision64 file with its own units", unit=unit)
     override = lateral_steps(lateral_step)
     tree = _tree(file)

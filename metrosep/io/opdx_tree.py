@@ -42,93 +42,39 @@ _MAX_ITEMS = 100_000
 
 
 class Quantity(NamedTuple):
-    """A number with its unit; a unit alone has the value 1.
+    """A number with its unit; a unit alone has the value 1."""
 
-    Parameters
-    ----------
-    value : float
-        The number.
-    name, symbol : str
-        Of the unit, such as ``"Micrometer"`` and ``"µm"``; empty when there is none.
-    per_si : float or None
-        Units per SI unit, such as 1e6; ``None`` when the file does not say.
-    """
-
-    value: float
-    name: str
+    value: float  # the number
+    name: str  # of the unit, such as ``"Micrometer"`` and ``"µm"``; empty when there is none
     symbol: str
-    per_si: float | None
+    per_si: float | None  # units per SI unit, such as 1e6; ``None`` when the file does not say
 
 
 class VcaBytes(NamedTuple):
-    """Where an array or another structure lies in the file.
+    """Where an array or another structure lies in the file."""
 
-    Parameters
-    ----------
-    type : str
-        Its name, such as ``"Matrix<float>"``.
-    offset, size : int
-        First byte and number of bytes.
-    """
-
-    type: str
-    offset: int
+    type: str  # its name, such as ``"Matrix<float>"``
+    offset: int  # first byte and number of bytes
     size: int
 
 
 class VcaTree(NamedTuple):
-    """The items of a file.
+    """The items of a file."""
 
-    Parameters
-    ----------
-    items : dict
-        Path such as ``"/1D_Data/Raw/Array"`` to plain values, `Quantity`, lists or `VcaBytes`.
-    warnings : list of str
-        What was not known and left out.
-    """
-
+    # path such as ``"/1D_Data/Raw/Array"`` to plain values, `Quantity`, lists or `VcaBytes`
     items: dict[str, Any]
-    warnings: list[str]
+    warnings: list[str]  # what was not known and left out
 
 
 def read_tree(file: RawFile, offset: int) -> VcaTree:
-    """Return the items from an offset to the end of the file.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    offset : int
-        Where the name of the first item begins.
-
-    Returns
-    -------
-    VcaTree
-        Paths and values.
-
-    Raises
-    ------
-    CorruptFileError
-        If a name, a size or a value does not fit into what encloses it.
-    """
+    """Return the items from an offset to the end of the file."""
     reader = _Reader(file)
     reader.container(offset, file.size, "", 0)
     return VcaTree(reader.items, reader.warnings)
 
 
 def plain_tree(tree: VcaTree) -> dict[str, Any]:
-    """Return the items as plain values; structures become their type and size.
-
-    Parameters
-    ----------
-    tree : VcaTree
-        The items.
-
-    Returns
-    -------
-    dict
-        Such as JSON can carry.
-    """
+    """Return the items as plain values; structures become their type and size."""
     plain: dict[str, Any] = {}
     for path, value in tree.items.items():
         if isinstance(value, Quantity):

@@ -56,93 +56,34 @@ _CHAIN = {"primary": "P", "roughness": "R", "waviness": "W"}
 
 @dataclass(frozen=True, slots=True)
 class OwnNotes:
-    """What a file that metrosep wrote says of its object.
+    """What a file that metrosep wrote says of its object."""
 
-    Parameters
-    ----------
-    facts : mapping of str to str, float or int, optional
-        For the metadata: ``profile_kind``, cut-offs in m, ``n_sections``.
-    history : tuple of Step, optional
-        Before this file was read.
-    warnings : tuple of str, optional
-        What was left out.
-    """
-
+    # mapping of str to str, float or int: for the metadata: ``profile_kind``, cut-offs in m,
+    # ``n_sections``
     facts: Mapping[str, Any] = field(default_factory=dict)
-    history: tuple[Step, ...] = ()
-    warnings: tuple[str, ...] = ()
+    history: tuple[Step, ...] = ()  # before this file was read
+    warnings: tuple[str, ...] = ()  # what was left out
 
 
 def header_lines(obj: Surface | Profile | Recording | RunSet) -> list[str]:
-    """Return the lines above a table that metrosep writes, without a mark of comments.
-
-    Parameters
-    ----------
-    obj : Surface, Profile, Recording or RunSet
-        What is written.
-
-    Returns
-    -------
-    list of str
-        The line by which `header_notes` knows them, facts, steps; the same object gives the same.
-    """
+    """Return the lines above a table that metrosep writes, without a mark of comments."""
     steps = [f"{_STEP} {_one_step(step)}" for step in obj.history]
     first = f"metrosep {__version__}: SI units, empty or nan = not measured"
     return [first, *_fact_lines(obj), *steps]
 
 
 def is_marked(comment: str) -> bool:
-    """Return whether a comment is the line by which `header_notes` knows those of metrosep.
-
-    Parameters
-    ----------
-    comment : str
-        Without its mark.
-
-    Returns
-    -------
-    bool
-        True for the first line of `header_lines`, of any version.
-    """
+    """Return whether a comment is the line by which `header_notes` knows those of metrosep."""
     return _MARK.match(comment) is not None
 
 
 def comment_text(obj: Surface | Profile) -> str:
-    """Return the text of a field for comments.
-
-    Parameters
-    ----------
-    obj : Surface or Profile
-        What is written.
-
-    Returns
-    -------
-    str
-        History on the first line, facts on the others; the same object gives the same.
-    """
+    """Return the text of a field for comments."""
     return "\n".join([f"{_COMMENT} {encode_history(obj.history).decode()}", *_fact_lines(obj)])
 
 
 def header_notes(file: RawFile, comments: Iterable[str]) -> OwnNotes:
-    """Return what comments above a table say, if metrosep wrote them.
-
-    Parameters
-    ----------
-    file : RawFile
-        For the message.
-    comments : iterable of str
-        Without their marks.
-
-    Returns
-    -------
-    OwnNotes
-        Empty for the comments of others.
-
-    Raises
-    ------
-    CorruptFileError
-        If a fact is damaged or stands there twice.
-    """
+    """Return what comments above a table say, if metrosep wrote them."""
     lines = [str(line).strip() for line in comments]
     start = next((i for i, line in enumerate(lines) if is_marked(line)), None)
     if start is None:
@@ -163,25 +104,7 @@ def header_notes(file: RawFile, comments: Iterable[str]) -> OwnNotes:
 
 
 def comment_notes(file: RawFile, comment: str) -> OwnNotes:
-    """Return what a field for comments says, if metrosep wrote it.
-
-    Parameters
-    ----------
-    file : RawFile
-        For the message.
-    comment : str
-        Text of the field.
-
-    Returns
-    -------
-    OwnNotes
-        Empty for the comment of others.
-
-    Raises
-    ------
-    CorruptFileError
-        If a fact is damaged or stands there twice.
-    """
+    """Return what a field for comments says, if metrosep wrote it."""
     _, mark, text = comment.partition(_COMMENT)
     if not mark:
         return OwnNotes()

@@ -33,35 +33,13 @@ _SAME_STEP = 1e-6
 
 
 def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is a GCS array.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    Match
-        YES when a header of ``#`` lines holds the keys of the format and its end.
-    """
+    """Return how sure we are that a file is a GCS array."""
     fields, body = _header(first_lines(file))
     return Match.YES if body and fields.keys() >= _NEEDED else Match.NO
 
 
 def channels(file: RawFile) -> tuple[str, ...]:
-    """Return the names of the columns.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    tuple of str
-        ``NAME0``, ``NAME1``, ... of the header.
-    """
+    """Return the names of the columns."""
     fields, _ = _checked(file, text_lines(file))
     return tuple(_names(fields, _count(file, fields, "DIM")))
 
@@ -74,35 +52,7 @@ def read(
     unit: Any = None,
     sampling_rate: float | str | None = None,
 ) -> Recording:
-    """Return the columns of a GCS array.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    channel : str, optional
-        The one column to read.
-    lateral_step : None
-        Not accepted: the columns are over time.
-    unit : str or mapping of str to str, optional
-        Unit of the columns; the format has none.
-    sampling_rate : float (Hz) or str, optional
-        Where the header has no SAMPLE_TIME.
-
-    Returns
-    -------
-    Recording
-        Time from 0 in s.
-
-    Raises
-    ------
-    FormatMismatchError
-        If the file is of another format, or the declared rate contradicts it.
-    CorruptFileError
-        If the header or a row does not fit, or rows are missing.
-    ReadError
-        If neither file nor caller gives the sampling interval.
-    """
+    """Return the columns of a GCS array."""
     refuse_options(file, "a GCS array", lateral_step=lateral_step)
     lines = text_lines(file)
     fields, start = _checked(file, lines)

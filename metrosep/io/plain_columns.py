@@ -25,26 +25,7 @@ _SCALE = re.compile(r"\s*([+-]?[0-9.]+(?:[eE][+-]?\d+)?)\s*(\S+)\s*")
 
 
 def number_block(file: RawFile, rows: Sequence[tuple[int, str]]) -> FloatArray:
-    """Return the numbers of rows that are separated by white space.
-
-    Parameters
-    ----------
-    file : RawFile
-        For the message.
-    rows : sequence of (int, str)
-        Line in the file, from 1, and its text.
-
-    Returns
-    -------
-    ndarray, shape (rows, columns)
-        NaN where a word says not measured.
-
-    Raises
-    ------
-    CorruptFileError
-        If there is no row, a row has another count of fields than the first, or a field is no
-        number.
-    """
+    """Return the numbers of rows that are separated by white space."""
     if not rows:
         raise CorruptFileError(file.path, "holds no row of numbers", field="the end")
     texts = [text for _, text in rows]
@@ -68,29 +49,7 @@ def number_block(file: RawFile, rows: Sequence[tuple[int, str]]) -> FloatArray:
 
 
 def column_names(file: RawFile, names: Sequence[str] | None, n: int, usual: str) -> list[str]:
-    """Return the names of columns.
-
-    Parameters
-    ----------
-    file : RawFile
-        For the message.
-    names : sequence of str or None
-        What the caller declares.
-    n : int
-        How many columns there are.
-    usual : str
-        Word before the number of a column without a name.
-
-    Returns
-    -------
-    list of str
-        One for each column.
-
-    Raises
-    ------
-    FormatMismatchError
-        If the caller names another count of columns, or one twice.
-    """
+    """Return the names of columns."""
     if names is None:
         return [f"{usual} {k}" for k in range(n)]
     if not isinstance(names, (str, Sequence)):
@@ -109,29 +68,7 @@ def column_names(file: RawFile, names: Sequence[str] | None, n: int, usual: str)
 def interval(
     file: RawFile, *, sampling_rate: float | str | None, period: float | str | None, name: str
 ) -> float:
-    """Return the sampling interval that the caller declares.
-
-    Parameters
-    ----------
-    file : RawFile
-        For the message.
-    sampling_rate : float (Hz), str or None
-        Samples per second.
-    period : float (s), str or None
-        Or seconds per sample.
-    name : str
-        Name of the option that gives the period.
-
-    Returns
-    -------
-    float
-        In s.
-
-    Raises
-    ------
-    ReadError
-        If not exactly one of them is given, or it is not positive and finite.
-    """
+    """Return the sampling interval that the caller declares."""
     if (sampling_rate is None) == (period is None):
         what = "neither" if period is None else "both"
         options = "sampling_rate=" if name == "sampling_rate" else f"sampling_rate= or {name}="
@@ -149,29 +86,7 @@ def interval(
 
 
 def scales_of(file: RawFile, scale: Any, names: Sequence[str]) -> dict[str, tuple[float, str]]:
-    """Return what one count of each column is.
-
-    Parameters
-    ----------
-    file : RawFile
-        For the message.
-    scale : float, str, sequence or mapping of either, or None
-        One for all columns, one for each, or by name; text is a number with a unit, ``"0.5 nm"``.
-    names : sequence of str
-        The columns.
-
-    Returns
-    -------
-    dict of str to (float, str)
-        Factor, and the unit that it leads to (empty for none).
-
-    Raises
-    ------
-    FormatMismatchError
-        If a name or the count of scales does not fit.
-    ReadError
-        If a scale is no finite number, zero, or has no known unit.
-    """
+    """Return what one count of each column is."""
     if scale is None:
         return dict.fromkeys(names, (1.0, ""))
     if isinstance(scale, Mapping):

@@ -96,18 +96,7 @@ class _Layer(NamedTuple):
 
 
 def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is a PLu file; the format has no magic number.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    Match
-        YES when a date with its zero byte is followed by a header with a known type.
-    """
+    """Return how sure we are that a file is a PLu file; the format has no magic number."""
     if not _DATE.match(file.head) or len(file.head) < _HEADER_BYTES + _LAYER_BYTES:
         return Match.NO
     kind = int.from_bytes(file.head[428:432], "little")
@@ -115,18 +104,7 @@ def sniff(file: RawFile) -> Match:
 
 
 def channels(file: RawFile) -> tuple[str, ...]:
-    """Return the layers of the file.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    tuple of str
-        ``("height",)``, or ``"layer 1"``, ``"layer 2"``, ... when there are several.
-    """
+    """Return the layers of the file."""
     return tuple(_layers(file, _header(file)))
 
 
@@ -138,37 +116,7 @@ def read(
     unit: Any = None,
     max_pixels: int | None = None,
 ) -> Surface | Profile:
-    """Return the height map or the profile of a PLu file.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    channel : str, optional
-        One of `channels`; the first if omitted.
-    lateral_step : float (m), str or pair, optional
-        Replaces the steps of the file, which are kept in the metadata.
-    unit : None
-        Not accepted: the format states its unit.
-    max_pixels : int, optional
-        Largest map to allocate; 2**28 if omitted.
-
-    Returns
-    -------
-    Surface or Profile
-        Heights in m.
-
-    Raises
-    ------
-    FormatMismatchError
-        If the file does not begin with a date.
-    CorruptFileError
-        If sizes do not fit, a step is not usable, or no point was measured.
-    UnsupportedFeatureError
-        For images, several profiles and the like, and for maps beyond `max_pixels`.
-    UnitError
-        If a profile is not calibrated and no step is declared.
-    """
+    """Return the height map or the profile of a PLu file."""
     refuse_options(file, "a PLu file with its own units", unit=unit)
     override = lateral_steps(lateral_step)
     header = _header(file)

@@ -25,34 +25,12 @@ _COLUMN = "column"
 
 
 def sniff(file: RawFile) -> Match:
-    """Return NO: any columns of numbers look the same, so the format has to be named.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    Match
-        NO.
-    """
+    """Return NO: any columns of numbers look the same, so the format has to be named."""
     return Match.NO
 
 
 def channels(file: RawFile) -> tuple[str, ...]:
-    """Return the names of the columns when none are declared.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    tuple of str
-        ``"column 0"``, ``"column 1"``, ...
-    """
+    """Return the names of the columns when none are declared."""
     lines = text_lines(file)
     rows = [(k, line) for k, line in enumerate(lines, start=1) if line.strip()]
     return tuple(column_names(file, None, number_block(file, rows).shape[1], _COLUMN))
@@ -70,43 +48,7 @@ def read(
     names: Sequence[str] | None = None,
     scale: Any = None,
 ) -> Recording:
-    """Return the columns of a gather.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    channel : str, optional
-        The one column to read.
-    lateral_step : None
-        Not accepted: the columns are over time.
-    unit : str or mapping of str to str, optional
-        Unit of columns that are no counts.
-    sampling_rate : float (Hz) or str, optional
-        Rows per second; or give `servo_period`.
-    servo_period : float (s) or str, optional
-        Time of one servo cycle, such as ``"442.7 us"``.
-    gather_period : int, optional
-        Servo cycles per row.
-    names : sequence of str, optional
-        Names of the columns in their order; ``"column 0"``, ... if omitted.
-    scale : float, str, sequence or mapping, optional
-        What one count of a column is, such as ``"0.5 nm"``: one for all, one for each, or by name.
-
-    Returns
-    -------
-    Recording
-        Time from 0 in s.
-
-    Raises
-    ------
-    FormatMismatchError
-        If names or scales do not fit the columns.
-    CorruptFileError
-        If a row does not fit.
-    ReadError
-        If no period is given, or a period or a scale is not usable.
-    """
+    """Return the columns of a gather."""
     refuse_options(file, "a gather of a PMAC", lateral_step=lateral_step)
     if isinstance(gather_period, bool) or not (
         isinstance(gather_period, (int, float, np.integer, np.floating))

@@ -101,30 +101,7 @@ def recognise(
     format_id: str | None,
     layout: Mapping[str, Any],
 ) -> registry.Format:
-    """Return the format to read a file as.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    format_id : str or None
-        What the caller declares; otherwise the content decides.
-    layout : mapping
-        Options of the caller; whoever describes a layout of text means text, also where too many
-        lines stand above the table for it to be recognised.
-
-    Returns
-    -------
-    Format
-        Its description.
-
-    Raises
-    ------
-    UnknownFormatError
-        If no reader knows the content.
-    UnsupportedFeatureError
-        If only another package would read it and that is not installed.
-    """
+    """Return the format to read a file as."""
     if format_id is not None:
         return registry.get(format_id)
     try:
@@ -141,25 +118,7 @@ def recognise(
 
 
 def channels(path: str | os.PathLike[str], *, format: str | None = None) -> tuple[str, ...]:  # noqa: A002
-    """Return the names that ``read(path, channel=)`` accepts, the default first.
-
-    Parameters
-    ----------
-    path : str or path
-        The file.
-    format : str, optional
-        Identifier of the format.
-
-    Returns
-    -------
-    tuple of str
-        Channel names.
-
-    Raises
-    ------
-    ReadError
-        If the file cannot be opened or is not recognised.
-    """
+    """Return the names that ``read(path, channel=)`` accepts, the default first."""
     file = registry.principal(open_file(path))
     description = registry.get(format) if format is not None else registry.find(file)
     return description.load_reader().channels(file)

@@ -210,23 +210,7 @@ def formats() -> list[Format]:
 
 
 def get(format_id: str) -> Format:
-    """Return the format of an identifier.
-
-    Parameters
-    ----------
-    format_id : str
-        Such as ``"metropro"``.
-
-    Returns
-    -------
-    Format
-        Its description.
-
-    Raises
-    ------
-    UnknownFormatError
-        If there is none; the message lists those that there are.
-    """
+    """Return the format of an identifier."""
     known = {f.id: f for f in formats()}
     if format_id not in known:
         raise UnknownFormatError(f"no format {format_id!r}; known are {', '.join(known)}")
@@ -259,25 +243,7 @@ def identify(path: Any) -> Format:
 
 
 def find(file: RawFile) -> Format:
-    """Return the format of an opened file; see `identify`.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    Format
-        Its format.
-
-    Raises
-    ------
-    UnknownFormatError
-        If no reader knows the content.
-    AmbiguousFormatError
-        If several do equally well.
-    """
+    """Return the format of an opened file; see `identify`."""
     for candidates in (
         [f for f in _descriptors() if f.is_measurement],
         [_plugin_format(n, r) for n, r in _plugins().items()],
@@ -294,19 +260,7 @@ def find(file: RawFile) -> Format:
 
 
 def principal(file: RawFile) -> RawFile:
-    """Return the file that describes another one, where that lies beside it.
-
-    Parameters
-    ----------
-    file : RawFile
-        What the caller named, such as the ``.dat`` of a pair ``.dat`` and ``.txt``.
-
-    Returns
-    -------
-    RawFile
-        The describing file of the same stem if a format says that it has such a ``sidecars``
-        suffix and its reader is sure of the content; otherwise `file` itself.
-    """
+    """Return the file that describes another one, where that lies beside it."""
     suffix = file.path.suffix.lower()
     for described in _descriptors():
         if suffix not in described.facts.get("sidecars", ()):

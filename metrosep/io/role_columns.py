@@ -27,51 +27,30 @@ _PER = re.compile(r"[_ ]per[_ ][A-Za-z]+$")
 
 @dataclass(frozen=True, slots=True)
 class Role:
-    """What a column is and where it stands.
+    """What a column is and where it stands."""
 
-    Parameters
-    ----------
-    column : str, pair of str, or list of these
-        A name whose header carries the unit, ``"name:unit"``, ``("name", "unit")``; a list makes
-        one row for each column.
-    dimension : str
-        ``"length"``, ``"angle"``, ``"time"`` ... : brought to SI. ``"position"``: a length or an
-        angle. ``"any"``: brought to SI where there is a unit, else as it stands. ``"label"``:
-        texts, those of the cells where they are numbers.
-    scale : str or None
-        Sensitivity where the column is a voltage and a length is meant.
-    """
-
+    # pair of str, or list of these: A name whose header carries the unit, ``"name:unit"``,
+    # ``("name", "unit")``; a list makes one row for each column
     column: ColumnSpec | list[ColumnSpec]
+    # ``"length"``, ``"angle"``, ``"time"`` ... : brought to SI. ``"position"``: a length or an
+    # angle. ``"any"``: brought to SI where there is a unit, else as it stands. ``"label"``: texts,
+    # those of the cells where they are numbers
     dimension: str
-    scale: str | None = None
+    scale: str | None = None  # sensitivity where the column is a voltage and a length is meant
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RoleColumns:
-    """Columns of one or more files by their role.
+    """Columns of one or more files by their role."""
 
-    Parameters
-    ----------
-    values : mapping of str to ndarray
-        Each role: shape (n,), or (k, n) where it is a list of columns.
-    name : str
-        Of the file, without its extension; of the first where there are several.
-    history : tuple of Step
-        One step ``read`` for each file.
-    warnings : tuple of str
-        What is odd about the files.
-    columns : mapping of str to tuple of str
-        Names of the columns of each role, without their unit.
-    units : mapping of str to str
-        ``"m"`` or ``"rad"`` of each role that may be either.
-    """
-
+    # mapping of str to ndarray: each role: shape (n,), or (k, n) where it is a list of columns
     values: Mapping[str, NDArray[Any]]
-    name: str
-    history: tuple[Step, ...]
-    warnings: tuple[str, ...] = ()
+    name: str  # of the file, without its extension; of the first where there are several
+    history: tuple[Step, ...]  # one step ``read`` for each file
+    warnings: tuple[str, ...] = ()  # what is odd about the files
+    # mapping of str to tuple of str: names of the columns of each role, without their unit
     columns: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    # mapping of str to str: ``"m"`` or ``"rad"`` of each role that may be either
     units: Mapping[str, str] = field(default_factory=dict)
 
 
@@ -80,31 +59,7 @@ def read_roles(
     roles: Mapping[str, Role],
     **layout: Any,
 ) -> RoleColumns:
-    """Read columns by their role; the rows of several files follow one another.
-
-    Parameters
-    ----------
-    paths : path or iterable of paths
-        Files; each holds all the columns.
-    roles : mapping of str to Role
-        What to read.
-    **layout
-        ``separator``, ``decimal``, ``encoding``.
-
-    Returns
-    -------
-    RoleColumns
-        All rows.
-
-    Raises
-    ------
-    ReadError
-        If a file cannot be read or a column is missing.
-    UnitError
-        If a unit is missing or of the wrong dimension.
-    FormatMismatchError
-        If there is no file.
-    """
+    """Read columns by their role; the rows of several files follow one another."""
     files = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
     if not files:
         raise FormatMismatchError("no file to read columns from; name at least one")
@@ -134,31 +89,7 @@ def read_roles(
 
 
 def role_values(file: RawFile, table: Table, role: Role, *, name: str) -> NDArray[Any]:
-    """Return the values of one role from a table.
-
-    Parameters
-    ----------
-    file : RawFile
-        For messages.
-    table : Table
-        Columns that there are.
-    role : Role
-        What is wanted.
-    name : str
-        What the column is for, for messages.
-
-    Returns
-    -------
-    ndarray, shape (n,) or (k, n)
-        Numbers in SI, NaN = not measured; texts of a label.
-
-    Raises
-    ------
-    FormatMismatchError
-        If a column is missing or of the wrong kind.
-    UnitError
-        If a unit is missing or of the wrong dimension.
-    """
+    """Return the values of one role from a table."""
     if isinstance(role.column, list):
         return np.stack(
             [

@@ -24,25 +24,7 @@ _TEXT = "delimited"
 
 
 def stored_runs(file: RawFile) -> RunSet | None:
-    """Return the runs of a file that metrosep wrote as a whole, else ``None``.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    RunSet or None
-        ``None`` when the file is of another format.
-
-    Raises
-    ------
-    FormatMismatchError
-        If it is one of metrosep and holds something else.
-    CorruptFileError
-        If it is damaged.
-    """
+    """Return the runs of a file that metrosep wrote as a whole, else ``None``."""
     if _format(file) != _OWN:
         return None
     from metrosep.io.native import read
@@ -58,25 +40,7 @@ def stored_runs(file: RawFile) -> RunSet | None:
 
 
 def columns_of(file: RawFile, layout: dict[str, Any]) -> tuple[Table, str]:
-    """Return the columns of a file and the format that they were read as.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    layout : dict
-        How the caller described the text.
-
-    Returns
-    -------
-    tuple of (Table, str)
-        Columns of a text as they stand; the channels of a recording in SI after a column `TIME`.
-
-    Raises
-    ------
-    ReadError
-        If the file cannot be read, or holds no recording.
-    """
+    """Return the columns of a file and the format that they were read as."""
     known = _format(file)
     if known in (None, _TEXT):
         return read_table(file, **layout), _TEXT

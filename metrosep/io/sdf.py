@@ -84,18 +84,7 @@ class _Content(NamedTuple):
 
 
 def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is a surface data file.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    Match
-        YES for one of the known versions.
-    """
+    """Return how sure we are that a file is a surface data file."""
     return Match.YES if _VERSION.match(file.head) else Match.NO
 
 
@@ -107,36 +96,7 @@ def read(
     unit: Any = None,
     max_pixels: int | None = None,
 ) -> Surface | Profile:
-    """Return the surface, or the one profile, of a surface data file.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    channel : {"height"}, optional
-        The data set.
-    lateral_step : float (m), str or pair, optional
-        Replaces Xscale and Yscale; the file's own are kept in the metadata.
-    unit : None
-        Not accepted: the format is in metres.
-    max_pixels : int, optional
-        Largest map to allocate; 2**28 if omitted.
-
-    Returns
-    -------
-    Surface or Profile
-        Heights in m; a profile where the file holds one.
-
-    Raises
-    ------
-    FormatMismatchError
-        If the version is unknown.
-    CorruptFileError
-        If header or data do not fit, a scale is not usable, or no point was measured.
-    UnsupportedFeatureError
-        For compressed or checked data, types outside of the version, maps beyond `max_pixels`, and
-        a profile whose step is not calibrated.
-    """
+    """Return the surface, or the one profile, of a surface data file."""
     refuse_options(file, "a surface data file in metres", unit=unit)
     only_channels(file, "SDF", channel)
     override = lateral_steps(lateral_step)

@@ -22,32 +22,7 @@ ColumnSpec: TypeAlias = str | tuple[str, str]
 def pick(
     file: RawFile, table: Table, spec: ColumnSpec, *, role: str
 ) -> tuple[Column, Unit | None]:
-    """Return the column that a specification names, and its unit.
-
-    Parameters
-    ----------
-    file : RawFile
-        For the message.
-    table : Table
-        The columns that there are.
-    spec : str or tuple of (str, str)
-        Name, ``"name:unit"`` or ``("name", "unit")``; a name may leave out its unit. Where no
-        header names the columns their number, from 1, is a name: ``"3:nm"``.
-    role : str
-        What the column is for, for the message.
-
-    Returns
-    -------
-    tuple of (Column, Unit or None)
-        The unit is the declared one; ``None`` when neither header nor caller declares one.
-
-    Raises
-    ------
-    FormatMismatchError
-        If there is no such column, or header and caller contradict each other.
-    UnitError
-        If the unit is unknown.
-    """
+    """Return the column that a specification names, and its unit."""
     declared: str | None = None
     if isinstance(spec, str):
         name = spec
@@ -83,35 +58,7 @@ def to_si(
     role: str,
     scale: float | None = None,
 ) -> FloatArray:
-    """Return the numbers of a column in SI.
-
-    Parameters
-    ----------
-    file : RawFile
-        For the message.
-    column : Column
-        The column.
-    unit : Unit or None
-        Its unit.
-    dimension : str
-        What it must be, such as ``"length"``.
-    role : str
-        What the column is for, for the message.
-    scale : float, m/V, optional
-        Sensitivity of a sensor whose column is a voltage; its sign is kept.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        In SI, NaN = not measured.
-
-    Raises
-    ------
-    FormatMismatchError
-        If the column holds labels.
-    UnitError
-        If no unit was declared or it is of another dimension.
-    """
+    """Return the numbers of a column in SI."""
     if column.values is None:
         first = column.labels[0] if column.labels else ""
         raise FormatMismatchError(
@@ -151,23 +98,7 @@ def to_si(
 
 
 def sensitivity(scale: float | str | None) -> float | None:
-    """Return the sensitivity of a sensor in m/V.
-
-    Parameters
-    ----------
-    scale : float (m/V), str such as ``"2.5 um/V"``, or None
-        May be negative.
-
-    Returns
-    -------
-    float or None
-        In m/V.
-
-    Raises
-    ------
-    UnitError
-        If text is no length per voltage.
-    """
+    """Return the sensitivity of a sensor in m/V."""
     if isinstance(scale, str):
         return parse_sensitivity(scale)
     return None if scale is None else float(scale)

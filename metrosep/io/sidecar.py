@@ -14,44 +14,13 @@ __all__ = ["also_read", "beside", "number_rows"]
 
 
 def also_read(data: RawFile, **parameters: Any) -> Step:
-    """Return the step of a history that says which file was read beside the one of that name.
-
-    Parameters
-    ----------
-    data : RawFile
-        The other file.
-    **parameters
-        What was taken of it, plain values.
-
-    Returns
-    -------
-    Step
-        ``read_columns`` with file name, SHA-256 and size; a result lists it among its inputs.
-    """
+    """Return the step of a history that says which file was read beside the one of that name."""
     facts = {"file": data.name, "sha256": data.sha256, "size": data.size}
     return Step("read_columns", {**facts, **parameters})
 
 
 def beside(file: RawFile, suffixes: Sequence[str]) -> RawFile:
-    """Return the file of the same stem in the same folder; content never names it.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file that was asked for.
-    suffixes : sequence of str
-        Endings to try, with the dot.
-
-    Returns
-    -------
-    RawFile
-        The first one that is there.
-
-    Raises
-    ------
-    ReadError
-        If none is, or it cannot be opened.
-    """
+    """Return the file of the same stem in the same folder; content never names it."""
     for suffix in suffixes:
         path = file.path.with_suffix(suffix)
         if path.name != file.name and path.is_file():
@@ -65,27 +34,7 @@ def beside(file: RawFile, suffixes: Sequence[str]) -> RawFile:
 def number_rows(
     file: RawFile, data: RawFile, *, skip: int = 0
 ) -> tuple[list[int], list[list[float]]]:
-    """Return rows of numbers between blanks, all of one length.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file that was asked for; messages name it and the other one.
-    data : RawFile
-        The file that holds the rows.
-    skip : int, optional
-        Lines above the first row.
-
-    Returns
-    -------
-    tuple of (list of int, list of list of float)
-        Line of each row, from 1, and its numbers; NaN where not measured.
-
-    Raises
-    ------
-    CorruptFileError
-        If there is no row, a field is no number or a row has another length than the first.
-    """
+    """Return rows of numbers between blanks, all of one length."""
     lines = text_lines(data)[skip:]
     rows = [(n, s.split()) for n, s in enumerate(lines, start=skip + 1) if s.strip()]
     if not rows:

@@ -56,18 +56,7 @@ class _Axis(NamedTuple):
 
 
 def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is an ISO 5436-2 file.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    Match
-        YES when line 1 names the standard and line 2 the kind of the feature.
-    """
+    """Return how sure we are that a file is an ISO 5436-2 file."""
     return Match.YES if _MAGIC.match(file.head) else Match.NO
 
 
@@ -79,37 +68,7 @@ def read(
     unit: Any = None,
     max_pixels: int | None = None,
 ) -> Profile:
-    """Return the profile of an ISO 5436-2 file.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    channel : {"height"}, optional
-        The data set.
-    lateral_step : float (m) or str, optional
-        Replaces the step of the file, which is kept in the metadata.
-    unit : None
-        Not accepted: the format states its units.
-    max_pixels : int, optional
-        Largest number of points; 2**28 if omitted.
-
-    Returns
-    -------
-    Profile
-        From x = 0 for an incremental axis; a wrong checksum is a warning.
-
-    Raises
-    ------
-    FormatMismatchError
-        If the first lines are others.
-    CorruptFileError
-        If records, axes or points do not fit, or nothing was measured.
-    UnsupportedFeatureError
-        For surfaces, axes whose reading is not certain, and files beyond `max_pixels`.
-    UnitError
-        If the unit of an axis is no length.
-    """
+    """Return the profile of an ISO 5436-2 file."""
     refuse_options(file, "an ISO 5436-2 profile with its own units", unit=unit)
     only_channels(file, "ISO 5436-2", channel)
     override = lateral_steps(lateral_step)

@@ -31,29 +31,7 @@ _SOLID = re.compile(rb"\s*solid\b", re.IGNORECASE)
 
 
 def read_stl(path: str | PathLike[str], *, unit: str) -> FloatArray:
-    """Return the corners of all triangles of an STL file.
-
-    Parameters
-    ----------
-    path : str or path-like
-        File, binary or ASCII.
-    unit : str
-        Unit of its coordinates, such as "mm": the file does not say it.
-
-    Returns
-    -------
-    ndarray, shape (n, 3, 3), m
-        Triangle, corner, coordinate; `metrosep.forms.from_triangles` makes a form of them.
-
-    Raises
-    ------
-    CorruptFileError
-        If the content is not STL.
-    ReadError
-        If the file cannot be opened.
-    UnitError
-        If the unit is not a length.
-    """
+    """Return the corners of all triangles of an STL file."""
     try:
         data = Path(path).read_bytes()
     except OSError as error:

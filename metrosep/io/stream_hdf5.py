@@ -18,27 +18,7 @@ _TIME_NAMES = frozenset({"t", "time"})
 
 
 def open_source(file: RawFile, stack: ExitStack) -> Hdf5Source:
-    """Return the numeric 1-D datasets of an HDF5 file that are as long as the longest one.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    stack : ExitStack
-        Closes the file.
-
-    Returns
-    -------
-    Hdf5Source
-        Ready to be read.
-
-    Raises
-    ------
-    FormatMismatchError
-        If it holds no such dataset.
-    CorruptFileError
-        If it is damaged.
-    """
+    """Return the numeric 1-D datasets of an HDF5 file that are as long as the longest one."""
     handle = stack.enter_context(open_hdf5(file))
     lengths = {
         name: handle.shape(name)[0]
@@ -54,19 +34,7 @@ def open_source(file: RawFile, stack: ExitStack) -> Hdf5Source:
 
 
 class Hdf5Source:
-    """Datasets of one length; see `metrosep.io.stream.ChunkSource`.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    handle : Hdf5File
-        The same, open.
-    names : tuple of str
-        Paths of the datasets.
-    n_samples : int
-        Their length.
-    """
+    """Datasets of one length; see `metrosep.io.stream.ChunkSource`."""
 
     def __init__(
         self, file: RawFile, handle: Hdf5File, names: tuple[str, ...], n_samples: int
@@ -90,25 +58,7 @@ class Hdf5Source:
         return None
 
     def chunks(self, names: Sequence[str], size: int) -> Iterator[dict[str, FloatArray]]:
-        """Yield the datasets, `size` samples at a time.
-
-        Parameters
-        ----------
-        names : sequence of str
-            Datasets.
-        size : int
-            Samples of a chunk.
-
-        Yields
-        ------
-        dict of str to ndarray, shape (n,)
-            Scaled as the attributes say, in the unit of the file.
-
-        Raises
-        ------
-        CorruptFileError
-            If a part cannot be read.
-        """
+        """Yield the datasets, `size` samples at a time."""
         for start in range(0, self.n_samples or 0, size):
             yield {n: self._values(self._paths[n], start, start + size) for n in names}
 

@@ -13,40 +13,12 @@ __all__ = ["TdmsSource", "open_source"]
 
 
 def open_source(file: RawFile, stack: ExitStack, *, group: str | None = None) -> TdmsSource:
-    """Return the channels of a TDMS file that hold numbers.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    stack : ExitStack
-        Not used: each pass opens the file anew.
-    group : str, optional
-        The one group to read.
-
-    Returns
-    -------
-    TdmsSource
-        Ready to be read.
-
-    Raises
-    ------
-    CorruptFileError
-        If the structure does not fit.
-    """
+    """Return the channels of a TDMS file that hold numbers."""
     return TdmsSource(file, group)
 
 
 class TdmsSource:
-    """Channels of a TDMS file; see `metrosep.io.stream.ChunkSource`.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    group : str, optional
-        The one group to read.
-    """
+    """Channels of a TDMS file; see `metrosep.io.stream.ChunkSource`."""
 
     def __init__(self, file: RawFile, group: str | None = None) -> None:
         self._file = file
@@ -58,23 +30,5 @@ class TdmsSource:
         self.time_step = step
 
     def chunks(self, names: Sequence[str], size: int) -> Iterator[dict[str, FloatArray]]:
-        """Yield the channels, `size` samples at a time.
-
-        Parameters
-        ----------
-        names : sequence of str
-            Channels.
-        size : int
-            Samples of a chunk.
-
-        Yields
-        ------
-        dict of str to ndarray, shape (n,)
-            Scaled as the file says; NaN behind the end of a shorter channel.
-
-        Raises
-        ------
-        CorruptFileError
-            If a scale does not fit.
-        """
+        """Yield the channels, `size` samples at a time."""
         yield from iter_chunks(self._file, names, size)

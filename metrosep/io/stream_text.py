@@ -36,29 +36,7 @@ _KEPT = 1000
 
 
 def open_source(file: RawFile, stack: ExitStack, **text: Any) -> TextSource:
-    """Return the columns of numbers of a text file.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    stack : ExitStack
-        Closes the file.
-    **text
-        As for `metrosep.io.table.read_table`.
-
-    Returns
-    -------
-    TextSource
-        Ready to be read.
-
-    Raises
-    ------
-    UnsupportedFeatureError
-        If a column holds labels or the text is not in a one-byte encoding or UTF-8.
-    ReadError
-        If the head is no table.
-    """
+    """Return the columns of numbers of a text file."""
     options = TextOptions.of(text)
     head = file.head[:_HEAD]
     if file.size > len(head):
@@ -84,21 +62,7 @@ def _end_of(head: bytes) -> bytes:
 
 
 class TextSource:
-    """Columns of numbers of a text file; see `metrosep.io.stream.ChunkSource`.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    handle : binary file
-        The same, open.
-    head : str
-        Its first lines.
-    encoding : str
-        Of the text.
-    options : TextOptions
-        What the caller declares.
-    """
+    """Columns of numbers of a text file; see `metrosep.io.stream.ChunkSource`."""
 
     def __init__(
         self,
@@ -139,27 +103,7 @@ class TextSource:
         return None
 
     def chunks(self, names: Sequence[str], size: int) -> Iterator[dict[str, FloatArray]]:
-        """Yield the columns, `size` rows at a time.
-
-        Parameters
-        ----------
-        names : sequence of str
-            Columns.
-        size : int
-            Rows of a chunk.
-
-        Yields
-        ------
-        dict of str to ndarray, shape (n,)
-            In the unit of the file.
-
-        Raises
-        ------
-        CorruptFileError
-            If a row does not fit; the message names its line.
-        AmbiguousFormatError
-            If a value may mean "not measured".
-        """
+        """Yield the columns, `size` rows at a time."""
         where = [self._names.index(n) for n in names]
         rest = np.empty((0, len(self._names)))
         kept = np.empty((0, len(self._names)))

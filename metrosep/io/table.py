@@ -40,48 +40,26 @@ _BEGUN = re.compile(r"\s*\"?[+-]?(?:\d+[.,]?\d*|[.,]\d)")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Column:
-    """One column of a table.
+    """One column of a table."""
 
-    Parameters
-    ----------
-    name : str
-        As in the header, or ``column1`` where there is none.
-    unit : Unit or None
-        What the file declares.
-    values : ndarray, shape (n,), or None
-        Numbers in the unit of the file, NaN = not measured; ``None`` for a column of labels.
-    labels : tuple of str or None
-        Texts of a column of labels.
-    """
-
-    name: str
-    unit: Unit | None
+    name: str  # as in the header, or ``column1`` where there is none
+    unit: Unit | None  # what the file declares
+    # shape (n,), or None: numbers in the unit of the file, NaN = not measured; ``None`` for a
+    # column of labels
     values: FloatArray | None
-    labels: tuple[str, ...] | None = None
+    labels: tuple[str, ...] | None = None  # texts of a column of labels
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Table:
-    """Columns of a text file.
+    """Columns of a text file."""
 
-    Parameters
-    ----------
-    columns : tuple of Column
-        In the order of the file.
-    lines : ndarray of int, shape (n,)
-        Line of each row in the file, from 1.
-    header : mapping
-        Encoding, separator, decimal mark, comments and the lines above the table.
-    warnings : tuple of str
-        What is odd.
-    ledger : mapping
-        How many lines of each class the text has, and which they are; empty for a recording.
-    """
-
-    columns: tuple[Column, ...]
-    lines: NDArray[np.int64]
+    columns: tuple[Column, ...]  # in the order of the file
+    lines: NDArray[np.int64]  # shape (n,): line of each row in the file, from 1
+    # mapping: encoding, separator, decimal mark, comments and the lines above the table
     header: Mapping[str, Any]
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()  # what is odd
+    # mapping: how many lines of each class the text has, and which they are; empty for a recording
     ledger: Mapping[str, Any] = field(default_factory=dict)
 
     def __len__(self) -> int:
@@ -102,25 +80,7 @@ class Table:
 
 
 def read_table(file: RawFile, **text: Any) -> Table:
-    """Return the columns of a text file; every one of its lines is accounted for.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    **text
-        How the text is written, where that is not clear: `metrosep.core.text_options.TEXT_OPTIONS`.
-
-    Returns
-    -------
-    Table
-        Columns of numbers and labels.
-
-    Raises
-    ------
-    ReadError
-        If the file is not text, its dialect is ambiguous, or a line does not fit.
-    """
+    """Return the columns of a text file; every one of its lines is accounted for."""
     options = TextOptions.of(text)
     content, encoding = decode(file.data, file.path, options.encoding)
     head = TableHead(file, content, encoding, options)
@@ -149,29 +109,7 @@ def refuse_markers(
     lines: NDArray[np.int64],
     options: TextOptions,
 ) -> list[str]:
-    """Return warnings about values that may mean "not measured".
-
-    Parameters
-    ----------
-    file : RawFile
-        For the message.
-    columns : sequence of Column
-        Columns; those of labels and of time are not looked at.
-    lines : ndarray of int, shape (n,)
-        Line of each row.
-    options : TextOptions
-        Whoever declares ``missing`` is not asked.
-
-    Returns
-    -------
-    list of str
-        Sentences.
-
-    Raises
-    ------
-    AmbiguousFormatError
-        If a value of the shape of a marker lies far outside the others.
-    """
+    """Return warnings about values that may mean "not measured"."""
     found: list[str] = []
     for column in () if options.missing is not None else columns:
         if column.values is None or (column.unit is not None and column.unit.dimension == "time"):
@@ -194,18 +132,7 @@ def refuse_markers(
 
 
 def interruption(table: Table) -> tuple[str, ...]:
-    """Return a warning about lines without numbers between the rows, where time is counted by rows.
-
-    Parameters
-    ----------
-    table : Table
-        Columns of a text.
-
-    Returns
-    -------
-    tuple of str
-        One sentence or none.
-    """
+    """Return a warning about lines without numbers between the rows, where time is counted by rows."""
     gaps = np.flatnonzero(np.diff(table.lines) > 1)
     if not gaps.size or "separator" not in table.header:
         return ()
@@ -237,26 +164,7 @@ def _cut_off(file: RawFile, content: str, row: str, line: int) -> list[str]:
 
 
 class TableHead:
-    """What stands above the rows of a table: its layout, names and units; each line is classified.
-
-    Parameters
-    ----------
-    file : RawFile
-        For messages.
-    text : str
-        The text, or its first lines.
-    encoding : str
-        Of the file.
-    options : TextOptions
-        What the caller declares.
-
-    Raises
-    ------
-    ReadError
-        If the text is no table, its dialect is ambiguous, or a line above the rows does not fit.
-    CorruptFileError
-        If one of these lines is a damaged row.
-    """
+    """What stands above the rows of a table: its layout, names and units; each line is classified."""
 
     def __init__(self, file: RawFile, text: str, encoding: str, options: TextOptions) -> None:
         self._file, self.ledger = file, Ledger()

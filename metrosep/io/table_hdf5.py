@@ -25,28 +25,7 @@ TABLE_VERSION = 1
 def table_bytes(
     columns: Mapping[str, Sequence[Any] | NDArray[Any]], provenance: Mapping[str, str]
 ) -> bytes:
-    """Return a table as the content of an HDF5 file.
-
-    Parameters
-    ----------
-    columns : mapping of str to sequence
-        Columns of one length by their names, such as ``x_mm``.
-    provenance : mapping of str to str
-        Texts that say where the table comes from, by name.
-
-    Returns
-    -------
-    bytes
-        Each column is a dataset of its name with the attributes ``name``, ``column`` (its place, from
-        0) and, where the name ends in one, ``unit``. Numbers are as they are, float64 or int64, with
-        NaN for what is not known; texts are UTF-8. ``/`` in a name becomes ``_``. The texts of
-        `provenance` are datasets of the group ``provenance``.
-
-    Raises
-    ------
-    WriteError
-        If the columns differ in length, or two of them would have one name.
-    """
+    """Return a table as the content of an HDF5 file."""
     import h5py
 
     stream = io.BytesIO()

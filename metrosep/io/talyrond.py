@@ -39,18 +39,7 @@ _CLOSED = 1e-6
 
 
 def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is a worksheet with a roundness trace.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    Match
-        YES when the first rows of the first worksheet are angle, r, r cos(angle), r sin(angle).
-    """
+    """Return how sure we are that a file is a worksheet with a roundness trace."""
     members = zip_members(file, "xl/worksheets/sheet1.xml")
     if "xl/workbook.xml" not in members:
         return Match.NO
@@ -75,18 +64,7 @@ def _first_rows(sheet: bytes) -> list[dict[str, float | str]]:
 
 
 def channels(file: RawFile) -> tuple[str, ...]:
-    """Return the data sets that can be read: the radial deviation.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    tuple of str
-        Always ``("deviation",)``.
-    """
+    """Return the data sets that can be read: the radial deviation."""
     return ("deviation",)
 
 
@@ -98,39 +76,7 @@ def read(
     unit: Any = None,
     radius: float | str | None = None,
 ) -> Profile:
-    """Return the radial deviation of a roundness trace over the length of arc.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    channel : {"deviation"}, optional
-        The data set.
-    lateral_step : None
-        Not accepted: the step follows from `radius`.
-    unit : str
-        Unit of column B, such as ``"um"``; the file does not state it.
-    radius : float (m) or str
-        Radius of the part, which turns angles into positions ``radius * angle``.
-
-    Returns
-    -------
-    Profile
-        Column B in m, outwards; nothing is subtracted. ``metadata["angle_step_rad"]`` and
-        ``["angle_start_rad"]`` give the angles back. ``is_closed`` says that the points make one turn:
-        the last point and the first are then neighbours.
-
-    Raises
-    ------
-    FormatMismatchError
-        If the file is of another format, or `radius` is missing.
-    CorruptFileError
-        If the workbook or a row does not fit.
-    UnitError
-        If `unit` is missing or no length.
-    ReadError
-        If `radius` is not positive.
-    """
+    """Return the radial deviation of a roundness trace over the length of arc."""
     refuse_options(file, "a trace over angles", lateral_step=lateral_step)
     only_channels(file, "Talyrond", channel, channels(file))
     sheet, numbers = _numbers(file)

@@ -42,77 +42,22 @@ _UNIT_KEYS = ("unit_string", "NI_UnitDescription")
 
 
 def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is a TDMS file.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    Match
-        YES by the tag of the first segment, also of an index file.
-    """
+    """Return how sure we are that a file is a TDMS file."""
     return Match.YES if file.head[:4] in (MAGIC, _INDEX_MAGIC) else Match.NO
 
 
 def channels(file: RawFile) -> tuple[str, ...]:
-    """Return the names of the channels that hold numbers.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    tuple of str
-        With the group, ``"group/channel"``, where there are several groups.
-    """
+    """Return the names of the channels that hold numbers."""
     return tuple(_numbers(_structure(file)))
 
 
 def unit_labels(file: RawFile) -> dict[str, str]:
-    """Return the text that each channel has as its unit, empty where it has none.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    dict of str to str
-        In the order of `channels`.
-    """
+    """Return the text that each channel has as its unit, empty where it has none."""
     return {name: _label(c) for name, c in _numbers(_structure(file)).items()}
 
 
 def sampling(file: RawFile, group: str | None = None) -> tuple[int, float | None, tuple[str, ...]]:
-    """Return the longest channels, how long they are, and the sampling interval that they share.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    group : str, optional
-        The one group to look at.
-
-    Returns
-    -------
-    n_samples : int
-        Samples of the longest channel.
-    time_step : float or None, s
-        ``None`` where none has an interval.
-    names : tuple of str
-        The channels of that length.
-
-    Raises
-    ------
-    FormatMismatchError
-        If they were not sampled together, so that their samples do not belong to each other.
-    """
+    """Return the longest channels, how long they are, and the sampling interval that they share."""
     chosen = _chosen(file, _numbers(_structure(file)), group, None)
     longest = max(c.n_values for c in chosen.values())
     alike = {n: c for n, c in chosen.items() if c.n_values == longest}
@@ -142,42 +87,7 @@ def read(
     time: str | None = None,
     sampling_rate: Any = None,
 ) -> Recording:
-    """Return the channels of a TDMS file.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    channel : str, optional
-        The one channel to read; needed where the channels have different times.
-    lateral_step : None
-        Not accepted: the channels are over time.
-    unit : str or mapping of str to str, optional
-        Unit of channels whose label metrosep does not know.
-    group : str, optional
-        The one group to read.
-    time : str, optional
-        Channel that holds the times, where no sampling interval is stored.
-    sampling_rate : float (Hz) or str, optional
-        Where the file stores no sampling interval.
-
-    Returns
-    -------
-    Recording
-        Scaled, in SI where the unit is known. Time from the start of the earliest channel plus its
-        offset; that start is ``metadata["start_utc"]``.
-
-    Raises
-    ------
-    FormatMismatchError
-        If the file is of another format, a name does not exist, or times differ.
-    CorruptFileError
-        If the structure or a scale does not fit.
-    UnsupportedFeatureError
-        If it is an index file, too long to be read as a whole, or a scale needs npTDMS.
-    UnitError
-        If the times have no unit.
-    """
+    """Return the channels of a TDMS file."""
     refuse_options(file, "a TDMS recording", lateral_step=lateral_step)
     found = _structure(file)
     chosen = _chosen(file, _numbers(found), group, channel)
@@ -207,27 +117,7 @@ def read(
 
 
 def iter_chunks(file: RawFile, names: Sequence[str], size: int) -> Iterator[dict[str, FloatArray]]:
-    """Yield the samples of channels from their start, a chunk at a time, in bounded memory.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    names : sequence of str
-        Some of `channels`.
-    size : int
-        Samples of each channel in a chunk; the last chunk may be shorter.
-
-    Yields
-    ------
-    dict of str to ndarray, shape (n,)
-        Scaled as the file says, in its unit; NaN where a channel has ended.
-
-    Raises
-    ------
-    FormatMismatchError
-        If a name does not exist.
-    """
+    """Yield the samples of channels from their start, a chunk at a time, in bounded memory."""
     found = _structure(file)
     known = _numbers(found)
     chosen = {name: _chosen(file, known, None, name)[name] for name in names}

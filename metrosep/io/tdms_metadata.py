@@ -36,68 +36,28 @@ _EPOCH = datetime(1904, 1, 1)  # UTC by definition
 
 @dataclass(frozen=True, slots=True)
 class Scaler:
-    """Where the raw values of a DAQmx channel are.
+    """Where the raw values of a DAQmx channel are."""
 
-    Parameters
-    ----------
-    number : int
-        The scale that these values are the input of.
-    code : str
-        NumPy type.
-    buffer : int
-        Which buffer of the chunk.
-    byte : int
-        First byte in a row.
-    bit : int or None
-        Bit of a digital line.
-    """
-
-    number: int
-    code: str
-    buffer: int
-    byte: int
-    bit: int | None
+    number: int  # the scale that these values are the input of
+    code: str  # numPy type
+    buffer: int  # which buffer of the chunk
+    byte: int  # first byte in a row
+    bit: int | None  # bit of a digital line
 
 
 @dataclass(frozen=True, slots=True)
 class Index:
-    """Raw data of an object in each chunk.
+    """Raw data of an object in each chunk."""
 
-    Parameters
-    ----------
-    type_code : int
-        Type of the values.
-    count : int
-        Number of values.
-    n_bytes : int
-        Bytes, unless DAQmx.
-    scalers : tuple of Scaler, optional
-        For DAQmx.
-    widths : tuple of int, optional
-        Bytes of a row of each DAQmx buffer.
-    """
-
-    type_code: int
-    count: int
-    n_bytes: int
-    scalers: tuple[Scaler, ...] = ()
-    widths: tuple[int, ...] = ()
+    type_code: int  # type of the values
+    count: int  # number of values
+    n_bytes: int  # bytes, unless DAQmx
+    scalers: tuple[Scaler, ...] = ()  # for DAQmx
+    widths: tuple[int, ...] = ()  # bytes of a row of each DAQmx buffer
 
 
 class Cursor:
-    """A place in a block of metadata that moves as fields are read.
-
-    Parameters
-    ----------
-    file : RawFile
-        For the message.
-    block : bytes
-        The metadata.
-    offset : int
-        Where the block begins in the file.
-    order : {"<", ">"}
-        Byte order.
-    """
+    """A place in a block of metadata that moves as fields are read."""
 
     def __init__(self, file: RawFile, block: bytes, offset: int, order: str) -> None:
         self.file, self.order = file, order
@@ -109,25 +69,7 @@ class Cursor:
         return self._start + self._at
 
     def take(self, size: int, name: str) -> bytes:
-        """Return the next bytes.
-
-        Parameters
-        ----------
-        size : int
-            How many.
-        name : str
-            What they are.
-
-        Returns
-        -------
-        bytes
-            Exactly `size`.
-
-        Raises
-        ------
-        CorruptFileError
-            If the block ends before.
-        """
+        """Return the next bytes."""
         end = self._at + size
         if end > len(self._block):
             raise CorruptFileError(
@@ -143,52 +85,17 @@ class Cursor:
         return part
 
     def numbers(self, codes: str, name: str) -> tuple[Any, ...]:
-        """Return the next fields by their `struct` codes.
-
-        Parameters
-        ----------
-        codes : str
-            Without byte order.
-        name : str
-            What they are.
-
-        Returns
-        -------
-        tuple
-            One value per code.
-        """
+        """Return the next fields by their `struct` codes."""
         layout = struct.Struct(self.order + codes)
         return layout.unpack(self.take(layout.size, name))
 
     def text(self, name: str) -> str:
-        """Return the next string.
-
-        Parameters
-        ----------
-        name : str
-            What it is.
-
-        Returns
-        -------
-        str
-            Bytes that are not UTF-8 become the mark of an unknown character.
-        """
+        """Return the next string."""
         (size,) = self.numbers("I", name)
         return self.take(size, name).decode("utf-8", "replace")
 
     def property(self) -> tuple[str, Any]:
-        """Return the next property.
-
-        Returns
-        -------
-        tuple of (str, value)
-            A time is ISO 8601 text in UTC.
-
-        Raises
-        ------
-        CorruptFileError
-            If its type is unknown.
-        """
+        """Return the next property."""
         name = self.text("name of a property")
         (code,) = self.numbers("I", f"type of property {name[:40]!r}")
         if code == STRING:
@@ -214,20 +121,7 @@ class Cursor:
         return f"{moment.isoformat(timespec='seconds')}.{fraction * 10**9 >> 64:09d}Z"
 
     def wrong(self, reason: str, name: str, expected: object, found: object) -> CorruptFileError:
-        """Return the error for a field.
-
-        Parameters
-        ----------
-        reason, name : str
-            What is wrong, and where.
-        expected, found : object
-            What should be there, and what is.
-
-        Returns
-        -------
-        CorruptFileError
-            To be raised.
-        """
+        """Return the error for a field."""
         return CorruptFileError(
             self.file.path,
             reason,
@@ -239,29 +133,7 @@ class Cursor:
 
 
 def read_index(cursor: Cursor, head: int, path: str) -> Index:
-    """Return the index of raw data that follows its first word.
-
-    Parameters
-    ----------
-    cursor : Cursor
-        Behind that word.
-    head : int
-        The word: length of the index, or the kind of DAQmx data.
-    path : str
-        Object, for the message.
-
-    Returns
-    -------
-    Index
-        Checked against nothing but itself.
-
-    Raises
-    ------
-    CorruptFileError
-        If it cannot be.
-    UnsupportedFeatureError
-        If the type of the values is not read.
-    """
+    """Return the index of raw data that follows its first word."""
     name = f"raw data of {path[:40]}"
     code, dimension, count = cursor.numbers("IIQ", name)
     if dimension != 1:

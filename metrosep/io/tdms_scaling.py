@@ -35,29 +35,7 @@ _OWN = ("Linear", "Polynomial", "AdvancedAPI")
 def scaling_of(
     file: RawFile, channel: TdmsChannel, inherited: tuple[Mapping[str, Any], ...]
 ) -> Scaling:
-    """Return how the raw values of a channel become its samples.
-
-    Parameters
-    ----------
-    file : RawFile
-        For the message.
-    channel : TdmsChannel
-        With its properties.
-    inherited : tuple of mapping
-        Properties of its group and of the file, asked in this order.
-
-    Returns
-    -------
-    callable
-        Of the raw values by scaler.
-
-    Raises
-    ------
-    CorruptFileError
-        If the description of the scales does not fit.
-    UnsupportedFeatureError
-        If it needs npTDMS, which is not installed or does not know it.
-    """
+    """Return how the raw values of a channel become its samples."""
     for properties in (channel.properties, *inherited):
         n_scales = _number(file, channel, properties)
         if n_scales and properties.get("NI_Scaling_Status", "unscaled") != "scaled":

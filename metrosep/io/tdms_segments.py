@@ -33,39 +33,17 @@ _BLOCK_BYTES = 2**22
 
 @dataclass(frozen=True, slots=True)
 class Extent:
-    """Values of a channel in the chunks of one segment.
+    """Values of a channel in the chunks of one segment."""
 
-    Parameters
-    ----------
-    offset : int
-        Byte of the first value in the file.
-    dtype : dtype
-        Type and byte order of a value.
-    stride : int
-        Bytes from a value to the next one.
-    count : int
-        Values in a whole chunk.
-    n_chunks : int
-        Whole chunks.
-    chunk_bytes : int
-        Bytes of a chunk with all its channels.
-    last_offset : int
-        Byte of the first value in the chunk that is not whole.
-    last_count : int
-        Values there.
-    bit : int, optional
-        The bit that holds a digital line.
-    """
-
-    offset: int
-    dtype: np.dtype[Any]
-    stride: int
-    count: int
-    n_chunks: int
-    chunk_bytes: int
-    last_offset: int = 0
-    last_count: int = 0
-    bit: int | None = None
+    offset: int  # byte of the first value in the file
+    dtype: np.dtype[Any]  # dtype: type and byte order of a value
+    stride: int  # bytes from a value to the next one
+    count: int  # values in a whole chunk
+    n_chunks: int  # whole chunks
+    chunk_bytes: int  # bytes of a chunk with all its channels
+    last_offset: int = 0  # byte of the first value in the chunk that is not whole
+    last_count: int = 0  # values there
+    bit: int | None = None  # the bit that holds a digital line
 
     @property
     def n_values(self) -> int:
@@ -73,18 +51,7 @@ class Extent:
         return self.count * self.n_chunks + self.last_count
 
     def blocks(self, handle: BinaryIO) -> Iterator[NDArray[Any]]:
-        """Yield the values in order, a few megabytes at a time.
-
-        Parameters
-        ----------
-        handle : binary file
-            The open file.
-
-        Yields
-        ------
-        ndarray
-            As stored.
-        """
+        """Yield the values in order, a few megabytes at a time."""
         size = self.dtype.itemsize
         if self.chunk_bytes <= _BLOCK_BYTES:  # many chunks at once
             each = max(1, _BLOCK_BYTES // self.chunk_bytes)
@@ -121,25 +88,15 @@ def _part(handle: BinaryIO, offset: int, length: int) -> bytes:
 
 @dataclass(slots=True)
 class TdmsChannel:
-    """An object of the file: properties, and the places of its samples.
+    """An object of the file: properties, and the places of its samples."""
 
-    Parameters
-    ----------
-    group, name : str
-        The two parts of its path; `name` is empty for a group, both for the file itself.
-    properties : dict, optional
-        As in the file; what a later segment says counts.
-    extents : dict of int to list of Extent, optional
-        By the number of the DAQmx scaler, -1 for other data.
-    type_code : int, optional
-        Type of the values; 0 when there are none.
-    """
-
-    group: str
+    group: str  # the two parts of its path; `name` is empty for a group, both for the file itself
     name: str
+    # as in the file; what a later segment says counts
     properties: dict[str, Any] = field(default_factory=dict)
+    # to list of Extent: by the number of the DAQmx scaler, -1 for other data
     extents: dict[int, list[Extent]] = field(default_factory=dict)
-    type_code: int = 0
+    type_code: int = 0  # type of the values; 0 when there are none
 
     @property
     def n_values(self) -> int:
@@ -149,24 +106,13 @@ class TdmsChannel:
 
 @dataclass(slots=True)
 class TdmsFile:
-    """Objects of a file by their path, and what is odd about it.
+    """Objects of a file by their path, and what is odd about it."""
 
-    Parameters
-    ----------
-    objects : dict of str to TdmsChannel, optional
-        In the order of the file.
-    warnings : list of str, optional
-        Sentences.
-    version : int, optional
-        Version in the first lead-in.
-    n_segments : int, optional
-        Number of segments.
-    """
-
+    # to TdmsChannel: in the order of the file
     objects: dict[str, TdmsChannel] = field(default_factory=dict)
-    warnings: list[str] = field(default_factory=list)
-    version: int = 0
-    n_segments: int = 0
+    warnings: list[str] = field(default_factory=list)  # sentences
+    version: int = 0  # version in the first lead-in
+    n_segments: int = 0  # number of segments
 
 
 @dataclass(slots=True)
@@ -184,27 +130,7 @@ class _Segment:
 
 
 def read_structure(file: RawFile) -> TdmsFile:
-    """Return the objects of a TDMS file and the places of their samples.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    TdmsFile
-        With a warning where the file was not finished or is cut off.
-
-    Raises
-    ------
-    FormatMismatchError
-        If it is no TDMS file.
-    CorruptFileError
-        If lead-ins or metadata do not fit.
-    UnsupportedFeatureError
-        If the samples are in too many pieces, or of a type that is not read.
-    """
+    """Return the objects of a TDMS file and the places of their samples."""
     found = TdmsFile()
     layout: dict[str, Index | None] = {}  # objects of the segment, None without samples
     active: dict[str, Index] = {}

@@ -42,34 +42,12 @@ _HEADER_LINES = 1000
 
 
 def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is a TwinCAT Scope export.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    Match
-        YES when the text begins with a row of names and a row of data types follows.
-    """
+    """Return how sure we are that a file is a TwinCAT Scope export."""
     return Match.NO if _type_row(first_lines(file)) is None else Match.YES
 
 
 def channels(file: RawFile) -> tuple[str, ...]:
-    """Return the names of the channels.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    tuple of str
-        As in the row ``Name``.
-    """
+    """Return the names of the channels."""
     return _export(file)[0].names
 
 
@@ -80,34 +58,7 @@ def read(
     lateral_step: Any = None,
     unit: Any = None,
 ) -> Recording:
-    """Return the channels of a TwinCAT Scope export.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    channel : str, optional
-        The one channel to read; needed where the channels have different times.
-    lateral_step : None
-        Not accepted: the channels are over time.
-    unit : str or mapping of str to str, optional
-        Unit of channels for which the file gives none.
-
-    Returns
-    -------
-    Recording
-        Time in s from the start of the export, or from the first FILETIME; that start, as ISO 8601
-        text in UTC, is ``metadata["start_utc"]``. Angles that wrap are left as they are.
-
-    Raises
-    ------
-    FormatMismatchError
-        If the file is of another format, or holds several times and no channel was chosen.
-    CorruptFileError
-        If a header or a row does not fit.
-    UnsupportedFeatureError
-        If the separator is part of the names.
-    """
+    """Return the channels of a TwinCAT Scope export."""
     refuse_options(file, "a TwinCAT Scope recording", lateral_step=lateral_step)
     data, header, start, warnings = _export(file)
     return data.recording(

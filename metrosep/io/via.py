@@ -69,23 +69,7 @@ _TESTED = "1.27."
 
 
 def format_of(file: RawFile) -> Format | None:
-    """Return the description of a format that SurfaceTopography reads, or ``None``.
-
-    Parameters
-    ----------
-    file : RawFile
-        A file that no reader of metrosep knows.
-
-    Returns
-    -------
-    Format or None
-        ``None`` when its suffix is not one of `SUFFIXES`.
-
-    Raises
-    ------
-    UnsupportedFeatureError
-        If the package is needed and not installed.
-    """
+    """Return the description of a format that SurfaceTopography reads, or ``None``."""
     suffix = PurePath(file.name).suffix.lower()
     if suffix not in SUFFIXES:
         return None
@@ -115,37 +99,7 @@ def read_via(
     unit: Any = None,
     row_order: str | None = None,
 ) -> Surface | Profile:
-    """Return the map or line that SurfaceTopography reads.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file; its suffix picks the reader.
-    channel : str, optional
-        Name of a height channel.
-    lateral_step : float (m), str or pair, optional
-        Replaces the steps.
-    unit : None
-        Not accepted: a map whose unit the package does not know is refused.
-    row_order : {"top row first", "smallest y first"}, optional
-        How the rows of the package's map lie; needed where nothing shows it.
-
-    Returns
-    -------
-    Surface or Profile
-        ``metadata["via"]`` names package and version; a warning says that metrosep has not
-        verified the numbers. ``metadata["orientation_evidence"]`` is ``pair``, ``peer`` or
-        ``stated``.
-
-    Raises
-    ------
-    CorruptFileError
-        If the package cannot read the file.
-    UnitError
-        If it knows no unit of length.
-    UnsupportedFeatureError
-        If there is no such channel, or nothing shows how the rows of a map lie.
-    """
+    """Return the map or line that SurfaceTopography reads."""
     import SurfaceTopography as package  # noqa: N813
     from SurfaceTopography.IO import readers
 

@@ -56,20 +56,7 @@ _PLACE = re.compile(r"([A-Z]{1,3})(\d{1,7})")
 
 
 def zip_members(file: RawFile, *wanted: str) -> dict[str, bytes]:
-    """Return the members by name with the start of those wanted; of a cut archive, those in its head.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    *wanted : str
-        Names of members whose start is wanted.
-
-    Returns
-    -------
-    dict of str to bytes
-        Empty where it is no zip archive; no bytes of a member that is damaged or not wanted.
-    """
+    """Return the members by name with the start of those wanted; of a cut archive, those in its head."""
     if not file.head.startswith(_LOCAL_HEADER):
         return {}
     try:
@@ -102,20 +89,7 @@ def _start(archive: zipfile.ZipFile, name: str) -> bytes:
 
 
 class Workbook:
-    """Worksheets of a file, by name.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Raises
-    ------
-    FormatMismatchError
-        If it is no zip archive.
-    CorruptFileError
-        If it is no readable workbook.
-    """
+    """Worksheets of a file, by name."""
 
     def __init__(self, file: RawFile) -> None:
         self._file = file
@@ -138,27 +112,7 @@ class Workbook:
         return tuple(self._sheets)
 
     def cells(self, sheet: str, columns: Collection[str] = (), stop: int | None = None) -> Cells:
-        """Return the cells of a worksheet that hold something.
-
-        Parameters
-        ----------
-        sheet : str
-            One of `names`.
-        columns : collection of str, optional
-            Letters of the columns to return; all if empty.
-        stop : int, optional
-            Return no more than so many rows.
-
-        Returns
-        -------
-        list of (int, dict)
-            Numbers as float, finite; everything else as text, errors of formulas left out.
-
-        Raises
-        ------
-        CorruptFileError
-            If the worksheet is missing or damaged.
-        """
+        """Return the cells of a worksheet that hold something."""
         if sheet not in self._sheets:
             raise self._corrupt(f"has no worksheet {sheet!r}")
         member = self._sheets[sheet]

@@ -43,18 +43,7 @@ FORMAT = "x3p"
 
 
 def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is an X3P file.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    Match
-        YES for a zip archive with the members of X3P; ``.x3p`` makes any other archive MAYBE.
-    """
+    """Return how sure we are that a file is an X3P file."""
     if not file.head.startswith(b"PK\x03\x04"):
         return Match.NO
     members = zip_members(file)
@@ -72,35 +61,6 @@ def read(
     max_pixels: int | None = None,
 ) -> Surface | Profile:
     """Return the surface or profile of an X3P file.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    channel : {"height"}, optional
-        The data set.
-    lateral_step : float (m), str or pair, optional
-        Replaces the increments of a surface; the file's own stay in the metadata.
-    unit : None
-        Not accepted: the format is in metres.
-    max_pixels : int, optional
-        Largest map to allocate, 2**28 if omitted; given, any compression ratio is accepted.
-
-    Returns
-    -------
-    Surface or Profile
-        SI; with the history that metrosep wrote into the comment, and the kind and the cut-offs of
-        a profile. Wrong checksums and other oddities are listed in ``metadata["warnings"]``.
-
-    Raises
-    ------
-    CorruptFileError
-        If archive, XML, sizes or scales are damaged, no point was measured, or the kind or a
-        cut-off that metrosep noted is damaged.
-    FormatMismatchError
-        If the file is no zip archive, or the positions of a profile are not monotonic.
-    UnsupportedFeatureError
-        For scattered points, several layers and maps beyond `max_pixels`.
 
     Notes
     -----

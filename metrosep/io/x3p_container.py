@@ -41,34 +41,12 @@ _DAMAGE = (
 
 
 def md5(data: bytes) -> str:
-    """Return the MD5 of bytes, as the format demands it; not for security.
-
-    Parameters
-    ----------
-    data : bytes
-        Content of a member.
-
-    Returns
-    -------
-    str
-        32 lower-case hexadecimal digits.
-    """
+    """Return the MD5 of bytes, as the format demands it; not for security."""
     return hashlib.md5(data, usedforsecurity=False).hexdigest()
 
 
 class Container:
-    """Members of an X3P archive.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Raises
-    ------
-    CorruptFileError
-        If it is no readable zip archive or has no ``main.xml``.
-    """
+    """Members of an X3P archive."""
 
     def __init__(self, file: RawFile) -> None:
         self._file = file
@@ -104,29 +82,7 @@ class Container:
         return member in self._members
 
     def read(self, member: str, *, limit: int = _MAX_XML, trusted: bool = False) -> bytes:
-        """Return the content of a member.
-
-        Parameters
-        ----------
-        member : str
-            Its name, relative to ``main.xml``; a name that leaves the archive is refused.
-        limit : int, bytes, optional
-            Refuse a member that claims or holds more.
-        trusted : bool, optional
-            Accept any compression ratio.
-
-        Returns
-        -------
-        bytes
-            At most `limit` bytes.
-
-        Raises
-        ------
-        CorruptFileError
-            If the member is missing, lies outside, is damaged or too large.
-        UnsupportedFeatureError
-            If it is encrypted, or packed with a method other than deflate.
-        """
+        """Return the content of a member."""
         parts = PurePosixPath(member.replace("\\", "/")).parts
         if ".." in parts or member.startswith(("/", "\\")) or ":" in member:
             raise self._corrupt("points to a file outside of itself, which is never read", member)
@@ -178,25 +134,7 @@ def _short(exc: BaseException) -> str:
 
 
 def parse_xml(file: RawFile, data: bytes) -> Element:
-    """Return the root of a document without document type, entities or references.
-
-    Parameters
-    ----------
-    file : RawFile
-        For the message.
-    data : bytes
-        The document.
-
-    Returns
-    -------
-    Element
-        Root, namespaces removed from every tag.
-
-    Raises
-    ------
-    CorruptFileError
-        If it is not well-formed, or declares a document type or an entity.
-    """
+    """Return the root of a document without document type, entities or references."""
     from xml.etree.ElementTree import ParseError
 
     from defusedxml import DefusedXmlException
@@ -225,18 +163,7 @@ def parse_xml(file: RawFile, data: bytes) -> Element:
 
 
 def flatten(root: Element) -> dict[str, str]:
-    """Return the text of every leaf by its path, such as ``Record1/Axes/CX/Increment``.
-
-    Parameters
-    ----------
-    root : Element
-        Root of ``main.xml``.
-
-    Returns
-    -------
-    dict of str to str
-        In document order; the points of a ``DataList`` are left out, repeats get ``#2``.
-    """
+    """Return the text of every leaf by its path, such as ``Record1/Axes/CX/Increment``."""
     fields: dict[str, str] = {}
 
     def visit(element: Element, path: str) -> None:

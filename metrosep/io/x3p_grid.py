@@ -26,31 +26,7 @@ def on_grid(
     values: dict[str, FloatArray],
     warnings: list[str],
 ) -> tuple[FloatArray, tuple[float, float], tuple[float, float]]:
-    """Return points that carry their positions as a map, if they lie on a regular grid.
-
-    Parameters
-    ----------
-    file : RawFile
-        For the message.
-    axes : tuple of Axis
-        The axes; an incremental one counts along the matrix.
-    shape : tuple of (int, int)
-        Rows and columns of the matrix.
-    values : dict of str to ndarray, m
-        Coordinates of the absolute axes.
-    warnings : list of str
-        Gets a sentence on points without a position.
-
-    Returns
-    -------
-    tuple of (ndarray, (float, float), (float, float))
-        Heights by row y and column x, NaN where there is no point; steps and origin in m.
-
-    Raises
-    ------
-    UnsupportedFeatureError
-        If the points are scattered.
-    """
+    """Return points that carry their positions as a map, if they lie on a regular grid."""
     row, column = np.divmod(np.arange(shape[0] * shape[1]), shape[1])
     x, y = (
         values[a.name] if a.is_absolute else a.metres(np.asarray(index, dtype=np.float64))

@@ -33,55 +33,22 @@ _MAX_STEP = 1e3
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """One axis of the file.
+    """One axis of the file."""
 
-    Parameters
-    ----------
-    name : str
-        ``CX``, ``CY`` or ``CZ``.
-    is_absolute : bool
-        Whether its coordinates are stored; an incremental axis counts from its offset.
-    dtype : str
-        Type of a stored coordinate.
-    increment, offset : float, m
-        ``metres = raw * increment + offset``.
-    """
-
-    name: str
+    name: str  # ``CX``, ``CY`` or ``CZ``
+    # whether its coordinates are stored; an incremental axis counts from its offset
     is_absolute: bool
-    dtype: str
-    increment: float
+    dtype: str  # type of a stored coordinate
+    increment: float  # m: ``metres = raw * increment + offset``
     offset: float
 
     def metres(self, raw: FloatArray) -> FloatArray:
-        """Return stored coordinates in m.
-
-        Parameters
-        ----------
-        raw : ndarray
-            As stored.
-
-        Returns
-        -------
-        ndarray
-            In m.
-        """
+        """Return stored coordinates in m."""
         return raw * self.increment + self.offset
 
 
 def feature(root: Element) -> str:
-    """Return the kind of the data.
-
-    Parameters
-    ----------
-    root : Element
-        Root of ``main.xml``.
-
-    Returns
-    -------
-    str
-        ``SUR`` (also where none is given), ``PRF`` or ``PCL``.
-    """
+    """Return the kind of the data."""
     return (root.findtext("Record1/FeatureType") or "SUR").strip().upper()
 
 
@@ -104,27 +71,7 @@ def _number(file: RawFile, text: str | None, field: str, default: float | None =
 
 
 def read_axes(file: RawFile, root: Element, warnings: list[str]) -> tuple[Axis, ...]:
-    """Return the three axes.
-
-    Parameters
-    ----------
-    file : RawFile
-        For the message.
-    root : Element
-        Root of ``main.xml``.
-    warnings : list of str
-        Gets a sentence where an increment was taken as 1.
-
-    Returns
-    -------
-    tuple of Axis
-        ``CX``, ``CY``, ``CZ``.
-
-    Raises
-    ------
-    CorruptFileError
-        If an axis is missing, of unknown type, or its step is not usable.
-    """
+    """Return the three axes."""
     axes = []
     for name in _AXES:
         element = root.find(f"Record1/Axes/{name}")
@@ -158,29 +105,7 @@ def read_axes(file: RawFile, root: Element, warnings: list[str]) -> tuple[Axis, 
 
 
 def read_shape(file: RawFile, root: Element, max_pixels: int) -> tuple[int, int]:
-    """Return the size of the map, before anything is allocated.
-
-    Parameters
-    ----------
-    file : RawFile
-        For the message.
-    root : Element
-        Root of ``main.xml``.
-    max_pixels : int
-        Largest map.
-
-    Returns
-    -------
-    tuple of (int, int)
-        Rows and columns; a list of points is one row.
-
-    Raises
-    ------
-    CorruptFileError
-        If a size is no whole number above 0.
-    UnsupportedFeatureError
-        For layers and maps beyond `max_pixels`.
-    """
+    """Return the size of the map, before anything is allocated."""
     if root.find("Record3/MatrixDimension") is None and feature(root) == "PCL":
         columns, rows, layers = _size(file, root, "ListDimension"), 1, 1
     else:
@@ -215,26 +140,7 @@ def _size(file: RawFile, root: Element, name: str) -> int:
 def refuse_unread(
     file: RawFile, root: Element, axes: tuple[Axis, ...], shape: tuple[int, int]
 ) -> None:
-    """Refuse what is legal X3P and not read.
-
-    Parameters
-    ----------
-    file : RawFile
-        For the message.
-    root : Element
-        Root of ``main.xml``.
-    axes : tuple of Axis
-        The axes.
-    shape : tuple of (int, int)
-        Rows and columns.
-
-    Raises
-    ------
-    UnsupportedFeatureError
-        For features that are not SUR, PRF or PCL.
-    CorruptFileError
-        If the z axis is incremental, a list has an incremental axis, or a profile several rows.
-    """
+    """Refuse what is legal X3P and not read."""
     kind = feature(root)
     if kind not in {"SUR", "PRF", "PCL"}:
         raise UnsupportedFeatureError(
@@ -264,33 +170,7 @@ def read_points(
     *,
     trusted: bool,
 ) -> dict[str, FloatArray]:
-    """Return the stored coordinates of each absolute axis.
-
-    Parameters
-    ----------
-    file : RawFile
-        For the message.
-    container : Container
-        The archive.
-    root : Element
-        Root of ``main.xml``.
-    axes : tuple of Axis
-        The axes.
-    shape : tuple of (int, int)
-        Rows and columns.
-    trusted : bool
-        Accept any compression ratio.
-
-    Returns
-    -------
-    dict of str to ndarray, shape (rows * columns,), m
-        By the name of the axis; NaN where not measured.
-
-    Raises
-    ------
-    CorruptFileError
-        If data are missing, do not fill the map, or no point was measured.
-    """
+    """Return the stored coordinates of each absolute axis."""
     stored = [a for a in axes if a.is_absolute]
     count = shape[0] * shape[1]
     link = (root.findtext("Record3/DataLink/PointDataLink") or "").strip()

@@ -30,23 +30,7 @@ _NO_DATE = "1970-01-01T00:00:00"
 
 
 def x3p_bytes(obj: Surface | Profile) -> bytes:
-    """Return an object as the content of an X3P file.
-
-    Parameters
-    ----------
-    obj : Surface or Profile
-        Surfaces need both lateral steps.
-
-    Returns
-    -------
-    bytes
-        A zip archive with ``main.xml``, its MD5 and the binary data.
-
-    Raises
-    ------
-    WriteError
-        If a surface is laterally not calibrated, or nothing was measured.
-    """
+    """Return an object as the content of an X3P file."""
     if np.isnan(obj.z).all():
         raise WriteError("nothing was measured, so there is nothing to write as X3P")
     if isinstance(obj, Surface):

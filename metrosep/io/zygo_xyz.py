@@ -78,18 +78,7 @@ _FIELD = re.compile(r'"[^"]*"|\S+')
 
 
 def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is a Zygo XYZ file.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-
-    Returns
-    -------
-    Match
-        YES when the first words are the ones of the format.
-    """
+    """Return how sure we are that a file is a Zygo XYZ file."""
     return Match.YES if file.head.startswith(_MAGIC.encode()) else Match.NO
 
 
@@ -101,38 +90,7 @@ def read(
     unit: Any = None,
     max_pixels: int | None = None,
 ) -> Surface:
-    """Return the height map of a Zygo XYZ file.
-
-    Parameters
-    ----------
-    file : RawFile
-        The file.
-    channel : {"height"}, optional
-        The data set.
-    lateral_step : float (m), str or pair, optional
-        Replaces the file's lateral resolution; the file's own is kept in the metadata.
-    unit : str, optional
-        Unit of z; um if omitted, with a warning that says so.
-    max_pixels : int, optional
-        Largest map to allocate; 2**28 if omitted.
-
-    Returns
-    -------
-    Surface
-        Heights in m over the whole window of the header. A lateral resolution of 0 in the file
-        means not calibrated and gives ``None``.
-
-    Raises
-    ------
-    FormatMismatchError
-        If the first line is another.
-    CorruptFileError
-        If header or points do not fit, or no pixel was measured.
-    UnsupportedFeatureError
-        If the version is another, or the map is larger than `max_pixels`.
-    UnitError
-        If `unit` is no length.
-    """
+    """Return the height map of a Zygo XYZ file."""
     only_channels(file, "Zygo XYZ", channel)
     override = lateral_steps(lateral_step)
     scale = parse_unit("um" if unit is None else str(unit), dimension="length")

@@ -99,18 +99,7 @@ class Identification:
     messages: tuple[str, ...] = ()
 
     def __getitem__(self, term: str) -> Quantity:
-        """Return the amount of a term; NaN where the map does not determine it.
-
-        Parameters
-        ----------
-        term : str
-            Of `names`.
-
-        Raises
-        ------
-        DataError
-            If the term was not asked for.
-        """
+        """Return the amount of a term; NaN where the map does not determine it."""
         if term not in self.names:
             raise DataError(f"{term!r} was not asked for; there are {', '.join(self.names)}")
         i = self.names.index(term)

@@ -39,25 +39,15 @@ error is 1e-8 of a map that varies with the radius."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Perturbation:
-    """A surface and its small changes, as a wavefront hook gets them.
+    """A surface and its small changes, as a wavefront hook gets them."""
 
-    Parameters
-    ----------
-    x, y, z, slope_x, slope_y : ndarray, shape (n,)
-        Points of the nominal surface in m, and its slopes.
-    dz : ndarray, shape (n, m), m per unit
-        Change of height, one column per term.
-    dslope_x, dslope_y : ndarray, shape (n, m), per unit
-        Change of the slopes.
-    """
-
-    x: FloatArray
+    x: FloatArray  # shape (n,): points of the nominal surface in m, and its slopes
     y: FloatArray
     z: FloatArray
     slope_x: FloatArray
     slope_y: FloatArray
-    dz: FloatArray
-    dslope_x: FloatArray
+    dz: FloatArray  # shape (n, m), m per unit: change of height, one column per term
+    dslope_x: FloatArray  # shape (n, m), per unit: change of the slopes
     dslope_y: FloatArray
 
 

@@ -46,23 +46,7 @@ _UNIT_KEYS = (
 
 
 def toml_table(path: str | PathLike[str]) -> dict[str, Any]:
-    """Return the content of a TOML file.
-
-    Parameters
-    ----------
-    path : str or path
-        The file.
-
-    Returns
-    -------
-    dict
-        Its tables.
-
-    Raises
-    ------
-    DataError
-        The file is no TOML in UTF-8 (a byte order mark is allowed), or nested too deeply.
-    """
+    """Return the content of a TOML file."""
     try:
         return tomllib.loads(read_plain(path, MACHINE_BYTES).decode("utf-8-sig"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as exc:
@@ -74,27 +58,7 @@ def toml_table(path: str | PathLike[str]) -> dict[str, Any]:
 def chain_parts(
     table: Mapping[str, Any], parameters: Mapping[str, float], *, source: str = "chain"
 ) -> tuple[list[Element], str, str]:
-    """Return the elements, the name and the description that a table holds.
-
-    Parameters
-    ----------
-    table : mapping
-        Keys ``name``, ``description``, ``parameters`` and ``element``.
-    parameters : mapping of str to float, SI
-        Values of the parameters.
-    source : str, optional
-        File name for messages.
-
-    Returns
-    -------
-    tuple of (list of Element, str, str)
-        Elements in the order of the table.
-
-    Raises
-    ------
-    DataError
-        A key, a unit or a parameter is unknown or missing; the message names source and key.
-    """
+    """Return the elements, the name and the description that a table holds."""
     _known(table, _TABLE_KEYS, source)
     for key in ("name", "description"):
         if not isinstance(table.get(key, ""), str):

@@ -258,16 +258,6 @@ class Element:
 def error_sign(element: Element) -> float:
     """Return what turns an element's errors into motions of its body: -1 or 1.
 
-    Parameters
-    ----------
-    element : Element
-        One element of a chain.
-
-    Returns
-    -------
-    float
-        -1 where the errors are the tool's and the element carries the workpiece.
-
     Examples
     --------
     >>> error_sign(Element("X", "workpiece", "linear", errors_of="tool"))

@@ -294,23 +294,7 @@ def groups_alike(
 
 
 def check_gram(matrix: ArrayLike) -> FloatArray:
-    """Return a Gram matrix as float64.
-
-    Parameters
-    ----------
-    matrix : array_like, shape (m, m)
-        As given.
-
-    Returns
-    -------
-    ndarray
-        Square, symmetric, finite.
-
-    Raises
-    ------
-    InvalidSamplesError
-        If it is not.
-    """
+    """Return a Gram matrix as float64."""
     G = np.asarray(matrix, dtype=np.float64)
     if G.ndim != 2 or G.shape[0] != G.shape[1] or not np.isfinite(G).all():
         raise InvalidSamplesError(f"a Gram matrix is square and finite, got shape {G.shape}")
@@ -320,25 +304,7 @@ def check_gram(matrix: ArrayLike) -> FloatArray:
 
 
 def check_covariance(covariance: ArrayLike, n: int) -> FloatArray:
-    """Return a covariance matrix; variances become its diagonal.
-
-    Parameters
-    ----------
-    covariance : array_like, shape (n, n) or (n,)
-        As given.
-    n : int
-        Terms.
-
-    Returns
-    -------
-    ndarray, shape (n, n)
-        Symmetric, no negative eigenvalue beyond rounding.
-
-    Raises
-    ------
-    InvalidSamplesError
-        If it is not a covariance of n terms.
-    """
+    """Return a covariance matrix; variances become its diagonal."""
     S = np.asarray(covariance, dtype=np.float64)
     if S.ndim == 1:
         S = np.diag(S)

@@ -197,16 +197,6 @@ def axis_of(term: str) -> str | None:
 def located_axis(term: str) -> str | None:
     """Return the axis whose place a location error describes.
 
-    Parameters
-    ----------
-    term : str
-        ISO 230-1 name.
-
-    Returns
-    -------
-    str or None
-        Axis name; None where the term is no location error.
-
     Examples
     --------
     >>> located_axis("B0Z"), located_axis("EXX")
@@ -218,16 +208,6 @@ def located_axis(term: str) -> str | None:
 
 def paper_hint(term: str) -> str:
     """Return what to add to a message about an unknown name: the term that the paper means by it.
-
-    Parameters
-    ----------
-    term : str
-        A name that a chain does not have.
-
-    Returns
-    -------
-    str
-        Empty where the paper does not have it either.
 
     Examples
     --------

@@ -204,18 +204,7 @@ class SensitivityTable:
         return float(np.sqrt(max(square, 0.0)))
 
     def __getitem__(self, term: str) -> Quantity:
-        """Return Sq of a term after alignment, with its definition.
-
-        Parameters
-        ----------
-        term : str
-            Of `names`.
-
-        Raises
-        ------
-        DataError
-            If the term is not in the table.
-        """
+        """Return Sq of a term after alignment, with its definition."""
         i = self._place(term)
         removed = ", ".join(self.removed) or "nothing"
         text = (

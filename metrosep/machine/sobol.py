@@ -135,24 +135,7 @@ def sobol_indices(
 def draws(
     n: int, magnitudes: FloatArray, mean: FloatArray, distribution: str, seed: int
 ) -> FloatArray:
-    """Return independent random amounts.
-
-    Parameters
-    ----------
-    n : int
-        How many.
-    magnitudes, mean : ndarray, shape (m,)
-        Half-width or standard uncertainty, and middle.
-    distribution : {"uniform", "normal"}
-        Of all terms.
-    seed : int
-        Of the generator.
-
-    Returns
-    -------
-    ndarray, shape (n, m)
-        In the units of the magnitudes.
-    """
+    """Return independent random amounts."""
     rng = np.random.default_rng(seed)
     shape = (n, magnitudes.size)
     unit = (

@@ -161,27 +161,7 @@ def path_sensitivity(
 
 
 def check_mode(mode: str, n: float | None, side: str = "inside") -> float | None:
-    """Return the refractive index, None for a mirror, or refuse the arguments.
-
-    Parameters
-    ----------
-    mode : str
-        "reflect" or "refract".
-    n : float or None
-        Refractive index.
-    side : str, optional
-        "inside" or "outside".
-
-    Returns
-    -------
-    float or None
-        The index to refract with.
-
-    Raises
-    ------
-    DataError
-        If a word is unknown, an index is missing, not wanted, or not a number above 1 and up to 10.
-    """
+    """Return the refractive index, None for a mirror, or refuse the arguments."""
     if mode not in ("reflect", "refract"):
         raise DataError(f'mode must be "reflect" or "refract", got {mode!r}')
     if side not in ("inside", "outside"):

@@ -40,45 +40,24 @@ _LITTLE = 0.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sampled:
-    """Points of an aperture.
+    """Points of an aperture."""
 
-    Parameters
-    ----------
-    x, y : ndarray, m
-        Positions from the optical axis.
-    z : ndarray, m
-        Heights; NaN where not known or outside.
-    slope_x, slope_y : ndarray
-        Slopes; NaN where not known.
-    weights : ndarray
-        Area that belongs to each point, relative.
-    radius : float, m
-        Of the aperture.
-    steps : tuple of (float, float) or None, m
-        Of a rectangular grid.
-    messages : tuple of str
-        What a reader should know.
-    doubt : tuple of (ndarray, ndarray) or None
-        What slopes from a single neighbour may be off by, in x and in y; 0 for all others, NaN where
-        that cannot be said. Of a map only.
-    centre : tuple of (float, float) or None, m
-        Optical axis in the coordinates of the map.
-    on_axis : float, m
-        Height of a map where the axis meets it, about: 0 where it is lost in scatter, NaN where
-        nothing was measured there. 0 for a form, which says what it means.
-    """
-
-    x: FloatArray
+    x: FloatArray  # m: positions from the optical axis
     y: FloatArray
-    z: FloatArray
-    slope_x: FloatArray
+    z: FloatArray  # m: heights; NaN where not known or outside
+    slope_x: FloatArray  # slopes; NaN where not known
     slope_y: FloatArray
-    weights: FloatArray
-    radius: float
-    steps: tuple[float, float] | None
-    messages: tuple[str, ...] = ()
+    weights: FloatArray  # area that belongs to each point, relative
+    radius: float  # m: of the aperture
+    steps: tuple[float, float] | None  # of (float, float) or None, m: of a rectangular grid
+    messages: tuple[str, ...] = ()  # what a reader should know
+    # of (ndarray, ndarray) or None: what slopes from a single neighbour may be off by, in x and in
+    # y; 0 for all others, NaN where that cannot be said. Of a map only
     doubt: tuple[FloatArray, FloatArray] | None = None
+    # of (float, float) or None, m: optical axis in the coordinates of the map
     centre: tuple[float, float] | None = None
+    # m: height of a map where the axis meets it, about: 0 where it is lost in scatter, NaN where
+    # nothing was measured there. 0 for a form, which says what it means
     on_axis: float = 0.0
 
 
@@ -89,31 +68,7 @@ def form_points(
     grid: str,
     samples: int | tuple[int, int] | None,
 ) -> Sampled:
-    """Return the points of a form on an aperture around its vertex.
-
-    Parameters
-    ----------
-    form : Form
-        Ideal surface.
-    radius : float or None, m
-        Of the aperture; needed.
-    inner_radius : float, m
-        Of a central hole.
-    grid : {"polar", "square"}
-        Rings of equal width with the points in the middle, or squares.
-    samples : int or tuple of int, optional
-        Radii and azimuths of a polar grid; points along a side of a square one.
-
-    Returns
-    -------
-    Sampled
-        With exact slopes.
-
-    Raises
-    ------
-    DataError
-        If an argument is not one that can be used, or the form is not defined somewhere.
-    """
+    """Return the points of a form on an aperture around its vertex."""
     if radius is None:
         raise DataError("the wavefront of an ideal form needs the radius of its aperture, in m")
     radius, inner_radius = _radii(radius, inner_radius)
@@ -143,39 +98,7 @@ def map_points(
     form: Form | None,
     vertex_height: float = 0.0,
 ) -> Sampled:
-    """Return the pixels of a measured map, with slopes from their neighbours.
-
-    Parameters
-    ----------
-    surface : Surface
-        With lateral calibration; NaN where not measured.
-    radius : float or None, m
-        Of the aperture; None: all that was measured.
-    inner_radius : float, m
-        Of a central hole.
-    centre : tuple of (float, float) or None, m
-        Optical axis in the coordinates of the map; None: the middle of what was measured
-        if no origin was declared, else (0, 0).
-    form : Form or None
-        Ideal surface about that axis: its slopes are exact, and only the rest is differenced.
-    vertex_height : float, m, optional
-        Height in the map of the plane from which heights count.
-
-    Returns
-    -------
-    Sampled
-        A pixel without any measured neighbour along a direction has no slope and is left out.
-
-    Raises
-    ------
-    DataError
-        If the map has no lateral calibration, an argument is not one that can be used, or the axis
-        lies beside the map and no radius is given.
-    InvalidSamplesError
-        If a height is a fill value.
-    TooFewSamplesError
-        If fewer than 3 pixels with slopes lie in the aperture.
-    """
+    """Return the pixels of a measured map, with slopes from their neighbours."""
     across, up, axis, notes = _about_the_axis(surface, centre, any_axis=radius is not None)
     dx, dy = surface.dx, surface.dy
     assert dx is not None and dy is not None  # noqa: S101, PT018  # refused just now
@@ -244,18 +167,7 @@ def _aperture(
 
 
 def check_grid(grid: str) -> None:
-    """Refuse a word that is no grid.
-
-    Parameters
-    ----------
-    grid : str
-        "polar" or "square".
-
-    Raises
-    ------
-    DataError
-        If it is neither.
-    """
+    """Refuse a word that is no grid."""
     if grid not in ("polar", "square"):
         raise DataError(f'grid must be "polar" or "square", got {grid!r}')
 

@@ -118,33 +118,7 @@ def fit_table(
     radius: float,
     messages: tuple[str, ...] = (),
 ) -> ZernikeTable:
-    """Return Zernike terms through points by least squares with the area as weight.
-
-    Parameters
-    ----------
-    points : tuple of 4 ndarray, each of shape (n,)
-        x, y and path difference in m, all known, and areas above zero.
-    terms : int or sequence of int
-        How many first terms, or their numbers.
-    order : {"ansi", "noll", "fringe"}
-        How terms are counted.
-    radius : float, m
-        Of the disc; points beyond it have no part.
-    messages : tuple of str, optional
-        Of the wavefront.
-
-    Returns
-    -------
-    ZernikeTable
-        With what a reader should know of the fit.
-
-    Raises
-    ------
-    DataError
-        If a term or the order does not exist, or the radius is not positive.
-    DegenerateFitError
-        If the points do not determine the terms.
-    """
+    """Return Zernike terms through points by least squares with the area as weight."""
     disc = positive(radius, "radius")
     if not isinstance(order, str):
         raise DataError(f"order must be one of ansi, noll, fringe, got {order!r}")

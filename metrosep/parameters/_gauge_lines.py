@@ -76,42 +76,17 @@ class Expectation:
 
 @dataclass(frozen=True, slots=True)
 class GaugeSettings:
-    """What the file says about the evaluation.
+    """What the file says about the evaluation."""
 
-    Parameters
-    ----------
-    lambda_c, lambda_s : float or None, m
-        Cut-offs; None where they are not given.
-    unread : tuple of str, optional
-        Sentences on lines that seem to state a value or a filter and were not taken: a keyword with
-        a slip, a value within a comment.
-    """
-
-    lambda_c: float | None = None
+    lambda_c: float | None = None  # m: cut-offs; None where they are not given
     lambda_s: float | None = None
+    # sentences on lines that seem to state a value or a filter and were not taken: a keyword with
+    # a slip, a value within a comment
     unread: tuple[str, ...] = ()
 
 
 def expectations(lines: Iterable[str]) -> tuple[tuple[Expectation, ...], GaugeSettings]:
     """Return the expected values and settings that record 2 of an ``.smd`` file states.
-
-    Parameters
-    ----------
-    lines : iterable of str
-        Of record 2.
-
-    Returns
-    -------
-    expected : tuple of Expectation
-        In the order of the file.
-    settings : GaugeSettings
-        Cut-offs of all filter lines together, and what was not taken.
-
-    Raises
-    ------
-    DataError
-        If a line of this kind cannot be understood, an uncertainty is negative, a symbol stands
-        twice, a filter is not Gaussian, or two cut-offs contradict each other.
 
     Examples
     --------

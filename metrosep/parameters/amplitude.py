@@ -19,23 +19,13 @@ __all__ = ["Amplitudes", "amplitudes"]
 
 @dataclass(frozen=True, slots=True)
 class Amplitudes:
-    """Height statistics about z = 0.
+    """Height statistics about z = 0."""
 
-    Parameters
-    ----------
-    a, q : float, m
-        Arithmetic mean and root mean square height.
-    sk, ku : float or None
-        Skewness and kurtosis; None where all heights are equal (zero height).
-    p, v : float, m
-        Highest peak above and deepest valley below z = 0 (positive downwards).
-    """
-
-    a: float
+    a: float  # m: arithmetic mean and root mean square height
     q: float
-    sk: float | None
+    sk: float | None  # skewness and kurtosis; None where all heights are equal (zero height)
     ku: float | None
-    p: float
+    p: float  # m: highest peak above and deepest valley below z = 0 (positive downwards)
     v: float
 
     @property
@@ -46,23 +36,6 @@ class Amplitudes:
 
 def amplitudes(heights: ArrayLike) -> Amplitudes:
     """Return the amplitude parameters of heights.
-
-    Parameters
-    ----------
-    heights : array_like, any shape, m
-        Heights about the mean line; NaN are left out.
-
-    Returns
-    -------
-    Amplitudes
-        a, q, p, v in m; sk and ku as numbers.
-
-    Raises
-    ------
-    TooFewSamplesError
-        If no height is valid.
-    InvalidSamplesError
-        If a height is infinite.
 
     Notes
     -----

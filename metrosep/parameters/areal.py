@@ -181,18 +181,7 @@ def areal_parameters(
 
 
 def is_form_removed(history: Sequence[Step]) -> bool:
-    """Return whether a form removal or an L-filter is in a history.
-
-    Parameters
-    ----------
-    history : sequence of Step
-        Of a surface or profile.
-
-    Returns
-    -------
-    bool
-        False also where the file does not say what the instrument did.
-    """
+    """Return whether a form removal or an L-filter is in a history."""
     return any(s.name.startswith("fit ") or s.parameters.get("band") == "short" for s in history)
 
 

@@ -35,28 +35,16 @@ _MEAN_REST = 1e-13
 
 @dataclass(frozen=True, slots=True)
 class HeightStatistics:
-    """Moments and extremes of heights about their mean.
+    """Moments and extremes of heights about their mean."""
 
-    Parameters
-    ----------
-    n_valid : int
-        Pixels that were measured.
-    mean : float, m
-        Of the heights as given.
-    Sa, Sq : float, m
-        Mean absolute and root mean square height.
-    Ssk, Sku : float or None
-        Skewness and kurtosis (3 for Gaussian heights, not the excess); None where Sq is zero.
-    Sp, Sv, Sz : float, m
-        Highest peak and deepest pit, both counted positive from the mean, and their sum.
-    """
-
-    n_valid: int
-    mean: float
-    Sa: float
+    n_valid: int  # pixels that were measured
+    mean: float  # m: of the heights as given
+    Sa: float  # m: mean absolute and root mean square height
     Sq: float
+    # skewness and kurtosis (3 for Gaussian heights, not the excess); None where Sq is zero
     Ssk: float | None
     Sku: float | None
+    # m: highest peak and deepest pit, both counted positive from the mean, and their sum
     Sp: float
     Sv: float
     Sz: float
@@ -64,25 +52,6 @@ class HeightStatistics:
 
 def height_statistics(z: ArrayLike) -> HeightStatistics:
     """Return the height parameters of the valid pixels about their mean.
-
-    Parameters
-    ----------
-    z : array_like, shape (n_y, n_x), m
-        Heights; NaN where not measured. Integers are taken as metres.
-
-    Returns
-    -------
-    HeightStatistics
-        In m; skewness and kurtosis are None for a constant map.
-
-    Raises
-    ------
-    DataError
-        If a height is beyond 1e60 m, or their range is below 1e-60 m and not zero.
-    InvalidSamplesError
-        If no pixel is valid, a height is infinite, or z is not two-dimensional.
-    TooFewSamplesError
-        If z is empty.
 
     Notes
     -----

@@ -47,19 +47,12 @@ _MIN_PAIRS = 0.1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Autocorrelation:
-    """Autocorrelation of a map at the lags of its grid.
+    """Autocorrelation of a map at the lags of its grid."""
 
-    Parameters
-    ----------
-    values : ndarray, shape (m_y + 1, 2 m_x + 1)
-        1 at lag zero, ``values[0, m_x]``; rows are lags 0 to m_y in y, columns -m_x to m_x in x.
-        NaN at lags with too few pairs.
-    dx, dy : float, m
-        Lateral steps.
-    """
-
+    # shape (m_y + 1, 2 m_x + 1): 1 at lag zero, ``values[0, m_x]``; rows are lags 0 to m_y in y,
+    # columns -m_x to m_x in x. NaN at lags with too few pairs
     values: FloatArray
-    dx: float
+    dx: float  # m: lateral steps
     dy: float
 
     @property
@@ -75,21 +68,12 @@ class Autocorrelation:
 
 @dataclass(frozen=True, slots=True)
 class CentralLobe:
-    """How far from lag zero the autocorrelation falls to the threshold.
+    """How far from lag zero the autocorrelation falls to the threshold."""
 
-    Parameters
-    ----------
-    shortest : float, m
-        Sal, the shortest distance over all directions.
-    longest : float or None, m
-        The longest one; None if the lobe reaches the largest lag, so that it is not known.
-    direction_shortest, direction_longest : float or None, rad
-        Where they are, counter-clockwise from +x to +y, 0 to pi.
-    """
-
-    shortest: float
+    shortest: float  # m: sal, the shortest distance over all directions
+    # m: the longest one; None if the lobe reaches the largest lag, so that it is not known
     longest: float | None
-    direction_shortest: float
+    direction_shortest: float  # rad: where they are, counter-clockwise from +x to +y, 0 to pi
     direction_longest: float | None
 
     @property
@@ -100,27 +84,6 @@ class CentralLobe:
 
 def autocorrelation(z: ArrayLike, dx: float, dy: float) -> Autocorrelation:
     """Return the autocorrelation of the valid pixels about their mean.
-
-    Parameters
-    ----------
-    z : array_like, shape (n_y, n_x), m
-        Heights; NaN where not measured.
-    dx, dy : float, m
-        Lateral steps, > 0.
-
-    Returns
-    -------
-    Autocorrelation
-        Dimensionless, for lags up to half the map.
-
-    Raises
-    ------
-    TooFewSamplesError
-        If the map has fewer than 8 rows or columns.
-    InvalidSamplesError
-        If a step is not positive, z is infinite, or nothing is valid.
-    DataError
-        If all heights are equal: nothing is correlated.
 
     Notes
     -----
@@ -214,24 +177,6 @@ def _half_plane_sums(d: FloatArray) -> FloatArray:
 
 def central_lobe(acf: Autocorrelation, *, threshold: float = 0.2) -> CentralLobe:
     """Return how far the central lobe of an autocorrelation reaches, shortest and longest.
-
-    Parameters
-    ----------
-    acf : Autocorrelation
-        From `autocorrelation`.
-    threshold : float, optional
-        Value that ends the lobe, 0 to 1, both excluded.
-
-    Returns
-    -------
-    CentralLobe
-        Distances in m.
-
-    Raises
-    ------
-    DataError
-        If the threshold is not between 0 and 1, or the lobe reaches the largest lag in its
-        shortest direction, so that Sal is not known.
 
     Notes
     -----
@@ -386,23 +331,6 @@ def _cubic_around(
 
 def texture_direction(acf: Autocorrelation) -> float:
     """Return the direction Std in which the angular spectrum is largest.
-
-    Parameters
-    ----------
-    acf : Autocorrelation
-        From `autocorrelation`.
-
-    Returns
-    -------
-    float
-        Angle in rad, counter-clockwise from +x to +y, 0 <= Std < pi. It is the direction of the
-        waves: the lay (grooves, ridges) runs at right angles to it.
-
-    Raises
-    ------
-    DataError
-        If no direction dominates: a second maximum of the angular spectrum has at least 90 % of
-        the first.
 
     Notes
     -----

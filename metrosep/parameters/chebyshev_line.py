@@ -34,49 +34,22 @@ _TIE = 1e-12
 
 @dataclass(frozen=True, slots=True)
 class LineZone:
-    """Middle line of the narrowest zone and the three points that hold it.
+    """Middle line of the narrowest zone and the three points that hold it."""
 
-    Parameters
-    ----------
-    slope : float
-        Slope of the zone.
-    height : float, m
-        Height of the middle line at `centre`.
-    centre : float, m
-        Middle of the range of x.
-    width : float, m
-        Width over the working set, vertical or orthogonal: a lower bound for all points.
-    indices, sides, weights : ndarray, shape (3,)
-        Supporting points, +1 or -1, and weights that sum to 1 on each side and have the same
-        centre of gravity along the line on both.
-    """
-
-    slope: float
-    height: float
-    centre: float
+    slope: float  # slope of the zone
+    height: float  # m: height of the middle line at `centre`
+    centre: float  # m: middle of the range of x
+    # m: width over the working set, vertical or orthogonal: a lower bound for all points
     width: float
+    # shape (3,): supporting points, +1 or -1, and weights that sum to 1 on each side and have the
+    # same centre of gravity along the line on both
     indices: IntArray
     sides: IntArray
     weights: FloatArray
 
 
 def least_squares_line(x: FloatArray, z: FloatArray) -> tuple[float, float, float]:
-    """Return slope, height at the middle of x, and the middle of x, of the least-squares line.
-
-    Parameters
-    ----------
-    x, z : ndarray, shape (n,), m
-        At least two different positions, ascending; no NaN.
-
-    Returns
-    -------
-    slope : float
-        Slope of the line.
-    height : float
-        Its height at `centre`, m.
-    centre : float
-        Middle of the range of x, m.
-    """
+    """Return slope, height at the middle of x, and the middle of x, of the least-squares line."""
     centre = 0.5 * (float(x[0]) + float(x[-1]))
     half = 0.5 * float(x[-1] - x[0])
     t = (x - centre) / half
@@ -88,23 +61,6 @@ def least_squares_line(x: FloatArray, z: FloatArray) -> tuple[float, float, floa
 
 def minimum_zone_line(x: FloatArray, z: FloatArray, *, normal: bool = False) -> LineZone:
     """Return the narrowest zone between two parallel lines that holds all points.
-
-    Parameters
-    ----------
-    x, z : ndarray, shape (n,), m
-        At least two points, x strictly ascending; no NaN.
-    normal : bool, optional
-        Whether the width is measured at right angles to the lines instead of along z.
-
-    Returns
-    -------
-    LineZone
-        Line, width and support.
-
-    Raises
-    ------
-    NotConvergedError
-        If the exchange does not end.
 
     Notes
     -----

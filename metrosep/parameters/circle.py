@@ -40,72 +40,27 @@ _MODES: dict[str, Mode] = {"MZ": "zone", "MC": "outer", "MI": "inner"}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CirclePoints:
-    """Points of a trace around a full or partial turn.
+    """Points of a trace around a full or partial turn."""
 
-    Parameters
-    ----------
-    angle : ndarray, shape (n,), rad
-        Ascending, within one turn, no gap of half a turn.
-    deviation : ndarray, shape (n,), m
-        Radius minus `radius`.
-    weight : ndarray, shape (n,)
-        Of each sample in least squares.
-    radius : float or None, m
-        Radius that the deviation is counted from; needed for exact circles.
-    """
-
-    angle: FloatArray
-    deviation: FloatArray
-    weight: FloatArray
+    angle: FloatArray  # shape (n,), rad: ascending, within one turn, no gap of half a turn
+    deviation: FloatArray  # shape (n,), m: radius minus `radius`
+    weight: FloatArray  # shape (n,): of each sample in least squares
+    # m: radius that the deviation is counted from; needed for exact circles
     radius: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CircleSolution:
-    """Reference circle and local deviations.
+    """Reference circle and local deviations."""
 
-    Parameters
-    ----------
-    centre : tuple of (float, float), m
-        Along angle 0 and along pi/2.
-    deviation : float, m
-        Radius of the circle minus the radius of the points.
-    local : ndarray, shape (n,), m
-        Deviations from the circle, positive outwards.
-    found : Optimum or None
-        Support and bound; None for least squares.
-    """
-
-    centre: tuple[float, float]
-    deviation: float
-    local: FloatArray
-    found: Optimum | None
+    centre: tuple[float, float]  # of (float, float), m: along angle 0 and along pi/2
+    deviation: float  # m: radius of the circle minus the radius of the points
+    local: FloatArray  # shape (n,), m: deviations from the circle, positive outwards
+    found: Optimum | None  # support and bound; None for least squares
 
 
 def best_circle(points: CirclePoints, reference: str, *, exact: bool = False) -> CircleSolution:
-    """Return the least-squares, minimum-zone, circumscribed or inscribed circle of a trace.
-
-    Parameters
-    ----------
-    points : CirclePoints
-        The trace.
-    reference : {"LS", "MZ", "MC", "MI"}
-        What is sought.
-    exact : bool, optional
-        True circles instead of limacons.
-
-    Returns
-    -------
-    CircleSolution
-        Centre, radius, local deviations, support.
-
-    Raises
-    ------
-    DegenerateFitError
-        If the points do not bound the circle.
-    NotConvergedError
-        If the centre does not come to rest.
-    """
+    """Return the least-squares, minimum-zone, circumscribed or inscribed circle of a trace."""
     view = _View(points, (0.0, 0.0))
     coefficients, found = _solve(view, points, reference)
     if not exact:

@@ -84,23 +84,7 @@ def decide(
 
 
 def ordered_limits(lower: float | None, upper: float | None) -> tuple[float, float]:
-    """Return both limits of a decision, infinite where there is none.
-
-    Parameters
-    ----------
-    lower, upper : float or None
-        SI; at least one of them.
-
-    Returns
-    -------
-    tuple of (float, float)
-        Lower, upper.
-
-    Raises
-    ------
-    DataError
-        If there is no limit, one of them is no number, or they cross.
-    """
+    """Return both limits of a decision, infinite where there is none."""
     if lower is None and upper is None:
         raise DataError("a decision needs a lower or an upper limit")
     low = -math.inf if lower is None else real_number(lower, "lower")
@@ -111,18 +95,7 @@ def ordered_limits(lower: float | None, upper: float | None) -> tuple[float, flo
 
 
 def limits_error(lower: float | None, upper: float | None) -> DataError:
-    """Return the error that two limits are not in order.
-
-    Parameters
-    ----------
-    lower, upper : float or None
-        As they were given.
-
-    Returns
-    -------
-    DataError
-        To be raised.
-    """
+    """Return the error that two limits are not in order."""
     return DataError(f"the limits {_text(lower)} ... {_text(upper)} are not in order")
 
 
@@ -139,18 +112,7 @@ def _allowance(value: float, limit: float, guard: float) -> float:
 
 
 def worst(verdicts: list[Verdict]) -> Verdict | None:
-    """Return the verdict of several characteristics together.
-
-    Parameters
-    ----------
-    verdicts : list of str
-        Single verdicts.
-
-    Returns
-    -------
-    str or None
-        "reject" before "inconclusive" before "accept"; None if there is none.
-    """
+    """Return the verdict of several characteristics together."""
     for verdict in ("reject", "inconclusive", "accept"):
         if verdict in verdicts:
             return verdict

@@ -38,30 +38,6 @@ _COLLINEAR = 1e-12
 def flatness_deviation(surface: Surface, *, reference: Reference = "MZ") -> FormDeviation:
     """Return the flatness deviation FLTt of a surface.
 
-    Parameters
-    ----------
-    surface : Surface
-        At least 4 valid pixels, not all on one line. Lateral steps that are not calibrated do not
-        change the deviation; the slopes are then given per pixel.
-    reference : {"MZ", "LS"}, optional
-        Minimum zone (default of ISO 1101:2017) or least squares.
-
-    Returns
-    -------
-    FormDeviation
-        Table FLTt, FLTp, FLTv, FLTq, reference plane, residual and support.
-
-    Raises
-    ------
-    TooFewSamplesError
-        If fewer than 4 pixels are valid: three always lie on a plane.
-    DegenerateFitError
-        If all valid pixels lie on one line.
-    DataError
-        If the reference does not exist for a plane.
-    NotConvergedError
-        If the exchange of the minimum zone does not end.
-
     Notes
     -----
     The minimum zone is exact. It touches four points, 3 on one side and 1 on the other or 2 and 2,

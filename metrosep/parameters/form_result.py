@@ -201,30 +201,7 @@ def form_table(
     settings: Mapping[str, Any],
     notes: Sequence[str],
 ) -> ParameterTable:
-    """Return the t, p, v and q parameters of local deviations.
-
-    Parameters
-    ----------
-    kind, reference : str
-        What was evaluated.
-    residual : ndarray, shape (n,), m
-        Valid local deviations.
-    weights : ndarray, shape (n,), optional
-        Of the samples in the root mean square; equal by default.
-    n_total : int
-        All samples or pixels.
-    history : tuple of Step
-        Of the object evaluated.
-    settings : mapping
-        Choices of the evaluation.
-    notes : sequence of str
-        One sentence each.
-
-    Returns
-    -------
-    ParameterTable
-        In the order t, p, v, q.
-    """
+    """Return the t, p, v and q parameters of local deviations."""
     prefix, clause = _CLAUSES[kind]
     line = _REFERENCES[kind, reference]
     if reference == "EP":

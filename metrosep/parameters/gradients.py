@@ -42,45 +42,15 @@ _LADDER: tuple[tuple[tuple[int, float], ...], ...] = (
 
 @dataclass(frozen=True, slots=True)
 class GradientStatistics:
-    """Mean slopes of a map.
+    """Mean slopes of a map."""
 
-    Parameters
-    ----------
-    n_used : int
-        Measured pixels that have a slope in x and in y.
-    Sdq : float
-        Root mean square gradient, dimensionless (tangent of an angle).
-    Sdr : float
-        Developed area over projected area, less one; a ratio, not per cent.
-    """
-
-    n_used: int
-    Sdq: float
-    Sdr: float
+    n_used: int  # measured pixels that have a slope in x and in y
+    Sdq: float  # root mean square gradient, dimensionless (tangent of an angle)
+    Sdr: float  # developed area over projected area, less one; a ratio, not per cent
 
 
 def gradient_statistics(z: ArrayLike, dx: float, dy: float) -> GradientStatistics:
     """Return the root mean square gradient and the developed area ratio.
-
-    Parameters
-    ----------
-    z : array_like, shape (n_y, n_x), m
-        Heights; NaN where not measured.
-    dx, dy : float, m
-        Lateral steps, > 0; they may differ.
-
-    Returns
-    -------
-    GradientStatistics
-        Dimensionless.
-
-    Raises
-    ------
-    InvalidSamplesError
-        If a step is not positive and finite, z is infinite, or no pixel has a valid neighbour in
-        x and in y.
-    TooFewSamplesError
-        If the map has fewer than two rows or columns.
 
     Notes
     -----
@@ -121,27 +91,7 @@ def gradient_statistics(z: ArrayLike, dx: float, dy: float) -> GradientStatistic
 
 
 def surface_slopes(z: ArrayLike, dx: float, dy: float) -> tuple[FloatArray, FloatArray]:
-    """Return the slopes dz/dx and dz/dy at the pixels.
-
-    Parameters
-    ----------
-    z : array_like, shape (n_y, n_x), m
-        Heights; NaN where not measured.
-    dx, dy : float, m
-        Lateral steps, > 0.
-
-    Returns
-    -------
-    tuple of ndarray, shape (n_y, n_x)
-        Slopes in x and in y; NaN where a pixel is not valid or has no valid neighbour.
-
-    Raises
-    ------
-    InvalidSamplesError
-        If a step is not positive and finite or z is infinite.
-    TooFewSamplesError
-        If the map has fewer than two rows or columns.
-    """
+    """Return the slopes dz/dx and dz/dy at the pixels."""
     blocks = list(_slope_blocks(_checked(z, dx, dy), dx, dy))
     return np.concatenate([b[0] for b in blocks]), np.concatenate([b[1] for b in blocks])
 

@@ -20,25 +20,6 @@ _STENCIL = 7
 def local_gradient(heights: ArrayLike, *, dx: float) -> FloatArray:
     """Return dz/dx at the samples with three valid neighbours on both sides.
 
-    Parameters
-    ----------
-    heights : array_like, shape (n,), m
-        Heights at a uniform step; NaN where not measured.
-    dx : float, m, > 0
-        Step.
-
-    Returns
-    -------
-    ndarray, shape (n,), rad
-        Gradient (a pure number); NaN where the stencil is not complete.
-
-    Raises
-    ------
-    DataError
-        If `dx` is not finite and positive.
-    InvalidSamplesError
-        If the heights are not one row or one is infinite.
-
     References
     ----------
     .. [1] ISO 4287:1997, 3.2.6 (recalled).
@@ -65,27 +46,6 @@ def local_gradient(heights: ArrayLike, *, dx: float) -> FloatArray:
 def root_mean_square_gradient(heights: ArrayLike, *, dx: float) -> float:
     """Return dq, the root mean square of the local gradient.
 
-    Parameters
-    ----------
-    heights : array_like, shape (n,), m
-        Heights at a uniform step; NaN where not measured.
-    dx : float, m, > 0
-        Step.
-
-    Returns
-    -------
-    float
-        Pure number.
-
-    Raises
-    ------
-    DataError
-        If `dx` is not finite and positive.
-    InvalidSamplesError
-        If the heights are not one row or one is infinite.
-    TooFewSamplesError
-        If no 7 consecutive samples are valid.
-
     References
     ----------
     .. [1] ISO 4287:1997, 4.4.1 (recalled).
@@ -99,29 +59,7 @@ def root_mean_square_gradient(heights: ArrayLike, *, dx: float) -> float:
 
 
 def valid_gradient(heights: ArrayLike, *, dx: float) -> FloatArray:
-    """Return the local gradients that exist.
-
-    Parameters
-    ----------
-    heights : array_like, shape (n,), m
-        Heights at a uniform step; NaN where not measured.
-    dx : float, m, > 0
-        Step.
-
-    Returns
-    -------
-    ndarray, shape (m,), rad
-        Gradients of the complete stencils, m >= 1.
-
-    Raises
-    ------
-    DataError
-        If `dx` is not finite and positive.
-    InvalidSamplesError
-        If the heights are not one row or one is infinite.
-    TooFewSamplesError
-        If no 7 consecutive samples are valid.
-    """
+    """Return the local gradients that exist."""
     gradient = local_gradient(heights, dx=dx)
     found: FloatArray = gradient[~np.isnan(gradient)]
     if found.size == 0:

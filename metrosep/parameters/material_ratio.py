@@ -236,25 +236,6 @@ def material_ratio(
 ) -> float:
     """Return the material ratio mr(c) of heights.
 
-    Parameters
-    ----------
-    heights : array_like, any shape, m
-        Heights; NaN are left out.
-    c : float, m
-        Height from the mean line, or depth from the highest peak.
-    reference : {"mean", "peak"}, optional
-        What `c` counts from.
-
-    Returns
-    -------
-    float
-        0 to 1.
-
-    Raises
-    ------
-    DataError
-        If nothing is valid, a height is infinite, `c` is not finite or `reference` is unknown.
-
     Examples
     --------
     >>> material_ratio([0.0, 1e-6, 2e-6, 3e-6], 1e-6, reference="peak")
@@ -265,23 +246,6 @@ def material_ratio(
 
 def material_height(heights: ArrayLike, p: float) -> float:
     """Return the height mc(p) at a material ratio.
-
-    Parameters
-    ----------
-    heights : array_like, any shape, m
-        Heights; NaN are left out.
-    p : float
-        Material ratio, 0 to 1.
-
-    Returns
-    -------
-    float
-        Height in m.
-
-    Raises
-    ------
-    DataError
-        If nothing is valid, a height is infinite or `p` is outside 0 to 1.
 
     Examples
     --------

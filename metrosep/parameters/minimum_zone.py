@@ -42,47 +42,22 @@ _ACTIVE = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class Optimum:
-    """Solution of a zone or a one-sided reference.
+    """Solution of a zone or a one-sided reference."""
 
-    Parameters
-    ----------
-    coefficients : ndarray, shape (k,)
-        Of the basis, in the unit of z.
-    objective : float
-        Full width of the zone, or c[0] of a one-sided reference, unit of z.
-    bound : float
-        What no reference can beat, from `weights` alone: lower for "zone" and "outer", upper for
-        "inner".
-    indices, sides : ndarray, shape (m,)
-        Supporting points and +1 (upper side) or -1 (lower side).
-    weights : ndarray, shape (m,)
-        Multipliers, positive. They sum to 1 on each side, and ``sum(side weight A) = 0`` (zone) or
-        ``sum(weight A) = (1, 0, ...)`` (one side).
-    """
-
-    coefficients: FloatArray
-    objective: float
+    coefficients: FloatArray  # shape (k,): of the basis, in the unit of z
+    objective: float  # full width of the zone, or c[0] of a one-sided reference, unit of z
+    # what no reference can beat, from `weights` alone: lower for "zone" and "outer", upper for
+    # "inner"
     bound: float
-    indices: IntArray
+    indices: IntArray  # shape (m,): supporting points and +1 (upper side) or -1 (lower side)
     sides: IntArray
+    # shape (m,): multipliers, positive. They sum to 1 on each side, and ``sum(side weight A) = 0``
+    # (zone) or ``sum(weight A) = (1, 0, ...)`` (one side)
     weights: FloatArray
 
 
 def chunk_extremes(residual: FloatArray, n_chunks: int = 32) -> IntArray:
-    """Return where a residual is largest and smallest in each of some equal parts.
-
-    Parameters
-    ----------
-    residual : ndarray, shape (n,)
-        No NaN.
-    n_chunks : int, optional
-        Parts.
-
-    Returns
-    -------
-    ndarray of int
-        Indices, unordered, with repeats.
-    """
+    """Return where a residual is largest and smallest in each of some equal parts."""
     n = residual.size
     n_chunks = min(n_chunks, n)
     length = n // n_chunks
@@ -104,36 +79,7 @@ def optimum(
     start: FloatArray,
     scale: float,
 ) -> Optimum:
-    """Return the narrowest zone or the tightest one-sided reference over all points.
-
-    Parameters
-    ----------
-    rows : callable
-        Indices to basis rows ``A``, shape (m, k), first column 1 and all of magnitude about 1, and
-        heights, shape (m,).
-    extremes : callable
-        Coefficients to indices that hold the largest and the smallest ``z - A c`` of all points.
-    seed : sequence of int
-        Points to begin with; they must bound the program.
-    mode : {"zone", "outer", "inner"}
-        What is optimised.
-    start : ndarray, shape (k,)
-        Coefficients near the solution, such as least squares.
-    scale : float
-        Largest ``|z - A start|``, > 0.
-
-    Returns
-    -------
-    Optimum
-        Coefficients, support and bound.
-
-    Raises
-    ------
-    DegenerateFitError
-        If the points do not bound the reference.
-    NotConvergedError
-        If the exchange does not end.
-    """
+    """Return the narrowest zone or the tightest one-sided reference over all points."""
     working = np.unique(np.asarray(seed, dtype=np.intp))
     shift = np.zeros_like(start)
     for _ in range(_MAX_EXCHANGES):

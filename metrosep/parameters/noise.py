@@ -39,18 +39,11 @@ _REACH = 6.0
 
 
 class Sampling(NamedTuple):
-    """Where noise is wanted.
+    """Where noise is wanted."""
 
-    Parameters
-    ----------
-    shape : tuple of int
-        Of the heights.
-    steps : tuple of (float or None), m
-        Step along each axis of the array (a surface: dy, dx); None where it is not known or not
-        uniform.
-    """
-
-    shape: tuple[int, ...]
+    shape: tuple[int, ...]  # of the heights
+    # of (float or None), m: step along each axis of the array (a surface: dy, dx); None where it
+    # is not known or not uniform
     steps: tuple[float | None, ...]
 
 
@@ -58,18 +51,7 @@ Target = Profile | Surface | Sampling | tuple[int, ...]
 
 
 def sampling_of(target: Target) -> Sampling:
-    """Return the shape and the steps of an object.
-
-    Parameters
-    ----------
-    target : Profile, Surface, Sampling or tuple of int
-        A bare shape has no steps.
-
-    Returns
-    -------
-    Sampling
-        In the order of the axes of the array.
-    """
+    """Return the shape and the steps of an object."""
     if isinstance(target, Profile):
         return Sampling((len(target),), (target.dx if target.is_uniform else None,))
     if isinstance(target, Surface):

@@ -26,19 +26,7 @@ rounding, and nothing here measures 1 fm."""
 
 
 def floors(sizes: Iterable[tuple[str, float]]) -> dict[str, float]:
-    """Return the spread up to which values of a unit are the same, by unit.
-
-    Parameters
-    ----------
-    sizes : iterable of (str, float)
-        SI unit and value of everything that was measured, limits too; NaN does not count.
-
-    Returns
-    -------
-    dict of str to float
-        `RELATIVE_FLOOR` of the largest value of the unit, at most 1e-15, for m and rad. Numbers of
-        other units are not compared with each other: a count of pixels says nothing about a ratio.
-    """
+    """Return the spread up to which values of a unit are the same, by unit."""
     largest: dict[str, float] = {}
     for unit, value in sizes:
         if unit in _MOST and math.isfinite(value):
@@ -48,19 +36,6 @@ def floors(sizes: Iterable[tuple[str, float]]) -> dict[str, float]:
 
 def constant(values: Sequence[float] | FloatArray, floor: float = 0.0) -> bool:
     """Return whether values are the same to within rounding.
-
-    Parameters
-    ----------
-    values : sequence of float or ndarray, shape (n,)
-        NaN does not count.
-    floor : float, optional
-        Of `floors`, for the unit of the values.
-
-    Returns
-    -------
-    bool
-        Whether their range is at most `floor`, or `RELATIVE_FLOOR` of the largest of them; also
-        without any value.
 
     Examples
     --------
@@ -78,22 +53,7 @@ def constant(values: Sequence[float] | FloatArray, floor: float = 0.0) -> bool:
 def term_floors(
     table: Mapping[str, FloatArray], units: Mapping[str, str], sizes: Mapping[str, float] | None
 ) -> dict[str, float]:
-    """Return the floor of each term of a table.
-
-    Parameters
-    ----------
-    table : mapping of str to ndarray
-        Values by term.
-    units : mapping of str to str
-        SI unit by term, ``"m"`` where it is not named.
-    sizes : mapping of str to float or None
-        Largest value by unit of what was measured beside them.
-
-    Returns
-    -------
-    dict of str to float
-        By term, in its unit.
-    """
+    """Return the floor of each term of a table."""
     of = {k: units.get(k, "m") for k in table}
     found = floors(
         [*((of[k], float(x)) for k, v in table.items() for x in v), *(sizes or {}).items()]

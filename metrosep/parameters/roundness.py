@@ -53,39 +53,6 @@ def roundness_deviation(
 ) -> FormDeviation:
     """Return the roundness deviation RONt of a trace.
 
-    Parameters
-    ----------
-    profile : Profile
-        Angle x in rad within one turn and radius or radial deviation z in m, larger outwards; at
-        least 4 valid samples and no gap of half a turn. The angle need not be uniform.
-    reference : {"MZ", "LS", "MC", "MI"}, optional
-        Minimum zone (default of ISO 1101:2017), least-squares, minimum circumscribed or maximum
-        inscribed circle.
-    exact : bool, optional
-        True circles instead of limacons.
-    radius : float, m, optional
-        Radius that z is counted from. With ``exact=True`` leave it out only if z itself is the
-        radius.
-
-    Returns
-    -------
-    FormDeviation
-        Table RONt, RONp, RONv, RONq; centre ``a``, ``b`` and ``radius``; residual; support.
-
-    Raises
-    ------
-    TooFewSamplesError
-        If fewer than 4 samples are valid: three always lie on a circle.
-    DegenerateFitError
-        If the valid samples leave a gap of half a turn or more.
-    InvalidSamplesError
-        If x spans more than one turn, so that it is not one turn in rad.
-    DataError
-        If the reference does not exist for a circle, or the radius is missing, not positive, or
-        contained in z already, or `exact` is not True or False.
-    NotConvergedError
-        If the deviations are so large for the radius that an exact circle is not found.
-
     Notes
     -----
     Supports: MZ two points outside and two inside, alternating in angle; MC and MI three points

@@ -46,25 +46,6 @@ _ROUNDING = 1e-9
 def section_slices(n: int, sections: int) -> tuple[slice, ...]:
     """Return the slices of equal sections of n samples at a uniform step.
 
-    Parameters
-    ----------
-    n : int
-        Samples of the evaluation length.
-    sections : int, >= 1
-        Number of sections.
-
-    Returns
-    -------
-    tuple of slice
-        Section k holds the samples ``round(k n / sections)`` up to the next such index.
-
-    Raises
-    ------
-    DataError
-        If `sections` is not a whole number >= 1.
-    TooFewSamplesError
-        If a section would hold fewer than 2 samples.
-
     Examples
     --------
     >>> section_slices(10, 3)
@@ -83,27 +64,6 @@ def section_slices(n: int, sections: int) -> tuple[slice, ...]:
 def sections_that_fit(profile: Profile, cutoff: float) -> int:
     """Return how many sections of one cut-off a profile holds, at least 1.
 
-    Parameters
-    ----------
-    profile : Profile
-        Uniform; missing ends do not count, as they are cut off before sections are formed.
-    cutoff : float, m
-        Length of a section, > 0.
-
-    Returns
-    -------
-    int
-        Number of sections, as `sections_in` counts them.
-
-    Raises
-    ------
-    DataError
-        If `cutoff` is not finite and positive.
-    NotUniformError
-        If the positions are not uniform.
-    TooFewSamplesError
-        If fewer than two samples are valid.
-
     Examples
     --------
     >>> sections_that_fit(Profile(np.arange(8001) * 0.5e-6, np.zeros(8001)), 0.8e-3)
@@ -116,25 +76,6 @@ def sections_that_fit(profile: Profile, cutoff: float) -> int:
 def sections_in(length: float, cutoff: float) -> int:
     """Return how many sections of one cut-off a length holds, at least 1.
 
-    Parameters
-    ----------
-    length : float, m
-        Evaluation length, samples times step.
-    cutoff : float, m
-        Length of a section, > 0.
-
-    Returns
-    -------
-    int
-        The largest number of cut-offs of which the length lacks no more than a tenth of one. As n
-        sections divide the length, one is from 1 - 0.1 / n to 1 + 0.9 / n cut-offs long, unless
-        the length is below 0.9 of a cut-off.
-
-    Raises
-    ------
-    DataError
-        If `cutoff` is not finite and positive.
-
     Examples
     --------
     >>> sections_in(9.996e-3, 2.5e-3), sections_in(3.995e-3, 0.8e-3), sections_in(3.9e-3, 0.8e-3)
@@ -146,23 +87,7 @@ def sections_in(length: float, cutoff: float) -> int:
 
 
 def trim(z: FloatArray) -> slice:
-    """Return the slice from the first to the last valid sample.
-
-    Parameters
-    ----------
-    z : ndarray, shape (n,), m
-        Heights; NaN where not measured.
-
-    Returns
-    -------
-    slice
-        What is left when missing ends are cut off.
-
-    Raises
-    ------
-    TooFewSamplesError
-        If fewer than two samples are valid.
-    """
+    """Return the slice from the first to the last valid sample."""
     valid = np.flatnonzero(~np.isnan(z))
     if valid.size < _MIN_SECTION:
         raise TooFewSamplesError(
@@ -173,67 +98,21 @@ def trim(z: FloatArray) -> slice:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evaluation:
-    """A trace with its sections, centred as asked.
+    """A trace with its sections, centred as asked."""
 
-    Parameters
-    ----------
-    x : ndarray, shape (n,), m
-        Positions, uniform.
-    whole : ndarray, shape (n,), m
-        Heights over the evaluation length; NaN where not measured.
-    parts : tuple of ndarray, m
-        Heights of each section.
-    slices : tuple of slice
-        Where the sections lie.
-    dx : float, m
-        Step.
-    by_section : bool
-        True for ISO 4287:1997: field parameters are means of section values.
-    amplitude : Amplitudes
-        Of the whole evaluation length.
-    section_amplitudes : tuple of Amplitudes
-        Of the sections; empty where one of several sections is valid in less than half.
-    """
-
-    x: FloatArray
-    whole: FloatArray
-    parts: tuple[FloatArray, ...]
-    slices: tuple[slice, ...]
-    dx: float
-    by_section: bool
-    amplitude: Amplitudes
+    x: FloatArray  # shape (n,), m: positions, uniform
+    whole: FloatArray  # shape (n,), m: heights over the evaluation length; NaN where not measured
+    parts: tuple[FloatArray, ...]  # of ndarray, m: heights of each section
+    slices: tuple[slice, ...]  # of slice: where the sections lie
+    dx: float  # m: step
+    by_section: bool  # true for ISO 4287:1997: field parameters are means of section values
+    amplitude: Amplitudes  # of the whole evaluation length
+    # of the sections; empty where one of several sections is valid in less than half
     section_amplitudes: tuple[Amplitudes, ...]
 
     @classmethod
     def of(cls, profile: Profile, *, sections: int, by_section: bool, centre: bool) -> Evaluation:
-        """Return the evaluation of a profile: missing ends cut off, sections formed, centred.
-
-        Parameters
-        ----------
-        profile : Profile
-            Uniform.
-        sections : int, >= 1
-            Number of sections.
-        by_section : bool
-            Whether field parameters are means of section values (1997).
-        centre : bool
-            Whether to subtract the mean: of each section if `by_section`, else of the whole.
-
-        Returns
-        -------
-        Evaluation
-            Ready for the parameters.
-
-        Raises
-        ------
-        TooFewSamplesError
-            If fewer than two samples are valid or the sections are too short.
-        NotUniformError
-            If the positions are not uniform.
-        DataError
-            If `sections` is not a whole number >= 1, a height is beyond 1e60 m, or their range is
-            below 1e-60 m and not zero.
-        """
+        """Return the evaluation of a profile: missing ends cut off, sections formed, centred."""
         kept = trim(profile.z)
         x, z = profile.x[kept], profile.z[kept]
         check_range(float(np.nanmin(z)), float(np.nanmax(z)))
@@ -278,13 +157,7 @@ class Evaluation:
 
     @property
     def largest_height(self) -> float:
-        """Largest height of the sections (1997), or in a window of their length that slides, m.
-
-        Raises
-        ------
-        TooFewSamplesError
-            If a section, or every window, has less than half of its samples.
-        """
+        """Largest height of the sections (1997), or in a window of their length that slides, m."""
         from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
         if self.by_section:
@@ -304,13 +177,7 @@ class Evaluation:
         return float((highest - lowest)[full].max())
 
     def check_sections(self) -> None:
-        """Refuse sections of which one has too few valid samples to count as a full one.
-
-        Raises
-        ------
-        TooFewSamplesError
-            If less than half of one of several sections is valid.
-        """
+        """Refuse sections of which one has too few valid samples to count as a full one."""
         if self.section_amplitudes:
             return
         for k, (count, part) in enumerate(zip(self.valid_counts, self.parts, strict=True)):
@@ -322,25 +189,7 @@ class Evaluation:
                 )
 
     def section_values(self, of: Callable[[Amplitudes], float | None]) -> list[float]:
-        """Return an amplitude parameter of each section.
-
-        Parameters
-        ----------
-        of : callable
-            Takes the amplitudes of one section; None means the section has zero height.
-
-        Returns
-        -------
-        list of float
-            One per section.
-
-        Raises
-        ------
-        TooFewSamplesError
-            If less than half of one of several sections is valid.
-        DataError
-            If the parameter does not exist in a section of zero height.
-        """
+        """Return an amplitude parameter of each section."""
         self.check_sections()
         values: list[float] = []
         for k, amplitude in enumerate(self.section_amplitudes):
@@ -351,25 +200,7 @@ class Evaluation:
         return values
 
     def field(self, of: Callable[[Amplitudes], float | None]) -> float:
-        """Return an amplitude parameter: mean of the sections (1997) or of the whole (2021).
-
-        Parameters
-        ----------
-        of : callable
-            Takes amplitudes; None means zero height.
-
-        Returns
-        -------
-        float
-            The parameter.
-
-        Raises
-        ------
-        TooFewSamplesError
-            If less than half of one of several sections is valid.
-        DataError
-            If the parameter does not exist because all heights are equal.
-        """
+        """Return an amplitude parameter: mean of the sections (1997) or of the whole (2021)."""
         if self.by_section:
             return float(np.mean(self.section_values(of)))
         value = of(self.amplitude)

@@ -22,26 +22,7 @@ _Pairs = tuple[tuple[str, str, float], ...]
 def correlations(
     columns: Mapping[str, FloatArray | None], *, fewest: int, rate: float
 ) -> tuple[FloatArray, _Pairs, tuple[tuple[str, ...], ...]]:
-    """Return the correlation of terms about their lines, the pairs beyond chance, and what is the same.
-
-    Parameters
-    ----------
-    columns : mapping of str to (ndarray, shape (n_parts,), or None)
-        Values by term, NaN where they are missing; None for a term without scatter.
-    fewest : int
-        Parts that both terms of a pair need.
-    rate : float
-        False discovery rate over the pairs that are tested.
-
-    Returns
-    -------
-    matrix : ndarray, shape (n_terms, n_terms)
-        NaN where it is not known.
-    pairs : tuple of (str, str, float)
-        Beyond chance, the strongest first; of a group that says the same only the first term.
-    same : tuple of tuple of str
-        Groups of two terms and more, linked by a correlation of size `IDENTITY` or more.
-    """
+    """Return the correlation of terms about their lines, the pairs beyond chance, and what is the same."""
     names = list(columns)
     matrix = np.full((len(names), len(names)), np.nan)
     counts: dict[tuple[int, int], int] = {}

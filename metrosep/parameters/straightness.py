@@ -36,30 +36,6 @@ def straightness_deviation(
 ) -> FormDeviation:
     """Return the straightness deviation STRt of a profile.
 
-    Parameters
-    ----------
-    profile : Profile
-        At least 3 valid samples; positions need not be uniform.
-    reference : {"MZ", "LS", "EP"}, optional
-        Minimum zone (default of ISO 1101:2017), least squares, or the line through the first and
-        the last valid sample (ISO 230-1).
-    normal : bool, optional
-        Whether deviations are measured at right angles to the line instead of along z.
-
-    Returns
-    -------
-    FormDeviation
-        Table STRt, STRp, STRv, STRq, reference line, residual and support.
-
-    Raises
-    ------
-    TooFewSamplesError
-        If fewer than 3 samples are valid: two always lie on a line.
-    DataError
-        If the reference does not exist for a line, or `normal` is not True or False.
-    NotConvergedError
-        If the exchange of the minimum zone does not end.
-
     Notes
     -----
     The minimum zone is exact: it touches two points on one side and, between them, one on the

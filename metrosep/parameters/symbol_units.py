@@ -15,16 +15,6 @@ _FORM = ("STR", "FLT", "RON")
 def unit_of_symbol(symbol: str) -> str | None:
     """Return the SI unit of a parameter of profiles or maps.
 
-    Parameters
-    ----------
-    symbol : str
-        In the spelling of either edition, such as ``Sku``, ``RSm``, ``Rsm``, ``PVr``, ``FLTt``.
-
-    Returns
-    -------
-    str or None
-        Such as ``m``, ``1``, ``1/m^2``; None where there is no such parameter.
-
     Examples
     --------
     >>> unit_of_symbol("Sa"), unit_of_symbol("Sku"), unit_of_symbol("Spd"), unit_of_symbol("Xyz")
@@ -36,16 +26,6 @@ def unit_of_symbol(symbol: str) -> str | None:
 def is_of_all(symbol: str) -> bool:
     """Return whether ``names = "all"`` asks for a parameter: deviations of form are asked for by name.
 
-    Parameters
-    ----------
-    symbol : str
-        In the spelling of either edition.
-
-    Returns
-    -------
-    bool
-        Of a map or of a profile.
-
     Examples
     --------
     >>> is_of_all("Sku"), is_of_all("FLTt"), is_of_all("Xyz")
@@ -56,16 +36,6 @@ def is_of_all(symbol: str) -> bool:
 
 def same_parameter(one: str, other: str) -> bool:
     """Return whether two symbols are spellings of one parameter.
-
-    Parameters
-    ----------
-    one, other : str
-        In the spelling of either edition.
-
-    Returns
-    -------
-    bool
-        True also for equal symbols.
 
     Examples
     --------

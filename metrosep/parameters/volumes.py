@@ -22,45 +22,16 @@ _VALLEY = 0.80
 
 @dataclass(frozen=True, slots=True)
 class Volumes:
-    """Volume parameters at the ratios 10 % and 80 %, in m^3/m^2.
+    """Volume parameters at the ratios 10 % and 80 %, in m^3/m^2."""
 
-    Parameters
-    ----------
-    Vmp : float, m
-        Peak material volume, Vm(10 %).
-    Vmc : float, m
-        Core material volume, Vm(80 %) - Vm(10 %).
-    Vvc : float, m
-        Core void volume, Vv(10 %) - Vv(80 %).
-    Vvv : float, m
-        Dale void volume, Vv(80 %).
-    """
-
-    Vmp: float
-    Vmc: float
-    Vvc: float
-    Vvv: float
+    Vmp: float  # m: peak material volume, Vm(10 %)
+    Vmc: float  # m: core material volume, Vm(80 %) - Vm(10 %)
+    Vvc: float  # m: core void volume, Vv(10 %) - Vv(80 %)
+    Vvv: float  # m: dale void volume, Vv(80 %)
 
 
 def material_volume(curve: AbbottCurve, p: float) -> float:
     """Return the material volume Vm(p) above the height at a material ratio.
-
-    Parameters
-    ----------
-    curve : AbbottCurve
-        From `abbott_curve`.
-    p : float
-        Material ratio, 0 to 1.
-
-    Returns
-    -------
-    float
-        Volume per area, m.
-
-    Raises
-    ------
-    DataError
-        If `p` is outside 0 to 1.
 
     Notes
     -----
@@ -85,23 +56,6 @@ def material_volume(curve: AbbottCurve, p: float) -> float:
 def void_volume(curve: AbbottCurve, p: float) -> float:
     """Return the void volume Vv(p) below the height at a material ratio.
 
-    Parameters
-    ----------
-    curve : AbbottCurve
-        From `abbott_curve`.
-    p : float
-        Material ratio, 0 to 1.
-
-    Returns
-    -------
-    float
-        Volume per area, m.
-
-    Raises
-    ------
-    DataError
-        If `p` is outside 0 to 1.
-
     Notes
     -----
     Vv(p) = integral from p to 1 of Smc(p) - Smc(q) over q, here as the mean of
@@ -117,23 +71,6 @@ def void_volume(curve: AbbottCurve, p: float) -> float:
 
 def volumes(curve: AbbottCurve, *, peak: float = _PEAK, valley: float = _VALLEY) -> Volumes:
     """Return the four volume parameters.
-
-    Parameters
-    ----------
-    curve : AbbottCurve
-        From `abbott_curve`.
-    peak, valley : float, optional
-        Material ratios that divide peak from core and core from dale, 0 <= peak < valley <= 1.
-
-    Returns
-    -------
-    Volumes
-        In m^3/m^2.
-
-    Raises
-    ------
-    DataError
-        If the ratios are outside 0 to 1 or not in order.
 
     References
     ----------

@@ -44,29 +44,17 @@ as round as 50 pixels can be, where the first leaves too few."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Peaks:
-    """Significant peaks of a map, the highest first.
+    """Significant peaks of a map, the highest first."""
 
-    Parameters
-    ----------
-    rows, columns : ndarray of int, shape (n,)
-        Pixels.
-    heights : ndarray, shape (n,), m
-        As in the map.
-    prominences : ndarray, shape (n,), m
-        Height above the saddle to a higher hill; above the lowest pixel of its region for a peak
-        that no saddle joins to a higher one: the highest of the map, or of an island in holes.
-    threshold : float, m
-        Least prominence that was asked for.
-    is_filled : ndarray of bool, shape (n_y, n_x)
-        Pixels that were filled.
-    """
-
-    rows: IntArray
+    rows: IntArray  # shape (n,): pixels
     columns: IntArray
-    heights: FloatArray
+    heights: FloatArray  # shape (n,), m: as in the map
+    # shape (n,), m: height above the saddle to a higher hill; above the lowest pixel of its region
+    # for a peak that no saddle joins to a higher one: the highest of the map, or of an island in
+    # holes
     prominences: FloatArray
-    threshold: float
-    is_filled: NDArray[np.bool_]
+    threshold: float  # m: least prominence that was asked for
+    is_filled: NDArray[np.bool_]  # shape (n_y, n_x): pixels that were filled
 
     @property
     def n_filled(self) -> int:
@@ -93,27 +81,6 @@ def significant_peaks(
     z: ArrayLike, *, pruning: float = 0.05, largest_hole: int = LARGEST_HOLE
 ) -> Peaks:
     """Return the peaks that stand a share of the total height above their saddle.
-
-    Parameters
-    ----------
-    z : array_like, shape (n_y, n_x), m
-        Heights; NaN where not measured. Pits are the peaks of ``-z``.
-    pruning : float, optional
-        Least height above the saddle as a share of Sz, 0 to 1.
-    largest_hole : int, optional
-        Pixels of the largest hole that is filled for the segmentation; 0 fills none.
-
-    Returns
-    -------
-    Peaks
-        Those inside; none at the edge of the map or of a larger hole.
-
-    Raises
-    ------
-    DataError
-        If `pruning` is not between 0 and 1, or `largest_hole` is not a whole number from 0.
-    InvalidSamplesError
-        If nothing is valid, all heights are equal, or one is infinite.
 
     Notes
     -----
@@ -383,23 +350,6 @@ def _neighbours() -> Sequence[tuple[tuple[slice, slice], tuple[slice, slice]]]:
 def five_point_height(peaks: Peaks, mean: float) -> float:
     """Return S5p, the mean height of the five highest significant peaks above the mean.
 
-    Parameters
-    ----------
-    peaks : Peaks
-        From `significant_peaks`; those of ``-z`` with ``-mean`` give S5v.
-    mean : float, m
-        Of the heights of the map.
-
-    Returns
-    -------
-    float
-        S5p in m.
-
-    Raises
-    ------
-    TooFewSamplesError
-        If there are fewer than five significant peaks.
-
     References
     ----------
     .. [1] ISO 25178-2:2021, clause 5.8 (S5p, S5v, S10z; recalled, not checked).
@@ -414,25 +364,6 @@ def five_point_height(peaks: Peaks, mean: float) -> float:
 
 def mean_peak_curvature(z: ArrayLike, peaks: Peaks, dx: float, dy: float) -> float:
     """Return Spc, the mean of the principal curvatures over the significant peaks.
-
-    Parameters
-    ----------
-    z : array_like, shape (n_y, n_x), m
-        Heights; NaN where not measured.
-    peaks : Peaks
-        From `significant_peaks` of the same map.
-    dx, dy : float, m
-        Lateral steps, > 0.
-
-    Returns
-    -------
-    float
-        Spc in 1/m, positive for a rounded peak.
-
-    Raises
-    ------
-    TooFewSamplesError
-        If there is no significant peak, or none without a filled pixel beside it.
 
     Notes
     -----

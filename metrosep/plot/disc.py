@@ -23,16 +23,6 @@ _UNITS = ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm"), (1e-9, "nm"), (1e-12, "pm"))
 def readable_length(largest: float) -> tuple[float, str]:
     """Return the unit in which the largest of some lengths reads well.
 
-    Parameters
-    ----------
-    largest : float, m
-        Magnitude; 0 gives nm.
-
-    Returns
-    -------
-    tuple of (float, str)
-        The unit in m, and its symbol; values below 2 units go to the next smaller one.
-
     Examples
     --------
     >>> readable_length(3.2e-8), readable_length(1.5e-6)[1]

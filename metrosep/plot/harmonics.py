@@ -27,18 +27,6 @@ _UNITS = {
 def readable_unit(largest: float, unit: str) -> tuple[float, str]:
     """Return factor and name of the unit in which the largest value reads well.
 
-    Parameters
-    ----------
-    largest : float
-        Largest magnitude on an axis.
-    unit : str
-        ``"m"`` or ``"rad"``; others stay as they are.
-
-    Returns
-    -------
-    tuple of (float, str)
-        Multiply by the factor.
-
     Examples
     --------
     >>> readable_unit(2.5e-8, "m")

@@ -20,18 +20,7 @@ _PLACED: WeakSet[Any] = WeakSet()
 
 
 def setting(name: str) -> Any:
-    """Return a setting of the style that holds now.
-
-    Parameters
-    ----------
-    name : str
-        As matplotlib names it.
-
-    Returns
-    -------
-    object
-        Its value.
-    """
+    """Return a setting of the style that holds now."""
     import matplotlib as mpl
 
     parameters: Any = mpl.rcParams
@@ -39,23 +28,12 @@ def setting(name: str) -> Any:
 
 
 def mark_placed(figure: Figure) -> None:
-    """Say that the labels of a figure have their places, and do not move with its numbers.
-
-    Parameters
-    ----------
-    figure : matplotlib Figure
-        Whose axes were placed by `metrosep.plot.placing`.
-    """
+    """Say that the labels of a figure have their places, and do not move with its numbers."""
     _PLACED.add(figure)
 
 
 def lighten(figure: Figure) -> None:
     """Replace ticks, numbers and grid of the linear axes of a placed figure by light ones.
-
-    Parameters
-    ----------
-    figure : matplotlib Figure
-        About to be drawn for the last time; of one that was not placed nothing changes.
 
     Notes
     -----

@@ -81,24 +81,7 @@ def closed_loop_plot(result: LoopResult, ax: Axes | None = None, *, direction: i
 
 
 def closed_loop_maps(result: LoopResult) -> Figure:
-    """Return a figure with a face-turned part without, with, and with the reversed map.
-
-    Parameters
-    ----------
-    result : LoopResult
-        From `run_closed_loop` on a face-turned part.
-
-    Returns
-    -------
-    matplotlib Figure
-        Three maps on one colour scale. Nothing is drawn inside the last turn of the tool where it
-        ended before the centre, nor outside the first one.
-
-    Raises
-    ------
-    DataError
-        If the result is of an axis.
-    """
+    """Return a figure with a face-turned part without, with, and with the reversed map."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -135,20 +118,7 @@ def closed_loop_maps(result: LoopResult) -> Figure:
 
 
 def loop_history_plot(history: LoopHistory, ax: Axes | None = None) -> Axes:
-    """Draw P-V and RMS of the part against the number of corrections.
-
-    Parameters
-    ----------
-    history : LoopHistory
-        From `iterate_loop`.
-    ax : matplotlib Axes, optional
-        Where to draw; a new figure by default.
-
-    Returns
-    -------
-    matplotlib Axes
-        Logarithmic; nothing is drawn where a value is 0.
-    """
+    """Draw P-V and RMS of the part against the number of corrections."""
     cycles = np.arange(history.rms.shape[0])
     with house_style():
         axes = axes_or_new(ax)
@@ -174,22 +144,7 @@ def loop_history_plot(history: LoopHistory, ax: Axes | None = None) -> Axes:
 
 
 def knots_plot(x: ArrayLike, c: ArrayLike, knots: Knots, ax: Axes | None = None) -> Axes:
-    """Draw a curve, its polyline, and the tunnel that the polyline stays in.
-
-    Parameters
-    ----------
-    x, c : array_like, shape (n,), m
-        Curve.
-    knots : Knots
-        From `choose_knots` or `knots_for_tolerance`.
-    ax : matplotlib Axes, optional
-        Where to draw; a new figure by default.
-
-    Returns
-    -------
-    matplotlib Axes
-        Position in mm.
-    """
+    """Draw a curve, its polyline, and the tunnel that the polyline stays in."""
     places = np.asarray(x, dtype=np.float64) * 1e3
     curve = np.asarray(c, dtype=np.float64) * 1e9
     scale, unit = length_scale(curve, knots.values * 1e9)

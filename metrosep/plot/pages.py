@@ -35,24 +35,7 @@ def plain_pages(
     captions: Mapping[str, str],
     footer: str,
 ) -> bytes:
-    """Return a PDF: pages of text, then a page for each figure of a result.
-
-    Parameters
-    ----------
-    document : mapping
-        A result (schema ``metrosep.result/1``).
-    lines : sequence of (str, str)
-        Style (``title``, ``head``, ``text``, ``mono``) and text; long ones are broken.
-    captions : mapping of str to str
-        Captions of the figures by their names.
-    footer : str
-        At the foot of each page, before the page number.
-
-    Returns
-    -------
-    bytes
-        The same for the same arguments: no date is in it.
-    """
+    """Return a PDF: pages of text, then a page for each figure of a result."""
     from matplotlib.backends.backend_pdf import PdfPages
     from matplotlib.figure import Figure
 

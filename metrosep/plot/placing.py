@@ -38,18 +38,7 @@ _BESIDE, _BAR, _BAR_GAP, _BAR_LEAST = 0.1, 0.1, 0.06, 1.5  # inch
 
 
 def widest_number(axis: Any) -> float:
-    """Return the room that the numbers of an axis take, with their ticks.
-
-    Parameters
-    ----------
-    axis : matplotlib Axis
-        In axes whose place is about the final one, since their length decides which numbers there are.
-
-    Returns
-    -------
-    float, inch
-        From the axes to the farthest end: the width of the widest number of a vertical axis.
-    """
+    """Return the room that the numbers of an axis take, with their ticks."""
     low, high = sorted(axis.get_view_interval())
     slack = 1e-9 * (high - low)
     places = [v for v in axis.get_majorticklocs() if low - slack <= v <= high + slack]
@@ -62,20 +51,7 @@ def widest_number(axis: Any) -> float:
 
 @lru_cache(maxsize=4096)
 def text_width(text: str, size: float) -> float:
-    """Return the width of a text in the font of the house style.
-
-    Parameters
-    ----------
-    text : str
-        One line.
-    size : float, point
-        Of the font.
-
-    Returns
-    -------
-    float, inch
-        As it is drawn.
-    """
+    """Return the width of a text in the font of the house style."""
     from matplotlib.font_manager import FontProperties
     from matplotlib.textpath import text_to_path
 
@@ -85,15 +61,7 @@ def text_width(text: str, size: float) -> float:
 
 
 def place_stack(figure: Figure, grid: Sequence[Axes]) -> None:
-    """Place panels one above the other with room for the widest numbers at their left.
-
-    Parameters
-    ----------
-    figure : matplotlib Figure
-        Without a layout engine.
-    grid : sequence of matplotlib Axes
-        From the top; one x axis is that of all, and its label stands below the last.
-    """
+    """Place panels one above the other with room for the widest numbers at their left."""
     width, height = figure.get_size_inches()
     below, above = _BELOW / height, 1.0 - _ABOVE / height
     n, gap = len(grid), _BETWEEN / height
@@ -114,17 +82,7 @@ def place_stack(figure: Figure, grid: Sequence[Axes]) -> None:
 
 
 def place_grid(figure: Figure, rows: Sequence[Sequence[Axes]], *, bar: Axes | None = None) -> None:
-    """Place axes of one size in rows and columns, and a colour bar at their right.
-
-    Parameters
-    ----------
-    figure : matplotlib Figure
-        Without a layout engine.
-    rows : sequence of sequence of matplotlib Axes
-        From the top; those with an aspect of their own shrink inside their place.
-    bar : matplotlib Axes, optional
-        Upright colour bar.
-    """
+    """Place axes of one size in rows and columns, and a colour bar at their right."""
     width, height = (float(v) for v in figure.get_size_inches())
     n_rows, n_columns = len(rows), len(rows[0])
     drawn = [axes for row in rows for axes in row if axes.axison]

@@ -25,20 +25,7 @@ _UNITS: Mapping[str, tuple[tuple[float, str], ...]] = {
 
 
 def draw_part_series(series: Mapping[str, Any]) -> Figure:
-    """Return one picture of a series of parts.
-
-    Parameters
-    ----------
-    series : mapping
-        From `metrosep.parameters.PartSeries.to_dict`; None or NaN where a value is missing.
-
-    Returns
-    -------
-    matplotlib Figure
-        Left: the drift of each term in its standard uncertainties, the surest first, and the
-        values of up to three of them with control limits. Right: correlation without the drifts;
-        framed pairs are beyond chance.
-    """
+    """Return one picture of a series of parts."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

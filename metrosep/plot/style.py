@@ -163,33 +163,12 @@ def axes_or_new(ax: Axes | None, *, size: tuple[float, float] = _FIGURE_SIZE) ->
 
 
 def values(column: Sequence[float | None] | None) -> FloatArray:
-    """Return a column of a result as numbers, ``None`` as NaN.
-
-    Parameters
-    ----------
-    column : sequence of (float or None) or None
-        As JSON gives it.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        In the unit of the column; empty where there is no column.
-    """
+    """Return a column of a result as numbers, ``None`` as NaN."""
     return np.array([np.nan if v is None else v for v in column or ()], dtype=np.float64)
 
 
 def length_scale(*columns_nm: FloatArray) -> tuple[float, str]:
     """Return the factor from nm and the name of the unit in which the largest value reads well.
-
-    Parameters
-    ----------
-    *columns_nm : ndarray, nm
-        All that is drawn on one axis.
-
-    Returns
-    -------
-    tuple of (float, str)
-        ``(1.0, "nm")``, or ``(1e-3, "µm")`` where the largest is 2 µm and more.
 
     Examples
     --------
@@ -201,20 +180,7 @@ def length_scale(*columns_nm: FloatArray) -> tuple[float, str]:
 
 
 def shades(colour: str, n: int) -> list[tuple[float, float, float]]:
-    """Return a colour and lighter ones of it, the lightest first.
-
-    Parameters
-    ----------
-    colour : str
-        As matplotlib names it.
-    n : int
-        How many.
-
-    Returns
-    -------
-    list of tuple of (float, float, float)
-        Red, green, blue, 0 to 1.
-    """
+    """Return a colour and lighter ones of it, the lightest first."""
     from matplotlib.colors import to_rgb
 
     red, green, blue = to_rgb(colour)
@@ -226,16 +192,6 @@ def shades(colour: str, n: int) -> list[tuple[float, float, float]]:
 
 def speed_name(feed_mm_min: float | None) -> str:
     """Return the name of a feedrate in a legend.
-
-    Parameters
-    ----------
-    feed_mm_min : float or None, mm/min
-        ``None`` where the runs do not tell it.
-
-    Returns
-    -------
-    str
-        With its unit.
 
     Examples
     --------

@@ -31,31 +31,7 @@ def trend_chart(
     ranges: tuple[float, float] | None = None,
     limits: tuple[float | None, float | None] = (None, None),
 ) -> Figure:
-    """Return the chart of individuals of a characteristic, with its moving ranges.
-
-    Parameters
-    ----------
-    values : sequence of (float or None)
-        In the order of the parts, in the printed unit; ``None`` leaves a gap.
-    name, unit : str
-        For the axis.
-    control : tuple of (float, float, float), optional
-        Mean, lower and upper control limit.
-    ranges : tuple of (float, float), optional
-        Mean and upper limit of the moving ranges.
-    limits : tuple of (float or None), optional
-        Lower and upper limit of the check.
-
-    Returns
-    -------
-    matplotlib Figure
-        Two panels; values beyond a control limit are red, with a square marker.
-
-    Raises
-    ------
-    DataError
-        If there is no value.
-    """
+    """Return the chart of individuals of a characteristic, with its moving ranges."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

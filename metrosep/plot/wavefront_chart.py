@@ -114,25 +114,7 @@ def zernike_bars(
 def contrast_plot(
     transfers: ModulationTransfer | Mapping[str, ModulationTransfer], *, ax: Axes | None = None
 ) -> Axes:
-    """Return modulation transfer functions against frequency over cut-off.
-
-    Parameters
-    ----------
-    transfers : ModulationTransfer or mapping of str to ModulationTransfer
-        One, or several by name.
-    ax : matplotlib Axes, optional
-        Where to draw.
-
-    Returns
-    -------
-    matplotlib Axes
-        The ideal full circle is dashed.
-
-    Raises
-    ------
-    DataError
-        If there is nothing to draw.
-    """
+    """Return modulation transfer functions against frequency over cut-off."""
     named: dict[str, Any] = dict(transfers) if isinstance(transfers, Mapping) else {"": transfers}
     if not named:
         raise DataError("there is no modulation transfer function to draw")

@@ -156,18 +156,7 @@ class Contribution:
 
 
 def spread_of(found: FloatArray) -> tuple[float, float, tuple[float, float]]:
-    """Return mean, standard deviation and likely interval of draws.
-
-    Parameters
-    ----------
-    found : ndarray, shape (draws,), m
-        P-V of each.
-
-    Returns
-    -------
-    tuple of (float, float, tuple of (float, float)), m
-        The three.
-    """
+    """Return mean, standard deviation and likely interval of draws."""
     low, high = (float(v) for v in np.quantile(found, LIKELY))
     return float(found.mean()), float(found.std(ddof=1)), (low, high)
 

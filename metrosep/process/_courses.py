@@ -37,25 +37,7 @@ class Course:
 
 
 def heights_of(form: Height, rho: FloatArray, azimuth: FloatArray) -> FloatArray:
-    """Return the height of the form at points of the spiral; NaN is an error.
-
-    Parameters
-    ----------
-    form : callable
-        ``form(x, y)``, m.
-    rho, azimuth : ndarray, shape (n,), m and rad
-        Polar coordinates on the part.
-
-    Returns
-    -------
-    ndarray, shape (n,), m
-        All finite.
-
-    Raises
-    ------
-    InvalidSamplesError
-        If the form has no finite height at a point, or returns another shape.
-    """
+    """Return the height of the form at points of the spiral; NaN is an error."""
     x, y = rho * np.cos(azimuth), rho * np.sin(azimuth)
     found = form(x, y)
     if np.iscomplexobj(found):

@@ -24,22 +24,7 @@ _BLOCK = 1 << 20
 
 
 def drawn_pv(base: FloatArray, modes: FloatArray, xi: FloatArray) -> FloatArray:
-    """Return the P-V of ``base + xi @ modes`` for each draw.
-
-    Parameters
-    ----------
-    base : ndarray, shape (n,), m
-        Map without deviations; no NaN.
-    modes : ndarray, shape (q, n), m
-        Change of the map for one standard deviation of each number drawn.
-    xi : ndarray, shape (draws, q)
-        Numbers drawn.
-
-    Returns
-    -------
-    ndarray, shape (draws,), m
-        Largest minus smallest point, as if all points were looked at.
-    """
+    """Return the P-V of ``base + xi @ modes`` for each draw."""
     if not modes.shape[0]:
         return np.full(xi.shape[0], float(np.ptp(base)))
     maps = np.concatenate([base[None, :], modes])
@@ -86,18 +71,7 @@ def _largest(
 
 
 def square_root(cov: FloatArray) -> FloatArray:
-    """Return L with ``L L^T = cov`` for a covariance that may be singular.
-
-    Parameters
-    ----------
-    cov : ndarray, shape (k, k)
-        Symmetric, without negative eigenvalues beyond rounding.
-
-    Returns
-    -------
-    ndarray, shape (k, r)
-        Columns for the r eigenvalues that are not zero.
-    """
+    """Return L with ``L L^T = cov`` for a covariance that may be singular."""
     size = np.sqrt(np.diag(cov))
     scale = np.where(size > 0.0, size, 1.0)
     values, vectors = np.linalg.eigh(cov / np.outer(scale, scale))

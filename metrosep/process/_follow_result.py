@@ -311,18 +311,7 @@ class FollowUp:
 
 
 def longest_stretch(z: FloatArray) -> tuple[int, int]:
-    """Return start and stop of the longest run of samples that were measured.
-
-    Parameters
-    ----------
-    z : ndarray, shape (n,)
-        NaN where not measured.
-
-    Returns
-    -------
-    tuple of (int, int)
-        As a slice takes them; equal where nothing was measured.
-    """
+    """Return start and stop of the longest run of samples that were measured."""
     edges = np.diff(np.concatenate([[0], (~np.isnan(z)).astype(int), [0]]))
     starts, stops = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
     if not starts.size:

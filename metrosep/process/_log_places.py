@@ -41,24 +41,12 @@ _EDGE = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class PlacedLog:
-    """Samples of a log along the spiral, and the holes between them.
+    """Samples of a log along the spiral, and the holes between them."""
 
-    Parameters
-    ----------
-    travelled : ndarray, shape (n,), rad
-        Since the rim, growing.
-    z : ndarray, shape (n,), m
-        Error; no NaN.
-    is_hole : ndarray of bool, shape (n - 1,)
-        Intervals much longer than those around them.
-    step : float, rad
-        Median interval.
-    """
-
-    travelled: FloatArray
-    z: FloatArray
-    is_hole: NDArray[np.bool_]
-    step: float
+    travelled: FloatArray  # shape (n,), rad: since the rim, growing
+    z: FloatArray  # shape (n,), m: error; no NaN
+    is_hole: NDArray[np.bool_]  # shape (n - 1,): intervals much longer than those around them
+    step: float  # rad: median interval
 
     @property
     def holes(self) -> list[tuple[float, float]]:

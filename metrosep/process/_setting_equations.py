@@ -46,27 +46,13 @@ _CLOSE = 0.9
 
 @dataclass(frozen=True, slots=True)
 class Equations:
-    """Sums over the points at some values of the freedoms, in the order of `FREEDOMS`.
+    """Sums over the points at some values of the freedoms, in the order of `FREEDOMS`."""
 
-    Parameters
-    ----------
-    gram : ndarray, shape (9, 9)
-        Products of the derivatives.
-    right : ndarray, shape (9,)
-        Products of the derivatives with the residual.
-    square : float, m^2
-        Sum of squared residuals.
-    n : int
-        Points used.
-    n_undefined : int
-        Points left out because nothing is cut or defined there.
-    """
-
-    gram: FloatArray
-    right: FloatArray
-    square: float
-    n: int
-    n_undefined: int
+    gram: FloatArray  # shape (9, 9): products of the derivatives
+    right: FloatArray  # shape (9,): products of the derivatives with the residual
+    square: float  # m^2: sum of squared residuals
+    n: int  # points used
+    n_undefined: int  # points left out because nothing is cut or defined there
 
     @property
     def mean_square(self) -> float:
@@ -101,18 +87,11 @@ class Region:
     """Which points are used: a ring about where the spindle axis was taken to be.
 
     It stays where it is while the shift is fitted, so that the points stay the same.
-
-    Parameters
-    ----------
-    inner, outer : float, m
-        Radii.
-    x, y : float, m
-        Centre, in the coordinates of the points.
     """
 
-    inner: float
+    inner: float  # m: radii
     outer: float
-    x: float = 0.0
+    x: float = 0.0  # m: centre, in the coordinates of the points
     y: float = 0.0
 
     def holds(self, x: FloatArray, y: FloatArray) -> NDArray[np.bool_]:
@@ -147,17 +126,11 @@ def equations(
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """Which freedoms are solved for, and why the others are not.
+    """Which freedoms are solved for, and why the others are not."""
 
-    Parameters
-    ----------
-    used : tuple of str
-        In the order of `FREEDOMS`.
-    given_up : mapping of str to tuple of str
-        Freedom to those that hold its effect; empty where it leaves no trace.
-    """
-
-    used: tuple[str, ...]
+    used: tuple[str, ...]  # in the order of `FREEDOMS`
+    # mapping of str to tuple of str: freedom to those that hold its effect; empty where it leaves
+    # no trace
     given_up: Mapping[str, tuple[str, ...]]
 
     @property

@@ -35,25 +35,16 @@ _CLOSE = 1e-15
 
 @dataclass(frozen=True, slots=True)
 class Cut:
-    """What was cut at some points of the workpiece.
+    """What was cut at some points of the workpiece."""
 
-    Parameters
-    ----------
-    height : ndarray, shape (n,), m
-        Actual height; NaN in the core and where the surface is not defined.
-    rho, theta : ndarray, shape (n,)
-        Where on the workpiece, m and rad.
-    along_rho, along_theta : ndarray, shape (n,)
-        Derivatives of the actual height by rho (1) and by theta (m/rad).
-    by_dx, by_dy, by_dR : ndarray, shape (n,)
-        Derivatives of the actual height by the settings, dimensionless.
-    """
-
+    # shape (n,), m: actual height; NaN in the core and where the surface is not defined
     height: FloatArray
-    rho: FloatArray
+    rho: FloatArray  # shape (n,): where on the workpiece, m and rad
     theta: FloatArray
+    # shape (n,): derivatives of the actual height by rho (1) and by theta (m/rad)
     along_rho: FloatArray
     along_theta: FloatArray
+    # shape (n,): derivatives of the actual height by the settings, dimensionless
     by_dx: FloatArray
     by_dy: FloatArray
     by_dR: FloatArray

@@ -31,18 +31,12 @@ _LEAST = 1e-15
 
 @dataclass(frozen=True, slots=True)
 class Correlation:
-    """How the residuals of points near one another correlate.
+    """How the residuals of points near one another correlate."""
 
-    Parameters
-    ----------
-    kernel : ndarray, shape (2 n_y + 1, 2 n_x + 1)
-        Correlation by lag, 1 in the middle, 0 where it does not stand out.
-    along_x, along_y : float
-        Of next neighbours; 0 where there are none.
-    """
-
+    # shape (2 n_y + 1, 2 n_x + 1): correlation by lag, 1 in the middle, 0 where it does not stand
+    # out
     kernel: FloatArray
-    along_x: float = 0.0
+    along_x: float = 0.0  # of next neighbours; 0 where there are none
     along_y: float = 0.0
 
     @property

@@ -39,21 +39,11 @@ _OTHER = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Guess:
-    """What a neighbouring period promises from its linear solution on the sample.
+    """What a neighbouring period promises from its linear solution on the sample."""
 
-    Parameters
-    ----------
-    shifted : mapping of str to float
-        The shifts to start from.
-    square : float, m^2
-        Mean squared residual it would leave.
-    setting : ndarray, shape (3,), m
-        The setting it would give.
-    """
-
-    shifted: Mapping[str, float]
-    square: float
-    setting: FloatArray
+    shifted: Mapping[str, float]  # mapping of str to float: the shifts to start from
+    square: float  # m^2: mean squared residual it would leave
+    setting: FloatArray  # shape (3,), m: the setting it would give
 
 
 def settle_in_period(task: Task, start: Mapping[str, float]) -> tuple[Settled, tuple[str, ...]]:

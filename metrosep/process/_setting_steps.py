@@ -51,55 +51,25 @@ _AROUND_CENTRE = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """What is fitted to what.
+    """What is fitted to what."""
 
-    Parameters
-    ----------
-    points : Points
-        Measured heights.
-    form : Form
-        The nominal surface.
-    names : sequence of str
-        Freedoms wanted.
-    wanted : tuple of (float, float), m
-        Inner and outer radius that may be used.
-    noise : float or None, m
-        Stated standard deviation of one height.
-    extent : float, m
-        Largest distance from the axis.
-    """
-
-    points: Points
-    form: Form
-    names: Sequence[str]
-    wanted: tuple[float, float]
-    noise: float | None
-    extent: float
+    points: Points  # measured heights
+    form: Form  # the nominal surface
+    names: Sequence[str]  # freedoms wanted
+    wanted: tuple[float, float]  # of (float, float), m: inner and outer radius that may be used
+    noise: float | None  # m: stated standard deviation of one height
+    extent: float  # m: largest distance from the axis
 
 
 @dataclass(frozen=True, slots=True)
 class Settled:
-    """Where the steps ended.
+    """Where the steps ended."""
 
-    Parameters
-    ----------
-    values : mapping of str to float
-        Of all freedoms.
-    region : Region
-        Which points were used.
-    sums : Equations
-        At the values.
-    choice : Choice
-        Freedoms that were solved for.
-    steps : int
-        That it took.
-    """
-
-    values: Mapping[str, float]
-    region: Region
-    sums: Equations
-    choice: Choice
-    steps: int
+    values: Mapping[str, float]  # mapping of str to float: of all freedoms
+    region: Region  # which points were used
+    sums: Equations  # at the values
+    choice: Choice  # freedoms that were solved for
+    steps: int  # that it took
 
 
 def settle(task: Task, start: Mapping[str, float]) -> Settled:

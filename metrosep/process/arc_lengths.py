@@ -112,25 +112,7 @@ def angle_at_length(s: ArrayLike, feed: float) -> FloatArray:
 
 
 def newton_angle(g: FloatArray, guess: FloatArray | None = None) -> FloatArray:
-    """Return u with ``u sqrt(u^2 + 1) + asinh u = g``, by Newton's method.
-
-    Parameters
-    ----------
-    g : ndarray, any shape
-        Twice the arc length over the pitch per radian, >= 0; NaN gives NaN.
-    guess : ndarray, as `g`, optional
-        Near the answer, >= 0.
-
-    Returns
-    -------
-    ndarray, as `g`, rad
-        Angles.
-
-    Raises
-    ------
-    NotConvergedError
-        If the steps do not shrink; no known input does this.
-    """
+    """Return u with ``u sqrt(u^2 + 1) + asinh u = g``, by Newton's method."""
     if not g.size or (np.isnan(g.flat[0]) and np.isnan(g).all()):
         return g.copy()
     u = np.where(g < 1.0, 0.5 * g, np.sqrt(g)) if guess is None else guess

@@ -166,24 +166,7 @@ def evaluate(
 def dense_rows(
     z: FloatArray, h: FloatArray, slopes: FloatArray | None, fractions: FloatArray
 ) -> FloatArray:
-    """Return interpolated heights at the same fractions of every interval, one row each.
-
-    Parameters
-    ----------
-    z : ndarray, shape (n + 1,), m
-        Heights of the knots.
-    h : ndarray, shape (n,), m
-        Lengths of the intervals.
-    slopes : ndarray, shape (n + 1,), m/m, or None
-        Of `knot_slopes`; None joins the points by lines.
-    fractions : ndarray, shape (k,)
-        0 at the first knot of the interval, 1 at its second.
-
-    Returns
-    -------
-    ndarray, shape (n, k), m
-        As `evaluate`, by one matrix product.
-    """
+    """Return interpolated heights at the same fractions of every interval, one row each."""
     t = fractions
     if slopes is None:
         return np.stack([z[:-1], z[1:]], axis=1) @ np.stack([1.0 - t, t])

@@ -49,29 +49,7 @@ _MOST_PIXELS = 5000
 
 
 def program_points(path: SpiralPath, form: Height) -> PathPoints:
-    """Return the points of the block program; see `SpiralPath.points`.
-
-    Parameters
-    ----------
-    path : SpiralPath
-        Where the points lie.
-    form : callable
-        ``form(x, y)``, m.
-
-    Returns
-    -------
-    PathPoints
-        Lead-in first.
-
-    Raises
-    ------
-    InvalidSamplesError
-        If the form has no height at a point.
-    DataError
-        If the form cannot be called, or the ends are clamped and it has no gradient.
-    LimitError
-        If there are more than 10 million points.
-    """
+    """Return the points of the block program; see `SpiralPath.points`."""
     course = course_of(path, form)
     u, _ = path.stations()
     theta = _TURN * path.turns - u
@@ -87,32 +65,7 @@ def program_points(path: SpiralPath, form: Height) -> PathPoints:
 
 
 def path_error_map(path: SpiralPath, form: Height, *, sub_points: int = 10) -> PathErrorMap:
-    """Return the error of the interpolated path along the spiral; see `SpiralPath.error_map`.
-
-    Parameters
-    ----------
-    path : SpiralPath
-        Points and interpolation.
-    form : callable
-        ``form(x, y)``, m.
-    sub_points : int, optional
-        Parts of each interval, >= 2.
-
-    Returns
-    -------
-    PathErrorMap
-        Samples on the part; the lead-in is left out.
-
-    Raises
-    ------
-    InvalidSamplesError
-        If the form has no height at a point of the path.
-    DataError
-        If `sub_points` is no whole number of 2 or more, the form cannot be called, or clamped ends
-        lack a gradient.
-    LimitError
-        If there are more than 10 million points or 50 million samples.
-    """
+    """Return the error of the interpolated path along the spiral; see `SpiralPath.error_map`."""
     parts = checked_count(sub_points, "sub_points", least=2)
     if path.n_points * parts >= _MOST_SAMPLES:
         raise LimitError(

@@ -128,23 +128,7 @@ class CorrectedProgram:
 
 
 def pv_quantities(budget: ErrorBudget) -> dict[str, Quantity]:
-    """Return the P-V of each cause and of each total with unit and definition.
-
-    Parameters
-    ----------
-    budget : ErrorBudget
-        Causes.
-
-    Returns
-    -------
-    dict of str to Quantity
-        ``tool setting.pv`` ..., ``sum``, ``rss``, ``pointwise``, ``monte-carlo``.
-
-    Raises
-    ------
-    TooFewSamplesError
-        If no point has all maps.
-    """
+    """Return the P-V of each cause and of each total with unit and definition."""
     found = {
         f"{c.name}.pv": Quantity(float(c.pv or 0.0), "m", f"P-V of the error by {c.name}", u=c.u)
         for c in budget.contributions

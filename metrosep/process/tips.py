@@ -366,38 +366,18 @@ def _refined(
 
 
 class TipSurface:
-    """The heights of the tip as a function of its place on the part, with its gradient.
-
-    Parameters
-    ----------
-    form : Form
-        The surface wanted.
-    edge : Edge
-        Of the tool.
-    """
+    """The heights of the tip as a function of its place on the part, with its gradient."""
 
     def __init__(self, form: Form, edge: Edge) -> None:
         self._form, self._edge = form, edge
 
     def __call__(self, x: ArrayLike, y: ArrayLike = 0.0) -> FloatArray:
-        """Return the height of the tip.
-
-        Parameters
-        ----------
-        x, y : array_like, m
-            Places of the tip on the part.
-        """
+        """Return the height of the tip."""
         found, shape = self._tips(x, y)
         return np.asarray(found.z.reshape(shape))
 
     def gradient(self, x: ArrayLike, y: ArrayLike = 0.0) -> tuple[FloatArray, FloatArray]:
-        """Return dZ/dx and dZ/dy of the tip.
-
-        Parameters
-        ----------
-        x, y : array_like, m
-            Places of the tip on the part.
-        """
+        """Return dZ/dx and dZ/dy of the tip."""
         found, shape = self._tips(x, y)
         px, py, _ = self._edge.point(found.psi)
         # dZ/dX = sX and dZ/dphi = (X + x) sY - y sX, by the envelope theorem

@@ -34,28 +34,6 @@ ORDERS = ("name", "time", "file_time")
 def batch_table(data: Mapping[str, Any], place: Place) -> dict[str, Any]:
     """Return the table ``[batch]`` checked, with its defaults.
 
-    Parameters
-    ----------
-    data : mapping
-        What TOML holds; empty where the recipe has no such table.
-    place : Place
-        Where it stands.
-
-    Returns
-    -------
-    dict
-        ``each`` (what a unit is: "file", "folder", None: as the recipe reads), ``pattern`` (None:
-        the stem of each file names it), ``key`` (named groups), ``groups`` (all of them, those of
-        ``key`` first), ``on_error``, ``index`` (formats), ``trend`` (names of characteristics),
-        ``order`` (of the parts in charts: one of `ORDERS`, or a group).
-
-    Raises
-    ------
-    RecipeError
-        With file and line, if a key is unknown, the pattern is no regular expression, a group has
-        the name of a column of the index, or ``key`` or ``order`` names a group that the pattern
-        has not.
-
     Examples
     --------
     >>> place = Place("r.toml", "")

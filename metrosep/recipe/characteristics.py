@@ -31,27 +31,7 @@ _NAMES = {
 def characteristics(
     recipe: Recipe, estimate: ErrorEstimate, verifications: Sequence[Verification]
 ) -> dict[str, Any]:
-    """Return what was measured, judged where the recipe holds a check.
-
-    Parameters
-    ----------
-    recipe : Recipe
-        With its checks.
-    estimate : ErrorEstimate
-        Separated error.
-    verifications : sequence of Verification
-        Dry-runs of the tables; the worst of them counts.
-
-    Returns
-    -------
-    dict
-        ``characteristics``, a list, and ``verdict`` over all of them.
-
-    Raises
-    ------
-    RecipeError
-        If a check has no U and the readings do not tell it.
-    """
+    """Return what was measured, judged where the recipe holds a check."""
     values = _metrics(estimate, verifications)
     entries = [
         {"name": METRICS.get(k) or _NAMES[k], **q.to_dict(), "metric": k}

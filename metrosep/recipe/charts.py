@@ -23,20 +23,7 @@ _LARGEST_SIDE = 256
 
 
 def plain(values: ArrayLike, *, digits: int = 6) -> Any:
-    """Return numbers as nested lists for JSON.
-
-    Parameters
-    ----------
-    values : array_like
-        SI; NaN and infinities become None.
-    digits : int, optional
-        Significant digits that are kept.
-
-    Returns
-    -------
-    list or float or None
-        Of the same shape.
-    """
+    """Return numbers as nested lists for JSON."""
     array = np.asarray(values, dtype=np.float64)
     return _nested(_rounded(array, digits), np.isfinite(array))
 
@@ -71,23 +58,7 @@ def _rounded(array: FloatArray, digits: int) -> FloatArray:
 
 
 def thin(x: FloatArray, curves: FloatArray, *, most: int = _MOST_SAMPLES) -> NDArray[np.intp]:
-    """Return which samples to keep, so that no extreme of any curve is hidden.
-
-    Parameters
-    ----------
-    x : ndarray, shape (n,)
-        Positions.
-    curves : ndarray, shape (k, n)
-        Curves over them.
-    most : int, optional
-        About how many samples are kept.
-
-    Returns
-    -------
-    ndarray of int
-        All, where there are no more than `most`; else the smallest and largest of each curve in
-        each cell, and the first sample of a cell where a curve was not measured.
-    """
+    """Return which samples to keep, so that no extreme of any curve is hidden."""
     if x.size <= most:
         return np.arange(x.size)
     keep: set[int] = {0, x.size - 1}
@@ -104,24 +75,7 @@ def thin(x: FloatArray, curves: FloatArray, *, most: int = _MOST_SAMPLES) -> NDA
 def curve(
     label: str, x: ArrayLike, y: ArrayLike, *, u: ArrayLike | None = None, points: bool = False
 ) -> dict[str, Any]:
-    """Return one curve of a panel.
-
-    Parameters
-    ----------
-    label : str
-        For the legend.
-    x, y : array_like, shape (n,)
-        SI.
-    u : array_like, shape (n,), optional
-        Half of the band that is drawn, divided by two.
-    points : bool, optional
-        Markers in place of a line.
-
-    Returns
-    -------
-    dict
-        Keys ``label``, ``x``, ``y``, ``u``, ``points``, ``n``.
-    """
+    """Return one curve of a panel."""
     positions, values = (np.asarray(v, dtype=np.float64) for v in (x, y))
     index = thin(positions, values[None, :])
     spread = None if u is None else np.asarray(u, dtype=np.float64)
@@ -137,46 +91,14 @@ def curve(
 
 
 def panel(title: str, unit: str, curves: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return one panel of a chart.
-
-    Parameters
-    ----------
-    title : str
-        Above it.
-    unit : str
-        SI unit of its values.
-    curves : sequence of mapping
-        From `curve`.
-
-    Returns
-    -------
-    dict
-        Keys ``title``, ``unit``, ``curves``.
-    """
+    """Return one panel of a chart."""
     return {"title": title, "unit": unit, "curves": list(curves)}
 
 
 def curve_chart(
     title: str, x: tuple[str, str], panels: Sequence[Mapping[str, Any]], *, caption: str = ""
 ) -> dict[str, Any]:
-    """Return a chart of curves, one panel above the other.
-
-    Parameters
-    ----------
-    title : str
-        Of the figure.
-    x : tuple of (str, str)
-        Name and SI unit of the abscissa.
-    panels : sequence of mapping
-        From `panel`.
-    caption : str, optional
-        What it shows.
-
-    Returns
-    -------
-    dict
-        Of kind ``curves``.
-    """
+    """Return a chart of curves, one panel above the other."""
     longest = max((c["n"] for p in panels for c in p["curves"]), default=0)
     words = caption
     if longest > _MOST_SAMPLES:
@@ -204,30 +126,7 @@ def harmonic_chart(
     caption: str = "",
     k_name: str = "undulations per revolution k",
 ) -> dict[str, Any]:
-    """Return a chart of amplitudes over undulations per revolution.
-
-    Parameters
-    ----------
-    title : str
-        Of the figure.
-    k, amplitude : array_like, shape (h,)
-        Undulations per revolution and amplitudes; NaN draws nothing.
-    u : array_like, shape (h,), optional
-        Standard uncertainties.
-    suppressed : sequence of int
-        What cannot be seen or was removed: hatched.
-    unit : str
-        ``"m"`` or ``"rad"``.
-    caption : str, optional
-        What it shows.
-    k_name : str, optional
-        What k counts.
-
-    Returns
-    -------
-    dict
-        Of kind ``harmonics``.
-    """
+    """Return a chart of amplitudes over undulations per revolution."""
     orders = np.asarray(k, dtype=np.intp)
     return {
         "kind": "harmonics",
@@ -253,30 +152,7 @@ def map_chart(
     origin: tuple[float, float] = (0.0, 0.0),
     pv: Mapping[str, float] | None = None,
 ) -> dict[str, Any]:
-    """Return a chart of maps on one colour scale.
-
-    Parameters
-    ----------
-    title : str
-        Of the figure.
-    maps : mapping of str to ndarray, shape (n_y, n_x)
-        SI, NaN = not measured.
-    dx, dy : float or None, m
-        Steps; pixels if None.
-    unit : str
-        SI unit of the values.
-    caption : str, optional
-        What it shows.
-    origin : tuple of (float, float), m, optional
-        Position of the first pixel.
-    pv : mapping of str to float, optional
-        P-V of each whole map, where `maps` hold only some of its points; else that of `maps`.
-
-    Returns
-    -------
-    dict
-        Of kind ``maps``; at most 256 pixels a side, fewer where there are many maps.
-    """
+    """Return a chart of maps on one colour scale."""
     side = min(_LARGEST_SIDE, int(math.sqrt(_MOST_PIXELS / max(len(maps), 1))))
     step = max((-(-max(m.shape) // side) for m in maps.values()), default=1)
     words = caption

@@ -16,21 +16,7 @@ __all__ = ["evidence_of", "probe_angles_of", "probe_check_of", "speed_sweep_of"]
 
 
 def probe_check_of(produced: Any, inputs: Any = None) -> Description:
-    """Return what a document holds of a `ProbeCheck`.
-
-    Parameters
-    ----------
-    produced : ProbeCheck
-        Whether the probes agree.
-    inputs : object, optional
-        Not used.
-
-    Returns
-    -------
-    Description
-        ``p``, ``disagreement``; ``probe_3.angle`` or ``probe_3.sensitivity`` of a fault that is named;
-        shares by undulation, and the suspects.
-    """
+    """Return what a document holds of a `ProbeCheck`."""
     text = "chi-square of what the probes disagree by, over its expectation without a fault"
     found = {
         "p": quantity(
@@ -77,20 +63,7 @@ def _only(suspect: Any, fault: str, size: float) -> float:
 
 
 def probe_angles_of(produced: Any, inputs: Any = None) -> Description:
-    """Return what a document holds of a `ProbeAngles`.
-
-    Parameters
-    ----------
-    produced : ProbeAngles
-        Chosen angles.
-    inputs : object, optional
-        Not used.
-
-    Returns
-    -------
-    Description
-        ``probe_0`` ..., ``gain``, ``worst_gain``, ``robust_gain``; gain by undulation.
-    """
+    """Return what a document holds of a `ProbeAngles`."""
     found: dict[str, Quantity] = {
         f"probe_{i}": quantity(
             a, "rad", f"angle of probe {i}, counted from 0", symbol=f"probe {i}"
@@ -130,20 +103,7 @@ def probe_angles_of(produced: Any, inputs: Any = None) -> Description:
 
 
 def evidence_of(produced: Any, inputs: Any = None) -> Description:
-    """Return what a document holds of an `EvidenceTable`.
-
-    Parameters
-    ----------
-    produced : EvidenceTable
-        Evidence by wavelength.
-    inputs : object, optional
-        Not used.
-
-    Returns
-    -------
-    Description
-        ``n_selected``, ``n_blind``, ``shortest``; the table; coherence and amplitude.
-    """
+    """Return what a document holds of an `EvidenceTable`."""
     columns = produced.columns
     wave = np.asarray(columns["wavelength_mm"], dtype=np.float64) * 1e-3
     chosen = np.asarray(columns["selected"], dtype=bool)
@@ -186,20 +146,7 @@ def evidence_of(produced: Any, inputs: Any = None) -> Description:
 
 
 def speed_sweep_of(produced: Any, inputs: Any = None) -> Description:
-    """Return what a document holds of a `SpeedSweep`.
-
-    Parameters
-    ----------
-    produced : SpeedSweep
-        Values of spindle tests against speed.
-    inputs : object, optional
-        Not used.
-
-    Returns
-    -------
-    Description
-        ``synchronous.c0``, ``synchronous.c2`` ..., ``synchronous.peak`` in rev/s; values, fits.
-    """
+    """Return what a document holds of a `SpeedSweep`."""
     found: dict[str, Quantity] = {}
     columns: dict[str, Any] = {"speed_Hz": produced.speed}
     panels = []

@@ -14,21 +14,7 @@ __all__ = ["dependence_of", "difference_of", "drift_test_of", "joint_drift_of"]
 
 
 def drift_test_of(produced: Any, inputs: Any = None) -> Description:
-    """Return what a document holds of a `DriftTest`.
-
-    Parameters
-    ----------
-    produced : DriftTest
-        Of ISO 230-3.
-    inputs : object, optional
-        Not used.
-
-    Returns
-    -------
-    Description
-        ``EX0C.range`` and ``combined`` of the only window; ``EX0C.range.2`` ... of several;
-        ``EX0C.worst`` of a sliding window.
-    """
+    """Return what a document holds of a `DriftTest`."""
     several = len(produced.windows) > 1
     found: dict[str, Quantity] = {}
     for i in range(len(produced.windows)):
@@ -59,20 +45,7 @@ def _first(values: Any) -> float:
 
 
 def difference_of(produced: Any, inputs: Any = None) -> Description:
-    """Return what a document holds of a `DriftFreeDifference`.
-
-    Parameters
-    ----------
-    produced : DriftFreeDifference
-        Of A-B-B-A.
-    inputs : Readings, optional
-        For the positions of curves.
-
-    Returns
-    -------
-    Description
-        ``difference`` of single readings; ``difference.pv`` and ``.rms`` of curves.
-    """
+    """Return what a document holds of a `DriftFreeDifference`."""
     value, u = np.asarray(produced.difference), np.asarray(produced.u)
     text = "A minus B, free of offset and linear drift; mean over the sequences"
     if value.ndim == 0:
@@ -116,20 +89,7 @@ def _abscissa(inputs: Any, n: int) -> tuple[Any, str, str]:
 
 
 def joint_drift_of(produced: Any, inputs: Any = None) -> Description:
-    """Return what a document holds of a `JointDrift`.
-
-    Parameters
-    ----------
-    produced : JointDrift
-        Of the fit over time.
-    inputs : Readings, optional
-        For the positions of curves.
-
-    Returns
-    -------
-    Description
-        Each label and, against the first, ``B-A`` ...; of curves their P-V and RMS.
-    """
+    """Return what a document holds of a `JointDrift`."""
     found: dict[str, Quantity] = {}
     labels = produced.labels
     pairs = {(b, labels[0]): produced.difference(b, labels[0]) for b in labels[1:]}
@@ -187,20 +147,7 @@ def _drift_curves(produced: Any, inputs: Any) -> tuple[dict[str, Any], dict[str,
 
 
 def dependence_of(produced: Any, inputs: Any = None) -> Description:
-    """Return what a document holds of a `Dependence`.
-
-    Parameters
-    ----------
-    produced : Dependence
-        On speed or temperature.
-    inputs : object, optional
-        Not used.
-
-    Returns
-    -------
-    Description
-        ``c0``, ``c1``, ``c2`` ...; readings, fit and its interval.
-    """
+    """Return what a document holds of a `Dependence`."""
     v = produced.variable
     order = np.argsort(v)
     line = np.linspace(float(np.nanmin(v)), float(np.nanmax(v)), 101)

@@ -16,20 +16,7 @@ POINTS = 2001
 
 
 def arrays_of(estimate: ErrorEstimate) -> Description:
-    """Return the tables of an estimate.
-
-    Parameters
-    ----------
-    estimate : ErrorEstimate
-        Separated error.
-
-    Returns
-    -------
-    Description
-        Tables only: the main one with ``x_m``, ``error_m``, ``u_error_m`` (mean of the directions)
-        and, where both were estimated, the same of ``error_forward`` and ``error_reverse``; then
-        ``spectrum``, ``feed_spectra``, ``residual_psd`` and ``evidence``, where they have rows.
-    """
+    """Return the tables of an estimate."""
     x = np.linspace(estimate.start, estimate.stop, POINTS)
     curve: dict[str, Any] = {"x_m": x}
     wanted: list[tuple[int | None, str]] = [(None, "error")]

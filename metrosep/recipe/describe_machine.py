@@ -24,21 +24,7 @@ _PIXELS = 161
 
 
 def sensitivity_of(produced: Any, inputs: Any = None) -> Description:
-    """Return what a document holds of a `SensitivityTable`.
-
-    Parameters
-    ----------
-    produced : SensitivityTable
-        Error terms, ranked.
-    inputs : object, optional
-        Not used.
-
-    Returns
-    -------
-    Description
-        ``expected_sq``, ``expected_sq_raw`` and ``sq.TERM``; the table; bars and maps. Terms that
-        leave nothing on the part are listed only where a check names them.
-    """
+    """Return what a document holds of a `SensitivityTable`."""
     what = "wavefront" if produced.response == "wavefront" else "form"
     removed = ", ".join(produced.removed) or "nothing"
     words = f"root of the expected mean square of the {what} error"
@@ -193,20 +179,7 @@ def _on_squares(rho: Any, azimuth: Any, z: Any) -> tuple[Any, float]:
 
 
 def identification_of(produced: Any, inputs: Any = None) -> Description:
-    """Return what a document holds of an `Identification`.
-
-    Parameters
-    ----------
-    produced : Identification
-        Error terms found from a part.
-    inputs : object, optional
-        Not used.
-
-    Returns
-    -------
-    Description
-        ``TERM`` of each identifiable one, groups, ``sq_before``, ``sq_after``, ``predicted_sq``.
-    """
+    """Return what a document holds of an `Identification`."""
     found: dict[str, Quantity] = {}
     tables: dict[str, list[Any]] = {"term": [], "value_si": [], "u_si": [], "unit": []}
     for name, value, u, unit in zip(
@@ -311,20 +284,7 @@ def _groups(produced: Any) -> dict[str, Quantity]:
 
 
 def wavefront_of(produced: Any, inputs: Any = None) -> Description:
-    """Return what a document holds of a wavefront.
-
-    Parameters
-    ----------
-    produced : WavefrontResult
-        Wavefront, its Zernike terms, what was removed.
-    inputs : object, optional
-        Not used.
-
-    Returns
-    -------
-    Description
-        ``rms``, ``pv``, ``strehl`` and each Zernike term.
-    """
+    """Return what a document holds of a wavefront."""
     rest, table = produced.rest, produced.table
     removed = ", ".join(rest.removed) or "nothing"
     kind = "reflected" if rest.mode == "reflect" else f"refracted (n = {rest.n:g})"

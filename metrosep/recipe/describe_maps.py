@@ -14,20 +14,7 @@ __all__ = ["plane_map_of", "registration_of", "surfaces_of"]
 
 
 def plane_map_of(produced: Any, inputs: Any = None) -> Description:
-    """Return what a document holds of a `PlaneMap`.
-
-    Parameters
-    ----------
-    produced : PlaneMap
-        Sum of the errors of two axes.
-    inputs : object, optional
-        Not used.
-
-    Returns
-    -------
-    Description
-        ``plane.pv``, ``plane.rms``, ``alpha``, ``beta``; the map and its uncertainty.
-    """
+    """Return what a document holds of a `PlaneMap`."""
     surface, u = produced.surface, produced.u
     found = extremes("plane", surface.z, u.z, "m")
     found |= {"alpha": produced.alpha, "beta": produced.beta}
@@ -45,20 +32,7 @@ def _chart(title: str, maps: dict[str, Any], like: Any) -> dict[str, Any]:
 
 
 def surfaces_of(produced: Any, inputs: Any = None) -> Description:
-    """Return what a document holds of a `PlaneFit`.
-
-    Parameters
-    ----------
-    produced : PlaneFit
-        Axis errors of a measured plane, and their coupling.
-    inputs : object, optional
-        Not used.
-
-    Returns
-    -------
-    Description
-        ``along_x.pv`` ..., ``alpha``, ``beta``, ``coupling``, ``coupling_p``.
-    """
+    """Return what a document holds of a `PlaneFit`."""
     found: dict[str, Quantity] = {}
     panels, tables = [], {}
     for name in ("x", "y"):
@@ -80,20 +54,7 @@ def surfaces_of(produced: Any, inputs: Any = None) -> Description:
 
 
 def registration_of(produced: Any, inputs: Any = None) -> Description:
-    """Return what a document holds of a `Registration`.
-
-    Parameters
-    ----------
-    produced : Registration
-        Of two maps.
-    inputs : object, optional
-        Not used.
-
-    Returns
-    -------
-    Description
-        ``shift_x``, ``shift_y``, ``angle``, ``rms``.
-    """
+    """Return what a document holds of a `Registration`."""
     u = np.sqrt(np.maximum(np.diag(produced.cov), 0.0))
     words = "of the second map against the first, about the centre"
     found = {

@@ -29,21 +29,7 @@ _BINS = 80
 
 
 def measurement_of(produced: Measurement, inputs: Any = None) -> Description:
-    """Return what a document holds of a `Measurement`.
-
-    Parameters
-    ----------
-    produced : Measurement
-        One map or profile with its steps.
-    inputs : object, optional
-        Not used.
-
-    Returns
-    -------
-    Description
-        What was found by symbol; charts of before, after, section and distribution; the map or
-        the profile that is left.
-    """
+    """Return what a document holds of a `Measurement`."""
     before, last = _before_form(produced), produced.obj
     if isinstance(last, Surface):
         shown = [before, *_maps_left(produced)]

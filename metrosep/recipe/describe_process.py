@@ -21,20 +21,7 @@ _PIXELS = 91
 
 
 def setting_of(produced: Any, inputs: Any = None) -> Description:
-    """Return what a document holds of a `SettingFit`.
-
-    Parameters
-    ----------
-    produced : SettingFit
-        Tool setting found on a part.
-    inputs : object, optional
-        Not used.
-
-    Returns
-    -------
-    Description
-        Each freedom with u, ``rms``; the residual.
-    """
+    """Return what a document holds of a `SettingFit`."""
     found = {
         k: _as_angle(q) if k.startswith("tilt") else q for k, q in produced.quantities.items()
     }
@@ -110,20 +97,7 @@ def _signed(value: float) -> str:
 
 
 def follow_up_of(produced: Any, inputs: Any = None) -> Description:
-    """Return what a document holds of a `FollowUp`.
-
-    Parameters
-    ----------
-    produced : FollowUp
-        Follow-up error of an axis.
-    inputs : object, optional
-        Not used.
-
-    Returns
-    -------
-    Description
-        P-V, RMS, coefficients, shares, delay; the curves.
-    """
+    """Return what a document holds of a `FollowUp`."""
     found: dict[str, Quantity] = {
         **produced.quantities,
         **produced.coefficients,
@@ -195,20 +169,7 @@ def follow_up_of(produced: Any, inputs: Any = None) -> Description:
 
 
 def calibration_of(produced: Any, inputs: Any = None) -> Description:
-    """Return what a document holds of a `FlexureCalibration`.
-
-    Parameters
-    ----------
-    produced : FlexureCalibration
-        Displacement over voltage.
-    inputs : object, optional
-        Not used.
-
-    Returns
-    -------
-    Description
-        Sensitivity, nonlinearity, hysteresis, repeatability; the curves.
-    """
+    """Return what a document holds of a `FlexureCalibration`."""
     return Description(
         dict(produced.quantities),
         _calibration_charts(produced),
@@ -245,20 +206,7 @@ def _calibration_charts(produced: Any) -> tuple[dict[str, Any], ...]:
 
 
 def prediction_of(produced: Any, inputs: Any = None) -> Description:
-    """Return what a document holds of a predicted job.
-
-    Parameters
-    ----------
-    produced : JobResult
-        Budget, maps, plan and corrected program.
-    inputs : object, optional
-        Not used.
-
-    Returns
-    -------
-    Description
-        P-V of each cause and total; budget bars, maps; the program.
-    """
+    """Return what a document holds of a predicted job."""
     from metrosep.process.predictions import pv_quantities
 
     prediction = produced.prediction
@@ -365,20 +313,7 @@ def _cause_maps(produced: Any, found: dict[str, Quantity]) -> list[dict[str, Any
 
 
 def dual_servo_of(produced: Any, inputs: Any = None) -> Description:
-    """Return what a document holds of a dual servo.
-
-    Parameters
-    ----------
-    produced : DualServoResult
-        Runs, polynomial, drive table, before and after.
-    inputs : object, optional
-        Not used.
-
-    Returns
-    -------
-    Description
-        Straightness, alignment, coefficients, voltages, ratios; charts; drive table.
-    """
+    """Return what a document holds of a dual servo."""
     polynomial, lines, table = produced.polynomial, produced.lines, produced.table
     found: dict[str, Quantity] = {"total": lines.total}
     for name in lines.straightness:
@@ -445,18 +380,7 @@ def _coefficients(polynomial: Any) -> dict[str, Any]:
 
 
 def horner(polynomial: Any) -> str:
-    """Return what the stage must do as a formula for a controller: x in mm, result in um.
-
-    Parameters
-    ----------
-    polynomial : RunPolynomial
-        In SI.
-
-    Returns
-    -------
-    str
-        Horner's scheme of the compensation, the negative of an error, with 9 digits.
-    """
+    """Return what the stage must do as a formula for a controller: x in mm, result in um."""
     sign = -1.0 if polynomial.quantity == "error" else 1.0
     scaled = [sign * float(c) * 1e6 * 1e-3**k for k, c in enumerate(polynomial.coefficients)]
     text = f"{scaled[-1]:.9g}"

@@ -14,20 +14,7 @@ _PARTS = ("repeatability", "reproducibility", "interaction", "gauge", "parts", "
 
 
 def gauge_of(produced: Any, inputs: Any = None) -> Description:
-    """Return what a document holds of a `GaugeStudy`.
-
-    Parameters
-    ----------
-    produced : GaugeStudy
-        Result.
-    inputs : object, optional
-        Not used.
-
-    Returns
-    -------
-    Description
-        Standard deviations, shares, the analysis of variance, a chart.
-    """
+    """Return what a document holds of a `GaugeStudy`."""
     found = {name: getattr(produced, name) for name in _PARTS}
     shares = produced.shares()
     for name, share in shares.items():
@@ -83,20 +70,7 @@ def gauge_of(produced: Any, inputs: Any = None) -> Description:
 
 
 def series_of(produced: Any, inputs: Any = None) -> Description:
-    """Return what a document holds of a `PartSeries`.
-
-    Parameters
-    ----------
-    produced : PartSeries
-        Result.
-    inputs : object, optional
-        Not used.
-
-    Returns
-    -------
-    Description
-        Drift of each term with its uncertainty, control limits, pairs, the picture of all.
-    """
+    """Return what a document holds of a `PartSeries`."""
     found = {
         f"drift.{t.name}": quantity(
             t.drift,

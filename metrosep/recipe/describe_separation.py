@@ -25,21 +25,7 @@ _HARMONICS = 60
 
 
 def separation_of(produced: Separation, inputs: Any = None) -> Description:
-    """Return what a document holds of a separation.
-
-    Parameters
-    ----------
-    produced : Separation
-        Curves, maps and single values.
-    inputs : object, optional
-        Not used.
-
-    Returns
-    -------
-    Description
-        ``part.pv`` and ``part.rms`` of each part; its document reads back with
-        `Separation.from_dict`.
-    """
+    """Return what a document holds of a separation."""
     found: dict[str, Quantity] = {}
     for name, values in produced.parts.items():
         unit, u = produced.units[name], produced.u[name]

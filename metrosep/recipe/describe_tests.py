@@ -27,20 +27,7 @@ _HARMONICS = 60
 
 
 def positions_of(produced: Any, inputs: Any = None) -> Description:
-    """Return what a document holds of a `PositioningTest`.
-
-    Parameters
-    ----------
-    produced : PositioningTest
-        Of ISO 230-2.
-    inputs : object, optional
-        Not used.
-
-    Returns
-    -------
-    Description
-        A, R, E, B, M ... by symbol; columns by target; the chart of the standard.
-    """
+    """Return what a document holds of a `PositioningTest`."""
     frame = produced.targets_frame()
     columns = {str(name): frame[name].to_numpy() for name in frame.columns}
     return Description(
@@ -92,20 +79,7 @@ def _positions_chart(produced: Any) -> dict[str, Any]:
 
 
 def spindle_of(produced: Any, inputs: Any = None) -> Description:
-    """Return what a document holds of a `SpindleMotion`.
-
-    Parameters
-    ----------
-    produced : SpindleMotion
-        Of ISO 230-7.
-    inputs : object, optional
-        Not used.
-
-    Returns
-    -------
-    Description
-        ``synchronous``, ``asynchronous``, ``total`` ...; motion over angle; polar chart, harmonics.
-    """
+    """Return what a document holds of a `SpindleMotion`."""
     unit = produced.unit
     columns = {
         "angle_rad": produced.angle,
@@ -166,20 +140,7 @@ def _polar_chart(produced: Any) -> dict[str, Any]:
 
 
 def straightness_of(produced: Any, inputs: Any = None) -> Description:
-    """Return what a document holds of a `MotionStraightness`.
-
-    Parameters
-    ----------
-    produced : MotionStraightness
-        Of ISO 230-1.
-    inputs : object, optional
-        Not used.
-
-    Returns
-    -------
-    Description
-        ``straightness`` (the chosen line), ``MZ``, ``LS``, ``EP``, ``slope_MZ`` ...
-    """
+    """Return what a document holds of a `MotionStraightness`."""
     found = {"straightness": produced.quantity, **produced.values}
     found |= {f"slope_{k}": replace(q, unit="rad") for k, q in produced.slopes.items()}
     found = named(found)
@@ -196,20 +157,7 @@ def straightness_of(produced: Any, inputs: Any = None) -> Description:
 
 
 def diagonals_of(produced: Any, inputs: Any = None) -> Description:
-    """Return what a document holds of a `DiagonalTest`.
-
-    Parameters
-    ----------
-    produced : DiagonalTest
-        Of ISO 230-6.
-    inputs : object, optional
-        Not used.
-
-    Returns
-    -------
-    Description
-        ``E``, ``B``, ``ppp.length_error``, ``ppp.E`` ..., ``a_xy`` ..., ``scale_x`` ...
-    """
+    """Return what a document holds of a `DiagonalTest`."""
     found: dict[str, Quantity] = {"E": produced.systematic}
     if produced.reversal is not None:
         found["B"] = produced.reversal
@@ -242,18 +190,5 @@ def _diagonal(name: str, test: Any) -> dict[str, Any]:
 
 
 def zero_of(produced: Any, inputs: Any = None) -> Description:
-    """Return what a document holds of a `ZeroCalibration`.
-
-    Parameters
-    ----------
-    produced : ZeroCalibration
-        Zero difference of three probes.
-    inputs : object, optional
-        Not used.
-
-    Returns
-    -------
-    Description
-        ``zero``.
-    """
+    """Return what a document holds of a `ZeroCalibration`."""
     return Description({"zero": produced.quantity}, audit=produced.audit)

@@ -78,25 +78,7 @@ _KINDS: Mapping[str, Any] = {
 
 
 def describe(produced: Any, inputs: Any = None) -> Description:
-    """Return what a document holds of a result.
-
-    Parameters
-    ----------
-    produced : object
-        What a function of the toolbox returned.
-    inputs : object, optional
-        What it was given, for the positions of curves.
-
-    Returns
-    -------
-    Description
-        Quantities with unit, uncertainty and definition; tables; maps; charts.
-
-    Raises
-    ------
-    DataError
-        If the kind of result is not known.
-    """
+    """Return what a document holds of a result."""
     kind = type(produced).__name__
     if kind not in _KINDS:
         raise DataError(f"a {kind} cannot be put into a result document")

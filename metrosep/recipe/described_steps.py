@@ -20,12 +20,6 @@ _OF_RUNS = ("separate", "polynomial", "plan_feedrates")
 def described_steps() -> dict[str, Any]:
     """Return the steps of all recipes with their keys.
 
-    Returns
-    -------
-    dict
-        As `metrosep.recipe.pipeline.schema` has it: ``steps``, each with ``op``, ``what``,
-        ``applies`` (Surface, Profile, runs or method) and ``keys``.
-
     Examples
     --------
     >>> [s["op"] for s in described_steps()["steps"] if "runs" in s["applies"]]

@@ -21,87 +21,39 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Description:
-    """What a document, a check and an output take from a result.
+    """What a document, a check and an output take from a result."""
 
-    Parameters
-    ----------
-    quantities : mapping of str to Quantity
-        By metric: what checks name.
-    charts : tuple of dict
-        From `metrosep.recipe.charts`.
-    tables : mapping of str to mapping
-        Columns with unit suffix; the name of each table is put after that of the file, empty for
-        the main one.
-    maps : mapping of str to Surface
-        Parts that are maps.
-    document : mapping
-        What the document holds beside: of a separation everything that reads it again.
-    audit : mapping
-        What was done.
-    messages : tuple of str
-        What the user should know, of results that hold no ``messages`` themselves.
-    unlisted : frozenset of str
-        Metrics that the document lists only where a check names them.
-    profiles : mapping of str to Profile
-        Parts that are profiles, for files that hold one; `tables` holds their samples too.
-    """
-
+    # mapping of str to Quantity: by metric: what checks name
     quantities: Mapping[str, Quantity] = field(default_factory=dict)
-    charts: tuple[dict[str, Any], ...] = ()
+    charts: tuple[dict[str, Any], ...] = ()  # of dict: from `metrosep.recipe.charts`
+    # mapping of str to mapping: columns with unit suffix; the name of each table is put after that
+    # of the file, empty for the main one
     tables: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    # mapping of str to Surface: parts that are maps
     maps: Mapping[str, Surface] = field(default_factory=dict)
+    # mapping: what the document holds beside: of a separation everything that reads it again
     document: Mapping[str, Any] = field(default_factory=dict)
-    audit: Mapping[str, Any] = field(default_factory=dict)
+    audit: Mapping[str, Any] = field(default_factory=dict)  # mapping: what was done
+    # what the user should know, of results that hold no ``messages`` themselves
     messages: tuple[str, ...] = ()
+    # frozenset of str: metrics that the document lists only where a check names them
     unlisted: frozenset[str] = frozenset()
+    # mapping of str to Profile: parts that are profiles, for files that hold one; `tables` holds
+    # their samples too
     profiles: Mapping[str, Profile] = field(default_factory=dict)
 
 
 def quantity(
     value: Any, unit: str, definition: str, *, u: Any = None, symbol: str = ""
 ) -> Quantity:
-    """Return a quantity, its uncertainty None where it is not known.
-
-    Parameters
-    ----------
-    value : float
-        SI; a count stays a whole number.
-    unit : str
-        SI unit.
-    definition : str
-        What it is.
-    u : float or None, optional
-        Standard uncertainty, NaN = not known.
-    symbol : str, optional
-        Short name.
-
-    Returns
-    -------
-    Quantity
-        Of Python numbers.
-    """
+    """Return a quantity, its uncertainty None where it is not known."""
     spread = None if u is None or not math.isfinite(float(u)) else float(u)
     is_count = isinstance(value, int) and not isinstance(value, bool)
     return Quantity(value if is_count else float(value), unit, definition, u=spread, symbol=symbol)
 
 
 def extremes(name: str, values: FloatArray, u: FloatArray, unit: str) -> dict[str, Quantity]:
-    """Return P-V and RMS of a separated curve or map.
-
-    Parameters
-    ----------
-    name : str
-        Of the part.
-    values, u : ndarray of one shape
-        The part and its standard uncertainty; NaN = not determined.
-    unit : str
-        SI unit.
-
-    Returns
-    -------
-    dict of str to Quantity
-        ``name.pv`` and ``name.rms``; empty where nothing is determined.
-    """
+    """Return P-V and RMS of a separated curve or map."""
     known = np.isfinite(values)
     if not known.any():
         return {}
@@ -126,16 +78,5 @@ def extremes(name: str, values: FloatArray, u: FloatArray, unit: str) -> dict[st
 
 
 def named(found: Mapping[str, Quantity]) -> dict[str, Quantity]:
-    """Return quantities whose symbol is their metric, where the same symbol stands several times.
-
-    Parameters
-    ----------
-    found : mapping of str to Quantity
-        By metric.
-
-    Returns
-    -------
-    dict of str to Quantity
-        The same values.
-    """
+    """Return quantities whose symbol is their metric, where the same symbol stands several times."""
     return {key: replace(q, symbol=key) for key, q in found.items()}

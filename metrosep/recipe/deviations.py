@@ -31,20 +31,7 @@ positions: an axis that is wrong by a tenth of its travel is broken, not measure
 
 
 def with_values(method: Method) -> Method:
-    """Return a method of positioning tests with the key ``values``.
-
-    Parameters
-    ----------
-    method : Method
-        Which reads positions in columns, of one table or of several.
-
-    Returns
-    -------
-    Method
-        With ``values = "position"`` (the default) or ``"deviation"`` (actual - target); deviations
-        become positions before the call. The call raises InvalidSamplesError where the readings
-        look like the other kind.
-    """
+    """Return a method of positioning tests with the key ``values``."""
 
     def call(inputs: Any, options: Mapping[str, Any]) -> Any:
         rest = dict(options)
@@ -59,24 +46,6 @@ def with_values(method: Method) -> Method:
 
 def as_positions(data: RoleColumns, values: str) -> RoleColumns:
     """Return the readings of a positioning test as positions reached.
-
-    Parameters
-    ----------
-    data : RoleColumns
-        ``target`` with ``readings``, or with ``forward`` and ``backward``; SI.
-    values : {"position", "deviation"}
-        What the readings are; a deviation is actual minus target.
-
-    Returns
-    -------
-    RoleColumns
-        With positions; the same object where nothing is to be converted.
-
-    Raises
-    ------
-    InvalidSamplesError
-        If the readings look like the other kind: deviations are small against the range of the
-        targets, positions span it.
 
     Notes
     -----

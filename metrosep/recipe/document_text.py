@@ -36,24 +36,6 @@ _PLAIN = ({float}, {float, type(None)})
 def document_text(document: Mapping[str, Any], *, indent: int | None = None) -> str:
     """Return a document as JSON with sorted keys.
 
-    Parameters
-    ----------
-    document : mapping
-        Plain values without NaN and infinities.
-    indent : int, optional
-        As of `json.dumps`; without it there are no blanks at all.
-
-    Returns
-    -------
-    str
-        What ``json.dumps(document, sort_keys=True, allow_nan=False)`` gives with this indent, or
-        with the separators ``,`` and ``:``.
-
-    Raises
-    ------
-    ValueError
-        If a number is NaN or infinite.
-
     Examples
     --------
     >>> document_text({"b": [1.5, None], "a": 2})

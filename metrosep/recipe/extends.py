@@ -48,38 +48,13 @@ _TABLES = ("input", "batch", "view")
 
 @dataclass(frozen=True, slots=True)
 class LayeredPlace(Place):
-    """Where a table stands in a recipe or in one that it builds on.
+    """Where a table stands in a recipe or in one that it builds on."""
 
-    Parameters
-    ----------
-    file, text : str
-        Name and text of the nearest recipe.
-    header : str
-        Header such as ``[input]``; empty for the top.
-    number : int
-        Which of the equal headers, from 0.
-    bases : tuple of (str, str)
-        Name and text of each recipe below, the nearest first.
-    """
-
+    # of (str, str): name and text of each recipe below, the nearest first
     bases: tuple[tuple[str, str], ...] = ()
 
     def error(self, problem: str, key: str | None = None) -> RecipeError:
-        """Return the error for a problem at a key, with file and line.
-
-        Parameters
-        ----------
-        problem : str
-            What is wrong and what would be right.
-        key : str, optional
-            The key.
-
-        Returns
-        -------
-        RecipeError
-            To be raised; it names the nearest recipe that holds the key. A line that an override
-            wrote is called by the override, another one by its number in the file.
-        """
+        """Return the error for a problem at a key, with file and line."""
         each = [Place(n, t, self.header, self.number) for n, t in self._all()]
         holding = [p for p in each if p.line_of(None) is not None] if self.header else each
         having = [p for p in holding if key is not None and p.line_of(key) != p.line_of(None)]
@@ -116,93 +91,34 @@ class _Base:
 
 @dataclass(frozen=True, slots=True)
 class Layers:
-    """A recipe with what it builds on.
+    """A recipe with what it builds on."""
 
-    Parameters
-    ----------
-    data : mapping
-        What TOML holds, merged.
-    text : str
-        The own text, and behind it the others as comments.
-    bases : tuple of (str, str)
-        Name and text of each recipe below, the nearest first.
-    """
-
-    data: Mapping[str, Any]
-    text: str
+    data: Mapping[str, Any]  # mapping: what TOML holds, merged
+    text: str  # the own text, and behind it the others as comments
+    # of (str, str): name and text of each recipe below, the nearest first
     bases: tuple[tuple[str, str], ...]
 
 
 def split_record(text: str) -> tuple[str, tuple[tuple[str, str], ...]]:
-    """Return the own text of a recipe, and what it recorded of those it builds on.
-
-    Parameters
-    ----------
-    text : str
-        Of a recipe, perhaps from a result document.
-
-    Returns
-    -------
-    own : str
-        Without the record.
-    bases : tuple of (str, str)
-        Name and text; empty where nothing is recorded.
-    """
+    """Return the own text of a recipe, and what it recorded of those it builds on."""
     own, bases = _split(text)
     return own, tuple((b.name, b.text) for b in bases)
 
 
 def before_record(text: str) -> int:
-    """Return where the own text of a recipe ends.
-
-    Parameters
-    ----------
-    text : str
-        Of a recipe, perhaps from a result document.
-
-    Returns
-    -------
-    int
-        Index of the record; the length of the text where there is none.
-    """
+    """Return where the own text of a recipe ends."""
     found = text.find("\n" + _MARK + "\n")
     return len(text) if found < 0 else found
 
 
 def texts_of(text: str) -> list[str]:
-    """Return the text of a recipe, and of each that it builds on, from one with its record.
-
-    Parameters
-    ----------
-    text : str
-        As `Layers.text`.
-
-    Returns
-    -------
-    list of str
-        The nearest first.
-    """
+    """Return the text of a recipe, and of each that it builds on, from one with its record."""
     own, bases = _split(text)
     return [own, *(b.text for b in bases)]
 
 
 def with_texts(text: str, texts: Sequence[str], here: Collection[tuple[int, str]] = ()) -> str:
-    """Return a recipe with other texts in place of its own and of those that it builds on.
-
-    Parameters
-    ----------
-    text : str
-        As `Layers.text`.
-    texts : sequence of str
-        As `texts_of` gives them.
-    here : collection of (int, str), optional
-        Files that start at the folder of the nearest recipe: which text names them, and how.
-
-    Returns
-    -------
-    str
-        With its record.
-    """
+    """Return a recipe with other texts in place of its own and of those that it builds on."""
     _, bases = _split(text)
     made = [
         replace(b, text=t, files={n: s for n, s in b.files.items() if (k, n) not in here})
@@ -233,29 +149,7 @@ def _split(text: str) -> tuple[str, tuple[_Base, ...]]:
 
 
 def layers_of(text: str, name: str, folder: Path, admits: Admits | None = None) -> Layers:
-    """Return a recipe merged with those that it extends.
-
-    Parameters
-    ----------
-    text : str
-        TOML of the recipe.
-    name : str
-        Its name, for messages.
-    folder : Path
-        Where names of recipes start.
-    admits : callable, optional
-        Whether a path may be read; every path if omitted.
-
-    Returns
-    -------
-    Layers
-        Merged data, full text, what it builds on.
-
-    Raises
-    ------
-    RecipeError
-        If a text is not TOML, a recipe that is named may or can not be read, or one extends itself.
-    """
+    """Return a recipe merged with those that it extends."""
     own, recorded = _split(text.removeprefix(_BYTE_ORDER_MARK))
     chain: list[tuple[str, str, dict[str, Any]]] = [(name, own, _parsed(own, name))]
     below: list[_Base] = []

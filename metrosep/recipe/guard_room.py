@@ -23,17 +23,6 @@ _TYPED = {"m": "length", "rad": "angle", "s": "time"}
 def guard_notes(recipe: Recipe) -> Iterator[str]:
     """Return which checks can accept nothing, whatever is measured.
 
-    Parameters
-    ----------
-    recipe : Recipe
-        Checked.
-
-    Yields
-    ------
-    str
-        One sentence with file and line for each check with two limits and U, whose guard bands
-        meet. Where U comes from the data, nothing is said.
-
     Examples
     --------
     >>> from metrosep.recipe import Recipe

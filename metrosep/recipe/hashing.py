@@ -20,21 +20,6 @@ __all__ = ["recipe_hash"]
 def recipe_hash(recipe: Recipe) -> str:
     """Return the SHA-256 of a recipe's canonical form.
 
-    Parameters
-    ----------
-    recipe : Recipe
-        Checked, so its values are in SI.
-
-    Returns
-    -------
-    str
-        64 hexadecimal digits.
-
-    Raises
-    ------
-    OSError
-        If a file that a step names is there and cannot be read.
-
     Notes
     -----
     Canonical form: JSON with sorted keys of ``[input]``, the steps, checks and outputs, in SI, with

@@ -18,37 +18,14 @@ _END = ("status", "reason", "result")
 
 
 def index_columns(document: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the names of the columns.
-
-    Parameters
-    ----------
-    document : mapping
-        Content of an index.json (schema ``metrosep.index/1``).
-
-    Returns
-    -------
-    tuple of str
-        With the groups of the batch. A recipe may give none the name of another column; one of an
-        index that was written before is ``value (group)``.
-    """
+    """Return the names of the columns."""
     others = {*_UNIT, *_CHARACTERISTIC, *_END}
     groups = (f"{g} (group)" if g in others else g for g in document["groups"])
     return (*_UNIT, *groups, *_CHARACTERISTIC, *_END)
 
 
 def index_rows(document: Mapping[str, Any]) -> Iterator[tuple[Any, ...]]:
-    """Yield a row for each characteristic, one for each unit without any, or that is not begun.
-
-    Parameters
-    ----------
-    document : mapping
-        Content of an index.json.
-
-    Yields
-    ------
-    tuple
-        Values of `index_columns`, numbers in SI; ``None`` where there is nothing.
-    """
+    """Yield a row for each characteristic, one for each unit without any, or that is not begun."""
     groups = list(document["groups"])
     keys = ("name", *_CHARACTERISTIC[1:])
     for row in document["rows"]:

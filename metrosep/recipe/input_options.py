@@ -13,16 +13,6 @@ _COLUMNS = ("x", "z", "feed", "time")
 def reading_options(given: Mapping[str, Any]) -> dict[str, Any]:
     """Return the options of a reader for the keys of ``[input]``.
 
-    Parameters
-    ----------
-    given : mapping
-        Checked keys; a column is its name or ``{column, unit, scale}``.
-
-    Returns
-    -------
-    dict
-        Without ``files``; columns as name or (name, unit), the scale of a column as ``scale``.
-
     Examples
     --------
     >>> reading_options({"files": ["a.csv"], "x": {"column": "X", "unit": "mm"}, "z": "z_um"})

@@ -15,21 +15,7 @@ __all__ = ["input_records", "named_files"]
 
 
 def input_records(history: Iterable[Step], objects: Iterable[Any] = ()) -> list[dict[str, Any]]:
-    """Return name, hash, size and format of the files that were read.
-
-    Parameters
-    ----------
-    history : iterable of Step
-        Of what was read.
-    objects : iterable of object, optional
-        What was read; maps and profiles may tell when they were measured.
-
-    Returns
-    -------
-    list of dict
-        One for each file; one that a reader opened by itself follows the file that was named, whose
-        name it has as ``beside``. With ``measured_at`` where the file states a date.
-    """
+    """Return name, hash, size and format of the files that were read."""
     records: list[dict[str, Any]] = []
     for step in history:
         if step.name not in ("read", "read_columns"):
@@ -51,25 +37,7 @@ def input_records(history: Iterable[Step], objects: Iterable[Any] = ()) -> list[
 
 
 def named_files(options: Mapping[str, Any], fields: Mapping[str, Field]) -> list[dict[str, Any]]:
-    """Return name, hash and size of the files that keys of a step name.
-
-    Parameters
-    ----------
-    options : mapping
-        Of the step, with whole paths.
-    fields : mapping of str to Field
-        Its keys.
-
-    Returns
-    -------
-    list of dict
-        One for each file that is there; a name of something else is none.
-
-    Raises
-    ------
-    ReadError
-        If a file cannot be read.
-    """
+    """Return name, hash and size of the files that keys of a step name."""
     files = {k: Path(v) for k, v in options.items() if fields[k].kind == "file"}
     opened = {k: RawFile(f) for k, f in sorted(files.items()) if f.is_file()}
     return [

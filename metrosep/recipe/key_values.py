@@ -55,20 +55,6 @@ _LEAST = {"deg": 0.02, "h": 2.0, "min": 2.0, "MHz": 1.0, "kHz": 1.0}
 def typed_number(value: float, dimension: str, *, digits: int = 4) -> str:
     """Return a number in SI with the unit in which a person would type it.
 
-    Parameters
-    ----------
-    value : float
-        SI.
-    dimension : {"length", "angle", "time", "frequency", "speed"}
-        What it is.
-    digits : int, optional
-        Significant digits.
-
-    Returns
-    -------
-    str
-        Such as ``20 mm``; `metrosep.core.units.parse_quantity` reads it.
-
     Examples
     --------
     >>> typed_number(0.02, "length"), typed_number(0.08, "speed")
@@ -101,20 +87,6 @@ def _digits(value: float, digits: int) -> str:
 def shown(value: Any, field: Field, *, unit: str = "") -> str:
     """Return the value of a key as a person reads it.
 
-    Parameters
-    ----------
-    value : object
-        As stored: SI, text, truth, lists and mappings of them, None.
-    field : Field
-        Of the key.
-    unit : str, optional
-        SI unit of a value whose kind does not tell it (``limit``).
-
-    Returns
-    -------
-    str
-        With unit where the kind has a dimension.
-
     Examples
     --------
     >>> shown([0.02], Field("lengths")), shown(0.0349, Field("angle")), shown(True, Field("flag"))
@@ -142,18 +114,6 @@ def shown(value: Any, field: Field, *, unit: str = "") -> str:
 
 def placeholder(key: str, field: Field) -> str:
     """Return what stands for the value of a key in an advice: dots, and the unit that it takes.
-
-    Parameters
-    ----------
-    key : str
-        Its name; an uncertainty (``u_``) has the smaller unit.
-    field : Field
-        Of the key.
-
-    Returns
-    -------
-    str
-        Such as ``... mm``.
 
     Examples
     --------

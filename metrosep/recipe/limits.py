@@ -33,13 +33,6 @@ _EXAMPLES = {"m": "120 nm", "rad": "0.5 urad", "s": "2 ms"}
 class Limit(float):
     """A number in SI with its dimension; everywhere else it is a float.
 
-    Parameters
-    ----------
-    value : float
-        In SI.
-    dimension : str, optional
-        Powers of SI units, such as ``m``, ``rad``, ``m^-2``; empty for a pure number.
-
     Examples
     --------
     >>> parse_limit("120 nm").dimension, parse_limit(0.3).dimension, parse_limit("2 1/mm^2") * 1.0
@@ -48,7 +41,7 @@ class Limit(float):
 
     __slots__ = ("dimension",)
 
-    dimension: str
+    dimension: str  # powers of SI units, such as ``m``, ``rad``, ``m^-2``; empty for a pure number
 
     def __new__(cls, value: float, dimension: str = "") -> Limit:
         """Return the number with its dimension."""
@@ -92,16 +85,6 @@ def _factors(unit: str) -> tuple[float, str]:
 def dimension_of(unit: str) -> str | None:
     """Return the dimension of a unit.
 
-    Parameters
-    ----------
-    unit : str
-        Such as ``m``, ``1/m^2``, ``m^3/m^2``.
-
-    Returns
-    -------
-    str or None
-        Powers of SI units, empty for a pure number; None where the unit is not known.
-
     Examples
     --------
     >>> dimension_of("m^3/m^2"), dimension_of("1/m^2"), dimension_of("1"), dimension_of("thing")
@@ -114,23 +97,7 @@ def dimension_of(unit: str) -> str | None:
 
 
 def parse_limit(value: Any) -> Limit:
-    """Return a limit from what a recipe holds.
-
-    Parameters
-    ----------
-    value : float or str
-        A pure number, or a text with a unit: ``"120 nm"``, ``"0.5 urad"``, ``"3 1/mm^2"``.
-
-    Returns
-    -------
-    Limit
-        In SI, with its dimension.
-
-    Raises
-    ------
-    UnitError
-        If a text has no unit, an unknown one, or that of a pure number.
-    """
+    """Return a limit from what a recipe holds."""
     if not isinstance(value, str):
         return Limit(float(value))
     match = _AMOUNT.fullmatch(value)
@@ -151,21 +118,6 @@ def parse_limit(value: Any) -> Limit:
 
 def limit_problem(name: str, limit: float, of: str, unit: str) -> str | None:
     """Return why a limit does not belong to a value, or None where it does.
-
-    Parameters
-    ----------
-    name : str
-        Key of the limit.
-    limit : float
-        In SI; a plain float counts as a pure number.
-    of, unit : str
-        What is limited, and its SI unit.
-
-    Returns
-    -------
-    str or None
-        For a person. A pure zero belongs to every value; where the unit is not known, a pure number
-        does.
 
     Examples
     --------
@@ -190,16 +142,6 @@ def limit_problem(name: str, limit: float, of: str, unit: str) -> str | None:
 
 def order_problem(lower: float | None, upper: float | None) -> str | None:
     """Return why two limits cannot be put in order, or None where they can.
-
-    Parameters
-    ----------
-    lower, upper : float or None
-        In SI; a plain float counts as a pure number.
-
-    Returns
-    -------
-    str or None
-        For a person, where they are of different kinds. A pure zero belongs to every kind.
 
     Examples
     --------

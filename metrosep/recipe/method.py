@@ -46,61 +46,33 @@ TABLE = {"files": Field("texts"), **LAYOUT}
 
 @dataclass(frozen=True, slots=True)
 class Method:
-    """One separation that recipes and the command line know.
+    """One separation that recipes and the command line know."""
 
-    Parameters
-    ----------
-    what : str
-        What it separates, for the list of methods.
-    reads : {"curves", "table", "tables", "maps", "results", "nothing"}
-        Columns over positions; columns by their role, of all files together or file by file; maps;
-        documents of results; nothing where the keys of the step say all.
-    names : tuple of str
-        What the readings are, in their order; empty where their number is free.
-    fields : mapping of str to Field
-        Keys of its step.
-    call : callable
-        ``call(inputs, options)``: inputs are `Readings`, `RoleColumns`, a tuple of them, a tuple
-        of `Surface`, or `StoredResults`.
-    dimension : {"length", "angle"}, optional
-        What the readings of curves are.
-    roles : mapping of str to str, optional
-        Further columns of ``[input]`` and their dimension: ``"time"``, ``"angle"``, ``"position"``
-        (a length or an angle), ``"any"``, ``"label"``; a ``*`` after it: several columns; a ``?``
-        after it: may be left out.
-    accepts : tuple of str, optional
-        Objects that files of maps may hold.
-    spare : int, optional
-        How many further readings of curves may follow the named ones.
-    over : {"any", "x", "angle"}, optional
-        Which position curves may have.
-    """
-
-    what: str
+    what: str  # what it separates, for the list of methods
+    # {"curves", "table", "tables", "maps", "results", "nothing"}: columns over positions; columns
+    # by their role, of all files together or file by file; maps; documents of results; nothing
+    # where the keys of the step say all
     reads: Reads
+    # what the readings are, in their order; empty where their number is free
     names: tuple[str, ...]
-    fields: Mapping[str, Field]
+    fields: Mapping[str, Field]  # mapping of str to Field: keys of its step
+    # ``call(inputs, options)``: inputs are `Readings`, `RoleColumns`, a tuple of them, a tuple of
+    # `Surface`, or `StoredResults`
     call: Callable[[Any, Mapping[str, Any]], Any]
+    # {"length", "angle"}: what the readings of curves are
     dimension: Literal["length", "angle"] = "length"
+    # mapping of str to str: further columns of ``[input]`` and their dimension: ``"time"``,
+    # ``"angle"``, ``"position"`` (a length or an angle), ``"any"``, ``"label"``; a ``*`` after it:
+    # several columns; a ``?`` after it: may be left out
     roles: Mapping[str, str] = field(default_factory=dict)
-    accepts: tuple[str, ...] = ("Surface",)
-    spare: int = 0
+    accepts: tuple[str, ...] = ("Surface",)  # objects that files of maps may hold
+    spare: int = 0  # how many further readings of curves may follow the named ones
+    # {"any", "x", "angle"}: which position curves may have
     over: Literal["any", "x", "angle"] = "any"
 
 
 def input_fields(method: Method) -> Mapping[str, Field]:
-    """Return the keys of ``[input]`` for a method.
-
-    Parameters
-    ----------
-    method : Method
-        The method.
-
-    Returns
-    -------
-    mapping of str to Field
-        Allowed keys.
-    """
+    """Return the keys of ``[input]`` for a method."""
     if method.reads == "maps":
         return MAPS
     if method.reads == "results":
@@ -118,18 +90,7 @@ def input_fields(method: Method) -> Mapping[str, Field]:
 
 
 def toolbox(name: str) -> Callable[..., Any]:
-    """Return a function of the toolbox, loaded when it is called.
-
-    Parameters
-    ----------
-    name : str
-        Public name in `metrosep.separation`.
-
-    Returns
-    -------
-    callable
-        The function.
-    """
+    """Return a function of the toolbox, loaded when it is called."""
 
     def call(*arguments: Any, **options: Any) -> Any:
         import metrosep.separation as public
@@ -140,16 +101,5 @@ def toolbox(name: str) -> Callable[..., Any]:
 
 
 def as_rows(values: Any) -> Any:
-    """Return readings without the axis of repeats where there is one repeat only.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n_readings, n_repeats, n)
-        As read.
-
-    Returns
-    -------
-    ndarray, shape (n_readings, n) or (n_readings, n_repeats, n)
-        A view.
-    """
+    """Return readings without the axis of repeats where there is one repeat only."""
     return values[:, 0] if values.shape[1] == 1 else values

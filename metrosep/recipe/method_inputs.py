@@ -29,29 +29,7 @@ _POSITIONS = ("target", "direction", "readings")
 
 
 def load_inputs(method: Method, files: Sequence[Path], options: Mapping[str, Any]) -> Inputs:
-    """Return what a method reads.
-
-    Parameters
-    ----------
-    method : Method
-        Which says of which kind it is.
-    files : sequence of Path
-        The files, in order.
-    options : mapping
-        Keys of ``[input]`` without ``files``.
-
-    Returns
-    -------
-    Readings, RoleColumns, StoredResults, or tuple of RoleColumns, Surface or Profile
-        Curves over common positions, columns by their role, results, or maps.
-
-    Raises
-    ------
-    ReadError
-        If a file cannot be read or holds something else.
-    DataError
-        If readings do not fit together, or their number is wrong.
-    """
+    """Return what a method reads."""
     if method.reads == "nothing":
         return ()
     if method.reads == "results":
@@ -135,22 +113,7 @@ def _maps(
 
 
 def require_count(method: Method, n: int, names: Sequence[str]) -> None:
-    """Refuse another number of readings than the method has.
-
-    Parameters
-    ----------
-    method : Method
-        With the names of its readings; any number if it has none.
-    n : int
-        How many there are.
-    names : sequence of str
-        What they are called in the files.
-
-    Raises
-    ------
-    InvalidSamplesError
-        If the number is wrong.
-    """
+    """Refuse another number of readings than the method has."""
     most = len(method.names) + method.spare
     if method.reads == "curves" and method.names and n > most:
         raise InvalidSamplesError(
@@ -165,20 +128,7 @@ def require_count(method: Method, n: int, names: Sequence[str]) -> None:
 
 
 def sources(inputs: Inputs) -> tuple[tuple[Step, ...], tuple[str, ...]]:
-    """Return the steps that led to inputs, and what was odd about their files.
-
-    Parameters
-    ----------
-    inputs : Readings, RoleColumns, StoredResults, or a tuple of RoleColumns or Surface
-        As loaded.
-
-    Returns
-    -------
-    history : tuple of Step
-        Of all files.
-    warnings : tuple of str
-        Of all files.
-    """
+    """Return the steps that led to inputs, and what was odd about their files."""
     each: tuple[Any, ...] = inputs if isinstance(inputs, tuple) else (inputs,)
     history: list[Step] = []
     warnings: list[str] = []

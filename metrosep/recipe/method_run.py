@@ -44,33 +44,7 @@ def run_method(
     with_result: bool = True,
     more: Mapping[str, Any] | None = None,
 ) -> Result:
-    """Read, separate, judge and write.
-
-    Parameters
-    ----------
-    recipe : Recipe
-        Whose step names a method.
-    files : list of Path
-        Inputs, in order.
-    out : Path or None
-        Folder for the results.
-    tell : callable
-        Told what is being done.
-    with_result : bool, optional
-        Also write result.json into `out`.
-    more : mapping, optional
-        Further keys of the document, such as the unit of a batch; the reports hold them too.
-
-    Returns
-    -------
-    Result
-        Document, separation, files.
-
-    Raises
-    ------
-    MetrosepError
-        Of any kind of its tree; nothing is left in `out` then.
-    """
+    """Read, separate, judge and write."""
     step = recipe.steps[0]
     method = METHODS[step["op"]]
     if method.reads != "nothing":
@@ -171,28 +145,7 @@ def _document(
 def judged(
     recipe: Recipe, found: Mapping[str, Quantity], *, unlisted: Collection[str] = ()
 ) -> dict[str, Any]:
-    """Return what was measured, and the verdict of each check.
-
-    Parameters
-    ----------
-    recipe : Recipe
-        With its checks.
-    found : mapping of str to Quantity
-        By metric.
-    unlisted : collection of str, optional
-        Metrics that are not listed unless a check names them.
-
-    Returns
-    -------
-    dict
-        ``characteristics`` and ``verdict`` of a result document.
-
-    Raises
-    ------
-    RecipeError
-        If a check names a metric that is not there, a limit or U is of another kind than the value,
-        or the uncertainty is not known.
-    """
+    """Return what was measured, and the verdict of each check."""
     entries = []
     verdicts = []
     for i, check in enumerate(recipe.checks):

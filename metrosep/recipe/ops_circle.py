@@ -18,20 +18,7 @@ _TURN = {"turn": Field("integer", choices=(1, -1))}
 
 
 def require_angles(data: Readings) -> None:
-    """Refuse readings that do not lie at equal angles over one revolution.
-
-    Parameters
-    ----------
-    data : Readings
-        With the angle of each sample as position.
-
-    Raises
-    ------
-    FormatMismatchError
-        If no column of angles was named.
-    InvalidSamplesError, NotUniformError
-        If the angles do not make one revolution in equal steps.
-    """
+    """Refuse readings that do not lie at equal angles over one revolution."""
     from metrosep.separation._inputs import require_turn
 
     if data.position is None:

@@ -24,39 +24,17 @@ _MOST_VOLTAGES = 10_001
 
 @dataclass(frozen=True, slots=True)
 class DualServoResult:
-    """What a dual servo needs to compensate a slide, and what it gained.
+    """What a dual servo needs to compensate a slide, and what it gained."""
 
-    Parameters
-    ----------
-    runs : tuple of Profile
-        Straightness runs.
-    polynomial : RunPolynomial
-        Through all runs.
-    lines : StraightnessLines
-        Straightness of their mean about three lines, alignment apart.
-    calibration : FlexureCalibration or float
-        Of the stage; the sensitivity in m/V if no sweep was given.
-    table : DriveTable
-        Voltages, checked against every limit.
-    static : StaticComparison or None
-        Following error at rest without and with the stage.
-    parts : BeforeAfter or None
-        Roughness and profile height of a part before and after.
-    beside : tuple of Step
-        Of the files beside the runs.
-    assumed : tuple of str
-        What was not stated.
-    """
-
-    runs: tuple[Profile, ...]
-    polynomial: Any
-    lines: Any
-    calibration: Any
-    table: Any
-    static: Any = None
-    parts: Any = None
-    beside: tuple[Step, ...] = ()
-    assumed: tuple[str, ...] = ()
+    runs: tuple[Profile, ...]  # straightness runs
+    polynomial: Any  # through all runs
+    lines: Any  # straightness of their mean about three lines, alignment apart
+    calibration: Any  # or float: of the stage; the sensitivity in m/V if no sweep was given
+    table: Any  # voltages, checked against every limit
+    static: Any = None  # following error at rest without and with the stage
+    parts: Any = None  # roughness and profile height of a part before and after
+    beside: tuple[Step, ...] = ()  # of the files beside the runs
+    assumed: tuple[str, ...] = ()  # what was not stated
 
     @property
     def messages(self) -> tuple[str, ...]:

@@ -33,23 +33,7 @@ _WAVE = {
 
 
 def form_of(text: str) -> Any:
-    """Return the ideal surface that a key of a step describes, all parameters known.
-
-    Parameters
-    ----------
-    text : str
-        Such as ``"toric: Rb=265 mm, Rd=132.5 mm"``.
-
-    Returns
-    -------
-    Form
-        The surface.
-
-    Raises
-    ------
-    DataError
-        If it is not known, or a parameter is missing.
-    """
+    """Return the ideal surface that a key of a step describes, all parameters known."""
     from metrosep.forms import form_from_text
 
     form = form_from_text(text)
@@ -60,25 +44,7 @@ def form_of(text: str) -> Any:
 
 
 def machine_of(options: dict[str, Any], radius: float | None) -> Any:
-    """Take the keys of a machine out of options and return its chain.
-
-    Parameters
-    ----------
-    options : dict
-        With ``machine``: a file of TOML, or the name of a preset.
-    radius : float or None, m
-        Of the part, for presets that need one.
-
-    Returns
-    -------
-    Chain
-        The machine.
-
-    Raises
-    ------
-    DataError
-        If it is neither a file nor a preset, or does not close.
-    """
+    """Take the keys of a machine out of options and return its chain."""
     from metrosep.machine import Chain, presets
 
     name = str(options.pop("machine"))
@@ -227,21 +193,7 @@ def _wavefront(maps: tuple[Surface, ...], options: Mapping[str, Any]) -> Any:
 
 
 class WavefrontResult:
-    """A wavefront with what was asked of it.
-
-    Parameters
-    ----------
-    front : Wavefront
-        As traced.
-    terms : int, optional
-        How many Zernike terms.
-    order : str, optional
-        How they are counted.
-    wavelength : float, m, optional
-        For the Strehl ratio.
-    removed : str, optional
-        Names separated by commas.
-    """
+    """A wavefront with what was asked of it."""
 
     def __init__(
         self,

@@ -92,36 +92,17 @@ def _flexure(data: RoleColumns, options: Mapping[str, Any]) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class JobResult:
-    """A predicted turning job.
+    """A predicted turning job."""
 
-    Parameters
-    ----------
-    plan : JobPlan or None
-        Where the number of blocks was sought.
-    prediction : Prediction
-        Budget and maps.
-    measured : float or None, m
-        P-V of the part as cut.
-    program : CorrectedProgram or None
-        Heights that make up for what is known.
-    path : SpiralPath
-        The program's points.
-    allowed : SettingTolerance or None
-        How well the tool must be set to add no more than the tolerance of the program.
-    beside : tuple of Step
-        Of the log of the dry run.
-    doubts : tuple of str
-        Why the program is not corrected by that log.
-    """
-
-    plan: Any
-    prediction: Any
-    measured: float | None
-    program: Any
-    path: Any
+    plan: Any  # where the number of blocks was sought
+    prediction: Any  # budget and maps
+    measured: float | None  # m: P-V of the part as cut
+    program: Any  # heights that make up for what is known
+    path: Any  # the program's points
+    # how well the tool must be set to add no more than the tolerance of the program
     allowed: Any = None
-    beside: tuple[Step, ...] = ()
-    doubts: tuple[str, ...] = ()
+    beside: tuple[Step, ...] = ()  # of the log of the dry run
+    doubts: tuple[str, ...] = ()  # why the program is not corrected by that log
 
     @property
     def messages(self) -> tuple[str, ...]:

@@ -18,43 +18,15 @@ __all__ = ["RESULTS", "StoredResults", "load_results"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StoredResults:
-    """Result documents that a step goes on from.
+    """Result documents that a step goes on from."""
 
-    Parameters
-    ----------
-    documents : tuple of mapping
-        In the order of the files.
-    history : tuple of Step
-        One step ``read`` for each file.
-    warnings : tuple of str
-        Always empty.
-    """
-
-    documents: tuple[Mapping[str, Any], ...]
-    history: tuple[Step, ...]
-    warnings: tuple[str, ...] = ()
+    documents: tuple[Mapping[str, Any], ...]  # of mapping: in the order of the files
+    history: tuple[Step, ...]  # one step ``read`` for each file
+    warnings: tuple[str, ...] = ()  # always empty
 
 
 def load_results(files: Sequence[Path]) -> StoredResults:
-    """Read result documents.
-
-    Parameters
-    ----------
-    files : sequence of Path
-        ``result.json`` of ``metrosep separate``.
-
-    Returns
-    -------
-    StoredResults
-        In their order.
-
-    Raises
-    ------
-    ReadError
-        If a file cannot be read.
-    CorruptFileError
-        If it is no result.
-    """
+    """Read result documents."""
     from metrosep.io.source import open_file
     from metrosep.recipe.result import load_document
 

@@ -40,43 +40,15 @@ _MOST_ENTRIES = 100_000
 
 @dataclass(frozen=True, slots=True)
 class WrittenTable:
-    """A table of a recipe.
+    """A table of a recipe."""
 
-    Parameters
-    ----------
-    description : dict
-        For the result document.
-    verification : Verification
-        Its dry-run.
-    names : tuple of str
-        Files that hold it.
-    """
-
-    description: dict[str, Any]
-    verification: Verification
-    names: tuple[str, ...] = ()
+    description: dict[str, Any]  # for the result document
+    verification: Verification  # its dry-run
+    names: tuple[str, ...] = ()  # files that hold it
 
 
 def make_table(estimate: ErrorEstimate, output: Mapping[str, Any]) -> CompensationTable:
-    """Return the table that an output describes.
-
-    Parameters
-    ----------
-    estimate : ErrorEstimate
-        Separated error.
-    output : mapping
-        ``spacing``, ``axis`` and, where given, ``compensates``, ``direction``, ``reference`` (m).
-
-    Returns
-    -------
-    CompensationTable
-        Corrections.
-
-    Raises
-    ------
-    TableError
-        If the spacing asks for too many entries, or the table cannot be made.
-    """
+    """Return the table that an output describes."""
     spacing = output["spacing"]
     n = (
         spacing
@@ -102,29 +74,7 @@ def make_table(estimate: ErrorEstimate, output: Mapping[str, Any]) -> Compensati
 def make_carried(
     estimate: ErrorEstimate, output: Mapping[str, Any], runs: RunSet, *, degree: Any = "aicc"
 ) -> Any:
-    """Return what the controller of an output holds: a table, or a polynomial.
-
-    Parameters
-    ----------
-    estimate : ErrorEstimate
-        Separated error.
-    output : mapping
-        As for `make_table`, with ``controller``, and ``degree`` of a polynomial.
-    runs : RunSet
-        Readings that a polynomial is fitted to, over the range of the estimate.
-    degree : int or {"aicc", "f-test"}, optional
-        Of a polynomial where the output states none.
-
-    Returns
-    -------
-    CompensationTable or PolynomialFit
-        Corrections.
-
-    Raises
-    ------
-    TableError
-        If it cannot be made, or the controller holds maps.
-    """
+    """Return what the controller of an output holds: a table, or a polynomial."""
     from metrosep.compensation.polynomial import fit_polynomial
     from metrosep.controllers.registry import find
 
@@ -147,28 +97,7 @@ def make_carried(
 def carried_of(
     document: Mapping[str, Any], output: Mapping[str, Any]
 ) -> tuple[Any, RunSet, Folds | None]:
-    """Return what an output holds, the runs for its dry-run, and what it is without each of them.
-
-    Parameters
-    ----------
-    document : mapping
-        ``estimate``, ``runs`` and ``polynomial`` of a result, in memory or read from a file.
-    output : mapping
-        As for `make_carried`.
-
-    Returns
-    -------
-    tuple of (CompensationTable or PolynomialFit, RunSet, folds or None)
-        The same to the last bit on every route: a polynomial has the degree of the result's own.
-        Folds are None where the stored runs can be separated again.
-
-    Raises
-    ------
-    TableError
-        If it cannot be made, or the controller holds maps.
-    CorruptFileError
-        If the document is damaged.
-    """
+    """Return what an output holds, the runs for its dry-run, and what it is without each of them."""
     estimate, runs = stored_estimate(document), measured_runs(document)
     degree = (document.get("polynomial") or {}).get("degree", "aicc")
     made = make_carried(estimate, output, runs, degree=degree)
@@ -195,25 +124,7 @@ def _folds_in(document: Mapping[str, Any], made: Any) -> Folds | None:
 
 
 def dry_runs(recipe: Recipe, document: Mapping[str, Any]) -> list[WrittenTable]:
-    """Return the tables of a recipe with their dry-runs; nothing is written.
-
-    Parameters
-    ----------
-    recipe : Recipe
-        With its outputs.
-    document : mapping
-        As for `carried_of`.
-
-    Returns
-    -------
-    list of WrittenTable
-        Without files.
-
-    Raises
-    ------
-    TableError
-        If a table cannot be made or does not shrink the error.
-    """
+    """Return the tables of a recipe with their dry-runs; nothing is written."""
     found = []
     for output, place in _tables_of(recipe):
         made, runs, folds = carried_of(document, output)
@@ -239,35 +150,7 @@ def write_tables(
     *,
     overwrite: bool = False,
 ) -> list[WrittenTable]:
-    """Write the tables of a recipe, each after a dry-run of its very bytes.
-
-    Parameters
-    ----------
-    recipe : Recipe
-        With its outputs.
-    document : mapping
-        As for `carried_of`.
-    folder : Path
-        Where they will be.
-    stage : Path
-        Where to write them until all outputs are made; empty.
-    tell : callable
-        Told what is being done.
-    overwrite : bool, optional
-        Whether tables of the folder may be replaced by other bytes.
-
-    Returns
-    -------
-    list of WrittenTable
-        With table and sidecar.
-
-    Raises
-    ------
-    TableError
-        If a table cannot be made, exceeds a limit or does not shrink the error.
-    WriteError
-        If it cannot be written, or another table of that name is there.
-    """
+    """Write the tables of a recipe, each after a dry-run of its very bytes."""
     from metrosep.controllers.base import sidecar_path
     from metrosep.controllers.files import prepare
 
@@ -315,29 +198,7 @@ def _dry_run(made: Any, runs: RunSet, *, waived: tuple[str, ...], **more: Any) -
 def write_reports(
     recipe: Recipe, document: Mapping[str, Any], folder: Path, tell: Progress
 ) -> list[str]:
-    """Write the reports of a recipe.
-
-    Parameters
-    ----------
-    recipe : Recipe
-        With its outputs.
-    document : mapping
-        Content of result.json.
-    folder : Path
-        Where to write.
-    tell : callable
-        Told what is being done.
-
-    Returns
-    -------
-    list of str
-        Names of the files.
-
-    Raises
-    ------
-    WriteError
-        If one cannot be written.
-    """
+    """Write the reports of a recipe."""
     writers = report_formats()
     written = []
     for i, output in enumerate(recipe.outputs):

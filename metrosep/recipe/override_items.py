@@ -28,31 +28,14 @@ _MOST_DIGITS = 6
 
 @dataclass(frozen=True, slots=True)
 class Override:
-    """One override as it was given, and its two sides.
+    """One override as it was given, and its two sides."""
 
-    Parameters
-    ----------
-    given, key, raw : str
-        All of it, and what stands before and behind the equals sign.
-    """
-
-    given: str
+    given: str  # all of it, and what stands before and behind the equals sign
     key: str
     raw: str
 
     def error(self, problem: str) -> RecipeError:
-        """Return the error for a problem with it.
-
-        Parameters
-        ----------
-        problem : str
-            What is wrong and what would be right.
-
-        Returns
-        -------
-        RecipeError
-            To be raised; a long override is cut short in it.
-        """
+        """Return the error for a problem with it."""
         return RecipeError(f"-s {_short(self.given)}: {problem}", key=_short(self.key))
 
 
@@ -63,31 +46,7 @@ def _short(text: str) -> str:
 def number_of(
     override: Override, top: str, rest: Sequence[str], data: Mapping[str, Any], file: str
 ) -> int:
-    """Return which step, check or output is meant.
-
-    Parameters
-    ----------
-    override : Override
-        For messages.
-    top : {"step", "check", "output"}
-        First part of the key.
-    rest : sequence of str
-        Its other parts.
-    data : mapping
-        What the recipe holds.
-    file : str
-        Name of the recipe, for messages.
-
-    Returns
-    -------
-    int
-        From 0.
-
-    Raises
-    ------
-    RecipeError
-        If none is meant, or several may be.
-    """
+    """Return which step, check or output is meant."""
     items = data.get(top, [])
     items = items if isinstance(items, list) else []
     labels = [
@@ -162,19 +121,6 @@ def _listed(texts: Sequence[str], word: str) -> str:
 
 
 def near(word: str, known: Sequence[str]) -> str:
-    """Return the question whether another word was meant.
-
-    Parameters
-    ----------
-    word : str
-        Unknown one.
-    known : sequence of str
-        What there is.
-
-    Returns
-    -------
-    str
-        With a blank before it; empty where nothing is near.
-    """
+    """Return the question whether another word was meant."""
     found = difflib.get_close_matches(word, known, n=1) if len(word) <= _LONGEST else []
     return f' Did you mean "{found[0]}"?' if found else ""

@@ -37,35 +37,15 @@ _PIECE = re.compile(r'"[^"]*"|\'[^\']*\'|[^."\']+')
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """What a line says of the override that made it.
+    """What a line says of the override that made it."""
 
-    Parameters
-    ----------
-    line : int
-        Its number in the text, from 1.
-    is_added : bool
-        Whether the file has no such line.
-    given : str
-        The override, as it was given.
-    """
-
-    line: int
-    is_added: bool
-    given: str
+    line: int  # its number in the text, from 1
+    is_added: bool  # whether the file has no such line
+    given: str  # the override, as it was given
 
 
 def split_override(given: str) -> tuple[str, str] | None:
     """Return key and value of an override.
-
-    Parameters
-    ----------
-    given : str
-        Such as ``step.2.degree=5``.
-
-    Returns
-    -------
-    tuple of (str, str) or None
-        Without spaces around them; None where there is no key or no equals sign.
 
     Examples
     --------
@@ -81,16 +61,6 @@ def split_override(given: str) -> tuple[str, str] | None:
 def key_parts(key: str) -> list[str] | None:
     """Return the parts of a dotted key; a part that holds a dot is written in quotes.
 
-    Parameters
-    ----------
-    key : str
-        Such as ``check."P-V 1.5".upper``.
-
-    Returns
-    -------
-    list of str or None
-        Without quotes; None where a part is empty.
-
     Examples
     --------
     >>> key_parts('check."P-V 1.5".upper'), key_parts("step..degree")
@@ -102,20 +72,7 @@ def key_parts(key: str) -> list[str] | None:
 
 
 def marks_after(comment: str, given: str) -> str:
-    """Return the marks of a line that was changed: one for each key.
-
-    Parameters
-    ----------
-    comment : str
-        Of the line, as it was.
-    given : str
-        The override.
-
-    Returns
-    -------
-    str
-        To be written behind the line and its other comment.
-    """
+    """Return the marks of a line that was changed: one for each key."""
     key = (split_override(given) or ("",))[0]
     kept, kind = [], "set"
     for found in _MARK.finditer(comment):
@@ -127,18 +84,7 @@ def marks_after(comment: str, given: str) -> str:
 
 
 def parsed(text: str) -> dict[str, Any] | None:
-    """Return what TOML holds.
-
-    Parameters
-    ----------
-    text : str
-        TOML, or not.
-
-    Returns
-    -------
-    dict or None
-        None where it is not TOML.
-    """
+    """Return what TOML holds."""
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError):  # also numbers of thousands of digits
@@ -147,16 +93,6 @@ def parsed(text: str) -> dict[str, Any] | None:
 
 def toml_problem(error: Exception) -> str:
     """Return why `tomllib` could not read a text.
-
-    Parameters
-    ----------
-    error : Exception
-        What it raised.
-
-    Returns
-    -------
-    str
-        For a person; Python names no place for numbers and lists beyond all measure.
 
     Examples
     --------
@@ -173,16 +109,6 @@ def toml_problem(error: Exception) -> str:
 def holds_mark(given: str) -> bool:
     """Return whether an override holds the words that begin a mark, and could not be told from it.
 
-    Parameters
-    ----------
-    given : str
-        The override.
-
-    Returns
-    -------
-    bool
-        Whether it does.
-
     Examples
     --------
     >>> holds_mark("title=a  # set by -s title=b"), holds_mark("title=a # set by -s title=b")
@@ -192,34 +118,12 @@ def holds_mark(given: str) -> bool:
 
 
 def without_marks(comment: str) -> str:
-    """Return the comment of a line without marks.
-
-    Parameters
-    ----------
-    comment : str
-        Of the line.
-
-    Returns
-    -------
-    str
-        What the file says there.
-    """
+    """Return the comment of a line without marks."""
     return _MARK.sub("", comment)
 
 
 def marks_of(text: str) -> list[Mark]:
-    """Return the marks of a text.
-
-    Parameters
-    ----------
-    text : str
-        TOML.
-
-    Returns
-    -------
-    list of Mark
-        In the order of the text.
-    """
+    """Return the marks of a text."""
     return [
         Mark(i + 1, found[1] == "added", found[2])
         for i, line in enumerate(text.split("\n"))
@@ -228,24 +132,7 @@ def marks_of(text: str) -> list[Mark]:
 
 
 def as_given(error: RecipeError, file: str, text: str, problem: str) -> RecipeError:
-    """Return the error of a line as a person finds it, who has the file and gave the overrides.
-
-    Parameters
-    ----------
-    error : RecipeError
-        With the line in the text that was run.
-    file : str
-        Name of the recipe.
-    text : str
-        With its marks.
-    problem : str
-        The message without file and line.
-
-    Returns
-    -------
-    RecipeError
-        It names the line of the file, or the override where that wrote the line.
-    """
+    """Return the error of a line as a person finds it, who has the file and gave the overrides."""
     line = error.line
     marks = [] if line is None else marks_of(text)
     if line is None or not marks:
@@ -259,17 +146,6 @@ def as_given(error: RecipeError, file: str, text: str, problem: str) -> RecipeEr
 
 def overrides_in(text: str) -> tuple[str, ...]:
     """Return what was overridden in a recipe.
-
-    Parameters
-    ----------
-    text : str
-        Of a recipe, with those that it builds on.
-
-    Returns
-    -------
-    tuple of str
-        As given, in the order of the text. A line that was edited since and has another value is
-        left out.
 
     Examples
     --------

@@ -25,18 +25,7 @@ _PROBE = "\0 the value of an override"
 
 
 def toml_text(value: Any) -> str:
-    """Return a value as TOML writes it, in one line.
-
-    Parameters
-    ----------
-    value : object
-        What `tomllib` gives.
-
-    Returns
-    -------
-    str
-        TOML.
-    """
+    """Return a value as TOML writes it, in one line."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
@@ -55,22 +44,6 @@ def _key_text(key: str) -> str:
 
 def with_value(text: str, path: Path, value: Any, given: str) -> str | None:
     """Return the text of a recipe with one value changed or added.
-
-    Parameters
-    ----------
-    text : str
-        TOML.
-    path : sequence of str or int
-        Keys and indices that lead to the value; tables that are missing on the way are made.
-    value : object
-        New value.
-    given : str
-        The override, for the mark.
-
-    Returns
-    -------
-    str or None
-        TOML; None where no line could be found that may be changed.
 
     Notes
     -----
@@ -94,22 +67,7 @@ def with_value(text: str, path: Path, value: Any, given: str) -> str | None:
 
 
 def put(data: Any, path: Path, value: Any) -> int:
-    """Put a value into parsed TOML.
-
-    Parameters
-    ----------
-    data : dict
-        Changed in place; tables that are missing on the way are made.
-    path : sequence of str or int
-        Keys and indices that lead to the value.
-    value : object
-        New value.
-
-    Returns
-    -------
-    int
-        How many keys of the path were there.
-    """
+    """Put a value into parsed TOML."""
     holder, there = data, 0
     for key in path[:-1]:
         if isinstance(key, int) or key in holder:

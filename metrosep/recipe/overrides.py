@@ -65,29 +65,6 @@ Set = tuple[Override, tuple[str | int, ...], Field, Any]
 def with_overrides(text: str, name: str, folder: Path, overrides: Sequence[str]) -> str:
     """Return the text of a recipe with other values.
 
-    Parameters
-    ----------
-    text : str
-        TOML of the recipe.
-    name : str
-        Its name, for messages.
-    folder : Path
-        Where names of recipes that it builds on start.
-    overrides : sequence of str
-        Each ``key=value``.
-
-    Returns
-    -------
-    str
-        TOML that needs no other file: what it builds on stands behind it, as it is recorded.
-
-    Raises
-    ------
-    RecipeError
-        If an override has no ``=``, names a key, step, check or output that is not there, may mean
-        several, or means one that another override names too; if its value is too long or too deep,
-        or cannot be recorded; if the text is not TOML.
-
     Examples
     --------
     >>> text = '''metrosep = 1
@@ -229,18 +206,7 @@ def _item_fields(top: str, item: Any, data: Mapping[str, Any]) -> Fields | None:
 
 
 def input_fields_of(op: Any) -> Mapping[str, Field] | None:
-    """Return the keys that ``[input]`` has.
-
-    Parameters
-    ----------
-    op : object
-        Of the first step.
-
-    Returns
-    -------
-    mapping of str to Field or None
-        None where there is no such step.
-    """
+    """Return the keys that ``[input]`` has."""
     from metrosep.recipe.methods import METHODS, input_fields
 
     if not isinstance(op, str):

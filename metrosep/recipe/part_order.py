@@ -23,23 +23,7 @@ _WORDS = {
 
 
 def order_of(document: Document) -> str:
-    """Return what orders the parts.
-
-    Parameters
-    ----------
-    document : mapping
-        Content of an index.json (schema ``metrosep.index/1``).
-
-    Returns
-    -------
-    str
-        "name", "time", "file_time", or a group of the pattern.
-
-    Raises
-    ------
-    DataError
-        If the index says what can be none of them.
-    """
+    """Return what orders the parts."""
     order = str(document.get("order") or "name")
     if not order.isidentifier():
         raise DataError(
@@ -49,46 +33,13 @@ def order_of(document: Document) -> str:
 
 
 def order_words(document: Document) -> str:
-    """Return the order of the parts in words.
-
-    Parameters
-    ----------
-    document : mapping
-        Content of an index.json.
-
-    Returns
-    -------
-    str
-        To follow "parts".
-
-    Raises
-    ------
-    DataError
-        If the order is damaged.
-    """
+    """Return the order of the parts in words."""
     order = order_of(document)
     return _WORDS.get(order, f"in the order of {order}, which their names state")
 
 
 def parts_in_order(document: Document) -> list[int]:
-    """Return the places of the rows of an index in the order of the parts.
-
-    Parameters
-    ----------
-    document : mapping
-        Content of an index.json.
-
-    Returns
-    -------
-    list of int
-        Places in ``rows``. Equal ones by name; numbers in names and groups by their value. Without
-        the rows that do not tell their place: those of `order_notes`.
-
-    Raises
-    ------
-    DataError
-        If the order is damaged.
-    """
+    """Return the places of the rows of an index in the order of the parts."""
     rows = document.get("rows") or []
     if order_of(document) == "name":
         return sorted(range(len(rows)), key=lambda i: by_number(str(rows[i].get("unit"))))
@@ -98,23 +49,7 @@ def parts_in_order(document: Document) -> list[int]:
 
 
 def order_notes(document: Document) -> list[str]:
-    """Return what is to be known about the order: parts without a place, clocks that differ.
-
-    Parameters
-    ----------
-    document : mapping
-        Content of an index.json.
-
-    Returns
-    -------
-    list of str
-        Sentences without their full stop.
-
-    Raises
-    ------
-    DataError
-        If the order is damaged.
-    """
+    """Return what is to be known about the order: parts without a place, clocks that differ."""
     order = order_of(document)
     rows = [r for r in document.get("rows") or [] if r.get("characteristics")]
     if order == "name" or not rows:

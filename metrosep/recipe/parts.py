@@ -32,37 +32,7 @@ def write_parts(
     tell: Callable[[str], None],
     document: Mapping[str, Any] | None = None,
 ) -> list[str]:
-    """Write the parts that the outputs of a recipe ask for.
-
-    Parameters
-    ----------
-    recipe : Recipe
-        With its outputs.
-    described : Description
-        What was separated or is left: tables, maps and profiles.
-    folder : Path
-        Where to write.
-    tell : callable
-        Told what is being done.
-    document : mapping, optional
-        Content of result.json, whose inputs, steps and recipe go into tables in HDF5.
-
-    Returns
-    -------
-    list of str
-        Names of the files. Maps give one file for each part, tables over several coordinates one
-        for each, its name in that of the file. A path that ends in ``.h5`` gives HDF5 only; without
-        one, maps are HDF5 and tables CSV.
-
-    Raises
-    ------
-    DataError
-        If the result has no parts to write.
-    RecipeError
-        With the line, if a path ends as no file of such an object or of tables does.
-    WriteError
-        If a file cannot be written.
-    """
+    """Write the parts that the outputs of a recipe ask for."""
     written: list[str] = []
     for i, output in enumerate(recipe.outputs):
         if output["kind"] != "parts":
@@ -99,33 +69,7 @@ def write_arrays(
     folder: Path,
     tell: Callable[[str], None],
 ) -> list[str]:
-    """Write the curve and the tables of a separation of runs, where outputs of kind "parts" ask.
-
-    Parameters
-    ----------
-    recipe : Recipe
-        With its outputs.
-    estimate : ErrorEstimate
-        Separated error.
-    document : mapping
-        Content of result.json.
-    folder : Path
-        Where to write.
-    tell : callable
-        Told what is being done.
-
-    Returns
-    -------
-    list of str
-        Names of the files, as `write_parts` gives them.
-
-    Raises
-    ------
-    RecipeError
-        With the line, if a path ends as no file of tables does.
-    WriteError
-        If one cannot be written.
-    """
+    """Write the curve and the tables of a separation of runs, where outputs of kind "parts" ask."""
     from metrosep.recipe.describe_estimate import arrays_of
 
     if not any(o["kind"] == "parts" for o in recipe.outputs):

@@ -45,24 +45,13 @@ class CancelledError(MetrosepError):
 
 @dataclass(frozen=True, slots=True)
 class PipelineOp:
-    """One kind of step.
+    """One kind of step."""
 
-    Parameters
-    ----------
-    op : str
-        Its name in a recipe.
-    what : str
-        What it does, in plain words.
-    keys : mapping of str to Key
-        Without ``op`` and ``enabled``, which all steps have.
-    applies : tuple of str
-        Kinds of objects it takes.
-    """
-
-    op: str
-    what: str
+    op: str  # its name in a recipe
+    what: str  # what it does, in plain words
+    # mapping of str to Key: without ``op`` and ``enabled``, which all steps have
     keys: Mapping[str, Key]
-    applies: tuple[str, ...] = ("Surface", "Profile")
+    applies: tuple[str, ...] = ("Surface", "Profile")  # kinds of objects it takes
 
     @property
     def fields(self) -> dict[str, Field]:
@@ -170,21 +159,6 @@ def schema() -> dict[str, Any]:
 def checked_step(step: Mapping[str, Any]) -> dict[str, Any]:
     """Return a step with its values in SI, or refuse it.
 
-    Parameters
-    ----------
-    step : mapping
-        ``op`` and its keys: texts with units, or numbers in SI.
-
-    Returns
-    -------
-    dict
-        The same keys.
-
-    Raises
-    ------
-    StepError
-        If the kind of step or a key is not known, or keys do not go together.
-
     Examples
     --------
     >>> checked_step({"op": "filter", "cutoff": "0.5 mm", "band": "long"})["cutoff"]
@@ -202,25 +176,7 @@ def checked_step(step: Mapping[str, Any]) -> dict[str, Any]:
 def measuring_steps(
     steps: Sequence[Mapping[str, Any]], place_of: Callable[[int], Place]
 ) -> tuple[Mapping[str, Any], ...]:
-    """Return the steps of a recipe that measures, checked one against its keys.
-
-    Parameters
-    ----------
-    steps : sequence of mapping
-        Of the recipe, each key of the right kind.
-    place_of : callable
-        Gives where a step stands, by its number.
-
-    Returns
-    -------
-    tuple of mapping
-        Values in SI.
-
-    Raises
-    ------
-    RecipeError
-        With file and line, if a step is none that measures or its keys do not go together.
-    """
+    """Return the steps of a recipe that measures, checked one against its keys."""
     checked = []
     for i, step in enumerate(steps):
         place = place_of(i)
@@ -240,31 +196,7 @@ def measuring_steps(
 
 
 def run_step(obj: Measured, step: Mapping[str, Any], *, index: int = 0) -> Stage:
-    """Return what one step makes of an object.
-
-    Parameters
-    ----------
-    obj : Surface or Profile
-        Before it; not changed.
-    step : mapping
-        As `checked_step` takes it.
-    index : int, optional
-        Its number in a list.
-
-    Returns
-    -------
-    Stage
-        With the object after the step.
-
-    Raises
-    ------
-    InvalidSamplesError
-        If the object is neither a map nor a profile.
-    StepError
-        If the step is not valid, or does not apply to this kind of object.
-    MetrosepError
-        Of the filter, the fit or the evaluation.
-    """
+    """Return what one step makes of an object."""
     if not isinstance(obj, Surface | Profile):
         raise InvalidSamplesError(
             f"the steps of a measurement need a profile or a map, got a {type(obj).__name__}; name "

@@ -17,15 +17,7 @@ Check = Callable[[Mapping[str, Any]], None]
 
 
 class StepError(DataError):
-    """A step that cannot be carried out as it is written, or not on this kind of data.
-
-    Parameters
-    ----------
-    message : str
-        What is wrong and what would be right.
-    key : str or None, optional
-        The key that is wrong, so that its line can be named.
-    """
+    """A step that cannot be carried out as it is written, or not on this kind of data."""
 
     def __init__(self, message: str, key: str | None = None) -> None:
         super().__init__(message)
@@ -33,27 +25,7 @@ class StepError(DataError):
 
 
 def normal_values(given: Mapping[str, Any], keys: Mapping[str, Key], what: str) -> dict[str, Any]:
-    """Return the values of a step in SI.
-
-    Parameters
-    ----------
-    given : mapping
-        Texts with units as a recipe has them, or numbers in SI as a script has them.
-    keys : mapping of str to Key
-        What is allowed.
-    what : str
-        Name of the step for messages.
-
-    Returns
-    -------
-    dict
-        The same keys.
-
-    Raises
-    ------
-    StepError
-        If a key is unknown, missing or of the wrong kind.
-    """
+    """Return the values of a step in SI."""
     values: dict[str, Any] = {}
     for name, value in given.items():
         if name not in keys:
@@ -127,25 +99,7 @@ def _centre(value: Any) -> Any:
 
 
 def form_options(options: Mapping[str, Any]) -> tuple[Any, dict[str, Any]]:
-    """Return the ideal form of a step, and the options of its fit.
-
-    Parameters
-    ----------
-    options : mapping
-        Keys of a step ``form``.
-
-    Returns
-    -------
-    form : Form
-        As it is written.
-    options : dict
-        Keywords of `metrosep.forms.fit.fit`.
-
-    Raises
-    ------
-    StepError
-        If there is no such form, or a value does not fit it.
-    """
+    """Return the ideal form of a step, and the options of its fit."""
     from metrosep.forms.catalogue import form_from_text
 
     try:
@@ -298,18 +252,6 @@ CHECKS: Mapping[str, Check] = {
 def known_unit(steps: Sequence[Mapping[str, Any]], metric: str) -> str | None:
     """Return the SI unit that a metric has, where the steps tell it without data.
 
-    Parameters
-    ----------
-    steps : sequence of mapping
-        Steps that measure, checked.
-    metric : str
-        Of a check, such as ``Sku``, ``Sa#2``, ``residual.pv``, or a parameter of a form.
-
-    Returns
-    -------
-    str or None
-        None where no step gives such a metric, or two give it in different units.
-
     Examples
     --------
     >>> steps = [{"op": "form", "form": "sphere"}, {"op": "parameters"}]
@@ -324,18 +266,6 @@ def known_unit(steps: Sequence[Mapping[str, Any]], metric: str) -> str | None:
 
 def makes_metric(steps: Sequence[Mapping[str, Any]], metric: str) -> str | None:
     """Return why no step makes a metric, as far as that shows without data.
-
-    Parameters
-    ----------
-    steps : sequence of mapping
-        Steps that measure, checked.
-    metric : str
-        Of a check; ``Sa#2`` is the second of its name.
-
-    Returns
-    -------
-    str or None
-        One sentence with the nearest name; None where it may be there.
 
     Examples
     --------

@@ -14,40 +14,18 @@ __all__ = ["APERTURE", "FILTER", "FORM", "MASK", "OUTLIERS", "PARAMETERS", "Key"
 
 @dataclass(frozen=True, slots=True)
 class Key:
-    """One key of a step, with everything that a form needs.
+    """One key of a step, with everything that a form needs."""
 
-    Parameters
-    ----------
-    field : Field
-        Kind, choices, whether it must be there.
-    help : str
-        What it does, in plain words.
-    default : object, optional
-        What counts where it is left out, as it is typed; None where nothing does.
-    inner : mapping of str to Key, optional
-        Keys of a table.
-    """
-
-    field: Field
-    help: str
+    field: Field  # kind, choices, whether it must be there
+    help: str  # what it does, in plain words
+    # what counts where it is left out, as it is typed; None where nothing does
     default: Any = None
+    # mapping of str to Key: keys of a table
     inner: Mapping[str, Key] = new_field(default_factory=dict)
 
 
 def described_keys(keys: Mapping[str, Key]) -> list[dict[str, Any]]:
-    """Return keys as plain values for JSON.
-
-    Parameters
-    ----------
-    keys : mapping of str to Key
-        Of a step or a table in it.
-
-    Returns
-    -------
-    list of dict
-        ``name``, ``kind``, ``required``, ``choices``, ``default``, ``dimension``, ``help``, and
-        ``keys`` of a table.
-    """
+    """Return keys as plain values for JSON."""
     return [
         {
             "name": name,

@@ -28,33 +28,7 @@ _ROUNDING = 1e-9
 def masked(
     obj: Measured, aperture: Mapping[str, Any], *, outside: bool = True
 ) -> tuple[Measured, dict[str, Any]]:
-    """Return an object without what lies outside (or inside) an aperture.
-
-    Parameters
-    ----------
-    obj : Surface or Profile
-        Measurement; a profile is the line through the centre of the aperture.
-    aperture : mapping
-        ``shape`` circle, ring or rectangle; ``diameter``, ``inner_diameter``, ``width``,
-        ``height`` in m; ``centre``, in m and in the coordinates of the object, or ``"fit"``.
-    outside : bool, optional
-        Whether what lies outside is taken out; else what lies inside.
-
-    Returns
-    -------
-    obj : Surface or Profile
-        The same grid, NaN where taken out.
-    audit : dict
-        ``taken_out``, ``left``, ``centre_m``.
-
-    Raises
-    ------
-    DataError
-        If the aperture does not fit the kind of object, lacks a size, or the map has no lateral
-        step.
-    TooFewSamplesError
-        If nothing that was measured is left.
-    """
+    """Return an object without what lies outside (or inside) an aperture."""
     shape = str(aperture.get("shape", "circle"))
     check_sizes(shape, aperture, is_profile=isinstance(obj, Profile))
     x, y = _positions(obj)
@@ -83,22 +57,7 @@ def masked(
 
 
 def without_points(obj: Measured, out: Flags, step: Step) -> Measured:
-    """Return an object with NaN where a mask says so.
-
-    Parameters
-    ----------
-    obj : Surface or Profile
-        Measurement.
-    out : ndarray of bool, shape of z
-        What is taken out.
-    step : Step
-        Added to the history.
-
-    Returns
-    -------
-    Surface or Profile
-        On the same grid.
-    """
+    """Return an object with NaN where a mask says so."""
     z = np.where(out, np.nan, obj.z)
     history = (*obj.history, step)
     if isinstance(obj, Profile):
@@ -108,24 +67,6 @@ def without_points(obj: Measured, out: Flags, step: Step) -> Measured:
 
 def middle_of(obj: Measured) -> tuple[float, float]:
     """Return the middle of what was measured.
-
-    Parameters
-    ----------
-    obj : Surface or Profile
-        Measurement.
-
-    Returns
-    -------
-    tuple of (float, float), m
-        Median over the rows of the middle between first and last measured point, and over the
-        columns likewise; 0 in y for a profile.
-
-    Raises
-    ------
-    TooFewSamplesError
-        If nothing was measured.
-    DataError
-        If the map has no lateral step.
 
     Notes
     -----
@@ -164,22 +105,7 @@ _ALL_SIZES = ("diameter", "inner_diameter", "width", "height")
 
 
 def check_sizes(shape: str, aperture: Mapping[str, Any], *, is_profile: bool) -> None:
-    """Refuse an aperture without its sizes.
-
-    Parameters
-    ----------
-    shape : str
-        circle, ring or rectangle.
-    aperture : mapping
-        Sizes in m.
-    is_profile : bool
-        A profile has no height.
-
-    Raises
-    ------
-    DataError
-        If a size is missing, is of another shape, or is not positive.
-    """
+    """Refuse an aperture without its sizes."""
     if shape not in _SIZES:
         raise DataError(f"shape = {shape!r} is not one of {', '.join(_SIZES)}")
     needed = [k for k in _SIZES[shape] if not (is_profile and k == "height")]

@@ -41,33 +41,6 @@ def without_outliers(
 ) -> tuple[Measured, dict[str, Any]]:
     """Return an object without heights that stand far from their neighbours.
 
-    Parameters
-    ----------
-    obj : Surface or Profile
-        Measurement; NaN = not measured.
-    threshold : float, optional
-        Largest deviation from the neighbours, in robust standard deviations of all deviations.
-    window : int, optional
-        Samples across the neighbourhood, odd; 5 for a map, 11 for a profile.
-    form : str, optional
-        Taken off for judging only: ``"smooth"``, a polynomial of degree 8, or the text of a form,
-        fitted so that outliers do not pull it, for a part whose curvature the polynomial misses.
-
-    Returns
-    -------
-    obj : Surface or Profile
-        NaN where taken out.
-    audit : dict
-        ``taken_out``, ``left``, ``not_judged`` (too few neighbours), ``sigma_m``.
-
-    Raises
-    ------
-    DataError
-        If the threshold is not above zero, the window is not odd or smaller than 3, or the form is
-        not known or cannot be fitted to the object.
-    FitError
-        If the form cannot be found.
-
     Notes
     -----
     A height is compared with the median of the means of opposite neighbours: a slope cancels, a
@@ -136,23 +109,7 @@ def _flattened(z: FloatArray) -> FloatArray:
 
 
 def neighbour_deviation(z: FloatArray, window: int, at: Flags | None = None) -> FloatArray:
-    """Return how far heights lie from the median of the means of opposite neighbours.
-
-    Parameters
-    ----------
-    z : ndarray, shape (n,) or (n_y, n_x)
-        Heights, NaN = not measured.
-    window : int
-        Samples across, odd.
-    at : ndarray of bool, shape of z, optional
-        Where the mean of the neighbours is wanted in place of the deviation, also where z is NaN.
-
-    Returns
-    -------
-    ndarray
-        Shape of z: NaN where not measured, and where fewer than two pairs of opposite neighbours
-        were. With `at`: the medians there, in order, of one pair or more.
-    """
+    """Return how far heights lie from the median of the means of opposite neighbours."""
     values = np.atleast_2d(z)
     half = window // 2
     rows, columns = values.shape

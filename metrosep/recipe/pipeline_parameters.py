@@ -29,33 +29,16 @@ _FORM = {"STR": "straightness", "FLT": "flatness", "RON": "roundness"}
 
 @dataclass(frozen=True, slots=True)
 class Evaluating:
-    """Which parameters, and how they are evaluated.
+    """Which parameters, and how they are evaluated."""
 
-    Parameters
-    ----------
-    names : tuple of str
-        Symbols wanted; empty for all.
-    kind : str or None
-        P, W or R; None takes what the file or the filter says, else P.
-    edition : str or None
-        Of the profile standard; None is the present one.
-    sections : int or None
-        Sampling lengths; as many as there are cut-offs in a filtered profile, else 5.
-    centre : bool
-        Subtract means again.
-    line : str
-        Core line of the Rk and Sk family.
-    reference : str
-        Of form deviations.
-    """
-
-    names: tuple[str, ...] = ()
-    kind: str | None = None
-    edition: str | None = None
+    names: tuple[str, ...] = ()  # symbols wanted; empty for all
+    kind: str | None = None  # P, W or R; None takes what the file or the filter says, else P
+    edition: str | None = None  # of the profile standard; None is the present one
+    # sampling lengths; as many as there are cut-offs in a filtered profile, else 5
     sections: int | None = None
-    centre: bool = False
-    line: str = "lsq"
-    reference: str = "MZ"
+    centre: bool = False  # subtract means again
+    line: str = "lsq"  # core line of the Rk and Sk family
+    reference: str = "MZ"  # of form deviations
 
 
 def iso_filtered(
@@ -67,31 +50,7 @@ def iso_filtered(
     kind: str | None = None,
     sections: int | None = None,
 ) -> Any:
-    """Return an object after the S-filter and the L-filter, both Gaussian.
-
-    Parameters
-    ----------
-    obj : Surface or Profile
-        Form removed.
-    lambda_s, lambda_c : float or None, m
-        Cut-offs (profile) or nesting indices (surface) of the S- and L-filter.
-    end : str, optional
-        End rule.
-    kind : str or None, optional
-        ``"W"`` gives the waviness profile, else the L-filter gives roughness.
-    sections : int or None, optional
-        Section lengths that a roughness profile keeps.
-
-    Returns
-    -------
-    Surface or Profile
-        The object itself where neither is given.
-
-    Raises
-    ------
-    DataError
-        If the cut-offs are not in order, or the filter refuses them.
-    """
+    """Return an object after the S-filter and the L-filter, both Gaussian."""
     from metrosep.filters import Band, chain, gaussian
 
     if lambda_s is not None and lambda_c is not None and not lambda_s < lambda_c:
@@ -116,25 +75,7 @@ def iso_filtered(
 
 
 def parameter_tables(obj: Surface | Profile, how: Evaluating) -> tuple[ParameterTable, ...]:
-    """Return the parameters of an object, a table for each family.
-
-    Parameters
-    ----------
-    obj : Surface or Profile
-        Form removed and filtered.
-    how : Evaluating
-        Which, and how.
-
-    Returns
-    -------
-    tuple of ParameterTable
-        In the order of the names.
-
-    Raises
-    ------
-    DataError
-        If the object has no such parameter.
-    """
+    """Return the parameters of an object, a table for each family."""
     tables = []
     for family, names in _families(obj, how.names).items():
         if family in _FORM:
@@ -149,25 +90,7 @@ def parameter_tables(obj: Surface | Profile, how: Evaluating) -> tuple[Parameter
 
 
 def find_parameter(tables: Sequence[ParameterTable], symbol: str) -> Quantity:
-    """Return a parameter by its symbol or the spelling of the other edition.
-
-    Parameters
-    ----------
-    tables : sequence of ParameterTable
-        Where to look.
-    symbol : str
-        Of the parameter.
-
-    Returns
-    -------
-    Quantity
-        The first of that symbol.
-
-    Raises
-    ------
-    DataError
-        If it was not measured, with the reason where there is one.
-    """
+    """Return a parameter by its symbol or the spelling of the other edition."""
     for table in tables:
         if symbol in table:
             return table[symbol]
@@ -177,25 +100,7 @@ def find_parameter(tables: Sequence[ParameterTable], symbol: str) -> Quantity:
 
 
 def limit_values(given: Mapping[str, str], symbol: str, unit: str) -> float | None:
-    """Return a limit in the unit of its parameter.
-
-    Parameters
-    ----------
-    given : mapping of str to str
-        Texts by symbol.
-    symbol, unit : str
-        Of the parameter.
-
-    Returns
-    -------
-    float or None
-        SI; None where none is given.
-
-    Raises
-    ------
-    UnitError
-        If it has another unit.
-    """
+    """Return a limit in the unit of its parameter."""
     from metrosep.forms.catalogue import parameter_value
 
     text = given.get(symbol)

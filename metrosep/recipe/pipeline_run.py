@@ -42,18 +42,10 @@ Tell = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True)
 class Measurement:
-    """What a recipe made of one map or profile.
+    """What a recipe made of one map or profile."""
 
-    Parameters
-    ----------
-    source : Surface or Profile
-        As read.
-    stages : tuple of Stage
-        One for each step.
-    """
-
-    source: Measured
-    stages: tuple[Stage, ...]
+    source: Measured  # or Profile: as read
+    stages: tuple[Stage, ...]  # one for each step
 
     @property
     def obj(self) -> Measured:
@@ -88,23 +80,7 @@ class Measurement:
         return {f"step {s.index + 1}, {s.op}": dict(s.audit) for s in self.stages if s.enabled}
 
     def metric(self, name: str) -> str:
-        """Return the metric that a check means.
-
-        Parameters
-        ----------
-        name : str
-            Symbol, also in the spelling of the other edition.
-
-        Returns
-        -------
-        str
-            A key of `found`, or the name itself where there is none.
-
-        Raises
-        ------
-        DataError
-            If the parameter could not be evaluated, with the reason.
-        """
+        """Return the metric that a check means."""
         known = self.found
         if name in known:
             return name
@@ -118,29 +94,7 @@ class Measurement:
 
 
 def measure_object(recipe: Recipe, obj: Any, *, tell: Tell | None = None) -> Measurement:
-    """Return what a recipe makes of a map or profile in memory.
-
-    Parameters
-    ----------
-    recipe : Recipe
-        Of steps that measure.
-    obj : Surface or Profile
-        Measurement.
-    tell : callable, optional
-        Told what is being done.
-
-    Returns
-    -------
-    Measurement
-        Each step.
-
-    Raises
-    ------
-    RecipeError
-        With file and line, if a step does not apply to this kind of object.
-    MetrosepError
-        Of a filter, a fit or an evaluation; the message names file, line and step.
-    """
+    """Return what a recipe makes of a map or profile in memory."""
     stages: list[Stage] = []
     for i, step in enumerate(recipe.steps):
         if tell is not None and step.get("enabled", True):
@@ -156,22 +110,7 @@ _OF_DATA = (InvalidSamplesError, NotUniformError, TooFewSamplesError)
 
 
 def step_error(exc: MetrosepError, recipe: Recipe, number: int) -> MetrosepError:
-    """Return an error with file, line and step: what the recipe asks wrongly is of the recipe.
-
-    Parameters
-    ----------
-    exc : MetrosepError
-        What the step raised.
-    recipe : Recipe
-        With the step.
-    number : int
-        Of the step, from 0.
-
-    Returns
-    -------
-    MetrosepError
-        To be raised.
-    """
+    """Return an error with file, line and step: what the recipe asks wrongly is of the recipe."""
     from metrosep.recipe.step_words import step_words
 
     place, op = recipe.place("[[step]]", number), recipe.steps[number]["op"]
@@ -207,35 +146,7 @@ def run_pipeline(
     with_result: bool = True,
     more: Mapping[str, Any] | None = None,
 ) -> Result:
-    """Read one file, carry the steps out, judge and write.
-
-    Parameters
-    ----------
-    recipe : Recipe
-        Of steps that measure.
-    files : list of Path
-        One file.
-    out : Path or None
-        Folder for the results.
-    tell : callable
-        Told what is being done.
-    with_result : bool, optional
-        Also write result.json into `out`.
-    more : mapping, optional
-        Further keys of the document, such as the unit of a batch; the reports hold them too.
-
-    Returns
-    -------
-    Result
-        Document, `Measurement`, files.
-
-    Raises
-    ------
-    RecipeError
-        If there are several files, or a step or a check does not fit.
-    MetrosepError
-        Of any kind of its tree; nothing is left in `out` then.
-    """
+    """Read one file, carry the steps out, judge and write."""
     from metrosep.recipe.describe_measure import measurement_of
     from metrosep.recipe.outputs import write_reports
     from metrosep.recipe.parts import write_parts
@@ -259,25 +170,7 @@ def run_pipeline(
 
 
 def measured_result(recipe: Recipe, measured: Measurement) -> Result:
-    """Return the result of steps that were carried out already; nothing is written.
-
-    Parameters
-    ----------
-    recipe : Recipe
-        Of these steps, with its checks.
-    measured : Measurement
-        What they made of the whole measurement.
-
-    Returns
-    -------
-    Result
-        As `Recipe.run` gives it without an output folder.
-
-    Raises
-    ------
-    RecipeError
-        If a check names a metric that is not there, or its uncertainty is not known.
-    """
+    """Return the result of steps that were carried out already; nothing is written."""
     from metrosep.recipe.describe_measure import measurement_of
     from metrosep.recipe.preflight import require_limits
     from metrosep.recipe.result import Result
@@ -357,25 +250,7 @@ def _carried_out(measured: Measurement) -> Iterator[str]:
 
 
 def judge_measurement(recipe: Recipe, measured: Measurement) -> Mapping[str, Any]:
-    """Return characteristics and verdict; checks may use the spelling of the other edition.
-
-    Parameters
-    ----------
-    recipe : Recipe
-        With its checks.
-    measured : Measurement
-        What its steps gave.
-
-    Returns
-    -------
-    mapping
-        ``characteristics`` and ``verdict`` of a result document.
-
-    Raises
-    ------
-    RecipeError
-        If a check names a metric that is not there, or its uncertainty is not known.
-    """
+    """Return characteristics and verdict; checks may use the spelling of the other edition."""
     from dataclasses import replace
 
     from metrosep.recipe.method_run import judged

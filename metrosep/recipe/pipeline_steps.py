@@ -26,27 +26,14 @@ USUAL_OF_PROFILES = ("a", "q", "z", "t", "sk", "ku")
 
 @dataclass(frozen=True, slots=True)
 class Done:
-    """What a step made.
+    """What a step made."""
 
-    Parameters
-    ----------
-    obj : Surface or Profile
-        After the step; the very object where the step only evaluates.
-    found : mapping of str to Quantity
-        By metric.
-    messages : tuple of str
-        What the user should know.
-    audit : mapping
-        What was done, plain values.
-    detail : object
-        `FitResult` of a form, tuple of `ParameterTable` of parameters, else None.
-    """
-
-    obj: Measured
+    obj: Measured  # or Profile: after the step; the very object where the step only evaluates
+    # mapping of str to Quantity: by metric
     found: Mapping[str, Quantity] = field(default_factory=dict)
-    messages: tuple[str, ...] = ()
-    audit: Mapping[str, Any] = field(default_factory=dict)
-    detail: Any = None
+    messages: tuple[str, ...] = ()  # what the user should know
+    audit: Mapping[str, Any] = field(default_factory=dict)  # mapping: what was done, plain values
+    detail: Any = None  # `FitResult` of a form, tuple of `ParameterTable` of parameters, else None
 
 
 def _mask(obj: Measured, options: Mapping[str, Any]) -> Done:
@@ -188,20 +175,7 @@ def _parameters(obj: Measured, options: Mapping[str, Any]) -> Done:
 
 
 def usual_names(obj: Measured, kind: str | None = None) -> tuple[str, ...]:
-    """Return the parameters that are evaluated where none are named.
-
-    Parameters
-    ----------
-    obj : Surface or Profile
-        What is measured.
-    kind : str or None, optional
-        P, W or R; of a profile what it says of itself, else P.
-
-    Returns
-    -------
-    tuple of str
-        Symbols.
-    """
+    """Return the parameters that are evaluated where none are named."""
     if isinstance(obj, Surface):
         return USUAL_OF_MAPS
     from metrosep.filters import profile_kind

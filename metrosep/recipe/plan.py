@@ -35,27 +35,7 @@ PLAN = {
 
 
 def plan_after(estimate: ErrorEstimate, options: Mapping[str, Any]) -> Any:
-    """Return the plan for further runs of an axis whose runs were separated.
-
-    Parameters
-    ----------
-    estimate : ErrorEstimate
-        Whose residual is the disturbance.
-    options : mapping
-        Keys of the step ``plan_feedrates``; ``length`` is the travel of the runs if left out.
-
-    Returns
-    -------
-    FeedPlan
-        Feeds and the sd that they promise.
-
-    Raises
-    ------
-    NotSeparableError
-        If the separation found no density of the disturbance.
-    DataError
-        If no plan keeps the limits.
-    """
+    """Return the plan for further runs of an axis whose runs were separated."""
     table = estimate.residual_psd
     if not len(table) or "psd_nm2_per_hz" not in table:
         raise NotSeparableError(
@@ -93,20 +73,7 @@ def _planned(density: Any, options: Mapping[str, Any]) -> Any:
 
 
 def feed_plan_of(produced: Any, inputs: Any = None) -> Description:
-    """Return what a document holds of a `FeedPlan`.
-
-    Parameters
-    ----------
-    produced : FeedPlan
-        From the planner.
-    inputs : object, optional
-        Not used.
-
-    Returns
-    -------
-    Description
-        ``worst_sd``, ``time``, ``efficiency``; sd by wavelength; the chart.
-    """
+    """Return what a document holds of a `FeedPlan`."""
     sd = produced.columns["sd_nm"]
     known = sd[np.isfinite(sd)]
     found: dict[str, Quantity] = {}
@@ -144,19 +111,7 @@ def feed_plan_of(produced: Any, inputs: Any = None) -> Description:
 
 
 def plan_document(plan: Any) -> dict[str, Any]:
-    """Return a plan as plain values for the result document and for JSON.
-
-    Parameters
-    ----------
-    plan : FeedPlan
-        From the planner.
-
-    Returns
-    -------
-    dict
-        ``feeds_mm_per_min``, ``runs`` (pairs of mm/min and number), ``sd``, ``quantities``,
-        ``audit``, ``messages``, ``charts``.
-    """
+    """Return a plan as plain values for the result document and for JSON."""
     described = feed_plan_of(plan)
     return {
         **described.document,

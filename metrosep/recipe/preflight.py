@@ -37,18 +37,7 @@ _OF_DRY_RUN = ("after_pv", "after_rms")
 
 
 def check_recipe(recipe: Recipe) -> None:
-    """Refuse a recipe whose parts do not fit together.
-
-    Parameters
-    ----------
-    recipe : Recipe
-        Each table of it already checked.
-
-    Raises
-    ------
-    RecipeError
-        With file and line.
-    """
+    """Refuse a recipe whose parts do not fit together."""
     seen: set[str] = set()
     for i, step in enumerate(recipe.steps):
         op, place = step["op"], recipe.place("[[step]]", i)
@@ -108,36 +97,13 @@ def _check_limits(check: Mapping[str, Any], place: Place, *, has_table: bool) ->
 
 
 def require_limits(recipe: Recipe) -> None:
-    """Refuse limits of another kind than their value, where that shows without data.
-
-    Parameters
-    ----------
-    recipe : Recipe
-        Checked. It may hold such limits for a while, as its keys are edited one by one.
-
-    Raises
-    ------
-    RecipeError
-        The first of `limit_errors`.
-    """
+    """Refuse limits of another kind than their value, where that shows without data."""
     for error in limit_errors(recipe):
         raise error
 
 
 def limit_errors(recipe: Recipe) -> Iterator[RecipeError]:
     """Return what does not fit together though each key does: order of steps, metrics, limits.
-
-    Parameters
-    ----------
-    recipe : Recipe
-        Checked.
-
-    Yields
-    ------
-    RecipeError
-        With file and line: a step that changes the map behind its evaluation, a metric that no step
-        makes, a limit or U of another kind than its value. Of values whose unit only the data tell,
-        nothing is said.
 
     Examples
     --------
@@ -231,36 +197,12 @@ def _parts_name(name: str, place: Place) -> str:
 
 
 def report_formats() -> dict[str, Any]:
-    """Return the installed report writers by format.
-
-    Returns
-    -------
-    dict of str to EntryPoint
-        Group ``metrosep.reports``.
-    """
+    """Return the installed report writers by format."""
     return {entry.name: entry for entry in entry_points(group="metrosep.reports")}
 
 
 def output_name(name: str, place: Place) -> str:
-    """Return the name of an output file, which must not lead out of the output folder.
-
-    Parameters
-    ----------
-    name : str
-        As the recipe gives it.
-    place : Place
-        Of the output.
-
-    Returns
-    -------
-    str
-        The name.
-
-    Raises
-    ------
-    RecipeError
-        If it is not a plain file name.
-    """
+    """Return the name of an output file, which must not lead out of the output folder."""
     if name in ("", ".", "..") or Path(name).name != name or "\\" in name or "\0" in name:
         raise place.error(
             f"output path {name!r} must be a plain file name; the folder is given with -o", "path"
@@ -269,25 +211,7 @@ def output_name(name: str, place: Place) -> str:
 
 
 def machine_limits(output: Mapping[str, Any], place: Place) -> dict[str, Any]:
-    """Return ``machine`` of an output in SI; quantities are texts with units.
-
-    Parameters
-    ----------
-    output : mapping
-        Of kind "table".
-    place : Place
-        Of the output.
-
-    Returns
-    -------
-    dict
-        Arguments of `metrosep.controllers.write`.
-
-    Raises
-    ------
-    RecipeError
-        If a key is unknown or a value has no unit or the wrong one.
-    """
+    """Return ``machine`` of an output in SI; quantities are texts with units."""
     from metrosep.controllers.options import (
         LIMIT_DIMENSIONS,
         checked_limits,

@@ -29,18 +29,6 @@ _ABOUT_SI = re.compile(
 def readable_unit(values: Sequence[float | None], unit: str) -> tuple[str, float]:
     """Return the unit in which the largest of some values reads well.
 
-    Parameters
-    ----------
-    values : sequence of (float or None)
-        In SI.
-    unit : str
-        SI unit, also of a rate: ``m/s``, ``m/step``.
-
-    Returns
-    -------
-    tuple of (str, float)
-        Name, and its factor to SI.
-
     Examples
     --------
     >>> readable_unit([2.7e-7, 2e-8], "m"), readable_unit([1.7e-10], "m/s")
@@ -67,18 +55,6 @@ def _of(largest: float, steps: Sequence[tuple[float, str]]) -> str:
 def digits_of(value: float, digits: int = 4) -> str:
     """Return a number with so many significant digits, and no exponent where it is of common size.
 
-    Parameters
-    ----------
-    value : float
-        In the unit that is printed.
-    digits : int, optional
-        Significant digits.
-
-    Returns
-    -------
-    str
-        The number.
-
     Examples
     --------
     >>> digits_of(4800.000000000001), digits_of(0.000123456), digits_of(12345.6)
@@ -91,20 +67,6 @@ def digits_of(value: float, digits: int = 4) -> str:
 
 def value_text(value: float | None, unit: str, u: float | None = None) -> str:
     """Return a value with its unit and standard uncertainty.
-
-    Parameters
-    ----------
-    value : float or None
-        In SI; None or NaN is not known.
-    unit : str
-        SI unit, ``"1"`` for a pure number.
-    u : float or None, optional
-        Standard uncertainty in SI.
-
-    Returns
-    -------
-    str
-        One unit for both.
 
     Examples
     --------
@@ -127,17 +89,6 @@ def value_text(value: float | None, unit: str, u: float | None = None) -> str:
 
 def readable_text(message: str) -> str:
     """Return a message of the library with numbers in m, rad and m/s in readable units.
-
-    Parameters
-    ----------
-    message : str
-        Plain words.
-
-    Returns
-    -------
-    str
-        Numbers of metres below 0.1, of radians and of metres per second have another unit; numbers
-        of many digits have four.
 
     Examples
     --------

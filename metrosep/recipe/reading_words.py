@@ -36,19 +36,6 @@ _ARGUMENT = re.compile(r"(?<![\w.\-\"'])([a-z_]+)=(?!=)('[^']*'|\"[^\"]*\"|[-+]?
 def reading_words(message: str, op: str) -> str:
     """Return a message of a reader with its arguments as keys of ``[input]``.
 
-    Parameters
-    ----------
-    message : str
-        Such as ``give unit='nm'``.
-    op : str
-        First step of the recipe, which tells what keys its ``[input]`` has.
-
-    Returns
-    -------
-    str
-        Such as ``give unit = "nm" in [input]``. An argument that ``[input]`` has no key for becomes
-        an option of ``metrosep convert``, and the message says so.
-
     Examples
     --------
     >>> reading_words("give unit='nm'", "parameters")
@@ -76,20 +63,7 @@ def reading_words(message: str, op: str) -> str:
 
 
 def recipe_words(recipe: Recipe, message: str) -> str:
-    """Return a message of the library with its arguments as keys of a recipe.
-
-    Parameters
-    ----------
-    recipe : Recipe
-        Whose steps and input have the keys.
-    message : str
-        Of an error or a note.
-
-    Returns
-    -------
-    str
-        In terms of the recipe.
-    """
+    """Return a message of the library with its arguments as keys of a recipe."""
     if not message.startswith(f"{recipe.name}:"):  # of a line of the recipe, or already so
         message = reading_words(message, recipe.steps[0]["op"])
     for step in recipe.steps:
@@ -99,18 +73,7 @@ def recipe_words(recipe: Recipe, message: str) -> str:
 
 @contextmanager
 def in_recipe_words(recipe: Recipe) -> Iterator[None]:
-    """Let errors name keys of the recipe that is carried out, as the command ``run`` prints them.
-
-    Parameters
-    ----------
-    recipe : Recipe
-        That is carried out.
-
-    Yields
-    ------
-    None
-        What is raised meanwhile is raised with `recipe_words`; its class stays.
-    """
+    """Let errors name keys of the recipe that is carried out, as the command ``run`` prints them."""
     try:
         yield
     except MetrosepError as exc:

@@ -18,17 +18,6 @@ _MOST_DIGITS = {"reject": 15, "inconclusive": 7}
 def reason_of(characteristics: Iterable[Mapping[str, Any]]) -> str | None:
     """Return which characteristics are not accepted and why.
 
-    Parameters
-    ----------
-    characteristics : iterable of mapping
-        Of a result document, SI.
-
-    Returns
-    -------
-    str or None
-        None where none is rejected or inconclusive. A check without a name of its own has that of
-        its metric; its limit tells it from another one.
-
     Examples
     --------
     >>> entry = {"name": "Sq", "unit": "m", "value": 1.42e-8, "upper": 1.2e-8, "U": 3e-10}

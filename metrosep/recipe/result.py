@@ -113,18 +113,7 @@ class Result:
 
 
 def clean(value: Any) -> Any:
-    """Return a value as JSON knows it: NaN and infinities become None, tuples lists.
-
-    Parameters
-    ----------
-    value : object
-        Nested plain values, numpy scalars and paths.
-
-    Returns
-    -------
-    object
-        Ready for `json.dumps`.
-    """
+    """Return a value as JSON knows it: NaN and infinities become None, tuples lists."""
     if isinstance(value, dict | Mapping):
         return {str(k): clean(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
@@ -188,20 +177,7 @@ def load_document(path: str | os.PathLike[str]) -> dict[str, Any]:
 
 
 def plot_data(runs: RunSet, estimate: ErrorEstimate) -> dict[str, Any]:
-    """Return the curves that a report draws.
-
-    Parameters
-    ----------
-    runs : RunSet
-        Readings.
-    estimate : ErrorEstimate
-        What was separated.
-
-    Returns
-    -------
-    dict
-        Estimate with band, and for each feed and direction the mean run before and after.
-    """
+    """Return the curves that a report draws."""
     low, high = estimate.fit_range
     x = np.linspace(low, high, _CURVE_POINTS)
     names = {1: "forward", -1: "reverse", 0: "both"}
@@ -284,19 +260,7 @@ def _thinned(x: FloatArray, curves: FloatArray) -> tuple[FloatArray, FloatArray]
 
 
 def run_records(runs: RunSet) -> list[dict[str, Any]]:
-    """Return runs as a result stores them: as they were measured, not levelled, in full digits.
-
-    Parameters
-    ----------
-    runs : RunSet
-        Readings.
-
-    Returns
-    -------
-    list of dict
-        For each run its name, direction, feed, positions and readings in the order of time. More
-        than 2001 samples become the means of cells of equal width, with how many each holds.
-    """
+    """Return runs as a result stores them: as they were measured, not levelled, in full digits."""
     return [_run_record(r) for r in runs]
 
 
@@ -341,23 +305,7 @@ def _cell_means(run: Run) -> tuple[FloatArray, FloatArray, NDArray[np.int64]]:
 
 
 def measured_runs(document: Mapping[str, Any]) -> RunSet:
-    """Return the runs of a result as they were measured, to dry-run a table against.
-
-    Parameters
-    ----------
-    document : mapping
-        Content of result.json.
-
-    Returns
-    -------
-    RunSet
-        Every run, not levelled: lost motion and slope are in them.
-
-    Raises
-    ------
-    CorruptFileError
-        If the document holds no runs.
-    """
+    """Return the runs of a result as they were measured, to dry-run a table against."""
     if not document.get("runs"):
         raise CorruptFileError(
             "result.json",
@@ -372,25 +320,7 @@ def measured_runs(document: Mapping[str, Any]) -> RunSet:
 
 
 def stored_estimate(document: Mapping[str, Any]) -> ErrorEstimate:
-    """Return the separated error of a result.
-
-    Parameters
-    ----------
-    document : mapping
-        Content of result.json.
-
-    Returns
-    -------
-    ErrorEstimate
-        As it was separated.
-
-    Raises
-    ------
-    CorruptFileError
-        If the document holds none.
-    DataError
-        If it is the result of another separation.
-    """
+    """Return the separated error of a result."""
     other = document.get("separation") if document.get("estimate") is None else None
     if isinstance(other, Mapping):
         raise DataError(

@@ -59,35 +59,7 @@ def run_recipe(
     more: Mapping[str, Any] | None = None,
     overwrite: bool = False,
 ) -> Result:
-    """Carry out a recipe; see `Recipe.run`.
-
-    Parameters
-    ----------
-    recipe : Recipe
-        What to do.
-    inputs : path, iterable of paths or None
-        Files or folders.
-    out : path or None
-        Folder for the results.
-    progress : callable or None
-        Told what is being done.
-    with_result : bool, optional
-        Also write result.json into `out`; a batch writes its own.
-    more : mapping, optional
-        Further keys of the document, such as the unit of a batch; the reports hold them too.
-    overwrite : bool, optional
-        Replace tables of the folder by other bytes; the old ones stay under another name.
-
-    Returns
-    -------
-    Result
-        Document, estimate, files.
-
-    Raises
-    ------
-    MetrosepError
-        Of any kind of its tree.
-    """
+    """Carry out a recipe; see `Recipe.run`."""
     tell = progress or _silent
     folder = None if out is None else Path(out)
     files = input_files(recipe, inputs)
@@ -122,27 +94,7 @@ def run_recipe(
 
 
 def separated_result(recipe: Recipe, runs: RunSet, estimate: ErrorEstimate) -> Result:
-    """Return the result of runs that were separated already; nothing is written.
-
-    Parameters
-    ----------
-    recipe : Recipe
-        With its tables, polynomial and checks.
-    runs : RunSet
-        Readings.
-    estimate : ErrorEstimate
-        What its first step made of them.
-
-    Returns
-    -------
-    Result
-        As `Recipe.run` gives it without an output folder.
-
-    Raises
-    ------
-    MetrosepError
-        If a table, the polynomial, the plan or a check cannot be made.
-    """
+    """Return the result of runs that were separated already; nothing is written."""
     basis = _basis(recipe, runs, estimate)
     document, _ = _document(recipe, runs, estimate, basis, dry_runs(recipe, basis))
     return Result(document, estimate)
@@ -230,27 +182,7 @@ def _silent(message: str) -> None:
 
 
 def input_files(recipe: Recipe, inputs: PathLike | Iterable[PathLike] | None) -> list[Path]:
-    """Return the files that a recipe reads.
-
-    Parameters
-    ----------
-    recipe : Recipe
-        With ``[input] files``.
-    inputs : path, iterable of paths or None
-        Files, or folders in which the patterns of the recipe are looked for.
-
-    Returns
-    -------
-    list of Path
-        At least one, unless the recipe reads nothing.
-
-    Raises
-    ------
-    ReadError
-        If a folder holds no file of that pattern.
-    RecipeError
-        If neither inputs nor ``files`` are given, or inputs to a recipe that reads nothing.
-    """
+    """Return the files that a recipe reads."""
     if recipe.reads_nothing:
         if inputs is not None:
             raise RecipeError(
@@ -307,52 +239,14 @@ def _in_order(place: Path, patterns: Iterable[str]) -> list[Path]:
 
 
 def read_inputs(recipe: Recipe, files: list[Path]) -> RunSet:
-    """Return the runs that a recipe separates.
-
-    Parameters
-    ----------
-    recipe : Recipe
-        With the columns of ``[input]``.
-    files : list of Path
-        As `input_files` finds them.
-
-    Returns
-    -------
-    RunSet
-        Readings.
-
-    Raises
-    ------
-    MetrosepError
-        If a file cannot be read as runs.
-    """
+    """Return the runs that a recipe separates."""
     from metrosep.io.runs import read_runs
 
     return read_runs(files, **reading_options(recipe.input))
 
 
 def separate_inputs(recipe: Recipe, runs: RunSet, tell: Progress = _silent) -> ErrorEstimate:
-    """Return what the step ``separate`` of a recipe makes of runs.
-
-    Parameters
-    ----------
-    recipe : Recipe
-        With that step.
-    runs : RunSet
-        Readings.
-    tell : callable, optional
-        Told what is being done.
-
-    Returns
-    -------
-    ErrorEstimate
-        Error of the axis.
-
-    Raises
-    ------
-    MetrosepError
-        If the runs cannot be separated.
-    """
+    """Return what the step ``separate`` of a recipe makes of runs."""
     from metrosep.separation.entry import separate
 
     tell(f"separating {len(runs)} runs")

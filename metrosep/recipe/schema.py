@@ -135,21 +135,11 @@ class Place:
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """One key of a table.
+    """One key of a table."""
 
-    Parameters
-    ----------
-    kind : str
-        Kind of value.
-    required : bool
-        Whether it must be there.
-    choices : tuple of str or int
-        Allowed values; any if empty.
-    """
-
-    kind: Kind
-    required: bool = False
-    choices: tuple[str | int, ...] = ()
+    kind: Kind  # kind of value
+    required: bool = False  # whether it must be there
+    choices: tuple[str | int, ...] = ()  # or int: allowed values; any if empty
 
 
 LAYOUT = {n: Field("integer" if n == "skip_rows" else "text") for n in TEXT_OPTIONS}
@@ -159,29 +149,7 @@ LAYOUT = {n: Field("integer" if n == "skip_rows" else "text") for n in TEXT_OPTI
 def checked_table(
     data: Mapping[str, Any], fields: Mapping[str, Field], place: Place, *, what: str
 ) -> dict[str, Any]:
-    """Return a table with its values in SI, or refuse it.
-
-    Parameters
-    ----------
-    data : mapping
-        What TOML holds.
-    fields : mapping of str to Field
-        What is allowed.
-    place : Place
-        Where it stands.
-    what : str
-        Name of the table for messages, such as ``step 1 (separate)``.
-
-    Returns
-    -------
-    dict
-        Same keys, converted values.
-
-    Raises
-    ------
-    RecipeError
-        If a key is unknown, missing or of the wrong kind.
-    """
+    """Return a table with its values in SI, or refuse it."""
     for key in data:
         if key not in fields:
             near = difflib.get_close_matches(key, list(fields), n=1)
@@ -208,18 +176,7 @@ def _value(value: Any, field: Field, place: Place, key: str) -> Any:
 
 
 def blanked_texts(text: str) -> str:
-    """Return TOML with its texts of several lines blanked, line by line, so that no key hides there.
-
-    Parameters
-    ----------
-    text : str
-        TOML.
-
-    Returns
-    -------
-    str
-        As many lines.
-    """
+    """Return TOML with its texts of several lines blanked, line by line, so that no key hides there."""
     return re.sub(
         r'"""[\s\S]*?"""|\'\'\'[\s\S]*?\'\'\'',
         lambda found: '""' + "\n" * found.group().count("\n"),

@@ -20,24 +20,6 @@ __all__ = ["staged"]
 def staged(folder: Path, *, tables: Collection[str] = ()) -> Iterator[Path]:
     """Give a hidden folder inside `folder`; at the end its files move into `folder`.
 
-    Parameters
-    ----------
-    folder : Path
-        Where the files shall appear; made if needed.
-    tables : collection of str, optional
-        Names of controllers' tables: one that is replaced stays under another name.
-
-    Yields
-    ------
-    Path
-        Where to write them. If the block raises, everything in it vanishes, and `folder` too if
-        it was made here.
-
-    Raises
-    ------
-    WriteError
-        If the folder cannot be made or written.
-
     Notes
     -----
     An older result.json goes first, then the files are renamed one by one, the new result.json

@@ -213,16 +213,6 @@ _KEY_WORDS: Mapping[tuple[str, str], str] = {
 def kind_words(kind: str) -> str:
     """Return what a value of a kind looks like.
 
-    Parameters
-    ----------
-    kind : str
-        Of a `Field`.
-
-    Returns
-    -------
-    str
-        In plain words, with an example.
-
     Examples
     --------
     >>> kind_words("size")
@@ -232,19 +222,6 @@ def kind_words(kind: str) -> str:
 
 
 def key_words(op: str, key: str) -> str:
-    """Return what a key of a step does.
-
-    Parameters
-    ----------
-    op : str
-        The step.
-    key : str
-        Its key.
-
-    Returns
-    -------
-    str
-        Empty where its name and kind say all.
-    """
+    """Return what a key of a step does."""
     own = HELP.get(op, {}).get(key) or _KEY_WORDS.get((op, key))
     return own or _KEY_WORDS.get(("", key), "")

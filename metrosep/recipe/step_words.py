@@ -57,36 +57,15 @@ _SI_AFTER = re.compile(r",? in (?:m|rad|s)\b(?= as well|[;.]|$)")
 
 @dataclass(frozen=True, slots=True)
 class StepKeys:
-    """The keys that a step and its input have.
+    """The keys that a step and its input have."""
 
-    Parameters
-    ----------
-    step : mapping of str to Field
-        Keys of the step.
-    source : mapping of str to Field
-        Keys of ``[input]``.
-    columns : collection of str
-        Which of the latter name columns.
-    """
-
-    step: Mapping[str, Field]
-    source: Mapping[str, Field]
-    columns: frozenset[str] = frozenset()
+    step: Mapping[str, Field]  # mapping of str to Field: keys of the step
+    source: Mapping[str, Field]  # mapping of str to Field: keys of ``[input]``
+    columns: frozenset[str] = frozenset()  # collection of str: which of the latter name columns
 
 
 def keys_of_step(op: str) -> StepKeys | None:
-    """Return the keys of a step.
-
-    Parameters
-    ----------
-    op : str
-        Of a recipe: a named separation or ``separate``.
-
-    Returns
-    -------
-    StepKeys or None
-        None where there is no such step.
-    """
+    """Return the keys of a step."""
     from metrosep.recipe.methods import METHODS, input_fields
     from metrosep.recipe.steps import INPUT, STEPS
 
@@ -103,20 +82,6 @@ def keys_of_step(op: str) -> StepKeys | None:
 
 def step_words(message: str, op: str, *, command: bool = False) -> str:
     """Return a message of the library with its arguments as keys of a step.
-
-    Parameters
-    ----------
-    message : str
-        Such as ``pass zero=0.0 to keep the parabola``.
-    op : str
-        The step; a message is returned as it is where it is not known.
-    command : bool, optional
-        Options of ``metrosep separate --method`` in place of keys of a recipe.
-
-    Returns
-    -------
-    str
-        Such as ``pass zero = "0 nm" to keep the parabola``.
 
     Notes
     -----
@@ -137,22 +102,7 @@ def step_words(message: str, op: str, *, command: bool = False) -> str:
 
 
 def in_words(message: str, keys: StepKeys, *, command: bool = False) -> str:
-    """Return a message of the library with its arguments as these keys.
-
-    Parameters
-    ----------
-    message : str
-        Of the library.
-    keys : StepKeys
-        That there are.
-    command : bool, optional
-        As `step_words` has it.
-
-    Returns
-    -------
-    str
-        The message; words that are none of the keys stay.
-    """
+    """Return a message of the library with its arguments as these keys."""
 
     def words(found: re.Match[str]) -> str:
         name, value, unit, verb, asked, key, typed = found.groups()

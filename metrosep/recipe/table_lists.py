@@ -19,31 +19,7 @@ def several_tables(
     header: str,
     top: Place,
 ) -> tuple[Mapping[str, Any], ...]:
-    """Return an array of tables, each checked by what its key `selector` says that it is.
-
-    Parameters
-    ----------
-    items : object
-        What TOML holds.
-    kinds : mapping of str to mapping
-        Fields of each kind.
-    selector : str
-        Key that names the kind; empty where there is one kind, called "".
-    header : str
-        Such as ``[[step]]``.
-    top : Place
-        Of the recipe.
-
-    Returns
-    -------
-    tuple of mapping
-        Values in SI.
-
-    Raises
-    ------
-    RecipeError
-        With file and line, if it is no array of tables, or a table is wrong.
-    """
+    """Return an array of tables, each checked by what its key `selector` says that it is."""
     if not isinstance(items, list) or not all(isinstance(i, dict) for i in items):
         raise top.error(f"write {header} with double brackets", header.strip("[]"))
     checked = []

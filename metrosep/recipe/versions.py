@@ -8,13 +8,7 @@ __all__ = ["versions"]
 
 
 def versions() -> dict[str, str]:
-    """Return the versions that a result depends on.
-
-    Returns
-    -------
-    dict of str to str
-        Of Python, numpy and scipy.
-    """
+    """Return the versions that a result depends on."""
     import numpy as np
     import scipy
 

@@ -19,16 +19,6 @@ def without_view_block(text: str) -> str:
 
     The record of what it builds on stays too.
 
-    Parameters
-    ----------
-    text : str
-        TOML.
-
-    Returns
-    -------
-    str
-        The same text where there is no such table.
-
     Examples
     --------
     >>> without_view_block('metrosep = 1\n\n[view]\ntab = "report"\n')

@@ -21,19 +21,6 @@ _MOST = 3.0
 def bar_of(row: CharacteristicRow) -> dict[str, Any] | None:
     """Return the bar of a characteristic.
 
-    Parameters
-    ----------
-    row : CharacteristicRow
-        Value, limits, U and guard band.
-
-    Returns
-    -------
-    dict or None
-        Fractions 0 to 1 along the bar: ``value``, ``spread`` (from and to of value ± U, ``None``
-        without U), ``limits`` (list), ``guards`` (list of from and to), ``zone`` (from and to of what
-        is accepted, ``None`` where the guard bands leave nothing), and ``beyond`` (-1, 0 or 1: the
-        value lies outside of the bar). ``None`` without a limit or a value.
-
     Examples
     --------
     >>> row = CharacteristicRow("", "", "", "Sq", "Sq", "m", 4.0, 0.0, 8.0, None, 1.0, 1.0, "accept")

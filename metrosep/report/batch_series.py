@@ -29,30 +29,7 @@ _MOST_LINES = 8
 def batch_table(
     document: Document, folder: Path | None = None
 ) -> tuple[dict[str, list[float]], dict[str, str], list[str]]:
-    """Return the terms of a batch, a value for each part.
-
-    Parameters
-    ----------
-    document : mapping
-        Content of an index.json.
-    folder : Path, optional
-        Where it lies: the results beside it tell the wavelengths of separations.
-
-    Returns
-    -------
-    table : dict of str to list of float
-        By term, SI; NaN where a part has none. Parts as the index orders them: by name, numbers
-        in it by their value, or as the recipe asks; without those that do not tell their place.
-    units : dict of str to str
-        SI unit by term.
-    parts : list of str
-        Names of the units in that order.
-
-    Raises
-    ------
-    DataError
-        If it is no index.
-    """
+    """Return the terms of a batch, a value for each part."""
     found = require_index(document)
     rows = [found[i] for i in parts_in_order(document)]
     n = len(rows)
@@ -79,26 +56,7 @@ def batch_table(
 
 
 def batch_series(document: Document, folder: Path | None = None) -> PartSeries | None:
-    """Return what a batch tells of the process that made its parts.
-
-    Parameters
-    ----------
-    document : mapping
-        Content of an index.json.
-    folder : Path, optional
-        See `batch_table`.
-
-    Returns
-    -------
-    PartSeries or None
-        None where fewer than five parts have a term in common. A term that is the same in all parts
-        to within rounding is left out.
-
-    Raises
-    ------
-    DataError
-        If it is no index.
-    """
+    """Return what a batch tells of the process that made its parts."""
     table, units, parts = batch_table(document, folder)
     floor = rounding_floors(document)
     moving = {t: v for t, v in table.items() if not constant(v, floor.get(units[t], 0.0))}
@@ -112,27 +70,7 @@ def batch_series(document: Document, folder: Path | None = None) -> PartSeries |
 
 
 def series_section(document: Document, folder: Path | None = None) -> dict[str, Any] | None:
-    """Return the section of a page on drift and correlation.
-
-    Parameters
-    ----------
-    document : mapping
-        Content of an index.json.
-    folder : Path, optional
-        See `batch_table`.
-
-    Returns
-    -------
-    dict or None
-        ``data`` (SVG, base64), ``caption``, ``drifts`` and ``pairs`` (lines of text), ``same`` (the
-        groups of terms that say the same, in one line); None where
-        there is nothing to show.
-
-    Raises
-    ------
-    DataError
-        If it is no index.
-    """
+    """Return the section of a page on drift and correlation."""
     from metrosep.plot.series_chart import draw_part_series
     from metrosep.plot.style import figure_svg
 

@@ -26,26 +26,6 @@ def chart_rows(
 ) -> Iterator[Row]:
     """Give the largest difference of the entries of each map and profile of two measurements.
 
-    Parameters
-    ----------
-    a, b : mapping
-        Content of two result.json.
-    tolerances : Tolerances
-        Allowed differences; the metrics are ``chart.1``, ``chart.2`` in the order of the result.
-
-    Yields
-    ------
-    Row
-        One for each map and each curve; none where a result is not one of steps that measure,
-        since what those separate is compared as curves.
-
-    Raises
-    ------
-    DataError
-        If a chart is damaged, or a tolerance is wrong.
-    UnitError
-        If the unit of a tolerance does not fit.
-
     Notes
     -----
     Entries are those that the result holds: large maps and long profiles are thinned out there. Of a

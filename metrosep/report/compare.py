@@ -118,18 +118,6 @@ def _recipe_text(document: Document) -> str:
 def recipe_diff(a: str, b: str, names: tuple[str, str] = ("A", "B")) -> tuple[str, ...]:
     """Return the lines of a unified diff.
 
-    Parameters
-    ----------
-    a, b : str
-        Texts of recipes.
-    names : tuple of str, optional
-        Of both.
-
-    Returns
-    -------
-    tuple of str
-        Without line ends; empty where the texts are the same.
-
     Examples
     --------
     >>> recipe_diff('upper = "5 nm"', 'upper = "6 nm"')[-2:]

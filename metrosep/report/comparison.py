@@ -118,19 +118,7 @@ class Comparison:
 
 
 class Tolerances:
-    """Allowed differences by metric or name; ``"*"`` stands for every row without its own.
-
-    Parameters
-    ----------
-    given : mapping of str to (float or str), optional
-        Magnitudes: numbers in SI, texts with a unit such as ``"5 nm"``, or ``"U"`` for the expanded
-        uncertainty of the difference.
-
-    Raises
-    ------
-    DataError
-        If one is negative, not finite, or neither a number nor a text.
-    """
+    """Allowed differences by metric or name; ``"*"`` stands for every row without its own."""
 
     def __init__(self, given: Mapping[str, float | str] | None = None) -> None:
         self._given = dict(given or {})
@@ -142,29 +130,7 @@ class Tolerances:
                 )
 
     def of(self, metric: str, name: str, unit: str, expanded: float | None) -> float | None:
-        """Return the tolerance of a row.
-
-        Parameters
-        ----------
-        metric, name : str
-            Of the row.
-        unit : str
-            SI unit.
-        expanded : float or None
-            Expanded uncertainty of the difference.
-
-        Returns
-        -------
-        float or None
-            In SI; ``None`` where none is given, or ``"U"`` is not known.
-
-        Raises
-        ------
-        DataError
-            If it is negative or not finite.
-        UnitError
-            If its unit is not one of the row; with ``"*"`` such a row is left without.
-        """
+        """Return the tolerance of a row."""
         key = next((k for k in (metric, name, _EVERY) if k in self._given), None)
         if key is None:
             return None
@@ -181,35 +147,13 @@ class Tolerances:
         return number
 
     def asks_for_u(self, metric: str, name: str) -> bool:
-        """Return whether the tolerance of a row is its expanded uncertainty.
-
-        Parameters
-        ----------
-        metric, name : str
-            Of the row.
-
-        Returns
-        -------
-        bool
-            True where ``"U"`` is given for it.
-        """
+        """Return whether the tolerance of a row is its expanded uncertainty."""
         return (
             next((self._given[k] for k in (metric, name, _EVERY) if k in self._given), "") == "U"
         )
 
     def require_used(self, names: list[str]) -> None:
-        """Refuse a tolerance that belongs to no row.
-
-        Parameters
-        ----------
-        names : list of str
-            Metrics that there are.
-
-        Raises
-        ------
-        DataError
-            If one was never asked for: a wrong name would loosen nothing, and nobody would notice.
-        """
+        """Refuse a tolerance that belongs to no row."""
         left = sorted(set(self._given) - self._used - {_EVERY})
         if left:
             raise DataError(
@@ -230,37 +174,7 @@ def judged_row(
     tolerances: Tolerances,
     message: str = "",
 ) -> Row:
-    """Return a row with its judgement.
-
-    Parameters
-    ----------
-    metric, name, unit : str
-        Of the row.
-    values : tuple of (float or None)
-        Of both sides, in SI.
-    difference : float or None
-        b minus a, or the largest magnitude of many.
-    expanded : float or None
-        Expanded uncertainty of the difference.
-    verdicts : tuple of (str or None)
-        Of both sides.
-    tolerances : Tolerances
-        Allowed differences.
-    message : str, optional
-        Why nothing can be subtracted: the row is different then.
-
-    Returns
-    -------
-    Row
-        Two values that are both not known are equal.
-
-    Raises
-    ------
-    DataError
-        If a tolerance is negative or not finite.
-    UnitError
-        If the unit of a tolerance does not fit.
-    """
+    """Return a row with its judgement."""
     tolerance = tolerances.of(metric, name, unit, expanded)
     reasons = [message] if message else []
     exceeds = None if difference is None or expanded is None else abs(difference) > expanded
@@ -279,25 +193,7 @@ def judged_row(
 
 
 def known_number(value: Any, where: str) -> float | None:
-    """Return a number of a document; NaN and infinities are not known.
-
-    Parameters
-    ----------
-    value : object
-        Of a JSON document.
-    where : str
-        What it is, for the message.
-
-    Returns
-    -------
-    float or None
-        In the unit of the document.
-
-    Raises
-    ------
-    DataError
-        If it is neither a number nor null.
-    """
+    """Return a number of a document; NaN and infinities are not known."""
     if value is None:
         return None
     if isinstance(value, bool) or not isinstance(value, int | float):
@@ -308,18 +204,7 @@ def known_number(value: Any, where: str) -> float | None:
 def largest_difference(
     a: Sequence[float | None], b: Sequence[float | None]
 ) -> tuple[float | None, str]:
-    """Return the largest magnitude of b - a where both are known, and what is known on one side only.
-
-    Parameters
-    ----------
-    a, b : sequence of (float or None)
-        Of the same length.
-
-    Returns
-    -------
-    tuple of (float or None, str)
-        ``None`` where nothing is known on both; a message where gaps are not the same.
-    """
+    """Return the largest magnitude of b - a where both are known, and what is known on one side only."""
     pairs = list(zip(a, b, strict=True))
     known = [abs(y - x) for x, y in pairs if x is not None and y is not None]
     one_sided = sum((x is None) != (y is None) for x, y in pairs)

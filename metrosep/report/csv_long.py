@@ -63,24 +63,7 @@ def render_csv(documents: Iterable[Mapping[str, Any]]) -> str:
 
 
 def long_rows(documents: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str | float | None, ...]]:
-    """Yield the rows that every file in the long form holds.
-
-    Parameters
-    ----------
-    documents : iterable of mapping
-        Contents of result.json.
-
-    Yields
-    ------
-    tuple of (str, float or None)
-        Values of `COLUMNS`: texts in one line each, numbers in SI; ``None`` where a number is not
-        known or nothing was judged.
-
-    Raises
-    ------
-    DataError
-        If a result is damaged.
-    """
+    """Yield the rows that every file in the long form holds."""
     for document in documents:
         tail = (_STATUS.get(str(document.get("verdict")), "measured"), _recipe_of(document))
         for row in characteristic_rows(document):

@@ -14,40 +14,16 @@ Document = Mapping[str, Any]
 
 
 class Column(NamedTuple):
-    """One column of numbers.
+    """One column of numbers."""
 
-    Parameters
-    ----------
-    chart, name, unit : str
-        Figure it belongs to, what it is, and the unit of its numbers.
-    values : list of (float or None)
-        ``None`` where nothing was measured.
-    """
-
-    chart: str
+    chart: str  # figure it belongs to, what it is, and the unit of its numbers
     name: str
     unit: str
-    values: list[float | None]
+    values: list[float | None]  # of (float or None): ``None`` where nothing was measured
 
 
 def curve_columns(document: Document) -> list[Column]:
-    """Return the curves of a result.
-
-    Parameters
-    ----------
-    document : mapping
-        Content of a result.json.
-
-    Returns
-    -------
-    list of Column
-        Of each curve its positions and its values, side by side. Maps are not among them.
-
-    Raises
-    ------
-    DataError
-        If a curve is damaged.
-    """
+    """Return the curves of a result."""
     try:
         found = [*_of_plots(document.get("plots") or {}), *_of_charts(document)]
     except (AttributeError, KeyError, TypeError) as exc:

@@ -21,40 +21,17 @@ _TITLES = {
 
 
 class Drawing(NamedTuple):
-    """One figure of a report.
+    """One figure of a report."""
 
-    Parameters
-    ----------
-    name, title, caption : str
-        Its short name, its title, and what it shows, what was removed and how it was filtered.
-    svg : str
-        The picture.
-    """
-
+    # its short name, its title, and what it shows, what was removed and how it was filtered
     name: str
     title: str
     caption: str
-    svg: str
+    svg: str  # the picture
 
 
 def figures_of(document: Mapping[str, Any]) -> list[Drawing]:
-    """Return the figures of a result.
-
-    Parameters
-    ----------
-    document : mapping
-        Content of a result.json.
-
-    Returns
-    -------
-    list of Drawing
-        In the order in which a report shows them; the same document gives the same bytes.
-
-    Raises
-    ------
-    DataError
-        If a chart is damaged.
-    """
+    """Return the figures of a result."""
     from metrosep.plot import drawable, figure_svg
 
     words = captions_of(document)
@@ -65,18 +42,7 @@ def figures_of(document: Mapping[str, Any]) -> list[Drawing]:
 
 
 def width_of(svg: str) -> float:
-    """Return the width of a figure.
-
-    Parameters
-    ----------
-    svg : str
-        As `metrosep.plot.figure_svg` gives it.
-
-    Returns
-    -------
-    float, point
-        Infinite where it says none: a figure that fills its page.
-    """
+    """Return the width of a figure."""
     found = re.search(r'viewBox="0 0 ([\d.]+) [\d.]+"', svg[:4096])
     return float(found.group(1)) if found else math.inf
 
@@ -86,34 +52,12 @@ _NARROW = 300.0
 
 
 def is_narrow(svg: str) -> bool:
-    """Return whether two such figures stand side by side, so that the letters of all are of one size.
-
-    Parameters
-    ----------
-    svg : str
-        As `metrosep.plot.figure_svg` gives it.
-
-    Returns
-    -------
-    bool
-        True for a single map.
-    """
+    """Return whether two such figures stand side by side, so that the letters of all are of one size."""
     return width_of(svg) < _NARROW
 
 
 def captions_of(document: Mapping[str, Any]) -> dict[str, tuple[str, str]]:
-    """Return titles and captions of the figures that a result may have.
-
-    Parameters
-    ----------
-    document : mapping
-        Content of a result.json.
-
-    Returns
-    -------
-    dict of str to (str, str)
-        By name of the figure.
-    """
+    """Return titles and captions of the figures that a result may have."""
     from metrosep.plot.summary import charts_of
 
     captions = _captions(document)

@@ -42,77 +42,33 @@ _OTHERS = {
 
 @dataclass(frozen=True, slots=True)
 class Series:
-    """One characteristic over all units of a batch.
+    """One characteristic over all units of a batch."""
 
-    Parameters
-    ----------
-    metric, name : str
-        What it is.
-    unit : str
-        Printed unit of all numbers here; empty for pure ones.
-    factor : float
-        Of the unit, to SI.
-    decimals : int
-        To print.
-    values : tuple of (float or None)
-        By row of the index; ``None`` where it is not there.
-    verdicts : tuple of (str or None)
-        By row.
-    lower, upper : float or None
-        Limits, where they are the same in every row.
-    same_limits : bool
-        Whether they are.
-    capability : Capability or None
-        Of the values, where there are enough and limits.
-    control : ControlLimits or None
-        Of the values in the order of the parts; None, as capability, where they differ by rounding
-        only.
-    trend : bool
-        Whether the recipe asks for its trend.
-    number : int
-        From 1; 2 for the second check of one metric under one name.
-    ordered : tuple of (float or None)
-        Values in the order of the parts, as charts show them; parts without a place are left out.
-    moves : bool
-        Whether the values differ by more than rounding.
-    """
-
-    metric: str
+    metric: str  # what it is
     name: str
-    unit: str
-    factor: float
-    decimals: int
+    unit: str  # printed unit of all numbers here; empty for pure ones
+    factor: float  # of the unit, to SI
+    decimals: int  # to print
+    # of (float or None): by row of the index; ``None`` where it is not there
     values: tuple[float | None, ...]
-    verdicts: tuple[str | None, ...]
-    lower: float | None
+    verdicts: tuple[str | None, ...]  # of (str or None): by row
+    lower: float | None  # limits, where they are the same in every row
     upper: float | None
-    same_limits: bool
-    capability: Capability | None
+    same_limits: bool  # whether they are
+    capability: Capability | None  # of the values, where there are enough and limits
+    # of the values in the order of the parts; None, as capability, where they differ by rounding
+    # only
     control: ControlLimits | None
-    trend: bool
-    number: int = 1
+    trend: bool  # whether the recipe asks for its trend
+    number: int = 1  # from 1; 2 for the second check of one metric under one name
+    # of (float or None): values in the order of the parts, as charts show them; parts without a
+    # place are left out
     ordered: tuple[float | None, ...] = ()
-    moves: bool = True
+    moves: bool = True  # whether the values differ by more than rounding
 
 
 def require_index(document: Any) -> Sequence[Document]:
-    """Return the rows of an index.
-
-    Parameters
-    ----------
-    document : mapping
-        Content of an index.json.
-
-    Returns
-    -------
-    sequence of mapping
-        Its rows.
-
-    Raises
-    ------
-    DataError
-        If it is not an index of a batch, or is damaged.
-    """
+    """Return the rows of an index."""
     found = document.get("schema") if isinstance(document, Mapping) else type(document).__name__
     if found != INDEX_SCHEMA:
         raise DataError(
@@ -127,21 +83,6 @@ def require_index(document: Any) -> Sequence[Document]:
 
 def status_stamp(status: Any) -> Stamp:
     """Return word, symbol and colour of the status of a unit.
-
-    Parameters
-    ----------
-    status : {"accepted", "rejected", "inconclusive", "measured", "failed", "refused"}
-        Of a row.
-
-    Returns
-    -------
-    Stamp
-        That of its verdict, where it has one.
-
-    Raises
-    ------
-    DataError
-        If the status is none of these.
 
     Examples
     --------
@@ -159,16 +100,6 @@ def status_stamp(status: Any) -> Stamp:
 def link_of(link: Any) -> str | None:
     """Return a link below the folder of the index, safe in a page.
 
-    Parameters
-    ----------
-    link : object
-        Of a row.
-
-    Returns
-    -------
-    str or None
-        Percent-encoded; ``None`` where it is none, or leads out of the folder.
-
     Examples
     --------
     >>> link_of("part 7/result.json"), link_of("../x"), link_of("javascript:alert(1)")
@@ -182,24 +113,7 @@ def link_of(link: Any) -> str | None:
 
 
 def rounding_floors(document: Document) -> dict[str, float]:
-    """Return the spread up to which values of a batch differ by rounding only, by SI unit.
-
-    Parameters
-    ----------
-    document : mapping
-        Index of a batch.
-
-    Returns
-    -------
-    dict of str to float
-        1e-12 of the largest value or limit of all parts, at most 1e-15 m or rad; see
-        `metrosep.parameters.rounding_floor`.
-
-    Raises
-    ------
-    DataError
-        If it is not an index, or a number is none.
-    """
+    """Return the spread up to which values of a batch differ by rounding only, by SI unit."""
     entries = [
         e
         for row in require_index(document)
@@ -215,23 +129,7 @@ def rounding_floors(document: Document) -> dict[str, float]:
 
 
 def series_of(document: Document) -> list[Series]:
-    """Return the characteristics of a batch, those with a trend first.
-
-    Parameters
-    ----------
-    document : mapping
-        Index of a batch.
-
-    Returns
-    -------
-    list of Series
-        One for each metric, name, SI unit and check: two checks of one metric stay two.
-
-    Raises
-    ------
-    DataError
-        If the index is damaged or a verdict is unknown.
-    """
+    """Return the characteristics of a batch, those with a trend first."""
     rows = require_index(document)
     found: dict[_Key, dict[int, Document]] = {}
     for i, row in enumerate(rows):
@@ -311,18 +209,7 @@ def _series(
 
 
 def spark_points(values: Sequence[float | None]) -> list[list[tuple[float, float]]]:
-    """Return the pieces of a sparkline, 100 wide and 20 high; a gap parts them.
-
-    Parameters
-    ----------
-    values : sequence of (float or None)
-        In their order.
-
-    Returns
-    -------
-    list of list of (float, float)
-        Places; the largest value lies on top.
-    """
+    """Return the pieces of a sparkline, 100 wide and 20 high; a gap parts them."""
     known = [v for v in values if v is not None and math.isfinite(v)]
     if not known:
         return []

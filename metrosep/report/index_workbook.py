@@ -22,25 +22,7 @@ _MOST_COLUMNS = 16_000
 
 
 def render_index_workbook(document: Document) -> bytes:
-    """Return the index of a batch as the bytes of an xlsx file.
-
-    Parameters
-    ----------
-    document : mapping
-        Content of an index.json (schema ``metrosep.index/1``).
-
-    Returns
-    -------
-    bytes
-        Sheets Units (a row a unit, a column a characteristic), Capability, Provenance.
-
-    Raises
-    ------
-    DataError
-        If it is not an index, or is damaged.
-    UnsupportedFeatureError
-        If xlsxwriter is not installed.
-    """
+    """Return the index of a batch as the bytes of an xlsx file."""
     rows, series = require_index(document), series_of(document)
     stream = io.BytesIO()
     book = new_workbook(stream, one_line(document.get("title") or "Batch"))

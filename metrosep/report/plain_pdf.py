@@ -16,23 +16,7 @@ __all__ = ["render_plain_pdf", "write_plain_pdf"]
 
 
 def render_plain_pdf(document: Mapping[str, Any]) -> bytes:
-    """Return the report of a result as plain pages.
-
-    Parameters
-    ----------
-    document : mapping
-        Content of a result.json.
-
-    Returns
-    -------
-    bytes
-        PDF: the words first, then a page for each figure. Nothing is attached; bars are left out.
-
-    Raises
-    ------
-    DataError
-        If the result is damaged or a verdict is unknown.
-    """
+    """Return the report of a result as plain pages."""
     from metrosep.plot.pages import plain_pages
 
     shown = view(document)

@@ -16,18 +16,7 @@ Document = Mapping[str, Any]
 
 
 def header_rows(document: Document) -> list[tuple[str, str]]:
-    """Return part, serial and other names that a batch found, with the file where there is one.
-
-    Parameters
-    ----------
-    document : mapping
-        Content of a result.json.
-
-    Returns
-    -------
-    list of (str, str)
-        Empty for a result that no batch made.
-    """
+    """Return part, serial and other names that a batch found, with the file where there is one."""
     unit = document.get("unit") or {}
     groups = sorted((unit.get("groups") or {}).items())  # as a result.json holds them
     rows = [(in_words(str(k)), str(v)) for k, v in groups]
@@ -37,18 +26,7 @@ def header_rows(document: Document) -> list[tuple[str, str]]:
 
 
 def short_hashes(document: Document) -> str:
-    """Return the short hashes of recipe and inputs, for the foot of a page.
-
-    Parameters
-    ----------
-    document : mapping
-        Content of a result.json.
-
-    Returns
-    -------
-    str
-        Twelve digits of each; of several inputs of the first.
-    """
+    """Return the short hashes of recipe and inputs, for the foot of a page."""
     recipe = str((document.get("recipe") or {}).get("sha256") or "none")[:12]
     inputs = [str(i.get("sha256") or "none")[:12] for i in document.get("inputs") or []]
     more = f" and {len(inputs) - 1} more" if len(inputs) > 1 else ""
@@ -57,17 +35,6 @@ def short_hashes(document: Document) -> str:
 
 def input_row(entry: Document) -> dict[str, str]:
     """Return a file that was read.
-
-    Parameters
-    ----------
-    entry : mapping
-        Of ``inputs`` of a result.
-
-    Returns
-    -------
-    dict
-        ``name`` (with the file beside which it was read, and the date of measuring where there is
-        one), ``size``, ``format``, ``sha256``.
 
     Examples
     --------
@@ -86,18 +53,7 @@ def input_row(entry: Document) -> dict[str, str]:
 
 
 def step_row(step: Document) -> dict[str, str]:
-    """Return a step of the history.
-
-    Parameters
-    ----------
-    step : mapping
-        Of ``provenance`` of a result.
-
-    Returns
-    -------
-    dict
-        ``name``, ``parameters`` in one line, ``version``.
-    """
+    """Return a step of the history."""
     name = str(step.get("step") or "")
     keys = keys_of_step(name)
     fields = {} if keys is None else keys.step

@@ -21,62 +21,28 @@ _FORMULA = ("=", "+", "-", "@")
 
 @dataclass(frozen=True, slots=True)
 class CharacteristicRow:
-    """One characteristic of one result.
+    """One characteristic of one result."""
 
-    Parameters
-    ----------
-    file : str
-        Name of the input; several are joined by a semicolon.
-    part, serial : str
-        Of the unit, where a batch found them in the name; empty otherwise.
-    metric, name : str
-        Short name, and the words of the check or the definition.
-    unit : str
-        SI unit of all numbers; ``"1"`` for pure ones.
-    value, lower, upper, u, U : float or None
-        Value, limits, standard and expanded uncertainty; ``None`` where not known or not given.
-    guard : float or None
-        Guard band, guard factor times U; ``None`` where it is not known.
-    verdict : str or None
-        ``accept``, ``reject``, ``inconclusive``; ``None`` where it was not judged.
-    definition : str
-        What the number is.
-    """
-
-    file: str
-    part: str
+    file: str  # name of the input; several are joined by a semicolon
+    part: str  # of the unit, where a batch found them in the name; empty otherwise
     serial: str
-    metric: str
+    metric: str  # short name, and the words of the check or the definition
     name: str
-    unit: str
+    unit: str  # SI unit of all numbers; ``"1"`` for pure ones
+    # value, limits, standard and expanded uncertainty; ``None`` where not known or not given
     value: float | None
     lower: float | None
     upper: float | None
     u: float | None
     U: float | None
-    guard: float | None
+    guard: float | None  # guard band, guard factor times U; ``None`` where it is not known
+    # ``accept``, ``reject``, ``inconclusive``; ``None`` where it was not judged
     verdict: str | None
-    definition: str = ""
+    definition: str = ""  # what the number is
 
 
 def characteristic_rows(document: Document) -> list[CharacteristicRow]:
-    """Return the characteristics of a result.
-
-    Parameters
-    ----------
-    document : mapping
-        Content of a result.json.
-
-    Returns
-    -------
-    list of CharacteristicRow
-        In the order of the document; texts in one line each.
-
-    Raises
-    ------
-    DataError
-        If a number is none, a verdict is unknown, or a part is damaged.
-    """
+    """Return the characteristics of a result."""
     entries = document.get("characteristics") or []
     if not isinstance(entries, Sequence) or not all(isinstance(e, Mapping) for e in entries):
         raise DataError("the characteristics are not a list of values; the result is damaged")
@@ -91,19 +57,7 @@ def characteristic_rows(document: Document) -> list[CharacteristicRow]:
 
 
 def guard_factors(document: Document) -> list[float | None]:
-    """Return the guard factor of each characteristic.
-
-    Parameters
-    ----------
-    document : mapping
-        Content of a result.json.
-
-    Returns
-    -------
-    list of (float or None)
-        As the characteristic says; else as the check of the recipe says, 1 where it says nothing;
-        ``None`` where it was not judged, or the recipe is not there.
-    """
+    """Return the guard factor of each characteristic."""
     entries = document.get("characteristics") or []
     judged = [e for e in entries if e.get("verdict") is not None]
     checks: Sequence[Mapping[str, Any]] = _checks(document)
@@ -120,16 +74,6 @@ def guard_factors(document: Document) -> list[float | None]:
 def one_line(text: Any) -> str:
     r"""Return a text without line ends and other control characters.
 
-    Parameters
-    ----------
-    text : object
-        Of a document.
-
-    Returns
-    -------
-    str
-        Each of them became a space; letters of any language stay.
-
     Examples
     --------
     >>> one_line("a\nb\x00 ü")
@@ -141,16 +85,6 @@ def one_line(text: Any) -> str:
 
 def cell_text(text: Any) -> str:
     """Return a text for a cell: one line, and nothing that a table program takes for a formula.
-
-    Parameters
-    ----------
-    text : object
-        Of a document.
-
-    Returns
-    -------
-    str
-        With an apostrophe in front where it would begin a formula.
 
     Examples
     --------

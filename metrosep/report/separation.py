@@ -22,18 +22,7 @@ SEPARATED_NOTE = (
 
 
 def separation_rows(separation: Document) -> list[tuple[str, str]]:
-    """Return the summary of a separation.
-
-    Parameters
-    ----------
-    separation : mapping
-        That part of a result; empty where the result holds none.
-
-    Returns
-    -------
-    list of (str, str)
-        Method, noise of a reading, and what the method cannot see.
-    """
+    """Return the summary of a separation."""
     if not separation:
         return []
     rows = [("Method", f"{separation.get('op')}: {separation.get('what')}")]
@@ -48,18 +37,7 @@ def separation_rows(separation: Document) -> list[tuple[str, str]]:
 
 
 def not_seen(separation: Document) -> list[tuple[str, str]]:
-    """Return what a separation cannot see, once where it is the same for several parts.
-
-    Parameters
-    ----------
-    separation : mapping
-        That part of a result.
-
-    Returns
-    -------
-    list of (str, str)
-        Names of the parts, and what is not seen with its reason.
-    """
+    """Return what a separation cannot see, once where it is the same for several parts."""
     found: dict[str, list[str]] = {}
     for item in separation.get("null_space") or []:
         parts = found.setdefault(_unobservable(item), [])
@@ -68,18 +46,7 @@ def not_seen(separation: Document) -> list[tuple[str, str]]:
 
 
 def plan_rows(plan: Document) -> list[tuple[str, str]]:
-    """Return the summary of a plan of feedrates.
-
-    Parameters
-    ----------
-    plan : mapping
-        That part of a result; empty where the result holds none.
-
-    Returns
-    -------
-    list of (str, str)
-        The feedrates with their numbers of runs, and what they promise.
-    """
+    """Return the summary of a plan of feedrates."""
     if not plan:
         return []
     runs = ", ".join(f"{n} at {v:.6g} mm/min" for v, n in plan.get("runs") or [])
@@ -93,18 +60,7 @@ def plan_rows(plan: Document) -> list[tuple[str, str]]:
 
 
 def separation_audit(separation: Document) -> dict[str, Any]:
-    """Return the settings of a separation, one level deep, for the list of what was done.
-
-    Parameters
-    ----------
-    separation : mapping
-        That part of a result.
-
-    Returns
-    -------
-    dict
-        Plain values; nested ones in the group that their key names.
-    """
+    """Return the settings of a separation, one level deep, for the list of what was done."""
     return dict(separation.get("audit") or {})
 
 

@@ -57,39 +57,12 @@ _MOST_ITEMS, _MOST_TABLES = 12, 4
 
 
 def settings(audit: Mapping[str, Any], fields: Fields) -> list[tuple[str, str]]:
-    """Return what was done, as rows.
-
-    Parameters
-    ----------
-    audit : mapping
-        Of a separation.
-    fields : mapping of str to Field
-        Keys of its step; empty where they are not known.
-
-    Returns
-    -------
-    list of (str, str)
-        Words and value with its unit, by key.
-    """
+    """Return what was done, as rows."""
     return [setting(k, v, fields) for k, v in sorted(audit.items())]
 
 
 def setting(key: str, value: Any, fields: Fields) -> tuple[str, str]:
     """Return one entry of an audit in words.
-
-    Parameters
-    ----------
-    key : str
-        With a unit suffix where the value has a unit and is no key of the step.
-    value : object
-        Plain values.
-    fields : mapping of str to Field
-        Keys of the step.
-
-    Returns
-    -------
-    tuple of (str, str)
-        Words and value.
 
     Examples
     --------
@@ -113,18 +86,6 @@ def setting(key: str, value: Any, fields: Fields) -> tuple[str, str]:
 def step_parameters(parameters: Mapping[str, Any], fields: Fields) -> str:
     """Return the parameters of a step in one line.
 
-    Parameters
-    ----------
-    parameters : mapping
-        SI where they are keys of the step.
-    fields : mapping of str to Field
-        Keys of the step; empty for a step that is not of the recipe.
-
-    Returns
-    -------
-    str
-        A dash where there is none.
-
     Examples
     --------
     >>> step_parameters({"u_reading": 1e-9, "kmax": 30}, {"u_reading": Field("uncertainty")})
@@ -145,16 +106,6 @@ def step_parameters(parameters: Mapping[str, Any], fields: Fields) -> str:
 
 def in_words(key: str) -> str:
     """Return a key without its underscores.
-
-    Parameters
-    ----------
-    key : str
-        Of an audit.
-
-    Returns
-    -------
-    str
-        ``n_samples`` is "number of samples"; a ``u_`` stays.
 
     Examples
     --------
@@ -237,16 +188,6 @@ def _digits(value: float) -> str:
 
 def typeset(text: str) -> str:
     """Return a text with a true micro sign in its units.
-
-    Parameters
-    ----------
-    text : str
-        Where ``um``, ``urad`` and ``us`` follow a number.
-
-    Returns
-    -------
-    str
-        The same with ``µ``.
 
     Examples
     --------

@@ -97,27 +97,7 @@ def compare_tables(
 
 
 def table_rows(a: Document, b: Document, *, tolerances: Tolerances) -> Iterator[Row]:
-    """Give a row for each column of corrections.
-
-    Parameters
-    ----------
-    a, b : mapping
-        Plain values of two tables, as a sidecar or a result holds them.
-    tolerances : Tolerances
-        Allowed differences.
-
-    Yields
-    ------
-    Row
-        The largest difference of the entries; different where axis, sign or positions differ.
-
-    Raises
-    ------
-    DataError
-        If an entry is no number.
-    UnitError
-        If the unit of a tolerance does not fit.
-    """
+    """Give a row for each column of corrections."""
     meaning = next((k for k in _MEANING if a.get(k) != b.get(k)), None)
     grid = next((k for k in _GRIDS if a.get(k) != b.get(k)), None)
     for key, name in _ENTRIES.items():

@@ -20,24 +20,12 @@ _MISSING = "–"
 
 
 class Stamp(NamedTuple):
-    """A verdict as it is shown: never by colour alone.
+    """A verdict as it is shown: never by colour alone."""
 
-    Parameters
-    ----------
-    word : str
-        In capitals.
-    symbol : str
-        One character.
-    colour : str
-        Background, dark enough for white letters.
-    meaning : str
-        One sentence.
-    """
-
-    word: str
-    symbol: str
-    colour: str
-    meaning: str
+    word: str  # in capitals
+    symbol: str  # one character
+    colour: str  # background, dark enough for white letters
+    meaning: str  # one sentence
 
 
 _STAMPS: Mapping[str | None, Stamp] = {
@@ -56,21 +44,6 @@ _STAMPS: Mapping[str | None, Stamp] = {
 def stamp(verdict: str | None) -> Stamp:
     """Return word, symbol and colour of a verdict.
 
-    Parameters
-    ----------
-    verdict : {"accept", "reject", "inconclusive"} or None
-        ``None`` where no limits were given.
-
-    Returns
-    -------
-    Stamp
-        What to show.
-
-    Raises
-    ------
-    DataError
-        If the verdict is none of these.
-
     Examples
     --------
     >>> stamp("accept").word
@@ -86,18 +59,6 @@ def stamp(verdict: str | None) -> Stamp:
 def length(value: float | None, *, digits: int = 4) -> str:
     """Return a length in m for a reader.
 
-    Parameters
-    ----------
-    value : float or None, m
-        ``None`` is not known.
-    digits : int, optional
-        Significant digits.
-
-    Returns
-    -------
-    str
-        With unit.
-
     Examples
     --------
     >>> length(1.25e-6)
@@ -108,18 +69,6 @@ def length(value: float | None, *, digits: int = 4) -> str:
 
 def readable_unit(values: list[float | None], unit: str) -> tuple[str, float]:
     """Return the unit in which the largest of some values reads well.
-
-    Parameters
-    ----------
-    values : list of (float or None)
-        In SI.
-    unit : str
-        SI unit.
-
-    Returns
-    -------
-    tuple of (str, float)
-        Name, and its factor to SI.
 
     Examples
     --------
@@ -137,20 +86,7 @@ _MOST_ZEROS = 6
 
 
 def decimals_for(u: float | None, largest: float) -> int:
-    """Return how many decimals to print: two digits of the uncertainty, else four of the value.
-
-    Parameters
-    ----------
-    u : float or None
-        Standard uncertainty, in the printed unit.
-    largest : float
-        Largest value, in the printed unit.
-
-    Returns
-    -------
-    int
-        0 to 12.
-    """
+    """Return how many decimals to print: two digits of the uncertainty, else four of the value."""
     if u is not None and u > 0.0:
         wanted = 1 - math.floor(math.log10(u))
     elif largest > 0.0:
@@ -162,20 +98,6 @@ def decimals_for(u: float | None, largest: float) -> int:
 
 def number(value: float | None, factor: float, decimals: int) -> str:
     """Return a number in a unit with a true minus sign.
-
-    Parameters
-    ----------
-    value : float or None
-        In SI.
-    factor : float
-        Of the printed unit.
-    decimals : int
-        To print.
-
-    Returns
-    -------
-    str
-        Without the unit; a dash where there is none.
 
     Examples
     --------
@@ -196,36 +118,16 @@ def number(value: float | None, factor: float, decimals: int) -> str:
 def size(n_bytes: Any) -> str:
     """Return the size of a file with its unit.
 
-    Parameters
-    ----------
-    n_bytes : int or None
-        Bytes.
-
-    Returns
-    -------
-    str
-        With thin spaces between groups of three digits.
-
     Examples
     --------
     >>> size(812345)
-    '812\u202f345 bytes'
+    '812 345 bytes'
     """
     return _MISSING if n_bytes is None else f"{int(n_bytes):,} bytes".replace(",", "\u202f")
 
 
 def span(low: float, high: float) -> str:
     """Return a range of positions with one unit for both ends.
-
-    Parameters
-    ----------
-    low, high : float, m
-        Ends.
-
-    Returns
-    -------
-    str
-        With units.
 
     Examples
     --------

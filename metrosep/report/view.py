@@ -44,23 +44,7 @@ _NOT_IN_BAND = (
 
 
 def view(document: Document) -> dict[str, Any]:
-    """Return what the template shows.
-
-    Parameters
-    ----------
-    document : mapping
-        A result (schema ``metrosep.result/1``); missing parts are None or absent.
-
-    Returns
-    -------
-    dict
-        Plain texts, and lists of them.
-
-    Raises
-    ------
-    DataError
-        If a verdict is unknown.
-    """
+    """Return what the template shows."""
     estimate = document.get("estimate") or {}
     separation = document.get("separation") or {}
     return {

@@ -41,25 +41,7 @@ _HEADS = (
 
 
 def render_workbook(document: Mapping[str, Any]) -> bytes:
-    """Return a result as the bytes of an xlsx file.
-
-    Parameters
-    ----------
-    document : mapping
-        Content of a result.json.
-
-    Returns
-    -------
-    bytes
-        Sheets Summary, Characteristics, Profiles, Provenance.
-
-    Raises
-    ------
-    DataError
-        If the result is damaged, or a verdict is unknown.
-    UnsupportedFeatureError
-        If xlsxwriter is not installed.
-    """
+    """Return a result as the bytes of an xlsx file."""
     shown, rows = view(document), characteristic_rows(document)
     stream = io.BytesIO()
     book = new_workbook(stream, one_line(shown["title"]))
@@ -99,25 +81,7 @@ def write_workbook(document: Mapping[str, Any], path: str | os.PathLike[str]) ->
 
 
 def new_workbook(stream: io.BytesIO, title: str) -> Workbook:
-    """Return an empty workbook without clock, formulas and links.
-
-    Parameters
-    ----------
-    stream : BytesIO
-        Where it is written when it is closed.
-    title : str
-        Of its properties.
-
-    Returns
-    -------
-    xlsxwriter Workbook
-        To be filled and closed.
-
-    Raises
-    ------
-    UnsupportedFeatureError
-        If xlsxwriter is not installed.
-    """
+    """Return an empty workbook without clock, formulas and links."""
     try:
         xlsxwriter = import_module("xlsxwriter")
     except ImportError:
@@ -139,24 +103,7 @@ def new_workbook(stream: io.BytesIO, title: str) -> Workbook:
 
 
 def write_text(sheet: Worksheet, row: int, column: int, text: Any, style: Any = None) -> int:
-    """Write a text, over several rows where a cell cannot hold it.
-
-    Parameters
-    ----------
-    sheet : xlsxwriter Worksheet
-        To write to.
-    row, column : int
-        First cell, from 0.
-    text : object
-        Of a document.
-    style : xlsxwriter Format, optional
-        Of the cells.
-
-    Returns
-    -------
-    int
-        The next free row.
-    """
+    """Write a text, over several rows where a cell cannot hold it."""
     line = one_line(text)
     pieces = [line[i : i + _MOST_LETTERS] for i in range(0, len(line), _MOST_LETTERS)] or [""]
     for i, piece in enumerate(pieces):

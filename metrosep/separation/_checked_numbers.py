@@ -14,27 +14,7 @@ __all__ = ["checked_count", "checked_number", "checked_sd", "checked_seed"]
 
 
 def checked_number(value: Any, name: str, what: str = "a number") -> float:
-    """Return a finite number.
-
-    Parameters
-    ----------
-    value : object
-        What the user gave.
-    name : str
-        Of the argument.
-    what : str, optional
-        What it must be, with its unit.
-
-    Returns
-    -------
-    float
-        The same number.
-
-    Raises
-    ------
-    DataError
-        If it is text, a list, NaN, infinite or nothing.
-    """
+    """Return a finite number."""
     single = isinstance(value, numbers.Real) or (
         isinstance(value, np.ndarray) and value.ndim == 0 and value.dtype.kind in "iuf"
     )
@@ -44,25 +24,7 @@ def checked_number(value: Any, name: str, what: str = "a number") -> float:
 
 
 def checked_sd(value: Any, unit: str = "") -> float | None:
-    """Return the standard deviation of one reading, or None.
-
-    Parameters
-    ----------
-    value : object
-        What the user gave.
-    unit : str, optional
-        For the message.
-
-    Returns
-    -------
-    float or None
-        Zero or positive.
-
-    Raises
-    ------
-    DataError
-        If it is no number or negative.
-    """
+    """Return the standard deviation of one reading, or None."""
     if value is None:
         return None
     tail = f", in {unit}" if unit else ""
@@ -73,27 +35,7 @@ def checked_sd(value: Any, unit: str = "") -> float | None:
 
 
 def checked_count(value: Any, name: str, *, low: int = 0) -> int:
-    """Return a whole number.
-
-    Parameters
-    ----------
-    value : object
-        What the user gave; 2.0 is whole.
-    name : str
-        Of the argument.
-    low : int, optional
-        The smallest.
-
-    Returns
-    -------
-    int
-        The same number.
-
-    Raises
-    ------
-    DataError
-        If it is text, not whole or too small.
-    """
+    """Return a whole number."""
     what = f"a whole number of {low} or more"
     found = checked_number(value, name, what)
     if found != int(found) or found < low:
@@ -102,21 +44,5 @@ def checked_count(value: Any, name: str, *, low: int = 0) -> int:
 
 
 def checked_seed(value: Any) -> int:
-    """Return the seed of a simulation.
-
-    Parameters
-    ----------
-    value : object
-        What the user gave.
-
-    Returns
-    -------
-    int
-        Not negative.
-
-    Raises
-    ------
-    DataError
-        If it is no whole number.
-    """
+    """Return the seed of a simulation."""
     return checked_count(value, "seed")

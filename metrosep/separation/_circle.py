@@ -163,21 +163,11 @@ def check_u_reading(u_reading: Any, unit: str = "m") -> float | None:
 
 @dataclass(frozen=True, slots=True)
 class Revolutions:
-    """Complete revolutions of all readings.
+    """Complete revolutions of all readings."""
 
-    Parameters
-    ----------
-    values : ndarray, shape (n, M, N)
-        Readings.
-    kept : ndarray of int, shape (M,)
-        Which revolutions these were, from 0.
-    n_given : int
-        Revolutions before the incomplete ones were left out.
-    """
-
-    values: FloatArray
-    kept: NDArray[np.intp]
-    n_given: int
+    values: FloatArray  # shape (n, M, N): readings
+    kept: NDArray[np.intp]  # shape (M,): which revolutions these were, from 0
+    n_given: int  # revolutions before the incomplete ones were left out
 
     @property
     def n_left_out(self) -> int:

@@ -29,24 +29,14 @@ _MOST_TURNS = 64
 
 @dataclass(frozen=True, slots=True)
 class CircleReadings:
-    """Readings over whole revolutions.
+    """Readings over whole revolutions."""
 
-    Parameters
-    ----------
-    values : array_like, shape (n, N) or (n, M, N)
-        As a method takes them; not yet checked where the caller gave an array.
-    start_angle : float, rad
-        Angle of the first sample.
-    history : tuple of Step
-        What happened to them before.
-    messages : tuple of str
-        Doubts.
-    """
-
+    # shape (n, N) or (n, M, N): as a method takes them; not yet checked where the caller gave an
+    # array
     values: Any
-    start_angle: float = 0.0
-    history: tuple[Step, ...] = ()
-    messages: tuple[str, ...] = ()
+    start_angle: float = 0.0  # rad: angle of the first sample
+    history: tuple[Step, ...] = ()  # what happened to them before
+    messages: tuple[str, ...] = ()  # doubts
 
 
 def circle_readings(m: Any, *, what: str, angle: ArrayLike | None = None) -> CircleReadings:

@@ -26,27 +26,14 @@ _SINGULAR = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class ClosureSolution:
-    """What the normal equations give.
+    """What the normal equations give."""
 
-    Parameters
-    ----------
-    parts : ndarray, shape (2, N), rad
-        Artefact and machine, without their means and without hidden harmonics.
-    unit_u : ndarray, shape (2, N)
-        Their standard uncertainty for readings of unit noise.
-    residual : ndarray, shape (P, N), rad
-        Reading minus model; NaN where not measured.
-    rank : int
-        Of the normal matrix.
-    surplus : int
-        Dimension of the null space beyond means and hidden harmonics.
-    """
-
+    # shape (2, N), rad: artefact and machine, without their means and without hidden harmonics
     parts: FloatArray
-    unit_u: FloatArray
-    residual: FloatArray
-    rank: int
-    surplus: int
+    unit_u: FloatArray  # shape (2, N): their standard uncertainty for readings of unit noise
+    residual: FloatArray  # shape (P, N), rad: reading minus model; NaN where not measured
+    rank: int  # of the normal matrix
+    surplus: int  # dimension of the null space beyond means and hidden harmonics
 
 
 def solve_closure(

@@ -31,23 +31,7 @@ class DirectionEstimate:
 
 
 def freeze_mapping_int(items: Mapping[int, DirectionEstimate]) -> Mapping[int, DirectionEstimate]:
-    """Return a read-only copy, refusing an empty one.
-
-    Parameters
-    ----------
-    items : mapping of int to DirectionEstimate
-        Estimates by direction.
-
-    Returns
-    -------
-    mapping
-        Read-only copy.
-
-    Raises
-    ------
-    DataError
-        If it is empty or a key is not -1, 0 or 1.
-    """
+    """Return a read-only copy, refusing an empty one."""
     from types import MappingProxyType
 
     if not items or not set(items) <= {-1, 0, 1}:

@@ -23,18 +23,7 @@ Columns = Mapping[str, list[Any]]
 
 
 def estimate_as_dict(estimate: ErrorEstimate) -> dict[str, Any]:
-    """Return everything as plain values, NaN as None.
-
-    Parameters
-    ----------
-    estimate : ErrorEstimate
-        What to store.
-
-    Returns
-    -------
-    dict
-        Readable by `estimate_from_dict`.
-    """
+    """Return everything as plain values, NaN as None."""
     return {
         "method": estimate.method,
         "start_m": estimate.start,
@@ -66,25 +55,7 @@ def estimate_as_dict(estimate: ErrorEstimate) -> dict[str, Any]:
 
 
 def estimate_from_dict(cls: type[ErrorEstimate], data: Mapping[str, Any]) -> ErrorEstimate:
-    """Return the estimate that `estimate_as_dict` wrote.
-
-    Parameters
-    ----------
-    cls : type
-        `ErrorEstimate`.
-    data : mapping
-        The ``estimate`` part of a result.json.
-
-    Returns
-    -------
-    ErrorEstimate
-        Evaluates to the same numbers.
-
-    Raises
-    ------
-    DataError
-        If a key is missing or of the wrong kind.
-    """
+    """Return the estimate that `estimate_as_dict` wrote."""
     try:
         return cls(
             method=str(data["method"]),

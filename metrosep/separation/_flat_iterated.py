@@ -30,34 +30,7 @@ def by_iteration(
     u_reading: float | None,
     u_shift: FloatArray,
 ) -> FlatResult:
-    """Return coefficients and maps of Zernike terms from all pixels that each reading has.
-
-    Parameters
-    ----------
-    solver : FlatZernikeSolver
-        Set-ups in terms.
-    stack : ndarray, shape (S, n_y, n_x)
-        Readings.
-    grid : MapGrid
-        Steps and centre.
-    setups : sequence of FlatSetup
-        Readings.
-    flip : {"x", "y"}
-        Which coordinate the mirror reverses.
-    radius : float or None, m
-        Of the disc.
-    aligned : sequence of (int, int)
-        Terms that the alignment of each reading decides.
-    u_reading : float or None, m
-        Stated noise.
-    u_shift : ndarray, shape (S, 2), m
-        Standard uncertainty of the registration of each reading along x and y.
-
-    Returns
-    -------
-    FlatResult
-        With A, B, C and zernike_A, zernike_B, zernike_C.
-    """
+    """Return coefficients and maps of Zernike terms from all pixels that each reading has."""
     measured = np.isfinite(stack)
     anywhere = np.logical_or.reduce(measured, axis=0)
     basis = DiscBasis(grid, anywhere | mirror(anywhere, flip), solver.nm, radius)

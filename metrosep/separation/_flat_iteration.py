@@ -28,42 +28,17 @@ _LEAST_INFORMATION = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Iterated:
-    """Coefficients found by iteration.
+    """Coefficients found by iteration."""
 
-    Parameters
-    ----------
-    coefficients : ndarray, shape (3 p,)
-        Of A, B, C, one after the other; the share that nothing shows is zero.
-    left : tuple of float
-        Size of the normal equations' residual at each step, relative to the start.
-    settled : bool
-        Whether the last one is round-off.
-    """
-
+    # shape (3 p,): of A, B, C, one after the other; the share that nothing shows is zero
     coefficients: FloatArray
+    # size of the normal equations' residual at each step, relative to the start
     left: tuple[float, ...]
-    settled: bool
+    settled: bool  # whether the last one is round-off
 
 
 class OwnMasks:
-    """Least squares of all measured pixels of all readings over the terms of A, B, C.
-
-    Parameters
-    ----------
-    basis : DiscBasis
-        Terms on all pixels that one reading has, and their mirror images.
-    solver : FlatZernikeSolver
-        Set-ups in terms.
-    measured : ndarray of bool, shape (S, n_y, n_x)
-        Pixels of each reading.
-    aligned : sequence of (int, int)
-        Terms that are free in each reading: its alignment.
-
-    Raises
-    ------
-    DegenerateFitError
-        If the pixels that are left do not determine the terms that the set-ups would.
-    """
+    """Least squares of all measured pixels of all readings over the terms of A, B, C."""
 
     def __init__(
         self,
@@ -116,18 +91,7 @@ class OwnMasks:
         return shown @ np.linalg.inv(here) @ shown.T, rank
 
     def right_side(self, stack: FloatArray) -> FloatArray:
-        """Return what the readings say of each coefficient, alignment taken out.
-
-        Parameters
-        ----------
-        stack : ndarray, shape (S, n_y, n_x)
-            Readings, finite where measured.
-
-        Returns
-        -------
-        ndarray, shape (3 p,)
-            Right side of the normal equations.
-        """
+        """Return what the readings say of each coefficient, alignment taken out."""
         z = np.where(self.measured, stack[:, self.basis.mask], 0.0)
         sums = np.zeros((len(self.designs), len(self.basis.nm)))
         for block, piece in self.basis.blocks():
@@ -143,18 +107,7 @@ class OwnMasks:
         return out
 
     def iterate(self, right: FloatArray) -> Iterated:
-        """Return the coefficients, step by step from zero.
-
-        Parameters
-        ----------
-        right : ndarray, shape (3 p,)
-            Of `right_side`.
-
-        Returns
-        -------
-        Iterated
-            With how the difference fell.
-        """
+        """Return the coefficients, step by step from zero."""
         found, rest = np.zeros_like(right), right.copy()
         start = float(np.sqrt(rest @ rest))
         left: list[float] = []
@@ -171,20 +124,7 @@ class OwnMasks:
         return Iterated(found, tuple(left), not left or left[-1] <= _SETTLED)
 
     def residual(self, stack: FloatArray, coefficients: FloatArray) -> FloatArray:
-        """Return what the model leaves of each reading on its own pixels, alignment taken out.
-
-        Parameters
-        ----------
-        stack : ndarray, shape (S, n_y, n_x)
-            Readings.
-        coefficients : ndarray, shape (3 p,)
-            Of A, B, C.
-
-        Returns
-        -------
-        ndarray, shape (S, n_y, n_x)
-            NaN where not measured.
-        """
+        """Return what the model leaves of each reading on its own pixels, alignment taken out."""
         terms = (self.solver.model @ coefficients).reshape(len(self.designs), -1).copy()
         terms[:, self.rigid] = 0.0
         rest = np.where(self.measured, stack[:, self.basis.mask] - self._values(terms), 0.0)

@@ -27,19 +27,7 @@ _COARSE = 128
 
 
 class FlatPixelSolver:
-    """The linear operation from readings to A, B, C by sums of turned and mirrored readings.
-
-    Parameters
-    ----------
-    setups : sequence of FlatSetup
-        All turns multiples of 2 pi/N.
-    n : int
-        N.
-    flip : {"x", "y"}
-        Which coordinate the mirror reverses.
-    largest_gain : float
-        Shares whose noise would grow by more are taken as not observable.
-    """
+    """The linear operation from readings to A, B, C by sums of turned and mirrored readings."""
 
     def __init__(
         self, setups: Sequence[FlatSetup], n: int, flip: str, largest_gain: float
@@ -83,49 +71,13 @@ class FlatPixelSolver:
         mirrored += share / 2.0 * (np.outer(w1 - w4, c) + np.outer(w2 + w3, s))
 
     def parts(self, stack: FloatArray, grid: MapGrid) -> FloatArray:
-        """Return A, B, C without what is not observable.
-
-        Parameters
-        ----------
-        stack : ndarray, shape (S, n_y, n_x)
-            Readings.
-        grid : MapGrid
-            Steps and centre.
-
-        Returns
-        -------
-        ndarray, shape (3, n_y, n_x)
-            NaN where counterparts are missing.
-        """
+        """Return A, B, C without what is not observable."""
         return combined(stack, grid, self.direct, self.mirrored, flip=self.flip)
 
     def solve(
         self, stack: FloatArray, grid: MapGrid, removed: Sequence[str]
     ) -> tuple[FloatArray, FloatArray, FloatArray, float, float]:
-        """Return parts, their variance, the residual of the readings, its freedom and smoothness.
-
-        Parameters
-        ----------
-        stack : ndarray, shape (S, n_y, n_x)
-            Readings.
-        grid : MapGrid
-            Steps and centre.
-        removed : sequence of str
-            Of ``"piston"``, ``"tilt"``, ``"power"``.
-
-        Returns
-        -------
-        parts : ndarray, shape (3, n_y, n_x)
-            A, B, C.
-        variance : ndarray, shape (3, n_y, n_x)
-            For white noise of variance 1, pixel by pixel.
-        residual : ndarray, shape (S, n_y, n_x)
-            Of the readings.
-        freedom : float
-            Of the residual.
-        smooth : float
-            Smoothness that the residual of white noise has.
-        """
+        """Return parts, their variance, the residual of the readings, its freedom and smoothness."""
         parts = self.parts(stack, grid)
         variance = TurnedNoise(grid, self.n, self.flip).variance(self.direct, self.mirrored)
         parts = np.stack([without_plane(z, grid, removed=removed) for z in parts])
@@ -142,22 +94,7 @@ class FlatPixelSolver:
         return parts, variance, residual, freedom * measured, smoothness(left)
 
     def residual(self, stack: FloatArray, grid: MapGrid, removed: Sequence[str]) -> FloatArray:
-        """Return what the model leaves of the readings.
-
-        Parameters
-        ----------
-        stack : ndarray, shape (S, n_y, n_x)
-            Readings.
-        grid : MapGrid
-            Steps and centre.
-        removed : sequence of str
-            Of ``"piston"``, ``"tilt"``, ``"power"``.
-
-        Returns
-        -------
-        ndarray, shape (S, n_y, n_x)
-            NaN where counterparts are missing.
-        """
+        """Return what the model leaves of the readings."""
         least = combined(stack, grid, self.all_direct, self.all_mirrored, flip=self.flip)
         out = []
         for z, item in zip(stack, self.setups, strict=True):

@@ -35,30 +35,15 @@ ODD_REASON = (
 
 @dataclass(frozen=True, slots=True)
 class FlatResult:
-    """What one method found.
+    """What one method found."""
 
-    Parameters
-    ----------
-    parts, u : dict of str to ndarray
-        Maps and more.
-    noise : Quantity
-        Of one pixel.
-    coordinates : dict of str to ndarray, optional
-        Beside x and y.
-    messages : tuple of str, optional
-        What is to be said.
-    audit : dict, optional
-        Plain values.
-    unexplained : tuple of str, optional
-        That the residual is no noise; said where nothing explains it better.
-    """
-
-    parts: dict[str, FloatArray]
+    parts: dict[str, FloatArray]  # to ndarray: maps and more
     u: dict[str, FloatArray]
-    noise: Quantity
-    coordinates: dict[str, FloatArray] = field(default_factory=dict)
-    messages: tuple[str, ...] = ()
-    audit: dict[str, object] = field(default_factory=dict)
+    noise: Quantity  # of one pixel
+    coordinates: dict[str, FloatArray] = field(default_factory=dict)  # to ndarray: beside x and y
+    messages: tuple[str, ...] = ()  # what is to be said
+    audit: dict[str, object] = field(default_factory=dict)  # plain values
+    # that the residual is no noise; said where nothing explains it better
     unexplained: tuple[str, ...] = ()
 
 
@@ -71,33 +56,7 @@ def by_pixels(
     u_reading: float | None,
     u_shift: FloatArray,
 ) -> FlatResult:
-    """Return full maps, or those of the diameter where nothing was turned.
-
-    Parameters
-    ----------
-    solver : FlatPixelSolver
-        Of the set-ups.
-    stack : ndarray, shape (S, n_y, n_x)
-        Readings, planes removed.
-    grid : MapGrid
-        Steps and centre.
-    removed : sequence of str
-        Of ``"piston"``, ``"tilt"``, ``"power"``.
-    u_reading : float or None, m
-        Stated noise.
-    u_shift : ndarray, shape (S, 2), m
-        Standard uncertainty of the registration of each reading along x and y.
-
-    Returns
-    -------
-    FlatResult
-        With A, B, C.
-
-    Raises
-    ------
-    DataError
-        If no pixel has its counterparts.
-    """
+    """Return full maps, or those of the diameter where nothing was turned."""
     found, variance, residual, freedom, smooth = solver.solve(stack, grid, removed)
     if not np.isfinite(found).any():
         raise DataError(
@@ -130,32 +89,7 @@ def by_terms(
     u_reading: float | None,
     u_shift: FloatArray,
 ) -> FlatResult:
-    """Return coefficients and maps of Zernike terms.
-
-    Parameters
-    ----------
-    solver : FlatZernikeSolver
-        Of the set-ups.
-    basis : DiscBasis
-        Terms on the common pixels.
-    stack : ndarray, shape (S, n_y, n_x)
-        Readings.
-    grid : MapGrid
-        Steps and centre.
-    setups : sequence of FlatSetup
-        Readings.
-    flip : {"x", "y"}
-        Which coordinate the mirror reverses.
-    u_reading : float or None, m
-        Stated noise.
-    u_shift : ndarray, shape (S, 2), m
-        Standard uncertainty of the registration of each reading along x and y.
-
-    Returns
-    -------
-    FlatResult
-        With A, B, C and zernike_A, zernike_B, zernike_C.
-    """
+    """Return coefficients and maps of Zernike terms."""
     p, s = len(basis.nm), stack.shape[0]
     shown = solver.seen.ravel()
 
@@ -207,28 +141,7 @@ def registration_of_flats(
     flip: str,
     u_shift: FloatArray,
 ) -> FloatArray:
-    """Return the standard uncertainty of A, B, C from the registration of the readings.
-
-    Parameters
-    ----------
-    linear : callable
-        From readings (S, n_y, n_x) to parts (3, n_y, n_x).
-    found : ndarray, shape (3, n_y, n_x)
-        A, B, C.
-    setups : sequence of FlatSetup
-        Readings.
-    grid : MapGrid
-        Steps and centre.
-    flip : {"x", "y"}
-        Which coordinate the mirror reverses.
-    u_shift : ndarray, shape (S, 2), m
-        Along x and y, independent.
-
-    Returns
-    -------
-    ndarray, shape (3, n_y, n_x)
-        Zero where nothing is stated.
-    """
+    """Return the standard uncertainty of A, B, C from the registration of the readings."""
     total = np.zeros(found.shape)
     for i, item in enumerate(setups):
         if not u_shift[i].any():
@@ -243,22 +156,7 @@ def registration_of_flats(
 
 
 def doubts_of_flats(solver: FlatPixelSolver, stack: FloatArray, grid: MapGrid) -> tuple[str, ...]:
-    """Return which reading would fit much better if it were mirrored or turned the other way.
-
-    Parameters
-    ----------
-    solver : FlatPixelSolver
-        Of the set-ups.
-    stack : ndarray, shape (S, n_y, n_x)
-        Readings.
-    grid : MapGrid
-        Steps and centre.
-
-    Returns
-    -------
-    tuple of str
-        At most one message.
-    """
+    """Return which reading would fit much better if it were mirrored or turned the other way."""
     small, small_grid = coarse(stack, grid, _COARSE)
 
     def left(one: FlatPixelSolver, maps: FloatArray) -> float:
@@ -294,18 +192,7 @@ def doubts_of_flats(solver: FlatPixelSolver, stack: FloatArray, grid: MapGrid) -
 
 
 def hidden_orders(solver: FlatPixelSolver) -> tuple[Unobservable, ...]:
-    """Return the angular orders that a pixel method leaves unknown.
-
-    Parameters
-    ----------
-    solver : FlatPixelSolver
-        Of the set-ups.
-
-    Returns
-    -------
-    tuple of Unobservable
-        For each flat.
-    """
+    """Return the angular orders that a pixel method leaves unknown."""
     what = (
         "nothing was turned, so it is known on the diameter only; measure a turned flat"
         if solver.n == 1
@@ -364,20 +251,7 @@ def _diameter(found: FloatArray, u: FloatArray, noise: Quantity, flip: str) -> F
 
 
 def undescribed(residual: FloatArray, stack: FloatArray) -> tuple[str, ...]:
-    """Say that the residual is not white: neighbours resemble each other.
-
-    Parameters
-    ----------
-    residual : ndarray, shape (S, n_y, n_x)
-        What the Zernike terms leave; NaN = not known.
-    stack : ndarray, shape (S, n_y, n_x)
-        Readings.
-
-    Returns
-    -------
-    tuple of str
-        At most one message.
-    """
+    """Say that the residual is not white: neighbours resemble each other."""
     known, read = residual[np.isfinite(residual)], stack[np.isfinite(stack)]
     if known.size == 0:
         return ()

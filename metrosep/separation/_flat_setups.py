@@ -43,22 +43,7 @@ class FlatSetup:
 def flat_setups(
     angles: Sequence[float], pairs: Sequence[str], turned_flat: str
 ) -> tuple[FlatSetup, ...]:
-    """Return AB, AC, BC and the turned readings.
-
-    Parameters
-    ----------
-    angles : sequence of float, rad
-        Of the further readings.
-    pairs : sequence of str
-        Their pairs, such as ``"AB"``.
-    turned_flat : {"first", "second"}
-        Which flat of the pair is turned.
-
-    Returns
-    -------
-    tuple of FlatSetup
-        In the order of the readings.
-    """
+    """Return AB, AC, BC and the turned readings."""
     basic = [FlatSetup("A", "B"), FlatSetup("A", "C"), FlatSetup("B", "C")]
     for angle, pair in zip(angles, pairs, strict=True):
         turns = (angle, 0.0) if turned_flat == "first" else (0.0, angle)
@@ -67,23 +52,7 @@ def flat_setups(
 
 
 def order_design(setups: Sequence[FlatSetup], order: int, mirror_sign: FloatArray) -> FloatArray:
-    """Return the design of one angular order (or class of orders).
-
-    Parameters
-    ----------
-    setups : sequence of FlatSetup
-        Readings.
-    order : int
-        Angular order m, or class q.
-    mirror_sign : ndarray, shape (2,)
-        What the mirror does to the two components, which a turn by t transforms with
-        ``[[cos m t, -sin m t], [sin m t, cos m t]]``.
-
-    Returns
-    -------
-    ndarray, shape (2 S, 6)
-        Components of the readings over those of A, B, C.
-    """
+    """Return the design of one angular order (or class of orders)."""
     out = np.zeros((2 * len(setups), 6))
     for s, item in enumerate(setups):
         rows = slice(2 * s, 2 * s + 2)
@@ -96,24 +65,7 @@ def order_design(setups: Sequence[FlatSetup], order: int, mirror_sign: FloatArra
 def facing(
     maps: FloatArray, item: FlatSetup, grid: MapGrid, flip: str
 ) -> tuple[FloatArray, FloatArray]:
-    """Return what the first and the second flat contribute to a reading.
-
-    Parameters
-    ----------
-    maps : ndarray, shape (3, n_y, n_x)
-        A, B, C, each as seen from its front.
-    item : FlatSetup
-        The reading.
-    grid : MapGrid
-        Steps and centre.
-    flip : {"x", "y"}
-        Which coordinate the mirror reverses.
-
-    Returns
-    -------
-    tuple of ndarray, shape (n_y, n_x)
-        Their sum is the reading.
-    """
+    """Return what the first and the second flat contribute to a reading."""
     first = maps[FLATS.index(item.first)][None]
     second = mirror(maps[FLATS.index(item.second)], flip)[None]
     return (

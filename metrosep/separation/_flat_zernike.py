@@ -25,20 +25,7 @@ MOST_TERMS = 1000
 def zernike_terms_of(
     terms: int | Sequence[int], order: ZernikeOrder
 ) -> tuple[tuple[int, int], ...]:
-    """Return (n, m) of the terms and of their partners (n, -m), by ANSI number.
-
-    Parameters
-    ----------
-    terms : int or sequence of int
-        How many, or which.
-    order : {"ansi", "noll", "fringe"}
-        How they are counted.
-
-    Returns
-    -------
-    tuple of (int, int)
-        With piston and tilts.
-    """
+    """Return (n, m) of the terms and of their partners (n, -m), by ANSI number."""
     indices = () if isinstance(terms, int) else tuple(terms)
     many = terms if isinstance(terms, int) else max([len(indices), *indices], default=0)
     if many > MOST_TERMS:
@@ -49,19 +36,7 @@ def zernike_terms_of(
 
 
 class DiscBasis:
-    """Zernike terms on the measured pixels of a disc, and their normal matrix.
-
-    Parameters
-    ----------
-    grid : MapGrid
-        Steps and centre.
-    mask : ndarray of bool, shape (n_y, n_x)
-        Pixels that decide.
-    nm : sequence of (int, int)
-        Terms.
-    radius : float, m, optional
-        Of the disc; the farthest pixel of the mask if omitted.
-    """
+    """Zernike terms on the measured pixels of a disc, and their normal matrix."""
 
     def __init__(
         self,
@@ -94,30 +69,13 @@ class DiscBasis:
         )
 
     def blocks(self) -> Iterator[tuple[FloatArray, slice]]:
-        """Yield the terms, shape (p, k), at pieces of the pixels.
-
-        Yields
-        ------
-        tuple of (ndarray, slice)
-            Values and which pixels.
-        """
+        """Yield the terms, shape (p, k), at pieces of the pixels."""
         for start in range(0, self.x.size, _BLOCK):
             piece = slice(start, start + _BLOCK)
             yield zernike_values(self.x[piece], self.y[piece], self.nm), piece
 
     def fit(self, stack: FloatArray) -> FloatArray:
-        """Return the coefficients of maps.
-
-        Parameters
-        ----------
-        stack : ndarray, shape (S, n_y, n_x)
-            Measured on the mask.
-
-        Returns
-        -------
-        ndarray, shape (S, p)
-            Least squares.
-        """
+        """Return the coefficients of maps."""
         z = stack[:, self.mask]
         sums = np.zeros((stack.shape[0], len(self.nm)))
         for block, piece in self.blocks():
@@ -125,18 +83,7 @@ class DiscBasis:
         return np.asarray(sums @ self.inverse)
 
     def maps(self, coefficients: FloatArray) -> FloatArray:
-        """Return maps of coefficients, NaN beside the mask.
-
-        Parameters
-        ----------
-        coefficients : ndarray, shape (S, p)
-            Of each map.
-
-        Returns
-        -------
-        ndarray, shape (S, n_y, n_x)
-            Values.
-        """
+        """Return maps of coefficients, NaN beside the mask."""
         out = np.full((coefficients.shape[0], *self.shape), np.nan)
         found = np.empty((coefficients.shape[0], self.x.size))
         for block, piece in self.blocks():
@@ -145,18 +92,7 @@ class DiscBasis:
         return out
 
     def deviations(self, covariances: FloatArray) -> FloatArray:
-        """Return standard deviations of maps whose coefficients have given covariances.
-
-        Parameters
-        ----------
-        covariances : ndarray, shape (S, p, p)
-            Of each map.
-
-        Returns
-        -------
-        ndarray, shape (S, n_y, n_x)
-            NaN beside the mask.
-        """
+        """Return standard deviations of maps whose coefficients have given covariances."""
         out = np.full((covariances.shape[0], *self.shape), np.nan)
         found = np.empty((covariances.shape[0], self.x.size))
         for block, piece in self.blocks():
@@ -167,21 +103,7 @@ class DiscBasis:
 
 
 class FlatZernikeSolver:
-    """The linear operation from coefficients of readings to those of A, B, C.
-
-    Parameters
-    ----------
-    setups : sequence of FlatSetup
-        Readings.
-    nm : sequence of (int, int)
-        Terms, each with its partner.
-    flip : {"x", "y"}
-        Which coordinate the mirror reverses.
-    aligned : sequence of (int, int)
-        Terms that the alignment of each reading decides.
-    largest_gain : float
-        Terms whose noise would grow by more are taken as not observable.
-    """
+    """The linear operation from coefficients of readings to those of A, B, C."""
 
     def __init__(
         self,
@@ -217,18 +139,7 @@ class FlatZernikeSolver:
             self.seen[rows // p, rows % p] = solved.seen & (solved.gain <= largest_gain)
 
     def hidden_terms(self, aligned: Sequence[tuple[int, int]]) -> dict[int, tuple[str, ...]]:
-        """Return the names of the terms that turns and mirror leave unknown, for each flat.
-
-        Parameters
-        ----------
-        aligned : sequence of (int, int)
-            Terms that are named elsewhere.
-
-        Returns
-        -------
-        dict of int to tuple of str
-            0, 1, 2 for A, B, C.
-        """
+        """Return the names of the terms that turns and mirror leave unknown, for each flat."""
         return {
             part: tuple(
                 f"{term_name(n, m)} [Z({n}, {m})]"

@@ -24,27 +24,7 @@ def given_parts(
     truth_parts: Sequence[str],
     error_parts: Sequence[str],
 ) -> dict[str, FloatArray]:
-    """Return all parts of a simulation, zeros where one is missing.
-
-    Parameters
-    ----------
-    method : str
-        Name for messages.
-    truth, errors : mapping of str to array_like
-        What the caller gave.
-    truth_parts, error_parts : sequence of str
-        What there is.
-
-    Returns
-    -------
-    dict of str to ndarray
-        Every part, of one shape.
-
-    Raises
-    ------
-    DataError
-        If a part is unknown, none is given, or their shapes differ.
-    """
+    """Return all parts of a simulation, zeros where one is missing."""
     for given, known, kind in ((truth, truth_parts, "truth"), (errors, error_parts, "error")):
         for name in given:
             if name not in known:
@@ -61,31 +41,7 @@ def given_parts(
 def curves(
     items: Sequence[ArrayLike | Profile], *, what: str, axis: str
 ) -> tuple[list[Any], FloatArray | None, tuple[Step, ...]]:
-    """Return readings as arrays, with the positions and the history that profiles carry.
-
-    Parameters
-    ----------
-    items : sequence of array_like or Profile
-        Either all profiles or none.
-    what : str
-        Name of the method for messages.
-    axis : str
-        What positions are: ``"x"`` in m or ``"angle"`` in rad.
-
-    Returns
-    -------
-    readings : list
-        Heights.
-    positions : ndarray or None
-        Of the profiles.
-    history : tuple of Step
-        Of all profiles.
-
-    Raises
-    ------
-    DataError
-        If profiles are mixed with arrays, or lie on different positions.
-    """
+    """Return readings as arrays, with the positions and the history that profiles carry."""
     profiles = [item for item in items if isinstance(item, Profile)]
     if not profiles:
         return list(items), None, ()
@@ -111,27 +67,7 @@ def curves(
 
 
 def stacked(readings: Sequence[ArrayLike], what: str) -> FloatArray:
-    """Return curves, each perhaps repeated, as one array; missing repeats are NaN.
-
-    Parameters
-    ----------
-    readings : sequence of array_like, shape (n,) or (M, n)
-        Of one length n; the numbers of repeats may differ.
-    what : str
-        Name of the method for messages.
-
-    Returns
-    -------
-    ndarray, shape (n_readings, M, n)
-        Padded with NaN.
-
-    Raises
-    ------
-    DataError
-        If the lengths differ.
-    InvalidSamplesError
-        If a reading holds no numbers.
-    """
+    """Return curves, each perhaps repeated, as one array; missing repeats are NaN."""
     arrays = [as_numbers(r, f"{what} needs readings as numbers") for r in readings]
     shapes = [a.shape for a in arrays]
     if any(len(s) not in (1, 2) for s in shapes) or len({s[-1] for s in shapes}) != 1:
@@ -148,31 +84,7 @@ def stacked(readings: Sequence[ArrayLike], what: str) -> FloatArray:
 
 
 def first_angle(positions: FloatArray | None, angle: ArrayLike | None, n: int, what: str) -> float:
-    """Return the angle of the first sample of readings over one turn.
-
-    Parameters
-    ----------
-    positions : ndarray, shape (n,), rad, or None
-        Of profiles.
-    angle : array_like, shape (n,), rad, or None
-        As the caller gave it beside arrays.
-    n : int
-        Samples of a reading.
-    what : str
-        Name of the method for messages.
-
-    Returns
-    -------
-    float
-        In rad; 0 where neither is given.
-
-    Raises
-    ------
-    DataError
-        If both are given, or the number of angles is another.
-    InvalidSamplesError
-        If the angles are not equally spaced over one turn.
-    """
+    """Return the angle of the first sample of readings over one turn."""
     if positions is not None and angle is not None:
         raise DataError(f"{what}: profiles bring their angles, leave out angle")
     if positions is None and angle is None:
@@ -185,25 +97,7 @@ def first_angle(positions: FloatArray | None, angle: ArrayLike | None, n: int, w
 
 
 def as_angles(angle: ArrayLike | None, what: str) -> FloatArray:
-    """Return angles as an array.
-
-    Parameters
-    ----------
-    angle : array_like, shape (n,), rad
-        Numbers.
-    what : str
-        Name of the method for messages.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        In float64.
-
-    Raises
-    ------
-    InvalidSamplesError
-        If they are no finite numbers in one row.
-    """
+    """Return angles as an array."""
     try:
         angles = np.array(angle, dtype=np.float64)
     except (TypeError, ValueError) as exc:
@@ -214,18 +108,7 @@ def as_angles(angle: ArrayLike | None, what: str) -> FloatArray:
 
 
 def require_turn(angle: FloatArray) -> None:
-    """Refuse angles that are not equally spaced over one revolution.
-
-    Parameters
-    ----------
-    angle : ndarray, shape (n,), rad
-        Rising.
-
-    Raises
-    ------
-    InvalidSamplesError
-        If they are not.
-    """
+    """Refuse angles that are not equally spaced over one revolution."""
     n = angle.size
     step = 2.0 * np.pi / n
     apart = np.abs(angle - angle[0] - step * np.arange(n))

@@ -20,26 +20,7 @@ FloatArray = NDArray[np.float64]
 def joint_curves(
     solution: Solution, evaluation: tuple[float, float], travel: tuple[float, float]
 ) -> tuple[FourierCurve, SampledCurve, Quantity, float]:
-    """Return curve, uncertainty, slope and level; the line over the evaluation range is taken out.
-
-    Parameters
-    ----------
-    solution : Solution
-        Of the joint fit.
-    evaluation, travel : tuple of (float, float), m
-        Evaluation range; positions that were measured.
-
-    Returns
-    -------
-    curve : FourierCurve
-        Error in m.
-    uncertainty : SampledCurve
-        Standard uncertainty in m.
-    slope : Quantity
-        Alignment, rad.
-    level : float, m
-        Of the line in the middle of the evaluation range.
-    """
+    """Return curve, uncertainty, slope and level; the line over the evaluation range is taken out."""
     k = solution.n_harmonics
     step = solution.period / max(k, 8) / 8.0
     n_grid = int(np.clip(np.ceil((travel[1] - travel[0]) / step), 200, 4000)) + 1

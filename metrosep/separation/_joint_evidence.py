@@ -41,29 +41,7 @@ _LEAST_RUNS = 2
 def evidence_of(
     runs: RunSet, probes: Sequence[str], *, start: float, stop: float, rate: float
 ) -> tuple[dict[str, list[Any]], Mapping[str, Any], tuple[str, ...]]:
-    """Return the columns of the evidence and what was done, or why there are none.
-
-    Parameters
-    ----------
-    runs : RunSet
-        Runs of one direction.
-    probes : sequence of str
-        Name of the probe of each run. Only the runs of the first one are used: probes that read
-        the same pass see the same vibration and would count it twice.
-    start, stop : float, m
-        Evaluation range.
-    rate : float
-        False discovery rate.
-
-    Returns
-    -------
-    columns : dict of str to list
-        Of `evidence_table`; empty with fewer than two feedrates, two runs of each, or with gaps.
-    audit : mapping
-        Of the table, or ``not_taken`` with the reason.
-    messages : tuple of str
-        Waves that sit at a place but differ from run to run.
-    """
+    """Return the columns of the evidence and what was done, or why there are none."""
     used = RunSet([r for r, name in zip(runs, probes, strict=True) if name == probes[0]])
     groups = used.by_feed()
     if len(groups) < 2 or any(r.feed is None for r in used):

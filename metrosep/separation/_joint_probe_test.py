@@ -23,39 +23,16 @@ _UNSEEN = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class ProbeDifference:
-    """Sensitivity of a probe against the first, as one step from equality shows it.
+    """Sensitivity of a probe against the first, as one step from equality shows it."""
 
-    Parameters
-    ----------
-    probe, first : str
-        Names.
-    gain : float
-        Excess of the sensitivity: 0.05 reads 5 % more.
-    sd : float
-        Its standard uncertainty if the probes are equal.
-    """
-
-    probe: str
+    probe: str  # names
     first: str
-    gain: float
-    sd: float
+    gain: float  # excess of the sensitivity: 0.05 reads 5 % more
+    sd: float  # its standard uncertainty if the probes are equal
 
 
 def probe_differences(system: System, covariance: FloatArray) -> tuple[ProbeDifference, ...]:
-    """Return the difference of each probe from the first.
-
-    Parameters
-    ----------
-    system : System
-        At its solution, without gains.
-    covariance : ndarray, shape (n, n)
-        Posterior of all columns.
-
-    Returns
-    -------
-    tuple of ProbeDifference
-        Empty with one probe; without those that the readings cannot show.
-    """
+    """Return the difference of each probe from the first."""
     names = list(dict.fromkeys(r.probe for r in system.runs))
     if len(names) < 2:
         return ()

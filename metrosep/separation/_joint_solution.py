@@ -34,86 +34,49 @@ class LagTest:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solution:
-    """Result of `solve_joint`, in the units of the runs.
+    """Result of `solve_joint`, in the units of the runs."""
 
-    Parameters
-    ----------
-    origin, period, centre : float, m
-        Of the basis; centre of the linear term.
-    coefficients : ndarray, shape (1 + 2 K,)
-        Slope (rad), a_k, b_k (m).
-    covariance : ndarray, shape (1 + 2 K, 1 + 2 K)
-        Posterior covariance with the share of the prior's spread.
-    offsets : ndarray, shape (n_runs,), m
-        c_r at the centre.
-    offset_sd : ndarray, shape (n_runs,), m
-        Their standard uncertainty.
-    amplitude, amplitude_sd, chi2, log_bayes_factor : ndarray, shape (K_first,)
-        Of every wavelength that was considered, before shrinkage; those beyond K were dropped.
-    n_harmonics : int
-        K, after the choice by evidence.
-    noise : list of AutoregressiveModel
-        One for each sampling interval, slowest first; heights in m.
-    residuals : list of ndarray, m
-        Readings minus model, NaN where not measured.
-    lag, lag_sd : float, s
-        Delay and its standard uncertainty (NaN if given).
-    freedom : float
-        Effective number of parameters.
-    terms : Terms
-        Drift, lines and waves, with their frequencies.
-    extra : ndarray, shape (n_extra,), m
-        Coefficients of the terms.
-    unknowns : list of Unknown
-        Lag, frequencies and gains that were fitted, with sd.
-    joint_covariance : ndarray, shape (n, n)
-        Posterior covariance of slope, a_k, b_k, terms, unknowns, in that order.
-    weights : RowWeights or None
-        Where the fit was robust.
-    found : list of FoundLine
-        Lines that were found, with their tests.
-    feed_test : tuple of (float, int) or None
-        Score statistic and degrees of freedom of a part that grows with the square of the feed.
-    sharing : tuple of (float, float, int)
-        Growth of the variance because probes share passes, correlation, number of such pairs.
-    probe_differences : tuple of ProbeDifference
-        Of the sensitivities, where they were not fitted.
-    lag_test : LagTest or None
-        Where the feedrates can show a lag and it was not fitted in any case.
-    bridged : sequence of ndarray, m
-        Residuals, rejected samples replaced by what the noise model expects there: for spectra.
-    plain_covariance : ndarray, shape (1 + 2 K, 1 + 2 K)
-        `covariance` without the share of the prior's spread.
-    """
-
-    origin: float
+    origin: float  # m: of the basis; centre of the linear term
     period: float
     centre: float
-    coefficients: FloatArray
+    coefficients: FloatArray  # shape (1 + 2 K,): slope (rad), a_k, b_k (m)
+    # shape (1 + 2 K, 1 + 2 K): posterior covariance with the share of the prior's spread
     covariance: FloatArray
-    offsets: FloatArray
-    offset_sd: FloatArray
+    offsets: FloatArray  # shape (n_runs,), m: c_r at the centre
+    offset_sd: FloatArray  # shape (n_runs,), m: their standard uncertainty
+    # shape (K_first,): of every wavelength that was considered, before shrinkage; those beyond K
+    # were dropped
     amplitude: FloatArray
     amplitude_sd: FloatArray
     chi2: FloatArray
     log_bayes_factor: FloatArray
-    n_harmonics: int
-    noise: list[AutoregressiveModel]
-    residuals: list[FloatArray]
-    lag: float
+    n_harmonics: int  # K, after the choice by evidence
+    noise: list[AutoregressiveModel]  # one for each sampling interval, slowest first; heights in m
+    residuals: list[FloatArray]  # of ndarray, m: readings minus model, NaN where not measured
+    lag: float  # s: delay and its standard uncertainty (NaN if given)
     lag_sd: float
-    freedom: float
-    terms: Terms
-    extra: FloatArray
-    unknowns: list[Unknown]
+    freedom: float  # effective number of parameters
+    terms: Terms  # drift, lines and waves, with their frequencies
+    extra: FloatArray  # shape (n_extra,), m: coefficients of the terms
+    unknowns: list[Unknown]  # lag, frequencies and gains that were fitted, with sd
+    # shape (n, n): posterior covariance of slope, a_k, b_k, terms, unknowns, in that order
     joint_covariance: FloatArray
-    weights: RowWeights | None
-    found: list[FoundLine]
+    weights: RowWeights | None  # where the fit was robust
+    found: list[FoundLine]  # lines that were found, with their tests
+    # of (float, int) or None: score statistic and degrees of freedom of a part that grows with the
+    # square of the feed
     feed_test: tuple[float, int] | None
+    # of (float, float, int): growth of the variance because probes share passes, correlation,
+    # number of such pairs
     sharing: tuple[float, float, int]
+    # of the sensitivities, where they were not fitted
     probe_differences: tuple[ProbeDifference, ...] = ()
+    # where the feedrates can show a lag and it was not fitted in any case
     lag_test: LagTest | None = None
+    # of ndarray, m: residuals, rejected samples replaced by what the noise model expects there:
+    # for spectra
     bridged: Sequence[FloatArray] = ()
+    # shape (1 + 2 K, 1 + 2 K): `covariance` without the share of the prior's spread
     plain_covariance: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
 
     @property

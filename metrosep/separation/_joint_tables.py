@@ -30,22 +30,7 @@ _LINE_CELLS = 1.0
 
 
 def spectrum_columns(solution: Solution, runs: RunSet, *, rate: float) -> dict[str, list[Any]]:
-    """Return amplitude, evidence and reason of each wavelength of the basis.
-
-    Parameters
-    ----------
-    solution : Solution
-        Of the joint fit.
-    runs : RunSet
-        For feeds and travel.
-    rate : float
-        False discovery rate.
-
-    Returns
-    -------
-    dict of str to list
-        Columns ``wavelength_mm amplitude_nm phase_rad sd_nm snr p selected reason``.
-    """
+    """Return amplitude, evidence and reason of each wavelength of the basis."""
     n_all, kept = solution.amplitude.size, solution.n_harmonics
     k = np.arange(1, n_all + 1)
     wavelength = solution.period / k
@@ -109,21 +94,7 @@ def _under_a_line(solution: Solution, runs: RunSet, wavelength: FloatArray) -> d
 
 
 def residual_psd_columns(runs: list[PreparedRun], solution: Solution) -> dict[str, list[Any]]:
-    """Return the spectrum of the residual at the sampling interval that most samples have.
-
-    Parameters
-    ----------
-    runs : list of PreparedRun
-        Of the joint fit.
-    solution : Solution
-        With residuals, rejected samples bridged, and noise models; those of other intervals are in the audit.
-
-    Returns
-    -------
-    dict of str to list
-        Columns ``frequency_hz psd_nm2_per_hz model_nm2_per_hz``; empty where all stretches between
-        gaps are too short.
-    """
+    """Return the spectrum of the residual at the sampling interval that most samples have."""
     steps = [m.time_step for m in solution.noise]
     owner = [int(np.argmin([abs(r.time_step - s) for s in steps])) for r in runs]
     sizes = [
@@ -162,26 +133,7 @@ def joint_audit(
     shortest: float | None,
     rate: float,
 ) -> dict[str, Any]:
-    """Return what was done, as plain values.
-
-    Parameters
-    ----------
-    runs : RunSet
-        As given.
-    prepared : list of PreparedRun
-        As fitted.
-    solution : Solution
-        Of the fit.
-    shortest : float or None, m
-        As stated.
-    rate : float
-        False discovery rate.
-
-    Returns
-    -------
-    dict
-        Keys with unit suffixes.
-    """
+    """Return what was done, as plain values."""
     return {
         "n_runs": len(runs),
         "feeds_mm_per_min": [f * 6e4 for f in runs.feeds],

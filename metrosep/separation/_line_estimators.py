@@ -28,30 +28,16 @@ LARGE = 600
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimator:
-    """How the artefact and the zeros follow from rows.
+    """How the artefact and the zeros follow from rows."""
 
-    Parameters
-    ----------
-    artefact : ndarray, shape (m, n_rows)
-        Matrix F.
-    zeros : ndarray, shape (q, n_rows)
-        The same for the amplitudes of the zero columns.
-    hidden : ndarray, shape (m, k)
-        Orthonormal artefacts that no row sees, whatever the zeros are.
-    freedom : int
-        Rows in excess of what they determine.
-    zeros_hidden : ndarray, shape (q, k)
-        How much of the zero amplitudes goes along with each hidden artefact.
-    rest : float
-        Sum of squared residuals that plain least squares leaves of the rows.
-    """
-
-    artefact: FloatArray
-    zeros: FloatArray
+    artefact: FloatArray  # shape (m, n_rows): matrix F
+    zeros: FloatArray  # shape (q, n_rows): the same for the amplitudes of the zero columns
+    # shape (m, k): orthonormal artefacts that no row sees, whatever the zeros are
     hidden: FloatArray
-    freedom: int
+    freedom: int  # rows in excess of what they determine
+    # shape (q, k): how much of the zero amplitudes goes along with each hidden artefact
     zeros_hidden: FloatArray
-    rest: float = 0.0
+    rest: float = 0.0  # sum of squared residuals that plain least squares leaves of the rows
 
 
 def estimator(
@@ -65,39 +51,7 @@ def estimator(
     guess: FloatArray,
     read: NDArray[np.bool_],
 ) -> Estimator:
-    """Return the estimator of a method by singular values of its actual design.
-
-    Parameters
-    ----------
-    design : sparse array, shape (n_rows, m)
-        What each row sees of the artefact.
-    zero_columns : ndarray, shape (n_rows, q)
-        What each row sees of the unknown zeros.
-    y : ndarray, shape (n_rows,)
-        Rows of the readings, for the residuals.
-    method : {"least_squares", "generalised", "combined"}
-        Plain least squares; with a penalty on third differences; the former, with the latter in
-        its null space.
-    smoothing : float
-        Weight of the squared third differences against squared rows.
-    degree : int
-        Polynomial degree that is not observable and removed.
-    guess : ndarray, shape (m, k)
-        Orthonormal artefacts that whole readings should not see; large designs skip the singular
-        values where this proves right.
-    read : ndarray of bool, shape (m,)
-        Samples that a probe read; the others take no part and are left out.
-
-    Returns
-    -------
-    Estimator
-        Of `method`, for the samples that were read.
-
-    Raises
-    ------
-    DegenerateFitError
-        If the rows see nothing.
-    """
+    """Return the estimator of a method by singular values of its actual design."""
     with one_blas_thread():
         full = np.asarray(design.todense() if hasattr(design, "todense") else design)
         basis, z_inverse = _zero_basis(zero_columns)
@@ -120,20 +74,6 @@ def estimator(
 
 def chain_estimator(row: Row, sd: FloatArray, *, degree: int) -> Estimator:
     """Return the sequential estimator of equidistant positions.
-
-    Parameters
-    ----------
-    row : Row
-        Two probes, or three of equal distances, on multiples of the step.
-    sd : ndarray, shape (n,)
-        Standard deviation of a reading at each position, relative to that of a probe.
-    degree : int
-        Polynomial degree that is not observable.
-
-    Returns
-    -------
-    Estimator
-        Sums of the rows along each chain of positions one distance apart.
 
     Notes
     -----

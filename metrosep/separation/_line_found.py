@@ -33,41 +33,22 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Found:
-    """Values with their standard uncertainty for a reading of unit noise.
+    """Values with their standard uncertainty for a reading of unit noise."""
 
-    Parameters
-    ----------
-    artefact, straightness, pitch : tuple of (ndarray, ndarray)
-        Value, and uncertainty for unit noise of one reading; NaN where not determined.
-    zeros : ndarray, shape (n_sensors,)
-        Zeros of the sensors that go with an artefact without hidden share.
-    zeros_cov : ndarray, shape (n_sensors, n_sensors)
-        Their covariance for unit noise.
-    zeros_hidden : ndarray, shape (n_sensors, k)
-        What hidden artefacts would add to them.
-    rest : float
-        Sum of squared residuals of the rows.
-    rest_least : float
-        The same of plain least squares.
-    freedom : int
-        Degrees of freedom of `rest_least`.
-    used : slice
-        Carriage positions that the result rests on.
-    n_unread : int
-        Samples within that no probe read.
-    """
-
+    # of (ndarray, ndarray): value, and uncertainty for unit noise of one reading; NaN where not
+    # determined
     artefact: tuple[FloatArray, FloatArray]
     straightness: tuple[FloatArray, FloatArray]
     pitch: tuple[FloatArray, FloatArray]
+    # shape (n_sensors,): zeros of the sensors that go with an artefact without hidden share
     zeros: FloatArray
-    zeros_cov: FloatArray
-    zeros_hidden: FloatArray
-    rest: float
-    rest_least: float
-    freedom: int
-    used: slice
-    n_unread: int
+    zeros_cov: FloatArray  # shape (n_sensors, n_sensors): their covariance for unit noise
+    zeros_hidden: FloatArray  # shape (n_sensors, k): what hidden artefacts would add to them
+    rest: float  # sum of squared residuals of the rows
+    rest_least: float  # the same of plain least squares
+    freedom: int  # degrees of freedom of `rest_least`
+    used: slice  # slice: carriage positions that the result rests on
+    n_unread: int  # samples within that no probe read
 
 
 def solve(problem: Problem, *, method: str, smoothing: float, degree: int) -> Found:

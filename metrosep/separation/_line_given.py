@@ -23,27 +23,13 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Given:
-    """Readings with their positions.
+    """Readings with their positions."""
 
-    Parameters
-    ----------
-    readings : ndarray, shape (n_probes, n) or (n_probes, R, n), m
-        Of all probes.
-    x : ndarray or None, m
-        Positions of the carriage.
-    step : float, m
-        Between the samples of the artefact.
-    history : tuple of Step
-        Of profiles.
-    messages : tuple of str
-        What was assumed.
-    """
-
-    readings: FloatArray
-    x: FloatArray | None
-    step: float
-    history: tuple[Step, ...]
-    messages: tuple[str, ...]
+    readings: FloatArray  # shape (n_probes, n) or (n_probes, R, n), m: of all probes
+    x: FloatArray | None  # m: positions of the carriage
+    step: float  # m: between the samples of the artefact
+    history: tuple[Step, ...]  # of profiles
+    messages: tuple[str, ...]  # what was assumed
 
     def told(self, result: Separation) -> Separation:
         """Return a result that says what was assumed."""
@@ -53,31 +39,7 @@ class Given:
 
 
 def split_call(m: Any, more: Sequence[Any], distance: Any, n_probes: int, what: str) -> Any:
-    """Return readings and distance of a call with one array, or with one array for each probe.
-
-    Parameters
-    ----------
-    m : object
-        Readings of all probes, or of the first.
-    more : sequence
-        What followed by position: the distance, or further probes and perhaps the distance.
-    distance : object
-        Given by name; None if not.
-    n_probes : int
-        Of the method.
-    what : str
-        Name of the function.
-
-    Returns
-    -------
-    readings, distance : object
-        Unchecked.
-
-    Raises
-    ------
-    DataError
-        If the call fits neither form.
-    """
+    """Return readings and distance of a call with one array, or with one array for each probe."""
     if distance is None and more:
         more, distance = more[:-1], more[-1]
     right = f"call {what}(m, distance, step=...) with m of shape ({n_probes}, n)"
@@ -93,33 +55,7 @@ def split_call(m: Any, more: Sequence[Any], distance: Any, n_probes: int, what: 
 def given_readings(
     m: Any, x: ArrayLike | None, step: float | None, what: str, *, distance: Any = None
 ) -> Given:
-    """Return readings, positions and step of arrays or profiles.
-
-    Parameters
-    ----------
-    m : array_like or sequence of Profile
-        As given.
-    x : array_like, m, or None
-        Positions.
-    step : float, m, or None
-        Step; of the positions, or else the distance, if None.
-    what : str
-        Name of the function.
-    distance : float or tuple of float, m, optional
-        Between the probes.
-
-    Returns
-    -------
-    Given
-        With what was assumed.
-
-    Raises
-    ------
-    DataError
-        If there is no step, or profiles and arrays are mixed.
-    InvalidSamplesError
-        If the readings are no array with one row for each probe.
-    """
+    """Return readings, positions and step of arrays or profiles."""
     history: tuple[Step, ...] = ()
     if isinstance(m, (list, tuple)) and any(isinstance(p, Profile) for p in m):
         m, x, history = _of_profiles(m, x, what)

@@ -41,24 +41,13 @@ MAX_POSITIONS = 4000
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """Probes in a row.
+    """Probes in a row."""
 
-    Parameters
-    ----------
-    offsets : tuple of float, m
-        Where the probes sit along the carriage, rising.
-    step : float, m
-        Spacing of the artefact grid and, unless positions are given, of the carriage positions.
-    pitch : bool
-        Whether the pitch of the carriage is a free unknown at each position.
-    zero_known : bool
-        Whether the readings are already without the zeros of the probes.
-    """
-
-    offsets: tuple[float, ...]
+    offsets: tuple[float, ...]  # m: where the probes sit along the carriage, rising
+    # m: spacing of the artefact grid and, unless positions are given, of the carriage positions
     step: float
-    pitch: bool
-    zero_known: bool = False
+    pitch: bool  # whether the pitch of the carriage is a free unknown at each position
+    zero_known: bool = False  # whether the readings are already without the zeros of the probes
 
     @property
     def shifts(self) -> tuple[int, ...] | None:
@@ -191,17 +180,13 @@ def interpolation(grid: FloatArray, at: FloatArray) -> csr_array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rows:
-    """Whitened combinations of readings in which the carriage has cancelled.
+    """Whitened combinations of readings in which the carriage has cancelled."""
 
-    Parameters
-    ----------
-    weights : sparse array, shape (n_rows, n_sensors n_stations)
-        Orthonormal rows; readings in units of their standard deviations go in.
-    sd : ndarray, shape (n_sensors, n_stations)
-        Standard deviations that whitened them, relative to that of a probe.
-    """
-
+    # sparse array, shape (n_rows, n_sensors n_stations): orthonormal rows; readings in units of
+    # their standard deviations go in
     weights: Any
+    # shape (n_sensors, n_stations): standard deviations that whitened them, relative to that of a
+    # probe
     sd: FloatArray
 
     def of(self, readings: FloatArray) -> FloatArray:
@@ -218,22 +203,7 @@ class Rows:
 
 
 def rows_without_carriage(valid: NDArray[np.bool_], nuisance: FloatArray, sd: FloatArray) -> Rows:
-    """Return the combinations of the valid readings at each station that do not see the carriage.
-
-    Parameters
-    ----------
-    valid : ndarray of bool, shape (n_sensors, n_stations)
-        What was measured.
-    nuisance : ndarray, shape (n_sensors, p)
-        How straightness, and pitch, reach each sensor.
-    sd : ndarray, shape (n_sensors, n_stations)
-        Standard deviation of each value relative to that of a probe.
-
-    Returns
-    -------
-    Rows
-        All stations, in order.
-    """
+    """Return the combinations of the valid readings at each station that do not see the carriage."""
     from scipy.sparse import csr_array
 
     n_sensors, n = valid.shape

@@ -25,44 +25,22 @@ MAX_ANGLE = 0.02
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sensor:
-    """Independent readings of the pitch of the carriage.
+    """Independent readings of the pitch of the carriage."""
 
-    Parameters
-    ----------
-    values : ndarray, shape (n,), rad
-        Positive where the leading end raises the reading.
-    u : float, rad
-        Standard uncertainty of one value.
-    """
-
-    values: FloatArray
-    u: float
+    values: FloatArray  # shape (n,), rad: positive where the leading end raises the reading
+    u: float  # rad: standard uncertainty of one value
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Problem:
-    """All that an estimator works on.
+    """All that an estimator works on."""
 
-    Parameters
-    ----------
-    row : Row
-        Probes.
-    x, grid : ndarray, m
-        Carriage positions and artefact positions.
-    stations : Stations
-        Readings taken together; the pitch sensor is the last one if there is one.
-    nuisance : ndarray, shape (n_sensors, p)
-        How the carriage reaches each sensor.
-    zeros : ndarray, shape (n_sensors, q)
-        How each unknown zero reaches each sensor.
-    """
-
-    row: Row
-    x: FloatArray
+    row: Row  # probes
+    x: FloatArray  # m: carriage positions and artefact positions
     grid: FloatArray
-    stations: Stations
-    nuisance: FloatArray
-    zeros: FloatArray
+    stations: Stations  # readings taken together; the pitch sensor is the last one if there is one
+    nuisance: FloatArray  # shape (n_sensors, p): how the carriage reaches each sensor
+    zeros: FloatArray  # shape (n_sensors, q): how each unknown zero reaches each sensor
 
     @property
     def n_probes(self) -> int:

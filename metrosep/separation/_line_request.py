@@ -27,27 +27,13 @@ class Zero:
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """What is to be evaluated and how.
+    """What is to be evaluated and how."""
 
-    Parameters
-    ----------
-    name : str
-        Of the method, for messages.
-    row : Row
-        Probes.
-    method : str
-        Estimator.
-    smoothing : float
-        Weight of the penalty of the generalised estimator.
-    zero : Zero or None
-        Known zero difference.
-    """
-
-    name: str
-    row: Row
-    method: str
-    smoothing: float
-    zero: Zero | None = None
+    name: str  # of the method, for messages
+    row: Row  # probes
+    method: str  # estimator
+    smoothing: float  # weight of the penalty of the generalised estimator
+    zero: Zero | None = None  # known zero difference
 
 
 def number(value: Any, name: str, unit: str = "m") -> float:

@@ -43,13 +43,7 @@ def evaluate(
     u_pitch: float | None = None,
     history: tuple[Step, ...] = (),
 ) -> Separation:
-    """Return the separation of checked readings, shape (n_probes, R, n).
-
-    Raises
-    ------
-    DataError
-        If the noise, the pitch or the method do not fit.
-    """
+    """Return the separation of checked readings, shape (n_probes, R, n)."""
     row, n = request.row, readings.shape[2]
     check_size(n + row.span, request.name)
     at = positions(x, row.step, n, request.name)

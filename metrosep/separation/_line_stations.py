@@ -20,29 +20,17 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stations:
-    """Means of readings that were taken together.
+    """Means of readings that were taken together."""
 
-    Parameters
-    ----------
-    values : ndarray, shape (n_sensors, n_stations)
-        Means; NaN where a sensor does not belong to the station.
-    sd : ndarray, shape (n_sensors, n_stations)
-        Their standard deviations relative to the mean of `most` readings of a probe.
-    at : ndarray of int, shape (n_stations,)
-        Which position of the carriage.
-    count : ndarray of int, shape (n_stations,)
-        How many passes.
-    most : int
-        Passes at the position that has most of them.
-    n_lost_angles : int
-        Positions at which the angle was left out because a pass misses a probe.
-    """
-
+    # shape (n_sensors, n_stations): means; NaN where a sensor does not belong to the station
     values: FloatArray
+    # shape (n_sensors, n_stations): their standard deviations relative to the mean of `most`
+    # readings of a probe
     sd: FloatArray
-    at: NDArray[np.intp]
-    count: NDArray[np.intp]
-    most: int
+    at: NDArray[np.intp]  # shape (n_stations,): which position of the carriage
+    count: NDArray[np.intp]  # shape (n_stations,): how many passes
+    most: int  # passes at the position that has most of them
+    # positions at which the angle was left out because a pass misses a probe
     n_lost_angles: int = 0
 
     @property
@@ -69,18 +57,7 @@ class Stations:
 
 
 def stations_of(readings: FloatArray) -> Stations:
-    """Return the stations of readings, shape (n_probes, R, n).
-
-    Parameters
-    ----------
-    readings : ndarray, shape (n_probes, R, n)
-        NaN = not measured.
-
-    Returns
-    -------
-    Stations
-        In the order of the positions.
-    """
+    """Return the stations of readings, shape (n_probes, R, n)."""
     n_probes, _, n = readings.shape
     valid = ~np.isnan(readings)
     code = _codes(valid)
@@ -106,23 +83,7 @@ def stations_of(readings: FloatArray) -> Stations:
 
 
 def with_angle(stations: Stations, angle: FloatArray, sd: float) -> Stations:
-    """Return stations with an angle sensor that reads the mean pitch of all passes of a position.
-
-    Parameters
-    ----------
-    stations : Stations
-        Of the probes.
-    angle : ndarray, shape (n,), rad
-        Mean angle at each position; NaN = not measured.
-    sd : float
-        Its standard deviation, relative as in `Stations`.
-
-    Returns
-    -------
-    Stations
-        The angle is NaN where the passes of a position do not all hold the same probes: its mean
-        is then that of no station.
-    """
+    """Return stations with an angle sensor that reads the mean pitch of all passes of a position."""
     shared = np.bincount(stations.at, minlength=angle.size)[stations.at] > 1
     values = np.where(shared, np.nan, angle[stations.at])
     lost = np.unique(stations.at[shared & ~np.isnan(angle[stations.at])]).size

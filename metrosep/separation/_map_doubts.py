@@ -23,24 +23,7 @@ _MUCH = 0.02
 def doubts_of_rotations(
     stack: FloatArray, angles: FloatArray, grid: MapGrid, largest_gain: float
 ) -> tuple[str, ...]:
-    """Return what would explain the readings much better: other signs, a mirrored map.
-
-    Parameters
-    ----------
-    stack : ndarray, shape (S, n_y, n_x)
-        Readings, planes removed.
-    angles : ndarray, shape (S,), rad
-        As given.
-    grid : MapGrid
-        Steps and centre.
-    largest_gain : float
-        Of the method.
-
-    Returns
-    -------
-    tuple of str
-        Messages; empty where the readings fit as given, or nothing can be said.
-    """
+    """Return what would explain the readings much better: other signs, a mirrored map."""
     small, small_grid = coarse(stack, grid, _COARSE)
     solver = RotationSolver(angles, largest_gain)
     if solver.n is None:
@@ -76,20 +59,7 @@ def doubts_of_rotations(
 
 
 def lost_pixels(stack: FloatArray, part: FloatArray) -> tuple[str, ...]:
-    """Say that gaps cost much more than themselves: their turned counterparts, or whole circles.
-
-    Parameters
-    ----------
-    stack : ndarray, shape (S, n_y, n_x)
-        Readings.
-    part : ndarray, shape (n_y, n_x)
-        Result.
-
-    Returns
-    -------
-    tuple of str
-        At most one message.
-    """
+    """Say that gaps cost much more than themselves: their turned counterparts, or whole circles."""
     from scipy import ndimage
 
     common: NDArray[np.bool_] = np.logical_and.reduce(np.isfinite(stack), axis=0)

@@ -23,25 +23,14 @@ _LEAST = 8
 
 @dataclass(frozen=True, slots=True)
 class MapGrid:
-    """Where the pixels of a stack of maps lie, about the centre of rotation.
+    """Where the pixels of a stack of maps lie, about the centre of rotation."""
 
-    Parameters
-    ----------
-    shape : tuple of int
-        Rows and columns.
-    dx, dy : float, m
-        Lateral steps; 1 where they are not known.
-    centre : tuple of (float, float), m
-        Position (x, y) of the centre of rotation from pixel [0, 0].
-    calibrated : bool
-        Whether the steps are in m.
-    """
-
-    shape: tuple[int, int]
-    dx: float
+    shape: tuple[int, int]  # rows and columns
+    dx: float  # m: lateral steps; 1 where they are not known
     dy: float
+    # of (float, float), m: position (x, y) of the centre of rotation from pixel [0, 0]
     centre: tuple[float, float]
-    calibrated: bool
+    calibrated: bool  # whether the steps are in m
 
     @property
     def x(self) -> FloatArray:
@@ -65,43 +54,7 @@ def map_stack(
     dy: float | None = None,
     centre: tuple[float, float] | None = None,
 ) -> tuple[FloatArray, MapGrid, tuple[Step, ...]]:
-    """Return maps as one array with their grid, or refuse them.
-
-    Parameters
-    ----------
-    maps : sequence of array_like or Surface, shape (n_y, n_x), m
-        Either all surfaces or none.
-    what : str
-        Name of the method for messages.
-    names : sequence of str, optional
-        What each map is called; their number is then demanded.
-    least : int, optional
-        Least number of maps.
-    one_frame : bool, optional
-        Whether surfaces must have one origin, because pixels are compared with each other.
-    dx, dy : float, m, optional
-        Steps of plain arrays.
-    centre : tuple of (float, float), m, optional
-        Centre of rotation (x, y) from pixel [0, 0]; the middle of the array if omitted.
-
-    Returns
-    -------
-    stack : ndarray, shape (n, n_y, n_x)
-        A copy.
-    grid : MapGrid
-        Steps and centre.
-    history : tuple of Step
-        Of all surfaces.
-
-    Raises
-    ------
-    DataError
-        If shapes, steps or origins differ, or surfaces are mixed with arrays.
-    InvalidSamplesError
-        If a map holds no numbers, is infinite or nothing was measured.
-    TooFewSamplesError
-        If there are too few maps or pixels.
-    """
+    """Return maps as one array with their grid, or refuse them."""
     items = _items(maps, what)
     called = list(names) if names is not None else [f"map {i + 1}" for i in range(len(items))]
     if len(called) != len(items):
@@ -133,27 +86,7 @@ def map_stack(
 
 
 def require_overlap(stack: FloatArray, what: str, *, least: int = 30) -> NDArray[np.bool_]:
-    """Return the pixels that all maps have measured.
-
-    Parameters
-    ----------
-    stack : ndarray, shape (n, n_y, n_x)
-        Maps.
-    what : str
-        Name of the method for messages.
-    least : int, optional
-        Pixels demanded.
-
-    Returns
-    -------
-    ndarray of bool, shape (n_y, n_x)
-        The common mask.
-
-    Raises
-    ------
-    DataError
-        If there are fewer than `least`.
-    """
+    """Return the pixels that all maps have measured."""
     common: NDArray[np.bool_] = np.logical_and.reduce(np.isfinite(stack), axis=0)
     if common.sum() < least:
         raise DataError(
@@ -164,22 +97,7 @@ def require_overlap(stack: FloatArray, what: str, *, least: int = 30) -> NDArray
 
 
 def require_scale(grid: MapGrid, u_registration: ArrayLike, what: str) -> None:
-    """Refuse an uncertainty of registration in m where steps are in pixels.
-
-    Parameters
-    ----------
-    grid : MapGrid
-        Of the maps.
-    u_registration : float or array_like, m
-        As given.
-    what : str
-        Name of the method for messages.
-
-    Raises
-    ------
-    DataError
-        If no step is known and u_registration is not zero.
-    """
+    """Refuse an uncertainty of registration in m where steps are in pixels."""
     if not grid.calibrated and np.any(np.asarray(u_registration) != 0.0):
         raise DataError(
             f"{what}: u_registration is in m, but no lateral step is known; give dx= in m as well"
@@ -187,27 +105,7 @@ def require_scale(grid: MapGrid, u_registration: ArrayLike, what: str) -> None:
 
 
 def checked_u(value: object, name: str, unit: str = "m") -> float | None:
-    """Return a stated uncertainty, or refuse it.
-
-    Parameters
-    ----------
-    value : object
-        As given: a number or None.
-    name : str
-        Of the argument.
-    unit : str, optional
-        For the message.
-
-    Returns
-    -------
-    float or None
-        The same.
-
-    Raises
-    ------
-    DataError
-        If it is no number, negative or not finite.
-    """
+    """Return a stated uncertainty, or refuse it."""
     if value is None:
         return None
     if isinstance(value, np.ndarray) and value.ndim == 0:
@@ -222,27 +120,7 @@ def checked_u(value: object, name: str, unit: str = "m") -> float | None:
 
 
 def checked_angles(angles: ArrayLike, n: int, what: str) -> FloatArray:
-    """Return rotation angles in rad, or refuse them.
-
-    Parameters
-    ----------
-    angles : array_like, shape (n,), rad
-        One for each map.
-    n : int
-        Number of maps.
-    what : str
-        Name of the method for messages.
-
-    Returns
-    -------
-    ndarray, shape (n,), rad
-        A copy.
-
-    Raises
-    ------
-    DataError
-        If their number is wrong, one is not finite, or they look like degrees.
-    """
+    """Return rotation angles in rad, or refuse them."""
     try:
         found = np.atleast_1d(np.array(_real(angles), dtype=np.float64))
     except (TypeError, ValueError) as exc:

@@ -35,39 +35,19 @@ _USED = 1e-14
 
 @dataclass(frozen=True, slots=True)
 class Solved:
-    """Least squares of one class or one order.
+    """Least squares of one class or one order."""
 
-    Parameters
-    ----------
-    weights : ndarray of complex, shape (unknowns, readings)
-        Pseudo-inverse of the design: the least of all solutions.
-    seen : ndarray of bool, shape (unknowns,)
-        Which unknowns are determined.
-    rank : int
-        Of the design.
-    gain : ndarray, shape (unknowns,)
-        Standard deviation of each unknown for that of one reading.
-    """
-
+    # of complex, shape (unknowns, readings): pseudo-inverse of the design: the least of all
+    # solutions
     weights: ComplexArray
-    seen: NDArray[np.bool_]
-    rank: int
+    seen: NDArray[np.bool_]  # shape (unknowns,): which unknowns are determined
+    rank: int  # of the design
+    # shape (unknowns,): standard deviation of each unknown for that of one reading
     gain: FloatArray
 
 
 def solve_order(design: FloatArray | ComplexArray) -> Solved:
-    """Return the least-squares solution of one design and what it determines.
-
-    Parameters
-    ----------
-    design : ndarray, shape (readings, unknowns)
-        Real or complex.
-
-    Returns
-    -------
-    Solved
-        With the pseudo-inverse.
-    """
+    """Return the least-squares solution of one design and what it determines."""
     u, s, vh = np.linalg.svd(np.asarray(design, dtype=np.complex128), full_matrices=True)
     floor = _RANK_TOLERANCE * (s[0] if s.size and s[0] > 0 else 1.0)
     rank = int((s > floor).sum())
@@ -77,24 +57,7 @@ def solve_order(design: FloatArray | ComplexArray) -> Solved:
 
 
 def coarse(stack: FloatArray, grid: MapGrid, pixels: int) -> tuple[FloatArray, MapGrid]:
-    """Return every k-th pixel of maps, symmetrically about the middle.
-
-    Parameters
-    ----------
-    stack : ndarray, shape (S, n_y, n_x)
-        Maps.
-    grid : MapGrid
-        Steps and centre.
-    pixels : int
-        About how many remain along the longer side.
-
-    Returns
-    -------
-    stack : ndarray
-        Smaller.
-    grid : MapGrid
-        Of it.
-    """
+    """Return every k-th pixel of maps, symmetrically about the middle."""
     ny, nx = grid.shape
     k = max(1, max(ny, nx) // pixels)
     first_y, first_x = (ny - 1) % k // 2, (nx - 1) % k // 2
@@ -105,18 +68,7 @@ def coarse(stack: FloatArray, grid: MapGrid, pixels: int) -> tuple[FloatArray, M
 
 
 def common_step(angles: FloatArray) -> int | None:
-    """Return the least N of which all angles are multiples of 2 pi/N.
-
-    Parameters
-    ----------
-    angles : ndarray, rad
-        Turns.
-
-    Returns
-    -------
-    int or None
-        At most `MOST_POSITIONS`; None if there is none.
-    """
+    """Return the least N of which all angles are multiples of 2 pi/N."""
     for n in range(1, MOST_POSITIONS + 1):
         steps = angles * n / (2.0 * np.pi)
         if np.max(np.abs(steps - np.round(steps))) * 2.0 * np.pi / n < _ANGLE_TOLERANCE:
@@ -125,38 +77,12 @@ def common_step(angles: FloatArray) -> int | None:
 
 
 def class_share(q: int, n: int) -> float:
-    """Return 1 for the classes 0 and N/2, which are real, and 2 for pairs q and N - q.
-
-    Parameters
-    ----------
-    q, n : int
-        Class and number of positions.
-
-    Returns
-    -------
-    float
-        1 or 2.
-    """
+    """Return 1 for the classes 0 and N/2, which are real, and 2 for pairs q and N - q."""
     return 1.0 if q == 0 or 2 * q == n else 2.0
 
 
 def orders_of(classes: Iterable[int], n: int, *, highest: int = LISTED_ORDERS) -> tuple[int, ...]:
-    """Return the angular orders of classes q and N - q.
-
-    Parameters
-    ----------
-    classes : iterable of int
-        Each 0 ... N/2.
-    n : int
-        Number of positions.
-    highest : int, optional
-        The last one that is listed.
-
-    Returns
-    -------
-    tuple of int
-        Rising.
-    """
+    """Return the angular orders of classes q and N - q."""
     wanted = {q % n for q in classes} | {-q % n for q in classes}
     return tuple(m for m in range(highest + 1) if m % n in wanted)
 
@@ -170,26 +96,7 @@ def combined(
     flip: str = "x",
     offset: float = 0.0,
 ) -> FloatArray:
-    """Return sums of turned and mirrored readings.
-
-    Parameters
-    ----------
-    stack : ndarray, shape (S, n_y, n_x)
-        Readings.
-    grid : MapGrid
-        Steps and centre.
-    direct, mirrored : ndarray, shape (P, S, N)
-        Weight of reading s, turned by 2 pi k/N, in the sum p, as it is and mirrored after the turn.
-    flip : {"x", "y"}, optional
-        Which coordinate the mirror reverses.
-    offset : float, rad, optional
-        Further turn of the sums, without another interpolation.
-
-    Returns
-    -------
-    ndarray, shape (P, n_y, n_x)
-        NaN where a map that has a weight is missing.
-    """
+    """Return sums of turned and mirrored readings."""
     n_out, _, n = direct.shape
     out = np.zeros((n_out, *grid.shape))
     # R(k) after a mirror is a mirror after R(-k): both are summed first, and turned once
@@ -223,20 +130,7 @@ def _by_rest(n: int, quarters: bool) -> list[tuple[float, list[tuple[int, int]]]
 
 
 def mirror(z: FloatArray, flip: str) -> FloatArray:
-    """Return a map (or a stack) with x or y reversed about the middle.
-
-    Parameters
-    ----------
-    z : ndarray, shape (..., n_y, n_x)
-        Map.
-    flip : {"x", "y"}
-        Which coordinate.
-
-    Returns
-    -------
-    ndarray, shape (..., n_y, n_x)
-        A view.
-    """
+    """Return a map (or a stack) with x or y reversed about the middle."""
     return z[..., ::-1] if flip == "x" else z[..., ::-1, :]
 
 
@@ -255,24 +149,7 @@ def without_plane(
     removed: Sequence[str] = RIGID,
     mask: NDArray[np.bool_] | None = None,
 ) -> FloatArray:
-    """Return a map minus its least-squares piston, tilt or power.
-
-    Parameters
-    ----------
-    z : ndarray, shape (n_y, n_x)
-        Map; NaN = not measured.
-    grid : MapGrid
-        Steps and centre.
-    removed : sequence of str, optional
-        Of ``"piston"``, ``"tilt"``, ``"power"`` (``x**2 + y**2``).
-    mask : ndarray of bool, optional
-        Pixels that decide; all measured ones if omitted.
-
-    Returns
-    -------
-    ndarray, shape (n_y, n_x)
-        The rest; all NaN where fewer than 6 pixels are measured.
-    """
+    """Return a map minus its least-squares piston, tilt or power."""
     valid = np.isfinite(z) if mask is None else mask & np.isfinite(z)
     if valid.sum() < 6:
         return np.full(z.shape, np.nan)

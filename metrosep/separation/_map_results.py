@@ -20,22 +20,7 @@ _FEWEST_FREEDOMS = 10.0
 
 
 def noise_of(residual: FloatArray, freedom: float, u_reading: float | None) -> Quantity:
-    """Return the noise of one pixel, stated or pooled from the residual.
-
-    Parameters
-    ----------
-    residual : ndarray, shape (S, ...)
-        What the model leaves of the readings; pixels that one of them lacks do not count.
-    freedom : float
-        Degrees of freedom of the residual.
-    u_reading : float or None, m
-        Stated; it wins.
-
-    Returns
-    -------
-    Quantity
-        NaN where it is not stated and the residual has no freedom.
-    """
+    """Return the noise of one pixel, stated or pooled from the residual."""
     if u_reading is not None:
         text = "standard uncertainty of one pixel of one reading, as stated"
         return Quantity(float(u_reading), "m", text, symbol="s")
@@ -48,20 +33,7 @@ def noise_of(residual: FloatArray, freedom: float, u_reading: float | None) -> Q
 
 
 def rigid_terms(parts: Sequence[str], removed: Sequence[str]) -> tuple[Unobservable, ...]:
-    """Return piston, tilt and what else alignment decides, for each part.
-
-    Parameters
-    ----------
-    parts : sequence of str
-        Names.
-    removed : sequence of str
-        Keys of `REMOVABLE`.
-
-    Returns
-    -------
-    tuple of Unobservable
-        Empty where nothing is removed.
-    """
+    """Return piston, tilt and what else alignment decides, for each part."""
     terms = tuple(term for item in removed for term in REMOVABLE[item])
     if not terms:
         return ()

@@ -26,19 +26,7 @@ _DEGREE = 5
 
 
 class TurnedNoise:
-    """Overlaps of the turned and mirrored copies of one white map.
-
-    Parameters
-    ----------
-    grid : MapGrid
-        Steps and centre.
-    n : int
-        Copies are turned by ``offset + 2 pi k/n``.
-    flip : {"x", "y"}
-        Which coordinate the mirror reverses.
-    offset : float, rad
-        Of all turns.
-    """
+    """Overlaps of the turned and mirrored copies of one white map."""
 
     def __init__(self, grid: MapGrid, n: int, flip: str = "x", offset: float = 0.0) -> None:
         self.grid, self.n, self.flip = grid, n, flip
@@ -51,18 +39,7 @@ class TurnedNoise:
         self.reach = _REACH * math.hypot(grid.dx, grid.dy)
 
     def variance(self, direct: FloatArray, mirrored: FloatArray | None = None) -> FloatArray:
-        """Return the variance of sums of copies for readings with noise of variance 1.
-
-        Parameters
-        ----------
-        direct, mirrored : ndarray, shape (P, S, n)
-            Weight of reading s, turned by k, in the sum p, as it is and mirrored after the turn.
-
-        Returns
-        -------
-        ndarray, shape (P, n_y, n_x)
-            The whole map, also where readings are missing.
-        """
+        """Return the variance of sums of copies for readings with noise of variance 1."""
         shape = (direct.shape[0], *self.grid.shape)
         total = self._one_kind(direct).reshape(shape)
         if mirrored is not None:
@@ -146,18 +123,7 @@ class TurnedNoise:
 
 
 def overlap(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return the sum of the products of the interpolation weights of two positions on a line.
-
-    Parameters
-    ----------
-    a, b : ndarray, shape (k,)
-        Fractional indices.
-
-    Returns
-    -------
-    ndarray, shape (k,)
-        0 where they have no sample in common.
-    """
+    """Return the sum of the products of the interpolation weights of two positions on a line."""
     whole_a, whole_b = np.floor(a), np.floor(b)
     apart = (whole_b - whole_a).astype(np.intp)
     wa, wb = lagrange_weights(a), lagrange_weights(b)

@@ -18,18 +18,7 @@ _COARSEST = 0.1
 
 
 def smoothness(residual: FloatArray) -> float:
-    """Return the RMS of maps over that of the steps between neighbours, 1 for white noise.
-
-    Parameters
-    ----------
-    residual : ndarray, shape (S, n_y, n_x)
-        Maps; NaN = not known.
-
-    Returns
-    -------
-    float
-        ``rms / (rms of steps / sqrt(2))``; 1 where there is nothing to compare, infinite without steps.
-    """
+    """Return the RMS of maps over that of the steps between neighbours, 1 for white noise."""
     steps = np.concatenate([np.diff(residual, axis=k).ravel() for k in (1, 2)])
     steps, known = steps[np.isfinite(steps)], residual[np.isfinite(residual)]
     if steps.size == 0 or not known.any():
@@ -41,22 +30,7 @@ def smoothness(residual: FloatArray) -> float:
 def residual_doubts(
     residual: FloatArray, readings: FloatArray, *, expected: float = 1.0
 ) -> tuple[str, ...]:
-    """Say that the residual is no noise: neighbours resemble each other more than noise would.
-
-    Parameters
-    ----------
-    residual : ndarray, shape (S, n_y, n_x)
-        What the model leaves of the readings.
-    readings : ndarray, shape (S, n_y, n_x)
-        Planes removed.
-    expected : float, optional
-        Smoothness that white noise of the readings has after the same operations.
-
-    Returns
-    -------
-    tuple of str
-        At most one message.
-    """
+    """Say that the residual is no noise: neighbours resemble each other more than noise would."""
     known = residual[np.isfinite(residual)]
     read = readings[np.isfinite(readings)]
     if known.size < 200 or read.size == 0:
@@ -77,22 +51,7 @@ def residual_doubts(
 def unit_doubts(
     stack: FloatArray, grid: MapGrid, angles: FloatArray | None = None
 ) -> tuple[str, ...]:
-    """Say that heights, steps or angles look as if they were in other units.
-
-    Parameters
-    ----------
-    stack : ndarray, shape (S, n_y, n_x), m
-        Readings.
-    grid : MapGrid
-        Steps and centre.
-    angles : ndarray, rad, optional
-        Turns.
-
-    Returns
-    -------
-    tuple of str
-        Empty where all looks like m and rad.
-    """
+    """Say that heights, steps or angles look as if they were in other units."""
     found = []
     span = float(np.nanmax(stack) - np.nanmin(stack))
     if span > _HIGHEST:

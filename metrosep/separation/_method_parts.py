@@ -20,25 +20,7 @@ FloatArray = NDArray[np.float64]
 def known_parts(
     method: SeparationMethod, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
 ) -> dict[str, FloatArray]:
-    """Return the parts that were given, as arrays.
-
-    Parameters
-    ----------
-    method : SeparationMethod
-        Whose parts they are.
-    truth, errors : mapping of str to array_like
-        What the caller gave.
-
-    Returns
-    -------
-    dict of str to ndarray
-        Only those that were given.
-
-    Raises
-    ------
-    DataError
-        If a part is unknown, holds no numbers, or none is given.
-    """
+    """Return the parts that were given, as arrays."""
     found = {}
     for given, known, kind in (
         (truth, method.truth_parts, "truth"),
@@ -63,29 +45,7 @@ def known_parts(
 def part_of(
     parts: Mapping[str, FloatArray], name: str, shape: tuple[int, ...], what: str
 ) -> FloatArray:
-    """Return one part of a stated shape, zeros where it was not given.
-
-    Parameters
-    ----------
-    parts : mapping of str to ndarray
-        From `known_parts`.
-    name : str
-        Which one.
-    shape : tuple of int
-        That it must have.
-    what : str
-        Name of the method for the message.
-
-    Returns
-    -------
-    ndarray, of that shape
-        Values.
-
-    Raises
-    ------
-    DataError
-        If it has another shape.
-    """
+    """Return one part of a stated shape, zeros where it was not given."""
     if name not in parts:
         return np.zeros(shape)
     if parts[name].shape != shape:
@@ -96,27 +56,7 @@ def part_of(
 
 
 def stated_u(u_reading: float | None, unit: str, name: str = "u_reading") -> float | None:
-    """Return a stated standard uncertainty of one reading, or None.
-
-    Parameters
-    ----------
-    u_reading : float or None
-        What the caller gave.
-    unit : str
-        For the message.
-    name : str, optional
-        Of the argument.
-
-    Returns
-    -------
-    float or None
-        Zero or positive.
-
-    Raises
-    ------
-    DataError
-        If it is no number, negative or not finite.
-    """
+    """Return a stated standard uncertainty of one reading, or None."""
     if u_reading is None:
         return None
     value = checked_number(u_reading, name, f"a standard uncertainty >= 0 in {unit}")

@@ -26,39 +26,19 @@ _MIRRORS = {
 
 @dataclass(frozen=True, slots=True)
 class Overlap:
-    """Pixels that two sub-apertures share.
+    """Pixels that two sub-apertures share."""
 
-    Parameters
-    ----------
-    i, j : int
-        Which, ``i < j``.
-    in_i, in_j, in_all : tuple of slice
-        The common window in the window of i, of j, and in the stitched grid.
-    n : int
-        Pixels measured in both.
-    """
-
-    i: int
+    i: int  # which, ``i < j``
     j: int
+    # of slice: the common window in the window of i, of j, and in the stitched grid
     in_i: tuple[slice, slice]
     in_j: tuple[slice, slice]
     in_all: tuple[slice, slice]
-    n: int
+    n: int  # pixels measured in both
 
 
 def overlaps_of(layout: Layout) -> tuple[Overlap, ...]:
-    """Return every pair of sub-apertures with common pixels.
-
-    Parameters
-    ----------
-    layout : Layout
-        Sub-apertures on the stitched grid.
-
-    Returns
-    -------
-    tuple of Overlap
-        Sorted by i, then j.
-    """
+    """Return every pair of sub-apertures with common pixels."""
     found = []
     for i, a in enumerate(layout.placed):
         for j in range(i + 1, len(layout.placed)):
@@ -74,22 +54,7 @@ def overlaps_of(layout: Layout) -> tuple[Overlap, ...]:
 
 
 def require_connection(overlaps: tuple[Overlap, ...], n: int, least: int) -> None:
-    """Refuse sub-apertures that no chain of overlaps connects.
-
-    Parameters
-    ----------
-    overlaps : tuple of Overlap
-        Of `overlaps_of`.
-    n : int
-        Number of sub-apertures.
-    least : int
-        Common pixels that make an overlap.
-
-    Raises
-    ------
-    NotSeparableError
-        If there are islands; they are named, counted from 1.
-    """
+    """Refuse sub-apertures that no chain of overlaps connects."""
     group = list(range(n))
     for o in overlaps:
         if o.n >= least and group[o.i] != group[o.j]:
@@ -111,23 +76,7 @@ def require_connection(overlaps: tuple[Overlap, ...], n: int, least: int) -> Non
 def pair_residuals(
     layout: Layout, overlaps: tuple[Overlap, ...], fitted: list[FloatArray]
 ) -> FloatArray:
-    """Return the RMS of the difference in each overlap, per reading.
-
-    Parameters
-    ----------
-    layout : Layout
-        Sub-apertures.
-    overlaps : tuple of Overlap
-        Pairs.
-    fitted : list of ndarray, shape (window), m
-        Each sub-aperture without its freedoms and the reference; NaN = not measured.
-
-    Returns
-    -------
-    ndarray, shape (n_pairs,), m
-        RMS of ``f_i - f_j`` divided by the root of the two relative variances, so that noise s of
-        a reading gives s.
-    """
+    """Return the RMS of the difference in each overlap, per reading."""
     out = []
     for o in overlaps:
         d = fitted[o.i][o.in_i] - fitted[o.j][o.in_j]
@@ -138,22 +87,7 @@ def pair_residuals(
 
 
 def outlying_pairs(residuals: FloatArray, floor: float, u_reading: float | None) -> list[int]:
-    """Return the pairs whose mismatch is far above that of the others, or above the stated noise.
-
-    Parameters
-    ----------
-    residuals : ndarray, shape (n_pairs,), m
-        Of `pair_residuals`.
-    floor : float, m
-        Rounding.
-    u_reading : float or None, m
-        Stated noise.
-
-    Returns
-    -------
-    list of int
-        Indices.
-    """
+    """Return the pairs whose mismatch is far above that of the others, or above the stated noise."""
     limit = OUTLIER_RATIO * max(float(np.median(residuals)), floor, u_reading or 0.0)
     return [int(k) for k in np.flatnonzero(residuals > limit)]
 
@@ -162,22 +96,6 @@ def mirrored_piece(
     pieces: Pieces, layout: Layout, overlaps: tuple[Overlap, ...], suspects: set[int]
 ) -> tuple[int, str] | None:
     """Return the sub-aperture that fits its neighbours only when mirrored.
-
-    Parameters
-    ----------
-    pieces : Pieces
-        As given.
-    layout : Layout
-        On the grid.
-    overlaps : tuple of Overlap
-        Pairs.
-    suspects : set of int
-        Which to try.
-
-    Returns
-    -------
-    tuple of (int, str) or None
-        Its index and how it lies.
 
     Notes
     -----
@@ -221,20 +139,7 @@ def _mismatch(layout: Layout, near: list[Overlap], k: int, values: FloatArray) -
 
 
 def without_own_plane(z: FloatArray, known: NDArray[np.bool_]) -> FloatArray:
-    """Return a window without its least-squares plane.
-
-    Parameters
-    ----------
-    z : ndarray, shape (rows, columns)
-        Values.
-    known : ndarray of bool, same shape
-        Which count.
-
-    Returns
-    -------
-    ndarray, same shape
-        0 where not known.
-    """
+    """Return a window without its least-squares plane."""
     n_rows, n_columns = known.shape
     r = (np.arange(n_rows) - (n_rows - 1) / 2) / max(n_rows, n_columns)
     c = (np.arange(n_columns) - (n_columns - 1) / 2) / max(n_rows, n_columns)

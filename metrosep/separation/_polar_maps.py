@@ -18,20 +18,7 @@ ComplexArray = NDArray[np.complex128]
 
 
 def polar_grid(grid: MapGrid) -> tuple[FloatArray, int]:
-    """Return radii at the pitch of the pixels and a number of angles that is as dense at the rim.
-
-    Parameters
-    ----------
-    grid : MapGrid
-        Of the maps.
-
-    Returns
-    -------
-    radii : ndarray, shape (n_r,)
-        From half a step on.
-    n_angles : int
-        Even.
-    """
+    """Return radii at the pitch of the pixels and a number of angles that is as dense at the rim."""
     from scipy.fft import next_fast_len
 
     step = min(grid.dx, grid.dy)
@@ -41,20 +28,7 @@ def polar_grid(grid: MapGrid) -> tuple[FloatArray, int]:
 
 
 def to_polar(stack: FloatArray, grid: MapGrid) -> FloatArray:
-    """Return maps over (radius, angle).
-
-    Parameters
-    ----------
-    stack : ndarray, shape (S, n_y, n_x)
-        Maps.
-    grid : MapGrid
-        Steps and centre.
-
-    Returns
-    -------
-    ndarray, shape (S, n_r, n_angles)
-        NaN where one of the 6 x 6 neighbours is missing.
-    """
+    """Return maps over (radius, angle)."""
     radii, n = polar_grid(grid)
     angle = 2.0 * np.pi * np.arange(n) / n
     columns = (radii[:, None] * np.cos(angle) + grid.centre[0]) / grid.dx
@@ -64,20 +38,7 @@ def to_polar(stack: FloatArray, grid: MapGrid) -> FloatArray:
 
 
 def from_polar(polar: FloatArray, grid: MapGrid) -> FloatArray:
-    """Return maps over rows and columns from those over (radius, angle).
-
-    Parameters
-    ----------
-    polar : ndarray, shape (S, n_r, n_angles)
-        As `to_polar` gives them.
-    grid : MapGrid
-        Steps and centre.
-
-    Returns
-    -------
-    ndarray, shape (S, n_y, n_x)
-        NaN where a neighbour is missing.
-    """
+    """Return maps over rows and columns from those over (radius, angle)."""
     n = polar.shape[2]
     inner = np.roll(polar[:, :3][:, ::-1], n // 2, axis=2)  # through the centre to the other side
     whole = np.concatenate([inner, polar], axis=1)
@@ -92,31 +53,7 @@ def from_polar(polar: FloatArray, grid: MapGrid) -> FloatArray:
 def solve_polar(
     stack: FloatArray, angles: FloatArray, grid: MapGrid, largest_gain: float
 ) -> tuple[FloatArray, tuple[int, ...]]:
-    """Return instrument, part and the sum that is not separable, order by order.
-
-    Parameters
-    ----------
-    stack : ndarray, shape (S, n_y, n_x)
-        Readings.
-    angles : ndarray, shape (S,), rad
-        Turns of the part.
-    grid : MapGrid
-        Steps and centre.
-    largest_gain : float
-        Orders whose noise would grow by more are taken as not observable.
-
-    Returns
-    -------
-    parts : ndarray, shape (3, n_y, n_x)
-        Instrument, part, their inseparable sum.
-    hidden : tuple of int
-        Angular orders that are not observable.
-
-    Raises
-    ------
-    DataError
-        If no circle about the centre is complete.
-    """
+    """Return instrument, part and the sum that is not separable, order by order."""
     polar = to_polar(stack, grid)
     whole = np.isfinite(polar).all(axis=(0, 2))
     if whole.sum() < 6:
@@ -134,24 +71,7 @@ def solve_polar(
 def noise_on_circles(
     trials: FloatArray, angles: FloatArray, grid: MapGrid, largest_gain: float
 ) -> FloatArray:
-    """Return the parts of many sets of readings without gaps.
-
-    Parameters
-    ----------
-    trials : ndarray, shape (T, S, n_y, n_x)
-        Readings.
-    angles : ndarray, shape (S,), rad
-        Turns of the part.
-    grid : MapGrid
-        Steps and centre.
-    largest_gain : float
-        Orders whose noise would grow by more are taken as not observable.
-
-    Returns
-    -------
-    ndarray, shape (T, 3, n_y, n_x)
-        NaN at the rim.
-    """
+    """Return the parts of many sets of readings without gaps."""
     t, s = trials.shape[:2]
     polar = to_polar(trials.reshape(t * s, *grid.shape), grid)
     n = polar.shape[2]
@@ -173,24 +93,7 @@ def _parts_on_circles(circles: FloatArray, weights: ComplexArray) -> FloatArray:
 def order_weights(
     angles: tuple[float, ...], highest: int, largest_gain: float
 ) -> tuple[ComplexArray, tuple[int, ...]]:
-    """Return what each reading counts in instrument, part and inseparable sum, order by order.
-
-    Parameters
-    ----------
-    angles : tuple of float, rad
-        Turns of the part.
-    highest : int
-        Last angular order.
-    largest_gain : float
-        Orders whose noise would grow by more are taken as not observable.
-
-    Returns
-    -------
-    weights : ndarray of complex, shape (highest + 1, 3, S)
-        Not writeable.
-    hidden : tuple of int
-        Angular orders that are not observable.
-    """
+    """Return what each reading counts in instrument, part and inseparable sum, order by order."""
     weights = np.zeros((highest + 1, 3, len(angles)), dtype=np.complex128)
     hidden = []
     for m in range(highest + 1):

@@ -29,27 +29,19 @@ _NO_COUPLING = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class ProbeGeometry:
-    """Estimators of all harmonics 0 ... kmax.
+    """Estimators of all harmonics 0 ... kmax."""
 
-    Parameters
-    ----------
-    rows : ndarray of complex, shape (3, kmax + 1, n)
-        What R, X and Y are made of; NaN where not observable.
-    gain : ndarray, shape (3, kmax + 1)
-        Noise of R, X, Y over the root mean square noise of the probes; inf where not observable.
-    residual : ndarray of complex, shape (kmax + 1, n, n)
-        Whitened part of the readings that no artefact and no motion explains.
-    freedom : ndarray of int, shape (kmax + 1,)
-        Complex degrees of freedom of that part; 0 for k = 0 and 1.
-    whitener : ndarray, shape (n, n)
-        Makes readings of unit root mean square noise white.
-    """
-
+    # of complex, shape (3, kmax + 1, n): what R, X and Y are made of; NaN where not observable
     rows: ComplexArray
+    # shape (3, kmax + 1): noise of R, X, Y over the root mean square noise of the probes; inf
+    # where not observable
     gain: FloatArray
+    # of complex, shape (kmax + 1, n, n): whitened part of the readings that no artefact and no
+    # motion explains
     residual: ComplexArray
+    # shape (kmax + 1,): complex degrees of freedom of that part; 0 for k = 0 and 1
     freedom: NDArray[np.int64]
-    whitener: FloatArray
+    whitener: FloatArray  # shape (n, n): makes readings of unit root mean square noise white
 
 
 def probe_geometry(

@@ -33,23 +33,12 @@ NOISE_UNKNOWN = (
 
 @dataclass(frozen=True, slots=True)
 class Averaged:
-    """Means of repeated readings.
+    """Means of repeated readings."""
 
-    Parameters
-    ----------
-    mean : ndarray, shape (n_readings, n_samples)
-        NaN where no repeat was measured.
-    counts : ndarray, shape (n_readings, n_samples)
-        How many repeats stand behind each mean.
-    n_repeats : int
-        Largest number of repeats.
-    noise : Quantity
-        Standard deviation of one reading; NaN where it is neither stated nor shown by repeats.
-    """
-
-    mean: FloatArray
-    counts: FloatArray
-    n_repeats: int
+    mean: FloatArray  # shape (n_readings, n_samples): naN where no repeat was measured
+    counts: FloatArray  # shape (n_readings, n_samples): how many repeats stand behind each mean
+    n_repeats: int  # largest number of repeats
+    # standard deviation of one reading; NaN where it is neither stated nor shown by repeats
     noise: Quantity
 
     @property
@@ -59,25 +48,7 @@ class Averaged:
 
 
 def as_numbers(values: ArrayLike, needs: str) -> FloatArray:
-    """Return a copy in float64; what a masked array masks is NaN.
-
-    Parameters
-    ----------
-    values : array_like
-        Real numbers.
-    needs : str
-        Begin of the message: what is needed.
-
-    Returns
-    -------
-    ndarray
-        Same shape.
-
-    Raises
-    ------
-    InvalidSamplesError
-        If they are complex, texts or ragged.
-    """
+    """Return a copy in float64; what a masked array masks is NaN."""
     try:
         return as_float(values)
     except (TypeError, ValueError) as exc:
@@ -85,20 +56,7 @@ def as_numbers(values: ArrayLike, needs: str) -> FloatArray:
 
 
 def size_doubts(array: FloatArray, what: str) -> tuple[str, ...]:
-    """Say it where readings in m are so large that another unit was meant.
-
-    Parameters
-    ----------
-    array : ndarray, shape (..., n_samples), m
-        Readings.
-    what : str
-        Name of the method.
-
-    Returns
-    -------
-    tuple of str
-        One message, or none.
-    """
+    """Say it where readings in m are so large that another unit was meant."""
     known = array[~np.isnan(array)]
     span = float(np.ptp(known)) if known.size else 0.0
     if span <= _LARGEST:
@@ -114,31 +72,7 @@ _LARGEST = 0.1
 def checked_readings(
     readings: ArrayLike, *, names: Sequence[str], minimum: int, what: str
 ) -> FloatArray:
-    """Return readings as (n_readings, n_repeats, n_samples), or refuse them.
-
-    Parameters
-    ----------
-    readings : array_like, shape (n_readings, n_samples) or (n_readings, n_repeats, n_samples)
-        NaN = not measured.
-    names : sequence of str
-        What each reading is called.
-    minimum : int
-        Samples that each must hold.
-    what : str
-        Name of the method for messages.
-
-    Returns
-    -------
-    ndarray, shape (n_readings, n_repeats, n_samples)
-        A copy in float64.
-
-    Raises
-    ------
-    InvalidSamplesError
-        If they are no numbers, infinite, of another shape, or nothing was measured.
-    TooFewSamplesError
-        If there are fewer than `minimum` samples.
-    """
+    """Return readings as (n_readings, n_repeats, n_samples), or refuse them."""
     array = as_numbers(
         readings, f"{what} needs {len(names)} readings of equal length ({', '.join(names)})"
     )
@@ -175,27 +109,6 @@ def average_repeats(
 
     The noise is that of what remains when `basis` is removed from each repeat: an offset or an
     eccentricity that differs from repeat to repeat does not reach the result either.
-
-    Parameters
-    ----------
-    array : ndarray, shape (n_readings, n_repeats, n_samples)
-        Checked readings.
-    basis : ndarray, shape (n_samples, p)
-        Functions that are removed from the result.
-    u_reading : float or None
-        Stated standard uncertainty of one reading; it wins over the repeats.
-    unit : str, optional
-        Unit of the readings.
-
-    Returns
-    -------
-    Averaged
-        Means, counts, noise.
-
-    Raises
-    ------
-    DataError
-        If `u_reading` is negative or not finite.
     """
     counts = (~np.isnan(array)).sum(axis=1).astype(np.float64)
     mean = np.stack([_mean_curve(rows, n, basis) for rows, n in zip(array, counts, strict=True)])
@@ -268,42 +181,14 @@ def _noise_of_repeats(
 
 
 def without_basis(values: FloatArray, basis: FloatArray) -> FloatArray:
-    """Return values minus their least-squares combination of the basis; NaN stay NaN.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-        Curve.
-    basis : ndarray, shape (n, p)
-        What is removed.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        The rest.
-    """
+    """Return values minus their least-squares combination of the basis; NaN stay NaN."""
     valid = ~np.isnan(values)
     found = np.linalg.lstsq(basis[valid], values[valid], rcond=None)[0]
     return np.asarray(values - basis @ found)
 
 
 def require_common(valid: NDArray[np.bool_], basis: FloatArray, what: str) -> None:
-    """Refuse set-ups that have too few samples in common.
-
-    Parameters
-    ----------
-    valid : ndarray of bool, shape (n,)
-        Samples that were measured in all set-ups.
-    basis : ndarray, shape (n, p)
-        What is removed.
-    what : str
-        Name of the method for the message.
-
-    Raises
-    ------
-    NotSeparableError
-        If no more samples are left than functions are removed.
-    """
+    """Refuse set-ups that have too few samples in common."""
     n, p = int(valid.sum()), basis.shape[1]
     if n <= p + 1:
         raise NotSeparableError(
@@ -313,20 +198,7 @@ def require_common(valid: NDArray[np.bool_], basis: FloatArray, what: str) -> No
 
 
 def left_share(valid: NDArray[np.bool_], basis: FloatArray) -> FloatArray:
-    """Return the share of a white variance that removing the basis leaves, sample by sample.
-
-    Parameters
-    ----------
-    valid : ndarray of bool, shape (n,)
-        Samples that take part.
-    basis : ndarray, shape (n, p)
-        What is removed.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        ``1 - leverage``; NaN where not valid.
-    """
+    """Return the share of a white variance that removing the basis leaves, sample by sample."""
     share = np.full(valid.size, np.nan)
     q, _ = np.linalg.qr(basis[valid])
     share[valid] = np.maximum(1.0 - np.sum(q**2, axis=1), 0.0)
@@ -334,20 +206,7 @@ def left_share(valid: NDArray[np.bool_], basis: FloatArray) -> FloatArray:
 
 
 def low_harmonics(angle: FloatArray, highest: int = 1) -> FloatArray:
-    """Return 1, cos and sin up to a harmonic as columns.
-
-    Parameters
-    ----------
-    angle : ndarray, shape (n,), rad
-        Where.
-    highest : int, optional
-        0 for the mean alone, 1 with the eccentricity.
-
-    Returns
-    -------
-    ndarray, shape (n, 1 + 2 highest)
-        Columns.
-    """
+    """Return 1, cos and sin up to a harmonic as columns."""
     columns = [np.ones(angle.size)]
     for k in range(1, highest + 1):
         columns += [np.cos(k * angle), np.sin(k * angle)]
@@ -355,18 +214,7 @@ def low_harmonics(angle: FloatArray, highest: int = 1) -> FloatArray:
 
 
 def line_basis(x: FloatArray) -> FloatArray:
-    """Return 1 and the centred, scaled position as columns.
-
-    Parameters
-    ----------
-    x : ndarray, shape (n,), m
-        Positions.
-
-    Returns
-    -------
-    ndarray, shape (n, 2)
-        Columns of order one.
-    """
+    """Return 1 and the centred, scaled position as columns."""
     half = max(float(np.ptp(x)) / 2.0, np.finfo(np.float64).tiny)
     return np.column_stack([np.ones(x.size), (x - (x.min() + x.max()) / 2.0) / half])
 
@@ -374,22 +222,7 @@ def line_basis(x: FloatArray) -> FloatArray:
 def harmonics_of(
     values: FloatArray, *, start: float = 0.0, hidden: Sequence[int] = ()
 ) -> ComplexArray:
-    """Return one-sided Fourier coefficients of a closed curve.
-
-    Parameters
-    ----------
-    values : ndarray, shape (..., n)
-        Curves on equal angles over one turn.
-    start : float, rad, optional
-        Angle of the first sample; coefficients refer to angle 0.
-    hidden : sequence of int, optional
-        Harmonics that are not observable; they become NaN.
-
-    Returns
-    -------
-    ndarray of complex, shape (..., K + 1)
-        ``c_k`` of ``sum Re(c_k exp(j k angle))``; all NaN where a curve has gaps.
-    """
+    """Return one-sided Fourier coefficients of a closed curve."""
     n = values.shape[-1]
     top = (n - 1) // 2
     gaps = np.isnan(values).any(axis=-1)
@@ -402,18 +235,7 @@ def harmonics_of(
 
 
 def gap_message(values: FloatArray) -> tuple[str, ...]:
-    """Say why a curve has no harmonics.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-        Curve over one turn.
-
-    Returns
-    -------
-    tuple of str
-        One message, or none.
-    """
+    """Say why a curve has no harmonics."""
     n = int(np.isnan(values).sum())
     if n == 0:
         return ()
@@ -429,20 +251,6 @@ def harmonics_u(array: FloatArray, weights: FloatArray, noise: float) -> FloatAr
 
     Motion that does not repeat is not white over the angle, so the scatter of the repeats is taken
     harmonic by harmonic; without repeats the noise of a reading is white.
-
-    Parameters
-    ----------
-    array : ndarray, shape (n_readings, n_repeats, n_samples)
-        Readings over one turn.
-    weights : ndarray, shape (n_readings,)
-        Of the sum.
-    noise : float
-        Standard deviation of one reading.
-
-    Returns
-    -------
-    ndarray, shape (K + 1,)
-        Of the real and of the imaginary part each; NaN where not known.
     """
     n = array.shape[2]
     top = (n - 1) // 2

@@ -26,22 +26,7 @@ class _Linear(Protocol):
 def map_gradient(
     z: FloatArray, grid: MapGrid, *, smoothing: float = _SMOOTHING
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the derivatives of a map by x and y: slopes of local planes over a few pixels.
-
-    Parameters
-    ----------
-    z : ndarray, shape (n_y, n_x)
-        Map; NaN = not measured.
-    grid : MapGrid
-        Steps and centre.
-    smoothing : float, optional
-        Standard deviation of the Gaussian weights, in pixels.
-
-    Returns
-    -------
-    tuple of ndarray, shape (n_y, n_x)
-        NaN where z is; zero where a pixel has no neighbours to tell a slope.
-    """
+    """Return the derivatives of a map by x and y: slopes of local planes over a few pixels."""
     valid = np.isfinite(z)
     if not valid.any():
         return np.full(z.shape, np.nan), np.full(z.shape, np.nan)
@@ -74,18 +59,7 @@ def _moment(values: FloatArray, power_x: int, power_y: int, smoothing: float) ->
 
 
 def extended(field: FloatArray) -> FloatArray:
-    """Return a map whose missing pixels have the value of the nearest one.
-
-    Parameters
-    ----------
-    field : ndarray, shape (n_y, n_x)
-        NaN = missing.
-
-    Returns
-    -------
-    ndarray, shape (n_y, n_x)
-        All NaN where nothing is known.
-    """
+    """Return a map whose missing pixels have the value of the nearest one."""
     from scipy import ndimage
 
     missing = np.isnan(field)
@@ -106,32 +80,7 @@ def registration_share(
     unseparated: FloatArray | float = 0.0,
     removed: Sequence[str] = RIGID,
 ) -> FloatArray:
-    """Return the standard uncertainty of each part from centring and angles.
-
-    Parameters
-    ----------
-    solver : object
-        With ``parts(stack, grid)``, linear in the readings.
-    part : ndarray, shape (n_y, n_x), m
-        What was turned, at angle 0; beyond its rim the nearest slope holds.
-    angles : ndarray, shape (S,), rad
-        Turns.
-    grid : MapGrid
-        Steps and centre.
-    u_shift : float, m
-        Standard uncertainty of the position along x and along y, independent for each reading.
-    u_angle : float, rad
-        Standard uncertainty of each angle.
-    unseparated : ndarray, shape (n_y, n_x), m, optional
-        What may be turned besides, and looks the same at all angles.
-    removed : sequence of str, optional
-        Of ``"piston"``, ``"tilt"``, ``"power"``.
-
-    Returns
-    -------
-    ndarray, shape (parts, n_y, n_x), m
-        ``sqrt(sum (L_i g_i)**2) u``; NaN where it is not determined.
-    """
+    """Return the standard uncertainty of each part from centring and angles."""
     total: FloatArray | None = None
     known = np.isfinite(part)
     for i, angle in enumerate(angles):

@@ -33,25 +33,7 @@ def common_stack(
     tuple[Step, ...],
     dict[str, Any],
 ]:
-    """Return repeats as one array with positions, steps, history and notes for the audit.
-
-    Parameters
-    ----------
-    repeats : sequence or array_like
-        Profiles, surfaces or arrays.
-    x : array_like or None, m
-        Positions of arrays.
-
-    Returns
-    -------
-    tuple
-        Stack (M, ...), positions or None, steps of maps or None, history, audit.
-
-    Raises
-    ------
-    DataError, InvalidSamplesError, TooFewSamplesError
-        If they have no common positions.
-    """
+    """Return repeats as one array with positions, steps, history and notes for the audit."""
     if isinstance(repeats, Profile | Surface):
         raise TooFewSamplesError("repeatable needs at least 2 repeats: a list of them")
     try:
@@ -136,31 +118,7 @@ def _interpolated(x: FloatArray, z: FloatArray, at: FloatArray) -> FloatArray:
 def shifted_to_first(
     stack: FloatArray, x: FloatArray
 ) -> tuple[FloatArray, FloatArray, dict[str, Any]]:
-    """Return profiles moved along x onto the first, on the positions that all then have.
-
-    Parameters
-    ----------
-    stack : ndarray, shape (M, n), m
-        Repeats.
-    x : ndarray, shape (n,), m
-        Rising positions.
-
-    Returns
-    -------
-    stack : ndarray, shape (M, n')
-        Interpolated linearly.
-    x : ndarray, shape (n',)
-        Common positions.
-    audit : dict
-        ``shifts_um``: by how much each lay further along x than the first.
-
-    Raises
-    ------
-    NotConvergedError
-        If an offset does not settle, or leaves less than half of the length.
-    DataError
-        If the positions do not rise.
-    """
+    """Return profiles moved along x onto the first, on the positions that all then have."""
     if not np.all(np.diff(x) > 0.0):
         raise DataError('repeatable: shift="fit" needs x that rises; sort x and the repeats')
     shifts = np.array([0.0, *(_shift(x, stack[0], z) for z in stack[1:])])

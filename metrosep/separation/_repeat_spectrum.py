@@ -17,26 +17,7 @@ _MOST_LINES = 60
 def repeating_lines(
     stack: FloatArray, x: FloatArray, *, closed: bool, calibrated: bool = True
 ) -> tuple[list[dict[str, Any]], list[str]]:
-    """Return the wavelengths that repeat, strongest first.
-
-    Parameters
-    ----------
-    stack : ndarray, shape (M, n), m
-        Aligned repeats.
-    x : ndarray, shape (n,)
-        Positions, or angles where closed.
-    closed : bool
-        One turn; else a Hann window is used.
-    calibrated : bool, optional
-        Whether x is in m; else wavelengths are in samples.
-
-    Returns
-    -------
-    lines : list of dict
-        ``wavelength_um``, ``wavelength_samples`` or ``upr``, ``amplitude_nm``, ``u_nm`` (of real and imaginary part), ``p``.
-    messages : list of str
-        Why there are none.
-    """
+    """Return the wavelengths that repeat, strongest first."""
     from scipy.stats import f as f_distribution
 
     steps = np.diff(x)

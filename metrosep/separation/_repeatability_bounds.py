@@ -35,20 +35,6 @@ def bounds_of_one(
 ) -> tuple[float, float]:
     """Return bounds of the largest ``4 sigma_i`` of one direction.
 
-    Parameters
-    ----------
-    variance : ndarray, shape (m,)
-        Sample variances.
-    freedom : ndarray, shape (m,)
-        Degrees of freedom of each.
-    confidence : float
-        Of the interval.
-
-    Returns
-    -------
-    tuple of (float, float)
-        Lower and upper.
-
     Notes
     -----
     For sigma_i <= theta, any statistic that grows with each s_i exceeds a multiple of theta most
@@ -80,24 +66,6 @@ def bounds_of_both(
     rng: np.random.Generator,
 ) -> tuple[float, float]:
     """Return bounds of the largest R_i of both directions.
-
-    Parameters
-    ----------
-    variances : tuple of ndarray, shape (m,)
-        Sample variances, forward and backward.
-    freedoms : list of ndarray, shape (m,)
-        Degrees of freedom of each.
-    reversal : ndarray, shape (m,)
-        Mean forward minus mean backward.
-    confidence : float
-        Of the interval.
-    rng : numpy.random.Generator
-        Of the simulations.
-
-    Returns
-    -------
-    tuple of (float, float)
-        Lower and upper.
 
     Notes
     -----

@@ -38,39 +38,20 @@ _AT_ONCE = 30
 
 @dataclass(frozen=True, slots=True)
 class RotationSolution:
-    """Maps of one evaluation.
+    """Maps of one evaluation."""
 
-    Parameters
-    ----------
-    parts : ndarray, shape (3, n_y, n_x)
-        Instrument, part at angle 0, sum of both that is not separable.
-    residual : ndarray, shape (S, n_y, n_x)
-        What the model leaves of each reading.
-    freedom : float
-        Degrees of freedom of the residual.
-    variance : ndarray, shape (3, n_y, n_x)
-        Of each part for white noise of variance 1, pixel by pixel.
-    smoothness : float
-        RMS over steps between neighbours (`smoothness`) that the residual of white noise has.
-    """
-
+    # shape (3, n_y, n_x): instrument, part at angle 0, sum of both that is not separable
     parts: FloatArray
-    residual: FloatArray
-    freedom: float
+    residual: FloatArray  # shape (S, n_y, n_x): what the model leaves of each reading
+    freedom: float  # degrees of freedom of the residual
+    # shape (3, n_y, n_x): of each part for white noise of variance 1, pixel by pixel
     variance: FloatArray
+    # RMS over steps between neighbours (`smoothness`) that the residual of white noise has
     smoothness: float = 1.0
 
 
 class RotationSolver:
-    """The linear operation from readings to parts for one set of angles.
-
-    Parameters
-    ----------
-    angles : ndarray, shape (S,), rad
-        Turns of the part.
-    largest_gain : float
-        Orders whose noise would grow by more are not separated.
-    """
+    """The linear operation from readings to parts for one set of angles."""
 
     def __init__(self, angles: FloatArray, largest_gain: float) -> None:
         self.largest_gain = largest_gain
@@ -90,20 +71,7 @@ class RotationSolver:
             self.hidden = _hidden_orders(angles, largest_gain)
 
     def parts(self, stack: FloatArray, grid: MapGrid) -> FloatArray:
-        """Return instrument, part at angle 0 and inseparable sum.
-
-        Parameters
-        ----------
-        stack : ndarray, shape (S, n_y, n_x)
-            Readings.
-        grid : MapGrid
-            Steps and centre.
-
-        Returns
-        -------
-        ndarray, shape (3, n_y, n_x)
-            NaN where readings are missing.
-        """
+        """Return instrument, part at angle 0 and inseparable sum."""
         return self._at_zero(self._parts_in_first(stack, grid), stack, grid)
 
     def _parts_in_first(self, stack: FloatArray, grid: MapGrid) -> FloatArray:
@@ -121,22 +89,7 @@ class RotationSolver:
     def solve(
         self, stack: FloatArray, grid: MapGrid, *, removed: Sequence[str] = RIGID
     ) -> RotationSolution:
-        """Return the parts of readings with what is left of each reading.
-
-        Parameters
-        ----------
-        stack : ndarray, shape (S, n_y, n_x)
-            Readings.
-        grid : MapGrid
-            Steps and centre.
-        removed : sequence of str, optional
-            Of ``"piston"``, ``"tilt"``, ``"power"``.
-
-        Returns
-        -------
-        RotationSolution
-            Maps and freedom.
-        """
+        """Return the parts of readings with what is left of each reading."""
         parts, residual, exact = self._once(stack, grid, removed)
         if not np.isfinite(residual).any():
             return RotationSolution(parts, residual, 0.0, np.full(parts.shape, np.nan))

@@ -44,21 +44,13 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class StepGeometry:
-    """Estimators of R and S from the P positions, for k = 0 ... kmax.
+    """Estimators of R and S from the P positions, for k = 0 ... kmax."""
 
-    Parameters
-    ----------
-    rows : ndarray of complex, shape (2, kmax + 1, P)
-        NaN where not observable.
-    gain : ndarray, shape (2, kmax + 1)
-        Noise of R and S over that of a reading's harmonic; inf where not observable.
-    phase : ndarray of complex, shape (kmax + 1, P)
-        ``exp(j k t alpha_p)``.
-    """
-
-    rows: ComplexArray
+    rows: ComplexArray  # of complex, shape (2, kmax + 1, P): naN where not observable
+    # shape (2, kmax + 1): noise of R and S over that of a reading's harmonic; inf where not
+    # observable
     gain: FloatArray
-    phase: ComplexArray
+    phase: ComplexArray  # of complex, shape (kmax + 1, P): ``exp(j k t alpha_p)``
 
 
 def step_geometry(method: MultistepRoundness) -> StepGeometry:

@@ -76,28 +76,7 @@ def setup_doubts(
     beyond_stated: bool,
     named: bool,
 ) -> list[str]:
-    """Return what is to be said where the overlaps disagree by more than noise.
-
-    Parameters
-    ----------
-    pieces : Pieces
-        As stitched.
-    problem : Problem
-        Their overlaps.
-    fitted : list of ndarray
-        Windows without freedoms and reference.
-    freedoms : tuple of str
-        Of each.
-    beyond_stated : bool
-        Whether the mismatch exceeds the stated noise.
-    named : bool
-        Whether single overlaps were named already.
-
-    Returns
-    -------
-    list of str
-        Nothing, which other set-up fits better, or that the mismatch is no noise.
-    """
+    """Return what is to be said where the overlaps disagree by more than noise."""
     alike, share = likeness(problem, fitted)
     structured = alike > _ALIKE and share > _LEAST_SHARE
     if not (beyond_stated or structured):
@@ -125,18 +104,6 @@ def likeness(problem: Problem, fitted: list[FloatArray]) -> tuple[float, float]:
 
     The correlation is that of all overlaps, or of the worst one; on pixels, where noise has none,
     it is scaled so that one limit serves.
-
-    Parameters
-    ----------
-    problem : Problem
-        With its overlaps.
-    fitted : list of ndarray
-        Windows without freedoms and reference.
-
-    Returns
-    -------
-    tuple of float
-        Zeros where too little was seen twice.
     """
     product, size, squares, structure, n, worst = 0.0, 0.0, 0.0, 0.0, 0, 0.0
     for o in problem.overlaps:
@@ -171,20 +138,7 @@ def _rough(z: FloatArray, both: NDArray[np.bool_]) -> float:
 
 
 def better_setup(pieces: Pieces, freedoms: tuple[str, ...]) -> tuple[str, float] | None:
-    """Return the other set-up that fits best, if it fits at least twice as well.
-
-    Parameters
-    ----------
-    pieces : Pieces
-        As stitched.
-    freedoms : tuple of str
-        Of each.
-
-    Returns
-    -------
-    tuple of (str, float) or None
-        What to change, and mismatch over that of the given set-up, both on coarse pixels.
-    """
+    """Return the other set-up that fits best, if it fits at least twice as well."""
     coarse = _coarse(pieces)
     given = _mismatch(coarse, freedoms)
     if given is None or given[0] <= 0.0:

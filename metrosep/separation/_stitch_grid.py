@@ -19,32 +19,19 @@ _ON_PIXEL = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Placed:
-    """One sub-aperture on its window of the stitched grid.
+    """One sub-aperture on its window of the stitched grid."""
 
-    Parameters
-    ----------
-    rows, columns : slice
-        Window.
-    values : ndarray, shape (window), m
-        Readings at the pixels of the stitched grid; NaN where not determined.
-    valid : ndarray of bool, shape (window)
-        Where they are.
-    weight : float
-        Inverse of the noise variance that interpolation leaves, relative to a reading.
-    x, y : ndarray, broadcast to the window, m
-        Position in the frame of the instrument, from its centre.
-    operator : tuple
-        Interpolation: ``(along_y, along_x)`` matrices, one matrix where the map is turned, nothing
-        where its pixels are those of the grid.
-    """
-
-    rows: slice
+    rows: slice  # slice: window
     columns: slice
+    # shape (window), m: readings at the pixels of the stitched grid; NaN where not determined
     values: FloatArray
-    valid: BoolArray
-    weight: float
+    valid: BoolArray  # shape (window): where they are
+    weight: float  # inverse of the noise variance that interpolation leaves, relative to a reading
+    # broadcast to the window, m: position in the frame of the instrument, from its centre
     x: FloatArray
     y: FloatArray
+    # interpolation: ``(along_y, along_x)`` matrices, one matrix where the map is turned, nothing
+    # where its pixels are those of the grid
     operator: tuple[Any, ...]
 
     def position(self, box: tuple[slice, slice]) -> tuple[FloatArray, FloatArray]:
@@ -74,21 +61,11 @@ class Placed:
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """All sub-apertures on the stitched grid.
+    """All sub-apertures on the stitched grid."""
 
-    Parameters
-    ----------
-    placed : tuple of Placed
-        One for each.
-    shape : tuple of int
-        Of the stitched grid.
-    x, y : ndarray, m
-        Columns and rows of the stitched grid.
-    """
-
-    placed: tuple[Placed, ...]
-    shape: tuple[int, int]
-    x: FloatArray
+    placed: tuple[Placed, ...]  # one for each
+    shape: tuple[int, int]  # of the stitched grid
+    x: FloatArray  # m: columns and rows of the stitched grid
     y: FloatArray
 
     def total(self, items: list[Any]) -> FloatArray:
@@ -104,18 +81,7 @@ class Layout:
 
 
 def layout_of(pieces: Pieces) -> Layout:
-    """Return sub-apertures on one grid: pixels of the first, extended over all.
-
-    Parameters
-    ----------
-    pieces : Pieces
-        As checked.
-
-    Returns
-    -------
-    Layout
-        Windows and operators.
-    """
+    """Return sub-apertures on one grid: pixels of the first, extended over all."""
     corners = np.array([_extent(pieces, k) for k in range(len(pieces))])
     anchor = pieces.corners[0] if pieces.turns[0] == 0.0 else corners[0, :2]
     steps = np.array([pieces.dx, pieces.dy])

@@ -32,40 +32,21 @@ _LARGEST_SPAN = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class Pieces:
-    """Sub-apertures with their positions, in one lateral scale.
+    """Sub-apertures with their positions, in one lateral scale."""
 
-    Parameters
-    ----------
-    values : tuple of ndarray, shape (n_y, n_x), m
-        Readings; profiles have one row.
-    corners : ndarray, shape (n, 2), m
-        Position (x, y) of the first pixel of each, as if it were not turned.
-    turns : ndarray, shape (n,), rad
-        By which each lies turned on the part, counter-clockwise about its centre.
-    dx, dy : float, m
-        Lateral steps.
-    line : bool
-        Whether they are profiles.
-    history : tuple of Step
-        Of all of them.
-    calibrated : bool
-        Whether steps and positions are in m.
-    doubts : tuple of str
-        Units that look wrong.
-    known : ndarray or None, shape (n_y, n_x), m
-        Reference that was subtracted.
-    """
-
+    # of ndarray, shape (n_y, n_x), m: readings; profiles have one row
     values: tuple[FloatArray, ...]
+    # shape (n, 2), m: position (x, y) of the first pixel of each, as if it were not turned
     corners: FloatArray
+    # shape (n,), rad: by which each lies turned on the part, counter-clockwise about its centre
     turns: FloatArray
-    dx: float
+    dx: float  # m: lateral steps
     dy: float
-    line: bool
-    history: tuple[Step, ...] = ()
-    calibrated: bool = True
-    doubts: tuple[str, ...] = ()
-    known: FloatArray | None = None
+    line: bool  # whether they are profiles
+    history: tuple[Step, ...] = ()  # of all of them
+    calibrated: bool = True  # whether steps and positions are in m
+    doubts: tuple[str, ...] = ()  # units that look wrong
+    known: FloatArray | None = None  # shape (n_y, n_x), m: reference that was subtracted
 
     def __len__(self) -> int:
         return len(self.values)
@@ -83,29 +64,7 @@ def pieces_of(
     dx: float | None,
     dy: float | None,
 ) -> Pieces:
-    """Return sub-apertures of any accepted kind, checked.
-
-    Parameters
-    ----------
-    maps : sequence
-        Surfaces, profiles or arrays, all of one kind.
-    positions : array_like or None, m
-        Of arrays: (n, 2) for maps, (n,) for profiles.
-    rotations : array_like or None, rad
-        Of maps.
-    dx, dy : float or None, m
-        Steps of arrays.
-
-    Returns
-    -------
-    Pieces
-        Copies.
-
-    Raises
-    ------
-    DataError, InvalidSamplesError, TooFewSamplesError
-        If they cannot be stitched.
-    """
+    """Return sub-apertures of any accepted kind, checked."""
     items: list[Any] = _listed(maps)
     kinds = {type(i) if isinstance(i, Surface | Profile) else np.ndarray for i in items}
     if len(kinds) > 1:

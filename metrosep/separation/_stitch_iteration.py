@@ -47,24 +47,7 @@ _OF_PROBES = 1e-7
 
 
 class ReferenceSystem:
-    """What neither surface nor freedoms explain of a reference, as equations for its pixels.
-
-    Parameters
-    ----------
-    problem : Problem
-        Freedoms only.
-    inverse : Inverse
-        Of its normal matrix.
-    shape : tuple of int
-        Of the instrument's map.
-
-    Attributes
-    ----------
-    weak : ndarray of bool, shape (n_y, n_x)
-        Pixels that interpolation ties to their neighbours more than to themselves.
-    steps : int
-        Most steps that a solution took.
-    """
+    """What neither surface nor freedoms explain of a reference, as equations for its pixels."""
 
     def __init__(
         self,
@@ -95,18 +78,7 @@ class ReferenceSystem:
         self.steps = 0
 
     def left(self, windows: list[FloatArray]) -> FloatArray:
-        """Return what readings say of the free pixels: the right side of the equations.
-
-        Parameters
-        ----------
-        windows : list of ndarray, shape (window)
-            Readings; not finite where not measured.
-
-        Returns
-        -------
-        ndarray, shape (n_y, n_x)
-            Zero where a pixel is not free.
-        """
+        """Return what readings say of the free pixels: the right side of the equations."""
         clean = [np.where(p.valid, w, 0.0) for p, w in zip(self.placed, windows, strict=True)]
         rests = self._without_mean(clean)
         right = np.zeros(self.problem.n_columns)
@@ -115,18 +87,7 @@ class ReferenceSystem:
         return self._spread(rests) - self._freedoms(self.inverse.matrix @ right)
 
     def apply(self, reference: FloatArray) -> FloatArray:
-        """Return the equations' left side for a reference that is zero where not free.
-
-        Parameters
-        ----------
-        reference : ndarray, shape (n_y, n_x)
-            Values.
-
-        Returns
-        -------
-        ndarray, shape (n_y, n_x)
-            Zero where a pixel is not free.
-        """
+        """Return the equations' left side for a reference that is zero where not free."""
         windows = [p.forward(reference) for p in self.placed]
         if self.coupling is None:
             return self.left(windows)
@@ -137,26 +98,7 @@ class ReferenceSystem:
         return out
 
     def solve(self, right: FloatArray, tolerance: float | None = None) -> FloatArray:
-        """Return the reference, by conjugate gradients.
-
-        Parameters
-        ----------
-        right : ndarray, shape (n_y, n_x)
-            Of `left`.
-        tolerance : float, optional
-            Residual, relative to the right side, at which they end; 1e-9, between pixels 1e-6, if
-            omitted.
-
-        Returns
-        -------
-        ndarray, shape (n_y, n_x), m
-            Zero where no overlap says anything.
-
-        Raises
-        ------
-        NotConvergedError
-            If they do not end.
-        """
+        """Return the reference, by conjugate gradients."""
         found, rest = np.zeros(self.shape), right.copy()
         if tolerance is None:
             tolerance = _INTERPOLATED if self.interpolated else _EXACT
@@ -191,11 +133,6 @@ class ReferenceSystem:
 
         At the rim of an interpolated map there are more pixels than readings: what a reading lacks
         is taken by pixels that only outer lobes of the interpolation reach.
-
-        Yields
-        ------
-        tuple of (list of ndarray, ndarray, ndarray)
-            Nothing where no reading is interpolated.
         """
         rng = np.random.default_rng(1)
         for _ in range(_PROBES if self.interpolated else 0):
@@ -301,20 +238,7 @@ class ReferenceSystem:
 
 
 def information(problem: Problem, shape: tuple[int, int]) -> FloatArray:
-    """Return how often each pixel of the instrument is compared, a reading of it counting one.
-
-    Parameters
-    ----------
-    problem : Problem
-        The design.
-    shape : tuple of int
-        Of the instrument's map.
-
-    Returns
-    -------
-    ndarray, shape (n_y, n_x)
-        Diagonal of the equations; on pixels the least that is not zero is 1/2.
-    """
+    """Return how often each pixel of the instrument is compared, a reading of it counting one."""
     out = np.zeros(shape)
     for k, p in enumerate(problem.layout.placed):
         squared = replace(p, operator=tuple(m.multiply(m).tocsr() for m in p.operator))

@@ -57,30 +57,15 @@ _LARGEST_GAIN = 5.0
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """How to stitch.
+    """How to stitch."""
 
-    Parameters
-    ----------
-    freedoms : tuple of str
-        Of each sub-aperture.
-    fit_reference : bool
-        Whether a reference map is unknown.
-    degree : int or None
-        Of its polynomial; a map of pixels if None.
-    ambiguous : {"remove", "surface"}
-        What happens to what reference and surface can exchange.
-    draws : int
-        Simulated measurements for the uncertainty of a pixel map.
-    u_reading : float or None, m
-        Stated noise.
-    """
-
-    freedoms: tuple[str, ...]
-    fit_reference: bool
-    degree: int | None
+    freedoms: tuple[str, ...]  # of each sub-aperture
+    fit_reference: bool  # whether a reference map is unknown
+    degree: int | None  # of its polynomial; a map of pixels if None
+    # {"remove", "surface"}: what happens to what reference and surface can exchange
     ambiguous: str
-    draws: int
-    u_reading: float | None
+    draws: int  # simulated measurements for the uncertainty of a pixel map
+    u_reading: float | None  # m: stated noise
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,21 +25,12 @@ _IN_NULL = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class NullModes:
-    """Polynomial changes of reference and surface that no reading shows.
+    """Polynomial changes of reference and surface that no reading shows."""
 
-    Parameters
-    ----------
-    terms : tuple of str
-        Named ones beyond piston and tilt.
-    reference : ndarray, shape (n_r, n_y, n_x)
-        Basis on the instrument's pixels, piston and tilt included.
-    surface : ndarray, shape (n_s, grid)
-        Basis on the stitched grid.
-    """
-
-    terms: tuple[str, ...]
+    terms: tuple[str, ...]  # named ones beyond piston and tilt
+    # shape (n_r, n_y, n_x): basis on the instrument's pixels, piston and tilt included
     reference: FloatArray
-    surface: FloatArray
+    surface: FloatArray  # shape (n_s, grid): basis on the stitched grid
 
 
 def exponents(degree: int, *, line: bool) -> list[tuple[int, int]]:
@@ -68,28 +59,7 @@ def with_polynomials(
     line: bool,
     weight: FloatArray,
 ) -> Problem:
-    """Return the design of the freedoms with a shared polynomial of the instrument.
-
-    Parameters
-    ----------
-    layout : Layout
-        Sub-apertures of one shape.
-    overlaps : tuple of Overlap
-        Pairs.
-    freedoms : tuple of str
-        Of each sub-aperture.
-    degree : int
-        Highest total degree of the polynomial.
-    line : bool
-        Whether there is only x.
-    weight : ndarray
-        Of the stitched grid.
-
-    Returns
-    -------
-    Problem
-        The shared columns come last.
-    """
+    """Return the design of the freedoms with a shared polynomial of the instrument."""
     own = freedom_terms(layout, freedoms, line=line)
     powers = exponents(degree, line=line)
     scale = half_size(layout.placed[0])
@@ -107,26 +77,7 @@ def with_polynomials(
 def null_modes(
     problem: Problem, inverse: Inverse, degree: int, shape: tuple[int, int], *, line: bool
 ) -> NullModes:
-    """Return the polynomials that a design with a shared polynomial leaves open.
-
-    Parameters
-    ----------
-    problem : Problem
-        Of `with_polynomials`.
-    inverse : Inverse
-        Of its normal matrix.
-    degree : int
-        Its degree.
-    shape : tuple of int
-        Of the instrument's map.
-    line : bool
-        Whether there is only x.
-
-    Returns
-    -------
-    NullModes
-        Evaluated on both grids.
-    """
+    """Return the polynomials that a design with a shared polynomial leaves open."""
     powers = exponents(degree, line=line)
     piece = problem.layout.placed[0]
     scale = half_size(piece)

@@ -35,45 +35,16 @@ _OF_DRAWS = 1e-4
 
 @dataclass(frozen=True, slots=True)
 class Links:
-    """Groups of the instrument's pixels that overlaps link; between groups nothing is compared.
+    """Groups of the instrument's pixels that overlaps link; between groups nothing is compared."""
 
-    Parameters
-    ----------
-    instrument : ndarray of int, shape (n_y, n_x)
-        Group of each pixel of the instrument; -1 where it is in none.
-    surface : ndarray of int, shape (grid)
-        Group of each pixel of the stitched grid.
-    n_groups : int
-        How many.
-    """
-
+    # shape (n_y, n_x): group of each pixel of the instrument; -1 where it is in none
     instrument: LabelArray
-    surface: LabelArray
-    n_groups: int
+    surface: LabelArray  # shape (grid): group of each pixel of the stitched grid
+    n_groups: int  # how many
 
 
 def links_of(problem: Problem, shape: tuple[int, int], kind: str) -> Links:
-    """Return which pixels of the instrument the overlaps link.
-
-    Parameters
-    ----------
-    problem : Problem
-        The design.
-    shape : tuple of int
-        Of the instrument's map.
-    kind : str
-        Of the sub-apertures, for messages.
-
-    Returns
-    -------
-    Links
-        Groups of 8 and more pixels.
-
-    Raises
-    ------
-    NotSeparableError
-        If there is none: one step size.
-    """
+    """Return which pixels of the instrument the overlaps link."""
     from scipy import sparse
     from scipy.sparse.csgraph import connected_components
 
@@ -110,22 +81,7 @@ def links_of(problem: Problem, shape: tuple[int, int], kind: str) -> Links:
 
 
 def without_modes(values: FloatArray, labels: LabelArray, modes: FloatArray) -> FloatArray:
-    """Return values without the mean of each group and without smooth modes, least squares.
-
-    Parameters
-    ----------
-    values : ndarray
-        A map.
-    labels : ndarray of int, same shape
-        Groups; -1 becomes NaN.
-    modes : ndarray, shape (n_modes, ...)
-        Removed together with the means.
-
-    Returns
-    -------
-    ndarray
-        NaN outside the groups.
-    """
+    """Return values without the mean of each group and without smooth modes, least squares."""
     inside = (labels >= 0) & np.isfinite(values)
     out = np.full(values.shape, np.nan)
     if not inside.any():
@@ -147,26 +103,7 @@ def resolved(
     links: Links,
     modes: tuple[FloatArray, FloatArray],
 ) -> Links:
-    """Return the groups without pixels at which random references do not come back.
-
-    Parameters
-    ----------
-    problem : Problem
-        Freedoms only.
-    inverse : Inverse
-        Of its normal matrix.
-    system : ReferenceSystem
-        Equations of the reference's pixels.
-    links : Links
-        Groups by nearest pixels.
-    modes : tuple of ndarray
-        Removed from reference and surface.
-
-    Returns
-    -------
-    Links
-        The same where nothing is interpolated.
-    """
+    """Return the groups without pixels at which random references do not come back."""
     instrument, surface = links.instrument, links.surface
     for readings, truth, found in system.probes():
         instrument = _agreeing(found - truth, instrument, modes[0])
@@ -194,31 +131,7 @@ def scatter(
     modes: tuple[FloatArray, FloatArray],
     draws: int,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the standard deviation of reference and surface for noise of one, by simulation.
-
-    Parameters
-    ----------
-    problem : Problem
-        Freedoms only.
-    inverse : Inverse
-        Of its normal matrix.
-    system : ReferenceSystem
-        Equations of the reference's pixels.
-    links : Links
-        Groups.
-    modes : tuple of ndarray
-        Removed from reference and surface.
-    draws : int
-        Number of simulated measurements; 0 gives NaN.
-
-    Returns
-    -------
-    reference : ndarray, shape (n_y, n_x)
-        Smoothed over 5 x 5 pixels where maps are large enough, but for weakly tied ones at the rim
-        of interpolated maps; NaN outside the groups.
-    surface : ndarray, shape (grid)
-        Likewise.
-    """
+    """Return the standard deviation of reference and surface for noise of one, by simulation."""
     rng = np.random.default_rng(0)
     of_r, of_s = np.zeros(system.shape), np.zeros(problem.weight.shape)
     for _ in range(draws):

@@ -44,29 +44,7 @@ _LARGEST_U = 0.5
 
 
 def registered(pieces: Pieces, freedoms: tuple[str, ...]) -> tuple[Pieces, dict[str, Any]]:
-    """Return sub-apertures at fitted positions; the first stays where it is.
-
-    Parameters
-    ----------
-    pieces : Pieces
-        At the stated positions.
-    freedoms : tuple of str
-        Of each.
-
-    Returns
-    -------
-    pieces : Pieces
-        Moved.
-    audit : dict
-        ``shifts_um``, ``u_shifts_um``, ``registration_passes``, and ``messages``.
-
-    Raises
-    ------
-    DegenerateFitError
-        If the overlaps show too little structure.
-    NotConvergedError
-        If the positions do not settle.
-    """
+    """Return sub-apertures at fitted positions; the first stays where it is."""
     start, n_axes = pieces.corners.copy(), 1 if pieces.line else 2
     steps = np.array([pieces.dx, pieces.dy])[:n_axes]
     largest, damping, noise = math.inf, 1.0, math.nan

@@ -46,27 +46,7 @@ _RIGID = "how the whole lies in space is arbitrary; it was removed by least squa
 
 
 def run(pieces: Pieces, settings: Settings, extra: dict[str, Any]) -> Separation:
-    """Return the stitched surface.
-
-    Parameters
-    ----------
-    pieces : Pieces
-        Checked, a known reference already subtracted.
-    settings : Settings
-        How.
-    extra : dict
-        More for the audit; ``messages`` are taken out of it.
-
-    Returns
-    -------
-    Separation
-        Parts ``surface`` and, where fitted, ``reference``.
-
-    Raises
-    ------
-    DegenerateFitError, NotSeparableError, DataError
-        If the sub-apertures cannot be stitched.
-    """
+    """Return the stitched surface."""
     layout = layout_of(pieces)
     overlaps = overlaps_of(layout)
     problem = plain_problem(layout, overlaps, settings.freedoms, line=pieces.line)

@@ -26,30 +26,14 @@ _NULL = 1e-11
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """The design of a stitching.
+    """The design of a stitching."""
 
-    Parameters
-    ----------
-    layout : Layout
-        Sub-apertures on the grid.
-    overlaps : tuple of Overlap
-        Pairs.
-    terms : Terms
-        The columns of each sub-aperture.
-    columns : list of ndarray of int
-        Where they stand among all unknowns.
-    n_columns : int
-        Number of unknowns.
-    weight : ndarray, shape (grid)
-        Sum of the weights at each pixel.
-    """
-
-    layout: Layout
-    overlaps: tuple[Overlap, ...]
-    terms: Terms
-    columns: list[NDArray[np.int64]]
-    n_columns: int
-    weight: FloatArray
+    layout: Layout  # sub-apertures on the grid
+    overlaps: tuple[Overlap, ...]  # pairs
+    terms: Terms  # the columns of each sub-aperture
+    columns: list[NDArray[np.int64]]  # of ndarray of int: where they stand among all unknowns
+    n_columns: int  # number of unknowns
+    weight: FloatArray  # shape (grid): sum of the weights at each pixel
     inverse_weight: FloatArray = field(init=False)
 
     def __post_init__(self) -> None:
@@ -74,22 +58,7 @@ class Problem:
 
 
 def freedom_terms(layout: Layout, freedoms: tuple[str, ...], *, line: bool) -> PolynomialTerms:
-    """Return the columns of the freedoms: 1, tilts, power, each about the centre and scaled.
-
-    Parameters
-    ----------
-    layout : Layout
-        Sub-apertures.
-    freedoms : tuple of str
-        ``piston``, ``tilt``, ``power``.
-    line : bool
-        Whether there is only x.
-
-    Returns
-    -------
-    PolynomialTerms
-        Of each sub-aperture.
-    """
+    """Return the columns of the freedoms: 1, tilts, power, each about the centre and scaled."""
     halves = [half_size(p) for p in layout.placed]
 
     def make(k: int, x: FloatArray, y: FloatArray) -> FloatArray:
@@ -154,18 +123,10 @@ def right_side(problem: Problem, values: list[FloatArray], mean: FloatArray) -> 
 
 @dataclass(frozen=True, slots=True)
 class Inverse:
-    """The inverse of a normal matrix on what it determines.
+    """The inverse of a normal matrix on what it determines."""
 
-    Parameters
-    ----------
-    matrix : ndarray, shape (n, n)
-        Pseudo-inverse: covariance for noise of one.
-    null : ndarray, shape (n, m)
-        What is not determined, as columns.
-    """
-
-    matrix: FloatArray
-    null: FloatArray
+    matrix: FloatArray  # shape (n, n): pseudo-inverse: covariance for noise of one
+    null: FloatArray  # shape (n, m): what is not determined, as columns
 
     @property
     def rank(self) -> int:
@@ -184,22 +145,7 @@ def inverse_of(matrix: FloatArray) -> Inverse:
 
 
 def require_rank(inverse: Inverse, problem: Problem, expected: int) -> None:
-    """Refuse overlaps that leave more open than the position of the whole.
-
-    Parameters
-    ----------
-    inverse : Inverse
-        Of the freedoms.
-    problem : Problem
-        The design.
-    expected : int
-        How many combinations are always open.
-
-    Raises
-    ------
-    DegenerateFitError
-        If more are; the sub-aperture concerned is named.
-    """
+    """Refuse overlaps that leave more open than the position of the whole."""
     extra = inverse.null.shape[1] - expected
     if extra <= 0:
         return
@@ -261,22 +207,7 @@ def noise_of(
 
 
 def variance_map(problem: Problem, covariance: FloatArray, basis: FloatArray) -> FloatArray:
-    """Return the variance of the stitched surface for noise of one, a basis removed from it.
-
-    Parameters
-    ----------
-    problem : Problem
-        The design.
-    covariance : ndarray, shape (n_columns, n_columns)
-        Of the freedoms.
-    basis : ndarray, shape (n_basis, grid)
-        What is removed by least squares over the measured pixels.
-
-    Returns
-    -------
-    ndarray, shape (grid)
-        NaN where nothing was measured.
-    """
+    """Return the variance of the stitched surface for noise of one, a basis removed from it."""
     measured = problem.weight > 0.0
     own = problem.inverse_weight
     with one_blas_thread():

@@ -45,13 +45,7 @@ class Terms(Protocol):
 
 
 class WindowTerms:
-    """Columns that are given as windows.
-
-    Parameters
-    ----------
-    make : callable
-        Index and part of a window -> (n, rows, columns).
-    """
+    """Columns that are given as windows."""
 
     def __init__(self, make: Callable[[int, Box], FloatArray]) -> None:
         self.make = make
@@ -90,17 +84,7 @@ class _Table:
 
 
 class PolynomialTerms:
-    """Columns that are polynomials of x and y.
-
-    Parameters
-    ----------
-    layout : Layout
-        Sub-apertures.
-    make : callable
-        The columns at positions of a sub-aperture.
-    degree : int
-        Highest degree in x and in y.
-    """
+    """Columns that are polynomials of x and y."""
 
     def __init__(self, layout: Layout, make: Make, degree: int) -> None:
         self.layout, self.make, self.degree = layout, make, degree
@@ -187,15 +171,7 @@ def _affine(
 
 
 def _products(first: FloatArray, second: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return an orthonormal basis of all products of two axes' polynomials, and their factors.
-
-    Returns
-    -------
-    base : ndarray, shape (n, q)
-        Of the polynomials up to the sum of both degrees.
-    factors : ndarray, shape (a, b, q)
-        ``first[a] second[b] = base @ factors[a, b]``.
-    """
+    """Return an orthonormal basis of all products of two axes' polynomials, and their factors."""
     base = _orthonormal(first.shape[1], first.shape[0] + second.shape[0] - 2)
     return base, np.asarray((first[:, None, :] * second) @ base)
 

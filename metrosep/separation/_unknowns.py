@@ -31,64 +31,19 @@ _LAG_STEP = 2e-3
 
 @dataclass(slots=True)
 class Unknown:
-    """One number that the model depends on in a curved way.
+    """One number that the model depends on in a curved way."""
 
-    Parameters
-    ----------
-    prior_sd : float
-        Scale of its column, which has a prior of unit variance.
-    largest_step : float
-        The model counts as linear over such a change.
-    done : float
-        A smaller change means that it has converged.
-    sd : float
-        Standard uncertainty after the last solution.
-    """
-
-    prior_sd: float
-    largest_step: float
-    done: float
-    sd: float = float("nan")
+    prior_sd: float  # scale of its column, which has a prior of unit variance
+    largest_step: float  # the model counts as linear over such a change
+    done: float  # A smaller change means that it has converged
+    sd: float = float("nan")  # standard uncertainty after the last solution
 
     def column(self, system: System, index: int, basis: FloatArray) -> FloatArray:
-        """Return the derivative of the readings of one run.
-
-        Parameters
-        ----------
-        system : System
-            At the present solution.
-        index : int
-            Which run.
-        basis : ndarray, shape (n, 2 K)
-            Fourier basis of this run, without gain.
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            Change of the readings per unit.
-
-        Raises
-        ------
-        NotImplementedError
-            Always; the kinds of unknown define it.
-        """
+        """Return the derivative of the readings of one run."""
         raise NotImplementedError
 
     def shift(self, system: System, step: float) -> None:
-        """Change the number in the system.
-
-        Parameters
-        ----------
-        system : System
-            Changed.
-        step : float
-            By how much.
-
-        Raises
-        ------
-        NotImplementedError
-            Always; the kinds of unknown define it.
-        """
+        """Change the number in the system."""
         raise NotImplementedError
 
 
@@ -115,15 +70,9 @@ class Lag(Unknown):
 
 @dataclass(slots=True)
 class Frequency(Unknown):
-    """Frequency of a line, Hz.
+    """Frequency of a line, Hz."""
 
-    Parameters
-    ----------
-    line : int
-        Which line.
-    """
-
-    line: int = 0
+    line: int = 0  # which line
 
     def column(self, system: System, index: int, basis: FloatArray) -> FloatArray:
         """Return the change of the line with its frequency; see `Unknown`."""
@@ -137,24 +86,13 @@ class Frequency(Unknown):
 
 @dataclass(slots=True, eq=False)
 class Gain(Unknown):
-    """Factor on the error in some runs: ``1 + value * lever`` in each.
+    """Factor on the error in some runs: ``1 + value * lever`` in each."""
 
-    Parameters
-    ----------
-    lever : ndarray, shape (n_runs,)
-        Relative speed for growth with the feedrate; 1 in the runs of a probe.
-    with_slope : bool
-        Whether the alignment slope is multiplied too, as a probe does.
-    name : str
-        Of the probe, or "following".
-    value : float
-        The factor's excess.
-    """
-
+    # shape (n_runs,): relative speed for growth with the feedrate; 1 in the runs of a probe
     lever: FloatArray = field(default_factory=lambda: np.empty(0))
-    with_slope: bool = False
-    name: str = ""
-    value: float = 0.0
+    with_slope: bool = False  # whether the alignment slope is multiplied too, as a probe does
+    name: str = ""  # of the probe, or "following"
+    value: float = 0.0  # the factor's excess
 
     def column(self, system: System, index: int, basis: FloatArray) -> FloatArray:
         """Return the error in the runs with a lever; see `Unknown`."""

@@ -15,24 +15,7 @@ _BLOCK = 128
 def whitened(
     design: FloatArray, values: FloatArray, coefficients: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Filter rows by blocks of a banded Toeplitz matrix; rows that touch a NaN are dropped.
-
-    Parameters
-    ----------
-    design : ndarray, shape (n, columns)
-        Columns.
-    values : ndarray, shape (n,)
-        Readings, NaN = not measured.
-    coefficients : ndarray, shape (p,)
-        Of the autoregressive model.
-
-    Returns
-    -------
-    rows : ndarray, shape (m, columns)
-        Filtered columns, m at most n - p.
-    values : ndarray, shape (m,)
-        Filtered readings.
-    """
+    """Filter rows by blocks of a banded Toeplitz matrix; rows that touch a NaN are dropped."""
     p = coefficients.size
     invalid = np.isnan(values)
     table = np.hstack([design, np.where(invalid, 0.0, values)[:, None]])

@@ -39,29 +39,15 @@ def _inside(x: FloatArray, travel: tuple[float, float]) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FourierCurve:
-    """``offset + slope (x - origin) + sum a_k cos + b_k sin`` of ``2 pi k (x - origin)/period``.
+    """``offset + slope (x - origin) + sum a_k cos + b_k sin`` of ``2 pi k (x - origin)/period``."""
 
-    Parameters
-    ----------
-    origin, period : float, m
-        Zero of phase; longest wavelength.
-    cosine, sine : ndarray, shape (K,), m
-        Coefficients a_k, b_k.
-    offset : float, m
-        Constant part.
-    slope : float, rad
-        Linear part.
-    travel : tuple of (float, float), m
-        Where the curve is defined.
-    """
-
-    origin: float
+    origin: float  # m: zero of phase; longest wavelength
     period: float
-    cosine: FloatArray
+    cosine: FloatArray  # shape (K,), m: coefficients a_k, b_k
     sine: FloatArray
-    offset: float
-    slope: float
-    travel: tuple[float, float]
+    offset: float  # m: constant part
+    slope: float  # rad: linear part
+    travel: tuple[float, float]  # of (float, float), m: where the curve is defined
 
     def __call__(self, x: ArrayLike) -> FloatArray:
         """Return the values at positions in m; NaN outside the travel."""
@@ -176,23 +162,7 @@ class FeedTerm:
 
 
 def curve_from_dict(data: dict[str, Any]) -> Curve:
-    """Return the curve that `to_dict` wrote.
-
-    Parameters
-    ----------
-    data : dict
-        With ``kind`` "fourier" or "sampled".
-
-    Returns
-    -------
-    FourierCurve or SampledCurve
-        The same curve.
-
-    Raises
-    ------
-    DataError
-        If the kind is unknown or a key is missing.
-    """
+    """Return the curve that `to_dict` wrote."""
     try:
         if data["kind"] == "fourier":
             low, high = data["travel_m"]

@@ -43,63 +43,21 @@ _RANGE_RTOL = 1e-6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PreparedRun:
-    """One run, thinned where necessary.
+    """One run, thinned where necessary."""
 
-    Parameters
-    ----------
-    x, z : ndarray, shape (n,), m
-        Positions and readings in the order of time.
-    velocity : float, m/s
-        Signed mean velocity.
-    time_step : float, s
-        Sampling interval after thinning.
-    block : int
-        Samples averaged into one.
-    block_length : float, m
-        Travel over which one sample averages, 0 without thinning.
-    run_id : str
-        Name of the run.
-    t : ndarray, shape (n,), s
-        Time of each sample.
-    probe : str
-        Name of the probe that read it; empty where there is one only.
-    """
-
-    x: FloatArray
+    x: FloatArray  # shape (n,), m: positions and readings in the order of time
     z: FloatArray
-    velocity: float
-    time_step: float
-    block: int
-    block_length: float
-    run_id: str
-    t: FloatArray
-    probe: str = ""
+    velocity: float  # m/s: signed mean velocity
+    time_step: float  # s: sampling interval after thinning
+    block: int  # samples averaged into one
+    block_length: float  # m: travel over which one sample averages, 0 without thinning
+    run_id: str  # name of the run
+    t: FloatArray  # shape (n,), s: time of each sample
+    probe: str = ""  # name of the probe that read it; empty where there is one only
 
 
 def prepare_runs(runs: RunSet, *, probes: Sequence[str] | None = None) -> list[PreparedRun]:
-    """Return the runs checked for time, thinned so that the model stays affordable.
-
-    Parameters
-    ----------
-    runs : RunSet
-        Runs with time.
-    probes : sequence of str, optional
-        Name of the probe of each run; one probe if omitted.
-
-    Returns
-    -------
-    list of PreparedRun
-        Same order.
-
-    Raises
-    ------
-    InvalidSamplesError
-        If a run has no time.
-    NotUniformError
-        If time steps vary by more than 25 %.
-    TooFewSamplesError
-        If a run has fewer than 32 valid samples.
-    """
+    """Return the runs checked for time, thinned so that the model stays affordable."""
     block = max(1, -(-sum(len(r) for r in runs) // _MAX_ROWS))
     names = probes or [""] * len(runs)
     return [
@@ -158,27 +116,7 @@ def _prepare(run: Run, block: int, probe: str) -> PreparedRun:
 def evaluation_range(
     runs: RunSet, *, start: float | None, length: float | None
 ) -> tuple[float, float]:
-    """Return start and stop of the evaluation range.
-
-    Parameters
-    ----------
-    runs : RunSet
-        The runs.
-    start, length : float or None, m
-        As the user stated them. Without a length the common travel; without a start the range is
-        centred in the common travel.
-
-    Returns
-    -------
-    tuple of (float, float), m
-        Start and stop.
-
-    Raises
-    ------
-    InvalidSamplesError
-        If the range is not covered by every run, or if none was stated and the runs have
-        different travels.
-    """
+    """Return start and stop of the evaluation range."""
     for name, value in (("start", start), ("length", length)):
         if value is not None and not np.isfinite(value):
             raise InvalidSamplesError(f"{name} must be a finite number in m, got {value}")

@@ -357,22 +357,7 @@ def _worst(
 
 
 def largest_range(times: FloatArray, z: FloatArray, span: float) -> float:
-    """Return the largest range within any window of a length.
-
-    Parameters
-    ----------
-    times : ndarray, shape (n,), s
-        Rising.
-    z : ndarray, shape (n,)
-        Readings; NaN is left out.
-    span : float, s
-        Length of the window, both ends included.
-
-    Returns
-    -------
-    float
-        NaN where no window holds two readings.
-    """
+    """Return the largest range within any window of a length."""
     from collections import deque
 
     valid = np.flatnonzero(~np.isnan(z))

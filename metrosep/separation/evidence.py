@@ -220,24 +220,7 @@ def evidence_columns(
     *,
     rate: float,
 ) -> dict[str, list[Any]]:
-    """Return the statistics of complex amplitudes of runs.
-
-    Parameters
-    ----------
-    amplitudes : ndarray of complex, shape (R, K), m
-        One row a run.
-    feed_of : ndarray of int, shape (R,)
-        Which feedrate each run has.
-    usable : ndarray of bool, shape (K,)
-        Where the feedrates tell vibration from geometry; NaN and a reason elsewhere.
-    rate : float
-        False discovery rate.
-
-    Returns
-    -------
-    dict of str to list
-        Columns, without wavelengths.
-    """
+    """Return the statistics of complex amplitudes of runs."""
     r = amplitudes.shape[0]
     total = np.abs(amplitudes.sum(axis=0)) ** 2
     power = (np.abs(amplitudes) ** 2).sum(axis=0)

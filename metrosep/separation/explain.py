@@ -56,20 +56,7 @@ def _close_feeds(feeds: tuple[float, ...], travel: float) -> list[str]:
 
 
 def noise_peaks(model: AutoregressiveModel, *, n_max: int = 4) -> list[float]:
-    """Return the frequencies of the strongest resonances of a noise model.
-
-    Parameters
-    ----------
-    model : AutoregressiveModel
-        Noise of the runs.
-    n_max : int, optional
-        Most that are returned.
-
-    Returns
-    -------
-    list of float, Hz
-        Strongest first; empty for noise without resonances.
-    """
+    """Return the frequencies of the strongest resonances of a noise model."""
     if model.order < 2:
         return []
     nyquist = 0.5 / model.time_step
@@ -94,22 +81,7 @@ def noise_peaks(model: AutoregressiveModel, *, n_max: int = 4) -> list[float]:
 def explain_disturbances(
     solution: Solution, runs: RunSet, spectrum: Mapping[str, list[Any]]
 ) -> tuple[str, ...]:
-    """Name vibrations that fall onto a wavelength of the geometry at some feedrate.
-
-    Parameters
-    ----------
-    solution : Solution
-        With the noise models.
-    runs : RunSet
-        For feeds and travel.
-    spectrum : mapping of str to list
-        Columns of the spectrum.
-
-    Returns
-    -------
-    tuple of str
-        One sentence for each vibration that collides.
-    """
+    """Name vibrations that fall onto a wavelength of the geometry at some feedrate."""
     low, high = runs.full_travel
     travel = high - low
     waves = [
@@ -177,22 +149,7 @@ def _better_feed(
 def explain_lag(
     solution: Solution, *, mode: Literal["stated", "auto", "fit"], n_selected: int = 1
 ) -> tuple[str, ...]:
-    """Say what the fitted lag is and whether the data determine it.
-
-    Parameters
-    ----------
-    solution : Solution
-        With lag and its uncertainty.
-    mode : {"stated", "auto", "fit"}
-        Whether the lag was stated, corrected where it shows, or fitted in any case.
-    n_selected : int, optional
-        Wavelengths that repeat beyond chance; without any, nothing shows a lag.
-
-    Returns
-    -------
-    tuple of str
-        Nothing where no lag was found or asked for.
-    """
+    """Say what the fitted lag is and whether the data determine it."""
     value, sd = solution.lag * 1e3, solution.lag_sd * 1e3
     test = solution.lag_test
     if mode == "auto":
@@ -232,20 +189,7 @@ _SLOW_SHARE = 0.15
 
 
 def explain_band(solution: Solution, *, band: float, plain: float) -> tuple[str, ...]:
-    """Say where the uncertainty is known not to be that of 95 %: prior, or noise slower than runs.
-
-    Parameters
-    ----------
-    solution : Solution
-        With the noise models.
-    band, plain : float, m
-        RMS uncertainty, and the same without what the uncertain prior adds.
-
-    Returns
-    -------
-    tuple of str
-        Sentences, often none.
-    """
+    """Say where the uncertainty is known not to be that of 95 %: prior, or noise slower than runs."""
     sentences = []
     if band > _PRIOR_RATIO * plain:
         sentences.append(
@@ -277,26 +221,7 @@ def _with_models(solution: Solution) -> list[tuple[FloatArray, AutoregressiveMod
 def explain_resolution(
     solution: Solution, *, limit: str, travel: float, runs: RunSet, n_selected: int
 ) -> tuple[str, ...]:
-    """Say when the shortest wavelength was bounded by something other than evidence.
-
-    Parameters
-    ----------
-    solution : Solution
-        With the chosen number of harmonics.
-    limit : {"stated", "sampling", "cost", "data"}
-        What bounded the wavelengths that were considered.
-    travel : float, m
-        Length of the runs.
-    runs : RunSet
-        For the feeds.
-    n_selected : int
-        Wavelengths that repeat beyond chance.
-
-    Returns
-    -------
-    tuple of str
-        Sentences, often none.
-    """
+    """Say when the shortest wavelength was bounded by something other than evidence."""
     sentences = []
     considered = solution.amplitude.size
     below = f"wavelengths below {solution.period / considered * 1e3:.3g} mm were not considered"

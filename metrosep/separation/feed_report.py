@@ -30,26 +30,7 @@ _DOUBT = 0.01
 def report_following(
     solution: Solution, prepared: Sequence[PreparedRun], *, kind: str, n_feeds: int
 ) -> Report:
-    """Return the part of the error that grows with the feedrate.
-
-    Parameters
-    ----------
-    solution : Solution
-        Of the joint fit.
-    prepared : sequence of PreparedRun
-        Its runs.
-    kind : {"offset", "scale", "waves"}
-        What was fitted.
-    n_feeds : int
-        Different feedrates.
-
-    Returns
-    -------
-    dict
-        Values with uncertainty.
-    list of str
-        What the user should know.
-    """
+    """Return the part of the error that grows with the feedrate."""
     reference = solution.terms.reference
     result: dict[str, Any] = {
         "kind": kind,
@@ -181,22 +162,7 @@ def _wave_growth(solution: Solution) -> dict[str, list[float]]:
 
 
 def report_probes(solution: Solution, prepared: Sequence[PreparedRun]) -> Report:
-    """Return offset, sensitivity and noise of each probe.
-
-    Parameters
-    ----------
-    solution : Solution
-        Of the joint fit.
-    prepared : sequence of PreparedRun
-        Its runs, of more than one probe.
-
-    Returns
-    -------
-    dict
-        Columns by probe.
-    list of str
-        What the user should know.
-    """
+    """Return offset, sensitivity and noise of each probe."""
     names = list(dict.fromkeys(r.probe for r in prepared))
     gains = {u.name: u for u in solution.unknowns if isinstance(u, Gain)}
     first = _level(solution, prepared, names[0])

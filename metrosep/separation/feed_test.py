@@ -19,23 +19,7 @@ FloatArray = NDArray[np.float64]
 def square_of_feed_score(
     system: System, covariance: FloatArray, *, kind: str
 ) -> tuple[float, int] | None:
-    """Return the score test of a part that grows with the square of the feedrate.
-
-    Parameters
-    ----------
-    system : System
-        At its solution.
-    covariance : ndarray, shape (n, n)
-        Posterior of all columns.
-    kind : {"scale", "waves"}
-        Whether the whole error or single waves depend on the feedrate.
-
-    Returns
-    -------
-    tuple of (float, int) or None
-        Statistic, chi-square if there is no such part, and its degrees of freedom; None where
-        the readings cannot tell.
-    """
+    """Return the score test of a part that grows with the square of the feedrate."""
     rel = system.terms.relative_speed
     score, own, cross = _score(
         system, lambda i: _columns(system, i, kind) * (rel[i] ** 2 - float(np.mean(rel**2)))
@@ -55,18 +39,6 @@ def lag_score(system: System, covariance: FloatArray) -> tuple[float, float, Flo
     With g the score and I the information that the other unknowns leave: lag = g/I, u = 1/sqrt(I),
     chi-square of 1 degree (lag/u)^2; the solution changes by - C b for each second, b the cross
     information.
-
-    Parameters
-    ----------
-    system : System
-        At its solution.
-    covariance : ndarray, shape (n, n)
-        Posterior of all columns.
-
-    Returns
-    -------
-    tuple of (float, float, ndarray) or None
-        Lag and u in s, change of the solution; None where nothing depends on a lag.
     """
     column = Lag().column
     score, own, cross = _score(system, lambda i: column(system, i, system.basis(i))[:, None])
@@ -103,30 +75,7 @@ def _columns(system: System, index: int, kind: str) -> FloatArray:
 def whitened_rows(
     system: System, index: int, model: AutoregressiveModel, columns: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, float]:
-    """Return whitened design, extra columns, residual and variance of a row.
-
-    Parameters
-    ----------
-    system : System
-        At its solution.
-    index : int
-        Which run.
-    model : AutoregressiveModel
-        Its noise.
-    columns : ndarray, shape (n, q)
-        Extra columns of this run.
-
-    Returns
-    -------
-    design : ndarray, shape (m, p)
-        Whitened.
-    extra : ndarray, shape (m, q)
-        The extra columns, whitened.
-    rest : ndarray, shape (m,)
-        Whitened residual.
-    variance : float
-        Of a row.
-    """
+    """Return whitened design, extra columns, residual and variance of a row."""
     design = np.hstack([system.design(index), columns])
     n = design.shape[1]
     variance = model.variance

@@ -66,24 +66,16 @@ _MOST_NAMED = 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RunChecks:
-    """Table of run checks: one row a run, in the order of the runs.
+    """Table of run checks: one row a run, in the order of the runs."""
 
-    Parameters
-    ----------
-    columns : mapping of str to list
-        ``run direction feed_mm_min rms_nm gain u_gain shift_mm u_shift_mm finding refused used``;
-        gain and shift against the other runs, NaN where they cannot be compared.
-    common : tuple of str
-        What is wrong with the set as a whole.
-    step : float, m
-        Step of the readings where it exceeds their noise, else 0.
-    lag : mapping of int to (float, float), s
-        By direction: delay that the shifts show beyond chance, and its uncertainty.
-    """
-
+    # mapping of str to list: ``run direction feed_mm_min rms_nm gain u_gain shift_mm u_shift_mm
+    # finding refused used``; gain and shift against the other runs, NaN where they cannot be
+    # compared
     columns: Mapping[str, list[Any]]
-    common: tuple[str, ...] = ()
-    step: float = 0.0
+    common: tuple[str, ...] = ()  # what is wrong with the set as a whole
+    step: float = 0.0  # m: step of the readings where it exceeds their noise, else 0
+    # mapping of int to (float, float), s: by direction: delay that the shifts show beyond chance,
+    # and its uncertainty
     lag: Mapping[int, tuple[float, float]] = field(default_factory=dict)
 
     @property
@@ -96,31 +88,7 @@ class RunChecks:
     def settle(
         self, runs: RunSet, *, exclude: Named | None = None, accept: Named | None = None
     ) -> tuple[RunSet, RunChecks]:
-        """Return the runs that are used, and the table with what was left out.
-
-        Parameters
-        ----------
-        runs : RunSet
-            That were checked.
-        exclude : "suspect", str or sequence of str, optional
-            Runs that are left out by name, or all that have a finding.
-        accept : "suspect", str or sequence of str, optional
-            Runs that are kept although they are refused.
-
-        Returns
-        -------
-        RunSet
-            At least one run.
-        RunChecks
-            The same with ``used``.
-
-        Raises
-        ------
-        DataError
-            If a name is not that of a run, or all runs are left out.
-        InvalidSamplesError
-            If a run is refused and neither left out nor accepted.
-        """
+        """Return the runs that are used, and the table with what was left out."""
         out, kept = self._named(exclude, "exclude"), self._named(accept, "accept")
         names, findings = self.columns["run"], self.columns["finding"]
         open_ = [i for i, bad in enumerate(self.columns["refused"]) if bad and i not in out | kept]
@@ -171,20 +139,6 @@ def check_runs(
     runs: RunSet, *, probes: Sequence[str] | None = None, spikes: bool = True
 ) -> RunChecks:
     """Return what is wrong with runs, by themselves and against each other.
-
-    Parameters
-    ----------
-    runs : RunSet
-        As they were read, both directions.
-    probes : sequence of str, optional
-        Name of the probe of each run: only runs of one probe and direction are compared.
-    spikes : bool, optional
-        Whether single readings that stand out are named; a robust fit reports them itself.
-
-    Returns
-    -------
-    RunChecks
-        Table and sentences; nothing is changed and nothing is left out.
 
     Notes
     -----

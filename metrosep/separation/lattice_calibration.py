@@ -152,13 +152,7 @@ def grid_calibration(
 
 
 def unseen_terms() -> tuple[Unobservable, ...]:
-    """Return what no set of views determines.
-
-    Returns
-    -------
-    tuple of Unobservable
-        Translation, rotation and scale of stage and plate.
-    """
+    """Return what no set of views determines."""
     reason = "placements are free, and no length enters: a long stage on a short plate reads alike"
     return tuple(Unobservable(part, "term", _TERMS, reason) for part in ("stage", "plate"))
 

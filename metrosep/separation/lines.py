@@ -45,21 +45,11 @@ _TABLE = 2_000_000
 
 @dataclass(frozen=True, slots=True)
 class FoundLine:
-    """A frequency with its test.
+    """A frequency with its test."""
 
-    Parameters
-    ----------
-    frequency : float, Hz
-        Of the sine that lowers the noise most.
-    statistic : float
-        Fall of AICc of the noise models, parameters of the sine not counted.
-    p : float
-        Chance of it without a line, for all frequencies looked at.
-    """
-
-    frequency: float
-    statistic: float
-    p: float
+    frequency: float  # of the sine that lowers the noise most
+    statistic: float  # fall of AICc of the noise models, parameters of the sine not counted
+    p: float  # chance of it without a line, for all frequencies looked at
 
 
 def find_line(
@@ -70,26 +60,7 @@ def find_line(
     *,
     level: float,
 ) -> FoundLine | None:
-    """Return the strongest line whose chance is below a level.
-
-    Parameters
-    ----------
-    residuals : sequence of ndarray, shape (n_r,)
-        Readings minus model of each run, NaN = not measured.
-    groups : sequence of sequence of int
-        Runs that share a noise model.
-    terms : Terms
-        For times and the shape of a line; its lines so far are not looked for again.
-    orders : sequence of int
-        Candidate orders of the noise models.
-    level : float
-        False-alarm probability of the whole search.
-
-    Returns
-    -------
-    FoundLine or None
-        None if no candidate passes.
-    """
+    """Return the strongest line whose chance is below a level."""
     frequency, power, cell = _search_spectrum(residuals, terms)
     if frequency.size < 2 * _OVERSAMPLING * _BACKGROUND:
         return None
@@ -111,22 +82,7 @@ def find_line(
 
 
 def nearest_power(residuals: Sequence[FloatArray], terms: Terms, frequency: float) -> float:
-    """Return the frequency of most power within half a resolution cell of a stated one.
-
-    Parameters
-    ----------
-    residuals : sequence of ndarray, shape (n_r,)
-        Readings minus model of each run, NaN = not measured.
-    terms : Terms
-        For times, and whether the runs share a phase.
-    frequency : float, Hz
-        As stated.
-
-    Returns
-    -------
-    float, Hz
-        The cell is one over the duration of the longest run.
-    """
+    """Return the frequency of most power within half a resolution cell of a stated one."""
     cell = 1.0 / max(float(np.ptp(r.t)) for r in terms.runs)
     return _refined(residuals, terms, frequency, cell)
 

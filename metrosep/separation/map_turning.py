@@ -35,32 +35,6 @@ def turn_map(
 ) -> FloatArray:
     """Return a map turned counter-clockwise about its centre and then shifted.
 
-    Parameters
-    ----------
-    z : array_like, shape (n_y, n_x), m, or Surface
-        Map; NaN = not measured.
-    angle : float, rad
-        From +x towards +y, rows growing with y.
-    shift : tuple of (float, float), m, optional
-        How far along x and y.
-    dx, dy : float, m, optional
-        Steps of a plain array; pixels if omitted.
-    centre : tuple of (float, float), m, optional
-        Centre (x, y) from pixel [0, 0]; the middle of the array if omitted.
-
-    Returns
-    -------
-    ndarray, shape (n_y, n_x), m
-        ``out(p) = z(R(-angle) (p - shift))``, p from the centre; NaN where one of the 6 x 6
-        neighbours is missing or outside.
-
-    Raises
-    ------
-    DataError
-        If the angle or the shift is not finite, or looks like degrees.
-    InvalidSamplesError, TooFewSamplesError
-        If the map cannot be used.
-
     Notes
     -----
     Turns by a multiple of 90 degrees about the middle of a square grid, and shifts by whole
@@ -89,25 +63,6 @@ def turn_map(
 def mirror_map(z: ArrayLike | Surface, axis: str = "x") -> FloatArray:
     """Return a map with one axis reversed about the middle of the array.
 
-    Parameters
-    ----------
-    z : array_like, shape (n_y, n_x), m, or Surface
-        Map.
-    axis : {"x", "y"}, optional
-        ``"x"`` changes the sign of x (reverses columns), ``"y"`` that of y (reverses rows).
-
-    Returns
-    -------
-    ndarray, shape (n_y, n_x), m
-        A copy.
-
-    Raises
-    ------
-    DataError
-        If the axis is unknown.
-    InvalidSamplesError, TooFewSamplesError
-        If the map cannot be used.
-
     Examples
     --------
     >>> import numpy as np
@@ -128,26 +83,7 @@ def turned(
     *,
     shift: tuple[float, float] = (0.0, 0.0),
 ) -> tuple[FloatArray, float]:
-    """Return maps turned counter-clockwise and the share of a white variance that is left.
-
-    Parameters
-    ----------
-    stack : ndarray, shape (n, n_y, n_x)
-        Maps; NaN = not measured.
-    angle : float, rad
-        From +x towards +y.
-    grid : MapGrid
-        Steps and centre.
-    shift : tuple of (float, float), m, optional
-        How far along x and y.
-
-    Returns
-    -------
-    maps : ndarray, shape (n, n_y, n_x)
-        ``out(p) = z(R(-angle) (p - shift))``.
-    share : float
-        Mean over the pixels of the sum of the squared weights; 1 where no interpolation is needed.
-    """
+    """Return maps turned counter-clockwise and the share of a white variance that is left."""
     by_index = _by_index(stack, angle, grid, shift)
     if by_index is not None:
         return by_index, 1.0
@@ -162,22 +98,7 @@ def turned(
 def interpolated(
     stack: FloatArray, rows: FloatArray, columns: FloatArray
 ) -> tuple[FloatArray, float]:
-    """Return values of maps at fractional indices by 6 x 6 Lagrange polynomials.
-
-    Parameters
-    ----------
-    stack : ndarray, shape (S, n_rows, n_columns)
-        Maps.
-    rows, columns : ndarray, shape (k,)
-        Positions.
-
-    Returns
-    -------
-    values : ndarray, shape (S, k)
-        NaN where a neighbour is missing or outside.
-    share : float
-        Mean of the sum of the squared weights: what is left of the variance of white noise.
-    """
+    """Return values of maps at fractional indices by 6 x 6 Lagrange polynomials."""
     n_rows, n_columns = stack.shape[1:]
     flat = np.ascontiguousarray(stack.reshape(stack.shape[0], -1))
     measured: NDArray[np.bool_] = np.logical_or.reduce(np.isfinite(flat), axis=0)
@@ -217,18 +138,7 @@ def _sum_of_36(
 
 
 def quarters_by_index(grid: MapGrid) -> bool:
-    """Return whether turns by 90 degrees only move indices.
-
-    Parameters
-    ----------
-    grid : MapGrid
-        Steps and centre.
-
-    Returns
-    -------
-    bool
-        True for square grids that turn about their middle.
-    """
+    """Return whether turns by 90 degrees only move indices."""
     ny, nx = grid.shape
     middle = ((nx - 1) / 2.0 * grid.dx, (ny - 1) / 2.0 * grid.dy)
     away = max(
@@ -281,18 +191,7 @@ def _slices(shift: int, n: int) -> tuple[slice, slice]:
 
 
 def lagrange_weights(position: FloatArray) -> FloatArray:
-    """Return the weights of the six samples around each position.
-
-    Parameters
-    ----------
-    position : ndarray, shape (k,)
-        Fractional indices; the six start two samples before the whole part.
-
-    Returns
-    -------
-    ndarray, shape (6, k)
-        Of the Lagrange polynomials.
-    """
+    """Return the weights of the six samples around each position."""
     t = position - np.floor(position)
     d = t - _NODES[:, None]
     weights = np.empty((6, position.size))

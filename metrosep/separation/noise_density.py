@@ -55,23 +55,7 @@ class TimeDensity:
     source: str
 
     def __call__(self, frequency: FloatArray) -> FloatArray:
-        """Return S at frequencies, held below the first known one, NaN above the last.
-
-        Parameters
-        ----------
-        frequency : ndarray, Hz
-            Any shape, > 0.
-
-        Returns
-        -------
-        ndarray, m^2/Hz
-            Same shape.
-
-        Raises
-        ------
-        InvalidSamplesError
-            If a value is not above zero.
-        """
+        """Return S at frequencies, held below the first known one, NaN above the last."""
         f = np.asarray(frequency, dtype=np.float64)
         known = f <= self.highest * (1.0 + 1e-12)
         out = np.full(f.shape, np.nan)

@@ -23,42 +23,21 @@ _MAX_WAVES = 8
 
 @dataclass(frozen=True, slots=True)
 class JointOptions:
-    """What the joint model holds beside geometry, offsets and noise; all off by default.
+    """What the joint model holds beside geometry, offsets and noise; all off by default."""
 
-    Parameters
-    ----------
-    drift : {0, 1, 2}
-        Degree of the polynomial in time of each run.
-    lines : "auto" or tuple of float, Hz
-        Deterministic lines; "auto" looks for them.
-    line_phase : {"free", "locked"}
-        Whether each run has its own phase and amplitude, or all share them from their start.
-    false_alarm : float
-        Chance that "auto" finds a line where there is none.
-    robust : bool
-        Whether spikes and bad stretches lose their weight.
-    following : {"off", "offset", "scale", "waves"}
-        What depends on the feedrate.
-    following_waves : int or tuple of float, m
-        How many of the strongest wavelengths depend on it, or which.
-    probe_gain : {"equal", "fit"}
-        Whether the probes have the same sensitivity.
-
-    Raises
-    ------
-    DataError
-        If an option has no such value.
-    UnitError
-        If a frequency or wavelength cannot be meant in SI.
-    """
-
-    drift: int = 0
+    drift: int = 0  # {0, 1, 2}: degree of the polynomial in time of each run
+    # "auto" or tuple of float, Hz: deterministic lines; "auto" looks for them
     lines: Literal["auto"] | tuple[float, ...] = ()
+    # {"free", "locked"}: whether each run has its own phase and amplitude, or all share them from
+    # their start
     line_phase: Literal["free", "locked"] = "free"
-    false_alarm: float = 0.001
-    robust: bool = False
+    false_alarm: float = 0.001  # chance that "auto" finds a line where there is none
+    robust: bool = False  # whether spikes and bad stretches lose their weight
+    # {"off", "offset", "scale", "waves"}: what depends on the feedrate
     following: Following = "off"
+    # or tuple of float, m: how many of the strongest wavelengths depend on it, or which
     following_waves: int | tuple[float, ...] = 3
+    # {"equal", "fit"}: whether the probes have the same sensitivity
     probe_gain: Literal["equal", "fit"] = "equal"
 
     def __post_init__(self) -> None:
@@ -80,13 +59,7 @@ class JointOptions:
         object.__setattr__(self, "following_waves", _checked_waves(self.following_waves))
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the options as plain values, with unit suffixes.
-
-        Returns
-        -------
-        dict
-            For the audit.
-        """
+        """Return the options as plain values, with unit suffixes."""
         waves = self.following_waves
         return {
             "drift": self.drift,
@@ -100,18 +73,7 @@ class JointOptions:
         }
 
     def check_waves(self, period: float) -> None:
-        """Refuse stated wavelengths that the model cannot hold.
-
-        Parameters
-        ----------
-        period : float, m
-            Longest wavelength of the model.
-
-        Raises
-        ------
-        UnitError
-            If a wavelength of `following_waves` is longer.
-        """
+        """Refuse stated wavelengths that the model cannot hold."""
         if self.following != "waves" or isinstance(self.following_waves, int):
             return
         for wave in self.following_waves:
@@ -123,22 +85,7 @@ class JointOptions:
                 )
 
     def check_runs(self, n_feeds: int, n_probes: int, *, fit_lag: bool, way: str) -> None:
-        """Refuse what the feedrates and probes at hand cannot show.
-
-        Parameters
-        ----------
-        n_feeds, n_probes : int
-            How many different ones there are.
-        fit_lag : bool
-            Whether the lag is fitted too.
-        way : str
-            Direction of the runs, for the message.
-
-        Raises
-        ------
-        NotSeparableError
-            If the option cannot be determined from these runs.
-        """
+        """Refuse what the feedrates and probes at hand cannot show."""
         if self.following != "off" and n_feeds < 2:
             raise NotSeparableError(
                 f"following={self.following!r} needs runs at >= 2 feedrates (>= 3 to test it), the "
@@ -158,25 +105,7 @@ class JointOptions:
 
 
 def metres(value: Any, name: str) -> float | None:
-    """Return a length as a plain number: text such as "20 mm" is not one.
-
-    Parameters
-    ----------
-    value : float or None, m
-        As the user stated it.
-    name : str
-        Of the argument.
-
-    Returns
-    -------
-    float or None, m
-        The same; not checked for its size.
-
-    Raises
-    ------
-    DataError
-        If it is text, a list or a truth value.
-    """
+    """Return a length as a plain number: text such as "20 mm" is not one."""
     if value is None:
         return None
     single = isinstance(value, int | float | np.number) or (

@@ -21,19 +21,7 @@ FloatArray = NDArray[np.float64]
 
 
 def shared_passes(runs: Sequence[PreparedRun]) -> list[tuple[int, int]]:
-    """Return pairs of runs of two probes with the same samples in time and place.
-
-    Parameters
-    ----------
-    runs : sequence of PreparedRun
-        All runs. Repeats on one grid look the same; they are paired in their order, the first of
-        one probe with the first of the other.
-
-    Returns
-    -------
-    list of tuple of (int, int)
-        Each run once with each other probe.
-    """
+    """Return pairs of runs of two probes with the same samples in time and place."""
     taken: set[tuple[int, str]] = set()
     pairs = []
     for j, b in enumerate(runs):
@@ -53,28 +41,7 @@ def sharing(
     noise: Sequence[AutoregressiveModel],
     n_probes: int,
 ) -> tuple[float, float]:
-    """Return by how much the variance of a row grows, and the correlation behind it.
-
-    Parameters
-    ----------
-    pairs : sequence of tuple of (int, int)
-        Runs that are one pass.
-    residuals : sequence of ndarray, shape (n_r,)
-        Readings minus model.
-    groups : sequence of sequence of int
-        Runs that share a noise model.
-    noise : sequence of AutoregressiveModel
-        Their models.
-    n_probes : int
-        Different probes.
-
-    Returns
-    -------
-    factor : float
-        ``1 + rho (n_probes - 1)``; 1 where rho is not beyond chance.
-    rho : float
-        Mean correlation of the innovations; 0 without pairs.
-    """
+    """Return by how much the variance of a row grows, and the correlation behind it."""
     if not pairs:
         return 1.0, 0.0
     owner = {i: g for g, group in enumerate(groups) for i in group}

@@ -160,18 +160,7 @@ def coupled_grid(
 
 
 def unseen_terms(slopes: Slopes) -> Unobservable:
-    """Return what every line can take as its own offset and slope.
-
-    Parameters
-    ----------
-    slopes : {"free", "common", "none"}
-        As for `coupled_grid`.
-
-    Returns
-    -------
-    Unobservable
-        Terms of the error map.
-    """
+    """Return what every line can take as its own offset and slope."""
     reason = (
         "each line has an offset and a slope of its own"
         if slopes == "free"

@@ -28,27 +28,7 @@ _N_IN_RANGE = 121
 
 
 def positive(value: Any, name: str, unit: str, *, zero: bool = False) -> float:
-    """Return a number that is positive and finite.
-
-    Parameters
-    ----------
-    value : float
-        What the user gave.
-    name, unit : str
-        For the message.
-    zero : bool, optional
-        Whether 0 is fine.
-
-    Returns
-    -------
-    float
-        The value.
-
-    Raises
-    ------
-    DataError
-        If it is not.
-    """
+    """Return a number that is positive and finite."""
     try:
         number = float(value)
     except (TypeError, ValueError):
@@ -59,27 +39,7 @@ def positive(value: Any, name: str, unit: str, *, zero: bool = False) -> float:
 
 
 def checked_feeds(values: ArrayLike, name: str) -> FloatArray:
-    """Return feeds as numbers, refusing what cannot be m/s.
-
-    Parameters
-    ----------
-    values : array_like, m/s
-        Speeds; may be empty.
-    name : str
-        For the message.
-
-    Returns
-    -------
-    ndarray, m/s
-        A copy.
-
-    Raises
-    ------
-    DataError
-        If one is not positive and finite.
-    UnitError
-        If one is above 5 m/s.
-    """
+    """Return feeds as numbers, refusing what cannot be m/s."""
     feeds = _numbers(values, name)
     if not (np.isfinite(feeds) & (feeds > 0.0)).all():
         raise DataError(f"{name} must be positive and finite speeds in m/s, got {feeds.tolist()}")
@@ -95,31 +55,7 @@ def checked_feeds(values: ArrayLike, name: str) -> FloatArray:
 def checked_wavelengths(
     values: ArrayLike, *, travel_is_known: bool = False
 ) -> tuple[FloatArray, bool]:
-    """Return the wavelengths, rising, and whether they came from a range.
-
-    Parameters
-    ----------
-    values : array_like, m
-        Wavelengths; a tuple of two is the limits of a range.
-    travel_is_known : bool, optional
-        Whether the user states a travel, so that waves above 2 m may be meant.
-
-    Returns
-    -------
-    wavelengths : ndarray, m
-        As given; 121 on a logarithmic grid for a range.
-    is_range : bool
-        Whether a tuple of two different values was given.
-
-    Raises
-    ------
-    DataError
-        If one is not positive and finite.
-    TooFewSamplesError
-        If there is none.
-    UnitError
-        If one is above 2 m, or above 100 m where the travel is known.
-    """
+    """Return the wavelengths, rising, and whether they came from a range."""
     waves = _numbers(values, "wavelengths")
     if not waves.size:
         raise TooFewSamplesError("wavelengths is empty; give the waves that matter in m")

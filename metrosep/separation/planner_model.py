@@ -32,24 +32,7 @@ _N_FREQUENCIES = 2**17
 def run_information(
     density: TimeDensity, feeds: FloatArray, wavelengths: FloatArray, length: float
 ) -> FloatArray:
-    """Return the information of one run at each feed on each wavelength, long-record formula.
-
-    Parameters
-    ----------
-    density : TimeDensity
-        Disturbance.
-    feeds : ndarray, shape (n,), m/s
-        Speeds.
-    wavelengths : ndarray, shape (k,), m
-        Waves.
-    length : float, m
-        Usable travel of a run.
-
-    Returns
-    -------
-    ndarray, shape (n, k), 1/m^2
-        ``(length / v) / S(v / wavelength)``; 0 where S is not known.
-    """
+    """Return the information of one run at each feed on each wavelength, long-record formula."""
     v = np.asarray(feeds, dtype=np.float64)[:, np.newaxis]
     s = density(v / wavelengths)
     information: FloatArray = np.where(np.isnan(s), 0.0, length / v / np.where(s > 0.0, s, 1.0))
@@ -59,25 +42,7 @@ def run_information(
 def finite_variance(
     density: TimeDensity, feeds: FloatArray, wavelengths: FloatArray, length: float
 ) -> FloatArray:
-    """Return the variance of the amplitude coefficients by generalised least squares.
-
-    Parameters
-    ----------
-    density : TimeDensity
-        Disturbance, independent from run to run.
-    feeds : ndarray, shape (n,), m/s
-        One entry for each run; may repeat.
-    wavelengths : ndarray, shape (k,), m
-        Waves, each estimated as if it were the only one.
-    length : float, m
-        Usable travel of a run.
-
-    Returns
-    -------
-    ndarray, shape (k,), m^2
-        Mean of the variances of a and b, offset of each run unknown; NaN where no run has a
-        known density, or where a record has more than 300 of the shortest waves.
-    """
+    """Return the variance of the amplitude coefficients by generalised least squares."""
     shortest = float(wavelengths.min())
     n = int(np.ceil(_SAMPLES_PER_WAVE * length / shortest)) + 1
     if n > _MOST_SAMPLES:

@@ -28,39 +28,16 @@ _GAIN = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What a plan must keep.
+    """What a plan must keep."""
 
-    Parameters
-    ----------
-    v_min, v_max : float, m/s
-        Speeds.
-    ratio : float, > 1
-        Two feeds are either equal or at least this ratio apart.
-    length : float, m
-        Travel of a run, for its duration.
-    max_time : float, s
-        Of all new runs together; infinity if free.
-    """
-
-    v_min: float
+    v_min: float  # m/s: speeds
     v_max: float
-    ratio: float
-    length: float
-    max_time: float
+    ratio: float  # > 1: two feeds are either equal or at least this ratio apart
+    length: float  # m: travel of a run, for its duration
+    max_time: float  # s: of all new runs together; infinity if free
 
     def allowed(self, feeds: FloatArray, fixed: FloatArray) -> bool:
-        """Return whether a list of new feeds keeps every limit.
-
-        Parameters
-        ----------
-        feeds, fixed : ndarray, m/s
-            New runs and runs already done.
-
-        Returns
-        -------
-        bool
-            True if it does.
-        """
+        """Return whether a list of new feeds keeps every limit."""
         if float(np.sum(self.length / feeds)) > self.max_time * (1.0 + 1e-12):
             return False
         every = np.concatenate([feeds, fixed])
@@ -73,13 +50,7 @@ class Limits:
         return not bool((close & (new[1:] | new[:-1])).any())
 
     def candidates(self) -> FloatArray:
-        """Return feeds on a logarithmic grid, both limits included.
-
-        Returns
-        -------
-        ndarray, m/s
-            Rising.
-        """
+        """Return feeds on a logarithmic grid, both limits included."""
         grid: FloatArray = np.geomspace(self.v_min, self.v_max, _CANDIDATES)
         grid[0], grid[-1] = self.v_min, self.v_max
         return grid
@@ -88,28 +59,7 @@ class Limits:
 def information_bound(
     table: FloatArray, feeds: FloatArray, fixed: FloatArray, n_runs: int, limits: Limits
 ) -> tuple[float, FloatArray]:
-    """Return the largest information any plan can have on its worst wavelength, and its shares.
-
-    Parameters
-    ----------
-    table : ndarray, shape (n_candidates, k), 1/m^2
-        Information of one run at each candidate.
-    feeds : ndarray, shape (n_candidates,), m/s
-        Candidates.
-    fixed : ndarray, shape (k,), 1/m^2
-        Information that is already there.
-    n_runs : int
-        New runs.
-    limits : Limits
-        Of these only the total time enters.
-
-    Returns
-    -------
-    bound : float, 1/m^2
-        Minimum over the wavelengths at the optimum of the relaxed problem.
-    shares : ndarray, shape (n_candidates,)
-        Runs at each candidate, not whole numbers; they sum to `n_runs`.
-    """
+    """Return the largest information any plan can have on its worst wavelength, and its shares."""
     from scipy.optimize import linprog
 
     scale = float(np.median(table[table > 0.0])) if (table > 0.0).any() else 1.0
@@ -131,26 +81,7 @@ def information_bound(
 def best_feeds(
     information: Information, n_runs: int, limits: Limits, fixed: FloatArray
 ) -> tuple[FloatArray, float]:
-    """Return the feeds of the best plan found and the bound on every plan.
-
-    Parameters
-    ----------
-    information : callable
-        Information of one run at each of n feeds, shape (n, k), 1/m^2.
-    n_runs : int
-        New runs.
-    limits : Limits
-        What the plan must keep.
-    fixed : ndarray, m/s
-        Feeds already run.
-
-    Returns
-    -------
-    feeds : ndarray, shape (n_runs,), m/s
-        Rising; empty where no list of feeds keeps the limits.
-    bound : float, 1/m^2
-        Largest information on the worst wavelength that any plan could have.
-    """
+    """Return the feeds of the best plan found and the bound on every plan."""
     candidates = limits.candidates()
     table = information(candidates)
     done = information(fixed).sum(axis=0) if fixed.size else np.zeros(table.shape[1])

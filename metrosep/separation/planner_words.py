@@ -28,46 +28,17 @@ _LINES = 8001
 
 @dataclass(frozen=True, slots=True)
 class Collision:
-    """A disturbance that falls onto a planned wavelength.
+    """A disturbance that falls onto a planned wavelength."""
 
-    Parameters
-    ----------
-    frequency : float, Hz
-        Of the disturbance.
-    wavelength : float, m
-        Where it falls.
-    feed : float, m/s
-        At this speed.
-    remedy : float, m/s
-        A feed that sees this wave best.
-    covered : bool
-        Whether runs at other feeds of the plan know this wave.
-    """
-
-    frequency: float
-    wavelength: float
-    feed: float
-    remedy: float
-    covered: bool
+    frequency: float  # of the disturbance
+    wavelength: float  # m: where it falls
+    feed: float  # m/s: at this speed
+    remedy: float  # m/s: A feed that sees this wave best
+    covered: bool  # whether runs at other feeds of the plan know this wave
 
 
 def peaks(density: TimeDensity, feeds: FloatArray, waves: FloatArray) -> FloatArray:
-    """Return the frequencies of the strongest disturbances that can fall onto a wave.
-
-    Parameters
-    ----------
-    density : TimeDensity
-        Disturbance.
-    feeds : ndarray, m/s
-        Speeds of the runs.
-    waves : ndarray, m
-        Wavelengths.
-
-    Returns
-    -------
-    ndarray, Hz
-        At most six, rising.
-    """
+    """Return the frequencies of the strongest disturbances that can fall onto a wave."""
     low = float(feeds.min() / waves.max()) / 2.0
     high = min(2.0 * float(feeds.max() / waves.min()), density.highest)
     if high <= low:
@@ -90,28 +61,7 @@ def collisions(
     length: float,
     limits: Limits | None,
 ) -> list[Collision]:
-    """Return which disturbance falls onto which of the planned wavelengths.
-
-    Parameters
-    ----------
-    density : TimeDensity
-        Disturbance.
-    frequencies : ndarray, Hz
-        Its peaks.
-    feeds : ndarray, m/s
-        One entry for each run.
-    waves : ndarray, m
-        Planned wavelengths.
-    length : float, m
-        Usable travel.
-    limits : Limits or None
-        Range of feeds for a remedy; a factor 2 to both sides of the feeds if None.
-
-    Returns
-    -------
-    list of Collision
-        By frequency, then feed.
-    """
+    """Return which disturbance falls onto which of the planned wavelengths."""
     low, high = (
         (limits.v_min, limits.v_max)
         if limits is not None
@@ -174,28 +124,7 @@ def plain_messages(
     is_exact: bool,
     information: FloatArray,
 ) -> tuple[str, ...]:
-    """Return the messages of a plan.
-
-    Parameters
-    ----------
-    found : list of Collision
-        Disturbances on planned waves.
-    density : TimeDensity
-        Disturbance.
-    feeds : ndarray, m/s
-        Runs.
-    waves : ndarray, m
-        Wavelengths.
-    is_exact : bool
-        Whether the sd comes from the exact finite record.
-    information : ndarray, 1/m^2
-        Long-record information on each wave.
-
-    Returns
-    -------
-    tuple of str
-        In plain words.
-    """
+    """Return the messages of a plan."""
     out = []
     for c in found:
         text = (

@@ -233,31 +233,7 @@ def build_result(
     confidence: float,
     seed: int,
 ) -> PositioningTest:
-    """Return the result of checked errors.
-
-    Parameters
-    ----------
-    targets : ndarray, shape (m,)
-        Rising.
-    forward, backward : ndarray, shape (m, n), or None
-        Errors of each run.
-    unit : {"m", "rad"}
-        Of everything.
-    confidence : float
-        Of the intervals.
-    seed : int
-        Of the simulations.
-
-    Returns
-    -------
-    PositioningTest
-        With messages.
-
-    Raises
-    ------
-    TooFewSamplesError
-        If no direction has 2 targets with 2 readings.
-    """
+    """Return the result of checked errors."""
     rounding = _ROUNDING * float(np.abs(targets).max())
     up = Columns.of(forward, targets.size, rounding=rounding)
     down = Columns.of(backward, targets.size, rounding=rounding)

@@ -34,19 +34,11 @@ DEFINITIONS: Mapping[str, str] = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Columns:
-    """Mean, standard deviation and count of one direction.
+    """Mean, standard deviation and count of one direction."""
 
-    Parameters
-    ----------
-    mean, sd : ndarray, shape (..., m)
-        NaN where there are fewer than 2 readings.
-    count : ndarray of int, shape (m,)
-        Valid readings.
-    """
-
-    mean: FloatArray
+    mean: FloatArray  # shape (..., m): naN where there are fewer than 2 readings
     sd: FloatArray
-    count: NDArray[np.intp]
+    count: NDArray[np.intp]  # shape (m,): valid readings
 
     @property
     def usable(self) -> NDArray[np.bool_]:
@@ -55,22 +47,7 @@ class Columns:
 
     @classmethod
     def of(cls, errors: FloatArray | None, m: int, *, rounding: float = 0.0) -> Columns:
-        """Return the columns of errors.
-
-        Parameters
-        ----------
-        errors : ndarray, shape (m, n), or None
-            NaN where not measured.
-        m : int
-            Number of targets.
-        rounding : float, optional
-            A standard deviation below it is zero.
-
-        Returns
-        -------
-        Columns
-            All NaN where there are no errors.
-        """
+        """Return the columns of errors."""
         mean, sd = np.full(m, np.nan), np.full(m, np.nan)
         if errors is None:
             return cls(mean, sd, np.zeros(m, dtype=np.intp))
@@ -83,18 +60,7 @@ class Columns:
 
 
 def parameters(up: Columns, down: Columns) -> tuple[dict[str, FloatArray], dict[str, str]]:
-    """Return the parameters and why some are missing.
-
-    Parameters
-    ----------
-    up, down : Columns
-        Forward and backward; leading dimensions of mean and sd are kept.
-
-    Returns
-    -------
-    tuple of (dict, dict)
-        Values by symbol, shape (...), in the order of `DEFINITIONS`; symbol to reason.
-    """
+    """Return the parameters and why some are missing."""
     found: dict[str, FloatArray] = {}
     for name, way in (("fwd", up), ("bwd", down)):
         if way.usable.any():
@@ -126,18 +92,7 @@ def parameters(up: Columns, down: Columns) -> tuple[dict[str, FloatArray], dict[
 
 
 def by_target(up: Columns, down: Columns) -> FloatArray:
-    """Return the bidirectional repeatability of each target.
-
-    Parameters
-    ----------
-    up, down : Columns
-        Forward and backward.
-
-    Returns
-    -------
-    ndarray, shape (..., m)
-        R_i; NaN where one of the directions is missing.
-    """
+    """Return the bidirectional repeatability of each target."""
     both = 2.0 * up.sd + 2.0 * down.sd + np.abs(up.mean - down.mean)
     return np.asarray(np.maximum(both, np.maximum(4.0 * up.sd, 4.0 * down.sd)))
 
@@ -154,20 +109,6 @@ def uncertainties(
     up: Columns, down: Columns, spread: Mapping[str, SpreadEstimate], *, seed: int
 ) -> dict[str, float]:
     """Return standard uncertainties of the parameters by simulated tests.
-
-    Parameters
-    ----------
-    up, down : Columns
-        Of the test.
-    spread : mapping of str to SpreadEstimate
-        Whether the targets of a direction have one spread.
-    seed : int
-        Of the simulation.
-
-    Returns
-    -------
-    dict of str to float
-        Standard deviation over 2000 tests with the means and the spread that the axis probably has.
 
     Notes
     -----

@@ -74,22 +74,6 @@ def spread_estimate(
 ) -> SpreadEstimate:
     """Return four standard deviations of one direction, unbiased, with an interval.
 
-    Parameters
-    ----------
-    variance : ndarray, shape (m,)
-        Sample variance (ddof 1) of each target.
-    count : ndarray of int, shape (m,)
-        Number of runs behind each, >= 2.
-    confidence : float, optional
-        Of the interval.
-    seed : int, optional
-        Of the simulation where the targets differ.
-
-    Returns
-    -------
-    SpreadEstimate
-        Of ``4 sigma``. Where the targets differ, of the largest ``4 sigma_i``.
-
     Notes
     -----
     Value: ``4 s_p / c4(nu)`` with ``nu = sum(n_i - 1)``. Where the targets differ, their variances
@@ -147,25 +131,6 @@ def bidirectional_estimate(
     seed: int = 0,
 ) -> SpreadEstimate:
     """Return what the bidirectional R stands for, with an interval by seeded simulation.
-
-    Parameters
-    ----------
-    variances : tuple of ndarray, shape (m,)
-        Sample variances (ddof 1), forward and backward.
-    counts : tuple of ndarray of int, shape (m,)
-        Numbers of runs, >= 2.
-    reversal : ndarray, shape (m,)
-        Mean forward minus mean backward at each target.
-    confidence : float, optional
-        Of the interval.
-    seed : int, optional
-        Of the simulation.
-
-    Returns
-    -------
-    SpreadEstimate
-        Of ``max(4 sf, 4 sb, 2 sf + 2 sb + max |beta_i|)`` with the true spreads of the directions
-        and the true reversal errors ``beta_i``.
 
     Notes
     -----
@@ -251,20 +216,7 @@ def _possible_variances(
 
 
 def likely_variances(variance: FloatArray, freedom: FloatArray) -> FloatArray:
-    """Return the variances that targets probably have, drawn towards one another.
-
-    Parameters
-    ----------
-    variance : ndarray, shape (m,)
-        Sample variances.
-    freedom : ndarray, shape (m,)
-        Degrees of freedom of each.
-
-    Returns
-    -------
-    ndarray, shape (m,)
-        Weighted means of each and of what they have in common.
-    """
+    """Return the variances that targets probably have, drawn towards one another."""
     nu0, s0 = _common_distribution(variance, freedom)
     return np.asarray((nu0 * s0 + freedom * variance) / (nu0 + freedom))
 
@@ -312,20 +264,7 @@ def _summary(draws: FloatArray, confidence: float, p: float) -> SpreadEstimate:
 
 
 def bartlett(variance: FloatArray, freedom: FloatArray) -> float:
-    """Return the probability that equal variances scatter as much as these.
-
-    Parameters
-    ----------
-    variance : ndarray, shape (m,)
-        Sample variances.
-    freedom : ndarray, shape (m,)
-        Degrees of freedom of each.
-
-    Returns
-    -------
-    float
-        0 to 1; 1 where nothing scatters, 0 where some do not scatter at all and others do.
-    """
+    """Return the probability that equal variances scatter as much as these."""
     from scipy.stats import chi2
 
     if variance.size < 2 or not (variance > 0.0).any():
@@ -341,17 +280,6 @@ def bartlett(variance: FloatArray, freedom: FloatArray) -> float:
 
 
 def unbiasing_factor(freedom: float) -> float:
-    """Return c4, the mean of a sample standard deviation over the true one.
-
-    Parameters
-    ----------
-    freedom : float
-        Degrees of freedom, >= 1.
-
-    Returns
-    -------
-    float
-        0.798 for 1, 0.940 for 4, towards 1.
-    """
+    """Return c4, the mean of a sample standard deviation over the true one."""
     ratio = math.lgamma((freedom + 1.0) / 2.0) - math.lgamma(freedom / 2.0)
     return math.sqrt(2.0 / freedom) * math.exp(ratio)

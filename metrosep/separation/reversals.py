@@ -219,25 +219,7 @@ def straightedge_reversal(
 def simulated_pair(
     method: SeparationMethod, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
 ) -> FloatArray:
-    """Return ``A + M`` and ``A - M`` of given parts.
-
-    Parameters
-    ----------
-    method : SeparationMethod
-        With one artefact and one machine part.
-    truth, errors : mapping of str to array_like, shape (n,)
-        The parts.
-
-    Returns
-    -------
-    ndarray, shape (2, n)
-        Both readings.
-
-    Raises
-    ------
-    DataError
-        If a part is unknown or none is given.
-    """
+    """Return ``A + M`` and ``A - M`` of given parts."""
     part, machine = given_parts(
         method.name,
         truth,
@@ -256,33 +238,7 @@ def reverse_pair(
     machine: str,
     u_reading: float | None,
 ) -> Separation:
-    """Return half the sum and half the difference of two readings, a basis removed from each.
-
-    Parameters
-    ----------
-    method : SeparationMethod
-        Whose name and null space the result bears.
-    array : ndarray, shape (2, M, n)
-        Checked readings.
-    basis : ndarray, shape (n, p)
-        What the alignment decides.
-    coordinates : mapping of str to ndarray, shape (n,)
-        Angle or position.
-    machine : str
-        Name of the machine's part.
-    u_reading : float or None
-        Stated standard uncertainty of one reading.
-
-    Returns
-    -------
-    Separation
-        Without harmonics.
-
-    Raises
-    ------
-    DataError
-        If `u_reading` is negative.
-    """
+    """Return half the sum and half the difference of two readings, a basis removed from each."""
     averaged = average_repeats(array, basis, u_reading=u_reading)
     m1, m2 = averaged.mean
     valid = ~np.isnan(m1 + m2)
@@ -333,28 +289,7 @@ def with_type_b_curve(
     more_messages: tuple[str, ...] = (),
     harmonics: tuple[Mapping[str, NDArray[np.complex128]], Mapping[str, FloatArray]] = ({}, {}),
 ) -> Separation:
-    """Return a result with a further uncertainty, sample by sample, and more to say.
-
-    Parameters
-    ----------
-    result : Separation
-        As it is.
-    u_more : ndarray, shape (n,)
-        Combined with `u` in quadrature.
-    audit : mapping
-        More entries.
-    history : tuple of Step
-        The whole history.
-    more_messages : tuple of str, optional
-        More messages.
-    harmonics : tuple of two mappings, optional
-        Coefficients and their uncertainty.
-
-    Returns
-    -------
-    Separation
-        The same parts.
-    """
+    """Return a result with a further uncertainty, sample by sample, and more to say."""
     return Separation(
         result.method,
         result.parts,

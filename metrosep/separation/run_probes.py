@@ -13,25 +13,7 @@ __all__ = ["probe_names"]
 
 
 def probe_names(runs: RunSet, probes: Sequence[str] | None) -> list[str]:
-    """Return the name of the probe of each run.
-
-    Parameters
-    ----------
-    runs : RunSet
-        The runs.
-    probes : sequence of str or None
-        As the user stated them, one for each run; ``metadata["probe"]`` of the runs if None.
-
-    Returns
-    -------
-    list of str
-        Empty names where nothing tells probes apart.
-
-    Raises
-    ------
-    DataError
-        If there is not one name for each run.
-    """
+    """Return the name of the probe of each run."""
     if probes is None:
         told = [run.metadata.get("probe") for run in runs]
         if all(name is None for name in told):

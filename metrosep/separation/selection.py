@@ -35,38 +35,17 @@ _THRESHOLDS = {
 
 @dataclass(frozen=True, slots=True)
 class SelectionRule:
-    """Thresholds and choices of the rule.
+    """Thresholds and choices of the rule."""
 
-    Parameters
-    ----------
-    sigma_t, p_t : float or None
-        Thresholds in SI; the paper's if None.
-    norm : {"amplitude", "power", "psd"}
-        Normalisation of P.
-    rule : {"shortest", "contiguous", "mask"}
-        What is kept.
-    averaging : {"coherent", "power"}
-        Order of averaging over the runs of one feedrate.
-    ddof : {1, 0}
-        Sample or population standard deviation over feedrates.
-    relative : bool
-        Whether sigma is divided by the mean (sigma_t is then a number).
-    min_coherence : float
-        Least coherence over feedrates, 0 to 1; 0 ignores phase as the paper does.
-
-    Raises
-    ------
-    DataError
-        If `ddof` or `min_coherence` is out of range.
-    """
-
-    sigma_t: float | None = None
+    sigma_t: float | None = None  # thresholds in SI; the paper's if None
     p_t: float | None = None
-    norm: Norm = "amplitude"
-    rule: Rule = "shortest"
+    norm: Norm = "amplitude"  # {"amplitude", "power", "psd"}: normalisation of P
+    rule: Rule = "shortest"  # {"shortest", "contiguous", "mask"}: what is kept
+    # {"coherent", "power"}: order of averaging over the runs of one feedrate
     averaging: Averaging = "coherent"
-    ddof: int = 1
-    relative: bool = False
+    ddof: int = 1  # {1, 0}: sample or population standard deviation over feedrates
+    relative: bool = False  # whether sigma is divided by the mean (sigma_t is then a number)
+    # least coherence over feedrates, 0 to 1; 0 ignores phase as the paper does
     min_coherence: float = 0.0
 
     def __post_init__(self) -> None:
@@ -76,18 +55,7 @@ class SelectionRule:
             raise DataError(f"min_coherence must be in [0, 1], got {self.min_coherence}")
 
     def thresholds(self) -> tuple[float, float, str, str]:
-        """Return sigma_t, p_t and the units of both.
-
-        Returns
-        -------
-        tuple of (float, float, str, str)
-            In SI.
-
-        Raises
-        ------
-        UnitError
-            If a threshold cannot be meant in SI.
-        """
+        """Return sigma_t, p_t and the units of both."""
         default_sigma, default_p, unit = _THRESHOLDS[self.norm]
         sigma_unit = "1" if self.relative else unit
         default_sigma = 0.05 if self.relative else default_sigma
@@ -106,56 +74,20 @@ class SelectionRule:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WavelengthSelection:
-    """Harmonics that are kept, and why.
+    """Harmonics that are kept, and why."""
 
-    Parameters
-    ----------
-    kept, passed : ndarray of bool, shape (K,)
-        In the model; through the thresholds.
-    mean, sigma : ndarray, shape (K,)
-        Mean and standard deviation of P over feedrates.
-    m : int
-        Highest harmonic of the model.
-    reasons : list of str
-        One for each wavelength.
-    """
-
-    kept: NDArray[np.bool_]
+    kept: NDArray[np.bool_]  # shape (K,): in the model; through the thresholds
     passed: NDArray[np.bool_]
-    mean: FloatArray
+    mean: FloatArray  # shape (K,): mean and standard deviation of P over feedrates
     sigma: FloatArray
-    m: int
-    reasons: list[str]
+    m: int  # highest harmonic of the model
+    reasons: list[str]  # one for each wavelength
 
 
 def select_wavelengths(
     spectra: FeedSpectra, length: float, rule: SelectionRule, *, shortest: float | None = None
 ) -> WavelengthSelection:
-    """Return the harmonics that the rule keeps.
-
-    Parameters
-    ----------
-    spectra : FeedSpectra
-        Spectra of each feedrate.
-    length : float, m
-        Length of the modelling l_x.
-    rule : SelectionRule
-        Thresholds and choices.
-    shortest : float, m, optional
-        Sets lambda* by hand; ``m = floor(l_x / shortest)``.
-
-    Returns
-    -------
-    WavelengthSelection
-        Kept harmonics, highest harmonic m, reasons.
-
-    Raises
-    ------
-    NotSeparableError
-        If thresholds are to select from fewer than two feedrates, or nothing passes.
-    UnitError
-        If `shortest` or a threshold cannot be meant in SI.
-    """
+    """Return the harmonics that the rule keeps."""
     power = spectra.power(rule.norm, length, averaging=rule.averaging)
     sigma_t, p_t, sigma_unit, unit = rule.thresholds()
     mean = power.mean(axis=0)

@@ -46,21 +46,11 @@ spread independently overstates the band. This share is calibrated by simulation
 
 @dataclass(frozen=True, slots=True)
 class Cavity:
-    """What the data alone say about each wavelength, in its principal axes.
+    """What the data alone say about each wavelength, in its principal axes."""
 
-    Parameters
-    ----------
-    precision : ndarray, shape (2, K)
-        Eigenvalues of L.
-    linear : ndarray, shape (2, K)
-        h in the same axes.
-    angle : ndarray, shape (K,), rad
-        Rotation from (cosine, sine) to the axes.
-    """
-
-    precision: FloatArray
-    linear: FloatArray
-    angle: FloatArray
+    precision: FloatArray  # shape (2, K): eigenvalues of L
+    linear: FloatArray  # shape (2, K): h in the same axes
+    angle: FloatArray  # shape (K,), rad: rotation from (cosine, sine) to the axes
 
     @classmethod
     def from_posterior(
@@ -69,22 +59,7 @@ class Cavity:
         covariance: tuple[FloatArray, FloatArray, FloatArray],
         tau2: FloatArray,
     ) -> Cavity:
-        """Take the prior back out of the posterior of each wavelength.
-
-        Parameters
-        ----------
-        mean : tuple of two ndarray, shape (K,)
-            Posterior means of cosine and sine coefficients.
-        covariance : tuple of three ndarray, shape (K,)
-            Posterior variances of cosine and sine, and their covariance.
-        tau2 : ndarray, shape (K,)
-            Prior variances that were used.
-
-        Returns
-        -------
-        Cavity
-            Likelihood of each pair.
-        """
+        """Take the prior back out of the posterior of each wavelength."""
         a, b = mean
         caa, cbb, cab = covariance
         determinant = caa * cbb - cab**2
@@ -116,18 +91,7 @@ class Cavity:
         return cos * u - sin * v, sin * u + cos * v
 
     def log_evidence(self, grid: FloatArray) -> FloatArray:
-        """Return the log evidence of each prior variance relative to zero.
-
-        Parameters
-        ----------
-        grid : ndarray, shape (n,)
-            Prior variances.
-
-        Returns
-        -------
-        ndarray, shape (K, n)
-            Log evidence.
-        """
+        """Return the log evidence of each prior variance relative to zero."""
         gain = grid * self.precision[..., None]
         fit = 0.5 * self.linear[..., None] ** 2 * grid / (1.0 + gain)
         return np.asarray((fit - 0.5 * np.log1p(gain)).sum(axis=0))
@@ -135,31 +99,18 @@ class Cavity:
 
 @dataclass(frozen=True, slots=True)
 class PriorWeights:
-    """Posterior over the prior variances, and what follows from it.
+    """Posterior over the prior variances, and what follows from it."""
 
-    Parameters
-    ----------
-    tau2 : ndarray, shape (K,)
-        Effective prior variance: it shrinks as the mixture does.
-    log_bayes_factor : ndarray, shape (K,)
-        Log evidence of the mixture against "this wavelength is absent".
-    spread : tuple of three ndarray, shape (K,)
-        Covariance (cosine, sine, cross) of the conditional means over the mixture.
-    """
-
-    tau2: FloatArray
+    tau2: FloatArray  # shape (K,): effective prior variance: it shrinks as the mixture does
+    # shape (K,): log evidence of the mixture against "this wavelength is absent"
     log_bayes_factor: FloatArray
+    # of three ndarray, shape (K,): covariance (cosine, sine, cross) of the conditional means over
+    # the mixture
     spread: tuple[FloatArray, FloatArray, FloatArray]
 
 
 class OctavePrior:
-    """Distribution of the prior variance in each octave of harmonics, learnt step by step.
-
-    Parameters
-    ----------
-    n_harmonics : int
-        K; harmonic k belongs to octave ``floor(log2 k)``.
-    """
+    """Distribution of the prior variance in each octave of harmonics, learnt step by step."""
 
     def __init__(self, n_harmonics: int) -> None:
         self._octave = np.floor(np.log2(np.arange(1, n_harmonics + 1))).astype(int)
@@ -167,31 +118,12 @@ class OctavePrior:
         self._weights = np.full((n_octaves, _GRID.size), 1.0 / _GRID.size)
 
     def truncate(self, n_harmonics: int) -> None:
-        """Forget the harmonics beyond `n_harmonics`.
-
-        Parameters
-        ----------
-        n_harmonics : int
-            Harmonics to keep.
-        """
+        """Forget the harmonics beyond `n_harmonics`."""
         self._octave = self._octave[:n_harmonics]
         self._weights = self._weights[: int(self._octave[-1]) + 1]
 
     def update(self, cavity: Cavity, *, learn: bool) -> PriorWeights:
-        """Weigh the prior variances of each wavelength and, if asked, learn from them.
-
-        Parameters
-        ----------
-        cavity : Cavity
-            Likelihood of each wavelength.
-        learn : bool
-            Whether to update the distributions (one step of expectation-maximisation).
-
-        Returns
-        -------
-        PriorWeights
-            For the next solution.
-        """
+        """Weigh the prior variances of each wavelength and, if asked, learn from them."""
         logs = cavity.log_evidence(_GRID) + np.log(self._weights)[self._octave]
         peak = logs.max(axis=1, keepdims=True)
         weights = np.exp(logs - peak)

@@ -96,39 +96,7 @@ def solve_joint(
     options: JointOptions | None = None,
     several_feeds: bool = True,
 ) -> Solution:
-    """Estimate geometry, noise and prior from all runs together.
-
-    Parameters
-    ----------
-    runs : sequence of PreparedRun
-        All runs of one direction.
-    origin, period : float, m
-        Of the Fourier basis.
-    n_harmonics : int
-        Largest K to consider.
-    choose_shortest : bool
-        Whether to drop the short wavelengths that carry no evidence.
-    lag : float, s
-        Delay of the reading against the position, or the start value for the fit.
-    lag_mode : {"stated", "auto", "fit"}
-        Whether the lag is left, corrected as far as the readings show one, or fitted.
-    orders : sequence of int, optional
-        Candidate orders of the noise model.
-    options : JointOptions, optional
-        What else the model holds.
-    several_feeds : bool, optional
-        Whether there is more than one feedrate.
-
-    Returns
-    -------
-    Solution
-        Coefficients, covariance, noise, residuals.
-
-    Raises
-    ------
-    DegenerateFitError
-        If the readings are constant or do not determine the model.
-    """
+    """Estimate geometry, noise and prior from all runs together."""
     options = options or JointOptions()
     with one_blas_thread():
         terms = Terms(

@@ -230,26 +230,7 @@ def least_squares_coefficients(
     taper_fraction: float,
     taper: Taper,
 ) -> ComplexArray:
-    """Return the kept coefficients of each run by weighted least squares.
-
-    Parameters
-    ----------
-    runs : RunSet
-        Runs.
-    kept : ndarray of bool, shape (K,)
-        Harmonics of the model; the others are zero.
-    origin, length : float, m
-        x_st and l_x of eq. 4.
-    taper_fraction : float
-        N over the number of sampling points.
-    taper : {"kono", "tukey"}
-        Weights.
-
-    Returns
-    -------
-    ndarray of complex, shape (n_runs, K), m
-        ``a_k + i b_k``; the weights enter as weights, so nothing is attenuated.
-    """
+    """Return the kept coefficients of each run by weighted least squares."""
     rows = np.zeros((len(runs), kept.size), dtype=np.complex128)
     k = np.flatnonzero(kept)
     columns = np.concatenate([k, k + kept.size])
@@ -264,19 +245,7 @@ def least_squares_coefficients(
 
 
 def feed_spectra_columns(runs: RunSet) -> dict[str, list[Any]]:
-    """Return amplitude against wavelength for each feedrate over the common travel.
-
-    Parameters
-    ----------
-    runs : RunSet
-        Runs of one direction.
-
-    Returns
-    -------
-    dict of str to list
-        Columns ``feed_mm_min``, ``wavelength_mm``, ``amplitude_nm``; a run with a wide gap has no
-        spectrum and is left out, so they may be empty.
-    """
+    """Return amplitude against wavelength for each feedrate over the common travel."""
     low, high = runs.common_travel
     whole = [r for r in runs if _has_spectrum(r, low, high - low)]
     if not whole:
@@ -293,19 +262,6 @@ def feed_spectra_columns(runs: RunSet) -> dict[str, list[Any]]:
 
 
 def n_wavelengths(runs: RunSet, length: float) -> int:
-    """Return how many harmonics of a length the coarsest run can show.
-
-    Parameters
-    ----------
-    runs : RunSet
-        Runs.
-    length : float, m
-        Longest wavelength.
-
-    Returns
-    -------
-    int
-        1 to 1000; 2.5 samples of the coarsest run per shortest wave.
-    """
+    """Return how many harmonics of a length the coarsest run can show."""
     pitch = max(abs(float(r.x[-1] - r.x[0])) / (len(r) - 1) for r in runs)
     return int(np.clip(length / (_SPACE_SHARE * pitch), 1, 1000))

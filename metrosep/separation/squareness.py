@@ -220,23 +220,7 @@ def squareness_from_diagonals(
 
 
 def checked_travel(size: Sequence[float]) -> FloatArray:
-    """Return the travels as an array.
-
-    Parameters
-    ----------
-    size : sequence of 3 float, m
-        What the user gave.
-
-    Returns
-    -------
-    ndarray, shape (3,)
-        Positive.
-
-    Raises
-    ------
-    DataError
-        If it is not three positive lengths.
-    """
+    """Return the travels as an array."""
     try:
         travel = np.asarray(size, dtype=np.float64)
     except (TypeError, ValueError):
@@ -248,21 +232,6 @@ def checked_travel(size: Sequence[float]) -> FloatArray:
 
 def canonical_name(name: str) -> tuple[str, bool]:
     """Return the name of a diagonal and whether it was given the other way round.
-
-    Parameters
-    ----------
-    name : str
-        Three letters of ``p``, ``n``, ``0`` (or ``+``, ``-``).
-
-    Returns
-    -------
-    tuple of (str, bool)
-        The last axis that moves is positive.
-
-    Raises
-    ------
-    DataError
-        If it is no diagonal.
 
     Examples
     --------

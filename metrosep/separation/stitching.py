@@ -319,23 +319,7 @@ class Stitching(SeparationMethod):
 
 
 def checked_freedoms(freedoms: Sequence[str]) -> tuple[str, ...]:
-    """Return the freedoms in their order, or refuse them.
-
-    Parameters
-    ----------
-    freedoms : sequence of str
-        As given.
-
-    Returns
-    -------
-    tuple of str
-        Of ``piston``, ``tilt``, ``power``.
-
-    Raises
-    ------
-    DataError
-        If one is unknown, or piston is missing.
-    """
+    """Return the freedoms in their order, or refuse them."""
     try:
         names = (freedoms,) if isinstance(freedoms, str) else tuple(freedoms)
     except TypeError:

@@ -38,26 +38,7 @@ _MAX_HELD = 12_000_000
 
 
 class System:
-    """The linear system of one data set; grows columns and loses short wavelengths.
-
-    Parameters
-    ----------
-    runs : sequence of PreparedRun
-        All runs of one direction.
-    origin, period : float, m
-        Of the Fourier basis.
-    n_harmonics : int
-        K.
-    terms : Terms
-        Extra columns.
-    robust : bool, optional
-        Whether spikes lose their weight.
-
-    Raises
-    ------
-    DegenerateFitError
-        If the readings are constant in every run.
-    """
+    """The linear system of one data set; grows columns and loses short wavelengths."""
 
     def __init__(
         self,
@@ -112,31 +93,14 @@ class System:
         return slice(first, first + self.terms.size)
 
     def fixed_precision(self) -> FloatArray:
-        """Return the prior precision of the columns before the basis.
-
-        Returns
-        -------
-        ndarray, shape (n_fixed,)
-            Zero for offsets and slope, 1 for the scaled unknowns.
-        """
+        """Return the prior precision of the columns before the basis."""
         out = np.zeros(self.n_fixed)
         out[self.extra] = self.terms.precision()
         out[self.extra.stop :] = 1.0
         return out
 
     def basis(self, index: int) -> FloatArray:
-        """Return cosines and sines of one run, averaged as its samples are; no gain.
-
-        Parameters
-        ----------
-        index : int
-            Which run.
-
-        Returns
-        -------
-        ndarray, shape (n, 2 K)
-            At the position less the lag; read only, it is kept for the next time.
-        """
+        """Return cosines and sines of one run, averaged as its samples are; no gain."""
         held = self._bases.get(index)
         if held is not None and held[0] == (self.lag, self.n_harmonics):
             return held[1]
@@ -152,18 +116,7 @@ class System:
         return basis
 
     def design(self, index: int) -> FloatArray:
-        """Return the columns of one run.
-
-        Parameters
-        ----------
-        index : int
-            Which run.
-
-        Returns
-        -------
-        ndarray, shape (n, n_fixed + 2 K)
-            Offsets of the runs, slope, terms, derivatives, cosines, sines.
-        """
+        """Return the columns of one run."""
         run = self.runs[index]
         basis = self.basis(index)
         fixed = np.zeros((run.x.size, self.n_fixed))
@@ -179,24 +132,7 @@ class System:
         return np.hstack([fixed, basis])
 
     def rows(self, index: int, model: AutoregressiveModel) -> tuple[FloatArray, FloatArray, float]:
-        """Return the whitened rows of one run and the variance of one.
-
-        Parameters
-        ----------
-        index : int
-            Which run.
-        model : AutoregressiveModel
-            Its noise.
-
-        Returns
-        -------
-        rows : ndarray, shape (m, n_fixed + 2 K)
-            Design.
-        values : ndarray, shape (m,)
-            Readings.
-        variance : float
-            Of a row.
-        """
+        """Return the whitened rows of one run and the variance of one."""
         design, z = self.design(index), self.z[index]
         if self.weights is None:
             rows, values = whitened(design, z, model.coefficients)
@@ -207,15 +143,7 @@ class System:
         return rows, values, model.variance / self.weights.information(index)
 
     def normal_equations(self) -> tuple[FloatArray, FloatArray]:
-        """Return the whitened system in units of the noise.
-
-        Returns
-        -------
-        gram : ndarray, shape (n, n)
-            Information.
-        right : ndarray, shape (n,)
-            Information times the readings.
-        """
+        """Return the whitened system in units of the noise."""
         size = self.n_fixed + 2 * self.n_harmonics
         gram, right = np.zeros((size, size)), np.zeros(size)
         for group, model in zip(self.groups, self.noise, strict=True):
@@ -227,25 +155,11 @@ class System:
         return gram, right
 
     def residuals(self) -> list[FloatArray]:
-        """Return readings minus model.
-
-        Returns
-        -------
-        list of ndarray, shape (n_r,)
-            One for each run, dimensionless.
-        """
+        """Return readings minus model."""
         return [z - self.design(i) @ self.solution for i, z in enumerate(self.z)]
 
     def update_noise(self, freedom: float, orders: Sequence[int]) -> None:
-        """Fit the noise model of every group anew; its variance pays for the parameters.
-
-        Parameters
-        ----------
-        freedom : float
-            Parameters that the model of the readings has used up.
-        orders : sequence of int
-            Candidates.
-        """
+        """Fit the noise model of every group anew; its variance pays for the parameters."""
         residuals = self.residuals()
         if self.weights is None:
             self.noise = self._fitted_noise(residuals, freedom, orders)
@@ -260,13 +174,7 @@ class System:
         self.sharing = sharing(self.passes, residuals, self.groups, self.noise, n_probes)
 
     def mark_again(self) -> bool:
-        """Mark wrong samples with the noise model at hand.
-
-        Returns
-        -------
-        bool
-            Whether the marks have changed, at most a few times; False without weights.
-        """
+        """Mark wrong samples with the noise model at hand."""
         if self.weights is None or self.n_marked_again >= _MAX_MARKINGS:
             return False
         self.n_marked_again += 1
@@ -296,28 +204,14 @@ class System:
         return models
 
     def truncate(self, n_harmonics: int) -> None:
-        """Drop the harmonics beyond `n_harmonics`.
-
-        Parameters
-        ----------
-        n_harmonics : int
-            How many to keep.
-        """
+        """Drop the harmonics beyond `n_harmonics`."""
         fixed = self.solution[: self.n_fixed]
         cosine, sine = np.split(self.solution[self.n_fixed :], 2)
         self.solution = np.concatenate([fixed, cosine[:n_harmonics], sine[:n_harmonics]])
         self.n_harmonics = n_harmonics
 
     def set_terms(self, *, frequencies: Sequence[float], wavenumbers: FloatArray) -> None:
-        """Change the lines and waves; their coefficients start at zero.
-
-        Parameters
-        ----------
-        frequencies : sequence of float, Hz
-            Of the lines.
-        wavenumbers : ndarray, 1/m
-            Of the waves that grow with the feedrate.
-        """
+        """Change the lines and waves; their coefficients start at zero."""
         kept = self.terms.n_drift
         before, drift = self.solution[: self.extra.start], self.solution[self.extra][:kept]
         after = self.solution[self.extra.stop :]
@@ -327,12 +221,6 @@ class System:
         self.solution = np.concatenate([before, drift, fresh, after])
 
     def add_unknowns(self, unknowns: Sequence[Unknown]) -> None:
-        """Give the next solution the derivatives of unknowns that are not linear.
-
-        Parameters
-        ----------
-        unknowns : sequence of Unknown
-            In the order of their columns.
-        """
+        """Give the next solution the derivatives of unknowns that are not linear."""
         self.solution = np.insert(self.solution, [self.n_fixed] * len(unknowns), 0.0)
         self.unknowns += unknowns

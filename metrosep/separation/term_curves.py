@@ -28,21 +28,7 @@ _POINTS_PER_WAVE = 32
 
 
 def check_lines(options: JointOptions, prepared: Sequence[PreparedRun]) -> None:
-    """Refuse lines that these runs cannot hold.
-
-    Parameters
-    ----------
-    options : JointOptions
-        With the stated lines.
-    prepared : sequence of PreparedRun
-        The runs.
-
-    Raises
-    ------
-    UnitError
-        If a line has less than a period and a half in the shortest run, or passes half the
-        sampling rate.
-    """
+    """Refuse lines that these runs cannot hold."""
     if isinstance(options.lines, str):
         return
     low = 1.5 / min(float(np.ptp(r.t)) for r in prepared)
@@ -59,26 +45,7 @@ def check_lines(options: JointOptions, prepared: Sequence[PreparedRun]) -> None:
 def report_terms(
     solution: Solution, prepared: Sequence[PreparedRun], runs: RunSet, options: JointOptions
 ) -> tuple[dict[str, Any], list[str]]:
-    """Return what the extra terms came out as, and the sentences about it.
-
-    Parameters
-    ----------
-    solution : Solution
-        Of the joint fit.
-    prepared : sequence of PreparedRun
-        Its runs.
-    runs : RunSet
-        The same, not thinned.
-    options : JointOptions
-        What was asked for.
-
-    Returns
-    -------
-    terms : dict
-        "drift", "lines", "robust", "following", "probes", those that were asked for.
-    sentences : list of str
-        What the user should know.
-    """
+    """Return what the extra terms came out as, and the sentences about it."""
     terms: dict[str, Any] = {}
     sentences: list[str] = []
     several = len({r.probe for r in prepared}) > 1
@@ -107,22 +74,7 @@ def feed_curves(
     evaluation: tuple[float, float],
     travel: tuple[float, float],
 ) -> FeedTerm | None:
-    """Return how the curve changes with the feedrate, line removed.
-
-    Parameters
-    ----------
-    solution : Solution
-        Of the joint fit.
-    options : JointOptions
-        Whether there is such a part.
-    evaluation, travel : tuple of (float, float), m
-        Evaluation range; positions that were measured.
-
-    Returns
-    -------
-    FeedTerm or None
-        None where nothing in the shape of the error depends on the feedrate.
-    """
+    """Return how the curve changes with the feedrate, line removed."""
     if options.following not in ("scale", "waves"):
         return None
     k, reference = solution.n_harmonics, solution.terms.reference

@@ -37,22 +37,7 @@ _NM = 1e-9
 def hint_options(
     solution: Solution, prepared: Sequence[PreparedRun], options: JointOptions
 ) -> list[str]:
-    """Name the options that these readings ask for.
-
-    Parameters
-    ----------
-    solution : Solution
-        Of the joint fit.
-    prepared : sequence of PreparedRun
-        Its runs.
-    options : JointOptions
-        What was asked for.
-
-    Returns
-    -------
-    list of str
-        Often none.
-    """
+    """Name the options that these readings ask for."""
     sentences = [] if options.drift else _drift_hint(solution, prepared)
     if options.probe_gain == "equal":
         sentences += _gain_hint(solution)

@@ -32,40 +32,14 @@ _SAME_AMPLITUDE = 0.01
 
 
 def extra_covariance(solution: Solution) -> FloatArray:
-    """Return the covariance of the extra terms.
-
-    Parameters
-    ----------
-    solution : Solution
-        Of the joint fit.
-
-    Returns
-    -------
-    ndarray, shape (n_extra, n_extra), m^2
-        Posterior.
-    """
+    """Return the covariance of the extra terms."""
     first = solution.coefficients.size
     part = slice(first, first + solution.extra.size)
     return solution.joint_covariance[part, part]
 
 
 def report_drift(solution: Solution, prepared: Sequence[PreparedRun]) -> Report:
-    """Return the drift of each run with its standard uncertainty.
-
-    Parameters
-    ----------
-    solution : Solution
-        With drift terms.
-    prepared : sequence of PreparedRun
-        Its runs.
-
-    Returns
-    -------
-    dict
-        Columns by run, and what is common to all.
-    list of str
-        What the user should know.
-    """
+    """Return the drift of each run with its standard uncertainty."""
     terms, covariance = solution.terms, extra_covariance(solution)
     n = len(prepared)
     columns: dict[str, Any] = {"degree": terms.drift, "run": [r.run_id for r in prepared]}
@@ -107,24 +81,7 @@ def report_drift(solution: Solution, prepared: Sequence[PreparedRun]) -> Report:
 
 
 def report_lines(solution: Solution, prepared: Sequence[PreparedRun], runs: RunSet) -> Report:
-    """Return frequency, amplitude and phase of each line, and the wavelengths it falls onto.
-
-    Parameters
-    ----------
-    solution : Solution
-        With line terms.
-    prepared : sequence of PreparedRun
-        Its runs.
-    runs : RunSet
-        For feeds and travel.
-
-    Returns
-    -------
-    dict
-        ``lines``: columns, one row a line; ``runs``: columns, one row a line and run.
-    list of str
-        One sentence for each line.
-    """
+    """Return frequency, amplitude and phase of each line, and the wavelengths it falls onto."""
     terms, covariance = solution.terms, extra_covariance(solution)
     summary: dict[str, list[Any]] = {}
     table: dict[str, list[Any]] = {}
@@ -230,22 +187,7 @@ def _line_sentence(entry: dict[str, Any], feeds: Sequence[float], *, locked: boo
 
 
 def report_robust(solution: Solution, prepared: Sequence[PreparedRun]) -> Report:
-    """Return the share of the samples that lost their weight.
-
-    Parameters
-    ----------
-    solution : Solution
-        Of a robust fit.
-    prepared : sequence of PreparedRun
-        Its runs.
-
-    Returns
-    -------
-    dict
-        Shares over all runs, and by run.
-    list of str
-        What the user should know.
-    """
+    """Return the share of the samples that lost their weight."""
     weights = solution.weights
     if weights is None:
         return {}, []

@@ -33,19 +33,7 @@ _LEAST_VARIANCE = 1e-10
 
 
 class Terms:
-    """Extra columns of a system, in this order: drift, lines, feed-dependent waves.
-
-    Parameters
-    ----------
-    runs : sequence of PreparedRun
-        All runs of one direction.
-    drift : int
-        Degree of the polynomial in time, 0 for none.
-    locked : bool
-        Whether a line has the same phase from the start of every run.
-    several_feeds : bool
-        Whether a drift common to all runs can be told from geometry.
-    """
+    """Extra columns of a system, in this order: drift, lines, feed-dependent waves."""
 
     def __init__(
         self, runs: Sequence[PreparedRun], *, drift: int, locked: bool, several_feeds: bool
@@ -77,18 +65,7 @@ class Terms:
         return self.n_drift + self.n_per_line * len(self.frequencies) + 2 * self.wavenumbers.size
 
     def columns(self, index: int) -> FloatArray:
-        """Return the columns of one run.
-
-        Parameters
-        ----------
-        index : int
-            Which run.
-
-        Returns
-        -------
-        ndarray, shape (n, size)
-            Zero where a column belongs to another run.
-        """
+        """Return the columns of one run."""
         run = self.runs[index]
         out = np.zeros((run.x.size, self.size))
         n = len(self.runs)
@@ -104,52 +81,17 @@ class Terms:
         return out
 
     def drift_shape(self, index: int, degree: int) -> FloatArray:
-        """Return the drift of a degree over one run.
-
-        Parameters
-        ----------
-        index : int
-            Which run.
-        degree : int
-            1 or 2.
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            With zero mean over the time of the run.
-        """
+        """Return the drift of a degree over one run."""
         t = self.runs[index].t
         u = (t - 0.5 * (t[0] + t[-1])) / self.half_time
         return np.asarray(u if degree == 1 else u**2 - float(np.mean(u**2)))
 
     def line_start(self, line: int) -> int:
-        """Return the first column of a line.
-
-        Parameters
-        ----------
-        line : int
-            Which line.
-
-        Returns
-        -------
-        int
-            Index among the extra columns.
-        """
+        """Return the first column of a line."""
         return self.n_drift + line * self.n_per_line
 
     def line_time(self, index: int) -> FloatArray:
-        """Return the time from which the phase of a line counts: start, or middle if free.
-
-        Parameters
-        ----------
-        index : int
-            Which run.
-
-        Returns
-        -------
-        ndarray, shape (n,), s
-            Time of each sample.
-        """
+        """Return the time from which the phase of a line counts: start, or middle if free."""
         t = self.runs[index].t
         if not self.locked:
             return np.asarray(t - 0.5 * (t[0] + t[-1]))
@@ -157,71 +99,28 @@ class Terms:
         return np.asarray(t - t[0] + 0.5 * (run.block - 1) * run.time_step / run.block)
 
     def line_pair(self, index: int, frequency: float) -> FloatArray:
-        """Return cosine and sine of a line in one run, averaged as its samples are.
-
-        Parameters
-        ----------
-        index : int
-            Which run.
-        frequency : float, Hz
-            Of the line.
-
-        Returns
-        -------
-        ndarray, shape (n, 2)
-            Cosine and sine.
-        """
+        """Return cosine and sine of a line in one run, averaged as its samples are."""
         run = self.runs[index]
         phase = 2.0 * np.pi * frequency * self.line_time(index)
         pair = np.column_stack([np.cos(phase), np.sin(phase)])
         return np.asarray(_block_gain(run, frequency) * pair)
 
     def line_change(self, index: int, line: int, coefficients: FloatArray) -> FloatArray:
-        """Return the derivative of a line with its frequency.
-
-        Parameters
-        ----------
-        index, line : int
-            Which run, which line.
-        coefficients : ndarray, shape (size,)
-            Of all extra columns.
-
-        Returns
-        -------
-        ndarray, shape (n,), s
-            Change per Hz.
-        """
+        """Return the derivative of a line with its frequency."""
         first = self.line_start(line) + (0 if self.locked else 2 * index)
         a, b = coefficients[first : first + 2]
         cosine, sine = self.line_pair(index, self.frequencies[line]).T
         return np.asarray(2.0 * np.pi * self.line_time(index) * (b * cosine - a * sine))
 
     def waves(self, index: int) -> FloatArray:
-        """Return cosines and sines in position of the waves that depend on the feedrate.
-
-        Parameters
-        ----------
-        index : int
-            Which run.
-
-        Returns
-        -------
-        ndarray, shape (n, 2 * n_waves)
-            Cosines, then sines.
-        """
+        """Return cosines and sines in position of the waves that depend on the feedrate."""
         run = self.runs[index]
         phase = 2.0 * np.pi * np.outer(run.x - self.origin, self.wavenumbers)
         gain = np.sinc(np.tile(self.wavenumbers, 2) * run.block_length)
         return np.asarray(np.hstack([np.cos(phase), np.sin(phase)]) * gain)
 
     def precision(self) -> FloatArray:
-        """Return the prior precision of every column.
-
-        Returns
-        -------
-        ndarray, shape (size,)
-            Inverse variances.
-        """
+        """Return the prior precision of every column."""
         out = np.full(self.size, _FLAT)
         n = len(self.runs)
         for j in range(self.drift):
@@ -231,13 +130,7 @@ class Terms:
         return out
 
     def learn(self, mean: FloatArray, variance: FloatArray) -> None:
-        """Update the variance of the drifts among the runs (one step of expectation-maximisation).
-
-        Parameters
-        ----------
-        mean, variance : ndarray, shape (size,)
-            Posterior of the columns.
-        """
+        """Update the variance of the drifts among the runs (one step of expectation-maximisation)."""
         n = len(self.runs)
         for j in range(self.drift):
             own = slice(j * n, (j + 1) * n)

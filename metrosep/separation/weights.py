@@ -56,41 +56,18 @@ MAD = 1.482602218505602
 
 @dataclass(slots=True, eq=False)
 class RowWeights:
-    """Marked samples and weights of the innovations of all runs.
+    """Marked samples and weights of the innovations of all runs."""
 
-    Parameters
-    ----------
-    positions : list of ndarray, shape (n_r,), m
-        Of the samples.
-    marked : list of ndarray of bool, shape (n_r,)
-        Samples that are unknowns.
-    weight : list of ndarray, shape (m_r,)
-        Of the whitened rows; empty before the first `update`.
-    efficiency : list of float
-        Information of a weighted row over that of a row of the noise model's variance.
-    """
-
-    positions: list[FloatArray]
-    marked: list[BoolArray]
+    positions: list[FloatArray]  # of ndarray, shape (n_r,), m: of the samples
+    marked: list[BoolArray]  # of ndarray of bool, shape (n_r,): samples that are unknowns
+    # of ndarray, shape (m_r,): of the whitened rows; empty before the first `update`
     weight: list[FloatArray] = field(default_factory=list)
+    # information of a weighted row over that of a row of the noise model's variance
     efficiency: list[float] = field(default_factory=list)
 
     @classmethod
     def gross(cls, readings: Sequence[FloatArray], positions: Sequence[FloatArray]) -> RowWeights:
-        """Return marks of the samples that stand out of the readings themselves, weights of 1.
-
-        Parameters
-        ----------
-        readings : sequence of ndarray, shape (n_r,)
-            Of each run, NaN = not measured.
-        positions : sequence of ndarray, shape (n_r,), m
-            Where.
-
-        Returns
-        -------
-        RowWeights
-            Before anything is known of geometry and noise.
-        """
+        """Return marks of the samples that stand out of the readings themselves, weights of 1."""
         marked = []
         for z in readings:
             smooth = _running_median(z)
@@ -103,18 +80,7 @@ class RowWeights:
         return cls(list(positions), marked)
 
     def marks(self, index: int) -> FloatArray:
-        """Return one column for each marked sample of a run.
-
-        Parameters
-        ----------
-        index : int
-            Which run.
-
-        Returns
-        -------
-        ndarray, shape (n_r, n_marked)
-            A single 1 in each column.
-        """
+        """Return one column for each marked sample of a run."""
         at = np.flatnonzero(self.marked[index])
         columns = np.zeros((self.marked[index].size, at.size))
         columns[at, np.arange(at.size)] = 1.0
@@ -123,26 +89,7 @@ class RowWeights:
     def apply(
         self, index: int, rows: FloatArray, values: FloatArray, n_design: int
     ) -> tuple[FloatArray, FloatArray]:
-        """Return weighted rows from which the marked samples are projected out.
-
-        Parameters
-        ----------
-        index : int
-            Which run.
-        rows : ndarray, shape (m, n_design + n_marked)
-            Whitened design and marks.
-        values : ndarray, shape (m,)
-            Whitened readings.
-        n_design : int
-            Columns of the design.
-
-        Returns
-        -------
-        rows : ndarray, shape (m, n_design)
-            Design.
-        values : ndarray, shape (m,)
-            Readings.
-        """
+        """Return weighted rows from which the marked samples are projected out."""
         if self.weight:
             root = np.sqrt(self.weight[index])
             rows, values = rows * root[:, None], values * root
@@ -153,33 +100,11 @@ class RowWeights:
         return design - q @ (q.T @ design), values - q @ (q.T @ values)
 
     def information(self, index: int) -> float:
-        """Return the information of a weighted row over that of an unweighted one.
-
-        Parameters
-        ----------
-        index : int
-            Which run.
-
-        Returns
-        -------
-        float
-            About 1 for Gaussian noise.
-        """
+        """Return the information of a weighted row over that of an unweighted one."""
         return self.efficiency[index] if self.efficiency else 1.0
 
     def n_marked(self, group: Sequence[int]) -> int:
-        """Return how many samples of some runs are marked.
-
-        Parameters
-        ----------
-        group : sequence of int
-            Which runs.
-
-        Returns
-        -------
-        int
-            Number of samples.
-        """
+        """Return how many samples of some runs are marked."""
         return sum(int(self.marked[i].sum()) for i in group)
 
     def clean(
@@ -188,22 +113,7 @@ class RowWeights:
         groups: Sequence[Sequence[int]],
         noise: Sequence[AutoregressiveModel],
     ) -> list[FloatArray]:
-        """Mark anew, and take what is marked out of the residuals.
-
-        Parameters
-        ----------
-        residuals : sequence of ndarray, shape (n_r,)
-            Readings minus model of each run, NaN = not measured.
-        groups : sequence of sequence of int
-            Runs that share a noise model.
-        noise : sequence of AutoregressiveModel
-            Their models.
-
-        Returns
-        -------
-        list of ndarray, shape (n_r,)
-            Residuals, the marked samples replaced by what the noise model expects there.
-        """
+        """Mark anew, and take what is marked out of the residuals."""
         cleaned = [r.copy() for r in residuals]
         apart = _without_common(residuals, self.positions)
         for group, model in zip(groups, noise, strict=True):
@@ -222,20 +132,7 @@ class RowWeights:
         groups: Sequence[Sequence[int]],
         noise: Sequence[AutoregressiveModel],
     ) -> list[FloatArray]:
-        """Return the residuals, marked samples replaced by what the noise model expects there.
-
-        Parameters
-        ----------
-        residuals : sequence of ndarray, shape (n_r,)
-            Of each run.
-        groups, noise : sequence
-            As for `clean`.
-
-        Returns
-        -------
-        list of ndarray, shape (n_r,)
-            Copies.
-        """
+        """Return the residuals, marked samples replaced by what the noise model expects there."""
         out = [r.copy() for r in residuals]
         for group, model in zip(groups, noise, strict=True):
             taps = np.concatenate([[1.0], -model.coefficients])
@@ -250,15 +147,7 @@ class RowWeights:
         groups: Sequence[Sequence[int]],
         noise: Sequence[AutoregressiveModel],
     ) -> None:
-        """Give every innovation its weight.
-
-        Parameters
-        ----------
-        cleaned : sequence of ndarray, shape (n_r,)
-            From `clean`.
-        groups, noise : sequence
-            As for `clean`.
-        """
+        """Give every innovation its weight."""
         self.weight = [np.empty(0)] * len(cleaned)
         self.efficiency = [1.0] * len(cleaned)
         for group, model in zip(groups, noise, strict=True):

@@ -195,23 +195,7 @@ def _not_negative(value: Any, name: str) -> float:
 
 
 def distances(distance: float | tuple[float, float]) -> tuple[float, float]:
-    """Return both distances of three probes.
-
-    Parameters
-    ----------
-    distance : float or tuple of (float, float), m
-        One for both, or two.
-
-    Returns
-    -------
-    tuple of (float, float), m
-        Above zero.
-
-    Raises
-    ------
-    DataError
-        If they are not one or two lengths above zero.
-    """
+    """Return both distances of three probes."""
     try:
         values = np.empty(0)
         if not isinstance(distance, (str, bytes)):
