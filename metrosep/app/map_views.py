@@ -16,12 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.app.pyramid import MapPyramid, PyramidLevel
+from metrosep.core._arrays import ByteArray, FloatArray
 from metrosep.core.errors import DataError
 
 __all__ = ["MapView", "map_view"]
 
-FloatArray = NDArray[np.float64]
-ByteArray = NDArray[np.uint8]
 Detail = Literal["drag", "idle", "full"]
 
 _LONGEST_SIDE = {"drag": 512, "idle": 1024, "full": 4096}

@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.app.view_limits import checked_columns, checked_window
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.profile import Profile
 from metrosep.core.runset import Run, RunSet
 
 __all__ = ["Extremes", "ProfileView", "find_holes", "profile_view", "repeat_views"]
 
-FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
 Level = tuple[FloatArray, FloatArray, NDArray[np.int32]]
 

@@ -17,12 +17,12 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.surface import Surface
 
 __all__ = ["MapPyramid", "PyramidLevel", "build_pyramid"]
 
-FloatArray = NDArray[np.float64]
 Number = TypeVar("Number", np.float64, np.int32)
 
 _LEAST_COVERAGE = 0.5

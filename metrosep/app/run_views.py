@@ -12,10 +12,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from metrosep.app.profile_views import Extremes, ProfileView, find_holes, repeat_views
 from metrosep.app.view_limits import checked_columns, checked_window
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, MetrosepError
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import format_length
@@ -34,7 +34,6 @@ __all__ = [
     "shown_range",
 ]
 
-FloatArray = NDArray[np.float64]
 
 _FINE = 8
 """Places in each pixel column at which a separated error is looked at."""

@@ -14,6 +14,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
@@ -21,7 +22,6 @@ from metrosep.core.surface import Surface
 
 __all__ = ["SectionView", "section_profile", "section_view"]
 
-FloatArray = NDArray[np.float64]
 Reading = Literal["lanczos", "bilinear", "nearest"]
 
 _ON_PIXEL = 1e-8

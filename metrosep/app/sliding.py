@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import MetrosepError, TooFewSamplesError
 from metrosep.core.runset import RunSet
 from metrosep.separation.base import ErrorEstimate
@@ -22,7 +22,6 @@ from metrosep.spectral.autoregressive import fit_autoregressive
 
 __all__ = ["Vibration", "find_vibrations"]
 
-FloatArray = NDArray[np.float64]
 
 _ABOVE = 8.0
 """At every feedrate the density at a vibration stands this much above the median around it."""

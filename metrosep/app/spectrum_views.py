@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from metrosep.app.profile_views import find_holes
 from metrosep.app.view_limits import checked_columns
+from metrosep.core._arrays import ByteArray, FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.runset import Run
@@ -28,8 +29,6 @@ from metrosep.spectral.hann import hann_weights, noise_bandwidth
 
 __all__ = ["ProfileSpectrum", "SpectrumView", "estimate_view", "profile_spectrum", "spectrum_view"]
 
-FloatArray = NDArray[np.float64]
-ByteArray = NDArray[np.uint8]
 
 _ON_LIMIT = 1e-9
 """Relative distance within which a wavelength lies on a limit of the band, and so inside."""

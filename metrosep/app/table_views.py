@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from metrosep.app.controller_lists import sign_words
 from metrosep.app.messages import Arrays, plain
@@ -28,6 +27,7 @@ from metrosep.controllers.files import dry_run_carried, read, simulate
 from metrosep.controllers.options import checked_options, split_machine
 from metrosep.controllers.registry import find
 from metrosep.controllers.safety import CHECKS
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     MetrosepError,
     SignCheckFailedError,
@@ -39,7 +39,6 @@ from metrosep.separation.base import ErrorEstimate
 
 __all__ = ["TableView", "view_table"]
 
-FloatArray = NDArray[np.float64]
 
 _MOST_LINES = 60
 _LINE = 300

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from metrosep.app.spectrum_views import SpectrumView, estimate_view
+from metrosep.core._arrays import FloatArray
 from metrosep.core.runset import RunSet
 from metrosep.core.units import format_length
 from metrosep.separation.base import ErrorEstimate
@@ -31,7 +31,6 @@ __all__ = [
     "feed_waves",
 ]
 
-FloatArray = NDArray[np.float64]
 
 _MM, _NM = 1e-3, 1e-9
 _WAYS = {1: "forward", -1: "reverse"}

@@ -19,7 +19,8 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
+
+from metrosep.core._arrays import BoolArray, FloatArray
 
 __all__ = [
     "ROUNDING",
@@ -37,8 +38,6 @@ __all__ = [
     "rising",
 ]
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 ENOUGH = 0.7
 """Less than 30 % of the RMS goes above it: pointless."""

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from metrosep.compensation._acceptance import Reason
 from metrosep.compensation.measured import Measured
+from metrosep.core._arrays import FloatArray
 from metrosep.core.units import format_length
 
 __all__ = ["COVERED", "alignment", "coverage"]
 
-FloatArray = NDArray[np.float64]
 
 COVERED, _HOLE, _LONG_STEP, _OF_RUNS = 0.95, 0.05, 2.5, 0.5
 

@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.compensation._tunnel import fewest_chords, fewest_links, minimax_values
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import NotConvergedError
-
-FloatArray = NDArray[np.float64]
 
 _CANDIDATES = 600
 """Samples at which a knot on the curve may lie; more are thinned, the deviation is not."""

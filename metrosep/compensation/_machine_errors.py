@@ -11,13 +11,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.compensation.area_errors import ErrorMap, area_error, format_position, rising
 from metrosep.compensation.map_sampling import sample_area
+from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, InvalidSamplesError, LimitError, TableError
 from metrosep.core.surface import Surface
 from metrosep.machine.chains import Chain
 from metrosep.machine.error_sets import ErrorSet, as_error_set
 
-FloatArray = NDArray[np.float64]
 Vectors = Callable[[Mapping[str, Any]], FloatArray]
 
 _SINGULAR = 1e-6

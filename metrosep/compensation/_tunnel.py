@@ -12,9 +12,9 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import NotConvergedError
 
-FloatArray = NDArray[np.float64]
 Point = tuple[float, float]
 Polygon = list[Point]
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.compensation.sampling import column
-from metrosep.core._arrays import frozen_float
+from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, TableError
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
@@ -31,7 +31,6 @@ __all__ = [
     "rising",
 ]
 
-FloatArray = NDArray[np.float64]
 AreaFunction = Callable[[FloatArray, FloatArray], FloatArray]
 
 

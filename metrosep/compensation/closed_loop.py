@@ -12,10 +12,11 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from metrosep.compensation.loop_machines import FaceMachine, LoopMachine
 from metrosep.compensation.table import CompensationTable
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, SignCheckFailedError, TooFewSamplesError
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_length
@@ -29,7 +30,6 @@ __all__ = [
     "run_closed_loop",
 ]
 
-FloatArray = NDArray[np.float64]
 Correction = Callable[..., FloatArray]
 Removed = Literal["offset", "line", "plane"]
 Measured = Mapping[int, FloatArray]

@@ -17,18 +17,17 @@ from dataclasses import replace
 from typing import Any, overload
 
 import numpy as np
-from numpy.typing import NDArray
 
 from metrosep.compensation.area_errors import ErrorMap, bilinear, format_position
 from metrosep.compensation.maps import CompensationMap
 from metrosep.compensation.table import CompensationTable
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, TableError
 from metrosep.core.provenance import Step
 from metrosep.core.runset import Run, RunSet
 
 __all__ = ["combine_tables"]
 
-FloatArray = NDArray[np.float64]
 Table = CompensationTable | CompensationMap
 Lookup = Callable[[FloatArray], FloatArray]
 

@@ -16,13 +16,12 @@ from typing import SupportsIndex
 
 import numpy as np
 from numpy.polynomial import legendre
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, DegenerateFitError, TooFewSamplesError
 
 __all__ = ["choose_degree", "fit_legendre", "to_unit"]
 
-FloatArray = NDArray[np.float64]
 Curves = list[tuple[FloatArray, FloatArray]]
 
 MAX_DEGREE = 60

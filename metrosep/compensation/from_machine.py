@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from metrosep.compensation._machine_errors import (
     VolumetricError,
@@ -27,6 +27,7 @@ from metrosep.compensation._machine_errors import (
 from metrosep.compensation.area_errors import format_position
 from metrosep.compensation.maps import CompensationMap
 from metrosep.compensation.table import CompensationTable
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, NotConvergedError, SignCheckFailedError, TableError
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.units import format_length
@@ -35,7 +36,6 @@ from metrosep.machine.error_sets import ErrorSet
 
 __all__ = ["MachineTables", "tables_from_machine"]
 
-FloatArray = NDArray[np.float64]
 Table = CompensationTable | CompensationMap
 
 _TOLERANCE = 1e-13

@@ -10,13 +10,12 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import NotConvergedError, TableError
 
 __all__ = ["exact_correction"]
 
-FloatArray = NDArray[np.float64]
 
 _TOLERANCE = 1e-13
 """Convergence of the fixed point in m: a tenth of a picometre."""

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from metrosep.compensation._knot_search import (
     NOTHING,
@@ -27,7 +27,7 @@ from metrosep.compensation._knot_search import (
     padded_on_curve,
     residual,
 )
-from metrosep.core._arrays import frozen_float
+from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import (
     DataError,
     InvalidSamplesError,
@@ -38,7 +38,6 @@ from metrosep.core.units import format_length
 
 __all__ = ["Curve", "Knots", "choose_knots", "knots_for_tolerance", "optimal_values"]
 
-FloatArray = NDArray[np.float64]
 Curve = ArrayLike | Callable[[FloatArray], FloatArray]
 Values = Literal["free", "on curve"]
 

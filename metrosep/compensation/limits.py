@@ -10,14 +10,13 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import LimitError
 from metrosep.core.units import format_length
 
 __all__ = ["Finding", "Limits", "check_limits", "dead_zone", "require_findings"]
 
-FloatArray = NDArray[np.float64]
 
 _EDGE = 1e-6
 """Share of a limit of the dead zone: the controller keeps its entries as float32."""

@@ -13,13 +13,12 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError
 
 __all__ = ["AxisMachine", "FaceMachine", "LoopMachine", "Servo"]
 
-FloatArray = NDArray[np.float64]
 AxisFunction = Callable[[FloatArray, int], FloatArray]
 MapFunction = Callable[[FloatArray, FloatArray], FloatArray]
 Lookup = Callable[[FloatArray, int], FloatArray]

@@ -9,16 +9,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.limits import Finding, Limits
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.units import format_length
 
 __all__ = ["check_map_limits", "reference_finding"]
 
-FloatArray = NDArray[np.float64]
 
 _STEEP = 1e-3
 """Slope of a correction beyond which it is no longer metrology."""

@@ -13,7 +13,7 @@ from functools import partial
 from typing import Any, SupportsIndex
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from metrosep.compensation.area_errors import (
     AreaFunction,
@@ -25,12 +25,12 @@ from metrosep.compensation.area_errors import (
     rising,
 )
 from metrosep.compensation.inverse import exact_correction
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import TableError
 from metrosep.core.units import parse_quantity
 
 __all__ = ["SampledArea", "grid_positions", "inverse_along", "sample_area"]
 
-FloatArray = NDArray[np.float64]
 
 _MAX_ENTRIES = 100_000
 """More positions of an axis than any controller takes: the spacing was typed in the wrong unit."""

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from metrosep.compensation._acceptance import (
     ENOUGH,
@@ -28,6 +27,7 @@ from metrosep.compensation._acceptance import (
 from metrosep.compensation._coverage import COVERED
 from metrosep.compensation.area_errors import AreaFunction, ErrorMap, area_error, format_position
 from metrosep.compensation.limits import Finding
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     DataError,
     PointlessTableError,
@@ -38,7 +38,6 @@ from metrosep.core.units import format_length
 
 __all__ = ["MapRemoved", "MapVerification", "dry_run_map"]
 
-FloatArray = NDArray[np.float64]
 MapCorrection = Callable[[FloatArray, FloatArray], FloatArray]
 MapRemoved = Literal["offset", "plane"]
 Span = tuple[float, float]

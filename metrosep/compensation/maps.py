@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from metrosep.compensation.area_errors import (
     AreaSource,
@@ -26,7 +26,7 @@ from metrosep.compensation.limits import Finding, Limits, require_findings
 from metrosep.compensation.map_limits import check_map_limits, reference_finding
 from metrosep.compensation.map_sampling import inverse_along, sample_area
 from metrosep.compensation.map_verify import MapRemoved, MapVerification, dry_run_map
-from metrosep.core._arrays import frozen_float
+from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, TableError
 from metrosep.core.profile import html_table
 from metrosep.core.provenance import Step, history_as_dicts
@@ -36,8 +36,6 @@ __all__ = ["CompensationMap"]
 
 _COARSE = 0.1
 """Interpolation error over the span of the corrections beyond which a map is too coarse."""
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

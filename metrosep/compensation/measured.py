@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.profile import Profile
 from metrosep.core.quantity import Quantity
@@ -16,7 +16,6 @@ from metrosep.core.runset import Run, RunSet
 
 __all__ = ["Against", "Curve", "Measured", "Row", "estimate_slope", "measured_error", "paired"]
 
-FloatArray = NDArray[np.float64]
 Curve = Callable[[FloatArray], FloatArray]
 
 

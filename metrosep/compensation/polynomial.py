@@ -14,9 +14,10 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.polynomial import Polynomial, legendre
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from metrosep.compensation.degree import choose_degree, fit_legendre, to_unit
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, DegenerateFitError, TooFewSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
@@ -26,7 +27,6 @@ from metrosep.separation.base import ErrorEstimate
 
 __all__ = ["PolynomialFit", "fit_polynomial"]
 
-FloatArray = NDArray[np.float64]
 Quantity = Literal["error", "compensation"]
 Removed = Literal["offset", "line"]
 

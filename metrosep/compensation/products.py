@@ -12,12 +12,13 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from metrosep.compensation.area_errors import AreaSource
 from metrosep.compensation.map_verify import MapVerification
 from metrosep.compensation.maps import CompensationMap
 from metrosep.compensation.table import CompensationTable
+from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, TableError
 from metrosep.core.provenance import Step
@@ -25,7 +26,6 @@ from metrosep.core.units import format_length
 
 __all__ = ["ProductTables", "rank_one"]
 
-FloatArray = NDArray[np.float64]
 Form = Literal["product", "sum"]
 
 _ZERO = 1e-18

@@ -15,13 +15,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.compensation.limits import Finding
-from metrosep.core._arrays import frozen_float
+from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.core.units import format_length
 
 __all__ = ["Rounded", "round_entries", "round_increments"]
 
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 _COARSE = 10.0

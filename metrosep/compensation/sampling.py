@@ -12,9 +12,10 @@ from dataclasses import dataclass
 from typing import Literal, SupportsIndex
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from metrosep.compensation.measured import estimate_slope
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, TableError
 from metrosep.core.profile import Profile
 from metrosep.core.units import format_length, parse_quantity
@@ -30,7 +31,6 @@ __all__ = [
     "significant_lost_motion",
 ]
 
-FloatArray = NDArray[np.float64]
 ErrorFunction = Callable[[FloatArray], FloatArray]
 ErrorSource = ErrorEstimate | Profile | ErrorFunction
 Direction = Literal["auto", "both", "split", "forward", "reverse"]

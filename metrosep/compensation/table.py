@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from metrosep.compensation.folds import Folds
 from metrosep.compensation.inverse import exact_correction
@@ -31,6 +31,7 @@ from metrosep.compensation.verify import (
     Verification,
     judged_table,
 )
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, TableError
 from metrosep.core.profile import html_table
 from metrosep.core.provenance import Step, hash_bytes, history_as_dicts
@@ -45,8 +46,6 @@ _COARSE = 0.1
 
 _SOURCE_POINTS = 10
 """Positions kept between two entries of the error that a table was made of."""
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from metrosep.compensation.table import CompensationTable
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, TableError
 from metrosep.core.provenance import Step
 from metrosep.core.runset import Run, RunSet
@@ -21,7 +21,6 @@ from metrosep.core.units import format_length
 
 __all__ = ["Third", "TrialTable", "Verdict", "trial_table"]
 
-FloatArray = NDArray[np.float64]
 Third = Literal["auto", "first", "middle", "last"]
 Verdict = Literal["right", "wrong"]
 

@@ -10,17 +10,16 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from metrosep.compensation.area_errors import ErrorMap, format_position
 from metrosep.compensation.maps import CompensationMap
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, TableError
 from metrosep.core.provenance import Step
 from metrosep.core.units import format_length
 
 __all__ = ["TrialMap", "trial_map"]
 
-FloatArray = NDArray[np.float64]
 
 _PLACES = ((0.3, 0.8), (0.8, 0.3), (0.3, 0.2), (0.8, 0.7))
 """Shares of the two travels at which the bump may stand: never the same share of both."""

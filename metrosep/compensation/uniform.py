@@ -7,16 +7,16 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from metrosep.compensation.table import CompensationTable
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, NotUniformError, TableError
 from metrosep.core.provenance import Step
 from metrosep.core.units import format_length
 
 __all__ = ["Outside", "is_uniform", "resample_uniform", "resampling_error", "uniform_spacing"]
 
-FloatArray = NDArray[np.float64]
 Outside = Literal["refuse", "hold", "zero", "taper"]
 
 _SAME = 1e-9

@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from metrosep.compensation._acceptance import (
     ROUNDING,
@@ -37,6 +36,7 @@ from metrosep.compensation.verification import (
     Unknown,
     Verification,
 )
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import TableError
 from metrosep.core.runset import RunSet
 from metrosep.core.units import format_length
@@ -51,7 +51,6 @@ __all__ = [
     "judged_table",
 ]
 
-FloatArray = NDArray[np.float64]
 Correction = Callable[[FloatArray, int], FloatArray]
 Removed = Literal["offset", "line"]
 

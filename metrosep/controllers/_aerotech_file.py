@@ -9,16 +9,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from metrosep.controllers._notes import agreed, note, read_notes
 from metrosep.controllers.base import sidecar_options
 from metrosep.controllers.options import Option
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, DataError, UnsupportedFeatureError
 
 __all__ = ["Grid", "read_grid", "write_grid"]
 
-FloatArray = NDArray[np.float64]
 
 _MM = 1e-3
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)", re.ASCII)

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from metrosep.compensation.area_errors import format_position, is_rotary
 from metrosep.controllers._along import format_amount, format_span
@@ -23,6 +22,7 @@ from metrosep.controllers._sinumerik_file import (
 )
 from metrosep.controllers.base import sidecar_options
 from metrosep.controllers.options import Option
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     CorruptFileError,
     DataError,
@@ -44,7 +44,6 @@ __all__ = [
     "table_lines",
 ]
 
-FloatArray = NDArray[np.float64]
 
 _NAME = "$AN_CEC"
 _AXES = ("INPUT_AXIS", "OUTPUT_AXIS")

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.maps import CompensationMap
@@ -16,6 +15,7 @@ from metrosep.compensation.table import CompensationTable
 from metrosep.compensation.uniform import is_uniform, resample_uniform, resampling_error
 from metrosep.controllers._along import format_span
 from metrosep.controllers.base import load_sidecar, sidecar_path
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, LimitError, TableError
 from metrosep.core.units import format_length
 
@@ -26,7 +26,6 @@ __all__ = [
     "map_identity",
 ]
 
-FloatArray = NDArray[np.float64]
 
 _WHOLE = 1e-9
 """A span is a whole number of spacings, but for rounding."""

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from metrosep.core._arrays import FloatArray
 
 __all__ = ["UNSIGNED", "Printed", "horner", "parsed_horner"]
 
-FloatArray = NDArray[np.float64]
 
 UNSIGNED = r"\d{1,300}(?:\.\d{1,300})?"
 """Decimals without sign and exponent."""

@@ -15,13 +15,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.limits import Limits
 from metrosep.compensation.table import CompensationTable
 from metrosep.compensation.uniform import is_uniform
 from metrosep.controllers.base import Dialect, sidecar_options
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, LimitError, TableError
 from metrosep.core.units import format_length
 
@@ -44,7 +44,6 @@ __all__ = [
     "uniform_positions",
 ]
 
-FloatArray = NDArray[np.float64]
 
 DRY_RUN = "sign not documented: dry-run on the machine first"
 

@@ -8,7 +8,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from metrosep.compensation.knots import choose_knots
 from metrosep.compensation.table import CompensationTable
@@ -21,6 +20,7 @@ from metrosep.controllers._increments import (
 )
 from metrosep.controllers.base import Encoded
 from metrosep.controllers.options import Option
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import LimitError, TableError
 from metrosep.core.units import format_length
 
@@ -39,7 +39,6 @@ __all__ = [
     "to_units",
 ]
 
-FloatArray = NDArray[np.float64]
 
 UNIT = 1e-7
 """Length of 1 in a list with unit 1, m."""

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from metrosep.controllers._increments import ascii_lines
 from metrosep.controllers._isg_lists import NAME, SGN32
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, LimitError
 
 __all__ = [
@@ -27,7 +27,6 @@ __all__ = [
     "whole",
 ]
 
-FloatArray = NDArray[np.float64]
 Entries = dict[str, tuple[str, int]]
 
 _LINE = re.compile(r"([a-z]\w*(?:\.\w+(?:\[\d{1,7}\])*)+)\s+(\S+)", re.ASCII)

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 
 __all__ = ["Simulator", "looked_up", "one_way"]
 
-FloatArray = NDArray[np.float64]
 Simulator = Callable[..., FloatArray]
 
 

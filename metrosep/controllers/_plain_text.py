@@ -14,9 +14,6 @@ from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from metrosep.controllers.base import load_sidecar, sidecar_options
 from metrosep.controllers.options import Option
 from metrosep.core.errors import CorruptFileError, DataError, TableError
@@ -34,7 +31,6 @@ __all__ = [
     "scaled",
 ]
 
-FloatArray = NDArray[np.float64]
 
 _FACT = re.compile(r"(\w+) = (.+)")
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.limits import Finding
@@ -19,6 +19,7 @@ from metrosep.compensation.table import CompensationTable
 from metrosep.controllers._lookups import one_way
 from metrosep.controllers.base import Simulator
 from metrosep.controllers.options import Option
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, LimitError, TableError
 from metrosep.core.units import format_length
 
@@ -37,7 +38,6 @@ __all__ = [
     "sampled",
 ]
 
-FloatArray = NDArray[np.float64]
 
 _TURN = 2.0 * math.pi
 _NODE = 1e-9

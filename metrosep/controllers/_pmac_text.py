@@ -19,6 +19,7 @@ from metrosep.compensation.area_errors import is_rotary
 from metrosep.controllers._plain_text import agreed, ascii_lines, facts_of, scaled
 from metrosep.controllers.base import identity, load_sidecar
 from metrosep.controllers.options import Option
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, LimitError, TableError
 from metrosep.core.units import format_length
 
@@ -41,7 +42,6 @@ __all__ = [
     "signed",
 ]
 
-FloatArray = NDArray[np.float64]
 
 SCALE = 16
 """Entries per count of the target motor."""

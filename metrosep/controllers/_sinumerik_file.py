@@ -9,12 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.controllers._along import format_span
 from metrosep.controllers._notes import note, read_notes
 from metrosep.controllers.base import Simulator
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, DataError, TableError
 
 __all__ = [
@@ -32,7 +33,6 @@ __all__ = [
     "write_program",
 ]
 
-FloatArray = NDArray[np.float64]
 
 _MM = 1e-3
 _DEGREE = float(np.pi) / 180.0

@@ -13,16 +13,14 @@ from dataclasses import dataclass
 from typing import Any, Literal, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import BoolArray, FloatArray
 from metrosep.core.errors import DataError, LimitError
 from metrosep.core.units import format_length, parse_sensitivity
 from metrosep.process.flexure import FlexureCalibration
 
 __all__ = ["StageCurves", "quantised", "rising_parts"]
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 _CURVES = ("mean", "up", "down")
 _UM = 1e-6

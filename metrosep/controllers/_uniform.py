@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.compensation.uniform import is_uniform
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import LimitError, TableError
 from metrosep.core.units import format_length
 
@@ -21,7 +22,6 @@ __all__ = [
     "rolling_grid",
 ]
 
-FloatArray = NDArray[np.float64]
 
 _WHOLE = 1e-6
 """Distance from a whole number of steps that rounding of decimals explains."""

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.limits import Finding
@@ -30,6 +29,7 @@ from metrosep.controllers.base import (
     load_sidecar,
 )
 from metrosep.controllers.options import Option
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     CorruptFileError,
     DataError,
@@ -38,7 +38,6 @@ from metrosep.core.errors import (
 
 __all__ = ["Aerotech", "AerotechLine"]
 
-FloatArray = NDArray[np.float64]
 
 _SIGN = "direction in which the encoder of the {} counts, moving the axis in +: 1 or -1"
 

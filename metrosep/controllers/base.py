@@ -16,11 +16,12 @@ from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from metrosep.compensation.limits import Finding, Limits
 from metrosep.controllers._lookups import Simulator, looked_up
 from metrosep.controllers.options import Option
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, DataError, ReadError
 
 __all__ = [
@@ -40,7 +41,6 @@ __all__ = [
 _FARTHEST = 1e6
 """No axis is as long, in m."""
 
-FloatArray = NDArray[np.float64]
 Sign = Literal["confirmed", "documented", "stated", "unconfirmed"]
 """Run on the real controller or by definition; read in its documents; the user states the polarity;
 not known: to be tried on the machine."""

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.table import CompensationTable
@@ -28,6 +27,7 @@ from metrosep.controllers.base import (
     sidecar_options,
 )
 from metrosep.controllers.options import Option
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     CorruptFileError,
     DataError,
@@ -38,7 +38,6 @@ from metrosep.core.errors import (
 
 __all__ = ["Etalon"]
 
-FloatArray = NDArray[np.float64]
 
 _MM = 1e-3
 _DEGREE = float(np.pi) / 180.0

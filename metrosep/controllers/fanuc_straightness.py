@@ -33,12 +33,12 @@ from metrosep.controllers._increments import (
 )
 from metrosep.controllers.base import DialectInfo, Encoded, identity
 from metrosep.controllers.options import Option
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, LimitError, TableError
 from metrosep.core.units import format_length
 
 __all__ = ["FanucStraightness"]
 
-FloatArray = NDArray[np.float64]
 
 _TITLE = "Fanuc straightness compensation"
 _POINTS = 4

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from metrosep._version import __version__
 from metrosep.compensation.folds import Folds
@@ -52,7 +51,6 @@ from metrosep.core.errors import (
 
 __all__ = ["dry_run_carried", "read", "simulate", "write"]
 
-FloatArray = NDArray[np.float64]
 PathLike = str | os.PathLike[str]
 
 _TYPES = {"table": CompensationTable, "map": CompensationMap, "polynomial": PolynomialFit}

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from metrosep.controllers.gcode_columns import Columns
 from metrosep.controllers.gcode_dense import MAX_LOOKS, MAX_PARTS
 from metrosep.controllers.gcode_words import refuse_block
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, LimitError
 
 __all__ = ["Outside", "Settings", "check_digits", "check_size", "check_turns", "check_way"]
 
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 Outside = Literal["refuse", "zero", "hold"]
 

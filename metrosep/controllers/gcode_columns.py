@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 
 from metrosep.controllers.gcode_state import ModalState
 from metrosep.controllers.gcode_words import (
@@ -25,11 +24,11 @@ from metrosep.controllers.gcode_words import (
     shape_of,
     tokenize,
 )
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, ReadError
 
 __all__ = ["Columns", "Mover", "carried", "open_program", "pieces", "read_columns"]
 
-FloatArray = NDArray[np.float64]
 
 _BYTES = 1 << 21
 """Bytes that are looked at together: some 60 000 blocks."""

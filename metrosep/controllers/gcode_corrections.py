@@ -21,13 +21,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.compensation.table import CompensationTable
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
 
 __all__ = ["PathCorrection", "as_path_correction", "error_correction", "nose_correction"]
 
-FloatArray = NDArray[np.float64]
 Lookup = Callable[[FloatArray, FloatArray], FloatArray]
 
 

@@ -16,9 +16,10 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
+
 __all__ = ["MAX_LOOKS", "MAX_PARTS", "chord_errors", "part_counts"]
 
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 Lookup = Callable[[FloatArray, FloatArray], FloatArray]
 

@@ -35,12 +35,11 @@ from metrosep.controllers.gcode_words import (
     refuse_block,
     tokenize,
 )
+from metrosep.core._arrays import BoolArray, FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, TableError
 
 __all__ = ["Rewriter"]
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 _ROUNDING = 1e-6
 """Share of half a digit that binary numbers add to a rounding."""

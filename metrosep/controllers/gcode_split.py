@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from metrosep.controllers.gcode_words import (
     Token,
@@ -19,11 +18,11 @@ from metrosep.controllers.gcode_words import (
     refuse_block,
     tokenize,
 )
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import InvalidSamplesError
 
 __all__ = ["split_block"]
 
-FloatArray = NDArray[np.float64]
 _DEGREE_DIGITS = 7
 _FEED_DIGITS = 6
 _MODES = frozenset({"0", "00", "1", "01", "93", "94", "95", "90", "21", "20"})

@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.controllers.gcode_columns import Columns
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import LimitError
 
 __all__ = ["Tally"]
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(slots=True)

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.rounding import round_entries
@@ -32,12 +31,12 @@ from metrosep.controllers._increments import (
 )
 from metrosep.controllers.base import DialectInfo, Encoded, identity, load_sidecar
 from metrosep.controllers.options import Option
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, DataError, LimitError, TableError
 from metrosep.core.units import format_length
 
 __all__ = ["Heidenhain"]
 
-FloatArray = NDArray[np.float64]
 
 _TITLE = "HEIDENHAIN compensation value table (.COM)"
 _CAPACITY = 256

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from metrosep.compensation.maps import CompensationMap
 from metrosep.controllers._agreement import fact, require_agreement
@@ -46,12 +45,12 @@ from metrosep.controllers._isg_reading import (
 from metrosep.controllers.base import DialectInfo, Encoded, load_sidecar
 from metrosep.controllers.neutral_map import map_fields
 from metrosep.controllers.options import Option
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, LimitError, TableError
 from metrosep.core.units import format_length
 
 __all__ = ["IsgPlane"]
 
-FloatArray = NDArray[np.float64]
 
 _POINTS, _PER_AXIS = 10201, 101
 """Room where max_points is not given: both last indices up to 100."""

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.maps import CompensationMap
@@ -29,7 +28,6 @@ from metrosep.core.units import format_length
 
 __all__ = ["SPACINGS", "Klipper", "require_bed"]
 
-FloatArray = NDArray[np.float64]
 
 _MM = 1e-3
 _FARTHEST, _LARGEST = 1e3, 1.0

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.table import CompensationTable
@@ -32,7 +31,6 @@ from metrosep.core.errors import CorruptFileError, DataError, LimitError, TableE
 
 __all__ = ["MAX_POINTS", "LinuxCNC"]
 
-FloatArray = NDArray[np.float64]
 
 MAX_POINTS = 256
 """Entries per joint (motion.h of LinuxCNC 2.9); the 257th is ignored with an error."""

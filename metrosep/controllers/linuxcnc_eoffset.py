@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from metrosep.compensation.area_errors import bilinear
 from metrosep.compensation.maps import CompensationMap
@@ -22,11 +21,11 @@ from metrosep.controllers._eoffset_component import LETTERS, Grid, grid_of, prin
 from metrosep.controllers._lookups import one_way
 from metrosep.controllers.base import Dialect, DialectInfo, Encoded, Simulator, load_sidecar
 from metrosep.controllers.options import Option
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, DataError, LimitError, TableError
 
 __all__ = ["LinuxCNCEoffset"]
 
-FloatArray = NDArray[np.float64]
 
 _MM = 1e-3
 _DECIMALS = 10

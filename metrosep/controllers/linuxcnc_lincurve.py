@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.table import CompensationTable
@@ -43,11 +42,11 @@ from metrosep.controllers.base import (
     sidecar_path,
 )
 from metrosep.controllers.options import Option
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, DataError, LimitError, TableError
 
 __all__ = ["MAX_CURVES", "MAX_POINTS", "POINTS_PER_CURVE", "LinuxCNCLincurve"]
 
-FloatArray = NDArray[np.float64]
 
 _MM = 1e-3
 _DEGREE = math.pi / 180.0

@@ -33,12 +33,12 @@ from metrosep.controllers._increments import (
 )
 from metrosep.controllers.base import DialectInfo, Encoded, identity
 from metrosep.controllers.options import Option
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, LimitError, TableError
 from metrosep.core.units import format_length
 
 __all__ = ["Mitsubishi"]
 
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 _TITLE = "Mitsubishi machine error compensation"

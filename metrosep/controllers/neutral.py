@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.table import CompensationTable
@@ -23,7 +22,6 @@ from metrosep.core.errors import CorruptFileError
 
 __all__ = ["Neutral"]
 
-FloatArray = NDArray[np.float64]
 
 _POSITIONS = {"position_mm": -3, "position_rad": 0}
 _UNITS = ("um", "urad")

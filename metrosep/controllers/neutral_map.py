@@ -15,17 +15,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.maps import CompensationMap
 from metrosep.controllers._plain_text import scaled
 from metrosep.controllers.base import Dialect, DialectInfo, Encoded, load_sidecar, sidecar_path
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError
 
 __all__ = ["NUMBER", "NeutralMap", "map_fields", "require_last_end"]
 
-FloatArray = NDArray[np.float64]
 
 _ENTRIES = {False: "correction_um", True: "correction_urad"}
 """By whether the corrected axis turns."""

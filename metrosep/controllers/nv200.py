@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from metrosep.compensation.limits import Limits
 from metrosep.compensation.table import CompensationTable
@@ -33,11 +32,11 @@ from metrosep.controllers._playback import (
     sampled,
 )
 from metrosep.controllers.base import Dialect, DialectInfo, Encoded, Simulator, identity
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, DataError, LimitError
 
 __all__ = ["MAX_POINTS", "NV200"]
 
-FloatArray = NDArray[np.float64]
 
 MAX_POINTS = 1024
 """Points of the buffer."""

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.table import CompensationTable
@@ -35,11 +34,11 @@ from metrosep.controllers._playback import (
 )
 from metrosep.controllers.base import Dialect, DialectInfo, Encoded, Simulator, identity
 from metrosep.controllers.options import Option
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, DataError, LimitError
 
 __all__ = ["PiGcs"]
 
-FloatArray = NDArray[np.float64]
 
 _UM = 1e-6
 _NUMBER = re.compile(r"-?\d+(\.\d+)?")

@@ -23,7 +23,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.polynomial import legendre
-from numpy.typing import NDArray
 
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.polynomial import PolynomialFit
@@ -39,12 +38,12 @@ from metrosep.controllers._plain_text import (
 )
 from metrosep.controllers.base import Dialect, DialectInfo, Encoded, Simulator, load_sidecar
 from metrosep.controllers.options import Option
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, DataError, LimitError, TableError
 from metrosep.core.units import format_length
 
 __all__ = ["PLCStructuredText", "PLCTurboPMAC"]
 
-FloatArray = NDArray[np.float64]
 
 _PLACES = {"m": 0, "mm": 3, "um": 6, "nm": 9}
 """Decimal places from m."""

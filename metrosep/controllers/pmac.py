@@ -50,12 +50,12 @@ from metrosep.controllers._uniform import (
 )
 from metrosep.controllers.base import Dialect, DialectInfo, Encoded, Simulator
 from metrosep.controllers.options import Option
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, TableError
 from metrosep.core.units import format_length
 
 __all__ = ["PMAC", "motor_range"]
 
-FloatArray = NDArray[np.float64]
 
 _TOLD = ("source_sign", "motor_zero")
 """Options that are never guessed when a file is read."""

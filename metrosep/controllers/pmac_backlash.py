@@ -60,6 +60,7 @@ from metrosep.controllers.base import (
 )
 from metrosep.controllers.options import Option
 from metrosep.controllers.pmac import PMAC, motor_range
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     CorruptFileError,
     LimitError,
@@ -70,7 +71,6 @@ from metrosep.core.units import format_length
 
 __all__ = ["PMACBacklash"]
 
-FloatArray = NDArray[np.float64]
 
 _DEFINE = re.compile(
     r"#(?P<motor>\d{1,2})\s*DEFINE\s+BLCOMP\s+(?P<entries>\d{1,6})\s*,\s*(?P<span>\d{1,15})",

@@ -52,12 +52,12 @@ from metrosep.controllers._uniform import (
 from metrosep.controllers.base import Dialect, DialectInfo, Encoded, Simulator, load_sidecar
 from metrosep.controllers.options import Option
 from metrosep.controllers.pmac import motor_range
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, DataError, TableError
 from metrosep.core.units import format_length
 
 __all__ = ["PMACPlane"]
 
-FloatArray = NDArray[np.float64]
 
 _FINEST = 200
 """Intervals of an axis that are chosen without asking, where positions are not uniform."""

@@ -17,7 +17,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from metrosep._version import __version__
 from metrosep.controllers._pairs import paired_stream
@@ -33,6 +32,7 @@ from metrosep.controllers.gcode_files import (
     require_unmarked,
 )
 from metrosep.controllers.gcode_words import decimals_of, format_number
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     CorruptFileError,
     DataError,
@@ -44,7 +44,6 @@ from metrosep.core.errors import (
 
 __all__ = ["PointResult", "rewrite_points"]
 
-FloatArray = NDArray[np.float64]
 PathLike = str | os.PathLike[str]
 
 _LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "nm": 1e-9, "inch": 25.4e-3, "in": 25.4e-3}

@@ -25,12 +25,12 @@ from metrosep.controllers.base import Dialect, DialectInfo, Encoded, Simulator
 from metrosep.controllers.klipper import SPACINGS, require_bed
 from metrosep.controllers.neutral_map import map_fields, require_last_end
 from metrosep.controllers.options import Option
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, LimitError
 from metrosep.core.units import format_length
 
 __all__ = ["MAX_COLUMNS", "MAX_LINE", "RepRap"]
 
-FloatArray = NDArray[np.float64]
 
 MAX_COLUMNS = 41
 """Nodes along the first axis."""

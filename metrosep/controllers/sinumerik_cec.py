@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.limits import Finding
@@ -51,6 +50,7 @@ from metrosep.controllers.base import (
     table_lookup,
 )
 from metrosep.controllers.options import Option
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     DataError,
     LimitError,
@@ -60,7 +60,6 @@ from metrosep.core.units import format_length
 
 __all__ = ["SinumerikCec", "SinumerikCecProduct"]
 
-FloatArray = NDArray[np.float64]
 
 _FACTOR_DECIMALS = 12
 _SAME = 1e-12

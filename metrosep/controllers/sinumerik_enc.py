@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from metrosep.compensation.area_errors import format_position, is_rotary
 from metrosep.compensation.table import CompensationTable
@@ -52,7 +51,6 @@ from metrosep.core.errors import (
 
 __all__ = ["SinumerikEnc"]
 
-FloatArray = NDArray[np.float64]
 
 _NAME = "$AA_ENC_COMP"
 _FACTS = ("STEP", "MIN", "MAX", "IS_MODULO")

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from metrosep.compensation.table import CompensationTable
 from metrosep.controllers._agreement import own_axis
@@ -30,11 +29,11 @@ from metrosep.controllers._increments import (
 )
 from metrosep.controllers.base import DialectInfo, Encoded, identity
 from metrosep.controllers.options import Option
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, TableError
 
 __all__ = ["TwinCAT"]
 
-FloatArray = NDArray[np.float64]
 
 _TITLE = "TwinCAT 3 Tc2_MC2 position compensation table"
 _CAPACITY = 100_000

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.limits import Finding
@@ -46,12 +46,12 @@ from metrosep.controllers.base import (
     sidecar_options,
 )
 from metrosep.controllers.options import Option
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, DataError, LimitError, TableError
 from metrosep.core.units import format_length
 
 __all__ = ["Voltage"]
 
-FloatArray = NDArray[np.float64]
 
 _DECIMALS = 9
 """Of a voltage: 1 nV, far below a step of 24 bits of 10 V."""

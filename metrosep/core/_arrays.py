@@ -10,6 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.core.errors import InvalidSamplesError, TooFewSamplesError
 
 FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+BoolArray = NDArray[np.bool_]
+ByteArray = NDArray[np.uint8]
+IntArray = NDArray[np.intp]
 
 
 class CheckedArray(np.ndarray[Any, np.dtype[np.float64]]):

@@ -10,12 +10,11 @@ import struct
 import zlib
 
 import numpy as np
-from numpy.typing import NDArray
+
+from metrosep.core._arrays import ByteArray, FloatArray
 
 __all__ = ["map_thumbnail", "png_image", "profile_thumbnail"]
 
-FloatArray = NDArray[np.float64]
-ByteArray = NDArray[np.uint8]
 
 _SIDE = 192
 """Longest side of a map in pixels: a byte each and 1 kB of colours stay below 40 kB."""

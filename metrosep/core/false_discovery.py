@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["benjamini_hochberg"]
+from metrosep.core._arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
+__all__ = ["benjamini_hochberg"]
 
 
 def benjamini_hochberg(p_values: FloatArray, *, rate: float) -> NDArray[np.bool_]:

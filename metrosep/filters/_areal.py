@@ -19,11 +19,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread, threads
 from metrosep.filters._kernel import COMPLETE, SINGULAR
 from metrosep.filters._passes import Axis, Piece, make_axis
-
-FloatArray = NDArray[np.float64]
 
 _STRIPE = 96
 _BLOCK = 96

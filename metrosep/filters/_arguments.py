@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     DataError,
     InvalidSamplesError,
@@ -27,7 +27,6 @@ from metrosep.filters.kind import (
 )
 from metrosep.spectral._checks import instance_of, real_number
 
-FloatArray = NDArray[np.float64]
 FilterBand = Literal["long", "short"]
 
 SHORTFALL = 0.1

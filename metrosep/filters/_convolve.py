@@ -14,11 +14,9 @@ cost no digits.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.filters._kernel import COMPLETE, SINGULAR, half_width, lattice_sum
-
-FloatArray = NDArray[np.float64]
 
 _MIN_BLOCK = 8192
 """Shortest transform of a long profile, in samples."""

@@ -6,15 +6,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
 from metrosep.filters import _arguments as arguments
-
-FloatArray = NDArray[np.float64]
 
 _BLOCK = 32_768
 """Samples worked on at once: they stay in the cache while the element passes over them."""

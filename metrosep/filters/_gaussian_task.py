@@ -6,9 +6,6 @@ import math
 from dataclasses import dataclass
 from typing import Any, Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
 from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
@@ -17,7 +14,6 @@ from metrosep.filters import _arguments as arguments
 from metrosep.filters._kernel import standard_deviation
 from metrosep.spectral._checks import real_number
 
-FloatArray = NDArray[np.float64]
 End = Literal["moment", "renormalise", "closed", "cut"]
 
 ENDS = ("moment", "renormalise", "closed", "cut")

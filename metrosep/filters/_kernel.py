@@ -11,9 +11,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
-
-FloatArray = NDArray[np.float64]
 
 ALPHA = math.sqrt(math.log(2.0) / math.pi)
 """The constant a = 0.4697: half of the amplitude passes at the cutoff."""

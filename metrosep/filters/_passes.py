@@ -15,12 +15,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray, IntArray
 from metrosep.filters._kernel import WINDOW, lattice_sum
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
 
 _NODES_PER_SD = 2.4
 """Coarse nodes per standard deviation: 2 exp(-pi^2 2.4^2 / 2) = 9e-13 of aliasing."""

@@ -15,7 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from metrosep.core._arrays import FloatArray
+
 Exponents = tuple[int, ...]
 
 _HALF_WIDTH = 3.0

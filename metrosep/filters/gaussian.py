@@ -14,8 +14,8 @@ from __future__ import annotations
 from typing import Any, overload
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
@@ -27,8 +27,6 @@ from metrosep.spectral._checks import real_number
 from metrosep.spectral.band import Band
 
 __all__ = ["gaussian", "gaussian_support"]
-
-FloatArray = NDArray[np.float64]
 
 
 @overload

@@ -15,8 +15,8 @@ from collections.abc import Callable
 from typing import Literal, TypeVar, overload
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
@@ -26,7 +26,6 @@ from metrosep.filters._elements import Element, checked_element
 
 __all__ = ["closing", "dilation", "erosion", "opening"]
 
-FloatArray = NDArray[np.float64]
 Measured = TypeVar("Measured", Profile, Surface)
 
 

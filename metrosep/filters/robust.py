@@ -18,6 +18,7 @@ from typing import Any, Literal, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, DegenerateFitError, NotConvergedError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
@@ -29,7 +30,6 @@ from metrosep.spectral._checks import real_number, whole_number
 
 __all__ = ["regression_constant", "robust_gaussian"]
 
-FloatArray = NDArray[np.float64]
 
 _BIWEIGHT = 4.4478
 """c over the median of abs(r): three standard deviations of Gaussian residuals (3 / 0.6745)."""

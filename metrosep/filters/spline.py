@@ -18,6 +18,7 @@ from typing import Any, Literal, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import (
     DataError,
@@ -33,7 +34,6 @@ from metrosep.spectral._checks import real_number, whole_number
 
 __all__ = ["spline"]
 
-FloatArray = NDArray[np.float64]
 Smoother = Callable[[FloatArray], FloatArray]
 
 _BLOCK = 256

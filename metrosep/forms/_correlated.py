@@ -22,12 +22,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.core._arrays import FloatArray
+from metrosep.core._arrays import BoolArray, FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.forms._orthogonal import values
 from metrosep.forms.points import Points
 
-BoolArray = NDArray[np.bool_]
 Linearise = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 """From x, y, z of points to derivatives and deviations, shape (p + 1, n)."""
 

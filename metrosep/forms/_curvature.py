@@ -5,11 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DegenerateFitError, TooFewSamplesError
-
-FloatArray = NDArray[np.float64]
 
 FLAT = 1e100
 """m: the radius that stands for a curvature of zero. Its sag is below the smallest float of any

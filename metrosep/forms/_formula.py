@@ -13,11 +13,10 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 
-FloatArray = NDArray[np.float64]
 Value = FloatArray | float
 Tree = tuple[Any, ...]
 """("number", v), ("name", n), ("neg", a), ("+", a, b) ... or (function, a)."""

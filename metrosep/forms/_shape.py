@@ -11,12 +11,10 @@ from collections.abc import Sequence
 from typing import Any, Self, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.forms.base import Form
-
-FloatArray = NDArray[np.float64]
 
 
 class Shape(Form):

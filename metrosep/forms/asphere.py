@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import Any, Self, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.forms._shape import Shape
 from metrosep.forms.base import checked
@@ -19,7 +19,6 @@ from metrosep.forms.conic import Conic
 
 __all__ = ["Asphere"]
 
-FloatArray = NDArray[np.float64]
 Terms = Mapping[int, float | None] | Sequence[Any]
 
 _HIGHEST = 40

@@ -13,14 +13,13 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.numbers import real
 
 __all__ = ["Form"]
-
-FloatArray = NDArray[np.float64]
 
 
 class Form(ABC):

@@ -12,15 +12,13 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.forms._curvature import EQUATOR, mean_curvature, radius_of
 from metrosep.forms._shape import Shape, positive_root, root
 from metrosep.forms.base import checked
 
 __all__ = ["Conic"]
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, repr=False)

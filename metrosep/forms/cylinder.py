@@ -8,16 +8,14 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DegenerateFitError
 from metrosep.forms._curvature import inside, mean_curvature, radius_of, scaled
 from metrosep.forms._shape import Shape, positive_root, root
 from metrosep.forms.base import checked
 
 __all__ = ["Cylinder"]
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, repr=False)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.forms._formula import (
     CONSTANTS,
@@ -26,7 +26,6 @@ from metrosep.forms.freedoms import RIGID
 
 __all__ = ["Expression"]
 
-FloatArray = NDArray[np.float64]
 
 _COORDINATES = ("x", "y", "r", "theta")
 _RESERVED = {*_COORDINATES, *CONSTANTS, *FUNCTION_NAMES, *RIGID}

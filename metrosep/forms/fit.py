@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from metrosep.core._arrays import CheckedArray
 from metrosep.core.blas import one_blas_thread
@@ -33,8 +32,6 @@ from metrosep.forms.robust import Robust, spread
 from metrosep.forms.warn import fit_warnings
 
 __all__ = ["fit", "remove"]
-
-FloatArray = NDArray[np.float64]
 
 
 def fit(

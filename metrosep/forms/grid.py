@@ -10,6 +10,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, DegenerateFitError, TooFewSamplesError
 from metrosep.core.surface import Surface
 from metrosep.forms._shape import Shape
@@ -17,7 +18,6 @@ from metrosep.forms.base import checked
 
 __all__ = ["GridForm"]
 
-FloatArray = NDArray[np.float64]
 
 _ON_NODE = 1e-6
 """A position this close to a node, in steps, is on it: it needs no neighbour beyond."""

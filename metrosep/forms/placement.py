@@ -15,11 +15,11 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.forms.base import Form
 
 __all__ = ["Placement", "Tilt", "rotation_matrix"]
 
-FloatArray = NDArray[np.float64]
 Tilt = Literal["plane", "rotation"]
 Direction = Literal["vertical", "normal"]
 

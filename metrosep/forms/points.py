@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from metrosep.core._arrays import frozen_float, same_length
+from metrosep.core._arrays import FloatArray, frozen_float, same_length
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.middle import assumed_axis
 from metrosep.core.numbers import is_real
@@ -19,7 +19,6 @@ from metrosep.core.surface import Surface
 
 __all__ = ["SAMPLE", "PointSet", "Points", "points_of"]
 
-FloatArray = NDArray[np.float64]
 
 _BLOCK = 1 << 14
 """Points in a block: its columns stay in the cache of a core."""

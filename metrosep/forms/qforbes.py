@@ -16,8 +16,8 @@ from functools import cache
 from typing import Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.forms._shape import Shape, positive_root
 from metrosep.forms.base import checked
@@ -25,7 +25,6 @@ from metrosep.forms.conic import Conic
 
 __all__ = ["QForbes", "q_bfs", "q_con"]
 
-FloatArray = NDArray[np.float64]
 
 _RIM = 1e-9
 """Of the radius: a point this far outside still counts as on the rim."""

@@ -12,8 +12,8 @@ from contextlib import suppress
 from typing import Literal, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, NotConvergedError
 
 __all__ = [
@@ -26,7 +26,6 @@ __all__ = [
     "winsorised",
 ]
 
-FloatArray = NDArray[np.float64]
 Robust = Literal["tukey", "huber"]
 Weigh = Callable[[FloatArray], FloatArray]
 """From the deviation of each point to its weight; 0 where the deviation is NaN."""

@@ -8,15 +8,14 @@ from dataclasses import dataclass
 from typing import Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, DegenerateFitError, TooFewSamplesError
 from metrosep.forms._shape import Shape
 from metrosep.forms.base import checked
 
 __all__ = ["SineGrid"]
 
-FloatArray = NDArray[np.float64]
 Same = Literal["same"]
 
 

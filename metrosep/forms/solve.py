@@ -14,11 +14,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DegenerateFitError, NotConvergedError
 
 __all__ = ["Normal", "Solution", "accumulate", "one_step", "scaled_gram", "solve"]
 
-FloatArray = NDArray[np.float64]
 Linearise = Callable[[FloatArray], Iterable[FloatArray]]
 """From a vector of parameters to blocks of derivatives and deviations, shape (p + 1, n), weighted."""
 

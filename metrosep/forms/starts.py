@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.forms.base import Form
 from metrosep.forms.points import Points
 
 __all__ = ["best_shift", "vertex"]
 
-FloatArray = NDArray[np.float64]
 
 _MAX_LAGS = 512
 """Points per side of the map that is correlated."""

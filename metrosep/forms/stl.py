@@ -12,15 +12,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray, IntArray
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.forms._shape import Shape
 
 __all__ = ["MeshForm", "from_triangles"]
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
 
 _EDGE = 1e-9
 """A point this far outside an edge, as part of the triangle, is on it: no gaps between facets."""

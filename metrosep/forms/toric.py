@@ -13,16 +13,14 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DegenerateFitError
 from metrosep.forms._curvature import EQUATOR, hessian, inside, radius_of
 from metrosep.forms._shape import Shape, positive_root, root
 from metrosep.forms.base import checked
 
 __all__ = ["Biconic", "Toric"]
-
-FloatArray = NDArray[np.float64]
 
 
 def _start_radii(

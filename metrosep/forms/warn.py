@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.units import format_length
 from metrosep.forms.placement import Placement
 from metrosep.forms.points import Points
 
 __all__ = ["fit_warnings"]
 
-FloatArray = NDArray[np.float64]
 
 _STRONG = 0.99
 """Correlation above which two parameters are hardly told apart."""

@@ -17,13 +17,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from metrosep.core._arrays import FloatArray
+from metrosep.core._arrays import ComplexArray, FloatArray
 
 __all__ = ["zernike_gradients", "zernike_values"]
-
-ComplexArray = NDArray[np.complex128]
 
 
 class _Table:

@@ -15,6 +15,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import FormatMismatchError, InvalidSamplesError
 from metrosep.core.provenance import Step
 from metrosep.io.role_columns import Role, role_values
@@ -25,7 +26,6 @@ from metrosep.io.table import Table
 
 __all__ = ["Readings", "read_readings"]
 
-FloatArray = NDArray[np.float64]
 Dimension = Literal["length", "angle"]
 
 _SAME_POSITION = 1e-3

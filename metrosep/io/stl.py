@@ -13,14 +13,13 @@ from os import PathLike
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, ReadError
 from metrosep.core.units import parse_unit
 
 __all__ = ["parse_stl", "read_stl"]
 
-FloatArray = NDArray[np.float64]
 
 _HEADER = 80
 _FACET = np.dtype(

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import NotConvergedError
 from metrosep.machine._numbers import TrialAmounts
 from metrosep.machine._positions import Positions, axis_positions
@@ -20,7 +20,6 @@ from metrosep.machine.alignment import freedom_maps
 
 __all__ = ["CutModel"]
 
-FloatArray = NDArray[np.float64]
 
 _STEPS = 30
 

@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import TooFewSamplesError
 
 __all__ = ["MonteCarloResult", "correlated_draws", "drawn_maps"]
 
-FloatArray = NDArray[np.float64]
 
 _DRAWS, _POINTS = 256, 1024
 """Of a block: its products stay in the cache until their extremes are taken."""

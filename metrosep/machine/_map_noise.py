@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
+
 __all__ = ["MapNoise", "map_noise"]
 
-FloatArray = NDArray[np.float64]
 
 _FEWEST = 60
 """Points that a model of their likeness needs."""

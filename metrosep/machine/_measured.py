@@ -8,15 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.core._arrays import as_float
+from metrosep.core._arrays import FloatArray, as_float
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.middle import Axis, assumed_axis
 from metrosep.core.surface import Surface
 from metrosep.machine._mesh import SurfaceMesh, centred_form, checked_centre
 
 __all__ = ["Measured", "measured_points"]
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.middle import assumed_axis
 from metrosep.core.surface import Surface
@@ -17,7 +18,6 @@ from metrosep.forms.grid import GridForm
 
 __all__ = ["N_AZIMUTH", "N_RHO", "SurfaceMesh", "centred_form", "polar_mesh"]
 
-FloatArray = NDArray[np.float64]
 
 N_RHO, N_AZIMUTH = 300, 720
 

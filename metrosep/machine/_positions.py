@@ -12,13 +12,13 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError
 
 __all__ = ["Positions", "axis_positions"]
 
-FloatArray = NDArray[np.float64]
 
 Positions = Callable[[FloatArray, FloatArray, FloatArray], Mapping[str, ArrayLike]]
 """``positions(x, y, z)`` returns the position of each axis, by name, at points of the part."""

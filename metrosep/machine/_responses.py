@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import InvalidSamplesError
 from metrosep.machine._mesh import SurfaceMesh
 from metrosep.machine._positions import Positions, axis_positions
@@ -22,7 +23,6 @@ from metrosep.optics.rays import Mode, check_mode, path_sensitivity
 
 __all__ = ["MapMaker", "Perturbation", "WavefrontHook", "path_hook", "vertical_maps"]
 
-FloatArray = NDArray[np.float64]
 
 _BLOCK = 16384
 _SAMPLE = 1000

@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.machine.alignment import Alignment
 from metrosep.machine.gram import AlignedGram, groups_alike
 
 __all__ = ["OWN", "Solution", "Solver", "common_map", "span_of", "unit_columns"]
 
-FloatArray = NDArray[np.float64]
 
 _DETERMINED = 1e-7
 """Of the largest singular value: below, a direction is rounding."""

@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.core.units import parse_quantity
 from metrosep.machine.error_sets import ErrorSet
@@ -16,8 +17,6 @@ from metrosep.machine.gram import check_covariance
 from metrosep.machine.sobol import DISTRIBUTIONS
 
 __all__ = ["Shape", "TermAmounts", "amounts_of_set", "term_amounts", "term_unit"]
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

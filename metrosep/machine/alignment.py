@@ -12,14 +12,14 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 
 __all__ = ["FREEDOMS", "Alignment", "alignment_space", "freedom_maps", "removed_freedoms"]
 
-FloatArray = NDArray[np.float64]
 
 FREEDOMS = {
     "piston": "m",

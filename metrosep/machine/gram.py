@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.machine.alignment import Alignment
@@ -28,7 +29,6 @@ __all__ = [
     "shares",
 ]
 
-FloatArray = NDArray[np.float64]
 
 _BLOCK = 2048
 

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     DataError,
     NotConvergedError,
@@ -37,7 +38,6 @@ from metrosep.machine.gram import aligned_gram
 
 __all__ = ["Identification", "IdentifiedGroup", "identify"]
 
-FloatArray = NDArray[np.float64]
 
 _STEPS = 20
 

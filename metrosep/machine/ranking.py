@@ -11,8 +11,9 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.middle import assumed_axis
 from metrosep.core.provenance import freeze_mapping
@@ -30,7 +31,6 @@ from metrosep.machine.sensitivity import SensitivityTable
 
 __all__ = ["rank"]
 
-FloatArray = NDArray[np.float64]
 
 _LARGE_ANGLE = 0.1
 """rad: a plain number beyond it was hardly meant in rad, and first order holds no more."""

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_length
@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     from metrosep.forms.zernike_index import ZernikeOrder
 
 __all__ = ["ParetoStep", "SensitivityTable"]
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,14 +11,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.machine.gram import check_gram
 
 __all__ = ["DISTRIBUTIONS", "SobolIndices", "sobol_indices"]
 
-FloatArray = NDArray[np.float64]
 
 DISTRIBUTIONS = {"normal": 1.0, "uniform": 1.0 / np.sqrt(3.0)}
 """Standard deviation of each distribution in parts of its magnitude: standard uncertainty of the

@@ -7,12 +7,12 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
 
-FloatArray = NDArray[np.float64]
 Evaluate = str | Callable[[Profile | Surface], float | Quantity]
 
 PEAK_TO_VALLEY = frozenset({"PV", "Pt", "Rt", "Wt", "Sz"})

@@ -12,16 +12,15 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from metrosep.core._arrays import frozen_float
+from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import InvalidSamplesError
 from metrosep.parameters._range import LARGEST, check_range
 
 __all__ = ["HeightStatistics", "height_statistics"]
 
-FloatArray = NDArray[np.float64]
 
 _LINE = 64
 """Bytes of a line of the cache."""

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from metrosep.core._arrays import frozen_float
+from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 
 __all__ = [
@@ -26,7 +26,6 @@ __all__ = [
     "texture_direction",
 ]
 
-FloatArray = NDArray[np.float64]
 
 _MIN_SIZE = 8
 """Fewest rows and columns: lags to four pixels."""

@@ -12,8 +12,9 @@ from decimal import Decimal, localcontext
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.quantity import Quantity
 
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Budget", "Contribution", "Distribution", "coverage_factor", "report_value"]
 
-FloatArray = NDArray[np.float64]
 
 Distribution = Literal["normal", "rectangular", "triangular", "arcsine"]
 

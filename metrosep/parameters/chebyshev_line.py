@@ -13,15 +13,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray, IntArray
 from metrosep.core.errors import NotConvergedError
 from metrosep.parameters.minimum_zone import chunk_extremes
 
 __all__ = ["LineZone", "least_squares_line", "minimum_zone_line"]
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
 
 _MAX_EXCHANGES = 1000
 """Hulls at most; five to ten are usual."""

@@ -13,15 +13,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray, IntArray
 from metrosep.core.errors import NotConvergedError
 from metrosep.parameters.minimum_zone import Mode, Optimum, chunk_extremes, optimum
 
 __all__ = ["CirclePoints", "CircleSolution", "best_circle"]
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
 
 _MAX_CENTRES = 100
 """Centres tried; three or four are usual."""

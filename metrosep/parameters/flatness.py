@@ -11,8 +11,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray, IntArray
 from metrosep.core.errors import DataError, DegenerateFitError, TooFewSamplesError
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
@@ -22,8 +22,6 @@ from metrosep.parameters.minimum_zone import Optimum, optimum
 
 __all__ = ["flatness_deviation"]
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
 
 _FREEDOMS = 3
 """Height and two slopes."""

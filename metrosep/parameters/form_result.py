@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray, IntArray
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
@@ -18,8 +18,6 @@ from metrosep.parameters.table import Context, ParameterTable
 
 __all__ = ["FormDeviation", "Kind", "Reference", "Support", "form_table"]
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
 Kind = Literal["straightness", "flatness", "roundness"]
 Reference = Literal["MZ", "LS", "EP", "MC", "MI"]
 

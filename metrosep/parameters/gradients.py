@@ -14,14 +14,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from metrosep.core._arrays import frozen_float
+from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import InvalidSamplesError, TooFewSamplesError
 
 __all__ = ["GradientStatistics", "gradient_statistics", "surface_slopes"]
 
-FloatArray = NDArray[np.float64]
 
 _REACH = 3
 """Half-width of the widest stencil, in pixels."""

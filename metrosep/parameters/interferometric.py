@@ -16,6 +16,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.surface import Surface
 from metrosep.parameters._rows import Row, chosen_rows, evaluated
@@ -26,7 +27,6 @@ from metrosep.spectral._checks import instance_of
 
 __all__ = ["interferometric_parameters", "robust_peak_to_valley"]
 
-FloatArray = NDArray[np.float64]
 
 _EDITION = "ISO 14999-4:2015"
 

@@ -20,14 +20,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray, IntArray
 from metrosep.core.errors import DegenerateFitError, NotConvergedError
 
 __all__ = ["Mode", "Optimum", "chunk_extremes", "optimum"]
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
 Mode = Literal["zone", "outer", "inner"]
 
 _MAX_EXCHANGES = 200

@@ -13,8 +13,9 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, NotUniformError
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
@@ -32,7 +33,6 @@ __all__ = [
     "sampling_of",
 ]
 
-FloatArray = NDArray[np.float64]
 
 _REACH = 6.0
 """The Gaussian ACF is 2e-16 at this many correlation lengths: the far end does not see it."""

@@ -11,8 +11,9 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.quantity import Quantity
@@ -35,7 +36,6 @@ from metrosep.spectral._checks import instance_of, real_number, whole_number
 
 __all__ = ["MonteCarloResult", "monte_carlo", "shortest_interval"]
 
-FloatArray = NDArray[np.float64]
 
 _SEQUENCE = 10_000
 """Draws of one sequence of the adaptive procedure (JCGM 101, 7.9.4)."""

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import InvalidSamplesError, TooFewSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
@@ -22,7 +23,6 @@ from metrosep.parameters._named import with_heights
 
 __all__ = ["NoiseEstimate", "mean_of_repeats", "noise_of_repeats", "stack_repeats"]
 
-FloatArray = NDArray[np.float64]
 
 _SAME_POSITION = 1e-6
 """Largest difference of two positions, relative to the step, that counts as the same."""

@@ -11,8 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import InvalidSamplesError, TooFewSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.quantity import Quantity
@@ -28,8 +29,6 @@ from metrosep.parameters.repeat_noise import (
 )
 
 __all__ = ["NoiseFreeRms", "RepeatResult", "TypeA", "from_repeats", "noise_free_rms", "type_a"]
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,8 +11,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray, IntArray
 from metrosep.core.errors import (
     DataError,
     DegenerateFitError,
@@ -29,8 +29,6 @@ from metrosep.parameters.form_result import FormDeviation, Reference, Support, f
 
 __all__ = ["roundness_deviation"]
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
 
 _FREEDOMS = 3
 """Centre and radius."""

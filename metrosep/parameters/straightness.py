@@ -12,6 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
@@ -22,7 +23,6 @@ from metrosep.parameters.form_result import FormDeviation, Reference, Support, f
 
 __all__ = ["straightness_deviation"]
 
-FloatArray = NDArray[np.float64]
 
 _FREEDOMS = 2
 """Slope and intercept."""

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
@@ -29,7 +30,6 @@ __all__ = [
     "scale_uncertainty",
 ]
 
-FloatArray = NDArray[np.float64]
 
 _END = 40.0
 """Half-width of the integral in sigma; the normal density is zero to float there."""

@@ -20,13 +20,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from metrosep.core._arrays import frozen_float
+from metrosep.core._arrays import FloatArray, IntArray, frozen_float
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 
 __all__ = ["Peaks", "five_point_height", "mean_peak_curvature", "significant_peaks"]
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
 
 _FIVE = 5
 

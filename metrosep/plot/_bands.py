@@ -6,13 +6,12 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.plot.style import values
 
 __all__ = ["BANDS_PER_OCTAVE", "cell_edges", "in_bands", "lines_of_residual", "shared_lines"]
 
-FloatArray = NDArray[np.float64]
 
 BANDS_PER_OCTAVE = 12
 _MAX_LINES = 3

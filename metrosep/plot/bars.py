@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from metrosep.plot.style import COLOURS, axes_or_new, house_style
 
@@ -15,7 +14,6 @@ if TYPE_CHECKING:
 
 __all__ = ["draw_bars"]
 
-FloatArray = NDArray[np.float64]
 
 _COLOURS = ("estimate", "after", "before", "reverse")
 _UNITS: Mapping[str, tuple[tuple[float, str], ...]] = {

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.plot.bars import draw_bars
 from metrosep.plot.harmonics import harmonic_bars
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 
 __all__ = ["CHART_KINDS", "draw_chart"]
 
-FloatArray = NDArray[np.float64]
 Chart = Mapping[str, Any]
 
 _SCALES: Mapping[str, Sequence[tuple[float, str]]] = {

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.plot.style import COLOURS, DASHED, DOTTED, axes_or_new, house_style
 
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
 __all__ = ["allan_plot", "drift_chart"]
 
-FloatArray = NDArray[np.float64]
 
 _LINES = (
     ("estimate", "-"),

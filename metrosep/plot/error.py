@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.plot.style import (
     BAND_FACTOR,
@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 __all__ = ["before_after"]
-
-FloatArray = NDArray[np.float64]
 
 
 def before_after(document: Mapping[str, Any], ax: Axes | None = None) -> Axes:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.plot._bands import cell_edges
 from metrosep.plot.style import COLOURS, DASHED, axes_or_new, house_style, label_decades, values
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
 
 __all__ = ["evidence_plot"]
 
-FloatArray = NDArray[np.float64]
 
 _SNR_FLOOR = 1e-2
 """Smallest signal-to-noise ratio that is drawn; smaller and negative ones lie on it."""

@@ -10,8 +10,8 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.runset import RunSet
 from metrosep.plot._bands import (
@@ -38,7 +38,6 @@ if TYPE_CHECKING:
 
 __all__ = ["feed_map"]
 
-FloatArray = NDArray[np.float64]
 
 _COLOUR_MAP = "Blues"
 _DECADES = 1.7

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 
 __all__ = ["harmonic_bars", "readable_unit"]
 
-FloatArray = NDArray[np.float64]
 
 _UNITS = {
     "m": ((1e-6, 1e6, "µm"), (1e-9, 1e9, "nm"), (0.0, 1e12, "pm")),

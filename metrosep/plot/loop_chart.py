@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.units import format_length
 from metrosep.plot.style import COLOURS, DASHED, DOTTED, axes_or_new, house_style, length_scale
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
 
 __all__ = ["closed_loop_maps", "closed_loop_plot", "knots_plot", "loop_history_plot"]
 
-FloatArray = NDArray[np.float64]
 
 _STATES = (
     ("before", "before", "-", 1.2),

@@ -7,8 +7,9 @@ from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.plot.placing import place_grid
 from metrosep.plot.style import COLOURS, house_style
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
 
 __all__ = ["separation_maps"]
 
-FloatArray = NDArray[np.float64]
 
 _INVALID = "#B8B8B8"
 _COLOUR_MAP = "RdBu_r"

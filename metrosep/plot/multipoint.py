@@ -6,8 +6,9 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.plot.style import (
     BAND_FACTOR,
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
 
 __all__ = ["probe_transfer", "straightness_parts"]
 
-FloatArray = NDArray[np.float64]
 
 _TITLES = {
     "artefact": "artefact",

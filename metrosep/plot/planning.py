@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.plot.style import COLOURS, DASHED, DOTTED, axes_or_new, house_style, shades
 from metrosep.separation.planner_result import FeedPlan
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 
 __all__ = ["plan_density", "plan_sd"]
 
-FloatArray = NDArray[np.float64]
 
 _LINES = 2001
 _MOST_WAVES = 4

@@ -10,8 +10,8 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.plot.harmonics import readable_unit
 from metrosep.plot.style import COLOURS, DASHED, DOTTED, axes_or_new, house_style
 
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
 __all__ = ["polar_plot"]
 
-FloatArray = NDArray[np.float64]
 
 _INNER = 2.2
 """Base circle in units of the largest motion: the chart keeps a hole."""

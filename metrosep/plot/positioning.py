@@ -6,7 +6,6 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from metrosep.plot.style import COLOURS, DASHED, axes_or_new, house_style
 
@@ -17,7 +16,6 @@ if TYPE_CHECKING:
 
 __all__ = ["positioning_chart"]
 
-FloatArray = NDArray[np.float64]
 
 _SYMBOLS = (
     "A",

@@ -6,8 +6,8 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.plot.style import COLOURS, DASHED, DOTTED, axes_or_new, house_style
 
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
 __all__ = ["probe_gain_chart", "probe_layout", "probe_residuals"]
 
-FloatArray = NDArray[np.float64]
 
 _CEILING = 10.0
 """Gains above are drawn at the ceiling and hatched: nobody uses such a harmonic."""

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.plot.style import COLOURS, axes_or_new, house_style, length_scale
 
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
 __all__ = ["sensitivity_bars", "sensitivity_maps", "sensitivity_pareto"]
 
-FloatArray = NDArray[np.float64]
 
 _DECADES = 4
 _MOST_TABLES = 4

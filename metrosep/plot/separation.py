@@ -6,8 +6,9 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.plot.style import BAND_FACTOR, COLOURS, DASHED, house_style
 from metrosep.separation.contract import Separation
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
 
 __all__ = ["parts_plot", "reversal_quartet", "separation_parts"]
 
-FloatArray = NDArray[np.float64]
 
 _SCALES = (
     ("m", ((1.0, "m"), (1e3, "mm"), (1e6, "µm"), (1e9, "nm"))),

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from metrosep.core.errors import TooFewSamplesError
 from metrosep.plot.style import BAND_FACTOR, COLOURS, DASHED, axes_or_new, house_style, shades
@@ -29,8 +28,6 @@ __all__ = [
     "static_error_chart",
     "straightness_chart",
 ]
-
-FloatArray = NDArray[np.float64]
 
 
 def follow_up_chart(result: FollowUp) -> Figure:

@@ -6,8 +6,8 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.units import format_length
 from metrosep.forms.base import Form
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
 __all__ = ["setting_map", "setting_profiles"]
 
-FloatArray = NDArray[np.float64]
 
 _INVALID = "#B8B8B8"
 _COLOUR_MAP = "RdBu_r"

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.plot.maps import separation_maps
 from metrosep.plot.style import (
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
 __all__ = ["overlap_mismatch", "stitch_layout", "stitched_surface"]
 
-FloatArray = NDArray[np.float64]
 
 _MOST_NUMBERS = 12
 

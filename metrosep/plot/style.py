@@ -15,8 +15,8 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.plot.light_ticks import lighten
 
 if TYPE_CHECKING:
@@ -39,7 +39,6 @@ __all__ = [
     "values",
 ]
 
-FloatArray = NDArray[np.float64]
 Document = Mapping[str, Any]
 Draw = Callable[[Document], "Axes | Figure"]
 

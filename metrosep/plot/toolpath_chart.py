@@ -7,8 +7,8 @@ from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.plot.style import COLOURS, DASHED, axes_or_new, house_style, label_decades
 
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
 __all__ = ["path_error_counts", "path_error_figure", "path_error_line"]
 
-FloatArray = NDArray[np.float64]
 
 _INVALID = "#B8B8B8"
 _MOST_COLUMNS = 4

@@ -7,14 +7,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.process.arc_lengths import newton_angle
 from metrosep.process.interpolation import evaluate, fitted_heights, knot_slopes
 from metrosep.process.spirals import Height, SpiralPath
-
-FloatArray = NDArray[np.float64]
 
 _TURN = 2.0 * math.pi
 _BLOCK = 1 << 14

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, UnitError
 from metrosep.core.recording import Recording
-
-FloatArray = NDArray[np.float64]
 
 
 def read_log(recording: Recording | Mapping[str, ArrayLike], time: str | None) -> Recording:

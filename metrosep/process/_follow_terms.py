@@ -8,12 +8,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.quantity import Quantity
 from metrosep.process._follow_result import TermShare
 from metrosep.process._regression import Regression, regress
-
-FloatArray = NDArray[np.float64]
 
 TERMS: Mapping[str, tuple[str, str]] = {
     "velocity": ("cv", "s"),

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from metrosep.core._arrays import FloatArray
 
 _BLOCKS = (1, 4, 16, 64)
 """Samples of a block."""

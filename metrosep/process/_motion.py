@@ -9,10 +9,9 @@ import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, DegenerateFitError, NotUniformError, TooFewSamplesError
 from metrosep.process._regression import regress
-
-FloatArray = NDArray[np.float64]
 
 ORDER = 5
 """Of the local polynomials: two above the third derivative, so that its bias is of order h^4."""

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DegenerateFitError, TooFewSamplesError
 from metrosep.process._long_run import long_run
-
-FloatArray = NDArray[np.float64]
 
 _CONDITION = 1e-9
 """Smallest singular value of the scaled design, relative, below which terms are one."""

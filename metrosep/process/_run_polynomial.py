@@ -12,11 +12,10 @@ import math
 
 import numpy as np
 from numpy.polynomial import polynomial as power
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, DegenerateFitError, TooFewSamplesError
 
-FloatArray = NDArray[np.float64]
 Runs = list[tuple[FloatArray, FloatArray]]
 
 _SIGNIFICANT = 0.01

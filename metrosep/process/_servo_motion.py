@@ -6,12 +6,12 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+
+from metrosep.core._arrays import FloatArray
 
 if TYPE_CHECKING:
     from metrosep.process.servo import Gains, ServoModel
 
-FloatArray = NDArray[np.float64]
 
 _OVERFLOW = 1e12
 """A response that has grown this much has diverged; the rest is not computed."""

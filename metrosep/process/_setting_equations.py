@@ -14,12 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.forms.base import Form
 from metrosep.forms.points import Points
 from metrosep.process._setting_model import exact_cut
-
-FloatArray = NDArray[np.float64]
 
 FREEDOMS: Mapping[str, str] = {
     "piston": "m",

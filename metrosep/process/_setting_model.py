@@ -15,13 +15,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, NotConvergedError
 from metrosep.core.units import format_length
 from metrosep.forms.base import Form
 
-FloatArray = NDArray[np.float64]
 Factor = Literal["dx", "dy", "dR"]
 
 FACTORS: tuple[Factor, ...] = ("dx", "dy", "dR")

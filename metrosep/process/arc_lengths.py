@@ -7,13 +7,13 @@ import math
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, NotConvergedError
 
 __all__ = ["angle_at_length", "arc_length"]
 
-FloatArray = NDArray[np.float64]
 
 _TURN = 2.0 * math.pi
 _NEWTON_STEPS = 12

@@ -9,15 +9,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from metrosep.core._arrays import as_float
+from metrosep.core._arrays import FloatArray, as_float
 from metrosep.core.errors import DataError, InvalidSamplesError, UnitError
 from metrosep.core.units import format_length
 
 __all__ = ["approximate_chip_thickness", "cusp_height", "cusp_ra", "max_chip_thickness"]
 
-FloatArray = NDArray[np.float64]
 
 _LARGEST = {"R": 0.1, "f": 1e-2, "a": 1e-2}
 """m: a nose radius, feed per revolution or depth from here on is a number in um or mm."""

@@ -13,9 +13,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from metrosep.core._arrays import as_float, frozen_float, same_length
+from metrosep.core._arrays import FloatArray, as_float, frozen_float, same_length
 from metrosep.core.errors import (
     DataError,
     InvalidSamplesError,
@@ -32,7 +32,6 @@ from metrosep.process.tool_settings import ToolSetting
 
 __all__ = ["CorrectedPath", "CorrectedPoints", "corrected_path", "corrected_points"]
 
-FloatArray = NDArray[np.float64]
 Volumetric = Callable[[FloatArray, FloatArray, FloatArray], tuple[ArrayLike, ArrayLike, ArrayLike]]
 
 _MOST_STEPS = 60

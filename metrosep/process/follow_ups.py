@@ -10,9 +10,9 @@ import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from metrosep.core._arrays import frozen_float
+from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.quantity import Quantity
@@ -32,7 +32,6 @@ from metrosep.process._regression import Regression
 
 __all__ = ["FollowUp", "FollowUpMap", "TermShare", "follow_up"]
 
-FloatArray = NDArray[np.float64]
 
 _MIN_SAMPLES = 16
 

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
 __all__ = ["GainSweep", "stability_limits", "sweep_gains"]
 
-FloatArray = NDArray[np.float64]
 
 _GAINS = ("kp", "ki", "kd", "feedforward")
 _MOST = 20_000

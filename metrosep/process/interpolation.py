@@ -10,15 +10,14 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from metrosep.core._arrays import frozen_float, same_length
+from metrosep.core._arrays import FloatArray, frozen_float, same_length
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.process.arc_lengths import checked_finite
 
 __all__ = ["EndCondition", "Interpolation", "evaluate", "fitted_heights", "knot_slopes"]
 
-FloatArray = NDArray[np.float64]
 EndCondition = Literal["not-a-knot", "natural", "clamped"]
 Interpolation = Literal["linear", "spline"]
 

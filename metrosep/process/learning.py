@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from metrosep.core._arrays import FloatArray, frozen_float
+from metrosep.core._arrays import ComplexArray, FloatArray, frozen_float
 from metrosep.core.errors import (
     DataError,
     InvalidSamplesError,
@@ -27,7 +27,6 @@ from metrosep.core.quantity import Quantity
 
 __all__ = ["LearningStep", "learn_step", "low_pass"]
 
-ComplexArray = NDArray[np.complex128]
 
 _UNIFORM = 1e-3
 _MIN_SAMPLES = 16

@@ -13,8 +13,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     DataError,
     InvalidSamplesError,
@@ -33,7 +34,6 @@ from metrosep.process._setting_model import known_form, polar_slopes
 
 __all__ = ["RoundNose", "rake_error"]
 
-FloatArray = NDArray[np.float64]
 
 Sense = Literal["counterclockwise", "clockwise"]
 

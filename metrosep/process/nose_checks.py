@@ -14,6 +14,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, LimitError
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.units import format_length
@@ -26,7 +27,6 @@ from metrosep.process.tips import Edge, tips
 
 __all__ = ["NoseCheck", "clearance_check", "gouge_check", "window_check"]
 
-FloatArray = NDArray[np.float64]
 Travel = Literal["growing", "falling", "both"]
 
 _MOST, _USUAL, _FEWEST_AZIMUTHS = 5_000_000, 300_000, 12

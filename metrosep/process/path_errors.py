@@ -12,9 +12,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from metrosep.core._arrays import frozen_float
+from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, LimitError
 from metrosep.core.profile import Profile
@@ -39,7 +38,6 @@ if TYPE_CHECKING:
 
 __all__ = ["PathErrorMap", "path_error_map", "program_points"]
 
-FloatArray = NDArray[np.float64]
 
 _TURN = 2.0 * math.pi
 _MOST_SAMPLES = 50_000_000

@@ -11,7 +11,7 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.core._arrays import frozen_float
+from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, LimitError, UnitError
 from metrosep.process.arc_lengths import checked_count, checked_finite, checked_positive
 from metrosep.process.interpolation import Interpolation
@@ -25,7 +25,6 @@ from metrosep.process.spirals import (
 
 __all__ = ["CountCurve", "PathPoints", "PointPlan", "errors_by_count", "points_for_tolerance"]
 
-FloatArray = NDArray[np.float64]
 
 _GROWTH = 1.25
 _IN_A_ROW = 3

@@ -12,9 +12,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from metrosep.core._arrays import frozen_float, same_length
+from metrosep.core._arrays import ComplexArray, FloatArray, frozen_float, same_length
 from metrosep.core.errors import (
     DataError,
     InvalidSamplesError,
@@ -25,8 +25,6 @@ from metrosep.process._servo_motion import march
 
 __all__ = ["Gains", "ServoModel", "error_ratio", "retuned_error"]
 
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 _UNIFORM = 1e-3
 

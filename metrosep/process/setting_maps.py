@@ -15,7 +15,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.core._arrays import frozen_float
+from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError, UnitError
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.surface import Surface
@@ -23,7 +23,6 @@ from metrosep.core.units import format_length
 
 __all__ = ["SettingError"]
 
-FloatArray = NDArray[np.float64]
 Mesh = Literal["polar", "square"]
 
 DEFAULT_RADIUS = 500e-6

@@ -16,9 +16,9 @@ from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, Literal, Protocol, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from metrosep.core._arrays import frozen_float
+from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import (
     DataError,
     LimitError,
@@ -40,7 +40,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Distribution", "Height", "Sense", "SpiralPath"]
 
-FloatArray = NDArray[np.float64]
 Distribution = Literal["CA", "CAL"]
 Sense = Literal["counterclockwise", "clockwise"]
 Knots = Literal["interpolate", "least-squares"]

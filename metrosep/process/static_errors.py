@@ -12,16 +12,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from metrosep.core._arrays import frozen_float
+from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.quantity import Quantity
 
 __all__ = ["StaticComparison", "compare_static"]
 
-FloatArray = NDArray[np.float64]
 
 _MIN_SAMPLES = 64
 _RESAMPLES = 300

@@ -13,9 +13,9 @@ from typing import Any, Literal, SupportsIndex
 
 import numpy as np
 from numpy.polynomial import polynomial as power
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from metrosep.core._arrays import frozen_float
+from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, LimitError, TooFewSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step, freeze_mapping
@@ -24,7 +24,6 @@ from metrosep.process._run_polynomial import Runs, choose, fit_scaled, power_mat
 
 __all__ = ["RunPolynomial", "StraightnessLines", "run_polynomial", "straightness_lines"]
 
-FloatArray = NDArray[np.float64]
 
 _LINES = {"end-point": "EP", "least-squares": "LS", "minimum-zone": "MZ"}
 _FEW = 10

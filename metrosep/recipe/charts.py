@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from metrosep.core._arrays import FloatArray
+
 __all__ = ["curve", "curve_chart", "harmonic_chart", "map_chart", "panel", "plain", "thin"]
 
-FloatArray = NDArray[np.float64]
 
 _MOST_SAMPLES = 2000
 _MOST_PIXELS = 80_000

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
@@ -21,7 +20,6 @@ if TYPE_CHECKING:
 
 __all__ = ["measurement_of"]
 
-FloatArray = NDArray[np.float64]
 
 _PIXELS = 50_000
 """Of all maps of a document: it stays below a megabyte."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
 from metrosep.recipe.charts import curve, curve_chart, harmonic_chart, map_chart, panel
@@ -16,7 +16,6 @@ from metrosep.separation.null_space import suppressed_harmonics
 
 __all__ = ["separation_of"]
 
-FloatArray = NDArray[np.float64]
 
 _MOST_VALUES = 20_000
 """Of all parts: beyond, the document keeps charts, and the parts are in their files."""

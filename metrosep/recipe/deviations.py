@@ -12,8 +12,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import InvalidSamplesError
 from metrosep.io.role_columns import RoleColumns
 from metrosep.recipe.key_values import typed_number
@@ -22,7 +22,6 @@ from metrosep.recipe.schema import Field
 
 __all__ = ["as_positions", "with_values"]
 
-FloatArray = NDArray[np.float64]
 
 _VALUES = ("position", "deviation")
 _SMALL, _LARGE = 0.1, 0.5

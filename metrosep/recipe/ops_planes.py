@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, NotUniformError
 from metrosep.io.role_columns import RoleColumns
 from metrosep.recipe.method import OP, U_READING, Method, toolbox
@@ -15,7 +16,6 @@ from metrosep.recipe.schema import Field
 
 __all__ = ["PLANES"]
 
-FloatArray = NDArray[np.float64]
 
 _SAME = 1e-3
 """Positions of one grid line may differ by this share of the step: rounding of text."""

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.middle import measured_middle
 from metrosep.core.profile import Profile
@@ -17,7 +18,6 @@ from metrosep.core.units import format_length
 
 __all__ = ["Measured", "check_sizes", "masked", "middle_of", "without_points"]
 
-FloatArray = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Measured = Surface | Profile
 

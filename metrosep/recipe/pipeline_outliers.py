@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, FitError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
@@ -14,7 +14,6 @@ from metrosep.recipe.pipeline_mask import Flags, Measured, without_points
 
 __all__ = ["SMOOTH", "WINDOWS", "neighbour_deviation", "without_outliers"]
 
-FloatArray = NDArray[np.float64]
 
 WINDOWS = {"map": 5, "profile": 11}
 """Samples across the neighbourhood where none is given."""

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.atomic import atomic_write
 from metrosep.core.errors import CorruptFileError, DataError, ReadError
 from metrosep.core.plain_files import read_plain
@@ -35,7 +36,6 @@ __all__ = [
     "stored_estimate",
 ]
 
-FloatArray = NDArray[np.float64]
 
 SCHEMA = "metrosep.result/1"
 _MM, _NM = 1e-3, 1e-9

@@ -15,10 +15,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import ComplexArray, FloatArray
+
 __all__ = ["best_angles", "gain_table", "separations"]
 
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 Criterion = Literal["rms", "worst"]
 
 _WORK = 8e7

@@ -7,9 +7,10 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
+
 __all__ = ["HALF", "band_limited", "cubic", "white_gain"]
 
-FloatArray = NDArray[np.float64]
 
 HALF = 32
 """Samples on each side that one value draws on."""

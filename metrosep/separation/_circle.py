@@ -15,6 +15,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from metrosep.core._arrays import ComplexArray, FloatArray
 from metrosep.core.errors import (
     DataError,
     InvalidSamplesError,
@@ -47,8 +48,6 @@ __all__ = [
     "turned",
 ]
 
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 _LARGEST_RADIUS = 10.0
 """m; no artefact on a spindle is larger, but 20 mm given as 20 is."""

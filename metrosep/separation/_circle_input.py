@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
@@ -18,7 +19,6 @@ from metrosep.separation.contract import Separation
 
 __all__ = ["CircleReadings", "circle_readings", "with_messages"]
 
-FloatArray = NDArray[np.float64]
 
 _REPEATED = 0.01
 """Share of the power off the multiples of M below which a curve is one of M equal revolutions."""

@@ -6,8 +6,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import InvalidSamplesError, UnitError
 from metrosep.core.quantity import Quantity
@@ -15,7 +16,6 @@ from metrosep.separation._circle import numbers
 
 __all__ = ["ClosureSolution", "checked_angles", "noise_of_residuals", "solve_closure"]
 
-FloatArray = NDArray[np.float64]
 
 _LARGEST = 0.1
 """Readings in rad further from their mean are degrees or seconds of arc by mistake."""

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.separation._flat_iteration import OwnMasks
 from metrosep.separation._flat_result import FlatResult, registration_of_flats, undescribed
 from metrosep.separation._flat_setups import FLATS, FlatSetup
@@ -14,8 +15,6 @@ from metrosep.separation._flat_zernike import DiscBasis, FlatZernikeSolver
 from metrosep.separation._map_input import MapGrid
 from metrosep.separation._map_orders import mirror
 from metrosep.separation._map_results import noise_of
-
-FloatArray = NDArray[np.float64]
 
 
 def by_iteration(

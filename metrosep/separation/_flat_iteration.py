@@ -13,10 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DegenerateFitError
 from metrosep.separation._flat_zernike import DiscBasis, FlatZernikeSolver
-
-FloatArray = NDArray[np.float64]
 
 MOST_STEPS = 500
 """Steps after which an iteration ends and says that it did not settle."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.separation._flat_setups import FlatSetup, facing, order_design
 from metrosep.separation._map_input import MapGrid
 from metrosep.separation._map_orders import (
@@ -19,8 +19,6 @@ from metrosep.separation._map_orders import (
 )
 from metrosep.separation._map_variance import TurnedNoise
 from metrosep.separation._map_whiteness import smoothness
-
-FloatArray = NDArray[np.float64]
 
 _SEED = 20260727
 _COARSE = 128

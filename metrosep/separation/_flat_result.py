@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.quantity import Quantity
 from metrosep.separation._flat_pixels import FlatPixelSolver
@@ -19,8 +19,6 @@ from metrosep.separation._map_results import noise_of
 from metrosep.separation._map_whiteness import residual_doubts, smoothness
 from metrosep.separation._registration_terms import extended, map_gradient
 from metrosep.separation.null_space import Unobservable
-
-FloatArray = NDArray[np.float64]
 
 _BETTER = 0.5
 _COARSE = 64

@@ -6,13 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.separation._map_input import MapGrid
 from metrosep.separation._map_orders import mirror
 from metrosep.separation.map_turning import turned
-
-FloatArray = NDArray[np.float64]
 
 FLATS = ("A", "B", "C")
 

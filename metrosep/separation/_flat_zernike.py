@@ -7,14 +7,13 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, DegenerateFitError
 from metrosep.forms.zernike_index import ZernikeOrder, nm_to_ansi, term_indices, term_name, to_nm
 from metrosep.forms.zernike_terms import zernike_values
 from metrosep.separation._flat_setups import FlatSetup, order_design
 from metrosep.separation._map_input import MapGrid
 from metrosep.separation._map_orders import solve_order
-
-FloatArray = NDArray[np.float64]
 
 _BLOCK = 16384
 _WORST_CONDITION = 1e6

@@ -15,6 +15,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import BoolArray, FloatArray
 from metrosep.core.errors import DataError, NotSeparableError
 
 __all__ = [
@@ -28,8 +29,6 @@ __all__ = [
     "refuse_unknown",
 ]
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 Slopes = Literal["free", "common", "none"]
 Repeats = Literal["relaid", "passes"]
 

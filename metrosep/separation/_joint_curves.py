@@ -5,16 +5,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.quantity import Quantity
 from metrosep.separation.curves import LINE_POINTS, FourierCurve, SampledCurve
 from metrosep.separation.solver import Solution
 from metrosep.spectral.dft import fourier_basis
 
 __all__ = ["joint_curves"]
-
-FloatArray = NDArray[np.float64]
 
 
 def joint_curves(

@@ -11,8 +11,8 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import InvalidSamplesError, NotSeparableError, TooFewSamplesError
 from metrosep.core.runset import Run, RunSet
 from metrosep.separation.evidence import evidence_table
@@ -20,7 +20,6 @@ from metrosep.separation.spectra import feed_spectra
 
 __all__ = ["contradictions", "evidence_of"]
 
-FloatArray = NDArray[np.float64]
 
 _AGREES, _DISAGREES = 1e-4, 0.5
 """p-values between which estimate and evidence may differ by chance."""

@@ -8,14 +8,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.separation.feed_test import whitened_rows
 from metrosep.separation.system import System
 
 __all__ = ["ProbeDifference", "probe_differences"]
 
-FloatArray = NDArray[np.float64]
 
 _UNSEEN = 1e-6
 """Share of its information that must be left beside the other columns."""

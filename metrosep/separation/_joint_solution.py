@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.separation._joint_probe_test import ProbeDifference
 from metrosep.separation._solver_state import SolverState
 from metrosep.separation._unknowns import Lag, Unknown
@@ -18,8 +18,6 @@ from metrosep.separation.weights import RowWeights
 from metrosep.spectral.autoregressive import AutoregressiveModel
 
 __all__ = ["LagTest", "Solution", "considered_amplitudes", "make_solution"]
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

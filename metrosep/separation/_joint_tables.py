@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.false_discovery import benjamini_hochberg
 from metrosep.core.runset import RunSet
 from metrosep.separation.design import PreparedRun
@@ -16,7 +17,6 @@ from metrosep.spectral.psd import pooled_periodogram
 
 __all__ = ["joint_audit", "residual_psd_columns", "spectrum_columns"]
 
-FloatArray = NDArray[np.float64]
 
 _NM, _MM = 1e-9, 1e-3
 

@@ -5,16 +5,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import BoolArray, FloatArray
 from metrosep.core.errors import DataError, NotSeparableError
 from metrosep.separation._lattice_views import GridView
 from metrosep.separation.null_space import Unobservable
 
 __all__ = ["Lattice", "better_turns"]
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 _RANK = 1e-10
 """Eigenvalues of the normal matrix below this share of the largest are null."""

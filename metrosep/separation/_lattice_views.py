@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, NotSeparableError, UnitError
 from metrosep.separation._real_numbers import real_numbers
 
 __all__ = ["GridView", "checked_placement", "checked_size", "parsed_views", "refuse_inseparable"]
 
-FloatArray = NDArray[np.float64]
 
 _MOST_SITES = 31 * 31
 

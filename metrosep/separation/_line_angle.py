@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import NotSeparableError, UnitError
 from metrosep.separation._line_found import solve
 from metrosep.separation._line_probes import Row
 from metrosep.separation._line_problem import Sensor, problem_of
-
-FloatArray = NDArray[np.float64]
 
 OPPOSITE = -0.8
 """A correlation below this between the pitch sensor and the pitch of the probes is a sign error."""

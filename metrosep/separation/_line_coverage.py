@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import NotUniformError, UnitError
 from metrosep.core.units import format_length
 from metrosep.separation._line_probes import GRID_RTOL, Row, Rows
-
-FloatArray = NDArray[np.float64]
 
 
 def needed_travel(row: Row) -> float:

@@ -12,11 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DegenerateFitError
 from metrosep.separation._line_probes import Row
-
-FloatArray = NDArray[np.float64]
 
 RANK_RTOL = 1e-10
 """Singular values below this share of the largest count as zero: three probes one step apart on

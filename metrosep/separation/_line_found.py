@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import NotSeparableError, TooFewSamplesError
 from metrosep.core.units import format_length
 from metrosep.separation._line_coverage import needed_travel, probe_places, read_samples
@@ -27,8 +28,6 @@ from metrosep.separation._line_probes import (
 )
 from metrosep.separation._line_problem import Problem
 from metrosep.separation._line_stations import Stations
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from metrosep.core._arrays import as_float
+from metrosep.core._arrays import FloatArray, as_float
 from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
@@ -17,8 +17,6 @@ from metrosep.core.units import format_length
 from metrosep.separation._line_probes import positions, uniform_step
 from metrosep.separation._line_request import number
 from metrosep.separation.contract import Separation
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_length
 from metrosep.separation._line_found import Found
@@ -15,8 +15,6 @@ from metrosep.separation._line_problem import Problem
 from metrosep.separation._line_request import Request
 from metrosep.separation._readings import NOISE_UNKNOWN
 from metrosep.separation.null_space import Unobservable
-
-FloatArray = NDArray[np.float64]
 
 LARGE_RANGE = 10e-3
 """Readings of a straightness probe that span more, m, were hardly given in m."""

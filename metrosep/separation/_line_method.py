@@ -5,14 +5,12 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.separation._line_probes import Row
 from metrosep.separation._line_simulation import simulated
 from metrosep.separation.contract import SeparationMethod
-
-FloatArray = NDArray[np.float64]
 
 
 class ProbeRowMethod(SeparationMethod):

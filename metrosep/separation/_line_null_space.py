@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.separation._line_probes import Row
 from metrosep.separation.null_space import Unobservable
-
-FloatArray = NDArray[np.float64]
 
 LINE = (
     "offset and line are the alignment of artefact and probes to the carriage; measure them "

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     DataError,
     InvalidSamplesError,
@@ -25,7 +26,6 @@ from metrosep.core.units import format_length
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-FloatArray = NDArray[np.float64]
 
 GRID_RTOL = 1e-3
 """Steps of a slide scatter: an offset within this share of a step is a multiple of it, and so are

@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from metrosep.core._arrays import as_float
+from metrosep.core._arrays import FloatArray, as_float
 from metrosep.core.errors import DataError, UnitError
 from metrosep.separation._line_probes import (
     MAX_POSITIONS,
@@ -16,8 +16,6 @@ from metrosep.separation._line_probes import (
     grid_of,
 )
 from metrosep.separation._line_stations import Stations, stations_of, with_angle
-
-FloatArray = NDArray[np.float64]
 
 MAX_ANGLE = 0.02
 """A pitch above 20 mrad is no straightness error of a carriage: it was given in another unit."""

@@ -6,8 +6,9 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
@@ -29,8 +30,6 @@ from metrosep.separation._line_stations import pooled_noise
 from metrosep.separation.contract import Separation
 
 __all__ = ["Request", "Zero", "evaluate"]
-
-FloatArray = NDArray[np.float64]
 
 
 def evaluate(

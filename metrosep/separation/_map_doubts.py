@@ -7,11 +7,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.separation._map_input import MapGrid
 from metrosep.separation._map_orders import coarse, mirror
 from metrosep.separation._rotation_solution import RotationSolver
-
-FloatArray = NDArray[np.float64]
 
 _COARSE = 64
 _BETTER = 0.5

@@ -9,12 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from metrosep.core._arrays import as_float
+from metrosep.core._arrays import FloatArray, as_float
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
-
-FloatArray = NDArray[np.float64]
 
 PIXELS = "no lateral step is known: positions x and y are in pixels, square ones"
 

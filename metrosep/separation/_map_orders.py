@@ -13,11 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import ComplexArray, FloatArray
 from metrosep.separation._map_input import MapGrid
 from metrosep.separation.map_turning import quarters_by_index, turned
-
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 MOST_POSITIONS = 24
 """Largest N of turns by 2 pi/N that is worked pixel by pixel; beyond, polar or Zernike methods."""

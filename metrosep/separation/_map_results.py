@@ -6,12 +6,10 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.quantity import Quantity
 from metrosep.separation.null_space import Unobservable
-
-FloatArray = NDArray[np.float64]
 
 REMOVABLE = {"piston": ("piston",), "tilt": ("tilt x", "tilt y"), "power": ("defocus",)}
 """What may be removed from each reading, and the terms that this is."""

@@ -11,14 +11,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray, IntArray
 from metrosep.separation._map_input import MapGrid
 from metrosep.separation._map_orders import mirror
 from metrosep.separation.map_turning import lagrange_weights, quarters_by_index
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
 
 _REACH = 6.0
 _USED = 1e-14

@@ -5,11 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.separation._map_input import MapGrid
-
-FloatArray = NDArray[np.float64]
 
 _SMOOTHER = 1.2
 _NEGLIGIBLE = 1e-3

@@ -6,15 +6,14 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.separation._checked_numbers import checked_number
 
 if TYPE_CHECKING:
     from metrosep.separation.contract import SeparationMethod
-
-FloatArray = NDArray[np.float64]
 
 
 def known_parts(

@@ -6,8 +6,9 @@ import math
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import ComplexArray, FloatArray
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.separation._circle import (
@@ -27,8 +28,6 @@ if TYPE_CHECKING:
 
 __all__ = ["PARTS", "mixed_transfer", "separate_mixed"]
 
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 PARTS = ("artefact", "x")
 _ACROSS = (

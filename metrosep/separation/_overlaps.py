@@ -8,11 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import NotSeparableError
 from metrosep.separation._stitch_grid import Layout, Placed
 from metrosep.separation._stitch_input import Pieces
-
-FloatArray = NDArray[np.float64]
 
 OUTLIER_RATIO = 3.0
 """A mismatch this many times the median of all pairs is named."""

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import NotSeparableError, TooFewSamplesError
 from metrosep.core.quantity import Quantity
 from metrosep.separation.planner_checks import positive
 
 __all__ = ["Interaction", "coupling", "two_way"]
 
-FloatArray = NDArray[np.float64]
 
 _DEGREE = 2
 """Degrees in x and in y of the smooth coupling that a single map is tested for."""

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
@@ -13,8 +14,6 @@ from metrosep.separation._real_numbers import real_numbers
 from metrosep.separation.planner_checks import positive
 
 __all__ = ["described", "plane_origin", "plane_stack", "plane_steps"]
-
-FloatArray = NDArray[np.float64]
 
 
 def plane_stack(

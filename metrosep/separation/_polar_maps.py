@@ -6,15 +6,12 @@ import math
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import ComplexArray, FloatArray
 from metrosep.core.errors import DataError
 from metrosep.separation._map_input import MapGrid
 from metrosep.separation._map_orders import solve_order
 from metrosep.separation.map_turning import interpolated
-
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 
 def polar_grid(grid: MapGrid) -> tuple[FloatArray, int]:

@@ -13,12 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import ComplexArray, FloatArray
 from metrosep.core.errors import InvalidSamplesError, NotSeparableError
 
 __all__ = ["ProbeGeometry", "probe_geometry"]
 
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 _COLLINEAR = 1e-6
 """Smallest ratio of the singular values of (cos, sin): probes on a line see one direction."""

@@ -6,15 +6,14 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, UnitError
 from metrosep.separation._circle import centring, numbers
 from metrosep.separation.null_space import Unobservable
 
 __all__ = ["PARTS", "checked_covariance", "each_probe", "probe_null_space"]
 
-FloatArray = NDArray[np.float64]
 
 PARTS = ("artefact", "x", "y")
 

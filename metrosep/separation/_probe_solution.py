@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import ComplexArray, FloatArray
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.separation._circle import (
@@ -31,8 +32,6 @@ if TYPE_CHECKING:
 
 __all__ = ["separate_probes"]
 
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 _FEW_REVOLUTIONS = 5
 """Below this the uncertainty of a harmonic from revolutions has fewer than 8 degrees of freedom."""

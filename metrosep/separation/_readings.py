@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from metrosep.core._arrays import as_float
+from metrosep.core._arrays import ComplexArray, FloatArray, as_float
 from metrosep.core.errors import (
     DataError,
     InvalidSamplesError,
@@ -22,9 +22,6 @@ from metrosep.core.errors import (
 )
 from metrosep.core.quantity import Quantity
 from metrosep.spectral._checks import real_number
-
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 NOISE_UNKNOWN = (
     "the noise of a reading is not known, so no uncertainty is stated: give repeats, or u_reading"

@@ -7,13 +7,11 @@ from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.separation._map_input import MapGrid
 from metrosep.separation._map_orders import RIGID, without_plane
 from metrosep.separation.map_turning import turned
-
-FloatArray = NDArray[np.float64]
 
 _SMOOTHING = 1.0
 _REACH = 4

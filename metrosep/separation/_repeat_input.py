@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     DataError,
     InvalidSamplesError,
@@ -17,8 +18,6 @@ from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
 from metrosep.separation._readings import as_numbers
-
-FloatArray = NDArray[np.float64]
 
 _MOST_PASSES = 50
 _SETTLED = 1e-3

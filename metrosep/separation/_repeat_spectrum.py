@@ -6,9 +6,8 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from metrosep.core._arrays import FloatArray
 
 FALSE_DISCOVERIES = 0.05
 _MOST_LINES = 60

@@ -12,11 +12,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
+
+from metrosep.core._arrays import FloatArray
 
 __all__ = ["bounds_of_both", "bounds_of_one"]
 
-FloatArray = NDArray[np.float64]
 
 _POOLED = 0.8
 """Share of the lower bound's probability of an error that the pooled bound takes."""

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
+
+from metrosep.core._arrays import FloatArray
 
 __all__ = ["NOT_NEEDED", "N_DRAWS", "bootstrap", "models_that_fit", "needed"]
 
-FloatArray = NDArray[np.float64]
 
 N_DRAWS = 4000
 """Of a simulation."""

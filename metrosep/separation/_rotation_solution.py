@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.separation._map_input import MapGrid
 from metrosep.separation._map_orders import (
     LISTED_ORDERS,
@@ -26,8 +26,6 @@ from metrosep.separation._map_variance import TurnedNoise
 from metrosep.separation._map_whiteness import smoothness
 from metrosep.separation._polar_maps import noise_on_circles, order_weights, solve_polar
 from metrosep.separation.map_turning import turned
-
-FloatArray = NDArray[np.float64]
 
 _SEED = 20260727
 _INNER = 44

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.separation._readings import line_basis
-
-FloatArray = NDArray[np.float64]
 
 LONG = 1500
 """More slopes than this have the uncertainty of trapezoids: the rules differ by 1/n of it on

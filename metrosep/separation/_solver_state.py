@@ -5,15 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DegenerateFitError
 from metrosep.separation.shrinkage import Cavity, OctavePrior, PriorWeights
 from metrosep.separation.system import System
 
 __all__ = ["INNER", "SolverState", "first_state", "iterate"]
 
-FloatArray = NDArray[np.float64]
 
 INNER = 12
 """Rounds of coefficients and prior for one noise model."""

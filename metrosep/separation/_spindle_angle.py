@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from metrosep.core._arrays import frozen_float
+from metrosep.core._arrays import FloatArray, IntArray, frozen_float
 from metrosep.core.errors import (
     DataError,
     InvalidSamplesError,
@@ -20,8 +20,6 @@ from metrosep.core.errors import (
 
 __all__ = ["EncoderMap", "IndexMap", "accumulated_angle", "faulty_revolutions"]
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
 
 _TURN = 2.0 * math.pi
 _SLACK = 1e-9

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.core._arrays import frozen_float
+from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import (
     DataError,
     InvalidSamplesError,
@@ -25,7 +25,6 @@ from metrosep.separation.resampling import AngleSynchronous, resample_by_encoder
 
 __all__ = ["Readings", "readings_of"]
 
-FloatArray = NDArray[np.float64]
 
 _TURN = 2.0 * math.pi
 _UNEVEN = 1e-3

@@ -14,6 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import ComplexArray, FloatArray
+
 __all__ = [
     "NoiseEffect",
     "Spectrum",
@@ -25,8 +27,6 @@ __all__ = [
     "u_of_total",
 ]
 
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 _FALSE_SHARE = 0.01
 """Expected share of harmonics called significant that are noise (Benjamini and Hochberg)."""

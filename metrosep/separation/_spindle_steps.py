@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.parameters.circle import CirclePoints, best_circle
 from metrosep.separation._spindle_input import Readings
 from metrosep.separation._spindle_noise import Spectrum
@@ -28,7 +29,6 @@ __all__ = [
     "width_about",
 ]
 
-FloatArray = NDArray[np.float64]
 
 _REFERENCES = {"MZC": "MZ", "MIC": "MI", "MCC": "MC"}
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_engineering
@@ -22,7 +22,6 @@ from metrosep.separation._spindle_steps import Circles, Trend
 
 __all__ = ["motion_messages", "motion_table"]
 
-FloatArray = NDArray[np.float64]
 
 _EDITION = "ISO 230-7:2015"
 _CENTRES = {

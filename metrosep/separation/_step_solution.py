@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import ComplexArray, FloatArray
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.separation._circle import (
@@ -30,8 +31,6 @@ if TYPE_CHECKING:
 
 __all__ = ["StepGeometry", "separate_steps", "step_geometry"]
 
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 _PARTS = ("artefact", "spindle")
 

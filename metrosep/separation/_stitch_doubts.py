@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import MetrosepError
 from metrosep.separation._overlaps import overlaps_of, require_connection, without_own_plane
 from metrosep.separation._stitch_grid import layout_of
@@ -24,8 +25,6 @@ from metrosep.separation._stitch_solve import (
     require_rank,
     right_side,
 )
-
-FloatArray = NDArray[np.float64]
 
 _ALIKE = 0.6
 """Correlation of neighbouring mismatches; white noise has 0, interpolated noise up to 0.4."""

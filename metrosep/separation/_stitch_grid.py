@@ -8,10 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import BoolArray, FloatArray
 from metrosep.separation._stitch_input import Pieces
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 _ON_PIXEL = 1e-6
 """Positions closer to a pixel than this share of a step count as on it."""

@@ -15,12 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import NotConvergedError
 from metrosep.separation._stitch_grid import Placed
 from metrosep.separation._stitch_solve import Inverse, Problem, mean_of
-
-FloatArray = NDArray[np.float64]
 
 _MOST_STEPS, _FEWEST_STEPS = 6000, 300
 _MOST_WORK = 3e9

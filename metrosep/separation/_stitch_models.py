@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.separation._overlaps import (
     Overlap,
@@ -46,8 +47,6 @@ from metrosep.separation._stitch_solve import (
 )
 from metrosep.separation._stitch_terms import n_of
 from metrosep.separation.null_space import Unobservable
-
-FloatArray = NDArray[np.float64]
 
 _ANALYSED_DEGREE = 4
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.separation._overlaps import Overlap
 from metrosep.separation._stitch_grid import Layout
 from metrosep.separation._stitch_solve import (
@@ -16,8 +16,6 @@ from metrosep.separation._stitch_solve import (
     half_size,
 )
 from metrosep.separation._stitch_terms import PolynomialTerms, n_of
-
-FloatArray = NDArray[np.float64]
 
 _IN_NULL = 1e-3
 """Share of a named term outside the null space below which the term counts as lying in it."""

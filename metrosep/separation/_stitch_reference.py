@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import NotSeparableError
 from metrosep.separation._stitch_iteration import ReferenceSystem
 from metrosep.separation._stitch_solve import (
@@ -17,7 +18,6 @@ from metrosep.separation._stitch_solve import (
     right_side,
 )
 
-FloatArray = NDArray[np.float64]
 LabelArray = NDArray[np.int64]
 
 _LEAST_GROUP = 8

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DegenerateFitError, NotConvergedError
 from metrosep.separation._overlaps import overlaps_of, require_connection
 from metrosep.separation._stitch_grid import Layout, layout_of
@@ -24,8 +25,6 @@ from metrosep.separation._stitch_solve import (
     right_side,
 )
 from metrosep.separation._stitch_terms import Box, WindowTerms, n_of
-
-FloatArray = NDArray[np.float64]
 
 _MOST_PASSES = 30
 _SETTLED = 1e-3

@@ -6,8 +6,8 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
@@ -39,8 +39,6 @@ from metrosep.separation._stitch_solve import (
 )
 from metrosep.separation.contract import Separation
 from metrosep.separation.null_space import Unobservable
-
-FloatArray = NDArray[np.float64]
 
 _RIGID = "how the whole lies in space is arbitrary; it was removed by least squares"
 

@@ -12,13 +12,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DegenerateFitError
 from metrosep.separation._overlaps import Overlap
 from metrosep.separation._stitch_grid import Layout, Placed
 from metrosep.separation._stitch_terms import WHOLE, Box, PolynomialTerms, Terms
-
-FloatArray = NDArray[np.float64]
 
 _NULL = 1e-11
 """Eigenvalue of the scaled normal matrix, relative to the largest, below which it is zero."""

@@ -13,11 +13,10 @@ from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.separation._stitch_grid import Layout, Placed
 
-FloatArray = NDArray[np.float64]
 Box = tuple[slice, slice]
 Make = Callable[[int, FloatArray, FloatArray], FloatArray]
 """Index of a sub-aperture, x and y in its instrument's frame -> (n_columns, ...)."""

@@ -10,14 +10,14 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+
+from metrosep.core._arrays import FloatArray
 
 if TYPE_CHECKING:
     from metrosep.separation.system import System
 
 __all__ = ["Frequency", "Gain", "Lag", "Unknown"]
 
-FloatArray = NDArray[np.float64]
 
 _LAG_PRIOR = 0.05
 """Standard deviation in s of a weak prior on the lag: a machine does not lag by seconds."""

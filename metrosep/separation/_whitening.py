@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+
+from metrosep.core._arrays import FloatArray
 
 __all__ = ["whitened"]
 
-FloatArray = NDArray[np.float64]
 
 _BLOCK = 128
 

@@ -13,6 +13,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
@@ -25,7 +26,6 @@ from metrosep.separation.null_space import Unobservable
 
 __all__ = ["AbbaDrift"]
 
-FloatArray = NDArray[np.float64]
 
 _IN_STEP = "what changes in step with the exchange of the objects looks like their difference"
 _LEVEL = "the zero of drift and reading is arbitrary: only differences are free of it"

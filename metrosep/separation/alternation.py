@@ -10,17 +10,15 @@ from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from metrosep.core._arrays import as_float
+from metrosep.core._arrays import FloatArray, as_float
 from metrosep.core.errors import DataError, InvalidSamplesError, NotSeparableError
 from metrosep.core.provenance import freeze_mapping
 from metrosep.separation._checked_numbers import checked_sd
 from metrosep.separation._result_values import plain, reduced
 
 __all__ = ["DriftFreeDifference", "abba"]
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.quantity import Quantity
 from metrosep.core.runset import RunSet
@@ -22,7 +23,6 @@ from metrosep.separation.spectra import feed_spectra_columns
 
 __all__ = ["separate_mean"]
 
-FloatArray = NDArray[np.float64]
 
 _MAX_POINTS = 100_000
 

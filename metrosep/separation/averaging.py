@@ -10,6 +10,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
@@ -24,7 +25,6 @@ from metrosep.separation.null_space import Unobservable
 
 __all__ = ["ThreePositions", "ball_average", "three_positions"]
 
-FloatArray = NDArray[np.float64]
 
 _LEAST_PATCHES = 5
 

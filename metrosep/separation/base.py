@@ -13,8 +13,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.profile import Profile, html_table
 from metrosep.core.provenance import Step, freeze_mapping
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
 
 __all__ = ["DirectionEstimate", "ErrorEstimate"]
 
-FloatArray = NDArray[np.float64]
 Columns = Mapping[str, list[Any]]
 
 _NAMES = {1: "forward", -1: "reverse"}

@@ -18,8 +18,9 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     DataError,
     InvalidSamplesError,
@@ -38,7 +39,6 @@ from metrosep.separation.null_space import Unobservable, suppressed_harmonics
 
 __all__ = ["CircleClosure", "closure"]
 
-FloatArray = NDArray[np.float64]
 
 _PARTS = ("artefact", "machine")
 

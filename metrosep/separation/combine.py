@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import ComplexArray, FloatArray
 from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.provenance import Step
 from metrosep.separation._circle import check_kmax, curve, grid, names_of_k
@@ -22,8 +22,6 @@ from metrosep.separation.null_space import Unobservable, suppressed_harmonics
 
 __all__ = ["combine_harmonics"]
 
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 _DISAGREE = 5.0
 """Excess of chi-square, in its standard deviations, at which the methods are said to disagree."""

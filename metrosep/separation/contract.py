@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from metrosep.core._arrays import as_float
+from metrosep.core._arrays import ComplexArray, FloatArray, as_float
 from metrosep.core.errors import DataError
 from metrosep.core.profile import html_table
 from metrosep.core.provenance import Step, history_as_dicts
@@ -31,8 +31,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Separation", "SeparationMethod"]
 
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 _COORDINATE_UNITS = {"angle": "rad", "time": "s"}
 """All other coordinates are lengths in m."""

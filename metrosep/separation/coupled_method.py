@@ -11,8 +11,9 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.provenance import Step
 from metrosep.separation._grid_solution import Repeats, Slopes, refuse_unknown
@@ -24,8 +25,6 @@ from metrosep.separation.null_space import Unobservable
 from metrosep.separation.plane_grid import coupled_grid, unseen_terms
 
 __all__ = ["CoupledGrid"]
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.spectral.dft import fourier_sum
 
@@ -23,7 +24,6 @@ __all__ = [
     "curve_from_dict",
 ]
 
-FloatArray = NDArray[np.float64]
 
 LINE_POINTS = 4001
 """Uniform positions over the evaluation range from which its least-squares line is taken."""

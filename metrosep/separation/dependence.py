@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from metrosep.core._arrays import as_float, frozen_float, same_length
+from metrosep.core._arrays import FloatArray, as_float, frozen_float, same_length
 from metrosep.core.errors import (
     DataError,
     DegenerateFitError,
@@ -23,8 +23,6 @@ from metrosep.separation._checked_numbers import checked_number
 from metrosep.separation._result_values import plain, reduced
 
 __all__ = ["Dependence", "drift_against_temperature", "speed_dependence"]
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

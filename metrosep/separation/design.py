@@ -11,15 +11,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import InvalidSamplesError, NotUniformError, TooFewSamplesError
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import format_length
 
 __all__ = ["PreparedRun", "evaluation_range", "prepare_runs"]
 
-FloatArray = NDArray[np.float64]
 
 _MAX_ROWS = 40_000
 """More samples than this, all runs together, are averaged in blocks."""

@@ -14,6 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
@@ -30,7 +31,6 @@ from metrosep.separation.squareness import (
 
 __all__ = ["Diagonals"]
 
-FloatArray = NDArray[np.float64]
 
 _PAIRS = {"xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
 _SCALES = ("scale_x", "scale_y", "scale_z")

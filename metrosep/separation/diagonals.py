@@ -12,8 +12,9 @@ from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, NotSeparableError
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.quantity import Quantity
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
 
 __all__ = ["DiagonalTest", "iso230_6_diagonals", "squareness_from_diagonals"]
 
-FloatArray = NDArray[np.float64]
 
 _LEAST_SHARE = 0.5
 """Of the diagonal; below it the size does not belong to the targets (mm for m)."""

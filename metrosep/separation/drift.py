@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from metrosep.core._arrays import frozen_float
+from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.quantity import Quantity
@@ -38,7 +38,6 @@ __all__ = [
     "joint_drift",
 ]
 
-FloatArray = NDArray[np.float64]
 
 _DISPLACEMENT = 10e-3
 """m; no machine in use drifts further, but readings in um passed as m do."""

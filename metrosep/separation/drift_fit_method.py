@@ -11,8 +11,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import InvalidSamplesError
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
@@ -24,7 +25,6 @@ from metrosep.separation.null_space import Unobservable
 
 __all__ = ["DriftFit"]
 
-FloatArray = NDArray[np.float64]
 
 _LEVEL = "drift and quantities share their zero: drift is counted from the reference time"
 _FOLLOWS = "what changes in step with the labels looks like the quantities"

@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import ComplexArray, FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, NotSeparableError
 from metrosep.core.false_discovery import benjamini_hochberg
@@ -35,8 +36,6 @@ if TYPE_CHECKING:
 
 __all__ = ["EvidenceTable", "evidence_columns", "evidence_table"]
 
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 _NM, _MM = 1e-9, 1e-3
 _MAX_ROWS = 250

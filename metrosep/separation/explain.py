@@ -11,8 +11,8 @@ from collections.abc import Mapping
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.runset import RunSet
 from metrosep.separation.solver import LAG_CHI2, Solution
 from metrosep.spectral.autoregressive import AutoregressiveModel
@@ -25,7 +25,6 @@ __all__ = [
     "noise_peaks",
 ]
 
-FloatArray = NDArray[np.float64]
 
 _PEAK_RATIO = 6.0
 """A resonance stands this much above the median of the noise model's spectrum around it."""

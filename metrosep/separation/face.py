@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
@@ -32,7 +33,6 @@ from metrosep.spectral._checks import finite_number, real_number
 
 __all__ = ["FaceReversal", "face_reversal"]
 
-FloatArray = NDArray[np.float64]
 
 _SQUARENESS = "mean and once-per-revolution are how square the plate sits on the spindle"
 _ZERO = "the zero of the probe is arbitrary"

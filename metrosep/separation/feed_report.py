@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.separation._unknowns import Gain
 from metrosep.separation.design import PreparedRun
 from metrosep.separation.solver import Solution
@@ -16,7 +16,6 @@ from metrosep.separation.term_report import Report
 
 __all__ = ["report_following", "report_probes"]
 
-FloatArray = NDArray[np.float64]
 
 _NM, _MM = 1e-9, 1e-3
 _MM_PER_MIN = 6e4

@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.separation._unknowns import Lag
 from metrosep.separation.system import System, whitened
 from metrosep.spectral.autoregressive import AutoregressiveModel
 
 __all__ = ["lag_score", "square_of_feed_score", "whitened_rows"]
-
-FloatArray = NDArray[np.float64]
 
 
 def square_of_feed_score(

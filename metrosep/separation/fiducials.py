@@ -9,8 +9,9 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     DataError,
     DegenerateFitError,
@@ -18,8 +19,6 @@ from metrosep.core.errors import (
 )
 
 __all__ = ["Registration", "register_points"]
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

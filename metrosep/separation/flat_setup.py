@@ -10,6 +10,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, NotSeparableError
 from metrosep.core.provenance import Step
@@ -44,7 +45,6 @@ from metrosep.separation.null_space import Unobservable
 
 __all__ = ["ThreeFlat"]
 
-FloatArray = NDArray[np.float64]
 FlatMethod = Literal["auto", "pixel", "zernike", "iterative"]
 
 _ALIGNED = {"piston": ((0, 0),), "tilt": ((1, 1), (1, -1)), "power": ((2, 0),)}

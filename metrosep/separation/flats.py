@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from metrosep.core.errors import DataError
 from metrosep.core.surface import Surface
@@ -19,8 +19,6 @@ from metrosep.separation.contract import Separation
 from metrosep.separation.flat_setup import FlatMethod, ThreeFlat
 
 __all__ = ["ThreeFlat", "three_flat"]
-
-FloatArray = NDArray[np.float64]
 
 
 def three_flat(

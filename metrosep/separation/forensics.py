@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.core.runset import Run, RunSet
@@ -36,7 +37,6 @@ from metrosep.separation.weights import MAD
 
 __all__ = ["Named", "RunChecks", "check_runs"]
 
-FloatArray = NDArray[np.float64]
 Named = str | Sequence[str]
 
 _STREAK = 20

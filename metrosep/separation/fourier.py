@@ -16,8 +16,8 @@ import math
 from typing import Any, Literal, TypedDict
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import ComplexArray
 from metrosep.core.errors import DataError
 from metrosep.core.quantity import Quantity
 from metrosep.core.runset import RunSet
@@ -45,8 +45,6 @@ from metrosep.spectral.dft import fourier_basis
 
 __all__ = ["separate_kono"]
 
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 _MM, _NM = 1e-3, 1e-9
 

@@ -6,15 +6,14 @@ import math
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from metrosep.core._arrays import frozen_float
+from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.separation._real_numbers import real_numbers
 
 __all__ = ["index_pulses"]
 
-FloatArray = NDArray[np.float64]
 
 _DEFAULT_HYSTERESIS = 0.2
 """Part of the range of the channel."""

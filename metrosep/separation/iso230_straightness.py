@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from metrosep.core._arrays import frozen_float
+from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import freeze_mapping
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 
 __all__ = ["MotionStraightness", "straightness_iso230_1"]
 
-FloatArray = NDArray[np.float64]
 Line = Literal["MZ", "LS", "EP"]
 
 _MOST_DRAWS, _FEWEST_DRAWS, _CHUNK, _BUDGET = 1000, 100, 100, 2e6

@@ -19,7 +19,6 @@ from dataclasses import replace
 from typing import Any, Literal, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from metrosep.core.errors import DataError, NotSeparableError, UnitError
 from metrosep.core.false_discovery import benjamini_hochberg
@@ -47,7 +46,6 @@ from metrosep.separation.term_hints import hint_options
 
 __all__ = ["benjamini_hochberg", "separate_joint"]
 
-FloatArray = NDArray[np.float64]
 
 _PERIOD_SHARE = 1.25
 """Longest wavelength of the basis over the travel: the error need not close on itself."""

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from metrosep.core._arrays import as_float, frozen_float
+from metrosep.core._arrays import FloatArray, as_float, frozen_float
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import (
     DataError,
@@ -31,7 +31,6 @@ from metrosep.separation._result_values import plain, reduced
 
 __all__ = ["JointDrift", "joint_drift"]
 
-FloatArray = NDArray[np.float64]
 
 _WORST_CONDITION = 1e8
 

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from metrosep.core._arrays import frozen_float
+from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, InvalidSamplesError, NotSeparableError
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
@@ -32,7 +32,6 @@ from metrosep.separation.options import metres
 
 __all__ = ["JointSeparation"]
 
-FloatArray = NDArray[np.float64]
 
 _WAYS = {"forward": 1, "reverse": -1}
 

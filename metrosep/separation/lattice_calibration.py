@@ -14,8 +14,9 @@ import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError
 from metrosep.core.quantity import Quantity
@@ -33,7 +34,6 @@ from metrosep.separation.planner_checks import positive
 
 __all__ = ["GridView", "grid_calibration"]
 
-FloatArray = NDArray[np.float64]
 
 _TERMS = ("translation x", "translation y", "rotation", "scale")
 

@@ -11,8 +11,9 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.provenance import Step
 from metrosep.separation._grid_solution import Repeats, refuse_unknown
@@ -26,7 +27,6 @@ from metrosep.separation.planner_checks import positive
 
 __all__ = ["GridCalibration"]
 
-FloatArray = NDArray[np.float64]
 Placement = tuple[int, tuple[int, int]]
 
 _INITIAL_ROTATED_SHIFTED: tuple[Placement, ...] = ((0, (0, 0)), (1, (0, 0)), (0, (1, 0)))

@@ -17,13 +17,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import TooFewSamplesError
 from metrosep.separation.terms import Terms
 from metrosep.spectral.autoregressive import fit_autoregressive, whiten
 
 __all__ = ["FoundLine", "find_line", "nearest_power"]
 
-FloatArray = NDArray[np.float64]
 
 _OVERSAMPLING = 4
 _CANDIDATES = 4

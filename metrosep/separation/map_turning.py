@@ -11,13 +11,13 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.surface import Surface
 from metrosep.separation._map_input import MapGrid, map_stack
 
 __all__ = ["mirror_map", "turn_map"]
 
-FloatArray = NDArray[np.float64]
 
 _NODES = np.arange(-2.0, 4.0)
 _BLOCK = 65536

@@ -20,8 +20,9 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, UnitError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
@@ -43,8 +44,6 @@ from metrosep.separation.contract import Separation, SeparationMethod
 from metrosep.separation.null_space import Unobservable
 
 __all__ = ["OrthogonalMixed", "mixed_transfer", "orthogonal_mixed"]
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

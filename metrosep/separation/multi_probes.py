@@ -13,8 +13,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
@@ -30,7 +31,6 @@ from metrosep.separation.null_space import Unobservable
 
 __all__ = ["MultiProbe", "multi_probe_straightness"]
 
-FloatArray = NDArray[np.float64]
 
 _METHODS = ("least_squares", "generalised")
 

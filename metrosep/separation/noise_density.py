@@ -15,8 +15,8 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError, UnitError
 from metrosep.separation._real_numbers import real_numbers
 from metrosep.separation.planner_checks import positive
@@ -24,7 +24,6 @@ from metrosep.spectral.spectra import Psd
 
 __all__ = ["TimeDensity", "time_density"]
 
-FloatArray = NDArray[np.float64]
 
 _LARGEST_RMS = 1e-4
 """m; a machine axis that shakes by more than 0.1 mm RMS is a mistake of units."""

@@ -10,14 +10,12 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.separation.design import PreparedRun
 from metrosep.spectral.autoregressive import AutoregressiveModel, whiten
 
 __all__ = ["shared_passes", "sharing"]
-
-FloatArray = NDArray[np.float64]
 
 
 def shared_passes(runs: Sequence[PreparedRun]) -> list[tuple[int, int]]:

@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from metrosep.core._arrays import ComplexArray, FloatArray
 from metrosep.core.errors import (
     DataError,
     InvalidSamplesError,
@@ -29,8 +30,6 @@ from metrosep.spectral._checks import finite_number, real_number
 
 __all__ = ["FringeError", "periodic_error"]
 
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 _WORST_CONDITION = 1e4
 """Of the scaled design: beyond it a harmonic cannot be told from the trend or from another."""

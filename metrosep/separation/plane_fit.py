@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import TooFewSamplesError
 from metrosep.core.profile import Profile, html_table
@@ -29,7 +30,6 @@ from metrosep.separation._result_values import plain, reduced
 
 __all__ = ["Interaction", "PlaneFit", "fit_plane_model"]
 
-FloatArray = NDArray[np.float64]
 
 _LEVEL = 0.05
 """Probability below which coupling counts as found."""

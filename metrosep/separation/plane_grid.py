@@ -11,8 +11,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, NotSeparableError, TooFewSamplesError
 from metrosep.core.provenance import Step
@@ -34,8 +35,6 @@ from metrosep.separation.null_space import Unobservable
 from metrosep.separation.planner_checks import positive
 
 __all__ = ["coupled_grid"]
-
-FloatArray = NDArray[np.float64]
 
 
 def coupled_grid(

@@ -14,6 +14,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError
 from metrosep.core.provenance import Step
@@ -27,7 +28,6 @@ from metrosep.separation.plane_fit import PlaneFit, fit_plane_model
 
 __all__ = ["PlaneModel"]
 
-FloatArray = NDArray[np.float64]
 
 _LINE = "mean and line of an axis are the piston and the tilt of the map: alpha and beta hold them"
 _SUM = "what depends on x alone or on y alone is the errors of the axes by definition"

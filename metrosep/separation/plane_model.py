@@ -13,8 +13,9 @@ from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError, UnitError
 from metrosep.core.profile import Profile, html_table
 from metrosep.core.provenance import Step, freeze_mapping
@@ -27,7 +28,6 @@ from metrosep.separation.base import ErrorEstimate
 
 __all__ = ["PlaneMap", "plane_map"]
 
-FloatArray = NDArray[np.float64]
 
 _LARGEST_SLOPE = 0.02
 """rad; alignments of axes are below a degree, larger ones are degrees or arc seconds."""

@@ -12,8 +12,9 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, NotSeparableError, TooFewSamplesError
 from metrosep.separation.noise_density import TimeDensity, time_density
 from metrosep.separation.planner_checks import (
@@ -29,7 +30,6 @@ from metrosep.separation.planner_words import collisions, peaks, plain_messages
 
 __all__ = ["plan_feedrates", "predicted_sd"]
 
-FloatArray = NDArray[np.float64]
 
 _WAVES_IN_TRAVEL = 2.0
 """Travel of a run over the longest wavelength where the user gives no length: with fewer than two

@@ -6,14 +6,14 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, TooFewSamplesError, UnitError
 from metrosep.separation._real_numbers import real_numbers
 
 __all__ = ["LONG_WAVE", "checked_feeds", "checked_wavelengths", "positive"]
 
-FloatArray = NDArray[np.float64]
 
 _FASTEST = 5.0
 """m/s (300 m/min); no feed drive of a machine tool is faster."""

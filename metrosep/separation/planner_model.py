@@ -10,14 +10,13 @@ each run costs a little. `finite_variance` does the generalised least squares wi
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.separation.noise_density import TimeDensity
 
 __all__ = ["finite_variance", "run_information"]
 
-FloatArray = NDArray[np.float64]
 
 _SAMPLES_PER_WAVE = 5.0
 """Samples per wave of the shortest wavelength in the simulated record."""

@@ -14,9 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
+
 __all__ = ["Limits", "best_feeds", "information_bound"]
 
-FloatArray = NDArray[np.float64]
 Information = Callable[[FloatArray], FloatArray]
 
 _CANDIDATES = 181

@@ -5,15 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.separation.noise_density import TimeDensity
 from metrosep.separation.planner_model import run_information
 from metrosep.separation.planner_search import Limits
 
 __all__ = ["Collision", "collisions", "peaks", "plain_messages"]
 
-FloatArray = NDArray[np.float64]
 
 _PEAK_FACTOR = 4.0
 """A peak stands this much above the median density within an octave to each side."""

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from metrosep.core._arrays import frozen_float
+from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError, UnitError
 from metrosep.core.profile import Profile
 from metrosep.separation._checked_numbers import checked_number, checked_seed
@@ -23,7 +23,6 @@ from metrosep.separation.positioning_result import PositioningTest, build_result
 
 __all__ = ["iso230_2", "positions_from_columns", "positions_from_profiles"]
 
-FloatArray = NDArray[np.float64]
 
 _LONGEST = 1000.0
 """m; no axis is longer, but one in mm passed as m is."""

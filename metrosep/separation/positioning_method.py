@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from metrosep.core._arrays import frozen_float
+from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
@@ -27,7 +27,6 @@ from metrosep.separation.positioning_result import PositioningTest
 
 __all__ = ["PositioningSheet"]
 
-FloatArray = NDArray[np.float64]
 
 _REFERENCE = (
     "what the reference instrument reads wrong (dead path, cosine, its own temperature) reads like "

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import TooFewSamplesError
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.quantity import Quantity
@@ -38,7 +39,6 @@ if TYPE_CHECKING:
 
 __all__ = ["PositioningTest", "build_result"]
 
-FloatArray = NDArray[np.float64]
 
 _ROUNDING = 1e-15
 """Of the largest target: about four steps of a double."""

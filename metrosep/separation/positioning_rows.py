@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.separation.repeatability import SpreadEstimate, likely_variances
 
 __all__ = ["DEFINITIONS", "Columns", "by_target", "parameters", "uncertainties"]
 
-FloatArray = NDArray[np.float64]
 
 _N_TESTS = 2000
 

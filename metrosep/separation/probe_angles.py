@@ -16,8 +16,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, NotSeparableError, UnitError
 from metrosep.core.profile import html_table
 from metrosep.separation._angle_search import best_angles, gain_table, separations
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
 
 __all__ = ["ProbeAngles", "optimise_probe_angles", "probe_gain"]
 
-FloatArray = NDArray[np.float64]
 
 _HIDDEN = 1e7
 """A gain that only rounding keeps finite: the angles hide the undulation."""

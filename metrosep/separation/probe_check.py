@@ -14,8 +14,9 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import ComplexArray, FloatArray
 from metrosep.core.errors import TooFewSamplesError
 from metrosep.core.profile import html_table
 from metrosep.separation._circle import check_number, harmonics_of, revolutions
@@ -25,8 +26,6 @@ from metrosep.separation.probes import MultiprobeRoundness
 
 __all__ = ["ProbeCheck", "Suspect", "check_probes"]
 
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 _CHANCE = 0.002
 """Noise alone is taken for a fault once in 500 checks."""

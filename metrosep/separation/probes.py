@@ -22,8 +22,9 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import NotSeparableError
 from metrosep.core.provenance import Step
 from metrosep.separation._circle import (
@@ -50,8 +51,6 @@ from metrosep.separation.contract import Separation, SeparationMethod
 from metrosep.separation.null_space import Unobservable
 
 __all__ = ["MultiprobeRoundness", "multiprobe"]
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     DataError,
     DegenerateFitError,
@@ -23,7 +24,6 @@ from metrosep.separation.map_turning import turned
 
 __all__ = ["Registration", "register_maps", "register_points", "registration_uncertainty"]
 
-FloatArray = NDArray[np.float64]
 
 _ITERATIONS = 30
 _COARSE = 96

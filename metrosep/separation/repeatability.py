@@ -14,8 +14,8 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray, IntArray
 from metrosep.separation._repeatability_bounds import bounds_of_both, bounds_of_one
 from metrosep.separation._repeatability_models import (
     N_DRAWS,
@@ -27,8 +27,6 @@ from metrosep.separation._repeatability_models import (
 
 __all__ = ["SpreadEstimate", "bidirectional_estimate", "likely_variances", "spread_estimate"]
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
 
 _UNEQUAL = 0.01
 """Targets count as unequal below this probability of Bartlett's test; small, so that it costs nothing."""

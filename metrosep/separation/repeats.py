@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
@@ -24,7 +25,6 @@ from metrosep.spectral._checks import real_number
 
 __all__ = ["RepeatSplit", "repeatable"]
 
-FloatArray = NDArray[np.float64]
 Align = Literal["none", "piston", "line"]
 
 _LEAST = 8

@@ -19,7 +19,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from metrosep.core._arrays import frozen_float
+from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.separation._band_limited import band_limited, cubic, white_gain
 from metrosep.separation._real_numbers import real_numbers
@@ -33,7 +33,6 @@ __all__ = [
     "resample_by_index",
 ]
 
-FloatArray = NDArray[np.float64]
 Method = Literal["band-limited", "cubic"]
 Speed = Literal["constant", "linear", "spline"]
 

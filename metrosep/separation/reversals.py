@@ -15,6 +15,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
@@ -34,7 +35,6 @@ from metrosep.spectral._checks import real_number
 
 __all__ = ["StraightedgeReversal", "straightedge_reversal"]
 
-FloatArray = NDArray[np.float64]
 
 _LINE = "line and offset are the alignment of each set-up; measure them against another reference"
 

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, NotSeparableError
 from metrosep.core.provenance import Step
@@ -35,8 +36,6 @@ from metrosep.separation.map_turning import turned
 from metrosep.separation.null_space import Unobservable
 
 __all__ = ["RotationTest", "rotation_average"]
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

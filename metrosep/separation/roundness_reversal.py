@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
@@ -28,7 +29,6 @@ from metrosep.spectral._checks import finite_number, real_number
 
 __all__ = ["DonaldsonReversal", "donaldson"]
 
-FloatArray = NDArray[np.float64]
 
 _CENTRING = "the mean and the eccentricity are the centring of each set-up, not form"
 

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import InvalidSamplesError, TooFewSamplesError
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import format_length
@@ -28,7 +29,6 @@ from metrosep.spectral.autoregressive import AutoregressiveModel, fit_autoregres
 
 __all__ = ["SPIKE", "Findings", "RunTable", "check_spikes", "check_steps", "compare_runs"]
 
-FloatArray = NDArray[np.float64]
 
 _GAIN, _GAIN_REFUSED = 0.1, 3.0
 """Excess of a gain that is named; factor from which the run is refused."""

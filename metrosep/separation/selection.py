@@ -15,13 +15,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, NotSeparableError, UnitError
 from metrosep.core.units import format_length
 from metrosep.separation.spectra import Averaging, FeedSpectra, Norm
 
 __all__ = ["Rule", "SelectionRule", "WavelengthSelection", "select_wavelengths"]
 
-FloatArray = NDArray[np.float64]
 Rule = Literal["shortest", "contiguous", "mask"]
 
 _UM, _MM = 1e-6, 1e-3

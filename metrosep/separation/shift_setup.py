@@ -10,6 +10,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, DegenerateFitError, NotSeparableError
 from metrosep.core.provenance import Step
@@ -32,7 +33,6 @@ from metrosep.separation.null_space import Unobservable
 
 __all__ = ["ShiftRotation"]
 
-FloatArray = NDArray[np.float64]
 
 _NULL = 1e-11
 _TOUCHED = 1e-5

@@ -21,11 +21,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from metrosep.core._arrays import FloatArray
 
 __all__ = ["Cavity", "OctavePrior", "PriorWeights"]
 
-FloatArray = NDArray[np.float64]
 
 _GRID = np.concatenate([[0.0], np.logspace(-8.0, 1.0, 37)])
 """Candidate prior variances relative to the variance of the data; zero is the spike."""

@@ -12,15 +12,15 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.provenance import Step
 from metrosep.core.runset import Run, RunSet
 
 __all__ = ["KONO_WAVES", "SimulatedAxis", "machine_axis"]
 
-FloatArray = NDArray[np.float64]
 Disturbance = Literal["none", "sine", "locked", "modal", "floor"]
 
 KONO_WAVES: Mapping[float, float] = {

@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from metrosep.core._arrays import as_float
+from metrosep.core._arrays import FloatArray, as_float
 from metrosep.core.errors import (
     DataError,
     InvalidSamplesError,
@@ -35,7 +35,6 @@ from metrosep.separation.null_space import Unobservable
 
 __all__ = ["integrate_slopes", "slope_transfer"]
 
-FloatArray = NDArray[np.float64]
 
 RULES = ("trapezoid", "simpson", "spline", "fourier", "feet")
 

@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from metrosep.core._arrays import frozen_float
+from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.core.provenance import Step
 from metrosep.separation._line_request import method_named
@@ -25,7 +25,6 @@ from metrosep.separation.slope_integration import RULES, integrate_slopes
 
 __all__ = ["SlopeIntegration"]
 
-FloatArray = NDArray[np.float64]
 
 _HEIGHT = "slopes do not tell the height"
 _LINE = "; the zero of the angle sensor is a line: calibrate it, then say zero_known=True"

@@ -15,6 +15,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import ComplexArray, FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import format_length
@@ -32,8 +33,6 @@ __all__ = [
     "n_wavelengths",
 ]
 
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 Norm = Literal["amplitude", "power", "psd"]
 Taper = Literal["kono", "tukey"]
 Averaging = Literal["coherent", "power"]

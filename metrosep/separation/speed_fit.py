@@ -7,8 +7,9 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, DegenerateFitError, TooFewSamplesError
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_engineering
@@ -16,7 +17,6 @@ from metrosep.separation._result_values import plain, reduced
 
 __all__ = ["SpeedFit", "fit_values"]
 
-FloatArray = NDArray[np.float64]
 
 _PEAK = 4.0
 """Residual in its standard deviations from which a speed is called a peak."""

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
@@ -25,7 +26,6 @@ from metrosep.separation.speed_sweep import fit_speed_sweep
 
 __all__ = ["SpeedGrowth"]
 
-FloatArray = NDArray[np.float64]
 
 _LEVEL = "what is the same at every speed is counted as at_rest: growth is zero at standstill"
 _ARTEFACT = "the form of the artefact is the same at every speed; take it out by a reversal"

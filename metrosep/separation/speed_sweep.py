@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from metrosep.core._arrays import frozen_float
+from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import (
     DataError,
     InvalidSamplesError,
@@ -30,7 +30,6 @@ from metrosep.separation.spindle_result import SpindleMotion
 
 __all__ = ["SpeedSweep", "fit_speed_sweep"]
 
-FloatArray = NDArray[np.float64]
 
 _FASTEST = 2e3
 """rev/s beyond which the speed is doubted: 120 000 rev/min. Air turbines above are rare, speeds typed

@@ -17,7 +17,7 @@ from dataclasses import asdict, dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from metrosep.core.errors import DataError
 from metrosep.core.recording import Recording
@@ -39,7 +39,6 @@ from metrosep.separation.spindle_result import SpindleMotion
 
 __all__ = ["iso230_7"]
 
-FloatArray = NDArray[np.float64]
 Direction = Literal["radial", "axial", "tilt", "face"]
 Sensitive = Literal["fixed", "rotating"]
 Center = Literal["LSC", "MZC", "MRS", "MIC", "MCC"]

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
@@ -27,7 +28,6 @@ from metrosep.spectral._checks import finite_number
 
 __all__ = ["SpindleSplit"]
 
-FloatArray = NDArray[np.float64]
 
 _ECCENTRIC = "mean and once-per-revolution are how the artefact is set: a fixed sensor cannot tell"
 _ZERO = "the zero of the sensor is arbitrary"

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.profile import html_table
 from metrosep.core.quantity import Quantity
 from metrosep.parameters.table import ParameterTable
@@ -18,8 +19,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 __all__ = ["SpindleHarmonics", "SpindleMotion"]
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

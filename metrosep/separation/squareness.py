@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, NotSeparableError, UnitError
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.quantity import Quantity
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Squareness", "squareness_from_diagonals"]
 
-FloatArray = NDArray[np.float64]
 
 _PAIRS = {"xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
 _UNKNOWNS = (*_PAIRS, "scale_x", "scale_y", "scale_z")

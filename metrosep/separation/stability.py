@@ -5,14 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from metrosep.core._arrays import frozen_float
+from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import InvalidSamplesError, TooFewSamplesError
 
 __all__ = ["allan_deviation"]
-
-FloatArray = NDArray[np.float64]
 
 
 def allan_deviation(

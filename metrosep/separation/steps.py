@@ -19,8 +19,9 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, NotSeparableError, TooFewSamplesError, UnitError
 from metrosep.core.provenance import Step
 from metrosep.separation._circle import (
@@ -41,7 +42,6 @@ from metrosep.separation.null_space import Unobservable
 
 __all__ = ["MultistepRoundness", "multistep"]
 
-FloatArray = NDArray[np.float64]
 
 _PARTS = ("artefact", "spindle")
 

@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
@@ -26,7 +27,6 @@ from metrosep.spectral._checks import finite_number, real_number
 
 __all__ = ["Stitching", "stitch"]
 
-FloatArray = NDArray[np.float64]
 
 _FREEDOMS = ("piston", "tilt", "power")
 

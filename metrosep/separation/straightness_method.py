@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from metrosep.core._arrays import frozen_float
+from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.core.provenance import Step
 from metrosep.separation._method_parts import known_parts, part_of
@@ -31,7 +31,6 @@ from metrosep.separation.null_space import Unobservable
 
 __all__ = ["ReferenceLine"]
 
-FloatArray = NDArray[np.float64]
 
 _LINE = "offset and slope are how the reference lies; measure the alignment otherwise"
 _FORM = "the form of the reference reads like the axis: reverse it (straightedge_reversal)"

@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DegenerateFitError
 from metrosep.separation._run_scales import (
     mad_about_medians,
@@ -28,7 +28,6 @@ from metrosep.spectral.dft import fourier_basis
 
 __all__ = ["System", "whitened"]
 
-FloatArray = NDArray[np.float64]
 
 _MAX_MARKINGS = 5
 """Rounds of fitting and marking before the first noise model."""

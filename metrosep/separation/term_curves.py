@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import UnitError
 from metrosep.core.runset import RunSet
 from metrosep.separation._unknowns import Gain
@@ -21,7 +21,6 @@ from metrosep.spectral.dft import fourier_basis
 
 __all__ = ["check_lines", "feed_curves", "report_terms"]
 
-FloatArray = NDArray[np.float64]
 
 _POINTS_PER_WAVE = 32
 """Of the sampled curve of the feed-dependent part: straight lines between them miss 0.5 %."""

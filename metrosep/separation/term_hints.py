@@ -11,15 +11,14 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.separation.design import PreparedRun
 from metrosep.separation.options import JointOptions
 from metrosep.separation.solver import Solution
 
 __all__ = ["hint_options"]
 
-FloatArray = NDArray[np.float64]
 
 _DEGREES = 7
 """Highest degree in time; those above the first show what noise alone does."""

@@ -11,15 +11,14 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.runset import RunSet
 from metrosep.separation.design import PreparedRun
 from metrosep.separation.solver import Solution
 
 __all__ = ["Report", "report_drift", "report_lines", "report_robust"]
 
-FloatArray = NDArray[np.float64]
 Report = tuple[dict[str, Any], list[str]]
 
 _NM, _MM = 1e-9, 1e-3

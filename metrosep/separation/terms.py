@@ -14,13 +14,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.separation.design import PreparedRun
 
 __all__ = ["Terms"]
 
-FloatArray = NDArray[np.float64]
 
 _FLAT = 1e-6
 """Prior precision of coefficients that are left free: their sd is a thousand times the readings."""

@@ -13,8 +13,9 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
@@ -39,7 +40,6 @@ from metrosep.separation.zero_adjustment import ZeroCalibration, distances
 
 __all__ = ["ThreePoint", "three_point", "zero_error_sag"]
 
-FloatArray = NDArray[np.float64]
 
 _MAX_ZERO = 1e-3
 """A zero difference above 1 mm is no adjustment of a straightness probe: the unit is wrong."""

@@ -13,8 +13,9 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.separation._line_given import given_readings, split_call
@@ -34,8 +35,6 @@ from metrosep.separation.contract import Separation
 from metrosep.separation.null_space import Unobservable
 
 __all__ = ["TwoPoint", "two_point"]
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,14 +14,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metrosep.core._arrays import BoolArray, FloatArray
 from metrosep.spectral.autoregressive import AutoregressiveModel
 
 __all__ = ["MAD", "RowWeights"]
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 _MARK = 4.5
 """A sample is marked where its own error exceeds so many standard deviations: 7 in a million."""

@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from metrosep.core._arrays import as_float
+from metrosep.core._arrays import FloatArray, as_float
 from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.quantity import Quantity
@@ -23,7 +23,6 @@ from metrosep.separation._readings import checked_readings
 
 __all__ = ["ZeroCalibration", "zero_calibration"]
 
-FloatArray = NDArray[np.float64]
 
 _NAMES = ("trailing probe", "middle probe", "leading probe")
 

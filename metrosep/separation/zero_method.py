@@ -12,8 +12,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.separation._method_parts import known_parts, stated_u
@@ -24,7 +25,6 @@ from metrosep.separation.zero_adjustment import distances, zero_calibration
 
 __all__ = ["ZeroAdjustment"]
 
-FloatArray = NDArray[np.float64]
 
 _PROBES = ("trailing", "middle", "leading")
 _CHANGES = (

@@ -13,13 +13,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import TooFewSamplesError
 
 __all__ = ["AutoregressiveModel", "fit_autoregressive", "whiten"]
 
-FloatArray = NDArray[np.float64]
 
 _RIDGE = 1e-12
 """Relative ridge on the normal matrix: a noise-free residual must not make it singular."""

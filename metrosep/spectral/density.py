@@ -16,6 +16,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
@@ -37,7 +38,6 @@ __all__ = [
     "radial_psd",
 ]
 
-FloatArray = NDArray[np.float64]
 Window = Literal["none", "hann"] | float
 
 _ON_LIMIT = 1e-9

@@ -12,11 +12,11 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 
 __all__ = ["fourier_basis", "fourier_coefficients", "fourier_sum"]
 
-FloatArray = NDArray[np.float64]
 
 _FEW_HARMONICS = 16
 """Below it each cosine is worked out by itself."""

@@ -10,14 +10,13 @@ Source: Harris 1978, Proc. IEEE 66(1), sections IV and V.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.spectral._checks import real_number, whole_number
 
 __all__ = ["coherent_gain", "hann_weights", "noise_bandwidth", "taper_weights"]
-
-FloatArray = NDArray[np.float64]
 
 
 def hann_weights(n: int) -> FloatArray:

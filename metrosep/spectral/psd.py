@@ -4,15 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-from numpy.typing import NDArray
-
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import TooFewSamplesError
 from metrosep.spectral.streaming import StreamedPsd
 
 __all__ = ["pooled_periodogram"]
-
-FloatArray = NDArray[np.float64]
 
 
 def pooled_periodogram(

@@ -11,11 +11,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import InvalidSamplesError, TooFewSamplesError
 
 __all__ = ["BinnedMean", "StreamedPsd"]
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(slots=True, eq=False)
