@@ -8,10 +8,9 @@ import numpy as np
 
 import metrosep as ms
 from metrosep.optics import wavefront
-from metrosep.plot.bars import draw_bars
-from metrosep.plot.disc import disc_map
+from metrosep.plot.charts import draw_bars
 from metrosep.plot.sensitivity_chart import sensitivity_bars, sensitivity_maps, sensitivity_pareto
-from metrosep.plot.wavefront_chart import wavefront_map, zernike_bars
+from metrosep.plot.wavefront_chart import disc_map, wavefront_map, zernike_bars
 from metrosep.recipe.bar_charts import bar_chart
 
 CASES = runpy.run_path(str(Path(__file__).parent / "cases.py"))

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 import metrosep as ms
-from metrosep.plot.disc import disc_map
 from metrosep.plot.style import COLOURS, DASHED, axes_or_new, house_style, label_decades
+from metrosep.plot.wavefront_chart import disc_map
 from metrosep.separation.plane_model import plane_map
 
 HERE = Path(__file__).parent

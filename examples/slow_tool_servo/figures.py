@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 import metrosep as ms
-from metrosep.plot.bars import draw_bars
+from metrosep.plot.charts import draw_bars
 from metrosep.plot.servo_chart import follow_up_chart
 from metrosep.plot.setting_chart import setting_map, setting_profiles
 from metrosep.plot.style import COLOURS, axes_or_new, house_style

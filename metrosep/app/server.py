@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import hmac
 import json
 import logging
 import secrets
 import threading
 import traceback
-from collections.abc import AsyncIterator, Mapping, Sequence
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
+import numpy as np
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import ClientDisconnect, HTTPConnection, Request
@@ -22,16 +26,31 @@ from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from metrosep.app.answers import CHANGING, KINDS, Answers
+from metrosep._version import __version__
 from metrosep.app.asking import Ask
-from metrosep.app.guards import Guard
-from metrosep.app.messages import Tell
+from metrosep.app.documents import Edit
+from metrosep.app.evaluations import Outcome
+from metrosep.app.map_views import map_view
+from metrosep.app.messages import Answer, Arrays, Cancel, Message, Tell, level_of
+from metrosep.app.picture_frames import (
+    lateral_unit,
+    map_frame,
+    profile_arrays,
+    section_frame,
+    spectrum_frame,
+)
 from metrosep.app.places import Places
+from metrosep.app.profile_views import Extremes, profile_view
+from metrosep.app.pyramid import MapPyramid, build_pyramid
+from metrosep.app.remembered import Remembered
+from metrosep.app.section_views import section_profile, section_view
 from metrosep.app.sessions import Session
-from metrosep.app.warm_up import start_warm_up
+from metrosep.app.view_tables import checked_view
 from metrosep.app.wire import error_header, pack
-from metrosep.core.errors import MetrosepError, WriteError
+from metrosep.core.errors import DataError, MetrosepError, WriteError
 from metrosep.core.exit_codes import exit_code_of
+from metrosep.core.profile import Profile
+from metrosep.core.surface import Surface
 from metrosep.recipe.pipeline import CancelledError
 
 __all__ = ["STATIC", "make_app", "new_token"]
@@ -333,3 +352,307 @@ class _Talk:
         async with self.sending:
             with contextlib.suppress(WebSocketDisconnect, RuntimeError):
                 await self.websocket.send_bytes(frame)
+
+
+# ---- what the server answers to each kind of request: a header and arrays, from one session ----
+
+CHANGING = ("open", "edit", "undo", "redo")
+"""Requests after which every page shows another recipe."""
+
+_OWN = ("hello", "view", *CHANGING)
+_PICTURES = ("map", "section", "profile", "spectrum")
+_ELSEWHERE = {
+    "metrics": "metrics_answers:metrics",
+    "export": "export_answers:export",
+    "curves": "run_answers:curves",
+    "waves": "run_answers:waves",
+    "table": "table_answers:table",
+    "controllers": "table_answers:controllers",
+    "ranking": "ranking_answers:ranking",
+    "report": "report_answers:report",
+    "compare": "compare_answers:compare",
+    "run_folder": "folder_answers:run_folder",
+}
+"""Functions ``f(session, message, cancel, tell)`` in modules of their own, loaded when asked."""
+
+KINDS = (*_OWN, *_PICTURES, *_ELSEWHERE)
+
+
+def _never() -> bool:
+    return False
+
+
+def _nobody(news: Mapping[str, object]) -> None:
+    """Tell nobody."""
+
+
+class Answers:
+    """Answers for one session."""
+
+    def __init__(self, session: Session) -> None:
+        self.session = session
+        self.pictures = PictureAnswers(session)
+
+    def answer(self, message: Message, cancel: Cancel = _never, tell: Tell = _nobody) -> Answer:
+        """Return the answer to a request."""
+        kind = message.get("k")
+        if not isinstance(kind, str) or kind not in KINDS:
+            raise DataError(f"there is no request {kind!r}; there are {', '.join(KINDS)}")
+        if kind in _OWN:
+            header, arrays = getattr(self, f"_{kind}")(message)
+        elif kind in _PICTURES:
+            header, arrays = getattr(self.pictures, kind)(message, cancel)
+        else:
+            module, _, name = _ELSEWHERE[kind].partition(":")
+            function = getattr(import_module(f"metrosep.app.{module}"), name)
+            header, arrays = function(self.session, message, cancel, tell)
+        return {"k": kind, "ok": True, **header}, arrays
+
+    def _hello(self, message: Message) -> Answer:
+        from metrosep.recipe.described_steps import described_steps
+
+        session = self.session.state()
+        return {"version": __version__, "session": session, "schema": described_steps()}, {}
+
+    def _open(self, message: Message) -> Answer:
+        reading = message.get("reading") or {}
+        if not isinstance(reading, Mapping):
+            raise DataError("reading is an object of options")
+        paths = message.get("paths") or [message.get("path")]
+        if not isinstance(paths, list) or not all(isinstance(p, str) and p for p in paths):
+            raise DataError(f"path is a text, or paths a list of them; got {paths!r}")
+        self.session.open(paths, reading, keep_recipe=message.get("keep_recipe") is True)
+        self.pictures.forget()
+        return {"session": self.session.state()}, {}
+
+    def _edit(self, message: Message) -> Answer:
+        given = message.get("edits", [message])
+        if not isinstance(given, list) or not all(isinstance(e, Mapping) for e in given):
+            raise DataError("edits is a list of objects with path, old and new")
+        label = message.get("label")
+        self.session.edit(
+            [Edit.from_message(e) for e in given], label if isinstance(label, str) else None
+        )
+        return {"session": self.session.state()}, {}
+
+    def _view(self, message: Message) -> Answer:
+        self.session.show(checked_view(message.get("view")))
+        return {}, {}
+
+    def _undo(self, message: Message) -> Answer:
+        self.session.undo()
+        return {"session": self.session.state()}, {}
+
+    def _redo(self, message: Message) -> Answer:
+        self.session.redo()
+        return {"session": self.session.state()}, {}
+
+
+# ---- answers that are pictures of one map or profile: map, section, profile, spectrum ----------
+
+
+class PictureAnswers:
+    """Pictures of what one session evaluates."""
+
+    def __init__(self, session: Session) -> None:
+        self.session = session
+        self._pyramids = Remembered(build_pyramid)
+        self._extremes = Remembered(Extremes)
+        self._moved = Remembered(_moved, most=17)
+        self._transform: Any = None
+
+    def _stage(self, message: Message, cancel: Cancel) -> tuple[Outcome, Surface | Profile]:
+        outcome = self.session.outcome(level_of(message), cancel=cancel)
+        stage = message.get("stage", -1)
+        if isinstance(stage, bool) or not isinstance(stage, int):
+            raise DataError(f"stage is the number of a step, got {stage!r}")
+        obj = outcome.after(stage)
+        if isinstance(obj, Surface) and outcome.shift != (0.0, 0.0):
+            obj = self._moved.of(obj, outcome.shift)
+        return outcome, obj
+
+    def _surface(self, message: Message, cancel: Cancel, what: str) -> tuple[Outcome, Surface]:
+        """Return a stage of a map; a profile has no picture of the kind `what`."""
+        outcome, obj = self._stage(message, cancel)
+        if not isinstance(obj, Surface):
+            raise DataError(f"this measurement is a profile, it has no {what}")
+        return outcome, obj
+
+    def forget(self) -> None:
+        """Forget what was made of the file that was open before."""
+        for kept in (self._pyramids, self._extremes, self._moved):
+            kept.clear()
+        self._transform = None
+
+    def map(self, message: Message, cancel: Cancel) -> Answer:
+        """Answer a request ``map``."""
+        outcome, obj = self._surface(message, cancel, "map")
+        view = map_view(
+            self._pyramid(obj),
+            window=message.get("window"),
+            pixels=message.get("pixels") or (512, 512),
+            level=level_of(message),
+            limits=message.get("range"),
+            shade=bool(message.get("shade")),
+        )
+        extent = self._pyramid(obj).window
+        return map_frame(view, extent, is_preview=outcome.is_preview)
+
+    def _pyramid(self, obj: Surface) -> MapPyramid:
+        evaluations = self.session.evaluations
+        if evaluations is not None and obj is evaluations.obj and evaluations.pyramid is not None:
+            return evaluations.pyramid
+        return self._pyramids.of(obj)
+
+    def section(self, message: Message, cancel: Cancel) -> Answer:
+        """Answer a request ``section``."""
+        outcome, obj = self._surface(message, cancel, "sections")
+        view = section_view(
+            obj, message["a"], message["b"], columns=message.get("columns") or 1000
+        )
+        return section_frame(view, is_preview=outcome.is_preview)
+
+    def profile(self, message: Message, cancel: Cancel) -> Answer:
+        """Answer a request ``profile``."""
+        outcome, obj = self._stage(message, cancel)
+        if not isinstance(obj, Profile):
+            raise DataError("this measurement is a map: ask for a section")
+        arrays: Arrays = {}
+        for name, shown in (("measured", outcome.source), ("residual", obj)):
+            if name not in (message.get("series") or ["residual"]):
+                continue
+            view = profile_view(
+                self._extremes.of(shown),
+                window=message.get("window"),
+                columns=message.get("columns") or 1000,
+            )
+            arrays |= profile_arrays(view, f"{name}_")
+        return {"is_preview": outcome.is_preview}, arrays
+
+    def spectrum(self, message: Message, cancel: Cancel) -> Answer:
+        """Answer a request ``spectrum``."""
+        from metrosep.app.spectrum_views import profile_spectrum, spectrum_view
+        from metrosep.spectral.band import Band
+
+        outcome, obj = self._stage(message, cancel)
+        unit = lateral_unit(obj)
+        place = (tuple(message["a"]), tuple(message["b"])) if isinstance(obj, Surface) else ()
+        kept = self._transform
+        if kept is None or kept[0] is not obj or kept[1] != place:
+            line = section_profile(obj, *place) if isinstance(obj, Surface) else obj
+            kept = self._transform = (obj, place, profile_spectrum(line, unit=unit))
+        shortest, longest = message.get("band") or (None, None)
+        band = Band(
+            None if shortest is None else float(shortest),
+            None if longest is None else float(longest),
+        )
+        view = spectrum_view(kept[2], band=band)
+        return spectrum_frame(view, unit=unit, is_preview=outcome.is_preview)
+
+
+def _moved(obj: Surface, shift: tuple[float, float]) -> Surface:
+    """Return a preview where the map itself lies: its cells begin half a cell later."""
+    place = (obj.origin[0] + shift[0], obj.origin[1] + shift[1])
+    return Surface(obj.z, obj.dx, obj.dy, origin=place)
+
+
+# ---- who may talk to the workbench: pages of this very server, with the token of this start ----
+# A web site that the user visits could send requests to the loopback (cross-site), or have its own
+# name point there (DNS rebinding). Both come with a Host or Origin that is not ours.
+
+COOKIE = "metrosep"
+_LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
+
+
+@dataclass(frozen=True, slots=True)
+class Guard:
+    """The rule for one server."""
+
+    token: str  # of this start
+    port: int  # where the server listens
+
+    @property
+    def cookie(self) -> str:
+        """Name of the cookie: cookies are shared by all ports of a host."""
+        return f"{COOKIE}-{self.port}"
+
+    def refusal(
+        self, headers: Mapping[str, str], *, token: str | None, cookies: Mapping[str, str]
+    ) -> str | None:
+        """Return why a request is refused, or None.
+
+        Examples
+        --------
+        >>> guard = Guard("secret", 8899)
+        >>> guard.refusal({"host": "127.0.0.1:8899"}, token="secret", cookies={})
+        >>> guard.refusal({"host": "evil.example:8899"}, token="secret", cookies={})
+        'the host is not the loopback of this computer'
+        """
+        host = headers.get("host", "")
+        if host not in {f"{name}:{self.port}" for name in _LOOPBACK}:
+            return "the host is not the loopback of this computer"
+        origin = headers.get("origin")
+        if origin is not None and origin not in {f"http://{n}:{self.port}" for n in _LOOPBACK}:
+            return "the request comes from another site"
+        given = token if token is not None else cookies.get(self.cookie, "")
+        if not hmac.compare_digest(given.encode(), self.token.encode()):
+            return (
+                "the token is missing or of another start; open the address that metrosep printed"
+            )
+        return None
+
+
+# ---- what the first picture needs, loaded while the page loads ---------------------------------
+
+
+def warm_up(stop: Callable[[], bool] = lambda: False) -> None:
+    """Carry out on a few pixels what opening a map or profile does.
+
+    Notes
+    -----
+    The libraries behind forms, parameters and spectra load when they are used first: half a second
+    that nobody need wait for.
+    """
+    from metrosep.app.evaluations import Evaluations
+    from metrosep.app.map_views import map_view
+    from metrosep.app.pyramid import build_pyramid
+    from metrosep.app.spectrum_views import profile_spectrum
+    from metrosep.core.profile import Profile
+    from metrosep.core.surface import Surface
+    from metrosep.io.registry import formats
+    from metrosep.recipe.described_steps import described_steps
+    from metrosep.recipe.pipeline import checked_step
+
+    y, x = np.mgrid[0:32, 0:48] * 1e-5
+    surface = Surface(1e-8 * np.cos(1e5 * x + 2e5 * y), 1e-5, 1e-5)
+    profile = Profile(x[0], 1e-8 * np.cos(1e5 * x[0]))
+    plane = checked_step({"op": "form", "form": "plane"})
+    line = checked_step({"op": "form", "form": "polynomial: degree=1"})
+    values = checked_step({"op": "parameters"})
+    parts: tuple[Callable[[], object], ...] = (
+        described_steps,
+        formats,
+        lambda: map_view(build_pyramid(surface)),
+        lambda: Evaluations(surface).outcome([plane, values], "full"),
+        lambda: profile_spectrum(profile),
+        lambda: Evaluations(profile).outcome([line, values], "full"),
+    )
+    for part in parts:
+        if stop():
+            return
+        with contextlib.suppress(MetrosepError):  # it is the loading that counts
+            part()
+
+
+def start_warm_up() -> Callable[[], None]:
+    """Warm up in a thread of its own."""
+    stop = threading.Event()
+
+    def work() -> None:
+        try:
+            warm_up(stop.is_set)
+        except Exception:  # nothing depends on it: what fails here is told when it is used
+            logging.getLogger("metrosep").debug("warm-up", exc_info=True)
+
+    threading.Thread(target=work, daemon=True, name="warm-up").start()
+    return stop.set

@@ -2,31 +2,34 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from metrosep.batch import marks
+from metrosep.batch.companions import files_read
 from metrosep.batch.executors import executor, parse_scheduler
-from metrosep.batch.finish import finished_report, told_index
-from metrosep.batch.index import format_error
-from metrosep.batch.lock import locked
+from metrosep.batch.index import build_index, format_error, write_index
 from metrosep.batch.loop import Stop, work_through
 from metrosep.batch.marks import Identity
 from metrosep.batch.names import one_line_name
 from metrosep.batch.output_folders import record_source, require_own_source
 from metrosep.batch.report import BatchReport
+from metrosep.batch.rows import STATUSES, exit_code
 from metrosep.batch.titles import title_notes
 from metrosep.batch.units import Found, Unit, find_units
-from metrosep.batch.watch import file_time, new_units
 from metrosep.batch.work import DISK_FULL, Task, earlier_row, input_hash
-from metrosep.core.errors import DataError, ReadError, RecipeError, WriteError
+from metrosep.core.errors import DataError, MetrosepError, ReadError, RecipeError, WriteError
 from metrosep.recipe.guard_room import guard_notes
 from metrosep.recipe.hashing import recipe_hash
+from metrosep.recipe.part_order import order_notes
 from metrosep.recipe.recipe import Recipe
 
 __all__ = ["run_batch"]
@@ -332,3 +335,253 @@ def _rehearse(task: Task, found: Found, tell: Tell | None) -> BatchReport:
     messages = (*found.messages, *title_notes(rows))
     report = BatchReport(tuple(rows), counts, time.perf_counter() - began, 0, messages)
     return replace(report, stopped="a dry run: nothing was written")
+
+
+# ---- the end of a batch: its index on the disk, and the report ---------------------------------
+
+_APART = {
+    "other_recipe": "of another recipe, or of this one before it was changed",
+    "other_version": "of another version of metrosep",
+    "former_content": "of former contents of files that changed",
+    "gone": "of files that are gone",
+    "unreadable": "of files that cannot be read now",
+}
+
+
+class Progress(Protocol):
+    """What the end needs to know of a batch."""
+
+    rows: dict[str, dict[str, Any]]
+    names: set[str]
+    changed: set[str]
+    found: Found
+    stop: Stop
+
+    @property
+    def total(self) -> int:
+        """Units that were found."""
+
+    @property
+    def seconds(self) -> float:
+        """Since the batch began."""
+
+    @property
+    def open(self) -> int:
+        """Units that were found and not finished."""
+
+
+def finished_report(
+    recipe: Recipe, task: Task, batch: Progress, more: tuple[str, ...] = ()
+) -> BatchReport:
+    """Write the index and return the report."""
+    document, messages = told_index(recipe, task, batch)
+    rows = tuple(batch.rows[name] for name in sorted(batch.rows))
+    counts = Counter(r["status"] for r in rows)
+    return BatchReport(
+        rows=rows,
+        counts={
+            "total": batch.total,
+            **{s: counts.get(s, 0) for s in STATUSES},
+            "skipped": sum(r["skipped"] for r in rows),
+            "open": batch.open,
+        },
+        seconds=batch.seconds,
+        exit_code=130
+        if batch.stop.interrupted
+        else exit_code(list(rows), closed=bool(batch.found.closed)),
+        messages=(*batch.found.messages, *more, *messages, *title_notes(rows)),
+        out=Path(task.out),
+        stopped=batch.stop.reason,
+        document=document,
+    )
+
+
+def told_index(
+    recipe: Recipe, task: Task, batch: Progress
+) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Write the index in each format that the recipe wants, JSON always."""
+    rows = batch.rows
+    present: dict[str, str | None] = dict.fromkeys(batch.names)
+    present |= dict.fromkeys(batch.changed, "")  # no result is of what is there now
+    document = build_index(
+        recipe,
+        task.out,
+        recipe_hash=task.recipe_hash,
+        present={**present, **{r["unit"]: r["hash"] for r in rows.values()}},
+        known=rows,
+        waiting=batch.names - rows.keys(),
+        left_out=batch.found.apart,
+    )
+    wanted = dict.fromkeys(("json", *(recipe.batch_options.get("index") or ("csv",))))
+    lost = []
+    for name in wanted:
+        try:
+            write_index(document, Path(task.out) / f"index.{name}", name)
+        # a table that Excel holds, a writer with a fault: no verdict is lost
+        except Exception as exc:
+            if name == "json":
+                raise
+            kind = "" if isinstance(exc, MetrosepError) else f"{type(exc).__name__}: "
+            lost.append(f"index.{name} was not written: {kind}{' '.join(str(exc).split())}")
+    return document, (*lost, *_messages(document))
+
+
+def _messages(document: Mapping[str, Any]) -> Iterator[str]:
+    for kind, n in document["apart"].items():
+        if n:
+            yield f"{n} result(s) in the output folder are kept apart and not counted: {_APART[kind]}"
+    yield from order_notes(document)
+    names = {
+        c.get(k)
+        for r in document["rows"]
+        for c in r["characteristics"]
+        for k in ("name", "metric", "symbol")
+    }
+    for name in document["trend"]:
+        if names and name not in names:
+            shown = ", ".join(sorted(n for n in names if n)[:8])
+            yield f'trend "{name}": no result has a characteristic of this name; there are {shown}'
+
+
+# ---- one batch at a time in an output folder ---------------------------------------------------
+
+_NAME = ".metrosep-batch.lock"
+
+
+@contextmanager
+def locked(out: Path) -> Iterator[None]:
+    """Hold an output folder; made if needed."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        handle = os.open(out / _NAME, os.O_RDWR | os.O_CREAT, 0o666)
+    except OSError as exc:
+        raise WriteError(
+            f"{out}: the output folder cannot be written ({exc.strerror or exc}); choose another "
+            "with -o"
+        ) from None
+    try:
+        if not _take(handle):
+            raise WriteError(
+                f"{out}: another batch works in this folder; wait for its end, or choose another "
+                "folder with -o"
+            )
+        yield
+    finally:
+        os.close(handle)
+
+
+def _take(handle: int) -> bool:
+    if os.name == "nt":
+        import msvcrt
+
+        with contextlib.suppress(OSError):
+            msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined,unused-ignore]
+            return True
+        return False
+    import fcntl
+
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:  # a file system without locks: nobody can be asked
+        return True
+    return True
+
+
+# ---- units as they come: those of a folder once, or of a hot folder until the batch is stopped ----
+
+_NAP_SECONDS = 0.1
+_MOST_LOOKS = 64
+
+
+def new_units(
+    recipe: Recipe,
+    folder: Path,
+    out: Path,
+    *,
+    every: float | None,
+    stop: Stop,
+    first: Found,
+    rows: Mapping[str, Mapping[str, Any]] | None = None,
+    look: Callable[[Found, frozenset[str]], bool] | None = None,
+) -> Iterator[tuple[Unit, ...]]:
+    """Yield units that are new or changed, again and again."""
+    if every is None:
+        yield first.units
+        return
+    seen: dict[str, object] = {}
+    taken: dict[str, object] = {}
+    handed: dict[str, object] = {}
+    patience = _Patience({} if rows is None else rows)
+    while not stop:
+        ready = []
+        found = find_units(recipe, folder, out=out)
+        states = {unit.name: _state(unit) for unit in found.units}
+        gone = look is not None and look(found, _changed(states, handed))
+        for unit in found.units:
+            state = states[unit.name]
+            if unit.name in taken and patience.is_over(unit.name):
+                del taken[unit.name]
+            if state is not None and seen.get(unit.name) == state != taken.get(unit.name):
+                ready.append(unit)
+                taken[unit.name] = handed[unit.name] = state
+            seen[unit.name] = state
+        if ready or gone:
+            yield tuple(ready)
+        _sleep(every, stop)
+    with contextlib.suppress(ReadError):  # a folder that went at the end: what was found stays
+        found = find_units(recipe, folder, out=out)
+        if look is not None:
+            look(found, _changed({u.name: _state(u) for u in found.units}, handed))
+
+
+def _changed(states: Mapping[str, object], handed: Mapping[str, object]) -> frozenset[str]:
+    """Return the units whose files are not those any more that were handed out."""
+    return frozenset(n for n, s in states.items() if n in handed and handed[n] != s)
+
+
+def file_time(unit: Unit) -> str | None:
+    """Return when the first of the files of a unit was changed for the last time."""
+    try:
+        first = min(os.stat(f).st_mtime for f in unit.files)  # noqa: PTH116
+    except OSError:
+        return None
+    return datetime.fromtimestamp(first, UTC).isoformat()
+
+
+class _Patience:
+    """Looks until a unit that failed for a reason from outside is tried once more."""
+
+    def __init__(self, rows: Mapping[str, Mapping[str, Any]]) -> None:
+        self._rows = rows
+        self._tries: dict[str, int] = {}
+        self._looks: dict[str, int] = {}
+
+    def is_over(self, name: str) -> bool:
+        """Count one look."""
+        if not self._rows.get(name, {}).get("again"):
+            self._tries.pop(name, None)
+            self._looks.pop(name, None)
+            return False
+        tries = self._tries.setdefault(name, 0)
+        self._looks[name] = self._looks.get(name, 0) + 1
+        if self._looks[name] < min(2**tries, _MOST_LOOKS):
+            return False
+        self._tries[name], self._looks[name] = tries + 1, 0
+        return True
+
+
+def _state(unit: Unit) -> object:
+    try:
+        files = files_read(unit)
+        found = [os.stat(f) for f in files]  # noqa: PTH116
+    except OSError:
+        return None
+    return tuple((f, s.st_size, s.st_mtime_ns) for f, s in zip(files, found, strict=True))
+
+
+def _sleep(seconds: float, stop: Stop) -> None:
+    end = time.monotonic() + seconds
+    while not stop and (left := end - time.monotonic()) > 0.0:
+        time.sleep(min(_NAP_SECONDS, left))

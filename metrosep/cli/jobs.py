@@ -21,6 +21,7 @@ from metrosep.cli.options import (
     table_options,
 )
 from metrosep.cli.tables import print_table, write_table
+from metrosep.core.errors import ReadError
 
 if TYPE_CHECKING:
     from metrosep.recipe.result import Result
@@ -42,7 +43,6 @@ def progress(context: click.Context) -> Callable[[str], None]:
 def demo(context: click.Context, out: str, force: bool, as_json: bool) -> int:
     """Run the main job on the shipped example: nine runs -> machine error -> table -> report."""
     from metrosep.cli.errors import verdict_code
-    from metrosep.cli.example import example_folder
     from metrosep.recipe.recipe import Recipe
 
     recipe = Recipe.load(example_folder("straightness") / "recipe.toml")
@@ -321,3 +321,33 @@ def _summary(result: Result, files: list[str]) -> dict[str, Any]:
         }
     )
     return summary
+
+
+# ---- where the shipped examples lie: in the checkout, or inside the installed package ----------
+
+
+def example_folder(name: str) -> Path:
+    """Return the folder of a shipped example.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+
+    Returns
+    -------
+    Path
+        Folder with ``recipe.toml`` and its input.
+
+    Raises
+    ------
+    ReadError
+        If the installation does not hold it.
+    """
+    package = Path(__file__).resolve().parents[1]
+    for folder in (package.parent / "examples" / name, package / "_examples" / name):
+        if (folder / "recipe.toml").is_file():
+            return folder
+    raise ReadError(
+        f"the example {name!r} is not part of this installation; install metrosep again"
+    )

@@ -8,7 +8,11 @@ and acceleration that OFFSET_AV_RATIO leaves it. Confirmed by running the contro
 
 from __future__ import annotations
 
+import hashlib
 import itertools
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
@@ -17,7 +21,6 @@ import numpy as np
 
 from metrosep.compensation.area_errors import bilinear
 from metrosep.compensation.maps import CompensationMap
-from metrosep.controllers._eoffset_component import LETTERS, Grid, grid_of, printed
 from metrosep.controllers._lookups import one_way
 from metrosep.controllers.base import Dialect, DialectInfo, Encoded, Simulator, load_sidecar
 from metrosep.controllers.options import Option
@@ -25,7 +28,6 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, DataError, LimitError, TableError
 
 __all__ = ["LinuxCNCEoffset"]
-
 
 _MM = 1e-3
 _DECIMALS = 10
@@ -220,3 +222,294 @@ def _identity(path: Path, x: tuple[float, float], y: tuple[float, float]) -> dic
         "removed": "plane" if known.get("not_in_map") == "plane" else "offset",
         "border": "zero" if known.get("border") == "zero" else None,
     }
+
+
+# ---- text of the HAL component that applies a map in LinuxCNC: a Python program with its data ----
+# The program runs under the system's Python, which has LinuxCNC's module ``hal`` and nothing of
+# metrosep. It does not apply the map while the machine is off or not homed: LinuxCNC counts steps of
+# ``eoffset-counts`` and forgets those made then, so the component holds the offset cleared until both
+# are true, and only then sends the whole correction.
+
+LETTERS = "XYZUVW"
+"""Linear axes of LinuxCNC."""
+
+_PROGRAM = '''\
+#!/usr/bin/python3
+"""Correction map {first}, {second} -> {third}, written by metrosep: a component for LinuxCNC's HAL.
+
+{third} gets the correction c = -e at the commanded {first} and {second}, as an external offset; bilinear
+between the nodes, that of the nearest edge outside. In a HAL file, after motmod is loaded:
+
+{hal}
+
+In the INI file:
+
+{ini}
+"""
+
+import sys
+import time
+from bisect import bisect_right
+
+AXES = ("{first}", "{second}", "{third}")
+COUNT_MM = {count}
+PERIOD_S = {period}
+AV_RATIO = {ratio}
+X_MM = (
+{columns}
+)
+Y_MM = (
+{rows}
+)
+# one line for each of Y_MM, one entry for each of X_MM; entries are the correction in counts
+COUNTS = (
+{entries}
+)
+# SHA-256 of this file with 64 zeros here; metrosep reads it no more when a number was changed
+CHECKSUM = "{checksum}"
+
+CLEAR_S = 0.05
+FAULT_S = 1.0
+
+
+def cell(nodes, position):
+    """Return the node below a position and its fraction of the cell, clamped."""
+    i = min(max(bisect_right(nodes, position) - 1, 0), len(nodes) - 2)
+    fraction = (position - nodes[i]) / (nodes[i + 1] - nodes[i])
+    return i, min(max(fraction, 0.0), 1.0)
+
+
+def correction(x, y):
+    """Return the correction in counts at a commanded position in mm."""
+    i, s = cell(X_MM, x)
+    j, t = cell(Y_MM, y)
+    low, high = COUNTS[j], COUNTS[j + 1]
+    below = (1.0 - s) * low[i] + s * low[i + 1]
+    above = (1.0 - s) * high[i] + s * high[i + 1]
+    return round((1.0 - t) * below + t * above)
+
+
+def main():
+    import hal
+
+    part = hal.component("comp-map")
+    for pin in ("x", "y", "requested"):
+        part.newpin(pin, hal.HAL_FLOAT, hal.HAL_IN)
+    for pin in ("machine-on", "homed"):
+        part.newpin(pin, hal.HAL_BIT, hal.HAL_IN)
+    part.newpin("scale", hal.HAL_FLOAT, hal.HAL_OUT)
+    part.newpin("counts", hal.HAL_S32, hal.HAL_OUT)
+    for pin in ("enable", "clear", "active", "fault"):
+        part.newpin(pin, hal.HAL_BIT, hal.HAL_OUT)
+    part["scale"], part["enable"], part["clear"] = COUNT_MM, True, True
+    part.ready()
+    cleared_at = agreed_at = time.monotonic()
+    sent = (0, 0)
+    while True:
+        time.sleep(PERIOD_S)
+        now = time.monotonic()
+        if not (part["machine-on"] and part["homed"]):
+            part["active"], part["fault"], part["clear"], part["counts"] = False, False, True, 0
+            cleared_at, sent = now, (0, 0)
+            continue
+        if not part["active"]:
+            if now - cleared_at < CLEAR_S or part["requested"] != 0.0:
+                continue
+            part["clear"] = False
+            time.sleep(CLEAR_S)
+            part["active"], agreed_at = True, time.monotonic()
+            continue
+        wanted = part["requested"] / COUNT_MM
+        if min(abs(wanted - counts) for counts in sent) < 0.6:
+            agreed_at = now
+        elif now - agreed_at > FAULT_S:
+            part["fault"] = True
+        x, y = part["x"], part["y"]
+        if x - x == 0.0 and y - y == 0.0:
+            sent = (correction(x, y), sent[0])
+            part["counts"] = sent[0]
+        else:
+            part["fault"] = True
+
+
+if __name__ == "__main__":
+    try:
+        main()
+    except KeyboardInterrupt:
+        sys.exit(0)
+'''
+"""To be filled with the names of the axes and the numbers by `str.format`."""
+
+_NUMBER = r"-?\d{1,9}(?:\.\d{1,20})?"
+_OPEN = "0" * 64
+"""What stands in place of the checksum while it is taken."""
+_AXES = re.compile(rf'AXES = \("([{LETTERS}])", "([{LETTERS}])", "([{LETTERS}])"\)')
+_CHECKSUM = re.compile(r'CHECKSUM = "[0-9a-f]{64}"')
+_HINT = "write the map again; nothing in this file may be changed"
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """What is written into the program."""
+
+    # of (str, str, str): the two that are looked up, the one that is corrected
+    axes: tuple[str, str, str]
+    count: Decimal  # mm: length of a count
+    period: Decimal  # s: between two look-ups
+    ratio: Decimal  # OFFSET_AV_RATIO
+    x: tuple[Decimal, ...]  # mm: positions of columns and rows
+    y: tuple[Decimal, ...]
+    counts: tuple[tuple[int, ...], ...]  # of tuple of int: corrections, rows y
+
+    def hal_lines(self) -> list[str]:
+        """Return the lines of a HAL file that run and connect the component."""
+        first, second, third = (a.lower() for a in self.axes)
+        return [
+            "loadusr -Wn comp-map /usr/bin/python3 <this file>",
+            f"net comp-map-x axis.{first}.pos-cmd => comp-map.x",
+            f"net comp-map-y axis.{second}.pos-cmd => comp-map.y",
+            "net comp-map-on motion.motion-enabled => comp-map.machine-on",
+            "net comp-map-homed motion.is-all-homed => comp-map.homed",
+            f"net comp-map-requested axis.{third}.eoffset-request => comp-map.requested",
+            f"net comp-map-scale comp-map.scale => axis.{third}.eoffset-scale",
+            f"net comp-map-counts comp-map.counts => axis.{third}.eoffset-counts",
+            f"net comp-map-enable comp-map.enable => axis.{third}.eoffset-enable",
+            f"net comp-map-clear comp-map.clear => axis.{third}.eoffset-clear",
+        ]
+
+    def ini_lines(self) -> list[str]:
+        """Return the lines of the INI file that let the axis take an offset."""
+        return [f"[AXIS_{self.axes[2]}]", f"OFFSET_AV_RATIO = {_short(self.ratio)}"]
+
+    def text(self) -> str:
+        """Return the program."""
+        text = _PROGRAM.format(
+            first=self.axes[0],
+            second=self.axes[1],
+            third=self.axes[2],
+            hal=_indented(self.hal_lines()),
+            ini=_indented(self.ini_lines()),
+            count=_short(self.count),
+            period=_short(self.period),
+            ratio=_short(self.ratio),
+            columns=_indented(f"{_short(v)}," for v in self.x),
+            rows=_indented(f"{_short(v)}," for v in self.y),
+            entries=_indented(f"({', '.join(map(str, row))})," for row in self.counts),
+            checksum=_OPEN,
+        )
+        return text.replace(_OPEN, hashlib.sha256(text.encode("ascii")).hexdigest())
+
+
+def printed(value: float, decimals: int) -> Decimal:
+    """Return a number rounded to a number of decimals."""
+    return Decimal(f"{value:.{decimals}f}")
+
+
+def _short(value: Decimal) -> str:
+    """Return it without trailing zeros and without an exponent."""
+    text = f"{value:f}"
+    text = text.rstrip("0").rstrip(".") if "." in text else text
+    return "0" if text == "-0" else text
+
+
+def _indented(lines: Iterable[str]) -> str:
+    return "\n".join(f"    {line}" for line in lines)
+
+
+def grid_of(data: bytes, path: Path) -> Grid:
+    """Return what a program holds; the rest of it must be the program that metrosep writes."""
+    try:
+        lines = data.decode("ascii").split("\n")
+    except UnicodeDecodeError as exc:
+        raise CorruptFileError(path, "not ASCII text", offset=exc.start, hint=_HINT) from None
+    axes = next((m for m in map(_AXES.fullmatch, lines) if m), None)
+    if axes is None:
+        raise CorruptFileError(path, "no line AXES = (...) of a map in it", hint=_HINT)
+    entries = _block(lines, "COUNTS", r"    \((-?\d{1,15}(?:, -?\d{1,15})+)\),", path)
+    grid = Grid(
+        axes=(axes[1], axes[2], axes[3]),
+        count=_value(lines, "COUNT_MM", path),
+        period=_value(lines, "PERIOD_S", path),
+        ratio=_value(lines, "AV_RATIO", path),
+        x=_rising(lines, "X_MM", path),
+        y=_rising(lines, "Y_MM", path),
+        counts=tuple(tuple(int(v) for v in row.split(", ")) for _, row in entries),
+    )
+    for number, row in zip((n for n, _ in entries), grid.counts, strict=True):
+        if len(row) != len(grid.x):
+            raise CorruptFileError(
+                path, f"line {number}: {len(row)} entries, X_MM has {len(grid.x)}", hint=_HINT
+            )
+    if len(grid.counts) != len(grid.y):
+        raise CorruptFileError(
+            path, f"COUNTS has {len(grid.counts)} rows, Y_MM has {len(grid.y)}", hint=_HINT
+        )
+    _require_program(lines, grid.text().split("\n"), path)
+    return grid
+
+
+def _require_program(found: Sequence[str], wanted: Sequence[str], path: Path) -> None:
+    for number, (line, right) in enumerate(zip(found, wanted, strict=False), start=1):
+        if line != right and _CHECKSUM.fullmatch(line):
+            raise CorruptFileError(
+                path,
+                "the numbers are not those that were written: some were changed or exchanged",
+                field="CHECKSUM",
+                expected=right[12:28],
+                found=line[12:28],
+                hint=_HINT,
+            )
+        if line != right:
+            raise CorruptFileError(
+                path,
+                f"line {number} is not that of the program",
+                expected=repr(right[:80]),
+                found=repr(line[:80]),
+                hint=_HINT,
+            )
+    if len(found) != len(wanted):
+        raise CorruptFileError(
+            path,
+            "the program is longer or shorter",
+            expected=f"{len(wanted)} lines",
+            found=len(found),
+            hint=_HINT,
+        )
+
+
+def _value(lines: Sequence[str], name: str, path: Path) -> Decimal:
+    for line in lines:
+        match = re.fullmatch(rf"{name} = ({_NUMBER})", line)
+        if match and Decimal(match[1]) > 0:
+            return Decimal(match[1])
+    raise CorruptFileError(path, f"no line {name} = <a number above zero>", hint=_HINT)
+
+
+def _block(lines: Sequence[str], name: str, pattern: str, path: Path) -> list[tuple[int, str]]:
+    """Return number and inside of each line of a tuple."""
+    opening = f"{name} = ("
+    if opening not in lines or ")" not in lines[lines.index(opening) :]:
+        raise CorruptFileError(path, f"no lines {opening} ... ) in it", hint=_HINT)
+    start = lines.index(opening) + 1
+    found = []
+    for number, line in enumerate(lines[start : lines.index(")", start)], start=start + 1):
+        match = re.fullmatch(pattern, line)
+        if match is None:
+            raise CorruptFileError(
+                path, f"line {number} is no entry of {name}", found=repr(line[:60]), hint=_HINT
+            )
+        found.append((number, match[1]))
+    if len(found) < 2:
+        raise CorruptFileError(path, f"{name} needs at least 2 entries", hint=_HINT)
+    return found
+
+
+def _rising(lines: Sequence[str], name: str, path: Path) -> tuple[Decimal, ...]:
+    entries = _block(lines, name, rf"    ({_NUMBER}),", path)
+    values = [Decimal(text) for _, text in entries]
+    for i in range(1, len(values)):
+        if values[i] <= values[i - 1]:
+            raise CorruptFileError(
+                path, f"line {entries[i][0]}: the position does not rise", hint=_HINT
+            )
+    return tuple(values)

@@ -16,6 +16,7 @@ import os
 import re
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from decimal import Decimal
 from fractions import Fraction
 from pathlib import Path
@@ -26,16 +27,9 @@ from numpy.polynomial import legendre
 
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.polynomial import PolynomialFit
-from metrosep.controllers._horner import UNSIGNED, Printed, horner, parsed_horner
 from metrosep.controllers._iec_names import IDENTIFIER, RESERVED
 from metrosep.controllers._lookups import one_way
-from metrosep.controllers._plain_text import (
-    ascii_lines,
-    decimal,
-    facts_of,
-    resolved,
-    scaled,
-)
+from metrosep.controllers._plain_text import ascii_lines, decimal, facts_of, resolved, scaled
 from metrosep.controllers.base import Dialect, DialectInfo, Encoded, Simulator, load_sidecar
 from metrosep.controllers.options import Option
 from metrosep.core._arrays import FloatArray
@@ -43,7 +37,6 @@ from metrosep.core.errors import CorruptFileError, DataError, LimitError, TableE
 from metrosep.core.units import format_length
 
 __all__ = ["PLCStructuredText", "PLCTurboPMAC"]
-
 
 _PLACES = {"m": 0, "mm": 3, "um": 6, "nm": 9}
 """Decimal places from m."""
@@ -547,3 +540,71 @@ class PLCTurboPMAC(_Polynomial):
         return Printed(
             _polynomial(found[8][2].upper(), held, path), float(found[2][2]), float(found[5][2])
         )
+
+
+# ---- polynomials in Horner form as text, and what the text computes ----------------------------
+
+UNSIGNED = r"\d{1,300}(?:\.\d{1,300})?"
+"""Decimals without sign and exponent."""
+
+
+@dataclass(frozen=True, slots=True)
+class Printed:
+    """A polynomial as its text has it."""
+
+    coefficients: FloatArray  # shape (degree + 1,): of 1, x, x^2 ... in the units of the text
+    low: float  # where the position is held, in the unit of x
+    high: float
+
+    @property
+    def largest_term(self) -> float:
+        """Largest absolute term at the farther end of the range, in the unit of y; inf if too large."""
+        far = max(abs(self.low), abs(self.high))
+        with np.errstate(over="ignore", invalid="ignore"):
+            terms = np.abs(self.coefficients) * far ** np.arange(self.coefficients.size)
+        terms = np.where(self.coefficients == 0.0, 0.0, terms)  # 0 times inf
+        return float(terms.max())
+
+    def at(self, x: FloatArray) -> FloatArray:
+        """Return the value at positions, as the text computes it."""
+        held = np.clip(x, self.low, self.high)
+        y = np.full(held.shape, self.coefficients[-1])
+        for c in self.coefficients[-2::-1]:
+            y = c + held * y
+        return np.asarray(y)
+
+
+def horner(numbers: Sequence[str], x: str) -> str:
+    """Return a polynomial in Horner form without a minus in front of a coefficient.
+
+    Examples
+    --------
+    >>> horner(["0.5", "-2", "3"], "x")
+    '0.5-x*(2-x*(3))'
+    """
+    text, sign = numbers[0], "+"
+    for number in numbers[1:]:
+        wanted = "-" if number.startswith("-") else "+"
+        text += f"{'+' if wanted == sign else '-'}{x}*({number.lstrip('-')}"
+        sign = wanted
+    return text + ")" * (len(numbers) - 1)
+
+
+def parsed_horner(text: str, x: str) -> FloatArray | None:
+    """Return the coefficients of a Horner form, None if it is none.
+
+    Examples
+    --------
+    >>> parsed_horner("0.5-x*(2-x*(3))", "x").tolist()
+    [0.5, -2.0, 3.0]
+    """
+    first = re.match(rf"-?{UNSIGNED}", text)
+    if first is None:
+        return None
+    found, sign, at = [float(first[0])], 1.0, first.end()
+    term = re.compile(rf"([+-]){re.escape(x)}\*\(({UNSIGNED})")
+    while (match := term.match(text, at)) is not None:
+        sign = -sign if match[1] == "-" else sign
+        found.append(sign * float(match[2]))
+        at = match.end()
+    return np.array(found) if text[at:] == ")" * (len(found) - 1) else None

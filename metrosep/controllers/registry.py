@@ -38,7 +38,7 @@ _PLACES = {
     "nv200": "nv200:NV200",
     "voltage": "voltage:Voltage",
     "etalon": "etalon:Etalon",
-    "klipper": "klipper:Klipper",
+    "klipper": "reprap:Klipper",
     "rrf": "reprap:RepRap",
 }
 """Module and class of each dialect, in the order in which they are listed."""

@@ -2,30 +2,213 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+import ast
+import math
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
-from metrosep.forms._formula import (
-    CONSTANTS,
-    FUNCTION_NAMES,
-    Dual,
-    Tree,
-    Value,
-    evaluate,
-    names_in,
-    parse,
-)
 from metrosep.forms._shape import Shape
 from metrosep.forms.base import checked
 from metrosep.forms.freedoms import RIGID
 
 __all__ = ["Expression"]
 
+
+# ---- formulas as text: parsed to a tree of allowed parts, evaluated with exact derivatives -----
+# The text is never run as a program. Python's own parser makes a syntax tree, of which only numbers,
+# known names, arithmetic and the functions below pass. Evaluation carries each value with its
+# derivatives (dual numbers), so that these are exact to rounding.
+
+Value = FloatArray | float
+Tree = tuple[Any, ...]
+"""("number", v), ("name", n), ("neg", a), ("+", a, b) ... or (function, a)."""
+Dual = tuple[Value, dict[str, Value]]
+"""A value and its derivatives by name; those that are missing are zero."""
+
+LONGEST = 2000
+"""Characters of a formula."""
+MOST_PARTS = 500
+"""Parts of a formula; each costs a pass over the points."""
+DEEPEST = 100
+"""Levels of brackets and operators."""
+
+CONSTANTS = {"pi": math.pi}
+
+_OPERATORS: dict[type[ast.operator], str] = {
+    ast.Add: "+",
+    ast.Sub: "-",
+    ast.Mult: "*",
+    ast.Div: "/",
+    ast.Pow: "**",
+}
+
+_FUNCTIONS: dict[str, tuple[Callable[..., Any], Callable[..., Any]]] = {
+    "sin": (np.sin, np.cos),
+    "cos": (np.cos, lambda a: -np.sin(a)),
+    "tan": (np.tan, lambda a: 1.0 / np.cos(a) ** 2),
+    "arcsin": (np.arcsin, lambda a: 1.0 / np.sqrt(1.0 - a * a)),
+    "arccos": (np.arccos, lambda a: -1.0 / np.sqrt(1.0 - a * a)),
+    "arctan": (np.arctan, lambda a: 1.0 / (1.0 + a * a)),
+    "sinh": (np.sinh, np.cosh),
+    "cosh": (np.cosh, np.sinh),
+    "tanh": (np.tanh, lambda a: 1.0 / np.cosh(a) ** 2),
+    "exp": (np.exp, np.exp),
+    "log": (np.log, lambda a: 1.0 / a),
+    "log10": (np.log10, lambda a: 1.0 / (a * math.log(10.0))),
+    "sqrt": (np.sqrt, lambda a: 0.5 / np.sqrt(a)),
+    "abs": (np.abs, np.sign),
+}
+"""Name, function, derivative."""
+
+_ALIASES = {"asin": "arcsin", "acos": "arccos", "atan": "arctan", "ln": "log"}
+
+FUNCTION_NAMES = frozenset({*_FUNCTIONS, *_ALIASES})
+
+
+def parse(text: object, names: Iterable[str]) -> Tree:
+    """Return the tree of a formula in the given names.
+
+    Raises DataError, with what is wrong and where, for anything but allowed parts.
+    """
+    if not isinstance(text, str):
+        raise DataError(f"a formula is text, got {type(text).__name__}")
+    if len(text) > LONGEST:
+        raise DataError(f"the formula has {len(text)} characters, more than {LONGEST}")
+    if "^" in text:
+        raise DataError("the formula has a '^': a power is written **, such as x**2")
+    try:
+        body = ast.parse(text.strip(), mode="eval").body
+        n_parts = sum(1 for _ in ast.walk(body))
+    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+        where = getattr(error, "offset", None)
+        at = f" at character {where}" if where else ""
+        raise DataError(f"the formula cannot be read{at}: {_short(text)}") from error
+    if n_parts > 3 * MOST_PARTS:  # the parser counts operators and contexts too
+        raise DataError(f"the formula has more than {MOST_PARTS} parts; split it up")
+    try:
+        return _convert(body, frozenset(names))
+    except RecursionError as error:  # while printing the part that is not allowed
+        raise DataError("the formula is nested too deeply; split it up") from error
+
+
+def names_in(tree: Tree) -> set[str]:
+    """Return the names that occur in a tree."""
+    if tree[0] == "name":
+        return {tree[1]}
+    if tree[0] == "number":
+        return set()
+    return set().union(*(names_in(t) for t in tree[1:]))
+
+
+def _short(text: str) -> str:
+    return repr(text if len(text) <= 60 else text[:57] + "...")
+
+
+def _convert(node: ast.expr, names: frozenset[str], depth: int = 0) -> Tree:
+    if depth > DEEPEST:
+        raise DataError(f"the formula is nested deeper than {DEEPEST} levels; split it up")
+    below = depth + 1
+    match node:
+        case ast.Constant(value=bool() | complex() | str() | bytes() | None):
+            pass
+        case ast.Constant(value=int() | float() as value):
+            return ("number", _number(value))
+        case ast.Name(id=name) if name in names:
+            return ("name", name)
+        case ast.Name(id=name) if name in CONSTANTS:
+            return ("number", CONSTANTS[name])
+        case ast.Name(id=name):
+            raise DataError(
+                f"the formula has the name {_short(name)}, which is neither a coordinate nor a "
+                f"parameter; there are: {', '.join(sorted({*names, *CONSTANTS}))}"
+            )
+        case ast.UnaryOp(op=ast.USub(), operand=operand):
+            return ("neg", _convert(operand, names, below))
+        case ast.UnaryOp(op=ast.UAdd(), operand=operand):
+            return _convert(operand, names, below)
+        case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATORS:
+            return (
+                _OPERATORS[type(op)],
+                _convert(left, names, below),
+                _convert(right, names, below),
+            )
+        case ast.Call(func=ast.Name(id=name), args=[argument], keywords=[]):
+            known = _ALIASES.get(name, name)
+            if known in _FUNCTIONS:
+                return (known, _convert(argument, names, below))
+        case _:
+            pass
+    raise DataError(
+        f"the formula has {_short(ast.unparse(node))}, which is not allowed: numbers, names, "
+        f"+ - * / **, brackets, and {', '.join(sorted(_FUNCTIONS))} of one argument"
+    )
+
+
+def _number(value: float) -> float:
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
+        raise DataError("the formula has a number that is too large")
+    return number
+
+
+def evaluate(tree: Tree, names: Mapping[str, Dual]) -> Dual:
+    """Return the value of a tree and its derivatives, of whatever the names carry.
+
+    Warnings of numpy are the caller's to silence.
+    """
+    kind = tree[0]
+    if kind == "number":
+        return np.float64(tree[1]), {}
+    if kind == "name":
+        return names[tree[1]]
+    a, da = evaluate(tree[1], names)
+    if kind == "neg":
+        return -a, {n: -d for n, d in da.items()}
+    if kind in _FUNCTIONS:
+        function, derivative = _FUNCTIONS[kind]
+        rate = derivative(a) if da else 0.0
+        return function(a), {n: rate * d for n, d in da.items()}
+    b, db = evaluate(tree[2], names)
+    if kind in ("+", "-"):
+        sign = 1.0 if kind == "+" else -1.0
+        return a + sign * b, _sum(da, {n: sign * d for n, d in db.items()})
+    if kind == "*":
+        return a * b, _sum({n: b * d for n, d in da.items()}, {n: a * d for n, d in db.items()})
+    if kind == "/":
+        value = a / b
+        return value, _sum(
+            {n: d / b for n, d in da.items()}, {n: -value / b * d for n, d in db.items()}
+        )
+    return _power(a, da, b, db)
+
+
+def _power(a: Value, da: dict[str, Value], b: Value, db: dict[str, Value]) -> Dual:
+    value = np.power(a, b)
+    found: dict[str, Value] = {}
+    if da:
+        # b a^(b-1), and 0 for b = 0 also where a = 0
+        rate = np.where(np.equal(b, 0.0), 0.0, b * np.power(a, np.where(b == 0.0, 1.0, b - 1.0)))
+        found = {n: rate * d for n, d in da.items()}
+    if db:
+        # a^b log a, whose limit at a = 0 is 0 for b > 0
+        rate = np.where((np.equal(a, 0.0)) & (np.greater(b, 0.0)), 0.0, value * np.log(a))
+        found = _sum(found, {n: rate * d for n, d in db.items()})
+    return value, found
+
+
+def _sum(a: dict[str, Value], b: dict[str, Value]) -> dict[str, Value]:
+    return {n: a[n] + b[n] if n in a and n in b else a.get(n, b.get(n, 0.0)) for n in {*a, *b}}
+
+
+# ------------------------------------------------------------------------------------------------
 
 _COORDINATES = ("x", "y", "r", "theta")
 _RESERVED = {*_COORDINATES, *CONSTANTS, *FUNCTION_NAMES, *RIGID}

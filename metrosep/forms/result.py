@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import NotConvergedError
+from metrosep.core.errors import DataError, NotConvergedError
 from metrosep.core.profile import Profile, html_table
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_engineering, format_length
@@ -396,8 +396,6 @@ class FitResult:
         -----
         lmfit differentiates numerically and holds all points at once: slow on large maps.
         """
-        from metrosep.forms.lmfit_bridge import refit
-
         return refit(self)
 
     def __repr__(self) -> str:
@@ -431,3 +429,37 @@ def _length(value: float) -> str:
     if abs(value) >= 1e3:
         return f"{value / 1e3:.3g} km"
     return format_length(value, digits=3)
+
+
+# ---- A fit as lmfit would do it, for its confidence intervals and as a second opinion ----------
+
+
+def refit(result: FitResult) -> Any:
+    """Return lmfit's least squares with the freedoms of a result, started at it."""
+    import lmfit
+
+    if result.source is None:
+        raise DataError("this result does not hold the measurement it was fitted to; fit it again")
+    points = points_of(result.source, centre=result.centre, middle=False)
+    x, y, z = points.sample(points.z.size)
+    parameters = lmfit.Parameters()
+    held = {k: v for k, v in result.params.items() if k in RIGID}
+    start = {**held, **result.form.parameters}
+    for name, value in start.items():
+        parameters.add(name, value=value, vary=name in result.names)
+    unit = result.rms if result.rms > 0.0 else 1.0
+
+    def residual(values: Any) -> Any:
+        given = {k: float(values[k].value) for k in start}
+        rigid = {k: v for k, v in given.items() if k in RIGID}
+        shape = {k: v for k, v in given.items() if k not in RIGID}
+        placed = Placement(
+            result.form.with_parameters(**shape),
+            rigid,
+            result.placement.tilt,
+            result.placement.direction,
+        )
+        deviation = placed.deviation(x, y, z)
+        return deviation[~np.isnan(deviation)] / unit
+
+    return lmfit.minimize(residual, parameters, method="leastsq")

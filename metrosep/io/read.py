@@ -2,18 +2,33 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 from collections.abc import Mapping
+from pathlib import PurePath
 from typing import Any
 
-from metrosep.core.errors import FormatMismatchError, ReadOptionError, UnknownFormatError
+import numpy as np
+
+from metrosep.core.errors import (
+    CorruptFileError,
+    FormatMismatchError,
+    ReadError,
+    ReadOptionError,
+    UnitError,
+    UnknownFormatError,
+    UnsupportedFeatureError,
+)
 from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.runset import RunSet
 from metrosep.core.surface import Surface
 from metrosep.core.text_options import TEXT_OPTIONS, accepted_options
+from metrosep.core.units import parse_unit
 from metrosep.io import registry
-from metrosep.io.source import RawFile, open_file, refuse_options
+from metrosep.io.maps import ROW_ORDERS, lateral_or_none, make_profile, make_surface, only_channels
+from metrosep.io.registry import Format
+from metrosep.io.source import RawFile, lateral_steps, open_file, refuse_options
 
 __all__ = ["channels", "read", "recognise"]
 
@@ -71,8 +86,6 @@ def read(
         file = registry.principal(file)
     description = recognise(file, format, layout)
     if description.reader == "via":
-        from metrosep.io.via import read_via
-
         row_order = layout.pop("row_order", None)
         refuse_options(file, description.title, **layout)
         return read_via(
@@ -109,7 +122,6 @@ def recognise(
     except UnknownFormatError:
         if not TEXT_OPTIONS.keys().isdisjoint(layout):
             return registry.get("delimited")
-        from metrosep.io.via import format_of
 
         other = format_of(file)
         if other is None:
@@ -122,3 +134,171 @@ def channels(path: str | os.PathLike[str], *, format: str | None = None) -> tupl
     file = registry.principal(open_file(path))
     description = registry.get(format) if format is not None else registry.find(file)
     return description.load_reader().channels(file)
+
+
+# ---- last resort for formats that metrosep does not read: the package SurfaceTopography, if installed ----
+# It is asked only for a file that no reader of metrosep knows, whose suffix is one of `SUFFIXES`, and
+# only with the reader of that format: others of its readers take anything for text, or allocate
+# what a damaged header claims. What it gives is marked ``via`` and checked like every other map.
+# Formats whose scale it was seen to get wrong (NanoFocus ``.nms``: 10^6) are not in the list.
+#
+# Its arrays are [x, y], most with the top row of the picture first, so rows are turned to begin at the
+# smallest y. Where neither a pair of files nor the package itself shows that, a map is refused until
+# the caller says how its rows lie: a map that may be mirrored compensates the wrong side.
+
+PACKAGE = "SurfaceTopography"
+
+SUFFIXES = {
+    ".spm": "di",
+    ".di": "di",
+    ".mdt": "mdt",
+    ".ibw": "ibw",
+    ".mi": "mi",
+    ".vk3": "vk",
+    ".vk4": "vk",
+    ".vk6": "vk",
+    ".vk7": "vk",
+    ".zmg": "zmg",
+    ".zon": "zon",
+    ".os3d": "os3d",
+    ".ezd": "ezd",
+    ".nid": "ezd",
+    ".frt": "frt",
+    ".lext": "lext",
+    ".oir": "oir",
+    ".poir": "poir",
+    ".stp": "wsxm",
+    ".plux": "plux",
+    ".jpk": "jpk",
+    ".mnt": "mnt",
+}
+"""File name suffix to the name of SurfaceTopography's reader."""
+
+
+_PAIR, _PEER, _STATED = "pair", "peer", "stated"
+_EVIDENCE = {
+    "mnt": _PAIR,  # a measurement that was also stored as BCRF
+    **dict.fromkeys(("di", "ezd", "frt", "ibw", "jpk", "mdt", "mi", "wsxm"), _PEER),
+}
+"""What shows that a reader hands the top row over first; ``peer``: it is drawn as Gwyddion draws it."""
+
+_TESTED = "1.27."
+"""Versions of the package to which that applies; earlier ones turned some formats otherwise."""
+
+
+def format_of(file: RawFile) -> Format | None:
+    """Return the description of a format that SurfaceTopography reads, or ``None``."""
+    suffix = PurePath(file.name).suffix.lower()
+    if suffix not in SUFFIXES:
+        return None
+    if importlib.util.find_spec(PACKAGE) is None:
+        raise UnsupportedFeatureError(
+            f"{file.path}: metrosep has no reader of its own for {suffix}; install the package "
+            f"{PACKAGE} (metrosep[exotic]) to read it through that, or export the map as X3P"
+        )
+    return Format(
+        id=f"via-{SUFFIXES[suffix]}",
+        title=f"{suffix} by {PACKAGE}",
+        vendor="",
+        kind="surface | profile",
+        suffixes=(suffix,),
+        reader="via",
+        reads=True,
+        writes=False,
+        status=f"via {PACKAGE}",
+    )
+
+
+def read_via(
+    file: RawFile,
+    *,
+    channel: str | None = None,
+    lateral_step: Any = None,
+    unit: Any = None,
+    row_order: str | None = None,
+) -> Surface | Profile:
+    """Return the map or line that SurfaceTopography reads."""
+    import SurfaceTopography as package  # noqa: N813
+    from SurfaceTopography.IO import readers
+
+    refuse_options(file, f"read by {PACKAGE}, which knows the unit", unit=unit)
+    override = lateral_steps(lateral_step)
+    name = SUFFIXES[PurePath(file.name).suffix.lower()]
+    reader_class = next(r for r in readers if r.format() == name)
+    try:
+        reader = reader_class(str(file.path))
+        channels = [c.name for c in reader.channels]
+        wanted = only_channels(file, PACKAGE, channel, channels)
+        topography = reader.topography(channel_index=channels.index(wanted))
+        heights = np.ma.filled(np.ma.asarray(topography.heights(), dtype=np.float64), np.nan)
+    except UnsupportedFeatureError:
+        raise
+    except Exception as exc:
+        raise CorruptFileError(file.path, f"{PACKAGE} cannot read it ({exc})") from None
+    factor = _factor(file, topography.unit)
+    version = str(package.__version__)
+    facts = {"via": f"{PACKAGE} {version}", "channel": wanted, "unit_in_file": topography.unit}
+    warnings = [f"read by {PACKAGE} {version}; metrosep has not verified the numbers"]
+    header = {str(k): str(v) for k, v in dict(topography.info).items()}
+    format_id = f"via-{name}"
+    if topography.dim == 1:
+        x = np.asarray(topography.positions(), dtype=np.float64) * factor
+        refuse_options(file, "a profile, which has no rows", row_order=row_order)
+        step = override[0] if override else None
+        z = heights * factor
+        return make_profile(
+            file, format_id, x, z, header=header, override=step, warnings=warnings, **facts
+        )
+    order, evidence = _orientation(file, name, version, row_order)
+    if evidence == _PEER:
+        warnings.append(
+            f"{PACKAGE} draws this format as Gwyddion does, so its first row was taken as the top one; "
+            "no pair of files confirmed it: row_order= overrides it"
+        )
+    own = tuple(
+        lateral_or_none(file, "pixel_size", float(s), warnings, factor=factor)
+        for s in topography.pixel_size
+    )
+    return make_surface(
+        file,
+        format_id,
+        heights.T * factor,
+        (own[0], own[1]),
+        row_order=order,
+        header=header,
+        override=override,
+        warnings=warnings,
+        orientation_evidence=evidence,
+        **facts,
+    )
+
+
+def _orientation(file: RawFile, name: str, version: str, row_order: str | None) -> tuple[str, str]:
+    """Return the order of the rows of the package's map, drawn without turning, and what shows it."""
+    if row_order is not None:
+        if row_order not in ROW_ORDERS:
+            known = " or ".join(map(repr, ROW_ORDERS))
+            raise ReadError(f"{file.path}: row_order = {row_order!r} is unknown; use {known}")
+        return row_order, _STATED
+    if name in _EVIDENCE and version.startswith(_TESTED):
+        return ROW_ORDERS[1], _EVIDENCE[name]
+    reason = (
+        f"of {PACKAGE} {version}" if name in _EVIDENCE else f"that {PACKAGE} reads as {name!r}"
+    )
+    raise UnsupportedFeatureError(
+        f"{file.path}: nothing shows whether maps {reason} begin with the top row or with the "
+        f"smallest y, and a mirrored map would compensate the wrong side; compare one map with the "
+        f"picture of the instrument and pass row_order={ROW_ORDERS[1]!r} or {ROW_ORDERS[0]!r}, or "
+        "export it as X3P"
+    )
+
+
+def _factor(file: RawFile, unit: str | None) -> float:
+    """Return metres per unit of the other package."""
+    try:
+        found = parse_unit(str(unit), dimension="length") if unit else None
+    except UnitError:
+        found = None
+    if found is None:
+        raise UnitError(f"{file.path}: {PACKAGE} knows no unit of length for it (found {unit!r})")
+    return found.factor

@@ -52,7 +52,7 @@ _BINARY: dict[str, _Writer] = {
     "int": ("metrosep.io.codev_int_write", "int_bytes", (Surface,)),
     "sur": ("metrosep.io.digital_surf_write", "sur_bytes", (Surface,)),
     "sdf": ("metrosep.io.sdf_write", "sdf_bytes", (Surface,)),
-    "h5": ("metrosep.io.native_write", "native_bytes", (Surface, Profile, Recording, RunSet)),
+    "h5": ("metrosep.io.native", "native_bytes", (Surface, Profile, Recording, RunSet)),
 }
 """Format to module, function and the objects that it holds."""
 

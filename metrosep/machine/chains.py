@@ -23,17 +23,11 @@ from numpy.typing import ArrayLike
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.machine import _poses as ps
-from metrosep.machine._chain_checks import (
-    refuse_open,
-    refuse_parallel,
-    refuse_strange_names,
-    refuse_twice,
-)
 from metrosep.machine._exact import EXACT, exact_pose, linear_error, linear_pose
 from metrosep.machine._states import States, positions_of, tool_point
-from metrosep.machine.elements import DIRECTIONS, Element, element_terms, error_sign
+from metrosep.machine.elements import BRANCHES, DIRECTIONS, Element, element_terms, error_sign
 from metrosep.machine.error_sets import ErrorSet, as_error_set
-from metrosep.machine.naming import paper_hint
+from metrosep.machine.naming import located_axis, paper_hint
 
 __all__ = ["Chain"]
 
@@ -552,3 +546,88 @@ def _line_column(element: Element, states: States, line: Sequence[float]) -> ps.
         for weight, column in zip(line, states.six(element, frame, lever), strict=True):
             total = ps.add(total, ps.scale(column, sign * weight))
     return total
+
+
+# ---- private helper: what a chain must be: closed, with unique names, no axis twice by accident ----
+
+_PARALLEL = 1e-6  # rad; axes of one kind closer than this are the same axis
+
+
+def refuse_open(elements: Sequence[Element], name: str) -> None:
+    """Refuse a chain without a tool or a workpiece."""
+    for branch in BRANCHES:
+        if not any(e.branch == branch for e in elements):
+            raise DataError(
+                f"chain {name!r} does not close: no element has branch = {branch!r}; "
+                "a part that is fixed to the bed is an element of kind 'fixed'"
+            )
+
+
+def refuse_twice(names: Sequence[str], what: str) -> None:
+    """Refuse a name that stands twice."""
+    twice = sorted({n for n in names if names.count(n) > 1})
+    if twice:
+        raise DataError(f"{what} {twice[0]!r} stands twice in the chain; names are unique")
+
+
+def refuse_strange_names(elements: Sequence[Element]) -> None:
+    """Refuse location errors and ``parallel_to`` that name no axis of the chain."""
+    kinds = {e.name: e.kind for e in elements if e.kind != "fixed"}
+    known = ", ".join(kinds)
+    for e in elements:
+        for term in e.location_errors:
+            axis = located_axis(term)
+            if axis not in kinds:
+                raise DataError(
+                    f"location error {term!r} of {e.name!r}: the chain has no axis {axis!r}; "
+                    f"its axes are {known}"
+                )
+        if e.parallel_to is None:
+            continue
+        if kinds.get(e.parallel_to) != e.kind:
+            found = kinds.get(e.parallel_to, "no axis of the chain")
+            raise DataError(
+                f"{e.name!r} ({e.kind}) has parallel_to = {e.parallel_to!r}, which is {found}; "
+                f"it names an axis of the same kind, its axes are {known}"
+            )
+
+
+def refuse_parallel(elements: Sequence[Element]) -> None:
+    """Refuse two axes along one direction with all axes at zero, unless they say so."""
+    directions = _directions_at_home(elements)
+    groups = _declared_groups(elements)
+    moving = [e for e in elements if e.kind != "fixed"]
+    for i, one in enumerate(moving):
+        for two in moving[i + 1 :]:
+            if one.kind != two.kind or groups[one.name] == groups[two.name]:
+                continue
+            along = directions[one.name]
+            if np.linalg.norm(np.cross(along, directions[two.name])) < _PARALLEL:
+                text = ", ".join(f"{c:.6g}" for c in along + 0.0)
+                raise DataError(
+                    f"axes {one.name!r} and {two.name!r} are both {one.kind} along ({text}) of the "
+                    f"bed; if that is meant, write parallel_to = {one.name!r} in {two.name!r}"
+                )
+
+
+def _directions_at_home(elements: Sequence[Element]) -> dict[str, FloatArray]:
+    """Return the directions of the axes in the bed: only fixed parts turn anything at home."""
+    from metrosep.machine._poses import rotation
+
+    turned = {branch: np.eye(3) for branch in BRANCHES}
+    found = {}
+    for e in elements:
+        found[e.name] = turned[e.branch] @ np.array(e.direction)
+        if e.kind == "fixed":
+            turned[e.branch] = turned[e.branch] @ np.array(rotation(e.direction, float(e.angle)))
+    return found
+
+
+def _declared_groups(elements: Sequence[Element]) -> dict[str, str]:
+    """Return a name for each set of axes that repeat one another, however the chain says it."""
+    group = {e.name: e.name for e in elements}
+    for e in elements:
+        if e.parallel_to is not None:
+            old, new = group[e.name], group[e.parallel_to]
+            group = {name: new if g == old else g for name, g in group.items()}
+    return group

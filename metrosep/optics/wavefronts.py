@@ -6,7 +6,7 @@ terms are fitted by least squares with the area of each point as weight, not by 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -22,10 +22,8 @@ from metrosep.forms.zernike import Zernike
 from metrosep.forms.zernike_fit import RIM
 from metrosep.forms.zernike_index import ZernikeOrder
 from metrosep.optics._checks import frozen, pair_of, positive, wavelength_of
-from metrosep.optics._map_doubts import map_doubts
-from metrosep.optics._removal import removal_names, terms_to_fit, what_is_gone
 from metrosep.optics.image_quality import PointSpread, point_spread, strehl_ratio
-from metrosep.optics.rays import Mode, Side, check_mode, path_difference
+from metrosep.optics.rays import Mode, Side, check_mode, path_difference, path_sensitivity
 from metrosep.optics.sampling import Grid, Sampled, check_grid, form_points, map_points
 from metrosep.optics.zernike_tables import ZernikeTable, fit_table
 
@@ -508,3 +506,119 @@ def _points(
     raise DataError(
         f"the wavefront is that of a Surface or an ideal form, got {type(surface).__name__}"
     )
+
+
+# ---- what a reader should know of the wavefront of a measured map: slopes at gaps, and its height ----
+
+_WORTH = 1e-9
+"""m of path: an error below it is not worth a word."""
+
+_MISPLACED = 1e-6
+"""m: a height that nobody would notice, to say what it would do where no height is known."""
+
+
+def map_doubts(
+    points: Sampled,
+    rays: tuple[FloatArray, ...],
+    mode: Mode,
+    n: float | None,
+    side: Side,
+) -> tuple[str, ...]:
+    """Return messages; rays are heights and both slopes, NaN where nothing is used."""
+    notes = (
+        "" if points.doubt is None else _single_neighbours(points.doubt, rays, mode, n, side),
+        _misplaced_height(points.on_axis, rays, mode, n, side),
+    )
+    return tuple(note for note in notes if note)
+
+
+def _single_neighbours(
+    doubt: tuple[FloatArray, FloatArray],
+    rays: tuple[FloatArray, ...],
+    mode: Mode,
+    n: float | None,
+    side: Side,
+) -> str:
+    there = (doubt[0] != 0.0) | (doubt[1] != 0.0)  # NaN counts
+    count = int(there.sum())
+    if not count:
+        return ""
+    _, by_x, by_y = path_sensitivity(*(v[there] for v in rays), mode=mode, n=n, side=side)
+    size = float((np.abs(by_x) * doubt[0][there] + np.abs(by_y) * doubt[1][there]).max())
+    amount = (
+        "by an amount that this map cannot tell"
+        if np.isnan(size)
+        else f"by half a step times the curvature, about {1e9 * size:.2g} nm of path at most"
+    )
+    return (
+        f"{count} pixels have a single measured neighbour in x or y: their slope is one-sided and "
+        f"may be off {amount}; give form=, whose slopes are exact, or a smaller radius"
+    )
+
+
+def _misplaced_height(
+    height: float,
+    rays: tuple[FloatArray, ...],
+    mode: Mode,
+    n: float | None,
+    side: Side,
+) -> str:
+    known = not np.isnan(height)
+    at = np.full_like(rays[0], height if known else _MISPLACED)
+    flat = np.zeros_like(at)
+    extra = path_difference(at, rays[1], rays[2], mode=mode, n=n, side=side) - path_difference(
+        at, flat, flat, mode=mode, n=n, side=side
+    )
+    size = float(np.nanmax(np.abs(extra)))
+    if size <= _WORTH:
+        return ""
+    if known:
+        return (
+            f"on its axis the map stands about {1e6 * abs(height):.4g} um "
+            f"{'above' if height > 0.0 else 'below'} the vertex plane z = 0, which is "
+            f"no mere piston: by the slopes up to {1e9 * size:.4g} nm of path come from it, mostly "
+            f"defocus; if the vertex lies there, pass vertex_height={height:.4g} (in m)"
+        )
+    return (
+        "nothing was measured on the axis, so heights count from z = 0 as given: were the vertex "
+        f"1 um off it, up to {1e9 * size:.4g} nm of path would come from the slopes; see "
+        "vertex_height"
+    )
+
+
+# ---- names of what can be taken off a wavefront, and the Zernike terms behind them -------------
+
+TERMS = {"piston": (0,), "tilt": (1, 2), "tilt_y": (1,), "tilt_x": (2,), "defocus": (4,)}
+"""ANSI numbers of what can be removed."""
+
+_RANK = {0: 0, 1: 1, 2: 1, 4: 2}
+"""Of those terms: what ranks below a term that is removed is fitted along."""
+
+
+def removal_names(what: object) -> tuple[str, ...]:
+    """Return names of what can be removed, each once, from a name or several."""
+    given: tuple[object, ...]
+    try:
+        given = (what,) if isinstance(what, str) else tuple(what)  # type: ignore[arg-type]
+    except TypeError:
+        given = (what,)
+    names: list[str] = []
+    for name in given:
+        if not isinstance(name, str) or name not in TERMS:
+            raise DataError(f"removed must be of {', '.join(TERMS)}, got {name!r}")
+        names.append(name)
+    return tuple(dict.fromkeys(names))
+
+
+def terms_to_fit(names: Iterable[str]) -> tuple[list[int], set[int]]:
+    """Return the ANSI numbers to fit together, and those of them to take off."""
+    asked = {j for name in names for j in TERMS[name]}
+    highest = max(_RANK[j] for j in asked)
+    return [j for j, rank in _RANK.items() if rank <= highest], asked
+
+
+def what_is_gone(names: Iterable[str]) -> str:
+    """Return what was removed in one order of words, whatever the order it was done in."""
+    gone = {j for name in names for j in TERMS.get(name, ())}
+    words = [name for name, terms in TERMS.items() if name != "tilt" and {*terms} <= gone]
+    return ", ".join(words) or "anything removed"

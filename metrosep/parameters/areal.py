@@ -7,15 +7,17 @@ share (moments, sorted heights, slopes, autocorrelation, peaks) is computed once
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from metrosep.core.errors import DataError
+from metrosep.core._arrays import FloatArray, frozen_float
+from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
 from metrosep.parameters._rows import Row, chosen_rows, evaluated
@@ -27,7 +29,6 @@ from metrosep.parameters.autocorrelation import (
     central_lobe,
     texture_direction,
 )
-from metrosep.parameters.gradients import GradientStatistics, gradient_statistics
 from metrosep.parameters.material_ratio import (
     AbbottCurve,
     CoreHeight,
@@ -36,7 +37,6 @@ from metrosep.parameters.material_ratio import (
     core_height,
 )
 from metrosep.parameters.table import Context, ParameterTable
-from metrosep.parameters.volumes import Volumes, volumes
 from metrosep.parameters.watershed import (
     LARGEST_HOLE,
     Peaks,
@@ -393,3 +393,243 @@ _ROWS = (
         lambda w: mean_peak_curvature(w.surface.z, w.peaks, *w.steps),
     ),
 )
+
+
+# ---- hybrid parameters of a map: root mean square gradient Sdq and developed area ratio Sdr ----
+# Both come from the same two slopes at each pixel. A slope is taken from the widest symmetric
+# stencil whose pixels are all valid: seven points, else five, else three; at an edge or beside a
+# hole it is one-sided with three points, else two. All but the last are exact for parabolas. A
+# pixel that was not measured, or has no valid neighbour in x and in y, has no slope and is left out,
+# so a hole adds no slope of its own.
+
+_REACH = 3
+"""Half-width of the widest stencil, in pixels."""
+
+_BLOCK = 32_768
+"""Pixels a block, so that the slopes of a block stay in the cache."""
+
+_LADDER: tuple[tuple[tuple[int, float], ...], ...] = (
+    ((2, -1 / 12), (1, 8 / 12), (-1, -8 / 12), (-2, 1 / 12)),
+    ((1, 0.5), (-1, -0.5)),
+    ((0, -1.5), (1, 2.0), (2, -0.5)),
+    ((0, 1.5), (-1, -2.0), (-2, 0.5)),
+    ((0, -1.0), (1, 1.0)),
+    ((0, 1.0), (-1, -1.0)),
+)
+"""Stencils (offset, weight) in the order of preference where seven points are not there."""
+
+
+@dataclass(frozen=True, slots=True)
+class GradientStatistics:
+    """Mean slopes of a map."""
+
+    n_used: int  # measured pixels that have a slope in x and in y
+    Sdq: float  # root mean square gradient, dimensionless (tangent of an angle)
+    Sdr: float  # developed area over projected area, less one; a ratio, not per cent
+
+
+def gradient_statistics(z: ArrayLike, dx: float, dy: float) -> GradientStatistics:
+    """Return the root mean square gradient and the developed area ratio.
+
+    Notes
+    -----
+    Sdq^2 = mean(zx^2 + zy^2), Sdr = mean(sqrt(1 + zx^2 + zy^2) - 1) over the pixels that have
+    both slopes. Each pixel stands for the area dx dy around it. The standard leaves the numerical
+    derivative open; see the page on Sdq for what other choices give.
+
+    References
+    ----------
+    .. [1] ISO 25178-2:2021, hybrid parameters (clause 4.4; number recalled, not checked).
+
+    Examples
+    --------
+    >>> g = gradient_statistics([[0.0, 3e-6], [4e-6, 7e-6]], dx=1e-6, dy=1e-6)
+    >>> f"{g.Sdq:.3f}"
+    '5.000'
+    """
+    count, squares, excess = 0, [], []
+    for slope_x, slope_y in _slope_blocks(_checked(z, dx, dy), dx, dy):
+        s2 = slope_x * slope_x
+        s2 += slope_y * slope_y
+        used = s2 == s2
+        if not used.all():
+            s2 = s2[used]
+        count += s2.size
+        squares.append(float(np.add.reduce(s2, axis=None)))
+        # sqrt(1 + s) - 1 without cancellation for slopes of 1e-9.
+        s2 /= 1.0 + np.sqrt(1.0 + s2)
+        excess.append(float(np.add.reduce(s2, axis=None)))
+    if count == 0:
+        raise InvalidSamplesError(
+            "no pixel has a valid neighbour in x and in y: slopes cannot be formed; the map is too "
+            "sparse for Sdq and Sdr"
+        )
+    return GradientStatistics(
+        count, math.sqrt(math.fsum(squares) / count), math.fsum(excess) / count
+    )
+
+
+def surface_slopes(z: ArrayLike, dx: float, dy: float) -> tuple[FloatArray, FloatArray]:
+    """Return the slopes dz/dx and dz/dy at the pixels."""
+    blocks = list(_slope_blocks(_checked(z, dx, dy), dx, dy))
+    return np.concatenate([b[0] for b in blocks]), np.concatenate([b[1] for b in blocks])
+
+
+def _checked(z: ArrayLike, dx: float, dy: float) -> FloatArray:
+    for name, step in (("dx", dx), ("dy", dy)):
+        if not (math.isfinite(step) and step > 0.0):
+            raise InvalidSamplesError(f"{name} is {step} m; a lateral step must be positive")
+    heights = frozen_float(z, name="z", ndim=2)
+    if min(heights.shape) < 2:
+        raise TooFewSamplesError(
+            f"a slope needs at least 2 x 2 pixels, got {heights.shape[0]} x {heights.shape[1]}"
+        )
+    return heights
+
+
+def _slope_blocks(z: FloatArray, dx: float, dy: float) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Give the slopes of some rows at a time; beyond the map stands NaN, like a hole."""
+    n_y, n_x = z.shape
+    rows = max(1, _BLOCK // n_x)
+    for start in range(0, n_y, rows):
+        stop = min(start + rows, n_y)
+        first, last = max(start - _REACH, 0), min(stop + _REACH, n_y)
+        tile = np.full((stop - start + 2 * _REACH, n_x + 2 * _REACH), np.nan)
+        row = first - (start - _REACH)
+        tile[row : row + last - first, _REACH:-_REACH] = z[first:last]
+        yield _slope(tile, 1, dx), _slope(tile, 0, dy)
+
+
+def _slope(tile: FloatArray, axis: int, step: float) -> FloatArray:
+    """Return the slope along an axis at the inner pixels of a padded tile."""
+    inner = slice(_REACH, -_REACH)
+
+    def shifted(offset: int) -> FloatArray:
+        along = slice(_REACH + offset, tile.shape[axis] - _REACH + offset)
+        part: FloatArray = tile[(along, inner) if axis == 0 else (inner, along)]
+        return part
+
+    slope = shifted(1) - shifted(-1)
+    slope *= 45.0
+    wider = shifted(2) - shifted(-2)
+    wider *= 9.0
+    slope -= wider
+    slope += shifted(3)
+    slope -= shifted(-3)
+    slope /= 60.0
+    _fill_from_ladder(slope, tile, tile.strides[axis] // tile.itemsize)
+    slope /= step
+    return slope
+
+
+def _fill_from_ladder(slope: FloatArray, tile: FloatArray, stride: int) -> None:
+    """Replace, in place, slopes that seven points could not give."""
+    width = tile.shape[1]
+    inner = slice(_REACH, -_REACH)
+    # Seven points do not use the pixel itself, which may be the one that was not measured.
+    np.copyto(slope, np.nan, where=np.isnan(tile[inner, inner]))
+    missing_y, missing_x = np.nonzero(np.isnan(slope))
+    index = (missing_y + _REACH) * width + missing_x + _REACH
+    heights = tile.reshape(-1)
+    measured = ~np.isnan(heights[index])
+    index, missing_y, missing_x = index[measured], missing_y[measured], missing_x[measured]
+    for stencil in _LADDER:
+        if index.size == 0:
+            return
+        value = np.zeros(index.size)
+        for offset, weight in stencil:
+            value += weight * heights[index + offset * stride]
+        found = ~np.isnan(value)
+        slope[missing_y[found], missing_x[found]] = value[found]
+        index, missing_y, missing_x = index[~found], missing_y[~found], missing_x[~found]
+
+
+# ---- material and void volumes of a map from its material ratio curve: Vm(p), Vv(p), Vmp to Vvv ----
+# A volume is per unit of area, m^3/m^2 = m. At the material ratio p the surface is cut at the height
+# Smc(p): the material above the cut is Vm(p), the void below the cut is Vv(p).
+
+_PEAK = 0.10
+_VALLEY = 0.80
+"""Material ratios that divide peak, core and dale (defaults of ISO 25178-3)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Volumes:
+    """Volume parameters at the ratios 10 % and 80 %, in m^3/m^2."""
+
+    Vmp: float  # m: peak material volume, Vm(10 %)
+    Vmc: float  # m: core material volume, Vm(80 %) - Vm(10 %)
+    Vvc: float  # m: core void volume, Vv(10 %) - Vv(80 %)
+    Vvv: float  # m: dale void volume, Vv(80 %)
+
+
+def material_volume(curve: AbbottCurve, p: float) -> float:
+    """Return the material volume Vm(p) above the height at a material ratio.
+
+    Notes
+    -----
+    Vm(p) = integral from 0 to p of Smc(q) - Smc(p) over q, here as the mean of
+    max(z - Smc(p), 0) over the pixels.
+
+    References
+    ----------
+    .. [1] ISO 25178-2:2021, 4.5.6 (number recalled, not checked).
+
+    Examples
+    --------
+    >>> from metrosep.parameters.material_ratio import abbott_curve
+    >>> import numpy as np
+    >>> f"{material_volume(abbott_curve(np.linspace(0, 1e-6, 10001)), 0.5):.4g}"
+    '1.25e-07'
+    """
+    cut, above = _cut(curve, p)
+    return float(np.add.reduce(curve.heights[:above] - cut)) / curve.heights.size
+
+
+def void_volume(curve: AbbottCurve, p: float) -> float:
+    """Return the void volume Vv(p) below the height at a material ratio.
+
+    Notes
+    -----
+    Vv(p) = integral from p to 1 of Smc(p) - Smc(q) over q, here as the mean of
+    max(Smc(p) - z, 0) over the pixels. Vv(p) - Vm(p) = Smc(p) - mean(z).
+
+    References
+    ----------
+    .. [1] ISO 25178-2:2021, 4.5.7 (number recalled, not checked).
+    """
+    cut, above = _cut(curve, p)
+    return float(np.add.reduce(cut - curve.heights[above:])) / curve.heights.size
+
+
+def volumes(curve: AbbottCurve, *, peak: float = _PEAK, valley: float = _VALLEY) -> Volumes:
+    """Return the four volume parameters.
+
+    References
+    ----------
+    .. [1] ISO 25178-2:2021, 4.5.6 and 4.5.7; ratios of ISO 25178-3 (recalled, not checked).
+
+    Examples
+    --------
+    >>> from metrosep.parameters.material_ratio import abbott_curve
+    >>> import numpy as np
+    >>> v = volumes(abbott_curve(np.linspace(0, 1e-6, 100001)))
+    >>> f"{v.Vmp:.3g} {v.Vmc:.3g} {v.Vvc:.3g} {v.Vvv:.3g}"
+    '5e-09 3.15e-07 3.85e-07 2e-08'
+    """
+    if not peak < valley:
+        raise DataError(f"the ratios must rise, peak < valley; got {peak} and {valley}")
+    peak_material, dale_void = material_volume(curve, peak), void_volume(curve, valley)
+    return Volumes(
+        Vmp=peak_material,
+        Vmc=material_volume(curve, valley) - peak_material,
+        Vvc=void_volume(curve, peak) - dale_void,
+        Vvv=dale_void,
+    )
+
+
+def _cut(curve: AbbottCurve, p: float) -> tuple[float, int]:
+    """Return the height of the cut and the number of pixels above it."""
+    cut = curve.height(p)
+    heights = curve.heights
+    return cut, int(heights.size - np.searchsorted(heights[::-1], cut, side="right"))

@@ -8,21 +8,21 @@ right angles to the line, as ISO 12780 words it. Both differ by the square of ha
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError, TooFewSamplesError
+from metrosep.core._arrays import FloatArray, IntArray
+from metrosep.core.errors import DataError, NotConvergedError, TooFewSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.parameters._flags import true_or_false
-from metrosep.parameters.chebyshev_line import least_squares_line, minimum_zone_line
 from metrosep.parameters.form_result import FormDeviation, Reference, Support, form_table
+from metrosep.parameters.minimum_zone import chunk_extremes
 
 __all__ = ["straightness_deviation"]
-
 
 _FREEDOMS = 2
 """Slope and intercept."""
@@ -161,3 +161,172 @@ def _relative(slope: float) -> float:
     """Return 1 - cos(atan(slope)) without cancellation."""
     root = math.sqrt(1.0 + slope * slope)
     return slope * slope / (root * (1.0 + root))
+
+
+# ---- narrowest zone between two parallel lines: convex hull over a working set, exact ----------
+# The zone of least width touches the points along one edge of their convex hull and at one vertex of
+# the opposite side. The hull is not made of all points: it is made of a few of them, the
+# best zone of these is laid over all, the points that stick out are added, and so on. The width over
+# the working set never exceeds the width over all points, so when nothing sticks out the zone is
+# proven: its width is its own lower bound. This holds for vertical and for orthogonal widths, though
+# the latter is not a convex problem.
+
+_MAX_EXCHANGES = 1000
+"""Hulls at most; five to ten are usual."""
+
+_EPS = float(np.finfo(float).eps)
+
+_TIE = 1e-12
+"""Relative difference of widths of equally good zones."""
+
+
+@dataclass(frozen=True, slots=True)
+class LineZone:
+    """Middle line of the narrowest zone and the three points that hold it."""
+
+    slope: float  # slope of the zone
+    height: float  # m: height of the middle line at `centre`
+    centre: float  # m: middle of the range of x
+    # m: width over the working set, vertical or orthogonal: a lower bound for all points
+    width: float
+    # shape (3,): supporting points, +1 or -1, and weights that sum to 1 on each side and have the
+    # same centre of gravity along the line on both
+    indices: IntArray
+    sides: IntArray
+    weights: FloatArray
+
+
+def least_squares_line(x: FloatArray, z: FloatArray) -> tuple[float, float, float]:
+    """Return slope, height at the middle of x, and the middle of x, of the least-squares line."""
+    centre = 0.5 * (float(x[0]) + float(x[-1]))
+    half = 0.5 * float(x[-1] - x[0])
+    t = (x - centre) / half
+    mean_t, mean_z = float(t.mean()), float(z.mean())
+    t -= mean_t
+    gradient = float(np.dot(t, z - mean_z) / np.dot(t, t))
+    return gradient / half, mean_z - gradient * mean_t, centre
+
+
+def minimum_zone_line(x: FloatArray, z: FloatArray, *, normal: bool = False) -> LineZone:
+    """Return the narrowest zone between two parallel lines that holds all points.
+
+    Notes
+    -----
+    O(n) for each exchange; 1e6 points take less than 0.1 s.
+
+    Examples
+    --------
+    >>> zone = minimum_zone_line(np.array([0.0, 1.0, 2.0]), np.array([0.0, 2e-9, 0.0]))
+    >>> zone.slope, round(zone.width * 1e9, 6), zone.sides.tolist()
+    (0.0, 2.0, [-1, -1, 1])
+    """
+    slope, height, centre = least_squares_line(x, z)
+    half = 0.5 * float(x[-1] - x[0])
+    t = (x - centre) / half
+    residual = z - (height + slope * half * t)
+    scale = float(max(residual.max(), -residual.min())) or 1.0
+    residual /= scale
+    working = np.unique(np.concatenate([[0, x.size - 1], chunk_extremes(residual)]))
+    left = np.empty_like(residual)
+    for _ in range(_MAX_EXCHANGES):
+        zones = _zones(t[working], residual[working])
+        slopes = slope + zones.slope * (scale / half)
+        widths = zones.width / np.sqrt(1.0 + slopes**2) if normal else zones.width
+        support = working[zones.support]
+        # The weights of both sides balance along the line: along x for a vertical zone.
+        along = t[support]
+        if normal:
+            heights = (slope * half * along + scale * residual[support]) / half
+            along = along + slopes[:, None] * heights
+        share = _shares(along)
+        best = _best(widths, share)
+        np.multiply(t, -zones.slope[best], out=left)
+        left += residual
+        found = np.unique(chunk_extremes(left))
+        top, bottom = float(left[working].max()), float(left[working].min())
+        rounding = 4.0 * _EPS * (1.0 + abs(float(zones.slope[best])))
+        out = (left[found] > top + rounding) | (left[found] < bottom - rounding)
+        new = np.setdiff1d(found[out], working)
+        if not new.size:
+            break
+        working = np.union1d(working, new)
+    else:
+        raise NotConvergedError(
+            f"the minimum zone was not found in {_MAX_EXCHANGES} exchanges; report these data"
+        )
+    part = min(max(float(share[best]), 0.0), 1.0)
+    return LineZone(
+        slope=float(slopes[best]),
+        height=height + scale * 0.5 * (top + bottom),
+        centre=centre,
+        width=float(widths[best]) * scale,
+        indices=support[best],
+        sides=np.array([1, 1, -1], dtype=np.intp) * zones.side[best],
+        weights=np.array([1.0 - part, part, 1.0]),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Zones:
+    """Every edge of a hull with the vertex opposite to it."""
+
+    slope: FloatArray
+    width: FloatArray
+    support: IntArray
+    side: IntArray
+
+
+def _zones(t: FloatArray, r: FloatArray) -> _Zones:
+    """Return the zones along the edges of the hull of points with ascending t."""
+    upper = _hull(t, r, 1.0)
+    lower = _hull(t, r, -1.0)
+    parts = [_side_zones(t, r, upper, lower, 1), _side_zones(t, r, lower, upper, -1)]
+    return _Zones(
+        slope=np.concatenate([p.slope for p in parts]),
+        width=np.concatenate([p.width for p in parts]),
+        support=np.concatenate([p.support for p in parts]),
+        side=np.concatenate([p.side for p in parts]),
+    )
+
+
+def _side_zones(
+    t: FloatArray, r: FloatArray, hull: IntArray, other: IntArray, side: int
+) -> _Zones:
+    """Return the zones along the edges of one side of the hull (+1 is the upper)."""
+    slopes = np.diff(r[hull]) / np.diff(t[hull])
+    rising = side * np.diff(r[other]) / np.diff(t[other])
+    # Parallel edges on both sides: both ends of the opposite edge are tried.
+    ends = [np.searchsorted(rising, side * slopes, side=end) for end in ("left", "right")]
+    vertex = other[np.concatenate(ends)]
+    first, second = np.tile(hull[:-1], 2), np.tile(hull[1:], 2)
+    slope = np.tile(slopes, 2)
+    width = side * (r[first] - r[vertex] - slope * (t[first] - t[vertex]))
+    support = np.column_stack([first, second, vertex])
+    return _Zones(slope, width, support, np.full(slope.size, side, dtype=np.intp))
+
+
+def _hull(t: FloatArray, r: FloatArray, side: float) -> IntArray:
+    """Return the indices of the upper (+1) or lower (-1) hull of points with ascending t."""
+    ts, rs = t.tolist(), (side * r).tolist()
+    hull: list[int] = []
+    for k, (a, b) in enumerate(zip(ts, rs, strict=True)):
+        while len(hull) > 1:
+            i, j = hull[-2], hull[-1]
+            if (ts[j] - ts[i]) * (b - rs[i]) < (a - ts[i]) * (rs[j] - rs[i]):
+                break
+            hull.pop()
+        hull.append(k)
+    return np.array(hull, dtype=np.intp)
+
+
+def _shares(along: FloatArray) -> FloatArray:
+    """Return where the foot of the vertex lies on its edge, 0 at the first end and 1 at the last."""
+    return (along[:, 2] - along[:, 0]) / (along[:, 1] - along[:, 0])
+
+
+def _best(widths: FloatArray, share: FloatArray) -> int:
+    """Return the narrowest zone; among equals the one whose vertex stands over its edge."""
+    least = float(widths.min())
+    outside = np.maximum(np.maximum(-share, share - 1.0), 0.0)
+    tied = widths <= least + _TIE * max(least, _EPS)
+    return int(np.flatnonzero(tied)[outside[tied].argmin()])

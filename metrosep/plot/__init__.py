@@ -7,9 +7,7 @@ from typing import TYPE_CHECKING
 from metrosep.core._lazy import lazy_names
 
 if TYPE_CHECKING:
-    from metrosep.plot.bars import draw_bars as draw_bars
-    from metrosep.plot.charts import draw_chart as draw_chart
-    from metrosep.plot.disc import disc_map as disc_map
+    from metrosep.plot.charts import draw_bars as draw_bars, draw_chart as draw_chart
     from metrosep.plot.drift import allan_plot as allan_plot, drift_chart as drift_chart
     from metrosep.plot.error import before_after as before_after
     from metrosep.plot.evidence_chart import evidence_plot as evidence_plot
@@ -80,12 +78,16 @@ if TYPE_CHECKING:
         path_error_line as path_error_line,
     )
     from metrosep.plot.wavefront_chart import (
+        disc_map as disc_map,
         wavefront_map as wavefront_map,
         zernike_bars as zernike_bars,
     )
 
 _HOMES = {
-    "charts": ("draw_chart",),
+    "charts": (
+        "draw_bars",
+        "draw_chart",
+    ),
     "drift": (
         "allan_plot",
         "drift_chart",
@@ -95,6 +97,7 @@ _HOMES = {
     "feed_chart": ("feed_map",),
     "flats": ("flat_maps",),
     "harmonics": ("harmonic_bars",),
+    "loop_chart": ("closed_loop_plot",),
     "maps": ("separation_maps",),
     "multipoint": (
         "probe_transfer",
@@ -111,10 +114,26 @@ _HOMES = {
         "probe_layout",
         "probe_residuals",
     ),
+    "sensitivity_chart": (
+        "sensitivity_bars",
+        "sensitivity_maps",
+        "sensitivity_pareto",
+    ),
     "separation": (
         "parts_plot",
         "reversal_quartet",
         "separation_parts",
+    ),
+    "servo_chart": (
+        "before_after_chart",
+        "calibration_chart",
+        "follow_up_chart",
+        "static_error_chart",
+        "straightness_chart",
+    ),
+    "setting_chart": (
+        "setting_map",
+        "setting_profiles",
     ),
     "spectra": (
         "residual_psd",
@@ -136,40 +155,22 @@ _HOMES = {
         "house_style",
         "label_decades",
     ),
-    "bars": ("draw_bars",),
-    "disc": ("disc_map",),
-    "loop_chart": ("closed_loop_plot",),
-    "sensitivity_chart": (
-        "sensitivity_bars",
-        "sensitivity_maps",
-        "sensitivity_pareto",
-    ),
-    "servo_chart": (
-        "before_after_chart",
-        "calibration_chart",
-        "follow_up_chart",
-        "static_error_chart",
-        "straightness_chart",
-    ),
-    "setting_chart": (
-        "setting_map",
-        "setting_profiles",
-    ),
-    "toolpath_chart": (
-        "path_error_counts",
-        "path_error_figure",
-        "path_error_line",
-    ),
-    "wavefront_chart": (
-        "wavefront_map",
-        "zernike_bars",
-    ),
     "summary": (
         "charts_of",
         "drawable",
         "overview",
     ),
     "table": ("table_plot",),
+    "toolpath_chart": (
+        "path_error_counts",
+        "path_error_figure",
+        "path_error_line",
+    ),
+    "wavefront_chart": (
+        "disc_map",
+        "wavefront_map",
+        "zernike_bars",
+    ),
 }
 
 __all__ = sorted(name for names in _HOMES.values() for name in names)  # noqa: PLE0605

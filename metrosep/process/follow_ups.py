@@ -10,16 +10,14 @@ import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray, frozen_float
-from metrosep.core.errors import DataError, TooFewSamplesError
+from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError, UnitError
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.quantity import Quantity
 from metrosep.core.recording import Recording
-from metrosep.process._follow_log import quick_turns, read_log, read_places, read_positions
 from metrosep.process._follow_result import FollowUp, FollowUpMap, TermShare
-from metrosep.process._follow_terms import TERMS, checked_terms, fit_terms, hints, shares
 from metrosep.process._motion import (
     Derivatives,
     best_delay,
@@ -28,10 +26,9 @@ from metrosep.process._motion import (
     shifted,
     uniform,
 )
-from metrosep.process._regression import Regression
+from metrosep.process._regression import Regression, regress
 
 __all__ = ["FollowUp", "FollowUpMap", "TermShare", "follow_up"]
-
 
 _MIN_SAMPLES = 16
 
@@ -343,3 +340,292 @@ def _map(
 
 def _locked(values: FloatArray, ndim: int = 1) -> FloatArray:
     return frozen_float(values, name="result", ndim=ndim)
+
+
+# ---- private: what a log of an axis holds: time, positions, error, and the place on the part ----
+
+
+def read_log(recording: Recording | Mapping[str, ArrayLike], time: str | None) -> Recording:
+    """Return a recording of what was passed."""
+    if isinstance(recording, Recording):
+        return recording
+    if not isinstance(recording, Mapping):
+        raise DataError(
+            f"pass a Recording or a mapping of channels, got {type(recording).__name__}"
+        )
+    if time is None or time not in recording:
+        raise InvalidSamplesError(
+            f"the log has no time (channels {', '.join(recording) or 'none'}); name its channel "
+            "with time=, in s: velocity and acceleration need it"
+        )
+    return Recording(recording[time], {k: v for k, v in recording.items() if k != time})
+
+
+def read_positions(
+    log: Recording, command: str, actual: str, error: str | None, sign: str
+) -> tuple[dict[str, FloatArray], str]:
+    """Return commanded and actual position, and where the error comes from."""
+    if sign not in ("actual-command", "command-actual"):
+        raise DataError(f"error_sign={sign!r}; state 'actual-command' or 'command-actual'")
+    has = {n: n in log.channels for n in (command, actual)}
+    if error is None and not all(has.values()) and "error" in log.channels:
+        error = "error"
+    for name in (command, actual, error):
+        if name is not None and name in log.units and log.units[name] != "m":
+            raise UnitError(
+                f"channel {name!r} is in {log.units[name]!r}, a follow-up error needs m; convert it"
+            )
+    if error is None:
+        return {"command": log[command], "actual": log[actual]}, f"{actual} - {command}"
+    fe = log[error] if sign == "actual-command" else -log[error]
+    if has[command]:
+        return {"command": log[command], "actual": log[command] + fe}, f"{error} ({sign})"
+    if has[actual]:
+        return {"command": log[actual] - fe, "actual": log[actual]}, f"{error} ({sign})"
+    raise InvalidSamplesError(
+        f"the log has the error but neither {command!r} nor {actual!r}; velocity and acceleration "
+        f"need a position (channels {', '.join(log.channels)})"
+    )
+
+
+def read_places(log: Recording, rho: str, theta: str) -> dict[str, FloatArray]:
+    """Return radius and azimuth where both are in the log, in m and rad."""
+    if not (rho in log.channels and theta in log.channels):
+        return {}
+    for name, unit in ((rho, "m"), (theta, "rad")):
+        if log.units.get(name, unit) != unit:
+            raise UnitError(
+                f"channel {name!r} is in {log.units[name]!r}, the place on the part needs it in "
+                f"{unit}; convert it"
+            )
+    return {"rho": log[rho], "theta": _unwrapped(log[theta])}
+
+
+def _unwrapped(theta: FloatArray) -> FloatArray:
+    """Return an azimuth that was given modulo one turn as one that goes on; others as they are."""
+    valid = ~np.isnan(theta)
+    known = theta[valid]
+    if known.size < 2 or float(np.ptp(known)) > 2.0 * np.pi * (1.0 + 1e-9):
+        return theta
+    result = np.array(theta)
+    result[valid] = np.unwrap(known)
+    return result
+
+
+def quick_turns(theta: FloatArray) -> str | None:
+    """Return a message where an azimuth turns too far between samples to know its places."""
+    steps = np.abs(np.diff(theta[~np.isnan(theta)]))
+    if not steps.size or float(np.median(steps)) <= 0.5 * np.pi:
+        return None
+    return (
+        f"the azimuth turns by {float(np.median(steps)):.3g} rad from sample to sample: where the "
+        "time is resampled, places between the samples are not known; log faster"
+    )
+
+
+# ---- private: the terms of a follow-up regression, their shares, and what they hint at ---------
+
+TERMS: Mapping[str, tuple[str, str]] = {
+    "velocity": ("cv", "s"),
+    "acceleration": ("ca", "s^2"),
+    "jerk": ("cj", "s^3"),
+    "position": ("cx", "1"),
+    "friction": ("cf", "m"),
+}
+"""Term: symbol and unit of its coefficient."""
+
+_ALIKE = 0.999
+"""Correlation of two terms from which a log cannot tell them apart."""
+
+_MOTION = 2.0
+"""RMS of a term over that of its noise, below which it is not there."""
+
+_SIGNIFICANT = 3.0
+_OPPOSED = 0.05
+_LARGE = 0.10
+"""Share of the variance from which a term is worth a hint."""
+
+
+def checked_terms(terms: Sequence[str]) -> tuple[str, ...]:
+    """Return the terms in their order, refused where unknown or twice."""
+    if isinstance(terms, str):
+        terms = (terms,)
+    for name in terms:
+        if name not in TERMS:
+            raise DataError(f"there is no term {name!r}; use {', '.join(TERMS)}")
+    if not terms or len(set(terms)) < len(terms):
+        raise DataError(f"terms={list(terms)}: name at least one term, and each once")
+    return tuple(terms)
+
+
+def fit_terms(
+    error: FloatArray,
+    motion: Mapping[str, FloatArray],
+    terms: tuple[str, ...],
+    noise: Mapping[str, float],
+) -> tuple[Regression, tuple[str, ...], NDArray[np.bool_], list[str]]:
+    """Return the regression, the terms that were kept, which samples took part, and messages."""
+    valid = ~np.isnan(error)
+    for name in terms:
+        valid &= ~np.isnan(motion[name])
+    if valid.sum() < 2 * len(terms) + 6:
+        raise TooFewSamplesError(
+            f"a regression on {len(terms)} terms needs {2 * len(terms) + 6} samples with error and "
+            f"motion, got {int(valid.sum())} of {error.size}; log for longer"
+        )
+    kept, messages = _told_apart({n: motion[n][valid] for n in terms}, noise)
+    at = np.flatnonzero(valid)
+    segments = np.cumsum(np.concatenate([[0], np.diff(at) > 1]))
+    columns = [motion[n][valid] - motion[n][valid].mean() for n in kept]
+    basis = np.column_stack([np.ones(at.size), *columns])
+    fit = regress(basis, error[valid], segments, at=at)
+    # back to c0 at zero motion
+    shift = np.eye(len(kept) + 1)
+    shift[0, 1:] = [-float(motion[n][valid].mean()) for n in kept]
+    fit = Regression(
+        shift @ fit.coefficients,
+        shift @ fit.cov @ shift.T,
+        fit.residual,
+        fit.bandwidth,
+        fit.inflation,
+    )
+    return fit, kept, valid, messages
+
+
+def _told_apart(
+    columns: dict[str, FloatArray], noise: Mapping[str, float]
+) -> tuple[tuple[str, ...], list[str]]:
+    """Return the terms without those that follow an earlier one, and a message for each lost."""
+    kept: list[str] = []
+    messages = []
+    for name, column in columns.items():
+        own = column - column.mean()
+        size = float(np.linalg.norm(own))
+        if size <= _MOTION * noise.get(name, 0.0) * math.sqrt(column.size) or size == 0.0:
+            messages.append(
+                f"the log holds no {name} that changes beyond its noise: its share cannot be told"
+            )
+            continue
+        like = None
+        for other in kept:
+            rival = columns[other] - columns[other].mean()
+            r = float(own @ rival) / (size * float(np.linalg.norm(rival)))
+            if abs(r) > _ALIKE:
+                like = (other, r)
+        if like is None:
+            kept.append(name)
+        else:
+            messages.append(
+                f"{name} and {like[0]} cannot be told apart in this motion (r = {like[1]:.4f}, one "
+                f"frequency only): what {name} explains is counted as {like[0]}"
+            )
+    if not kept:
+        raise DataError(
+            "the commanded position does not move, or evenly, or by less than its own noise: there "
+            "is nothing to regress on; log a motion that accelerates"
+        )
+    return tuple(kept), messages
+
+
+def shares(
+    error: FloatArray,
+    motion: Mapping[str, FloatArray],
+    kept: tuple[str, ...],
+    fit: Regression,
+    *,
+    least: float = 0.0,
+) -> dict[str, TermShare]:
+    """Return P-V, RMS and share of each term; arrays hold the samples of the regression only.
+
+    An error whose RMS is not above `least` does not vary: no term has a share in it.
+    """
+    y = error - error.mean()
+    power = float(y @ y)
+    varies = power > error.size * least**2
+    found = {}
+    for i, name in enumerate(kept, start=1):
+        c, u = float(fit.coefficients[i]), math.sqrt(max(float(fit.cov[i, i]), 0.0))
+        part = motion[name] - motion[name].mean()
+        pv, rms = float(np.ptp(part)), float(part.std())
+        found[name] = TermShare(
+            name,
+            Quantity(abs(c) * pv, "m", f"P-V of the {name} share of the error", u * pv, "PV"),
+            Quantity(abs(c) * rms, "m", f"RMS of the {name} share of the error", u * rms, "RMS"),
+            c * float(part @ y) / power if varies else 0.0,
+            _significance(abs(c), u) if varies else 0.0,
+        )
+    return found
+
+
+def _significance(c: float, u: float) -> float:
+    if u > 0.0:
+        return c / u
+    return math.inf if c > 0.0 else 0.0
+
+
+def hints(found: Mapping[str, TermShare], fit: Regression, kept: tuple[str, ...]) -> list[str]:
+    """Return what the leading terms suggest, in plain words."""
+    messages = []
+    for name, share in sorted(found.items(), key=lambda item: -item[1].share):
+        if share.significance < _SIGNIFICANT or not share.share > _LARGE:
+            continue
+        c = float(fit.coefficients[1 + kept.index(name)])
+        messages.append(f"{_CAUSES[name](c)} ({100.0 * share.share:.0f} % of the variance)")
+    if any(not -_OPPOSED < share.share < 1.0 + _OPPOSED for share in found.values()):
+        messages.append(
+            "terms of this motion work against each other: their shares belong together, not one by "
+            "one; log a motion of more frequencies"
+        )
+    if not messages:
+        messages.append(
+            "no term of the motion explains a tenth of the error: look for noise, cutting force, "
+            "quantisation or vibration"
+        )
+    return messages
+
+
+def _velocity(c: float) -> str:
+    if c < 0.0:
+        return (
+            f"the error follows velocity: actual lags by {abs(c) * 1e3:.3g} ms; velocity "
+            "feedforward, or a delay between the two channels of the log (the log cannot tell which)"
+        )
+    return (
+        f"the error follows velocity: actual leads by {abs(c) * 1e3:.3g} ms; velocity feedforward is "
+        "too large, or there is a delay between the two channels of the log, or the channels are "
+        "swapped (the log cannot tell which)"
+    )
+
+
+def _acceleration(c: float) -> str:
+    if c < 0.0:
+        return "the error follows acceleration: missing acceleration feedforward"
+    return (
+        "the error follows acceleration with actual ahead: acceleration feedforward is too large, "
+        "or the channel holds commanded minus actual (or the channels are swapped) and it is "
+        "missing acceleration feedforward"
+    )
+
+
+def _jerk(c: float) -> str:
+    return (
+        "the error follows jerk: the integral part carries the acceleration (M/Ki); raise Ki or "
+        "add acceleration feedforward"
+    )
+
+
+def _position(c: float) -> str:
+    return "the error follows position: scale of the encoder, or a force like a spring"
+
+
+def _friction(c: float) -> str:
+    return "the error follows the sign of velocity: friction or lost motion at the reversals"
+
+
+_CAUSES = {
+    "velocity": _velocity,
+    "acceleration": _acceleration,
+    "jerk": _jerk,
+    "position": _position,
+    "friction": _friction,
+}

@@ -14,14 +14,13 @@ from typing import Any, get_args
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError, LimitError
+from metrosep.core.errors import DataError, LimitError, MetrosepError
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.units import format_length
 from metrosep.forms.base import Form
 from metrosep.process._follow_result import FollowUp, FollowUpMap
-from metrosep.process._job_causes import cause_of, checked_removed, frozen, setting_cause
 from metrosep.process._log_places import held_on_points, on_spiral
-from metrosep.process._setting_model import polar_slopes
+from metrosep.process._setting_model import FACTORS, height_errors, polar_slopes
 from metrosep.process.arc_lengths import checked_finite, checked_positive
 from metrosep.process.budget import Contribution, ErrorBudget
 from metrosep.process.feedforward import corrected_path, left_over
@@ -593,3 +592,177 @@ def _check_causes(tool: object, follow_up: object, *, float_too: bool) -> None:
 def _named(options: Mapping[str, Any], taken: Mapping[str, str]) -> str | None:
     """Return what to say of the first option that is given elsewhere."""
     return next((taken[n] for n in options if n in taken), None)
+
+
+# ---- private helpers: the causes of form error at the samples of a spiral ----------------------
+
+_NAME = "tool setting"
+_STEP = {"dx": 1e-8, "dy": 1e-8, "dR": 1e-6}
+"""m: at which the effect of a factor that is not determined is looked for."""
+_NO_EFFECT = 1e-9
+"""Of height for a factor, m/m: rounding of a form that does not show it."""
+_BENT, _TINY = 0.5, 1e-11
+"""What is not linear within one u, as a share of what is and in m, above which a message says so."""
+
+
+def setting_cause(
+    form: Form,
+    tool: ToolSetting,
+    rho: FloatArray,
+    azimuth: FloatArray,
+    weights: FloatArray,
+    removed: tuple[str, ...],
+    messages: list[str],
+) -> Contribution:
+    """Return the error of the setting with what its uncertainty can do; NaN in the uncut core."""
+    messages += [f"{_NAME}: {m}" for m in tool.messages]
+    cut = rho > abs(tool.dy) * (1.0 + 1e-9) + 1e-12
+    x, y = rho[cut] * np.cos(azimuth[cut]), rho[cut] * np.sin(azimuth[cut])
+    z = np.full(rho.shape, np.nan)
+    z[cut] = tool.error(form, x, y)
+    if tool.dy and not cut.all():
+        messages.append(
+            f"{int((~cut).sum())} samples within |dy| of the spindle axis are not cut and have "
+            "no error"
+        )
+    elif not cut.all():
+        messages.append(
+            f"the {_NAME} has no error on the spindle axis: no azimuth is defined there"
+        )
+    maps, cov = _modes(form, tool, (x, y), z[cut], messages)
+    modes = np.full((len(maps), rho.size), np.nan)
+    for mode, values in zip(modes, maps, strict=True):
+        mode[cut] = values
+    if removed:
+        basis = _basis(rho, azimuth, removed)
+        z = _without(z, basis, weights)
+        for mode in modes:
+            mode[:] = _without(mode, basis, weights)
+    if cov is None or not cov.size:
+        return Contribution(_NAME, map=z, u=None if cov is None else 0.0)
+    return Contribution(_NAME, map=z, modes=modes, cov=cov)
+
+
+def _modes(
+    form: Form,
+    tool: ToolSetting,
+    at: tuple[FloatArray, FloatArray],
+    z: FloatArray,
+    messages: list[str],
+) -> tuple[list[FloatArray], FloatArray | None]:
+    """Return the change of the error with each uncertain factor, and their covariance."""
+    cov = tool.covariance
+    if cov is None:
+        unknown = [n for n in FACTORS if getattr(tool, n) and getattr(tool, f"u_{n}") is None]
+        messages.append(
+            f"the uncertainty of {', '.join(unknown) or 'the setting'} is not known: the P-V of "
+            f"the {_NAME} has no u"
+        )
+        return [], None
+    maps: list[FloatArray] = []
+    used: list[int] = []
+    bent = linear = 0.0
+    for i, name in enumerate(FACTORS):
+        u = math.sqrt(float(cov[i, i]))
+        if u == 0.0:
+            continue
+        step = u if math.isfinite(u) else _STEP[name]
+        try:
+            ahead, behind = _either_side(form, tool, at, i, step)
+        except MetrosepError as error:
+            messages.append(f"the P-V of the {_NAME} has no u: with {name} one u off, {error}")
+            return [], None
+        half = 0.5 * (ahead - behind)
+        if np.isnan(half).all():
+            messages.append(
+                f"the P-V of the {_NAME} has no u: with {name} one u off nothing is cut"
+            )
+            return [], None
+        if math.isinf(u):
+            if float(np.nanmax(np.abs(half))) > _NO_EFFECT * step:
+                messages.append(
+                    f"{name} is not determined (its u is infinite): the P-V of the {_NAME} has no u"
+                )
+                return [], None
+            messages.append(
+                f"{name} is not determined, and of no effect on this form to first order: it is "
+                "not counted"
+            )
+            continue
+        bent += _extent(0.5 * (ahead + behind) - z)
+        linear += _extent(half)
+        maps.append(half / step)
+        used.append(i)
+    if bent > max(_BENT * linear, _TINY):
+        messages.append(
+            f"the error of the {_NAME} is not linear within its uncertainty: u and expected P-V, "
+            "of first order, are too small"
+        )
+    if not used:
+        return [], None if np.isinf(np.diag(cov)).any() else np.empty((0, 0))
+    square = cov[np.ix_(used, used)]
+    return maps, np.where(np.isfinite(square), square, 0.0)
+
+
+def _either_side(
+    form: Form, tool: ToolSetting, at: tuple[FloatArray, FloatArray], factor: int, step: float
+) -> tuple[FloatArray, FloatArray]:
+    found = []
+    for way in (1.0, -1.0):
+        values = tool.values
+        values[factor] += way * step
+        dx, dy, dR = (float(v) for v in values)
+        found.append(height_errors(form, *at, (dx, dy, dR), exact=True))
+    return found[0], found[1]
+
+
+def _extent(values: FloatArray) -> float:
+    return float(np.nanmax(values) - np.nanmin(values))
+
+
+def cause_of(
+    name: str,
+    z: FloatArray,
+    rho: FloatArray,
+    azimuth: FloatArray,
+    weights: FloatArray,
+    removed: tuple[str, ...],
+) -> Contribution:
+    """Return a contribution without the removed freedoms."""
+    if removed:
+        z = _without(z, _basis(rho, azimuth, removed), weights)
+    return Contribution(name, map=z)
+
+
+def _basis(rho: FloatArray, azimuth: FloatArray, removed: tuple[str, ...]) -> FloatArray:
+    columns = [np.ones_like(rho)] if "piston" in removed else []
+    if "tilt" in removed:
+        scale = float(rho.max())
+        columns += [rho * np.cos(azimuth) / scale, rho * np.sin(azimuth) / scale]
+    return np.stack(columns)
+
+
+def _without(z: FloatArray, basis: FloatArray, weights: FloatArray) -> FloatArray:
+    """Return a map without what a basis explains of it, by least squares over the area."""
+    good = ~np.isnan(z)
+    weighted = basis[:, good] * weights[good]
+    normal = weighted @ basis[:, good].T
+    found, *_ = np.linalg.lstsq(normal, weighted @ z[good], rcond=None)
+    return np.asarray(z - found @ basis, dtype=np.float64)
+
+
+def checked_removed(removed: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of what is removed, or raise DataError."""
+    if not isinstance(removed, str | list | tuple | set | frozenset):
+        raise DataError(f'removed must be of "piston" and "tilt", got {removed!r}')
+    names = (removed,) if isinstance(removed, str) else tuple(removed)
+    unknown = [n for n in names if n not in ("piston", "tilt")]
+    if unknown:
+        raise DataError(f'removed must be of "piston" and "tilt", got {unknown[0]!r}')
+    return names
+
+
+def frozen(values: FloatArray) -> FloatArray:
+    """Return the array, read-only from now on."""
+    values.setflags(write=False)
+    return values

@@ -7,17 +7,19 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from metrosep.core.atomic import atomic_write
 from metrosep.core.errors import DataError, UnsupportedFeatureError
+from metrosep.recipe.description import Description
 from metrosep.recipe.preflight import output_name
+from metrosep.separation.base import ErrorEstimate
 
 if TYPE_CHECKING:
     from metrosep.core.profile import Profile
     from metrosep.core.surface import Surface
-    from metrosep.recipe.description import Description
     from metrosep.recipe.recipe import Recipe
     from metrosep.recipe.schema import Place
-    from metrosep.separation.base import ErrorEstimate
 
 __all__ = ["write_arrays", "write_parts"]
 
@@ -70,8 +72,6 @@ def write_arrays(
     tell: Callable[[str], None],
 ) -> list[str]:
     """Write the curve and the tables of a separation of runs, where outputs of kind "parts" ask."""
-    from metrosep.recipe.describe_estimate import arrays_of
-
     if not any(o["kind"] == "parts" for o in recipe.outputs):
         return []
     return write_parts(recipe, arrays_of(estimate), folder, tell, document)
@@ -112,3 +112,25 @@ def _write_objects(
             raise place.error(f"path: {problem}", "path") from None
         written.append(file)
     return written
+
+
+# ---- the arrays of a separation of repeated runs, as tables that an output of kind "parts" writes ----
+
+POINTS = 2001
+"""Positions of the curve, evenly over the evaluation range: the estimate is a function of x."""
+
+
+def arrays_of(estimate: ErrorEstimate) -> Description:
+    """Return the tables of an estimate."""
+    x = np.linspace(estimate.start, estimate.stop, POINTS)
+    curve: dict[str, Any] = {"x_m": x}
+    wanted: list[tuple[int | None, str]] = [(None, "error")]
+    if len(estimate.directions) > 1:
+        wanted += [(1, "error_forward"), (-1, "error_reverse")]
+    for direction, name in wanted:
+        curve[f"{name}_m"] = estimate.evaluate(x, direction=direction)
+        curve[f"u_{name}_m"] = estimate.sd(x, direction=direction)
+    frames = {n: getattr(estimate, n) for n in ("spectrum", "feed_spectra", "residual_psd")}
+    frames["evidence"] = estimate.evidence
+    tables = {n: {k: f[k].tolist() for k in f.columns} for n, f in frames.items() if len(f)}
+    return Description(tables={"": curve, **tables})

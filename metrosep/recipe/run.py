@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import platform
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -30,7 +31,6 @@ from metrosep.recipe.parts import write_arrays
 from metrosep.recipe.preflight import RESULT_NAME
 from metrosep.recipe.result import SCHEMA, Result, clean, measured_runs, plot_data, run_records
 from metrosep.recipe.staging import staged
-from metrosep.recipe.versions import versions
 from metrosep.separation.base import ErrorEstimate
 
 if TYPE_CHECKING:
@@ -285,3 +285,18 @@ def _plan(recipe: Recipe, estimate: ErrorEstimate) -> dict[str, Any] | None:
         if step["op"] == "plan_feedrates":
             return plan_document(plan_after(estimate, step))
     return None
+
+
+# ---- versions of what computes: of Python, numpy and scipy -------------------------------------
+
+
+def versions() -> dict[str, str]:
+    """Return the versions that a result depends on."""
+    import numpy as np
+    import scipy
+
+    return {
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "scipy": scipy.__version__,
+    }

@@ -7,24 +7,10 @@ from typing import Any
 
 from metrosep.recipe.result import clean
 from metrosep.recipe.step_words import keys_of_step, step_words
-from metrosep.report.bars import bar_of
-from metrosep.report.provenance import header_rows, input_row, short_hashes, step_row
-from metrosep.report.rows import CharacteristicRow, characteristic_rows
-from metrosep.report.separation import (
-    SEPARATED_NOTE,
-    plan_rows,
-    separation_audit,
-    separation_rows,
-)
-from metrosep.report.settings import in_words, settings, typeset
-from metrosep.report.text import (
-    decimals_for,
-    length,
-    number,
-    readable_unit,
-    span,
-    stamp,
-)
+from metrosep.report.rows import CharacteristicRow, characteristic_rows, one_line
+from metrosep.report.separation import SEPARATED_NOTE, plan_rows, separation_audit, separation_rows
+from metrosep.report.settings import in_words, settings, step_parameters, typeset
+from metrosep.report.text import decimals_for, length, number, readable_unit, size, span, stamp
 
 __all__ = ["view"]
 
@@ -325,3 +311,119 @@ def _settings(
     named = [("", own), *sorted(groups.items())] if own else sorted(groups.items())
     words = {"forward": "forward runs", "reverse": "reverse runs", "both": "all runs"}
     return [(words.get(name, in_words(name)), settings(group, fields)) for name, group in named]
+
+
+# ---- where a value lies between its limits, as fractions of a bar: limits, guard bands, U, value ----
+# The guard band of a limit is the zone around it in which nothing is decided: limit - g to limit + g.
+
+_MARGIN = 0.25
+"""Of the range between the limits (or of the limit itself), shown beyond it."""
+
+_MOST = 3.0
+"""Ranges beyond a limit at which a bar ends; a value further out is drawn at the end."""
+
+
+def bar_of(row: CharacteristicRow) -> dict[str, Any] | None:
+    """Return the bar of a characteristic.
+
+    Examples
+    --------
+    >>> row = CharacteristicRow("", "", "", "Sq", "Sq", "m", 4.0, 0.0, 8.0, None, 1.0, 1.0, "accept")
+    >>> bar_of(row)["limits"]
+    [0.2143, 0.7857]
+    """
+    limits = [v for v in (row.lower, row.upper) if v is not None]
+    if not limits or row.value is None:
+        return None
+    low, high = _range(row, limits)
+    guard = row.guard or 0.0
+    start = low if row.lower is None else row.lower + guard
+    stop = high if row.upper is None else row.upper - guard
+
+    def at(number: float) -> float:
+        return round(min(max((number - low) / (high - low), 0.0), 1.0), 4)
+
+    spread = row.U
+    return {
+        "value": at(row.value),
+        "spread": None if spread is None else [at(row.value - spread), at(row.value + spread)],
+        "limits": [at(v) for v in limits],
+        "guards": [[at(v - guard), at(v + guard)] for v in limits if guard > 0.0],
+        "zone": [at(start), at(stop)] if start < stop else None,
+        "beyond": -1 if row.value < low else int(row.value > high),
+    }
+
+
+def _range(row: CharacteristicRow, limits: list[float]) -> tuple[float, float]:
+    """Return the ends of the bar: limits with a margin, the value with U as far as that is sensible."""
+    value, spread, guard = row.value or 0.0, row.U or 0.0, row.guard or 0.0
+    if len(limits) == 2:
+        low, high = limits
+    elif row.upper is not None:
+        low, high = min(0.0, row.upper), max(0.0, row.upper)
+    else:
+        low, high = limits[0], limits[0] + abs(limits[0])
+    size = (high - low) or abs(high) or max(abs(value), spread, guard) or 1.0
+    first = min(low, value - spread, *(v - guard for v in limits))
+    last = max(high, value + spread, *(v + guard for v in limits))
+    one_sided = len(limits) == 1 and row.upper is not None and value - spread >= 0.0 and low == 0.0
+    below = 0.0 if one_sided else _MARGIN * size
+    return (
+        max(first - below, low - _MOST * size),
+        min(last + _MARGIN * size, high + _MOST * size),
+    )
+
+
+# ---- where a result comes from, as texts of a report: part and file, inputs with their hashes, steps ----
+
+
+def header_rows(document: Document) -> list[tuple[str, str]]:
+    """Return part, serial and other names that a batch found, with the file where there is one."""
+    unit = document.get("unit") or {}
+    groups = sorted((unit.get("groups") or {}).items())  # as a result.json holds them
+    rows = [(in_words(str(k)), str(v)) for k, v in groups]
+    if unit.get("name"):
+        rows.append(("file", str(unit["name"])))
+    return [(name.capitalize(), one_line(value)) for name, value in rows]
+
+
+def short_hashes(document: Document) -> str:
+    """Return the short hashes of recipe and inputs, for the foot of a page."""
+    recipe = str((document.get("recipe") or {}).get("sha256") or "none")[:12]
+    inputs = [str(i.get("sha256") or "none")[:12] for i in document.get("inputs") or []]
+    more = f" and {len(inputs) - 1} more" if len(inputs) > 1 else ""
+    return f"recipe {recipe}, input {inputs[0] if inputs else 'none'}{more}"
+
+
+def input_row(entry: Document) -> dict[str, str]:
+    """Return a file that was read.
+
+    Examples
+    --------
+    >>> input_row({"name": "m1.dat", "beside": "m1.txt", "size": 56})["name"]
+    'm1.dat (read beside m1.txt)'
+    """
+    name = str(entry.get("name") or "not named")
+    notes = [f"read beside {entry['beside']}"] if entry.get("beside") else []
+    notes += [f"measured {entry['measured_at']}"] if entry.get("measured_at") else []
+    return {
+        "name": f"{name} ({'; '.join(notes)})" if notes else name,
+        "size": size(entry.get("size")),
+        "format": str(entry.get("format") or "–"),
+        "sha256": str(entry.get("sha256") or "–"),
+    }
+
+
+def step_row(step: Document) -> dict[str, str]:
+    """Return a step of the history."""
+    name = str(step.get("step") or "")
+    keys = keys_of_step(name)
+    fields = {} if keys is None else keys.step
+    in_table = name in ("read", "read_columns")  # of the inputs
+    told = ("op", "sha256", "size") if in_table else ("op",)
+    given = {k: v for k, v in (step.get("parameters") or {}).items() if k not in told}
+    return {
+        "name": name,
+        "parameters": step_parameters(given, fields),
+        "version": str(step.get("version") or ""),
+    }

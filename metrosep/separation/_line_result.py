@@ -3,31 +3,33 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError
+from metrosep.core.errors import DataError, NotSeparableError, UnitError
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
-from metrosep.separation._line_angle import check_angle
+from metrosep.core.units import format_length
 from metrosep.separation._line_coverage import check_overlap, check_steps
 from metrosep.separation._line_found import Found, solve
-from metrosep.separation._line_messages import (
-    lost_samples,
-    noise_messages,
-    null_space_messages,
-    passes_per_position,
-    reading_messages,
-)
-from metrosep.separation._line_null_space import null_space_of
+from metrosep.separation._line_null_space import PARABOLA, has_end_waves, null_space_of
 from metrosep.separation._line_probes import Row, positions
-from metrosep.separation._line_problem import Problem, check_size, checked_sensor, problem_of
+from metrosep.separation._line_problem import (
+    Problem,
+    Sensor,
+    check_size,
+    checked_sensor,
+    problem_of,
+)
 from metrosep.separation._line_request import Request, Zero, number
 from metrosep.separation._line_stations import pooled_noise
+from metrosep.separation._readings import NOISE_UNKNOWN
 from metrosep.separation.contract import Separation
+from metrosep.separation.null_space import Unobservable
 
 __all__ = ["Request", "Zero", "evaluate"]
 
@@ -212,3 +214,172 @@ def _audit(
     if problem.n_sensors > o.size:
         audit["pitch_sensor"] = True
     return audit
+
+
+# ---- whether an angle sensor on the carriage tells of the pitch that the probes see ------------
+
+OPPOSITE = -0.8
+"""A correlation below this between the pitch sensor and the pitch of the probes is a sign error."""
+
+ALIKE = 0.8
+"""Above this correlation the ratio of both is that of their units."""
+
+SIGNIFICANT = 4.0
+"""The pitch must exceed its uncertainty by this factor before it is judged."""
+
+RATIO = (0.3, 3.0)
+"""Outside this ratio of the sensor to the probes a unit or a distance is wrong."""
+
+
+def check_angle(what: str, row: Row, x: FloatArray, readings: FloatArray, sensor: Sensor) -> None:
+    """Refuse a sensor that runs opposite to the pitch of the probes, or in another unit."""
+    seen = _pitch_of(row, x, readings)
+    both = ~np.isnan(seen) & ~np.isnan(sensor.values)
+    if both.sum() < 5:
+        return
+    line = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, x.size)[both], 1)
+    probes, angle = (
+        v[both] - line @ np.linalg.lstsq(line, v[both], rcond=None)[0]
+        for v in (seen, sensor.values)
+    )
+    sizes = float(np.linalg.norm(probes)), float(np.linalg.norm(angle))
+    if not (sizes[0] > 0.0 and float(np.std(angle)) > SIGNIFICANT * sensor.u):
+        return
+    alike, ratio = float(probes @ angle) / (sizes[0] * sizes[1]), sizes[1] / sizes[0]
+    if ratio > RATIO[1] or (row.pitch and ratio < RATIO[0] and alike > ALIKE):
+        raise UnitError(
+            f"{what}: the pitch readings vary {ratio:.3g} times as much as the probes see it; give "
+            "pitch in rad, readings and distances in m, and the sensor on the same carriage"
+        )
+    if row.pitch and alike < OPPOSITE:
+        raise NotSeparableError(
+            f"{what}: the pitch readings run opposite to the pitch that the probes see "
+            f"(correlation {alike:.2f}): positive is where the leading probe (larger x) reads "
+            "more; pass -pitch"
+        )
+
+
+def _pitch_of(row: Row, x: FloatArray, readings: FloatArray) -> FloatArray:
+    """Return the pitch that the probes see; of two probes the slope between them, form and all."""
+    if not row.pitch:
+        count = (~np.isnan(readings[1] - readings[0])).sum(axis=0)
+        total = np.nansum(readings[1] - readings[0], axis=0)
+        distance = row.offsets[1] - row.offsets[0]
+        return np.where(count > 0, total / np.maximum(count, 1) / distance, np.nan)
+    free = replace(row, zero_known=False)
+    problem = problem_of(free, x, readings, None, 0.0)
+    return solve(problem, method="least_squares", smoothing=0.0, degree=2).pitch[0]
+
+
+# ---- what a result of probes in a row says in plain words: gaps, counts, units, null space -----
+
+LARGE_RANGE = 10e-3
+"""Readings of a straightness probe that span more, m, were hardly given in m."""
+
+
+def lost_samples(artefact: FloatArray, found: Found) -> tuple[Unobservable, ...]:
+    """Return the samples that are NaN, with the reason."""
+    lost = np.flatnonzero(np.isnan(artefact))
+    if lost.size == 0:
+        return ()
+    reasons = []
+    if lost.size > found.n_unread:
+        reasons.append(
+            "readings that were not measured cut the chain, and offset and line of its pieces are "
+            "not connected: the longest piece is returned; measure the gap again"
+        )
+    if found.n_unread:
+        reasons.append(
+            "no probe read these samples together with the others: take a step as coarse as the "
+            "positions, or measure there"
+        )
+    return (Unobservable("artefact", "samples", tuple(int(i) for i in lost), "; ".join(reasons)),)
+
+
+def passes_per_position(problem: Problem) -> list[int]:
+    """Return the least and the largest number of passes that a position rests on."""
+    whole = problem.stations.valid[: problem.n_probes].all(axis=0)
+    count = np.zeros(problem.x.size, dtype=np.intp)
+    count[problem.stations.at[whole]] = problem.stations.count[whole]
+    return [int(count.min()), int(count.max())]
+
+
+def noise_messages(found: Found, noise: Quantity, scale: float, method: str) -> list[str]:
+    """Return what is to be said about the noise, and a misfit of redundant rows."""
+    if math.isnan(noise.value):
+        return [NOISE_UNKNOWN]
+    if found.freedom <= 0 or scale == 0.0:
+        return []
+    ratio = math.sqrt(found.rest / found.freedom) / scale
+    if ratio <= 1.0 + 2.0 / math.sqrt(2.0 * found.freedom):
+        return []
+    return [
+        f"the redundant rows scatter {ratio:.3g} times more than the noise of a reading says "
+        f"({found.freedom} degrees of freedom): a probe drifts, a distance or sign is wrong"
+        + ("" if method == "least_squares" else ", or the smoothing is too strong")
+    ]
+
+
+def reading_messages(readings: FloatArray, problem: Problem) -> list[str]:
+    """Return doubts about the unit, and what became of passes that lack a reading."""
+    out = []
+    span = float(np.nanmax(readings) - np.nanmin(readings))
+    if span > LARGE_RANGE:
+        out.append(
+            f"the readings span {span:.3g} m; they are taken in m: 5 um is 5e-6. Check the unit"
+        )
+    low, high = passes_per_position(problem)
+    missing = np.isnan(readings)
+    if readings.shape[1] > 1 and missing.any():
+        torn = int((missing.any(axis=0) & ~missing.all(axis=0)).sum())
+        text = f"the positions rest on {low} to {high} passes, and u follows these counts"
+        if torn:
+            text += (
+                f"; in {torn} cases a pass is missing a probe: as each pass has its own straightness and "
+                "pitch, the rest of that pass counts there only where it is free of them"
+            )
+        out.append(text)
+    if problem.stations.n_lost_angles:
+        out.append(
+            f"at {problem.stations.n_lost_angles} positions the angle was left out: it is the mean of "
+            "all passes, and a pass lacks a probe there"
+        )
+    return out
+
+
+def null_space_messages(
+    request: Request,
+    null_space: tuple[Unobservable, ...],
+    x: FloatArray,
+    degree: int,
+    found: Found,
+    artefact: FloatArray,
+) -> list[str]:
+    """Return what these probes do not see."""
+    out = []
+    row = request.row
+    if degree == 2:
+        o = row.offsets
+        length = float(x[-1] - x[0]) + o[-1] - o[0]
+        sag = length**2 / (4.0 * (o[1] - o[0]) * (o[2] - o[0]))
+        keep = "pass zero=0.0 to keep the parabola, " if request.name == "three_point" else ""
+        out.append(
+            "the parabola is not known and left out: a zero error of 1 nm would be a sag of "
+            f"{format_length(sag * 1e-9)} over {format_length(length)}; {keep}{PARABOLA}"
+        )
+    for item in null_space:
+        if item.kind == "wavelength":
+            named = ", ".join(format_length(float(w)) for w in item.indices[:4])
+            more = " ..." if len(item.indices) > 4 else ""
+            out.append(f"the wavelengths {named}{more} are suppressed by these probe distances")
+    if has_end_waves(row) and request.method == "least_squares":
+        out.append(
+            "waves that die away from the ends are not determined by these distances and removed by "
+            "least squares: the ends are doubtful; method='generalised' takes the smoothest curve"
+        )
+    lost = int(np.isnan(artefact).sum())
+    if found.n_unread:
+        out.append(f"{found.n_unread} samples were read by no probe in a usable row and are NaN")
+    if lost > found.n_unread:
+        out.append(f"{lost - found.n_unread} samples are not connected with the rest and left NaN")
+    return out

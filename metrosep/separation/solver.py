@@ -19,33 +19,25 @@ Everything here is dimensionless: heights over their RMS, positions over half th
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.separation._joint_probe_test import ProbeDifference, probe_differences
-from metrosep.separation._joint_solution import (
-    LagTest,
-    Solution,
-    considered_amplitudes,
-    make_solution,
-)
 from metrosep.separation._solver_state import INNER, SolverState, first_state, iterate
-from metrosep.separation._solver_terms import (
-    choose_waves,
-    find_lines,
-    fit_unknowns,
-    place_lines,
-    state_terms,
-    wanted_unknowns,
-)
+from metrosep.separation._unknowns import Frequency, Gain, Lag, Unknown
 from metrosep.separation.design import PreparedRun
 from metrosep.separation.feed_test import lag_score, square_of_feed_score
+from metrosep.separation.lines import FoundLine, find_line, nearest_power
 from metrosep.separation.options import JointOptions
 from metrosep.separation.shrinkage import PriorWeights
 from metrosep.separation.system import System
 from metrosep.separation.terms import Terms
+from metrosep.separation.weights import RowWeights
+from metrosep.spectral.autoregressive import AutoregressiveModel
 
 __all__ = ["Solution", "solve_joint"]
 
@@ -201,3 +193,295 @@ def _drop_short(system: System, state: SolverState) -> None:
             state.weights.spread[2][:kept],
         ),
     )
+
+
+# ---- private to separation: what the joint solver returns, in the units of the runs ------------
+
+
+@dataclass(frozen=True, slots=True)
+class LagTest:
+    """Lag beside the stated one and its u in s, its probability, and whether it was then fitted."""
+
+    lag: float
+    u: float
+    probability: float
+    fitted: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Solution:
+    """Result of `solve_joint`, in the units of the runs."""
+
+    origin: float  # m: of the basis; centre of the linear term
+    period: float
+    centre: float
+    coefficients: FloatArray  # shape (1 + 2 K,): slope (rad), a_k, b_k (m)
+    # shape (1 + 2 K, 1 + 2 K): posterior covariance with the share of the prior's spread
+    covariance: FloatArray
+    offsets: FloatArray  # shape (n_runs,), m: c_r at the centre
+    offset_sd: FloatArray  # shape (n_runs,), m: their standard uncertainty
+    # shape (K_first,): of every wavelength that was considered, before shrinkage; those beyond K
+    # were dropped
+    amplitude: FloatArray
+    amplitude_sd: FloatArray
+    chi2: FloatArray
+    log_bayes_factor: FloatArray
+    n_harmonics: int  # K, after the choice by evidence
+    noise: list[AutoregressiveModel]  # one for each sampling interval, slowest first; heights in m
+    residuals: list[FloatArray]  # of ndarray, m: readings minus model, NaN where not measured
+    lag: float  # s: delay and its standard uncertainty (NaN if given)
+    lag_sd: float
+    freedom: float  # effective number of parameters
+    terms: Terms  # drift, lines and waves, with their frequencies
+    extra: FloatArray  # shape (n_extra,), m: coefficients of the terms
+    unknowns: list[Unknown]  # lag, frequencies and gains that were fitted, with sd
+    # shape (n, n): posterior covariance of slope, a_k, b_k, terms, unknowns, in that order
+    joint_covariance: FloatArray
+    weights: RowWeights | None  # where the fit was robust
+    found: list[FoundLine]  # lines that were found, with their tests
+    # of (float, int) or None: score statistic and degrees of freedom of a part that grows with the
+    # square of the feed
+    feed_test: tuple[float, int] | None
+    # of (float, float, int): growth of the variance because probes share passes, correlation,
+    # number of such pairs
+    sharing: tuple[float, float, int]
+    # of the sensitivities, where they were not fitted
+    probe_differences: tuple[ProbeDifference, ...] = ()
+    # where the feedrates can show a lag and it was not fitted in any case
+    lag_test: LagTest | None = None
+    # of ndarray, m: residuals, rejected samples replaced by what the noise model expects there:
+    # for spectra
+    bridged: Sequence[FloatArray] = ()
+    # shape (1 + 2 K, 1 + 2 K): `covariance` without the share of the prior's spread
+    plain_covariance: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
+
+    @property
+    def kept_residuals(self) -> list[FloatArray]:
+        """Residuals of the readings that the fit used: rejected ones are NaN."""
+        if self.weights is None:
+            return self.residuals
+        pairs = zip(self.residuals, self.weights.marked, strict=True)
+        return [np.where(marked, np.nan, residual) for residual, marked in pairs]
+
+
+def considered_amplitudes(
+    system: System, state: SolverState
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return amplitude, sd, chi-square and evidence of every wavelength, before shrinkage."""
+    cavity = state.cavity
+    assert cavity is not None  # noqa: S101  (set by iterate)
+    a, b = cavity.mean
+    return (
+        np.hypot(a, b) * system.scale,
+        system.scale / np.sqrt(cavity.precision.mean(axis=0)),
+        cavity.chi2,
+        state.weights.log_bayes_factor,
+    )
+
+
+def make_solution(
+    system: System,
+    state: SolverState,
+    considered: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
+    found: list[FoundLine],
+    feed_test: tuple[float, int] | None,
+    differences: tuple[ProbeDifference, ...] = (),
+    lag_test: LagTest | None = None,
+) -> Solution:
+    """Return the solution in the units of the runs; dropped wavelengths keep what was considered."""
+    n, k, f = len(system.runs), system.n_harmonics, system.n_fixed
+    assert state.covariance is not None  # noqa: S101  (set by iterate)
+    covariance = state.covariance.copy()
+    ia, ib = f + np.arange(k), f + k + np.arange(k)
+    aa, bb, ab = state.weights.spread
+    covariance[ia, ia] += aa
+    covariance[ib, ib] += bb
+    covariance[ia, ib] += ab
+    covariance[ib, ia] += ab
+    merged = [
+        np.concatenate([new, old[k:]])
+        for new, old in zip(considered_amplitudes(system, state), considered, strict=True)
+    ]
+    units = np.concatenate([[system.scale / system.half], np.full(2 * k, system.scale)])
+    wanted = np.concatenate([[n], np.arange(f, f + 2 * k)])
+    everything = np.concatenate([wanted, np.arange(n + 1, f)])
+    all_units = np.concatenate(
+        [
+            units,
+            np.full(system.terms.size, system.scale),
+            [u.prior_sd for u in system.unknowns],
+        ]
+    )
+    lag = next((u for u in system.unknowns if isinstance(u, Lag)), None)
+    return Solution(
+        origin=system.origin,
+        period=system.period,
+        centre=system.centre,
+        coefficients=system.solution[wanted] * units,
+        covariance=covariance[np.ix_(wanted, wanted)] * units[:, None] * units,
+        offsets=system.solution[:n] * system.scale,
+        offset_sd=np.sqrt(np.diag(state.covariance)[:n]) * system.scale,
+        amplitude=merged[0],
+        amplitude_sd=merged[1],
+        chi2=merged[2],
+        log_bayes_factor=merged[3],
+        n_harmonics=k,
+        noise=[
+            AutoregressiveModel(m.coefficients, m.variance * system.scale**2, m.time_step)
+            for m in system.noise
+        ],
+        residuals=[r * system.scale for r in system.residuals()],
+        lag=system.lag,
+        lag_sd=float("nan") if lag is None else lag.sd,
+        freedom=state.freedom,
+        terms=system.terms,
+        extra=system.solution[system.extra] * system.scale,
+        unknowns=system.unknowns,
+        joint_covariance=covariance[np.ix_(everything, everything)]
+        * all_units[:, None]
+        * all_units,
+        weights=system.weights,
+        found=found,
+        feed_test=feed_test,
+        sharing=(*system.sharing, len(system.passes)),
+        probe_differences=differences,
+        lag_test=lag_test,
+        bridged=_bridged(system),
+        plain_covariance=state.covariance[np.ix_(wanted, wanted)] * units[:, None] * units,
+    )
+
+
+def _bridged(system: System) -> list[FloatArray]:
+    """Return the residuals in m with rejected samples replaced by the noise model's expectation."""
+    residuals = system.residuals()
+    if system.weights is not None:
+        residuals = system.weights.bridged(residuals, system.groups, system.noise)
+    return [r * system.scale for r in residuals]
+
+
+# ---- private to separation: lines, waves and unknowns that the options add to the joint fit ----
+
+_MAX_LINES = 6
+"""Most lines that are looked for."""
+
+_GAIN_PRIOR = 1.0
+"""Standard deviation of a weak prior on the excess of a gain."""
+
+_GAIN_STEP, _GAIN_DONE = 0.2, 1e-5
+
+
+def state_terms(system: System, options: JointOptions) -> None:
+    """Give the system the waves that the user stated."""
+    system.terms.origin = system.origin
+    waves = options.following_waves
+    stated = options.following == "waves" and not isinstance(waves, int)
+    system.set_terms(
+        frequencies=(),
+        wavenumbers=1.0 / np.array(waves) if stated else np.empty(0),
+    )
+
+
+def place_lines(system: System, stated: Sequence[float]) -> None:
+    """Move stated lines to the nearest power, before a noise model can take them for noise."""
+    residuals = system.residuals()
+    if system.weights is not None:
+        residuals = system.weights.clean(residuals, system.groups, system.noise)
+    placed = [nearest_power(residuals, system.terms, f) for f in stated]
+    system.set_terms(frequencies=placed, wavenumbers=system.terms.wavenumbers)
+
+
+def find_lines(
+    system: System, state: SolverState, options: JointOptions, orders: Sequence[int]
+) -> list[FoundLine]:
+    """Add lines one by one as long as the next one passes its test."""
+    found: list[FoundLine] = []
+    while options.lines == "auto" and len(found) < _MAX_LINES:
+        residuals = system.residuals()
+        if system.weights is not None:
+            residuals = system.weights.clean(residuals, system.groups, system.noise)
+        line = find_line(residuals, system.groups, system.terms, orders, level=options.false_alarm)
+        if line is None:
+            break
+        found.append(line)
+        system.set_terms(
+            frequencies=[f.frequency for f in found], wavenumbers=system.terms.wavenumbers
+        )
+        iterate(system, state, 3, learn_from=0)
+        system.update_noise(state.freedom, orders)
+        iterate(system, state, INNER, learn_from=0)
+    return found
+
+
+def choose_waves(
+    system: System, state: SolverState, options: JointOptions, orders: Sequence[int]
+) -> None:
+    """Let the strongest wavelengths of the geometry depend on the feedrate."""
+    n = options.following_waves
+    if options.following != "waves" or not isinstance(n, int):
+        return
+    a, b = np.split(system.solution[system.n_fixed :], 2)
+    power = np.concatenate([[0.0], a**2 + b**2, [0.0]])
+    peaks = [
+        k
+        for k in range(1, a.size + 1)
+        if power[k] > 0.0 and power[k] >= power[k - 1] and power[k] > power[k + 1]
+    ]
+    chosen = sorted(peaks, key=lambda k: -power[k])[:n]
+    around = [np.arange(k - 1, k + 2) for k in sorted(chosen)]
+    centres = [float(power[w] @ w / power[w].sum()) for w in around]
+    system.set_terms(
+        frequencies=system.terms.frequencies, wavenumbers=np.array(centres) / system.period
+    )
+    system.update_noise(state.freedom, orders)
+    iterate(system, state, INNER, learn_from=0)
+
+
+def wanted_unknowns(system: System, options: JointOptions, fit_lag: bool) -> list[Unknown]:
+    """Return the unknowns that the options ask for, the lag first."""
+    unknowns: list[Unknown] = [Lag()] if fit_lag else []
+    cell = 1.0 / max(float(np.ptp(r.t)) for r in system.runs)
+    unknowns += [
+        Frequency(0.5 * cell, 0.05 * cell, 1e-5 * cell, line=i)
+        for i in range(len(system.terms.frequencies))
+    ]
+    gain = (_GAIN_PRIOR, _GAIN_STEP, _GAIN_DONE)
+    if options.following == "scale":
+        unknowns.append(Gain(*gain, lever=system.terms.relative_speed, name="following"))
+    if options.probe_gain == "fit":
+        names = [r.probe for r in system.runs]
+        for probe in list(dict.fromkeys(names))[1:]:
+            lever = np.array([float(n == probe) for n in names])
+            unknowns.append(Gain(*gain, lever=lever, with_slope=True, name=probe))
+    return unknowns
+
+
+def fit_unknowns(
+    system: System,
+    state: SolverState,
+    unknowns: Sequence[Unknown],
+    orders: Sequence[int],
+    *,
+    n_max: int = 40,
+) -> None:
+    """Gauss-Newton: solve with the derivatives as columns, shift, repeat."""
+    if not unknowns:
+        return
+    system.add_unknowns(unknowns)
+    first = system.extra.stop
+    for i in range(n_max):
+        iterate(system, state, 3, learn_from=0)
+        steps = []
+        for j, unknown in enumerate(unknowns):
+            step = float(system.solution[first + j]) * unknown.prior_sd
+            step = float(np.clip(step, -unknown.largest_step, unknown.largest_step))
+            unknown.shift(system, step)
+            system.solution[first + j] = 0.0
+            steps.append(abs(step) / unknown.done)
+        if i < 4:
+            system.update_noise(state.freedom, orders)
+        if max(steps) < 1.0:
+            break
+    iterate(system, state, 3, learn_from=0)
+    assert state.covariance is not None  # noqa: S101  (set by iterate)
+    for j, unknown in enumerate(unknowns):
+        unknown.sd = float(np.sqrt(state.covariance[first + j, first + j])) * unknown.prior_sd

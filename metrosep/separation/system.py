@@ -6,28 +6,21 @@ runs, slope, extra terms, one derivative for each unknown that is not linear, co
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DegenerateFitError
-from metrosep.separation._run_scales import (
-    mad_about_medians,
-    rms_about_line,
-    time_step_groups,
-)
 from metrosep.separation._unknowns import Unknown
-from metrosep.separation._whitening import whitened
 from metrosep.separation.design import PreparedRun
-from metrosep.separation.passes import shared_passes, sharing
 from metrosep.separation.terms import Terms
-from metrosep.separation.weights import RowWeights
-from metrosep.spectral.autoregressive import AutoregressiveModel, fit_autoregressive
+from metrosep.separation.weights import MAD, RowWeights
+from metrosep.spectral.autoregressive import AutoregressiveModel, fit_autoregressive, whiten
 from metrosep.spectral.dft import fourier_basis
 
 __all__ = ["System", "whitened"]
-
 
 _MAX_MARKINGS = 5
 """Rounds of fitting and marking before the first noise model."""
@@ -223,3 +216,117 @@ class System:
         """Give the next solution the derivatives of unknowns that are not linear."""
         self.solution = np.insert(self.solution, [self.n_fixed] * len(unknowns), 0.0)
         self.unknowns += unknowns
+
+
+# ---- private to separation: the height scale of a set of runs, and which runs share a noise model ----
+
+
+def rms_about_line(runs: Sequence[PreparedRun]) -> float:
+    """Return the RMS of the readings about one slope and an offset for each run."""
+    pairs = [
+        (r.x[v] - r.x[v].mean(), r.z[v] - r.z[v].mean()) for r in runs for v in [~np.isnan(r.z)]
+    ]
+    x, z = (np.concatenate(part) for part in zip(*pairs, strict=True))
+    return float(np.sqrt(np.mean((z - (x @ z) / (x @ x) * x) ** 2)))
+
+
+def mad_about_medians(runs: Sequence[PreparedRun]) -> float:
+    """Return a robust spread of the readings about the median slope and an offset for each run."""
+    steps = [np.nanmedian(np.diff(r.z[:: max(1, r.x.size // 20)])) for r in runs]
+    pitches = [float(np.median(np.diff(r.x[:: max(1, r.x.size // 20)]))) for r in runs]
+    slope = float(np.median(np.array(steps) / np.array(pitches)))
+    flat = [r.z - slope * r.x for r in runs]
+    pooled = np.abs(np.concatenate([f - np.nanmedian(f) for f in flat]))
+    return MAD * float(np.nanmedian(pooled))
+
+
+def time_step_groups(runs: Sequence[PreparedRun]) -> list[list[int]]:
+    """Group the runs that share a noise model: sampling interval and probe."""
+    groups: list[list[int]] = []
+    for i in sorted(range(len(runs)), key=lambda j: -runs[j].time_step):
+        for group in reversed(groups):
+            first = runs[group[0]]
+            if runs[i].time_step > 0.99 * first.time_step and runs[i].probe == first.probe:
+                group.append(i)
+                break
+        else:
+            groups.append([i])
+    return groups
+
+
+# ---- private to separation: rows of a design filtered by an autoregressive model ---------------
+
+_BLOCK = 128
+
+
+def whitened(
+    design: FloatArray, values: FloatArray, coefficients: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Filter rows by blocks of a banded Toeplitz matrix; rows that touch a NaN are dropped."""
+    p = coefficients.size
+    invalid = np.isnan(values)
+    table = np.hstack([design, np.where(invalid, 0.0, values)[:, None]])
+    n_out = values.size - p
+    if p:
+        taps = np.concatenate([-coefficients[::-1], [1.0]])
+        band = np.zeros((_BLOCK, _BLOCK + p))
+        for row in range(_BLOCK):
+            band[row, row : row + p + 1] = taps
+        out = np.empty((n_out, table.shape[1]))
+        for first in range(0, n_out, _BLOCK):
+            size = min(_BLOCK, n_out - first)
+            np.matmul(
+                band[:size, : size + p],
+                table[first : first + size + p],
+                out=out[first : first + size],
+            )
+    else:
+        out = table
+    if invalid.any():
+        touched = np.convolve(invalid.astype(np.float64), np.ones(p + 1))[p : p + n_out] > 0.5
+        out = out[~touched]
+    return out[:, :-1], out[:, -1]
+
+
+# ---- private to separation: probes that read the same pass share the vibration of the machine ----
+# Their readings are then not independent: n probes with correlation rho of the innovations hold the
+# information of n / (1 + rho (n - 1)) probes. Taken as independent, chance would pass as evidence.
+
+
+def shared_passes(runs: Sequence[PreparedRun]) -> list[tuple[int, int]]:
+    """Return pairs of runs of two probes with the same samples in time and place."""
+    taken: set[tuple[int, str]] = set()
+    pairs = []
+    for j, b in enumerate(runs):
+        for i, a in enumerate(runs[:j]):
+            if a.probe == b.probe or (i, b.probe) in taken or (j, a.probe) in taken:
+                continue
+            if a.x.size == b.x.size and np.array_equal(a.t, b.t) and np.array_equal(a.x, b.x):
+                pairs.append((i, j))
+                taken |= {(i, b.probe), (j, a.probe)}
+    return pairs
+
+
+def sharing(
+    pairs: Sequence[tuple[int, int]],
+    residuals: Sequence[FloatArray],
+    groups: Sequence[Sequence[int]],
+    noise: Sequence[AutoregressiveModel],
+    n_probes: int,
+) -> tuple[float, float]:
+    """Return by how much the variance of a row grows, and the correlation behind it."""
+    if not pairs:
+        return 1.0, 0.0
+    owner = {i: g for g, group in enumerate(groups) for i in group}
+    total, size = 0.0, 0
+    for i, j in pairs:
+        both = [whiten(residuals[r], noise[owner[r]].coefficients) for r in (i, j)]
+        n = min(e.size for e in both)
+        table = np.stack([e[-n:] for e in both])
+        table = table[:, ~np.isnan(table).any(axis=0)]
+        total += float(np.asarray(np.corrcoef(table))[0, 1])
+        size += table.shape[1]
+    rho = total / len(pairs)
+    if rho < 3.0 / math.sqrt(max(size, 1)):
+        return 1.0, rho
+    return 1.0 + rho * (n_probes - 1), rho

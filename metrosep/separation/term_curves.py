@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -13,14 +14,12 @@ from metrosep.core.runset import RunSet
 from metrosep.separation._unknowns import Gain
 from metrosep.separation.curves import LINE_POINTS, FeedTerm, SampledCurve
 from metrosep.separation.design import PreparedRun
-from metrosep.separation.feed_report import report_following, report_probes
 from metrosep.separation.options import JointOptions
 from metrosep.separation.solver import Solution
 from metrosep.separation.term_report import Report, report_drift, report_lines, report_robust
 from metrosep.spectral.dft import fourier_basis
 
 __all__ = ["check_lines", "feed_curves", "report_terms"]
-
 
 _POINTS_PER_WAVE = 32
 """Of the sampled curve of the feed-dependent part: straight lines between them miss 0.5 %."""
@@ -143,3 +142,194 @@ def _change_columns(solution: Solution, options: JointOptions, x: FloatArray) ->
     place = first + n_extra + next(i for i, u in enumerate(solution.unknowns) if u is gain)
     out[:, place] = basis @ solution.coefficients[1:]
     return out
+
+
+# ---- what depends on the feedrate, and what differs between probes: tables, curves and sentences ----
+
+_NM, _MM = 1e-9, 1e-3
+_MM_PER_MIN = 6e4
+_M_PER_MIN = 60.0
+"""m/min in one m/s."""
+
+_DOUBT = 0.01
+"""The model is called wrong where its test has a smaller p-value."""
+
+
+def report_following(
+    solution: Solution, prepared: Sequence[PreparedRun], *, kind: str, n_feeds: int
+) -> Report:
+    """Return the part of the error that grows with the feedrate."""
+    reference = solution.terms.reference
+    result: dict[str, Any] = {
+        "kind": kind,
+        "reference_feed_mm_min": reference * _MM_PER_MIN,
+    }
+    if kind == "offset":
+        result |= _offset_growth(solution, prepared)
+        sentence = (
+            f"the readings shift by {result['growth_nm_per_m_per_min']:.3g} nm for each m/min "
+            f"(u {result['u_growth_nm_per_m_per_min']:.2g} nm)"
+        )
+    elif kind == "scale":
+        gain = next(u for u in solution.unknowns if isinstance(u, Gain) and u.name == "following")
+        per = 1.0 / (reference * _M_PER_MIN)
+        result |= {
+            "growth_percent_per_m_per_min": 100.0 * gain.value * per,
+            "u_growth_percent_per_m_per_min": 100.0 * gain.sd * per,
+        }
+        sentence = (
+            f"the error grows by {100 * gain.value * per:.3g} % for each m/min "
+            f"(u {100 * gain.sd * per:.2g} %)"
+        )
+    else:
+        result["waves"] = _wave_growth(solution)
+        strongest = int(np.argmax(result["waves"]["growth_nm_per_m_per_min"]))
+        wave = {k: v[strongest] for k, v in result["waves"].items()}
+        sentence = (
+            f"the {wave['wavelength_mm']:.3g} mm wave changes by {wave['growth_nm_per_m_per_min']:.3g} nm "
+            f"for each m/min (u {wave['u_growth_nm_per_m_per_min']:.2g} nm)"
+        )
+    if kind != "offset":
+        sentence += (
+            f"; the estimate stands for {result['reference_feed_mm_min']:.0f} mm/min, "
+            "evaluate_at(x, feed=...) gives others"
+        )
+    sentences = [sentence]
+    sentences += _linearity(result, solution, n_feeds)
+    return result, sentences
+
+
+def _linearity(result: dict[str, Any], solution: Solution, n_feeds: int) -> list[str]:
+    """Add the test of proportionality; say where there is none, or where it fails."""
+    if n_feeds < 3:
+        return [
+            "two feedrates cannot show whether it is proportional to the feedrate; add a third"
+        ]
+    if solution.feed_test is not None:
+        from scipy.stats import chi2
+
+        statistic, freedom = solution.feed_test
+        result["p_proportional"] = float(chi2.sf(statistic, freedom))
+    if result.get("p_proportional", 1.0) < _DOUBT:
+        p = result["p_proportional"]
+        told = (
+            f"it is not proportional to the feedrate (p = {p:.1g}): the estimate holds only near "
+            "the feedrates of the runs"
+        )
+        return [told]
+    return []
+
+
+def _offset_growth(solution: Solution, prepared: Sequence[PreparedRun]) -> dict[str, Any]:
+    """Regress the offsets of the runs, each probe with its own level, on the speed."""
+    speed = np.array([abs(r.velocity) for r in prepared])
+    names = list(dict.fromkeys(r.probe for r in prepared))
+    design = np.column_stack(
+        [speed * 1.0, *(np.array([float(r.probe == n) for r in prepared]) for n in names)]
+    )
+    y = solution.offsets
+    scale = float(np.abs(y - y.mean()).max()) or 1.0
+    fit = np.linalg.lstsq(design, y / scale, rcond=None)[0] * scale
+    left = len(prepared) - design.shape[1]
+    rest = y - design @ fit
+    u = math.nan
+    if left > 0:
+        inverse = np.linalg.inv(design.T @ design)
+        u = math.sqrt(float(rest @ rest) / left * float(inverse[0, 0]))
+    result = {
+        "growth_nm_per_m_per_min": float(fit[0]) / _NM / _M_PER_MIN,
+        "u_growth_nm_per_m_per_min": u / _NM / _M_PER_MIN,
+    }
+    return result | _lack_of_fit(speed, rest, design.shape[1])
+
+
+def _lack_of_fit(speed: FloatArray, rest: FloatArray, n_parameters: int) -> dict[str, float]:
+    """Test the means of the feedrates against the straight line (F, pure error within a feed)."""
+    from scipy.stats import f as f_distribution
+
+    order = np.argsort(speed)
+    groups: list[list[int]] = []
+    for i in order:
+        if groups and speed[i] <= speed[groups[-1][0]] * 1.02:
+            groups[-1].append(int(i))
+        else:
+            groups.append([int(i)])
+    pure = sum(float(((rest[g] - rest[g].mean()) ** 2).sum()) for g in groups)
+    between = sum(len(g) * float(rest[g].mean()) ** 2 for g in groups)
+    top, bottom = len(groups) - n_parameters, rest.size - len(groups)
+    if top < 1 or bottom < 1 or pure <= 0.0:
+        return {}
+    return {
+        "p_proportional": float(f_distribution.sf(between / top / (pure / bottom), top, bottom))
+    }
+
+
+def _wave_growth(solution: Solution) -> dict[str, list[float]]:
+    n = solution.terms.wavenumbers.size
+    first = solution.coefficients.size + solution.extra.size - 2 * n
+    a, b = np.split(solution.extra[-2 * n :], 2)
+    covariance = solution.joint_covariance[first : first + 2 * n, first : first + 2 * n]
+    per = 1.0 / (solution.terms.reference * _M_PER_MIN) / _NM
+    rows: dict[str, list[float]] = {}
+    for i, wavenumber in enumerate(solution.terms.wavenumbers):
+        pair = np.array([a[i], b[i]])
+        part = covariance[np.ix_([i, n + i], [i, n + i])]
+        amplitude = float(np.hypot(*pair))
+        along = pair / max(amplitude, 1e-300)
+        chi2 = float(pair @ np.linalg.solve(part, pair))
+        row = {
+            "wavelength_mm": 1.0 / float(wavenumber) / _MM,
+            "growth_nm_per_m_per_min": amplitude * per,
+            "u_growth_nm_per_m_per_min": math.sqrt(float(along @ part @ along)) * per,
+            "phase_rad": -math.atan2(b[i], a[i]),
+            "p": math.exp(-0.5 * min(chi2, 1400.0)),
+        }
+        for key, value in row.items():
+            rows.setdefault(key, []).append(value)
+    return rows
+
+
+def report_probes(solution: Solution, prepared: Sequence[PreparedRun]) -> Report:
+    """Return offset, sensitivity and noise of each probe."""
+    names = list(dict.fromkeys(r.probe for r in prepared))
+    gains = {u.name: u for u in solution.unknowns if isinstance(u, Gain)}
+    first = _level(solution, prepared, names[0])
+    columns: dict[str, Any] = {}
+    for name in names:
+        own = [i for i, r in enumerate(prepared) if r.probe == name]
+        level, u = _level(solution, prepared, name)
+        gain = gains.get(name)
+        rest = np.concatenate([solution.kept_residuals[i] for i in own])
+        is_first = name == names[0]
+        row = {
+            "probe": name,
+            "n_runs": len(own),
+            "offset_nm": 0.0 if is_first else (level - first[0]) / _NM,
+            "u_offset_nm": 0.0 if is_first else math.hypot(u, first[1]) / _NM,
+            "gain": 1.0 if gain is None else 1.0 + gain.value,
+            "u_gain": (0.0 if is_first else math.nan) if gain is None else gain.sd,
+            "residual_rms_nm": float(np.sqrt(np.nanmean(rest**2))) / _NM,
+        }
+        for key, value in row.items():
+            columns.setdefault(key, []).append(value)
+    factor, rho, n_shared = solution.sharing
+    columns["shared_passes"], columns["noise_correlation"] = n_shared, rho
+    sentences = [
+        f"probe {n!r} reads {(g - 1) * 100:+.2g} % against {names[0]!r} (u {u * 100:.2g} %)"
+        for n, g, u in zip(columns["probe"], columns["gain"], columns["u_gain"], strict=True)
+        if n in gains
+    ]
+    if factor > 1.0:
+        sentences.append(
+            f"the probes read the same passes and their noise is correlated ({rho:.2f}): they share "
+            f"the vibration of the machine, so together they count as {len(names) / factor:.2g} of {len(names)} probes"
+        )
+    return columns, sentences
+
+
+def _level(solution: Solution, prepared: Sequence[PreparedRun], name: str) -> tuple[float, float]:
+    """Return the mean offset of the runs of a probe, and its uncertainty from their scatter."""
+    own = solution.offsets[[i for i, r in enumerate(prepared) if r.probe == name]]
+    if own.size < 2:
+        return float(own.mean()), math.nan
+    return float(own.mean()), float(own.std(ddof=1)) / math.sqrt(own.size)

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.app.compare_answers import compare
-from metrosep.app.differences import difference_of, grid_words
+from metrosep.app.compare_answers import compare, difference_of, grid_words
 from metrosep.app.documents import Edit
 from metrosep.app.places import Places
 from metrosep.app.sessions import Session

@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from metrosep.app.keeping import Keeper
+from metrosep.app.sessions import Keeper
 from metrosep.core.errors import WriteError
 
 SOON = 10.0

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from metrosep.app.linked_modules import linked_module, masked_code
+from metrosep.app.notebook import linked_module, masked_code
 from metrosep.core.errors import DataError, UnsupportedFeatureError
 
 STATIC = Path(__file__).resolve().parents[2] / "metrosep" / "app" / "static"

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.app.answers import Answers
 from metrosep.app.documents import Edit
 from metrosep.app.evaluations import Evaluations
 from metrosep.app.places import Places
+from metrosep.app.server import Answers
 from metrosep.app.sessions import Session
 
 LIMIT = {"metric": "Sq", "upper": "1 um", "U": "1 nm"}

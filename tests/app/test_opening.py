@@ -340,7 +340,7 @@ def test_two_sessions_of_one_file_are_both_kept(tmp_path):
 
 
 def test_a_file_whose_session_is_not_on_the_disk_is_not_opened_over_it(tmp_path):
-    from metrosep.app.keeping import Keeper
+    from metrosep.app.sessions import Keeper
     from metrosep.core.errors import WriteError
 
     full = [True]

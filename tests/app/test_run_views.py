@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from metrosep.app.run_views import (
+from metrosep.app.run_answers import (
     feed_words,
     level_runs,
     mean_runs,

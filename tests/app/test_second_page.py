@@ -10,9 +10,9 @@ from starlette.testclient import TestClient
 
 import metrosep as ms
 from metrosep.app import server
-from metrosep.app.keeping import Keeper
 from metrosep.app.opening import autosave_path
 from metrosep.app.places import Places
+from metrosep.app.sessions import Keeper
 from metrosep.app.wire import unpack
 from metrosep.core.errors import WriteError
 

@@ -9,10 +9,9 @@ from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
 import metrosep as ms
-from metrosep.app.answers import Answers
 from metrosep.app.opening import autosave_path
 from metrosep.app.places import Places
-from metrosep.app.server import make_app
+from metrosep.app.server import Answers, make_app
 from metrosep.app.sessions import Session
 from metrosep.app.wire import unpack
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.app.answers import Answers
 from metrosep.app.places import Places
+from metrosep.app.server import Answers
 from metrosep.app.sessions import Session
 from metrosep.app.view_tables import shown_view, view_of, with_view
 from metrosep.app.wire import pack

@@ -3,13 +3,13 @@
 import subprocess
 import sys
 
-from metrosep.app.warm_up import warm_up
+from metrosep.app.server import warm_up
 
 SCRIPT = """
 import sys
 import numpy as np
 from metrosep import Profile, Surface
-from metrosep.app.warm_up import warm_up
+from metrosep.app.server import warm_up
 warm_up()
 before = set(sys.modules)
 from metrosep.app.evaluations import Evaluations

@@ -12,8 +12,7 @@ from metrosep.batch import run_batch
 from metrosep.core.errors import DataError, RecipeError
 from metrosep.recipe import Recipe
 from metrosep.recipe.part_order import parts_in_order
-from metrosep.report.batch_series import batch_table, series_section
-from metrosep.report.index import render_index
+from metrosep.report.index import batch_table, render_index, series_section
 from metrosep.report.index_view import series_of
 
 N = 16

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from metrosep.batch import run_batch, work
-from metrosep.batch.lock import locked
 from metrosep.batch.marks import write_mark
+from metrosep.batch.run import locked
 from metrosep.core.errors import DataError, ReadError, RecipeError, WriteError
 from metrosep.recipe import Recipe
 from metrosep.recipe.run import run_recipe

@@ -14,8 +14,7 @@ from metrosep.compensation.knots import choose_knots
 from metrosep.controllers.gcode_corrections import error_correction
 from metrosep.controllers.gcode_paths import rewrite_path
 from metrosep.machine import presets
-from metrosep.parameters.flatness import flatness_deviation
-from metrosep.parameters.roundness import roundness_deviation
+from metrosep.parameters.deviation import flatness_deviation, roundness_deviation
 from metrosep.process.spirals import SpiralPath
 from metrosep.separation.probe_angles import optimise_probe_angles
 from metrosep.separation.resampling import resample_by_encoder

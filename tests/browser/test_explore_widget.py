@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from metrosep import Profile, Surface
-from metrosep.app.explorations import Exploration
-from metrosep.app.notebook import widget_module, widget_style
+from metrosep.app.notebook import Exploration, widget_module, widget_style
 
 pytestmark = pytest.mark.browser
 

@@ -8,8 +8,7 @@ import pytest
 from metrosep.cli.main import main
 from metrosep.core.errors import InvalidSamplesError
 from metrosep.io.role_columns import RoleColumns
-from metrosep.recipe.deviations import as_positions, with_values
-from metrosep.recipe.methods import METHODS
+from metrosep.recipe.methods import METHODS, as_positions, with_values
 
 SAME = 1e-12  # m: what the sum of target and deviation rounds
 RUNS = 5

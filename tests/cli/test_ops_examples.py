@@ -6,9 +6,8 @@ import shlex
 
 import pytest
 
-from metrosep.cli.example_calls import example_call
 from metrosep.cli.main import main
-from metrosep.cli.ops import data_words
+from metrosep.cli.ops import data_words, example_call
 from metrosep.recipe.methods import METHODS
 from metrosep.recipe.recipe import Recipe
 

@@ -6,7 +6,7 @@ import pytest
 
 import metrosep as ms
 from metrosep.io import datx
-from metrosep.io.native_write import native_bytes
+from metrosep.io.native import native_bytes
 
 RTOL = 1e-12  # one multiplication in double precision
 ROWS = [[9.0, 1.0, 2.0], [3.0, 4.0, -5.0]]

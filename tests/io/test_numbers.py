@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from metrosep.core.errors import CorruptFileError
-from metrosep.io._exact_decimals import parse_decimals
-from metrosep.io.numbers import parse_numbers
+from metrosep.io.numbers import parse_decimals, parse_numbers
 from metrosep.io.source import open_file
 
 

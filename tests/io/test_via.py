@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.io import via
+from metrosep.io import read as via
 
 NM = 1e-9
 TOP = "top row first"

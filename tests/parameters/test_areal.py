@@ -9,10 +9,15 @@ import pytest
 from metrosep import Profile, Surface
 from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.core.provenance import Step
-from metrosep.parameters.areal import areal_parameters, is_form_removed
+from metrosep.parameters.areal import (
+    areal_parameters,
+    is_form_removed,
+    material_volume,
+    void_volume,
+    volumes,
+)
 from metrosep.parameters.areal_heights import height_statistics
 from metrosep.parameters.material_ratio import abbott_curve
-from metrosep.parameters.volumes import material_volume, void_volume, volumes
 
 UM, NM = 1e-6, 1e-9
 EXACT = 1e-12

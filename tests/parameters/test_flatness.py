@@ -10,7 +10,7 @@ import pytest
 
 from metrosep.core.errors import DataError, DegenerateFitError, TooFewSamplesError
 from metrosep.core.surface import Surface
-from metrosep.parameters.flatness import flatness_deviation
+from metrosep.parameters.deviation import flatness_deviation
 
 ROUNDING = 1e-12
 """Relative: a few dozen operations in double precision."""

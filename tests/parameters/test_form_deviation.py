@@ -12,9 +12,7 @@ from metrosep.core.errors import DataError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
-from metrosep.parameters.deviation import form_deviation
-from metrosep.parameters.flatness import flatness_deviation
-from metrosep.parameters.roundness import roundness_deviation
+from metrosep.parameters.deviation import flatness_deviation, form_deviation, roundness_deviation
 from metrosep.parameters.straightness import straightness_deviation
 
 CASES = [

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from metrosep.core.errors import InvalidSamplesError, TooFewSamplesError
-from metrosep.parameters.gradients import gradient_statistics, surface_slopes
+from metrosep.parameters.areal import gradient_statistics, surface_slopes
 
 UM = 1e-6
 ROUNDING = 1e-12

@@ -16,7 +16,7 @@ from metrosep.core.errors import (
 from metrosep.core.provenance import Step
 from metrosep.filters.chain import roughness, waviness
 from metrosep.filters.kind import DoubleFilterError
-from metrosep.parameters.hybrid import local_gradient
+from metrosep.parameters._profile_rows import local_gradient
 from metrosep.parameters.profile import profile_parameters
 from metrosep.parameters.sections import section_slices
 

@@ -16,7 +16,7 @@ from metrosep.core.errors import (
     TooFewSamplesError,
 )
 from metrosep.core.profile import Profile
-from metrosep.parameters.roundness import roundness_deviation
+from metrosep.parameters.deviation import roundness_deviation
 
 RTOL = 1e-6
 """Acceptance row Z04 of the specification."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from metrosep.plot.bars import draw_bars
+from metrosep.plot.charts import draw_bars
 from metrosep.recipe.bar_charts import bar_chart
 
 

@@ -8,8 +8,7 @@ import pytest
 from metrosep.errors import DataError
 from metrosep.forms import Plane, Toric
 from metrosep.optics import wavefront
-from metrosep.plot.disc import disc_map
-from metrosep.plot.wavefront_chart import contrast_plot, wavefront_map, zernike_bars
+from metrosep.plot.wavefront_chart import contrast_plot, disc_map, wavefront_map, zernike_bars
 
 PAPER = Toric(Rb=265e-3, Rd=132.5e-3)
 

@@ -15,10 +15,9 @@ from metrosep.recipe.step_help import DEFAULTS, HELP, key_words
 from metrosep.recipe.steps import STEPS
 from metrosep.separation.average import separate_mean
 from metrosep.separation.entry import _OPTIONS, separate
-from metrosep.separation.fourier import separate_kono
+from metrosep.separation.fourier import SelectionRule, separate_kono
 from metrosep.separation.joint import separate_joint
 from metrosep.separation.planner import plan_feedrates
-from metrosep.separation.selection import SelectionRule
 
 OPS = ("separate", "polynomial", "plan_feedrates")
 KEYS = [(op, key) for op in OPS for key in STEPS[op] if key != "op"]

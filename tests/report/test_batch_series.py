@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from metrosep.core.errors import DataError
-from metrosep.report.batch_series import batch_series, batch_table, series_section
-from metrosep.report.index import render_index
+from metrosep.report.index import batch_series, batch_table, render_index, series_section
 from metrosep.report.index_view import series_of
 
 EXACT = 1e-15

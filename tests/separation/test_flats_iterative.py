@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from metrosep.core.errors import DegenerateFitError, MetrosepError
-from metrosep.separation import _flat_iteration
+from metrosep.separation import flat_setup as _flat_iteration
 from metrosep.separation.flats import three_flat
 
 EXACT = 1e-17

@@ -9,8 +9,7 @@ from metrosep.separation._overlaps import overlaps_of, without_own_plane
 from metrosep.separation._stitch_grid import layout_of
 from metrosep.separation._stitch_input import pieces_of
 from metrosep.separation._stitch_iteration import ReferenceSystem
-from metrosep.separation._stitch_models import plain_problem
-from metrosep.separation._stitch_null import with_polynomials
+from metrosep.separation._stitch_models import plain_problem, with_polynomials
 from metrosep.separation._stitch_solve import inverse_of, normal_matrix
 from metrosep.separation._stitch_terms import WindowTerms
 from metrosep.separation.stitching import stitch

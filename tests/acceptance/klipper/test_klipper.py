@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from metrosep.compensation.maps import CompensationMap
-from metrosep.controllers.klipper import Klipper
 from metrosep.controllers.options import checked_options
+from metrosep.controllers.reprap import Klipper
 
 SOURCE = Path(os.environ.get("KLIPPER_SOURCE", os.devnull))
 
