@@ -20,12 +20,11 @@ from metrosep.app.messages import Answer, Arrays, Cancel, Message, Tell, plain
 from metrosep.app.opening import Opened
 from metrosep.app.separations import Separations
 from metrosep.app.sessions import Session, mark_of
-from metrosep.app.wanted_tables import Wanted
 from metrosep.compensation.table import CompensationTable
 from metrosep.compensation.trial import TrialTable, trial_table
 from metrosep.compensation.verify import Verification
 from metrosep.controllers.base import load_bytes, load_sidecar, sidecar_path
-from metrosep.controllers.files import dry_run_carried, read, simulate
+from metrosep.controllers.files import dry_run_carried, read, simulate, write
 from metrosep.controllers.options import checked_options, split_machine
 from metrosep.controllers.registry import find, names
 from metrosep.controllers.safety import CHECKS
@@ -41,9 +40,11 @@ from metrosep.core.errors import (
 )
 from metrosep.core.runset import RunSet
 from metrosep.core.units import parse_quantity
+from metrosep.recipe.outputs import make_carried
 from metrosep.recipe.pipeline import CancelledError
 from metrosep.recipe.preflight import machine_limits, output_name
 from metrosep.recipe.recipe import Recipe
+from metrosep.recipe.result import as_stored
 from metrosep.separation.base import ErrorEstimate
 
 __all__ = ["controllers", "table"]
@@ -589,3 +590,42 @@ def _files(target: Path) -> dict[str, Any]:
         "files": [str(target), str(sidecar_path(target))],
         "sha256": hashlib.sha256(target.read_bytes()).hexdigest(),
     }
+
+
+# ---- A table of a recipe, ready to be made and written as a run of the recipe does -------------
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """A table of a recipe, ready to be written."""
+
+    output: Mapping[str, Any]  # mapping: as the recipe has it, checked
+    # mapping: options and limits in SI, for `metrosep.controllers.write`
+    machine: Mapping[str, Any]
+    degree: Any = "aicc"  # of a polynomial where the output states none
+
+    @property
+    def controller(self) -> str:
+        """Name of the dialect."""
+        return str(self.output["controller"])
+
+    @property
+    def waive(self) -> tuple[str, ...]:
+        """Checks whose refusal the recipe accepts."""
+        return tuple(self.output.get("waive", ()))
+
+    def carried(self, estimate: ErrorEstimate, runs: RunSet) -> Any:
+        """Return what the controller will hold."""
+        return make_carried(estimate, self.output, as_stored(runs), degree=self.degree)
+
+    def write(self, carried: Any, path: Path, against: RunSet | None, **more: Any) -> Any:
+        """Write it as a run of the recipe does."""
+        said: dict[str, Any] = {
+            "waive": self.waive,
+            "sign_confirmed": bool(self.output.get("sign_confirmed", False)),
+            **more,
+        }
+        stored = None if against is None else as_stored(against)
+        return write(
+            carried, path, self.controller, verified_against=stored, **said, **self.machine
+        )

@@ -21,7 +21,6 @@ from metrosep.core.profile import Profile, html_table
 from metrosep.core.provenance import Step, freeze_mapping, history_as_dicts
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_length
-from metrosep.separation._estimate_parts import DirectionEstimate, freeze_mapping_int
 from metrosep.separation.curves import Curve, FeedTerm, SampledCurve, curve_from_dict
 
 if TYPE_CHECKING:
@@ -472,3 +471,34 @@ def _quantity(data: Mapping[str, Any]) -> Quantity:
         u=None if data["u"] is None else float(data["u"]),
         symbol=str(data.get("symbol", "")),
     )
+
+
+# ---- private to separation: what an estimate holds for each direction of travel ----------------
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DirectionEstimate:
+    """Error and standard uncertainty of one direction of travel.
+
+    Parameters
+    ----------
+    error : FourierCurve or SampledCurve
+        Error in m, line removed over the evaluation range.
+    uncertainty : SampledCurve
+        Standard uncertainty in m.
+    feed_term : FeedTerm or None
+        How the error changes with the feedrate, where that was estimated.
+    """
+
+    error: Curve
+    uncertainty: SampledCurve
+    feed_term: FeedTerm | None = None
+
+
+def freeze_mapping_int(items: Mapping[int, DirectionEstimate]) -> Mapping[int, DirectionEstimate]:
+    """Return a read-only copy, refusing an empty one."""
+    from types import MappingProxyType
+
+    if not items or not set(items) <= {-1, 0, 1}:
+        raise DataError(f"an estimate needs directions out of -1, 0, 1, got {list(items)}")
+    return MappingProxyType(dict(items))

@@ -14,9 +14,8 @@ from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.runset import RunSet
 from metrosep.core.units import format_length
-from metrosep.separation._estimate_parts import DirectionEstimate
 from metrosep.separation.average import separate_mean
-from metrosep.separation.base import ErrorEstimate
+from metrosep.separation.base import DirectionEstimate, ErrorEstimate
 from metrosep.separation.curves import SampledCurve
 from metrosep.separation.design import evaluation_range
 from metrosep.separation.forensics import Named, RunChecks, check_runs

@@ -26,14 +26,13 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
-from metrosep.separation._joint_probe_test import ProbeDifference, probe_differences
-from metrosep.separation._solver_state import INNER, SolverState, first_state, iterate
+from metrosep.core.errors import DegenerateFitError
 from metrosep.separation._unknowns import Frequency, Gain, Lag, Unknown
 from metrosep.separation.design import PreparedRun
-from metrosep.separation.feed_test import lag_score, square_of_feed_score
+from metrosep.separation.feed_test import lag_score, square_of_feed_score, whitened_rows
 from metrosep.separation.lines import FoundLine, find_line, nearest_power
 from metrosep.separation.options import JointOptions
-from metrosep.separation.shrinkage import PriorWeights
+from metrosep.separation.shrinkage import Cavity, OctavePrior, PriorWeights
 from metrosep.separation.system import System
 from metrosep.separation.terms import Terms
 from metrosep.separation.weights import RowWeights
@@ -485,3 +484,132 @@ def fit_unknowns(
     assert state.covariance is not None  # noqa: S101  (set by iterate)
     for j, unknown in enumerate(unknowns):
         unknown.sd = float(np.sqrt(state.covariance[first + j, first + j])) * unknown.prior_sd
+
+
+# ---- private to separation: whether probes that were taken as equal have the same sensitivity ----
+# A score test: one step of the gain from 1, at the solution without it, with its uncertainty.
+
+_UNSEEN = 1e-6
+"""Share of its information that must be left beside the other columns."""
+
+
+@dataclass(frozen=True, slots=True)
+class ProbeDifference:
+    """Sensitivity of a probe against the first, as one step from equality shows it."""
+
+    probe: str  # names
+    first: str
+    gain: float  # excess of the sensitivity: 0.05 reads 5 % more
+    sd: float  # its standard uncertainty if the probes are equal
+
+
+def probe_differences(system: System, covariance: FloatArray) -> tuple[ProbeDifference, ...]:
+    """Return the difference of each probe from the first."""
+    names = list(dict.fromkeys(r.probe for r in system.runs))
+    if len(names) < 2:
+        return ()
+    n = system.n_fixed + 2 * system.n_harmonics
+    score, own = np.zeros(len(names)), np.zeros(len(names))
+    cross = np.zeros((n, len(names)))
+    for group, model in zip(system.groups, system.noise, strict=True):
+        for i in group:
+            at = names.index(system.runs[i].probe)
+            column = _shape(system, i)[:, None]
+            rows, extra, rest, variance = whitened_rows(system, i, model, column)
+            variance *= system.sharing[0]
+            score[at] += float(extra[:, 0] @ rest) / variance
+            own[at] += float(extra[:, 0] @ extra[:, 0]) / variance
+            cross[:, at] += rows.T @ extra[:, 0] / variance
+    information = own - np.einsum("ij,ik,kj->j", cross, covariance, cross)
+    return tuple(
+        ProbeDifference(
+            names[j],
+            names[0],
+            float(score[j] / information[j]),
+            float(1.0 / np.sqrt(information[j])),
+        )
+        for j in range(1, len(names))
+        if information[j] > _UNSEEN * own[j] > 0.0
+    )
+
+
+def _shape(system: System, index: int) -> FloatArray:
+    """Return the error with its slope in one run, which a gain multiplies."""
+    run = system.runs[index]
+    curve = system.basis(index) @ system.solution[system.n_fixed :]
+    x = run.x - run.velocity * system.lag
+    slope = system.solution[len(system.runs)] * (x - system.centre) / system.half
+    return np.asarray(curve * system.gain[index] + slope * system.slope_gain[index])
+
+
+# ---- private to separation: one step of the joint solver, coefficients and prior in turn -------
+
+INNER = 12
+"""Rounds of coefficients and prior for one noise model."""
+
+
+def _posterior(
+    gram: FloatArray, right: FloatArray, precision: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    from scipy.linalg.lapack import dpotrf, dpotri
+
+    matrix = gram + np.diag(precision)
+    scale = 1.0 / np.sqrt(np.diag(matrix))
+    factor, info = dpotrf(matrix * scale[:, None] * scale, lower=1, clean=1)
+    inverse = factor
+    if info == 0:
+        inverse, info = dpotri(factor, lower=1)
+    if info != 0:
+        raise DegenerateFitError(
+            "the runs do not determine the model: two runs or wavelengths are indistinguishable; "
+            "ask for longer wavelengths (shortest=) or add runs"
+        )
+    full = np.tril(inverse) + np.tril(inverse, -1).T
+    covariance = full * scale[:, None] * scale
+    return covariance @ right, covariance
+
+
+@dataclass(slots=True)
+class SolverState:
+    """Prior, posterior covariance and effective parameters between two steps."""
+
+    prior: OctavePrior
+    weights: PriorWeights
+    cavity: Cavity | None = None
+    covariance: FloatArray | None = None
+    freedom: float = 0.0
+
+
+def iterate(system: System, state: SolverState, n_inner: int, *, learn_from: int) -> None:
+    """Solve for the coefficients and the prior in turn, at a given noise model."""
+    gram, right = system.normal_equations()
+    f, k = system.n_fixed, system.n_harmonics
+    ia, ib = f + np.arange(k), f + k + np.arange(k)
+    for i in range(n_inner):
+        precision = np.zeros(f + 2 * k)
+        precision[f:] = np.tile(1.0 / state.weights.tau2, 2)
+        precision[:f] = system.fixed_precision()
+        mean, covariance = _posterior(gram, right, precision)
+        variance = np.diag(covariance)
+        state.freedom = f + float(np.sum(2.0 - (variance[ia] + variance[ib]) / state.weights.tau2))
+        if system.terms.size:
+            extra = system.extra
+            held = float(system.terms.precision() @ variance[extra])
+            state.freedom -= held
+            system.terms.learn(mean[extra], variance[extra])
+        state.cavity = Cavity.from_posterior(
+            (mean[ia], mean[ib]),
+            (variance[ia], variance[ib], covariance[ia, ib]),
+            state.weights.tau2,
+        )
+        state.weights = state.prior.update(state.cavity, learn=i >= learn_from)
+        system.solution, state.covariance = mean, covariance
+
+
+def first_state(n_harmonics: int) -> SolverState:
+    """Return the state before anything was learnt: every wavelength may be as strong as the runs."""
+    nothing = np.zeros(n_harmonics)
+    return SolverState(
+        OctavePrior(n_harmonics),
+        PriorWeights(np.full(n_harmonics, 0.25), nothing, (nothing, nothing, nothing)),
+    )
