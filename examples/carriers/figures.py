@@ -7,7 +7,7 @@ import runpy
 import sys
 from pathlib import Path
 
-from metrosep.plot.loop_chart import closed_loop_plot
+from metrosep.plot.servo_chart import closed_loop_plot
 from metrosep.plot.style import COLOURS, DASHED, DOTTED, house_style
 
 CUTS = runpy.run_path(str(Path(__file__).parent / "cut_parts.py"))["cuts"]

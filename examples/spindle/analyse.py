@@ -4,8 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from metrosep.separation.index_detection import index_pulses
-from metrosep.separation.resampling import resample_by_index
+from metrosep.separation.resampling import index_pulses, resample_by_index
 from metrosep.separation.spindle import iso230_7
 
 folder = Path(__file__).parent

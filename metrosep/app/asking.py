@@ -91,7 +91,7 @@ def fewest_feeds(runs: RunSet) -> int:
 
 def _is_recording(file: Path) -> bool:
     """Whether a file that is no text holds channels over time."""
-    from metrosep.io.run_tables import columns_of
+    from metrosep.io.runs import columns_of
     from metrosep.io.source import open_file
 
     try:
@@ -174,7 +174,7 @@ def _map_fields(given: Mapping[str, Any]) -> list[dict[str, Any]]:
 def _may_be_map(file: Path) -> bool:
     """Whether a text holds nothing but numbers without names: a matrix of heights."""
     from metrosep.io.delimited_maps import is_matrix
-    from metrosep.io.run_tables import columns_of
+    from metrosep.io.runs import columns_of
     from metrosep.io.source import open_file
 
     table, known = columns_of(open_file(file), {})
@@ -217,7 +217,7 @@ def _choices(role: str, names: list[str]) -> list[str]:
 
 def _numbers(file: Path) -> list[tuple[str, str | None]]:
     """Return name and dimension of the columns of numbers."""
-    from metrosep.io.run_tables import columns_of
+    from metrosep.io.runs import columns_of
     from metrosep.io.source import open_file
 
     table, _ = columns_of(open_file(file), {})

@@ -161,7 +161,7 @@ def _evaluated(
 
 def _read_like(opened: Opened, recipe: Any, files: list[Path]) -> Surface | Profile:
     from metrosep.io.read import read
-    from metrosep.recipe.input_options import reading_options
+    from metrosep.recipe.schema import reading_options
 
     if len(files) > 1:
         raise DataError(f"this recipe measures one file at a time, got {len(files)}; name one")
@@ -251,7 +251,7 @@ _COLUMNS = 2000
 
 
 def _lines(name: str, profile: Profile) -> Arrays:
-    from metrosep.app.profile_views import Extremes, profile_view
+    from metrosep.app.view_tables import Extremes, profile_view
 
     view = profile_view(Extremes(profile), columns=_COLUMNS)
     return {f"{name}_x": view.x, f"{name}_low": view.low, f"{name}_high": view.high}

@@ -6,19 +6,41 @@ puts there; one that found something else came from an outdated page and is refu
 
 from __future__ import annotations
 
+import hashlib
+import json
+import os
+import re
+import secrets
+import shutil
+import tempfile
+import threading
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, Generic, TypeVar, cast
 
 from metrosep.app.view_tables import view_of, with_view
 from metrosep.core.atomic import atomic_write
-from metrosep.core.errors import DataError
+from metrosep.core.errors import DataError, MetrosepError, ReadError, WriteError
 from metrosep.recipe.extends import Admits
 from metrosep.recipe.recipe import Recipe
 
-__all__ = ["Edit", "RecipeDocument", "start_runs_text", "start_text"]
+__all__ = [
+    "Edit",
+    "Places",
+    "RecipeDocument",
+    "Remembered",
+    "Stamp",
+    "refuse_changed",
+    "refuse_open",
+    "refuse_other_result",
+    "stamps_of",
+    "start_runs_text",
+    "start_text",
+    "text_key",
+    "with_digests",
+]
 
 _DEEPEST = 200
 """Edits that can be undone."""
@@ -322,3 +344,269 @@ def _words(path: tuple[str | int, ...]) -> str:
 def _label(edit: Edit) -> str:
     verb = "remove" if edit.new is None else "add" if edit.old is None else "change"
     return f"{verb} {_words(edit.path)}"
+
+
+# ---- where results may be written: never onto what is open, never from files that changed meanwhile ----
+
+
+@dataclass(frozen=True, slots=True)
+class Stamp:
+    """What tells that a file is the one that was opened."""
+
+    file: Path  # the file
+    size: int  # bytes
+    mtime_ns: int  # nanoseconds: when it was written
+    sha256: str = ""  # digest of what was read; empty where it is not known
+
+
+def stamps_of(files: Iterable[Path]) -> tuple[Stamp, ...]:
+    """Return what tells files from later ones of their names; taken before they are read."""
+    made = []
+    for file in files:
+        try:
+            found = file.stat()
+        except OSError as exc:
+            raise ReadError(f"{file.name}: cannot be read ({exc.strerror or exc})") from None
+        made.append(Stamp(file, found.st_size, found.st_mtime_ns))
+    return tuple(made)
+
+
+def with_digests(stamps: Sequence[Stamp], obj: Any) -> tuple[Stamp, ...]:
+    """Return stamps with the digest that the history of what was read from a file states."""
+    read = [s for s in getattr(obj, "history", ()) if s.name == "read"]
+    if len(stamps) != 1 or len(read) != 1:
+        return tuple(stamps)
+    one, known = stamps[0], read[0].parameters
+    if known.get("file") != one.file.name or not known.get("sha256"):
+        return tuple(stamps)
+    return (Stamp(one.file, one.size, one.mtime_ns, str(known["sha256"])),)
+
+
+def refuse_changed(stamps: Iterable[Stamp]) -> None:
+    """Refuse to write what was made of files that are others now.
+
+    Notes
+    -----
+    Where the digest is known it decides: a copy with the same content is the same file.
+    """
+    for stamp in stamps:
+        try:
+            found = stamp.file.stat()
+            same = (found.st_size, found.st_mtime_ns) == (stamp.size, stamp.mtime_ns)
+            if stamp.sha256:
+                with stamp.file.open("rb") as file:
+                    same = hashlib.file_digest(file, "sha256").hexdigest() == stamp.sha256
+        except OSError:
+            same = False
+        if not same:
+            raise WriteError(f"{stamp.file.name} changed since it was opened; open it again")
+
+
+def refuse_open(target: Path, opened: Any, *, recipe: bool = False) -> None:
+    """Refuse to write onto what is open: its files, its recipe, its session."""
+    if target in opened.files or any(_same(target, f) for f in opened.files):
+        raise WriteError(
+            f"{target.name}: is the measurement that is open, and stays as it is; choose another name"
+        )
+    if _same(target, opened.kept):
+        raise WriteError(
+            f"{target.name}: is the session that is kept for what is open; choose another name"
+        )
+    if not _same(target, opened.home):
+        return
+    if not recipe:
+        raise WriteError(f"{target.name}: is the recipe that is open; choose another name")
+    if opened.base and hashlib.sha256(target.read_bytes()).hexdigest() != opened.base:
+        raise WriteError(
+            f"{target.name} changed since it was opened; choose another name, or open it again"
+        )
+
+
+def _same(target: Path, other: Path) -> bool:
+    """Whether two names are of one file, be it by a link."""
+    if target == other:
+        return True
+    try:
+        return target.samefile(other)
+    except OSError:
+        return False
+
+
+def refuse_other_result(folder: Path) -> None:
+    """Refuse a folder whose result.json is not of metrosep: it would be replaced."""
+    from metrosep.recipe.preflight import RESULT_NAME
+    from metrosep.recipe.result import load_document
+
+    there = folder / RESULT_NAME
+    if not there.exists():
+        return
+    try:
+        load_document(there)
+    except MetrosepError:
+        raise WriteError(
+            f"{folder.name}: holds a {RESULT_NAME} that is not of metrosep, and it would be replaced; "
+            "choose another folder"
+        ) from None
+
+
+# ---- which files the workbench may touch: those under folders that the user opened, and uploads ----
+
+_SET = re.compile(r"[A-Za-z0-9]{1,40}")
+_NAME = re.compile(r"[^/\\\0]{1,200}")
+
+
+class Places:
+    """Folders that were opened, and a folder for uploads that goes with the session."""
+
+    def __init__(self, folders: list[Path], largest_upload: int = 4_000_000_000) -> None:
+        self._roots = [Path(os.path.realpath(f)) for f in folders]
+        self.largest_upload = largest_upload
+        self._uploads: Path | None = None
+
+    @property
+    def roots(self) -> tuple[Path, ...]:
+        """Folders that may be read and written."""
+        own = () if self._uploads is None else (self._uploads,)
+        return (*self._roots, *own)
+
+    def add(self, folder: Path) -> None:
+        """Open another folder."""
+        self._roots.append(Path(os.path.realpath(folder)))
+
+    def readable(self, path: str) -> Path:
+        """Return a file inside the opened folders."""
+        found = self.inside(path)
+        if found is None:
+            raise ReadError(
+                f"{path}: lies outside the folders that were opened ({self._words()}); open it with "
+                "'metrosep ui FILE', add its folder with --folder, or drop it onto the page"
+            )
+        if not found.is_file():
+            raise ReadError(f"{path}: there is no such file")
+        return found
+
+    def writable(self, path: str) -> Path:
+        """Return where a file may be written."""
+        found = self.inside(path)
+        if found is None:
+            raise WriteError(
+                f"{path}: lies outside the folders that were opened ({self._words()}); choose a name "
+                "inside them"
+            )
+        if self.is_upload(found):
+            where = f"choose a name in {self._roots[0]}" if self._roots else "start with --folder"
+            raise WriteError(
+                f"{found.name}: the folder of dropped files goes when metrosep ends, and this with it; "
+                f"{where}"
+            )
+        if not found.parent.is_dir():
+            raise WriteError(f"{path}: its folder does not exist; make it first")
+        return found
+
+    def is_upload(self, file: Path) -> bool:
+        """Return whether a file lies in the folder of uploads, which goes with the session."""
+        return self._uploads is not None and file.is_relative_to(self._uploads)
+
+    def target(self, home: Path) -> Path:
+        """Return the folder where results of a file go unless the user says otherwise."""
+        return self._roots[0] if self.is_upload(home) and self._roots else home.parent
+
+    def inside(self, path: str) -> Path | None:
+        """Return a path without symbolic links, if it lies inside the opened folders."""
+        if not path or "\0" in path or not self.roots:
+            return None
+        found = Path(os.path.realpath(self.roots[0] / path))
+        return found if any(found.is_relative_to(root) for root in self.roots) else None
+
+    def admits(self, path: Path) -> bool:
+        """Return whether a path that a recipe names lies inside the opened folders."""
+        return self.inside(str(Path.cwd() / path)) is not None
+
+    def _words(self) -> str:
+        return ", ".join(map(str, self.roots)) or "none"
+
+    def upload(self, name: str, together: str = "") -> Path:
+        """Return a new place for an uploaded file."""
+        last = name.replace("\\", "/").rpartition("/")[2].strip()
+        if not _NAME.fullmatch(last) or last in (".", "..") or not last.isprintable():
+            raise WriteError(f"{name[:60]!r} is no file name")
+        if self._uploads is None:
+            try:
+                made = tempfile.mkdtemp(prefix="metrosep-ui-")
+            except OSError as exc:
+                raise WriteError(f"{last}: there is no room for a copy ({exc.strerror})") from None
+            self._uploads = Path(os.path.realpath(made))
+        if together and not _SET.fullmatch(together):
+            raise WriteError(
+                f"{together[:60]!r} is no name of a set; it has letters and digits only"
+            )
+        folder = self._uploads / (f"set-{together}" if together else secrets.token_hex(4))
+        try:
+            folder.mkdir(exist_ok=bool(together))
+        except OSError as exc:
+            raise WriteError(f"{last}: there is no room for a copy ({exc.strerror})") from None
+        if (folder / last).exists():
+            raise WriteError(
+                f"{last}: the set has a file of this name already; rename one of them"
+            )
+        return folder / last
+
+    def close(self) -> None:
+        """Remove the uploads."""
+        if self._uploads is not None:
+            shutil.rmtree(self._uploads, ignore_errors=True)
+            self._uploads = None
+
+
+# ---- what was made of the latest objects, so that it is not made again for the next picture ----
+
+Made = TypeVar("Made")
+
+
+class Remembered(Generic[Made]):
+    """A function of objects that keeps its latest results."""
+
+    def __init__(self, make: Callable[..., Made], most: int = 9) -> None:
+        self._make, self._most = make, most
+        self._kept: dict[int, tuple[Any, Made]] = {}
+        self._lock = threading.Lock()
+
+    def of(self, obj: Any, *rest: Any) -> Made:
+        """Return what is made of an object, made once.
+
+        Examples
+        --------
+        >>> calls = []
+        >>> lengths = Remembered(lambda text: calls.append(text) or len(text))
+        >>> word = "step"
+        >>> lengths.of(word), lengths.of(word), calls
+        (4, 4, ['step'])
+        """
+        with self._lock:
+            if id(obj) not in self._kept:
+                if len(self._kept) >= self._most:
+                    self._kept.clear()
+                self._kept[id(obj)] = (obj, self._make(obj, *rest))
+            return self._kept[id(obj)][1]
+
+    def clear(self) -> None:
+        """Forget everything."""
+        with self._lock:
+            self._kept.clear()
+
+
+def text_key(value: Any) -> str:
+    """Return what tells values of a recipe apart, as text.
+
+    Examples
+    --------
+    >>> text_key({"op": "crop", "x": (0.0, 1.0)}) == text_key({"x": [0.0, 1.0], "op": "crop"})
+    True
+    """
+    return json.dumps(_remembered_plain(value), sort_keys=True, default=str)
+
+
+def _remembered_plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(k): _remembered_plain(v) for k, v in value.items()}
+    return [_remembered_plain(v) for v in value] if isinstance(value, list | tuple) else value

@@ -12,8 +12,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from metrosep.app.documents import text_key
 from metrosep.app.pyramid import MapPyramid, build_pyramid
-from metrosep.app.remembered import text_key
 from metrosep.core.errors import DataError, MetrosepError
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface

@@ -7,10 +7,9 @@ import os
 import tomllib
 from pathlib import Path
 
-from metrosep.app.documents import Edit, RecipeDocument
+from metrosep.app.documents import Edit, RecipeDocument, refuse_open, refuse_other_result
 from metrosep.app.messages import Answer, Cancel, Message, Tell, text_of
 from metrosep.app.sessions import Session
-from metrosep.app.targets import refuse_open, refuse_other_result
 from metrosep.core.errors import DataError, UnsupportedFeatureError
 from metrosep.recipe.methods import METHODS
 

@@ -12,7 +12,7 @@ from metrosep.core.errors import MetrosepError, RecipeError
 from metrosep.recipe.pipeline import Stage
 from metrosep.recipe.recipe import Recipe
 from metrosep.recipe.result import Result
-from metrosep.recipe.step_words import step_words
+from metrosep.recipe.step_help import step_words
 
 __all__ = ["metrics"]
 

@@ -17,24 +17,23 @@ from importlib import resources
 from pathlib import PurePosixPath
 from typing import Any, NoReturn
 
-from metrosep.app.map_views import map_view
-from metrosep.app.picture_frames import (
+from metrosep.app.map_views import (
     Arrays,
     lateral_unit,
     map_frame,
+    map_view,
     profile_arrays,
     section_frame,
     spectrum_frame,
 )
-from metrosep.app.profile_views import Extremes, profile_view
 from metrosep.app.pyramid import build_pyramid
-from metrosep.app.section_views import section_profile, section_view
 from metrosep.app.spectrum_views import ProfileSpectrum, profile_spectrum, spectrum_view
+from metrosep.app.view_tables import Extremes, profile_view, section_profile, section_view
 from metrosep.app.wire import error_header, pack
 from metrosep.core.errors import DataError, MetrosepError, UnsupportedFeatureError
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
-from metrosep.spectral.band import Band
+from metrosep.spectral.dft import Band
 
 __all__ = ["explore", "widget_module", "widget_style"]
 

@@ -22,11 +22,18 @@ from metrosep.app.asking import (
     fewest_feeds,
     holds_columns,
 )
-from metrosep.app.documents import Edit, RecipeDocument, start_runs_text, start_text
+from metrosep.app.documents import (
+    Edit,
+    Places,
+    RecipeDocument,
+    Stamp,
+    stamps_of,
+    start_runs_text,
+    start_text,
+    with_digests,
+)
 from metrosep.app.evaluations import Evaluations
-from metrosep.app.places import Places
 from metrosep.app.separations import MethodResults, Separations
-from metrosep.app.targets import Stamp, stamps_of, with_digests
 from metrosep.core.errors import (
     DataError,
     FormatMismatchError,
@@ -38,9 +45,9 @@ from metrosep.core.errors import (
 from metrosep.core.plain_files import RECIPE_BYTES, read_plain
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
-from metrosep.recipe.input_options import reading_options
 from metrosep.recipe.recipe import Recipe
 from metrosep.recipe.run import input_files
+from metrosep.recipe.schema import reading_options
 from metrosep.recipe.steps import INPUT
 
 __all__ = [

@@ -14,19 +14,20 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from metrosep.app.documents import Remembered
+from metrosep.app.map_views import Vibration, find_vibrations
 from metrosep.app.messages import Answer, Arrays, Cancel, Message, Tell, level_of, number_or_none
-from metrosep.app.profile_views import (
+from metrosep.app.separations import Separations
+from metrosep.app.sessions import Session
+from metrosep.app.view_tables import (
     Extremes,
     ProfileView,
+    checked_columns,
+    checked_window,
     find_holes,
     profile_view,
     repeat_views,
 )
-from metrosep.app.remembered import Remembered
-from metrosep.app.separations import Separations
-from metrosep.app.sessions import Session
-from metrosep.app.sliding import Vibration, find_vibrations
-from metrosep.app.view_limits import checked_columns, checked_window
 from metrosep.app.wave_views import (
     EstimateWaves,
     FeedWaves,
@@ -41,8 +42,7 @@ from metrosep.core.quantity import Quantity
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import format_length
 from metrosep.recipe.recipe import Recipe
-from metrosep.separation.base import ErrorEstimate
-from metrosep.separation.curves import SampledCurve
+from metrosep.separation.base import ErrorEstimate, SampledCurve
 from metrosep.separation.design import evaluation_range
 
 __all__ = ["curves", "waves"]

@@ -28,24 +28,26 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from metrosep._version import __version__
 from metrosep.app.asking import Ask
-from metrosep.app.documents import Edit
+from metrosep.app.documents import Edit, Places, Remembered
 from metrosep.app.evaluations import Outcome
-from metrosep.app.map_views import map_view
-from metrosep.app.messages import Answer, Arrays, Cancel, Message, Tell, level_of
-from metrosep.app.picture_frames import (
+from metrosep.app.map_views import (
     lateral_unit,
     map_frame,
+    map_view,
     profile_arrays,
     section_frame,
     spectrum_frame,
 )
-from metrosep.app.places import Places
-from metrosep.app.profile_views import Extremes, profile_view
+from metrosep.app.messages import Answer, Arrays, Cancel, Message, Tell, level_of
 from metrosep.app.pyramid import MapPyramid, build_pyramid
-from metrosep.app.remembered import Remembered
-from metrosep.app.section_views import section_profile, section_view
 from metrosep.app.sessions import Session
-from metrosep.app.view_tables import checked_view
+from metrosep.app.view_tables import (
+    Extremes,
+    checked_view,
+    profile_view,
+    section_profile,
+    section_view,
+)
 from metrosep.app.wire import error_header, pack
 from metrosep.core.errors import DataError, MetrosepError, WriteError
 from metrosep.core.exit_codes import exit_code_of
@@ -532,7 +534,7 @@ class PictureAnswers:
     def spectrum(self, message: Message, cancel: Cancel) -> Answer:
         """Answer a request ``spectrum``."""
         from metrosep.app.spectrum_views import profile_spectrum, spectrum_view
-        from metrosep.spectral.band import Band
+        from metrosep.spectral.dft import Band
 
         outcome, obj = self._stage(message, cancel)
         unit = lateral_unit(obj)

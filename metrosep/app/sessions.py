@@ -12,16 +12,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from metrosep.app.documents import Edit, RecipeDocument
+from metrosep.app.documents import Edit, Places, RecipeDocument, refuse_changed, refuse_open
 from metrosep.app.evaluations import Evaluations, Level, Outcome
 from metrosep.app.opening import Opened, open_files, open_with, read_again, session_text
-from metrosep.app.places import Places
-from metrosep.app.targets import refuse_changed, refuse_open
 from metrosep.app.view_tables import shown_view
 from metrosep.core.atomic import atomic_write
 from metrosep.core.errors import DataError, WriteError
 from metrosep.recipe.recipe import Recipe
-from metrosep.recipe.step_words import step_words
+from metrosep.recipe.step_help import step_words
 
 __all__ = ["Session", "is_extreme", "mark_of"]
 

@@ -15,16 +15,15 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.app.profile_views import find_holes
-from metrosep.app.view_limits import checked_columns
+from metrosep.app.view_tables import checked_columns, find_holes
 from metrosep.core._arrays import ByteArray, FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.runset import Run
 from metrosep.core.units import format_length
 from metrosep.separation.base import ErrorEstimate
-from metrosep.spectral.band import Band
 from metrosep.spectral.density import amplitude_spectrum
+from metrosep.spectral.dft import Band
 from metrosep.spectral.hann import hann_weights, noise_bandwidth
 
 __all__ = ["ProfileSpectrum", "SpectrumView", "estimate_view", "profile_spectrum", "spectrum_view"]

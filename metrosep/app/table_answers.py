@@ -14,11 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from metrosep.app.controller_lists import described_controllers, machine_facts, sign_words
 from metrosep.app.documents import Edit, RecipeDocument
 from metrosep.app.messages import Answer, Arrays, Cancel, Message, Tell, plain
 from metrosep.app.opening import Opened
-from metrosep.app.separations import Separations
+from metrosep.app.separations import Separations, described_controllers, machine_facts, sign_words
 from metrosep.app.sessions import Session, mark_of
 from metrosep.compensation.table import CompensationTable
 from metrosep.compensation.trial import TrialTable, trial_table

@@ -2,13 +2,39 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
+from metrosep.core.profile import Profile
+from metrosep.core.provenance import Step
+from metrosep.core.runset import Run, RunSet
+from metrosep.core.surface import Surface
 
-__all__ = ["VIEW_KEYS", "checked_view", "shown_view", "view_of", "with_view"]
+__all__ = [
+    "VIEW_KEYS",
+    "Extremes",
+    "ProfileView",
+    "SectionView",
+    "checked_columns",
+    "checked_view",
+    "checked_window",
+    "find_holes",
+    "profile_view",
+    "repeat_views",
+    "section_profile",
+    "section_view",
+    "shown_view",
+    "view_of",
+    "with_view",
+]
 
 VIEW_KEYS = ("tab", "colours", "hill_shade", "section_mm", "section_px", "band_mm")
 """Tab, colours of the map, hill-shade, ends of the section, limits of the band of wavelengths."""
@@ -103,3 +129,493 @@ def with_view(text: str, view: Mapping[str, Any]) -> str:
     table = tomlkit.document()
     table.add("view", tomlkit.item(dict(view)))
     return f"{plain}\n{tomlkit.dumps(table)}"
+
+
+# ---- what a picture of a line is asked for: its part, and its pixel columns --------------------
+
+_MOST_COLUMNS = 100_000
+
+
+def checked_window(
+    window: Sequence[float] | None, whole: tuple[float, float]
+) -> tuple[float, float]:
+    """Return the part of a line that is looked at."""
+    if window is None:
+        return whole
+    try:
+        x0, x1 = (float(v) for v in window)
+    except (TypeError, ValueError):
+        x0 = x1 = math.nan
+    if not (math.isfinite(x0) and math.isfinite(x1) and x0 < x1):
+        raise DataError(f"window must be two positions x0 < x1 in m, got {window!r}")
+    return x0, x1
+
+
+def checked_columns(columns: Any) -> int:
+    """Return the number of pixel columns of a picture."""
+    is_whole = isinstance(columns, int | np.integer) and not isinstance(columns, bool)
+    if not is_whole or not 1 <= columns <= _MOST_COLUMNS:
+        raise DataError(f"columns must be a whole number from 1 to 100 000, got {columns!r}")
+    return int(columns)
+
+
+# ---- `SectionView`: heights of a map along a straight line, at full resolution -----------------
+# The section is read from the map itself, never from its means: a line costs a millisecond even on
+# 4096 x 4096 pixels, so what follows the pointer is already the truth.
+
+Reading = Literal["lanczos", "bilinear", "nearest"]
+
+_ON_PIXEL = 1e-8
+"""Part of a pixel below which a point lies on the pixel's centre line."""
+
+_REACH = np.arange(-3, 5)
+"""Neighbours on each axis of a point between pixel 0 and pixel 1: eight."""
+
+_AT_ONCE = 20_000
+"""Samples whose neighbours are held at a time: 10 MB."""
+
+_MOST_SAMPLES = 10_000_000
+"""Largest number of samples of a section; a line that needs more is a slip of the unit."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SectionView:
+    """A section as the screen shows it, with the numbers of its full resolution."""
+
+    distance: FloatArray  # shape (n,), m: from a, middle of the samples of each pixel column
+    # shape (n,), m: least and greatest height of each column; NaN where no sample of it is valid
+    low: FloatArray
+    high: FloatArray
+    length: float  # m: from a to b
+    # m: greatest less least valid height of all samples, nothing removed; NaN if none is valid
+    pv: float
+    sq: float  # m: RMS of the valid samples about their mean; NaN if none is valid
+    share_valid: float  # dimensionless: valid samples over all samples
+    n_samples: int  # samples that were read
+    method: str  # ``"lanczos"``, ``"bilinear"`` or ``"nearest"``
+    unit: str  # of distance and length: ``"m"``, or ``"px"`` for a map without lateral calibration
+
+
+def section_view(
+    surface: Surface,
+    a: Sequence[float],
+    b: Sequence[float],
+    *,
+    columns: int = 1000,
+    method: Reading = "lanczos",
+) -> SectionView:
+    """Return a section for the screen.
+
+    Examples
+    --------
+    >>> surface = Surface([[0.0, 1.0, 2.0, 9.0]] * 2, dx=1.0, dy=1.0)
+    >>> view = section_view(surface, (0.0, 0.5), (3.0, 0.5), columns=2)
+    >>> view.low.tolist(), view.high.tolist(), view.pv
+    ([0.0, 2.0], [1.0, 9.0], 9.0)
+    """
+    wide: Any = columns
+    if isinstance(wide, bool) or not isinstance(wide, int | np.integer) or wide < 1:
+        raise DataError(f"columns must be a whole number from 1, got {columns!r}")
+    distance, z, length, _ = _read(surface, a, b, method)
+    n = z.size
+    wide = min(n, int(wide))
+    first = np.arange(wide) * n // wide
+    last = np.append(first[1:], n) - 1
+    valid = z[~np.isnan(z)]
+    return SectionView(
+        distance=_frozen((distance[first] + distance[last]) / 2.0),
+        low=_frozen(np.fmin.reduceat(z, first)),
+        high=_frozen(np.fmax.reduceat(z, first)),
+        length=length,
+        pv=float(np.ptp(valid)) if valid.size else math.nan,
+        sq=float(valid.std()) if valid.size else math.nan,
+        share_valid=valid.size / n,
+        n_samples=n,
+        method=method,
+        unit="m" if _is_calibrated(surface) else "px",
+    )
+
+
+def section_profile(
+    surface: Surface,
+    a: Sequence[float],
+    b: Sequence[float],
+    *,
+    method: Reading = "lanczos",
+) -> Profile:
+    """Return the heights of a map along the line from a to b.
+
+    Notes
+    -----
+    On a slanting line ``"lanczos"`` (a plane with twist through the 64 pixels, and what it leaves by
+    a windowed sinc) keeps the RMS of waves from 3 pixels on within 1 %. ``"bilinear"`` averages, and
+    keeps 84 % at 4.3 pixels, two thirds of noise: prefer it on steps, where the other overshoots by
+    a tenth of their height. ``"nearest"`` keeps the RMS, and repeats pixels. None
+    fills a gap. Along pixel centres each gives the pixels themselves. The history says which
+    share was read bilinearly.
+
+    Examples
+    --------
+    >>> plane = Surface([[0.0, 1.0], [2.0, 3.0]], dx=1.0, dy=1.0)
+    >>> section_profile(plane, (0, 0), (0.6, 0.8)).z.round(12).tolist()
+    [0.0, 2.2]
+    """
+    distance, z, _, share = _read(surface, a, b, method)
+    unit = "m" if _is_calibrated(surface) else "px"
+    ends = {f"from_{unit}": [float(v) for v in a], f"to_{unit}": [float(v) for v in b]}
+    step = Step("section", {**ends, "reading": method, "bilinear_share": share})
+    return Profile(distance, z, metadata=surface.metadata, history=(*surface.history, step))
+
+
+def _read(
+    surface: Surface, a: Sequence[float], b: Sequence[float], method: str
+) -> tuple[FloatArray, FloatArray, float, float]:
+    """Return distances, heights, length, and the share of heights that were read bilinearly."""
+    if not isinstance(surface, Surface):
+        raise DataError(f"a section is cut through a Surface, got {type(surface).__name__}")
+    (ax, ay), (bx, by) = _point(a, "a"), _point(b, "b")
+    calibrated = _is_calibrated(surface)
+    dx, dy = (surface.dx or 1.0, surface.dy or 1.0) if calibrated else (1.0, 1.0)
+    x0, y0 = surface.origin if calibrated else (0.0, 0.0)
+    length = math.hypot(bx - ax, by - ay)
+    if not 0.0 < length < _MOST_SAMPLES * min(dx, dy):
+        raise DataError(
+            f"the section runs from ({ax:.9g}, {ay:.9g}) to ({bx:.9g}, {by:.9g}): its ends must "
+            f"differ, by less than {_MOST_SAMPLES} pixels; are they in m?"
+        )
+    # a step that divides the length up to rounding must not be cut in two
+    n = max(2, math.ceil(length / min(dx, dy) * (1.0 - 1e-9)) + 1)
+    part = np.linspace(0.0, 1.0, n)
+    column = (ax - x0) / dx + part * ((bx - ax) / dx)
+    row = (ay - y0) / dy + part * ((by - ay) / dy)
+    share = 1.0 if method == "bilinear" else 0.0
+    if method in ("lanczos", "bilinear"):
+        z = _bilinear(surface.z, row, column)
+        if method == "lanczos":
+            share = _refined(surface.z, row, column, z)
+    elif method == "nearest":
+        z = _nearest(surface.z, row, column)
+    else:
+        raise DataError(f'method must be "lanczos", "bilinear" or "nearest", got {method!r}')
+    return part * length, z, length, share
+
+
+def _point(point: Sequence[float], name: str) -> tuple[float, float]:
+    try:
+        x, y = (float(v) for v in point)
+    except (TypeError, ValueError):
+        x = y = math.nan
+    if not (math.isfinite(x) and math.isfinite(y)):
+        raise DataError(f"{name} must be two finite numbers (x, y) in m, got {point!r}")
+    return x, y
+
+
+def _is_calibrated(surface: Surface) -> bool:
+    return surface.dx is not None and surface.dy is not None
+
+
+def _bilinear(z: FloatArray, row: FloatArray, column: FloatArray) -> FloatArray:
+    """Return heights at fractional indices; a neighbour without weight need not be valid."""
+    (i, v), (j, u) = _split(row), _split(column)
+    total = np.zeros(row.size)
+    for di, wi in ((0, 1.0 - v), (1, v)):
+        for dj, wj in ((0, 1.0 - u), (1, u)):
+            weight = wi * wj
+            carries = weight > 0.0
+            height = _at(z, i[carries] + di, j[carries] + dj)
+            total[carries] += weight[carries] * height
+    return total
+
+
+def _refined(z: FloatArray, row: FloatArray, column: FloatArray, heights: FloatArray) -> float:
+    """Put better heights in place of bilinear ones; return the share that had no 64 neighbours."""
+    (i, v), (j, u) = _split(row), _split(column)
+    between = ~np.isnan(heights) & ((u > 0.0) | (v > 0.0))
+    low, high = _REACH[0], _REACH[-1]
+    inside = (i + low >= 0) & (i + high < z.shape[0]) & (j + low >= 0) & (j + high < z.shape[1])
+    which = np.flatnonzero(between & inside)
+    done = 0
+    for k in np.array_split(which, max(1, -(-which.size // _AT_ONCE))):
+        patch = z[i[k, None, None] + _REACH[:, None], j[k, None, None] + _REACH]
+        whole = ~np.isnan(patch).any(axis=(1, 2))
+        some, patch = k[whole], patch[whole]
+        heights[some] = _lanczos(patch, v[some], u[some])
+        done += some.size
+    n = int(np.count_nonzero(between))
+    return (n - done) / n if n else 0.0
+
+
+def _lanczos(patch: FloatArray, v: FloatArray, u: FloatArray) -> FloatArray:
+    """Return heights within 8 x 8 pixels: of their fitted plane, and by Lanczos-4 of what it leaves."""
+    # p = m + r y + c x + s x y about the middle; weights a, b with sum 1 of rows and columns:
+    # z(v, u) = sum a b (z - p) + p(v, u), and m drops out
+    t = _REACH.astype(np.float64) - 0.5
+    y, x = v - 0.5, u - 0.5
+    a, b = (w / w.sum(axis=1, keepdims=True) for w in (_sinc4(y, t), _sinc4(x, t)))
+    squares = float(t @ t)
+    r = np.einsum("nij,i->n", patch, t) / (t.size * squares)
+    c = np.einsum("nij,j->n", patch, t) / (t.size * squares)
+    s = np.einsum("nij,i,j->n", patch, t, t) / squares**2
+    weighted = np.einsum("nij,ni,nj->n", patch, a, b)
+    ya, xb = a @ t, b @ t
+    return np.asarray(weighted + r * (y - ya) + c * (x - xb) + s * (y * x - ya * xb))
+
+
+def _sinc4(place: FloatArray, t: FloatArray) -> FloatArray:
+    d = place[:, None] - t
+    return np.asarray(np.sinc(d) * np.sinc(d / 4.0))
+
+
+def _split(index: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
+    """Return whole and fractional part; what lies on a pixel within rounding lies on it."""
+    whole = np.floor(index + _ON_PIXEL)
+    part = index - whole
+    return whole.astype(np.intp), np.where(part > _ON_PIXEL, part, 0.0)
+
+
+def _nearest(z: FloatArray, row: FloatArray, column: FloatArray) -> FloatArray:
+    near = [np.floor(v + 0.5 + _ON_PIXEL).astype(np.intp) for v in (row, column)]
+    for k, (v, n) in enumerate(zip((row, column), z.shape, strict=True)):
+        at_rim = np.abs(v - (n - 0.5)) <= _ON_PIXEL  # the far rim belongs to the last pixel
+        near[k] = np.where(at_rim, n - 1, near[k])
+    return _at(z, near[0], near[1])
+
+
+def _at(z: FloatArray, row: NDArray[np.intp], column: NDArray[np.intp]) -> FloatArray:
+    """Return heights at whole indices, NaN outside the map."""
+    ny, nx = z.shape
+    inside = (row >= 0) & (row < ny) & (column >= 0) & (column < nx)
+    height = np.full(row.size, np.nan)
+    height[inside] = z[row[inside], column[inside]]
+    return height
+
+
+def _frozen(array: FloatArray) -> FloatArray:
+    array.setflags(write=False)
+    return array
+
+
+# ---- `ProfileView`: a long profile for the screen, with the extremes of each pixel column ------
+# A line through every hundredth sample hides the spike that scraps the part. So each pixel column
+# shows its least and greatest sample, all of them counted; `Extremes` keeps those of blocks of
+# samples, so that any window of ten million samples costs a millisecond or two.
+
+IndexArray = NDArray[np.intp]
+Level = tuple[FloatArray, FloatArray, NDArray[np.int32]]
+
+_BLOCK = 16
+"""Samples of a block, and blocks of a block of the next level."""
+
+_HOLE = 8.0
+"""A step this many times longer than both of its neighbours is a hole in the record."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, init=False)
+class Extremes:
+    """A profile with the extremes of its blocks of 16, 256, 4096 ... samples.
+
+    Notes
+    -----
+    Memory beyond the profile: 1.4 bytes for each sample.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> Extremes(Profile(np.arange(40.0), np.arange(40.0) % 7)).high[0].tolist()
+    [6.0, 6.0, 6.0]
+    """
+
+    x: FloatArray  # shape (n,), m: of the profile, positions rising
+    z: FloatArray
+    # of ndarray: least and greatest valid height (NaN where none) and number of valid samples of
+    # the blocks of each level
+    low: tuple[FloatArray, ...]
+    high: tuple[FloatArray, ...]
+    count: tuple[NDArray[np.int32], ...]
+    # index of the sample before each hole: a step more than eight times as long as both steps
+    # beside it. There samples are missing, though none says NaN
+    holes: IndexArray
+    name: str  # of a run: its name and its feedrate in m/s
+    feed: float | None
+
+    def __init__(self, profile: Profile | Run) -> None:
+        if not isinstance(profile, Profile | Run):
+            raise DataError(f"a profile view is made of a Profile, got {type(profile).__name__}")
+        turned = -1 if profile.x[-1] < profile.x[0] else 1
+        x, z = profile.x[::turned], profile.z[::turned]
+        levels = _levels(z)
+        name, feed = (profile.run_id, profile.feed) if isinstance(profile, Run) else ("", None)
+        values = (x, z, *zip(*levels, strict=True)) if levels else (x, z, (), (), ())
+        for field, value in zip(self.__slots__, (*values, find_holes(x), name, feed), strict=True):
+            object.__setattr__(self, field, value)
+
+    def of(self, start: IndexArray, stop: IndexArray) -> tuple[FloatArray, FloatArray, IndexArray]:
+        """Return the extremes of any ranges of samples."""
+        low = np.full(start.size, np.nan)
+        high, count = low.copy(), np.zeros(start.size, dtype=np.intp)
+        sources = [(self.z, self.z, None), *zip(self.low, self.high, self.count, strict=True)]
+        for k, (lows, highs, counts) in enumerate(sources):
+            inner = -(-start // _BLOCK), stop // _BLOCK
+            whole = (inner[0] < inner[1]) & (k + 1 < len(sources))
+            head = np.where(whole, inner[0] * _BLOCK, stop)
+            for first, last in ((start, head), (np.where(whole, inner[1] * _BLOCK, stop), stop)):
+                a, b, n = _gathered(lows, highs, counts, first, last)
+                low, high, count = np.fmin(low, a), np.fmax(high, b), count + n
+            start, stop = (np.where(whole, v, 0) for v in inner)
+            if not whole.any():
+                break
+        return low, high, count
+
+
+def _levels(z: FloatArray) -> list[Level]:
+    levels: list[Level] = []
+    low, high, count = z, z, (~np.isnan(z)).astype(np.int32)
+    while low.size > _BLOCK:
+        first = np.arange(0, low.size, _BLOCK)
+        low, high = np.fmin.reduceat(low, first), np.fmax.reduceat(high, first)
+        count = np.add.reduceat(count, first, dtype=np.int32)
+        for array in (low, high, count):
+            array.setflags(write=False)
+        levels.append((low, high, count))
+    return levels
+
+
+def _gathered(
+    lows: FloatArray,
+    highs: FloatArray,
+    counts: NDArray[np.int32] | None,
+    first: IndexArray,
+    last: IndexArray,
+) -> tuple[FloatArray, FloatArray, IndexArray]:
+    """Return the extremes of short ranges, some of them empty."""
+    width = max(1, int((last - first).max()))
+    i = first[:, np.newaxis] + np.arange(width)
+    outside = i >= last[:, np.newaxis]
+    i = np.where(outside, 0, i)
+    low, high = np.where(outside, np.nan, lows[i]), np.where(outside, np.nan, highs[i])
+    n = ~np.isnan(low) if counts is None else np.where(outside, 0, counts[i])
+    return np.fmin.reduce(low, axis=1), np.fmax.reduce(high, axis=1), n.sum(axis=1)
+
+
+def find_holes(x: FloatArray) -> IndexArray:
+    """Return where samples are missing from a record, though none says NaN.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> find_holes(np.array([0.0, 1.0, 2.0, 20.0, 21.0])).tolist()
+    [2]
+    """
+    step = np.diff(x)
+    if step.size < 3:
+        return np.zeros(0, dtype=np.intp)
+    longer = (step[1:-1] > _HOLE * step[:-2]) & (step[1:-1] > _HOLE * step[2:])
+    return np.asarray(np.flatnonzero(longer) + 1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ProfileView:
+    """A profile as the screen shows it."""
+
+    # shape (n,), m: middle of the samples of each pixel column that holds any, and the middle of
+    # each hole
+    x: FloatArray
+    # shape (n,), m: least and greatest valid sample of the column; NaN where there is none: a gap
+    low: FloatArray
+    high: FloatArray
+    # shape (n,), dimensionless: valid share of the samples of the column; 0 in a hole
+    coverage: FloatArray
+    n_samples: int  # samples in the window
+    name: str = ""  # run or series
+    feed: float | None = None  # m/s: feedrate of a run
+
+    @property
+    def is_reduced(self) -> bool:
+        """Whether a column holds more than one sample."""
+        return self.n_samples > self.x.size
+
+
+def profile_view(
+    profile: Extremes | Profile | Run,
+    *,
+    window: Sequence[float] | None = None,
+    columns: int = 1000,
+    name: str = "",
+) -> ProfileView:
+    """Return a window of a profile for the screen.
+
+    Notes
+    -----
+    Columns are equally wide in x, also where positions are not uniform. Gaps stay: a column
+    without a valid sample is NaN, and so is a point put into each hole that parts two columns.
+    A gap narrower than a column shows in `coverage`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> z = np.zeros(1000)
+    >>> z[123] = 5.0
+    >>> view = profile_view(Profile(np.arange(1000.0), z), columns=10)
+    >>> view.high.tolist()
+    [0.0, 5.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+    """
+    found = profile if isinstance(profile, Extremes) else Extremes(profile)
+    wide = checked_columns(columns)
+    x0, x1 = checked_window(window, (float(found.x[0]), float(found.x[-1])))
+    first = int(np.searchsorted(found.x, x0, side="left"))
+    last = int(np.searchsorted(found.x, x1, side="right"))
+    n = last - first
+    if n <= wide:
+        start = np.arange(max(first - 1, 0), min(last + 1, found.x.size))
+        stop = start + 1
+    else:
+        inner = np.searchsorted(found.x, np.linspace(x0, x1, wide + 1)[1:-1], side="left")
+        edges = np.unique(np.concatenate([[first], np.clip(inner, first, last), [last]]))
+        start, stop = edges[:-1], edges[1:]
+    return _view(found, start, stop, n, name or found.name)
+
+
+def _view(
+    found: Extremes, start: IndexArray, stop: IndexArray, n_samples: int, name: str
+) -> ProfileView:
+    if start.size == 0:
+        nothing = np.zeros(0)
+        return ProfileView(nothing, nothing, nothing, nothing, n_samples, name, found.feed)
+    low, high, count = found.of(start, stop)
+    x = (found.x[start] + found.x[stop - 1]) / 2.0
+    coverage = count / (stop - start)
+    holes = found.holes[np.isin(found.holes + 1, start[1:])]
+    if holes.size:
+        at = np.searchsorted(start, holes + 1)
+        x = np.insert(x, at, (found.x[holes] + found.x[holes + 1]) / 2.0)
+        low, high = np.insert(low, at, np.nan), np.insert(high, at, np.nan)
+        coverage = np.insert(coverage, at, 0.0)
+    for array in (x, low, high, coverage):
+        array.setflags(write=False)
+    return ProfileView(x, low, high, coverage, n_samples, name, found.feed)
+
+
+def repeat_views(
+    runs: RunSet | Iterable[Extremes | Profile | Run],
+    *,
+    window: Sequence[float] | None = None,
+    columns: int = 1000,
+) -> tuple[ProfileView, ...]:
+    """Return one view for each run, for lines over one another.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> x = np.linspace(0.0, 10e-3, 101)
+    >>> run = Run(x[::-1], np.arange(101.0), feed=0.01, run_id="back")
+    >>> [(v.name, v.feed, v.high[0].item()) for v in repeat_views([run])]
+    [('back', 0.01, 100.0)]
+    """
+    given = list(runs)
+    if not given:
+        raise DataError("there is no run to look at")
+    found = [r if isinstance(r, Extremes) else Extremes(r) for r in given]
+    if window is None:
+        ends = min(float(e.x[0]) for e in found), max(float(e.x[-1]) for e in found)
+        window = ends if ends[0] < ends[1] else None
+    return tuple(profile_view(e, window=window, columns=columns) for e in found)

@@ -42,7 +42,7 @@ class Identity:
     # SHA-256 of the input's bytes; of several files, of their names and hashes. Empty where they
     # could not be read
     input_hash: str
-    recipe_hash: str  # of `metrosep.recipe.hashing.recipe_hash`
+    recipe_hash: str  # of `metrosep.recipe.outputs.recipe_hash`
     version: str  # major and minor of metrosep
     name: str  # of the unit: equal content under two names has two results
 

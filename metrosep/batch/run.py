@@ -14,22 +14,27 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from metrosep.batch import marks
-from metrosep.batch.companions import files_read
 from metrosep.batch.executors import executor, parse_scheduler
 from metrosep.batch.index import build_index, format_error, write_index
 from metrosep.batch.loop import Stop, work_through
 from metrosep.batch.marks import Identity
 from metrosep.batch.names import one_line_name
-from metrosep.batch.output_folders import record_source, require_own_source
 from metrosep.batch.report import BatchReport
 from metrosep.batch.rows import STATUSES, exit_code
 from metrosep.batch.titles import title_notes
-from metrosep.batch.units import Found, Unit, find_units
+from metrosep.batch.units import (
+    Found,
+    Unit,
+    files_read,
+    find_units,
+    record_source,
+    require_own_source,
+)
 from metrosep.batch.work import DISK_FULL, Task, earlier_row, input_hash
 from metrosep.core.errors import DataError, MetrosepError, ReadError, RecipeError, WriteError
 from metrosep.recipe.guard_room import guard_notes
-from metrosep.recipe.hashing import recipe_hash
-from metrosep.recipe.part_order import order_notes
+from metrosep.recipe.outputs import recipe_hash
+from metrosep.recipe.parts import order_notes
 from metrosep.recipe.recipe import Recipe
 
 __all__ = ["run_batch"]

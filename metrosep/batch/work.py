@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any
 
 from metrosep._version import __version__
 from metrosep.batch import marks, memory
-from metrosep.batch.companions import files_read
 from metrosep.batch.failures import (
     ChangedError,
     as_reason,
@@ -28,7 +27,7 @@ from metrosep.batch.marks import FAILED, RESULT, Identity, unit_record
 from metrosep.batch.names import is_utf8
 from metrosep.batch.rows import row_of
 from metrosep.batch.titles import former_title
-from metrosep.batch.units import Unit
+from metrosep.batch.units import Unit, files_read
 from metrosep.core.blas import one_thread
 from metrosep.core.errors import MetrosepError, ReadError, RecipeError, WriteError
 
@@ -208,7 +207,7 @@ def _carry_out(
 
 def _keep_tables(stage: Path, folder: Path, names: list[str], *, fresh: bool) -> None:
     """Keep tables that are replaced because all is done again; otherwise refuse to replace them."""
-    from metrosep.recipe.staging import keep_replaced
+    from metrosep.recipe.outputs import keep_replaced
 
     try:
         keep_replaced(stage, folder, names, overwrite=fresh)
@@ -220,7 +219,7 @@ def _keep_tables(stage: Path, folder: Path, names: list[str], *, fresh: bool) ->
 @lru_cache(maxsize=4)
 def _recipe(text: str, name: str, folder: str, expected: str) -> Recipe:
     """Return the recipe, made once in each worker."""
-    from metrosep.recipe.hashing import recipe_hash
+    from metrosep.recipe.outputs import recipe_hash
     from metrosep.recipe.recipe import Recipe
 
     recipe = Recipe.parse(text, name=name, folder=folder)

@@ -127,10 +127,10 @@ def recipe_errors(text: str, *, name: str, folder: Path) -> list[str]:
 def _of_tables(layers: Any, name: str) -> Iterator[Exception]:
     """Yield the mistakes of each table, key by key."""
     from metrosep.core.errors import RecipeError
-    from metrosep.recipe.batch_keys import batch_table
     from metrosep.recipe.extends import LayeredPlace
     from metrosep.recipe.methods import METHODS
     from metrosep.recipe.overrides import input_fields_of
+    from metrosep.recipe.schema import batch_table
     from metrosep.recipe.steps import (
         CHECK,
         METHOD_CHECK,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
-from metrosep.recipe.pipeline_parameters import (
+from metrosep.recipe.pipeline_checks import (
     Evaluating,
     find_parameter,
     iso_filtered,

@@ -228,7 +228,7 @@ def _separate_named(
     from metrosep.cli.shortcut import option_error
     from metrosep.core.errors import RecipeError
     from metrosep.recipe.recipe import Recipe
-    from metrosep.recipe.step_words import step_words
+    from metrosep.recipe.step_help import step_words
 
     if print_recipe:
         click.echo(text, nl=False)

@@ -181,7 +181,7 @@ def _files(results: Sequence[str], *, quiet: bool) -> list[Path]:
 def _of_index(path: Path, below: list[Path], *, quiet: bool) -> list[Path]:
     """Return the results that the index of a batch counts, all of them where there is none."""
     from metrosep.core.errors import CorruptFileError, DataError
-    from metrosep.report.index_view import link_of, require_index
+    from metrosep.report.index import link_of, require_index
 
     index = path / "index.json"
     if not index.is_file():

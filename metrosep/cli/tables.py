@@ -181,8 +181,7 @@ def _map_of(file: str, options: dict[str, Any], reading: dict[str, Any]) -> Any:
 def _trial(made: Any, amplitude: str) -> Any:
     from metrosep.compensation.maps import CompensationMap
     from metrosep.compensation.table import CompensationTable
-    from metrosep.compensation.trial import trial_table
-    from metrosep.compensation.trial_maps import trial_map
+    from metrosep.compensation.trial import trial_map, trial_table
     from metrosep.core.units import parse_quantity
 
     size = parse_quantity(amplitude, dimension="length", name="--trial")

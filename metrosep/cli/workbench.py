@@ -36,7 +36,7 @@ def ui(files: tuple[str, ...], port: int, no_browser: bool, folders: tuple[str, 
     try:
         import uvicorn
 
-        from metrosep.app.places import Places
+        from metrosep.app.documents import Places
         from metrosep.app.server import make_app, new_token
     except ModuleNotFoundError as exc:
         if (exc.name or "").partition(".")[0] in ("starlette", "uvicorn", "websockets", "tomlkit"):

@@ -25,9 +25,6 @@ if TYPE_CHECKING:
         MachineTables as MachineTables,
         tables_from_machine as tables_from_machine,
     )
-    from metrosep.compensation.inverse import (
-        exact_correction as exact_correction,
-    )
     from metrosep.compensation.knots import (
         Knots as Knots,
         choose_knots as choose_knots,
@@ -46,18 +43,17 @@ if TYPE_CHECKING:
         LoopMachine as LoopMachine,
         Servo as Servo,
     )
-    from metrosep.compensation.map_limits import (
-        check_map_limits as check_map_limits,
-    )
     from metrosep.compensation.map_verify import (
         MapVerification as MapVerification,
         dry_run_map as dry_run_map,
     )
     from metrosep.compensation.maps import (
         CompensationMap as CompensationMap,
+        check_map_limits as check_map_limits,
     )
     from metrosep.compensation.polynomial import (
         PolynomialFit as PolynomialFit,
+        exact_correction as exact_correction,
         fit_polynomial as fit_polynomial,
     )
     from metrosep.compensation.products import (
@@ -76,12 +72,10 @@ if TYPE_CHECKING:
         CompensationTable as CompensationTable,
     )
     from metrosep.compensation.trial import (
-        TrialTable as TrialTable,
-        trial_table as trial_table,
-    )
-    from metrosep.compensation.trial_maps import (
         TrialMap as TrialMap,
+        TrialTable as TrialTable,
         trial_map as trial_map,
+        trial_table as trial_table,
     )
     from metrosep.compensation.uniform import (
         is_uniform as is_uniform,
@@ -98,34 +92,79 @@ if TYPE_CHECKING:
     )
 
 _HOMES = {
-    "area_errors": ["ErrorMap"],
-    "closed_loop": [
+    "area_errors": ("ErrorMap",),
+    "closed_loop": (
         "LoopCut",
         "LoopHistory",
         "LoopPass",
         "LoopResult",
         "iterate_loop",
         "run_closed_loop",
-    ],
-    "combine": ["combine_tables"],
-    "from_machine": ["MachineTables", "tables_from_machine"],
-    "inverse": ["exact_correction"],
-    "knots": ["Knots", "choose_knots", "knots_for_tolerance", "optimal_values"],
-    "limits": ["Finding", "Limits", "check_limits", "dead_zone"],
-    "loop_machines": ["AxisMachine", "FaceMachine", "LoopMachine", "Servo"],
-    "map_limits": ["check_map_limits"],
-    "map_verify": ["MapVerification", "dry_run_map"],
-    "maps": ["CompensationMap"],
-    "polynomial": ["PolynomialFit", "fit_polynomial"],
-    "products": ["ProductTables", "rank_one"],
-    "reversal": ["LostMotion"],
-    "rounding": ["Rounded", "round_entries", "round_increments"],
-    "table": ["CompensationTable"],
-    "trial": ["TrialTable", "trial_table"],
-    "trial_maps": ["TrialMap", "trial_map"],
-    "uniform": ["is_uniform", "resample_uniform", "resampling_error", "uniform_spacing"],
-    "verification": ["DirectionResidual", "Verification"],
-    "verify": ["dry_run"],
+    ),
+    "combine": ("combine_tables",),
+    "from_machine": (
+        "MachineTables",
+        "tables_from_machine",
+    ),
+    "knots": (
+        "Knots",
+        "choose_knots",
+        "knots_for_tolerance",
+        "optimal_values",
+    ),
+    "limits": (
+        "Finding",
+        "Limits",
+        "check_limits",
+        "dead_zone",
+    ),
+    "loop_machines": (
+        "AxisMachine",
+        "FaceMachine",
+        "LoopMachine",
+        "Servo",
+    ),
+    "map_verify": (
+        "MapVerification",
+        "dry_run_map",
+    ),
+    "maps": (
+        "CompensationMap",
+        "check_map_limits",
+    ),
+    "polynomial": (
+        "PolynomialFit",
+        "exact_correction",
+        "fit_polynomial",
+    ),
+    "products": (
+        "ProductTables",
+        "rank_one",
+    ),
+    "reversal": ("LostMotion",),
+    "rounding": (
+        "Rounded",
+        "round_entries",
+        "round_increments",
+    ),
+    "table": ("CompensationTable",),
+    "trial": (
+        "TrialMap",
+        "TrialTable",
+        "trial_map",
+        "trial_table",
+    ),
+    "uniform": (
+        "is_uniform",
+        "resample_uniform",
+        "resampling_error",
+        "uniform_spacing",
+    ),
+    "verification": (
+        "DirectionResidual",
+        "Verification",
+    ),
+    "verify": ("dry_run",),
 }
 
 __all__ = sorted(name for names in _HOMES.values() for name in names)  # noqa: PLE0605

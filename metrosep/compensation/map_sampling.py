@@ -24,7 +24,7 @@ from metrosep.compensation.area_errors import (
     is_rotary,
     rising,
 )
-from metrosep.compensation.inverse import exact_correction
+from metrosep.compensation.polynomial import exact_correction
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import TableError
 from metrosep.core.units import parse_quantity

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.compensation.folds import Folds
-from metrosep.compensation.inverse import exact_correction
 from metrosep.compensation.limits import Finding, Limits, check_limits, require_findings
+from metrosep.compensation.polynomial import exact_correction
 from metrosep.compensation.sampling import (
     Direction,
     ErrorSource,

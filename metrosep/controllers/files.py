@@ -19,8 +19,7 @@ from metrosep.compensation.map_verify import dry_run_map
 from metrosep.compensation.maps import CompensationMap
 from metrosep.compensation.polynomial import PolynomialFit
 from metrosep.compensation.table import CompensationTable
-from metrosep.compensation.trial import TrialTable
-from metrosep.compensation.trial_maps import TrialMap
+from metrosep.compensation.trial import TrialMap, TrialTable
 from metrosep.compensation.verify import Unknown, judged_table
 from metrosep.controllers._pairs import is_written, write_pair
 from metrosep.controllers.base import (

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.controllers.gcode_columns import Columns
-from metrosep.controllers.gcode_dense import MAX_LOOKS, MAX_PARTS
+from metrosep.controllers.gcode_corrections import MAX_LOOKS, MAX_PARTS
 from metrosep.controllers.gcode_words import refuse_block
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, LimitError

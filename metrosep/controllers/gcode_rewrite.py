@@ -24,8 +24,12 @@ from metrosep.controllers.gcode_checks import (
     check_way,
 )
 from metrosep.controllers.gcode_columns import Columns, Mover, carried, read_columns
-from metrosep.controllers.gcode_corrections import Lookup, PathCorrection
-from metrosep.controllers.gcode_dense import chord_errors, part_counts
+from metrosep.controllers.gcode_corrections import (
+    Lookup,
+    PathCorrection,
+    chord_errors,
+    part_counts,
+)
 from metrosep.controllers.gcode_state import ModalState
 from metrosep.controllers.gcode_tally import Tally
 from metrosep.controllers.gcode_words import (

@@ -30,24 +30,6 @@ from metrosep.compensation.table import CompensationTable
 from metrosep.compensation.uniform import resampling_error
 from metrosep.controllers._lookups import looked_up
 from metrosep.controllers._plain_text import is_same, printable, resolved
-from metrosep.controllers._pmac_text import (
-    ACTIVATION,
-    AGAIN,
-    LARGEST,
-    MOTORS,
-    SCALE,
-    Program,
-    entry_lines,
-    length_facts,
-    motor_facts,
-    motors_of,
-    named_axes,
-    read_program,
-    refuse_turning,
-    require_short_span,
-    rounded_entries,
-    signed,
-)
 from metrosep.controllers._uniform import enclosing_nodes, rolled_values, rolling_grid
 from metrosep.controllers.base import (
     Dialect,
@@ -59,7 +41,26 @@ from metrosep.controllers.base import (
     require_unchanged,
 )
 from metrosep.controllers.options import Option
-from metrosep.controllers.pmac import PMAC, motor_range
+from metrosep.controllers.pmac import (
+    ACTIVATION,
+    AGAIN,
+    LARGEST,
+    MOTORS,
+    PMAC,
+    SCALE,
+    Program,
+    entry_lines,
+    length_facts,
+    motor_facts,
+    motor_range,
+    motors_of,
+    named_axes,
+    read_program,
+    refuse_turning,
+    require_short_span,
+    rounded_entries,
+    signed,
+)
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     CorruptFileError,

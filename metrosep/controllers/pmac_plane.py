@@ -26,22 +26,6 @@ from metrosep.compensation.limits import Finding
 from metrosep.compensation.maps import CompensationMap
 from metrosep.controllers._lookups import one_way
 from metrosep.controllers._plain_text import printable, resolved
-from metrosep.controllers._pmac_text import (
-    ACTIVATION,
-    AGAIN,
-    MOTORS,
-    SCALE,
-    Program,
-    entry_lines,
-    length_facts,
-    motor_facts,
-    motors_of,
-    read_program,
-    refuse_turning,
-    require_short_span,
-    rounded_entries,
-    signed,
-)
 from metrosep.controllers._uniform import (
     RollingGrid,
     enclosing_nodes,
@@ -51,7 +35,23 @@ from metrosep.controllers._uniform import (
 )
 from metrosep.controllers.base import Dialect, DialectInfo, Encoded, Simulator, load_sidecar
 from metrosep.controllers.options import Option
-from metrosep.controllers.pmac import motor_range
+from metrosep.controllers.pmac import (
+    ACTIVATION,
+    AGAIN,
+    MOTORS,
+    SCALE,
+    Program,
+    entry_lines,
+    length_facts,
+    motor_facts,
+    motor_range,
+    motors_of,
+    read_program,
+    refuse_turning,
+    require_short_span,
+    rounded_entries,
+    signed,
+)
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, DataError, TableError
 from metrosep.core.units import format_length

@@ -22,7 +22,7 @@ from metrosep.controllers._even import even_map
 from metrosep.controllers._lookups import one_way
 from metrosep.controllers._plain_text import ascii_lines, decimal
 from metrosep.controllers.base import Dialect, DialectInfo, Encoded, Simulator
-from metrosep.controllers.neutral_map import map_fields, require_last_end
+from metrosep.controllers.neutral import map_fields, require_last_end
 from metrosep.controllers.options import Option
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, LimitError, TableError

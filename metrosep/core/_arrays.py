@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core.errors import InvalidSamplesError, TooFewSamplesError
+
+__all__ = ["benjamini_hochberg", "by_number"]
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -92,3 +95,43 @@ def same_length(**arrays: NDArray[Any]) -> None:
     if len(set(sizes.values())) > 1:
         text = ", ".join(f"{n} has {s}" for n, s in sizes.items())
         raise InvalidSamplesError(f"arrays must be equally long: {text}")
+
+
+# ---- which of many p-values are beyond chance --------------------------------------------------
+
+
+def benjamini_hochberg(p_values: FloatArray, *, rate: float) -> NDArray[np.bool_]:
+    """Return which hypotheses are rejected at a false discovery rate.
+
+    References
+    ----------
+    .. [1] Benjamini and Hochberg 1995.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> benjamini_hochberg(np.array([0.001, 0.2, 0.03, 0.9]), rate=0.05).tolist()
+    [True, False, False, False]
+    """
+    order = np.argsort(p_values)
+    n = p_values.size
+    passed = np.flatnonzero(p_values[order] <= rate * np.arange(1, n + 1) / n)
+    rejected = np.zeros(n, dtype=bool)
+    if passed.size:
+        rejected[order[: passed[-1] + 1]] = True
+    return rejected
+
+
+# ---- the order of names as people count: ``run2`` stands before ``run10`` ----------------------
+
+
+def by_number(name: str) -> list[tuple[int, int, str]]:
+    """Return a key that sorts names with the numbers in them by their value.
+
+    Examples
+    --------
+    >>> sorted(["run10", "run2", "run", "b1"], key=by_number)
+    ['b1', 'run', 'run2', 'run10']
+    """
+    pieces = re.split(r"(\d+)", name)
+    return [(1, int(p), "") if p.isdecimal() else (0, 0, p) for p in pieces]

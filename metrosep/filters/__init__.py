@@ -8,7 +8,7 @@ from metrosep.filters.kind import DoubleFilterError, profile_kind
 from metrosep.filters.morphological import closing, dilation, erosion, opening
 from metrosep.filters.robust import regression_constant, robust_gaussian
 from metrosep.filters.spline import spline
-from metrosep.spectral.band import Band
+from metrosep.spectral.dft import Band
 
 __all__ = [
     "Band",

@@ -25,7 +25,7 @@ from metrosep.filters.kind import (
     filtered_profile,
     profile_kind,
 )
-from metrosep.spectral._checks import instance_of, real_number
+from metrosep.spectral.dft import instance_of, real_number
 
 FilterBand = Literal["long", "short"]
 
@@ -40,7 +40,7 @@ ON_LIMIT = 1e-9
 """A wavelength this close to a limit, relative, lies on it: decimals are not exact in binary."""
 
 ALL_THE_SAME = "(refilter=True in Python does it all the same)"
-"""How a refusal to filter twice ends; a recipe gets its own words (`metrosep.recipe.step_words`)."""
+"""How a refusal to filter twice ends; a recipe gets its own words (`metrosep.recipe.step_help`)."""
 
 _L_FILTERS = ("gaussian", "spline", "robust_gaussian")
 """Names in the history of filters by cut-off."""

@@ -12,7 +12,7 @@ from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
 from metrosep.filters import _arguments as arguments
 from metrosep.filters._kernel import standard_deviation
-from metrosep.spectral._checks import real_number
+from metrosep.spectral.dft import real_number
 
 End = Literal["moment", "renormalise", "closed", "cut"]
 

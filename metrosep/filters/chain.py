@@ -18,7 +18,7 @@ from metrosep.filters._arguments import ALL_THE_SAME, SHORTFALL, counted
 from metrosep.filters._gaussian_task import End
 from metrosep.filters.gaussian import gaussian
 from metrosep.filters.kind import DoubleFilterError, ProfileKind, profile_kind
-from metrosep.spectral._checks import instance_of, real_number, whole_number
+from metrosep.spectral.dft import instance_of, real_number, whole_number
 
 __all__ = ["primary", "roughness", "waviness"]
 

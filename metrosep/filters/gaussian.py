@@ -23,8 +23,7 @@ from metrosep.core.surface import Surface
 from metrosep.filters import _areal as areal, _arguments as arguments, _convolve as convolve
 from metrosep.filters._arguments import FilterBand
 from metrosep.filters._gaussian_task import End, GaussianTask, gaussian_task
-from metrosep.spectral._checks import real_number
-from metrosep.spectral.band import Band
+from metrosep.spectral.dft import Band, real_number
 
 __all__ = ["gaussian", "gaussian_support"]
 

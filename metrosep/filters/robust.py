@@ -26,7 +26,7 @@ from metrosep.core.surface import Surface
 from metrosep.filters import _arguments as arguments
 from metrosep.filters._arguments import FilterBand
 from metrosep.filters._robust_moments import Kernel, local_regression
-from metrosep.spectral._checks import real_number, whole_number
+from metrosep.spectral.dft import real_number, whole_number
 
 __all__ = ["regression_constant", "robust_gaussian"]
 

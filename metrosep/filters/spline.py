@@ -30,7 +30,7 @@ from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
 from metrosep.filters import _arguments as arguments
 from metrosep.filters._arguments import FilterBand
-from metrosep.spectral._checks import real_number, whole_number
+from metrosep.spectral.dft import real_number, whole_number
 
 __all__ = ["spline"]
 

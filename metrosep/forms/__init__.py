@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from metrosep.forms.asphere import Asphere
 from metrosep.forms.base import Form
 from metrosep.forms.catalogue import form_from_text
-from metrosep.forms.conic import Conic
+from metrosep.forms.conic import Asphere, Conic
 from metrosep.forms.cylinder import Cylinder
 from metrosep.forms.expression import Expression
 from metrosep.forms.fit import fit, remove
@@ -17,18 +16,17 @@ from metrosep.forms.moments import (
     fit_grid_polynomial,
     remove_grid,
 )
-from metrosep.forms.named_polynomials import XY, Chebyshev, Legendre
 from metrosep.forms.plane import Plane
 from metrosep.forms.points import PointSet
-from metrosep.forms.polynomial import Polynomial
+from metrosep.forms.polynomial import XY, Chebyshev, Legendre, Polynomial
 from metrosep.forms.qforbes import QForbes
 from metrosep.forms.result import FitResult
 from metrosep.forms.sine_grid import SineGrid
 from metrosep.forms.sphere import Sphere
 from metrosep.forms.stl import MeshForm, from_triangles
 from metrosep.forms.toric import Biconic, Toric
-from metrosep.forms.zernike import Zernike
-from metrosep.forms.zernike_index import (
+from metrosep.forms.zernike import (
+    Zernike,
     ansi_to_nm,
     fringe_to_nm,
     nm_to_ansi,

@@ -113,7 +113,7 @@ def _simple(module: str, cls: str) -> Callable[[dict[str, str]], Form]:
 
 
 def _asphere(pairs: dict[str, str]) -> Form:
-    from metrosep.forms.asphere import Asphere
+    from metrosep.forms.conic import Asphere
 
     norm = pairs.pop("norm_radius", None)
     terms = {k: pairs.pop(k) for k in list(pairs) if re.fullmatch(r"a\d+", k)}

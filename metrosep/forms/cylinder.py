@@ -11,9 +11,8 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DegenerateFitError
-from metrosep.forms._curvature import inside, mean_curvature, radius_of, scaled
-from metrosep.forms._shape import Shape, positive_root, root
-from metrosep.forms.base import checked
+from metrosep.forms.base import Shape, checked, positive_root, root
+from metrosep.forms.conic import inside, mean_curvature, radius_of, scaled
 
 __all__ = ["Cylinder"]
 

@@ -12,9 +12,8 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
-from metrosep.forms._shape import Shape
-from metrosep.forms.base import checked
-from metrosep.forms.freedoms import RIGID
+from metrosep.forms.base import Shape, checked
+from metrosep.forms.placement import RIGID
 
 __all__ = ["Expression"]
 

@@ -19,16 +19,14 @@ from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
-from metrosep.forms._curvature import curvature_name, curvature_of, is_flat
 from metrosep.forms.base import Form
-from metrosep.forms.fit_linear import Answer
-from metrosep.forms.freedoms import RIGID, Freedoms, choose_freedoms
+from metrosep.forms.conic import curvature_name, curvature_of, is_flat
 from metrosep.forms.iterate import find
-from metrosep.forms.placement import Direction, Placement, Tilt
+from metrosep.forms.linear import Answer, Robust, spread
+from metrosep.forms.placement import RIGID, Direction, Freedoms, Placement, Tilt, choose_freedoms
 from metrosep.forms.points import Points, PointSet, points_of
 from metrosep.forms.polynomial import Polynomial
 from metrosep.forms.result import FitResult
-from metrosep.forms.robust import Robust, spread
 
 __all__ = ["fit", "remove"]
 

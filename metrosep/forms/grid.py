@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, DegenerateFitError, TooFewSamplesError
 from metrosep.core.surface import Surface
-from metrosep.forms._shape import Shape
-from metrosep.forms.base import checked
+from metrosep.forms.base import Shape, checked
 
 __all__ = ["GridForm"]
 

@@ -11,14 +11,23 @@ from numpy.typing import NDArray
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, DegenerateFitError, NotConvergedError
 from metrosep.forms._correlated import estimated
-from metrosep.forms._curvature import curvature_of, radius_of
 from metrosep.forms.base import Form
-from metrosep.forms.fit_linear import Answer, solve_level, solve_linear, sum_of_squares
-from metrosep.forms.freedoms import RIGID, Freedoms, known_values
-from metrosep.forms.linear import LinearForm
-from metrosep.forms.placement import Direction, Placement, Tilt
+from metrosep.forms.conic import curvature_of, radius_of
+from metrosep.forms.linear import (
+    Answer,
+    LinearForm,
+    Robust,
+    Weigh,
+    robust_fit,
+    robust_variance,
+    solve_level,
+    solve_linear,
+    spread,
+    sum_of_squares,
+    trimmed_start,
+)
+from metrosep.forms.placement import RIGID, Direction, Freedoms, Placement, Tilt, known_values
 from metrosep.forms.points import SAMPLE, Points
-from metrosep.forms.robust import Robust, Weigh, robust_fit, robust_variance, spread, trimmed_start
 
 __all__ = ["find"]
 

@@ -9,17 +9,41 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from typing import Literal, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
-from metrosep.core.errors import DegenerateFitError, InvalidSamplesError, TooFewSamplesError
+from metrosep.core.errors import (
+    DataError,
+    DegenerateFitError,
+    InvalidSamplesError,
+    NotConvergedError,
+    TooFewSamplesError,
+)
 from metrosep.forms.base import Form
+from metrosep.forms.placement import Freedoms, Placement
+from metrosep.forms.points import Points
 
-__all__ = ["LinearFit", "LinearForm", "solve_blocks"]
+__all__ = [
+    "Answer",
+    "LinearFit",
+    "LinearForm",
+    "Robust",
+    "robust_fit",
+    "robust_variance",
+    "solve_blocks",
+    "solve_level",
+    "solve_linear",
+    "spread",
+    "sum_of_squares",
+    "trimmed_start",
+    "winsorised",
+]
 
 _BLOCK = 16384
 """Points of a block."""
@@ -201,3 +225,308 @@ def _degenerate(n: int, what: str) -> str:
         f"the {n} valid points do not determine {what}; lower the number of terms or measure more "
         "of the part"
     )
+
+
+# ---- the part of `fit` that needs no iteration: forms that are linear in all that is free ------
+# A polynomial or Zernike form with unknown coefficients is solved by its own engine (moments of the
+# map, orthogonal factors of a list); a known form with piston and both tilts free by the moments of
+# degree 1 of what it leaves.
+
+_LEVELS = ("piston", "tilt_x", "tilt_y")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Answer:
+    """What a fit found."""
+
+    form: Form  # with its parameters
+    rigid: dict[str, float]  # to float: rigid-body freedoms
+    cov: FloatArray  # shape (p, p): covariance in the order of the freedoms
+    residual: FloatArray  # shape of the points' z, m: what is left; NaN outside the domain
+    n: int  # points inside the domain
+    squares: float  # m^2: sum of the squared residuals
+
+
+def solve_linear(
+    points: Points, form: Form, freedoms: Freedoms, robust: Robust | None
+) -> Answer | None:
+    """Return the answer of a form whose coefficients are all that is free, else None."""
+    if not isinstance(form, LinearForm) or freedoms.shape != tuple(form.parameters):
+        return None
+    if freedoms.rigid or freedoms.held:
+        return None
+    if robust is not None:
+        return _robust(points, form, robust)
+    fit, residual = _once(points, form, None)
+    n, squares = fit.n_valid, max(fit.residual_sum, 0.0)
+    return Answer(fit.form, {}, _covariance(fit), residual, n, squares)
+
+
+def solve_level(
+    points: Points, placed: Placement, freedoms: Freedoms, robust: Robust | None
+) -> Answer | None:
+    """Return piston and tilt of a known form on a map where nothing else is free, else None."""
+    if points.z.shape[0] < 2 or freedoms.names != _LEVELS or robust is not None:
+        return None
+    if (placed.tilt, placed.direction) != ("plane", "vertical") or not points.is_uniform:
+        return None
+    try:
+        return _levelled(points, placed)
+    except DegenerateFitError:  # the general solver names the freedoms that are not determined
+        return None
+
+
+def sum_of_squares(residual: FloatArray) -> tuple[int, float]:
+    """Return the number of points that are not NaN, and the sum of their squares."""
+    squares, n = 0.0, 0
+    for part in np.array_split(residual.ravel(), max(1, residual.size >> 16)):
+        good = part[~np.isnan(part)]
+        squares += float(good @ good)
+        n += int(good.size)
+    return n, squares
+
+
+def _levelled(points: Points, placed: Placement) -> Answer:
+    """Return piston and tilt of a known form on a map."""
+    from metrosep.forms.polynomial import Polynomial
+
+    bare = Placement(
+        placed.form, {k: v for k, v in placed.rigid.items() if k not in _LEVELS}, placed.tilt
+    )
+    left = points.z
+    if placed.form.parameters:  # a plane holds nothing that is not fitted
+        left = points.over_blocks(bare.deviation)
+    fit, residual = Polynomial(1).fit_map(points.x, points.y, left)
+    c = fit.form.parameters
+    rigid = dict(
+        zip(_LEVELS, (float(c[k] or 0.0) for k in ("c_0_0", "c_1_0", "c_0_1")), strict=True)
+    )
+    n, squares = fit.n_valid, max(fit.residual_sum, 0.0)
+    return Answer(placed.form, {**bare.rigid, **rigid}, _covariance(fit), residual, n, squares)
+
+
+def _once(
+    points: Points, form: LinearForm, weights: FloatArray | None
+) -> tuple[LinearFit, FloatArray]:
+    if points.z.shape[0] > 1 and not points.is_scattered:
+        return form.fit_map(points.x, points.y, points.z, weights=weights)
+    y = points.y if points.is_scattered else np.broadcast_to(points.y, points.x.shape)
+    flat = None if weights is None else weights[0]
+    fit, residual = form.fit_list(points.x, y, points.z[0], weights=flat)
+    return fit, residual[None, :]
+
+
+def _robust(points: Points, form: LinearForm, rule: Robust) -> Answer:
+    """Return the MM-estimate: trimmed start of a sample, then weights of all points."""
+    least, residual = _once(points, form, None)
+    form = least.form  # its domain stays, whatever the weights
+    x, y, z = points.sample()
+    left = z - form.height(x, y)
+    inside = ~np.isnan(left)
+    change = trimmed_start(form.basis(x, y)[:, inside], left[inside])
+    values = {
+        k: float(v or 0.0) + float(d)
+        for (k, v), d in zip(form.parameters.items(), change, strict=True)
+    }
+    trimmed = Placement(form.with_parameters(**values), {})
+    residual = np.where(np.isnan(residual), np.nan, points.over_blocks(trimmed.deviation))
+
+    def refit(
+        last: tuple[LinearFit, FloatArray], weigh: Weigh
+    ) -> tuple[tuple[LinearFit, FloatArray], float]:
+        fit, fresh = _once(points, form, weigh(last[1]))
+        n, squares = sum_of_squares(fresh - last[1])
+        return (fit, fresh), float(np.sqrt(squares / n))
+
+    (fit, residual), scale = robust_fit(
+        (least, residual),
+        lambda found: spread(found[1]),
+        refit,
+        rule,
+        largest=points.largest,
+        name=form.name,
+    )
+    flat = residual[~np.isnan(residual)]
+    cov = robust_variance(flat, scale, rule, len(form.parameters)) * least.inverse
+    n, squares = sum_of_squares(residual)
+    return Answer(fit.form, {}, cov, residual, n, squares)
+
+
+def _covariance(fit: LinearFit) -> FloatArray:
+    """Return the covariance; NaN where there are no degrees of freedom."""
+    if fit.n_valid <= fit.inverse.shape[0]:
+        return np.full(fit.inverse.shape, np.nan)
+    return fit.covariance
+
+
+# ---- what keeps outliers from pulling a fit: a trimmed start, then Tukey's or Huber's weights ----
+# An MM-estimate: least trimmed squares of a sample (up to half of the points may be wrong) gives the
+# place and the spread of the good points; with that spread held, weighted least squares is repeated
+# until it settles. Sources: Rousseeuw and Van Driessen 2006 (FAST-LTS); Yohai 1987; Huber 1981, 7.6.
+
+Robust = Literal["tukey", "huber"]
+Weigh = Callable[[FloatArray], FloatArray]
+"""From the deviation of each point to its weight; 0 where the deviation is NaN."""
+Fitted = TypeVar("Fitted")
+
+_TUNING = {"tukey": 4.685, "huber": 1.345}
+"""95 % efficiency for Gaussian noise (Holland and Welsch 1977)."""
+
+_TRIM_POINTS, _TRIM_STARTS = 1000, 300
+"""Of the sample; 300 subsets of 7 points hold one without outlier even where 40 % are wrong."""
+
+_ROUNDS = 300
+"""Of weights: they settle linearly."""
+
+_SETTLED = 1e-6
+"""Of the spread: a round that moves the heights by less changes nothing that matters."""
+
+_EXACT = 1e-15
+"""Of the largest height: a spread below it is rounding, and the good points fit exactly."""
+
+_NORMAL_MAD = 1.4826
+"""Standard deviation of Gaussian noise over its median absolute deviation."""
+
+
+def spread(deviation: FloatArray) -> float:
+    """Return the standard deviation that Gaussian noise of this median magnitude has."""
+    valid = np.abs(deviation[~np.isnan(deviation)])
+    return _NORMAL_MAD * float(np.median(valid)) if valid.size else 0.0
+
+
+def robust_weights(deviation: FloatArray, scale: float, rule: Robust) -> FloatArray:
+    """Return the weight of each point, 0 to 1."""
+    if rule not in _TUNING:
+        raise DataError(f"robust must be one of {', '.join(_TUNING)}, got {rule!r}")
+    limit = _TUNING[rule] * scale
+    magnitude = np.abs(deviation)
+    if limit == 0.0:
+        return np.where(np.isnan(deviation), np.nan, (magnitude == 0.0).astype(np.float64))
+    if rule == "tukey":
+        inside = 1.0 - np.minimum(magnitude / limit, 1.0) ** 2
+        return inside * inside
+    return np.minimum(1.0, limit / np.maximum(magnitude, limit))
+
+
+def robust_variance(deviation: FloatArray, scale: float, rule: Robust, p: int) -> float:
+    """Return the factor of ``(J'J)^-1`` in the covariance of a robust fit.
+
+    References
+    ----------
+    .. [1] Huber 1981, Robust Statistics, Eq. (6.5).
+    """
+    r = deviation[~np.isnan(deviation)]
+    if r.size <= p:
+        return float("nan")
+    limit = _TUNING[rule] * scale
+    if limit == 0.0:
+        return 0.0
+    psi, mean_slope = _psi(r, limit, rule)
+    return float(psi @ psi) / (r.size - p) / mean_slope**2 if mean_slope > 0.0 else float("nan")
+
+
+def winsorised(deviation: FloatArray, rule: Robust) -> FloatArray:
+    """Return the deviations that the covariance of a robust fit is made of."""
+    good = ~np.isnan(deviation)
+    limit = _TUNING[rule] * spread(deviation)
+    if limit == 0.0:
+        return np.where(good, 0.0, np.nan)
+    psi, slope = _psi(deviation[good], limit, rule)
+    out = np.full(deviation.shape, np.nan)
+    out[good] = psi / slope if slope > 0.0 else np.nan
+    return out
+
+
+def _psi(r: FloatArray, limit: float, rule: Robust) -> tuple[FloatArray, float]:
+    """Return psi(r) = w r, and the mean of its slope."""
+    psi = robust_weights(r, limit / _TUNING[rule], rule) * r
+    inside = np.abs(r) < limit
+    if rule == "tukey":
+        square = np.where(inside, (r / limit) ** 2, 1.0)
+        return psi, float(((1.0 - square) * (1.0 - 5.0 * square)).mean())
+    return psi, float(inside.mean())
+
+
+def robust_fit(
+    start: Fitted,
+    spread_of: Callable[[Fitted], float],
+    refit: Callable[[Fitted, Weigh], tuple[Fitted, float]],
+    rule: Robust,
+    *,
+    largest: float,
+    name: str,
+) -> tuple[Fitted, float]:
+    """Return the fit at which the weights have settled: the spread held, twice."""
+    fitted, scale = start, 0.0
+    for _ in range(2):
+        scale = spread_of(fitted)
+        if scale <= _EXACT * largest:
+            scale = 0.0
+        fitted = _with_scale(fitted, scale, refit, rule, name)
+        if scale == 0.0:
+            break
+    return fitted, scale
+
+
+def _with_scale(
+    fitted: Fitted,
+    scale: float,
+    refit: Callable[[Fitted, Weigh], tuple[Fitted, float]],
+    rule: Robust,
+    name: str,
+) -> Fitted:
+    def weigh(deviation: FloatArray) -> FloatArray:
+        return np.nan_to_num(robust_weights(deviation, scale, rule))
+
+    for _ in range(_ROUNDS):
+        fitted, moved = refit(fitted, weigh)
+        if scale == 0.0 or moved <= _SETTLED * scale:
+            return fitted
+    raise NotConvergedError(
+        f"the robust weights of the {name} did not settle in {_ROUNDS} rounds: there is no clear "
+        "majority of good points; mask the bad ones, or fit without robust="
+    )
+
+
+def trimmed_start(jacobian: FloatArray, deviation: FloatArray) -> FloatArray:
+    """Return the change of the parameters that the better half of the points asks for."""
+    p, n = jacobian.shape
+    thin = max(1, n // _TRIM_POINTS)
+    J, r = jacobian[:, ::thin], deviation[::thin]
+    n = r.size
+    length = np.sqrt((J * J).sum(axis=1) / max(n, 1))
+    if p == 0 or n < 3 * p + 3 or not (length > 0.0).all():
+        return np.zeros(p)
+    J = J / length[:, None]
+    half = (n + p + 1) // 2
+    rng = np.random.default_rng(19840101)
+    starts = [np.zeros(p)]
+    for _ in range(_TRIM_STARTS):
+        some = rng.choice(n, size=p, replace=False)
+        with suppress(np.linalg.LinAlgError):
+            starts.append(np.linalg.solve(J[:, some].T, r[some]))
+    tried = sorted((_concentrate(J, r, a, half, 2) for a in starts), key=lambda t: t[0])
+    best = min((_concentrate(J, r, a, half, 30) for _, a in tried[:5]), key=lambda t: t[0])
+    return np.asarray(best[1] / length)
+
+
+def _concentrate(
+    J: FloatArray, r: FloatArray, a: FloatArray, half: int, steps: int
+) -> tuple[float, FloatArray]:
+    """Return the sum of the smaller squares, and the parameters, after steps that lower it."""
+    left = np.square(r - a @ J)
+    squares = float(np.partition(left, half - 1)[:half].sum())
+    for _ in range(steps):
+        near = np.argpartition(left, half - 1)[:half]
+        part = J[:, near]
+        try:
+            solved = np.linalg.solve(part @ part.T, part @ r[near])
+        except np.linalg.LinAlgError:
+            break
+        trial = np.asarray(solved, dtype=np.float64)
+        fresh = np.square(r - trial @ J)
+        total = float(np.partition(fresh, half - 1)[:half].sum())
+        if not total < squares:
+            break
+        a, left, squares = trial, fresh, total
+    return squares, a

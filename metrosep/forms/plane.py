@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
-from metrosep.forms._shape import Shape
+from metrosep.forms.base import Shape
 
 __all__ = ["Plane"]
 

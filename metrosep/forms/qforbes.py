@@ -19,8 +19,7 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
-from metrosep.forms._shape import Shape, positive_root
-from metrosep.forms.base import checked
+from metrosep.forms.base import Shape, checked, positive_root
 from metrosep.forms.conic import Conic
 
 __all__ = ["QForbes", "q_bfs", "q_con"]

@@ -11,8 +11,7 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, DegenerateFitError, TooFewSamplesError
-from metrosep.forms._shape import Shape
-from metrosep.forms.base import checked
+from metrosep.forms.base import Shape, checked
 
 __all__ = ["SineGrid"]
 

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from typing import Self
 
 from metrosep.core._arrays import FloatArray
-from metrosep.forms._curvature import inside, mean_curvature, radius_of
-from metrosep.forms._shape import Shape, positive_root, root
-from metrosep.forms.base import checked
+from metrosep.forms.base import Shape, checked, positive_root, root
+from metrosep.forms.conic import inside, mean_curvature, radius_of
 
 __all__ = ["Sphere"]
 

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray, IntArray
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
-from metrosep.forms._shape import Shape
+from metrosep.forms.base import Shape
 
 __all__ = ["MeshForm", "from_triangles"]
 

@@ -16,9 +16,8 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DegenerateFitError
-from metrosep.forms._curvature import EQUATOR, hessian, inside, radius_of
-from metrosep.forms._shape import Shape, positive_root, root
-from metrosep.forms.base import checked
+from metrosep.forms.base import Shape, checked, positive_root, root
+from metrosep.forms.conic import EQUATOR, hessian, inside, radius_of
 
 __all__ = ["Biconic", "Toric"]
 

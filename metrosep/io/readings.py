@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import FormatMismatchError, InvalidSamplesError
 from metrosep.core.provenance import Step
-from metrosep.io.role_columns import Role, role_values
-from metrosep.io.run_tables import columns_of
+from metrosep.io.runs import Role, columns_of, role_values
 from metrosep.io.select import ColumnSpec, pick, sensitivity, to_si
 from metrosep.io.source import RawFile, open_file
 from metrosep.io.table import Table

@@ -48,10 +48,10 @@ WITHOUT_HISTORY = ("int", "sdf", "sur")
 _Writer = tuple[str, str, tuple[type, ...]]
 
 _BINARY: dict[str, _Writer] = {
-    "x3p": ("metrosep.io.x3p_write", "x3p_bytes", (Surface, Profile)),
-    "int": ("metrosep.io.codev_int_write", "int_bytes", (Surface,)),
-    "sur": ("metrosep.io.digital_surf_write", "sur_bytes", (Surface,)),
-    "sdf": ("metrosep.io.sdf_write", "sdf_bytes", (Surface,)),
+    "x3p": ("metrosep.io.x3p_container", "x3p_bytes", (Surface, Profile)),
+    "int": ("metrosep.io.codev_int", "int_bytes", (Surface,)),
+    "sur": ("metrosep.io.digital_surf", "sur_bytes", (Surface,)),
+    "sdf": ("metrosep.io.sdf", "sdf_bytes", (Surface,)),
     "h5": ("metrosep.io.native", "native_bytes", (Surface, Profile, Recording, RunSet)),
 }
 """Format to module, function and the objects that it holds."""

@@ -16,12 +16,20 @@ if TYPE_CHECKING:
         freedom_maps as freedom_maps,
         removed_freedoms as removed_freedoms,
     )
+    from metrosep.machine.chain_files import (
+        preset_table as preset_table,
+        presets as presets,
+    )
     from metrosep.machine.chains import (
         Chain as Chain,
     )
     from metrosep.machine.elements import (
         Element as Element,
+        axis_of as axis_of,
         element_terms as element_terms,
+        from_paper as from_paper,
+        import_errors as import_errors,
+        to_paper as to_paper,
     )
     from metrosep.machine.error_sets import (
         ErrorSet as ErrorSet,
@@ -38,16 +46,6 @@ if TYPE_CHECKING:
         Identification as Identification,
         IdentifiedGroup as IdentifiedGroup,
         identify as identify,
-    )
-    from metrosep.machine.naming import (
-        axis_of as axis_of,
-        from_paper as from_paper,
-        import_errors as import_errors,
-        to_paper as to_paper,
-    )
-    from metrosep.machine.preset_chains import (
-        preset_table as preset_table,
-        presets as presets,
     )
     from metrosep.machine.ranking import (
         rank as rank,
@@ -76,10 +74,18 @@ _HOMES = {
         "freedom_maps",
         "removed_freedoms",
     ),
+    "chain_files": (
+        "preset_table",
+        "presets",
+    ),
     "chains": ("Chain",),
     "elements": (
         "Element",
+        "axis_of",
         "element_terms",
+        "from_paper",
+        "import_errors",
+        "to_paper",
     ),
     "error_sets": (
         "ErrorSet",
@@ -96,16 +102,6 @@ _HOMES = {
         "Identification",
         "IdentifiedGroup",
         "identify",
-    ),
-    "naming": (
-        "axis_of",
-        "from_paper",
-        "import_errors",
-        "to_paper",
-    ),
-    "preset_chains": (
-        "preset_table",
-        "presets",
     ),
     "ranking": ("rank",),
     "sensitivity": (

@@ -11,8 +11,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from metrosep.machine import _poses as ps
-from metrosep.machine._states import States, triple
+from metrosep.machine import _mesh as ps
+from metrosep.machine._responses import States, triple
 from metrosep.machine.elements import DIRECTIONS, Element, error_sign
 
 EXACT = ("orthonormal", "small-angle")

@@ -14,15 +14,28 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import InvalidSamplesError
-from metrosep.machine._mesh import SurfaceMesh
-from metrosep.machine._positions import Positions, axis_positions
+from metrosep.core.errors import DataError, InvalidSamplesError
+from metrosep.machine import _mesh as ps
+from metrosep.machine._mesh import Positions, SurfaceMesh, axis_positions, positions_array
 from metrosep.machine._term_amounts import Shape
-from metrosep.machine.alignment import freedom_maps
+from metrosep.machine.alignment import Alignment, freedom_maps
+from metrosep.machine.elements import Element
+from metrosep.machine.gram import AlignedGram, groups_alike
 from metrosep.optics.rays import Mode, check_mode, path_sensitivity
 
-__all__ = ["MapMaker", "Perturbation", "WavefrontHook", "path_hook", "vertical_maps"]
-
+__all__ = [
+    "OWN",
+    "MapMaker",
+    "Perturbation",
+    "Solution",
+    "Solver",
+    "WavefrontHook",
+    "common_map",
+    "path_hook",
+    "span_of",
+    "unit_columns",
+    "vertical_maps",
+]
 
 _BLOCK = 16384
 _SAMPLE = 1000
@@ -218,3 +231,321 @@ class MapMaker:
                 f"the wavefront hook must return shape {change.dz.shape}, got {result.shape}"
             )
         return result
+
+
+# ---- private helper: where the frames of a chain stand at given positions, seen from the workpiece ----
+# Of each frame only two things are needed: the directions of its axes in workpiece coordinates, and
+# the lever, the tool point in the frame itself. Either is gathered from its own end of the chain, so
+# that a lever that is zero by construction is a plain 0 and costs nothing.
+
+Frame = tuple[str, str]  # element, "before" or "after" its motion
+
+
+class States:
+    """Frames and levers of a chain at the states asked for."""
+
+    def __init__(
+        self, elements: Sequence[Element], positions: Mapping[str, FloatArray], tool: FloatArray
+    ) -> None:
+        inputs = {**positions, **{f"tool {'xyz'[k]}": tool[..., k] for k in range(3)}}
+        self.shape = _shape(inputs)
+        self._with_nan = [values for values in inputs.values() if np.isnan(np.sum(values))]
+        self.active = set(positions) | {e.name for e in elements if e.kind == "fixed"}
+        self.moves = {
+            e.name: motion(e, ps.as_part(positions.get(e.name, np.zeros(())))) for e in elements
+        }
+        tools = [e for e in elements if e.branch == "tool"]
+        works = [e for e in elements if e.branch == "workpiece"]
+        self.levers: dict[Frame, ps.Vector] = {}
+        self.turned: dict[Frame, ps.Matrix] = {}
+        self.tool: ps.Vector = (_part(tool, 0), _part(tool, 1), _part(tool, 2))
+        point = self._levers_of_tool(tools, self.tool)
+        self.point = self._levers_of_workpiece(works, point)
+        bed = self._turns_of_workpiece(works)
+        self.tool_turn = self._turns_of_tool(tools, bed)
+
+    def _levers_of_tool(self, elements: Sequence[Element], point: ps.Vector) -> ps.Vector:
+        """Go from the tool to the bed; return the tool point in the bed."""
+        for e in reversed(elements):
+            self.levers[e.name, "after"] = point
+            point = ps.apply(self.moves[e.name], point)
+            self.levers[e.name, "before"] = point
+            point = ps.add(point, triple(e.location))
+        return point
+
+    def _levers_of_workpiece(self, elements: Sequence[Element], point: ps.Vector) -> ps.Vector:
+        """Go from the bed to the workpiece; return the tool point in the workpiece."""
+        for e in elements:
+            point = ps.subtract(point, triple(e.location))
+            self.levers[e.name, "before"] = point
+            point = ps.apply(ps.inverse(self.moves[e.name]), point)
+            self.levers[e.name, "after"] = point
+        return point
+
+    def _turns_of_workpiece(self, elements: Sequence[Element]) -> ps.Matrix:
+        """Go from the workpiece to the bed; return the directions of the bed."""
+        turned = ps.UNIT
+        for e in reversed(elements):
+            self.turned[e.name, "after"] = turned
+            turned = ps.matmul(turned, ps.transpose(self.moves[e.name].r))
+            self.turned[e.name, "before"] = turned
+        return turned
+
+    def _turns_of_tool(self, elements: Sequence[Element], turned: ps.Matrix) -> ps.Matrix:
+        """Go from the bed to the tool; return the directions of the tool."""
+        for e in elements:
+            self.turned[e.name, "before"] = turned
+            turned = ps.matmul(turned, self.moves[e.name].r)
+            self.turned[e.name, "after"] = turned
+        return turned
+
+    def read_lever(self, element: Element) -> ps.Vector:
+        """Return the tool point from where the error motions of an element were read."""
+        return ps.subtract(self.levers[element.name, element.frame], triple(element.measured_at))
+
+    def six(self, element: Element, frame: str, lever: ps.Vector) -> list[ps.Vector]:
+        """Return ``sign W^-1 A hat(e_j) A^-1 p`` for the six directions of one frame A."""
+        turned = self.turned[element.name, frame]
+        sign = 1.0 if element.branch == "tool" else -1.0
+        turns = [ps.turn(turned, ps.cross(axis, lever)) for axis in ps.UNIT]
+        return [ps.scale(column, sign) for column in (*ps.transpose(turned), *turns)]
+
+    def poison(self, out: FloatArray) -> None:
+        """Write NaN in every state in which a position or the tool point is NaN."""
+        if self._with_nan:
+            bad = np.zeros(self.shape, dtype=bool)
+            for values in self._with_nan:
+                bad |= np.isnan(values)
+            out[..., bad] = np.nan
+
+
+def motion(element: Element, position: ps.Part) -> ps.Pose:
+    """Return the nominal motion M of an element at its position."""
+    if element.kind == "linear":
+        return ps.Pose(t=ps.scale(triple(element.direction), position))
+    angle = element.angle if element.kind == "fixed" else position
+    if isinstance(angle, float) and angle == 0.0:
+        return ps.Pose()
+    return ps.Pose(r=ps.rotation(element.direction, angle))
+
+
+def positions_of(
+    elements: Sequence[Element], q: Mapping[str, ArrayLike], chain: str
+) -> dict[str, FloatArray]:
+    """Return the positions as arrays; a parked axis that is missing stays missing."""
+    if not isinstance(q, Mapping):
+        raise DataError(f"positions are a mapping of axis names, got {type(q).__name__}")
+    moving = [e for e in elements if e.kind != "fixed"]
+    for name in q:
+        if name not in [e.name for e in moving]:
+            known = ", ".join(e.name for e in moving)
+            raise DataError(f"chain {chain!r} has no axis {name!r}; its axes are {known}")
+    positions = {}
+    for e in moving:
+        if e.name in q:
+            positions[e.name] = positions_array(q[e.name], f"position of axis {e.name!r}")
+        elif not e.parked:
+            raise DataError(
+                f"the position of axis {e.name!r} of chain {chain!r} is missing; "
+                f"q holds {', '.join(q) or 'nothing'}"
+            )
+    return positions
+
+
+def tool_point(tool: ArrayLike) -> FloatArray:
+    """Return the tool point as an array (..., 3)."""
+    point = positions_array(tool, "tool point")
+    if point.ndim == 0 or point.shape[-1] != 3:
+        raise InvalidSamplesError(f"a tool point has 3 coordinates in m, got shape {point.shape}")
+    return point
+
+
+def triple(values: Sequence[float]) -> ps.Vector:
+    """Return three numbers as a vector."""
+    return values[0], values[1], values[2]
+
+
+def _part(tool: FloatArray, k: int) -> ps.Part:
+    return ps.as_part(np.asarray(tool[..., k]))
+
+
+def _shape(arrays: Mapping[str, FloatArray]) -> tuple[int, ...]:
+    try:
+        return np.broadcast_shapes(*(np.shape(a) for a in arrays.values()))
+    except ValueError:
+        shapes = ", ".join(f"{n} {np.shape(a)}" for n, a in arrays.items())
+        raise InvalidSamplesError(f"positions and tool do not broadcast: {shapes}") from None
+
+
+# ---- least squares of terms and freedoms at points: what is determined, alone or together ------
+
+_DETERMINED = 1e-7
+"""Of the largest singular value: below, a direction is rounding."""
+
+OWN = 1e-6
+"""Of the size of a column: what others leave of it is rounding."""
+
+_PART = 1e-3
+"""Of a direction that is not determined: a term with less in it is told apart."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Solution:
+    """Amounts of visible terms, scaled to the size of their maps (m), and of used freedoms."""
+
+    names: tuple[str, ...]
+    sizes: FloatArray
+    scaled: FloatArray
+    amounts: FloatArray
+    scaled_covariance: FloatArray
+    rank: int
+
+    def errors(self) -> dict[str, float]:
+        """Return the terms' amounts by name."""
+        return dict(zip(self.names, (self.scaled / self.sizes).tolist(), strict=True))
+
+    def freedoms(self, solver: Solver) -> dict[str, float]:
+        """Return the freedoms' amounts by name."""
+        return dict(zip(solver.space.used, self.amounts.tolist(), strict=True))
+
+    def plus(self, step: Solution) -> Solution:
+        """Return the sum of two solutions."""
+        return Solution(
+            self.names,
+            self.sizes,
+            self.scaled + step.scaled,
+            self.amounts + step.amounts,
+            step.scaled_covariance,
+            step.rank,
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Solver:
+    """The linear problem: unit maps (n, m) and freedoms (n, k), and which terms go together."""
+
+    names: tuple[str, ...]
+    maps: FloatArray
+    columns: FloatArray
+    space: Alignment
+    gram: AlignedGram
+    threshold: float
+    units: tuple[str, ...] = ()
+    visible: tuple[int, ...] = field(init=False)
+    sizes: FloatArray = field(init=False)
+    correlation: FloatArray = field(init=False)
+    groups: tuple[tuple[int, ...], ...] = field(init=False)
+    design: FloatArray = field(init=False)
+
+    def __post_init__(self) -> None:
+        visible = tuple(int(i) for i in np.flatnonzero(~self.gram.is_removed))
+        matrix = self.gram.matrix[np.ix_(visible, visible)]
+        sizes = np.sqrt(np.diag(matrix))
+        aligned = self.space.remove(self.maps[:, visible]) / sizes
+        _, singular, directions = np.linalg.svd(np.linalg.qr(aligned, mode="r"))
+        blind = directions[singular <= _DETERMINED * singular[0]]
+        set_ = object.__setattr__
+        set_(self, "visible", visible)
+        set_(self, "sizes", sizes)
+        set_(self, "correlation", matrix / np.outer(sizes, sizes))
+        set_(self, "design", aligned)
+        set_(self, "groups", self._together(matrix, visible, blind))
+
+    def _together(
+        self, matrix: FloatArray, visible: tuple[int, ...], blind: FloatArray
+    ) -> tuple[tuple[int, ...], ...]:
+        """Return groups of terms that are alike, joined with those that share a blind direction."""
+        text = [str(i) for i in visible]
+        sets = [{int(i) for i in g} for g in groups_alike(matrix, text, threshold=self.threshold)]
+        shared = (
+            np.abs(blind.T @ blind) > _PART**2
+        )  # a projector: free of the choice of directions
+        sets += [{visible[j] for j in np.flatnonzero(row)} for row in shared if row.any()]
+        joined: list[set[int]] = []
+        for s in sets:
+            touching = [j for j in joined if j & s]
+            joined = [j for j in joined if not j & s] + [s.union(*touching)]
+        return tuple(tuple(sorted(j)) for j in sorted(joined, key=min) if len(j) > 1)
+
+    def solve(self, heights: FloatArray, used: NDArray[np.bool_]) -> Solution:
+        """Return the amounts that explain heights at the used points; the smallest if not unique."""
+        columns = self.used_freedoms()
+        if used.all():
+            design, freed = self.design, self.space.remove(heights)
+        else:  # the aligned maps are aligned no more: align on the points that are left
+            basis = np.linalg.qr(columns[used])[0]
+            design = self.design[used] - basis @ (basis.T @ self.design[used])
+            freed = heights[used] - basis @ (basis.T @ heights[used])
+        U, singular, directions = np.linalg.svd(design, full_matrices=False)
+        good = singular > _DETERMINED * singular[0]
+        inverse = directions[good].T / singular[good]
+        scaled = inverse @ (U[:, good].T @ freed)
+        rest = heights[used] - self.maps[used][:, self.visible] @ (scaled / self.sizes)
+        amounts = np.linalg.lstsq(*_scaled_columns(columns[used], rest), rcond=None)[0]
+        amounts = amounts / _column_sizes(columns[used])
+        names = tuple(self.names[i] for i in self.visible)
+        return Solution(
+            names, self.sizes, scaled, amounts, inverse @ inverse.T, int(np.count_nonzero(good))
+        )
+
+    def effect(self, solution: Solution) -> FloatArray:
+        """Return the linear effect of a solution at the points, m."""
+        terms = self.maps[:, self.visible] @ (solution.scaled / self.sizes)
+        return np.asarray(terms + self.used_freedoms() @ solution.amounts)
+
+    def size_of(self, step: Solution) -> float:
+        """Return how much a step moves the surface, RMS m."""
+        moved = self.effect(step)
+        return float(np.sqrt(np.mean(moved**2)))
+
+    def estimator(self, used: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
+        """Return what makes terms and freedoms of heights at the used points, and the basis.
+
+        The first (n, p + k) gives scaled amounts and freedoms as ``rows.T @ heights``; the second
+        (n, rank + k) is an orthonormal basis of all that the fit can follow.
+        """
+        columns = self.used_freedoms()[used]
+        sizes = _column_sizes(columns)
+        basis = np.linalg.qr(columns)[0]
+        design = self.design[used]
+        if not used.all():
+            design = design - basis @ (basis.T @ design)
+        U, singular, directions = np.linalg.svd(design, full_matrices=False)
+        good = singular > _DETERMINED * singular[0]
+        terms = U[:, good] @ (directions[good] / singular[good][:, None])
+        inverse = np.linalg.pinv(columns / sizes).T / sizes
+        maps = self.maps[used][:, self.visible] / self.sizes
+        freedoms = inverse - terms @ (maps.T @ inverse)
+        return np.hstack([terms, freedoms]), np.hstack([U[:, good], basis])
+
+    def used_freedoms(self) -> FloatArray:
+        """Return the maps of the freedoms that move the surface in a way of their own, (n, k)."""
+        return self.columns[:, [self.space.names.index(n) for n in self.space.used]]
+
+
+def common_map(correlation: FloatArray) -> tuple[FloatArray, float]:
+    """Return the strongest direction of maps of unit size, and its square strength."""
+    values, vectors = np.linalg.eigh(correlation)
+    vector = vectors[:, -1]
+    return vector * np.sign(vector[np.argmax(np.abs(vector))]), float(values[-1])
+
+
+def _column_sizes(columns: FloatArray) -> FloatArray:
+    sizes = np.sqrt(np.sum(columns**2, axis=0))
+    return np.asarray(np.where(sizes > 0.0, sizes, 1.0))
+
+
+def _scaled_columns(columns: FloatArray, right: FloatArray) -> tuple[FloatArray, FloatArray]:
+    return columns / _column_sizes(columns), right
+
+
+def unit_columns(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return columns of unit size, zeros left as they are, and the sizes."""
+    sizes = np.sqrt(np.sum(columns**2, axis=0))
+    return columns / np.where(sizes > 0.0, sizes, 1.0), sizes
+
+
+def span_of(columns: FloatArray) -> FloatArray:
+    """Return an orthonormal basis of columns that were of unit size before they were freed of others."""
+    U, singular, _ = np.linalg.svd(columns, full_matrices=False)
+    return U[:, singular > OWN]

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, UnitError
-from metrosep.machine._numbers import is_angle, real_array
+from metrosep.machine._mesh import is_angle, real_array
 
 __all__ = [
     "SourceTerm",

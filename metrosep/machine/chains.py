@@ -22,12 +22,19 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
-from metrosep.machine import _poses as ps
+from metrosep.machine import _mesh as ps
 from metrosep.machine._exact import EXACT, exact_pose, linear_error, linear_pose
-from metrosep.machine._states import States, positions_of, tool_point
-from metrosep.machine.elements import BRANCHES, DIRECTIONS, Element, element_terms, error_sign
+from metrosep.machine._responses import States, positions_of, tool_point
+from metrosep.machine.elements import (
+    BRANCHES,
+    DIRECTIONS,
+    Element,
+    element_terms,
+    error_sign,
+    located_axis,
+    paper_hint,
+)
 from metrosep.machine.error_sets import ErrorSet, as_error_set
-from metrosep.machine.naming import located_axis, paper_hint
 
 __all__ = ["Chain"]
 
@@ -612,7 +619,7 @@ def refuse_parallel(elements: Sequence[Element]) -> None:
 
 def _directions_at_home(elements: Sequence[Element]) -> dict[str, FloatArray]:
     """Return the directions of the axes in the bed: only fixed parts turn anything at home."""
-    from metrosep.machine._poses import rotation
+    from metrosep.machine._mesh import rotation
 
     turned = {branch: np.eye(3) for branch in BRANCHES}
     found = {}

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.core.provenance import freeze_mapping
-from metrosep.machine._numbers import (
+from metrosep.machine._mesh import (
     TrialAmounts,
     check_amount,
     finite_number,
@@ -20,7 +20,7 @@ from metrosep.machine._numbers import (
     real_array,
 )
 from metrosep.machine._term_sources import check_direction, direction_message, refuse_length
-from metrosep.machine.naming import axis_of
+from metrosep.machine.elements import axis_of
 from metrosep.machine.terms import CallableTerm, ConstantTerm, ErrorTerm, as_term
 
 __all__ = ["ErrorSet", "as_error_set"]

@@ -24,11 +24,17 @@ from metrosep.core.units import format_length
 from metrosep.forms.plane import Plane
 from metrosep.machine._map_noise import map_noise
 from metrosep.machine._measured import Measured, measured_points
-from metrosep.machine._numbers import TrialAmounts
-from metrosep.machine._positions import Positions, axis_positions
-from metrosep.machine._responses import MapMaker
+from metrosep.machine._mesh import Positions, TrialAmounts, axis_positions
+from metrosep.machine._responses import (
+    OWN,
+    MapMaker,
+    Solution,
+    Solver,
+    common_map,
+    span_of,
+    unit_columns,
+)
 from metrosep.machine._sensitivity_text import amount_text
-from metrosep.machine._separable import OWN, Solution, Solver, common_map, span_of, unit_columns
 from metrosep.machine._term_amounts import term_unit
 from metrosep.machine.alignment import alignment_space, freedom_maps, removed_freedoms
 from metrosep.machine.gram import aligned_gram
@@ -150,7 +156,7 @@ def identify(
     Examples
     --------
     >>> from metrosep.forms import Toric
-    >>> from metrosep.machine.preset_chains import presets
+    >>> from metrosep.machine.chain_files import presets
     >>> lathe, form = presets("fts_lathe", radius=20e-3), Toric(Rb=0.265, Rd=0.1325)
     >>> x = np.linspace(-14e-3, 14e-3, 60)
     >>> rho = np.hypot(x, x[:, None])

@@ -19,14 +19,20 @@ from metrosep.core.middle import assumed_axis
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
-from metrosep.machine._mesh import N_AZIMUTH, N_RHO, SurfaceMesh, polar_mesh
-from metrosep.machine._positions import Positions, axis_positions
+from metrosep.machine._mesh import (
+    N_AZIMUTH,
+    N_RHO,
+    Positions,
+    SurfaceMesh,
+    axis_positions,
+    polar_mesh,
+)
 from metrosep.machine._responses import MapMaker, WavefrontHook, path_hook
 from metrosep.machine._term_amounts import TermAmounts, amounts_of_set, term_amounts
 from metrosep.machine.alignment import Alignment, alignment_space, removed_freedoms
+from metrosep.machine.elements import axis_of
 from metrosep.machine.error_sets import ErrorSet
 from metrosep.machine.gram import AlignedGram, aligned_gram, groups_alike
-from metrosep.machine.naming import axis_of
 from metrosep.machine.sensitivity import SensitivityTable
 
 __all__ = ["rank"]
@@ -142,7 +148,7 @@ def rank(
     Examples
     --------
     >>> from metrosep.forms import Toric
-    >>> from metrosep.machine.preset_chains import presets
+    >>> from metrosep.machine.chain_files import presets
     >>> lathe = presets("fts_lathe", radius=20e-3)
     >>> table = rank(
     ...     lathe, Toric(Rb=0.265, Rd=0.1325), radius=20e-3, n_rho=50, n_azimuth=72,

@@ -26,7 +26,7 @@ from metrosep.machine.sobol import DISTRIBUTIONS, SobolIndices, draws, sobol_ind
 if TYPE_CHECKING:
     import pandas as pd
 
-    from metrosep.forms.zernike_index import ZernikeOrder
+    from metrosep.forms.zernike import ZernikeOrder
 
 __all__ = ["ParetoStep", "SensitivityTable"]
 

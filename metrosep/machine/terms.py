@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, InvalidSamplesError
-from metrosep.machine._numbers import (
+from metrosep.machine._mesh import (
     finite_number,
     finite_vector,
     real_array,

@@ -18,9 +18,8 @@ from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesEr
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.surface import Surface
 from metrosep.forms.base import Form
-from metrosep.forms.zernike import Zernike
+from metrosep.forms.zernike import Zernike, ZernikeOrder
 from metrosep.forms.zernike_fit import RIM
-from metrosep.forms.zernike_index import ZernikeOrder
 from metrosep.optics._checks import frozen, pair_of, positive, wavelength_of
 from metrosep.optics.image_quality import PointSpread, point_spread, strehl_ratio
 from metrosep.optics.rays import Mode, Side, check_mode, path_difference, path_sensitivity

@@ -13,8 +13,7 @@ import numpy as np
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.provenance import freeze_mapping
-from metrosep.forms.zernike import Zernike
-from metrosep.forms.zernike_index import ZernikeOrder, term_name, to_nm
+from metrosep.forms.zernike import Zernike, ZernikeOrder, term_name, to_nm
 from metrosep.optics._checks import positive
 
 if TYPE_CHECKING:

@@ -7,6 +7,10 @@ from typing import TYPE_CHECKING
 from metrosep.core._lazy import lazy_names
 
 if TYPE_CHECKING:
+    from metrosep.parameters._profile_rows import (
+        ProfileElements as ProfileElements,
+        profile_elements as profile_elements,
+    )
     from metrosep.parameters.areal import (
         ArealParameterTable as ArealParameterTable,
         areal_parameters as areal_parameters,
@@ -26,35 +30,23 @@ if TYPE_CHECKING:
         repeatability_line as repeatability_line,
         scale_line as scale_line,
     )
-    from metrosep.parameters.capability import (
-        Capability as Capability,
-        ControlLimits as ControlLimits,
-        capability_of as capability_of,
-        control_limits as control_limits,
-    )
-    from metrosep.parameters.decision import decide as decide
-    from metrosep.parameters.deviation import form_deviation as form_deviation
-    from metrosep.parameters.effects import (
-        Effect as Effect,
-        drift_effect as drift_effect,
-        nonlinearity_effect as nonlinearity_effect,
-        scale_effect as scale_effect,
-    )
-    from metrosep.parameters.elements import (
-        ProfileElements as ProfileElements,
-        profile_elements as profile_elements,
-    )
-    from metrosep.parameters.form_result import FormDeviation as FormDeviation, Support as Support
-    from metrosep.parameters.gauge import (
-        GaugeStudy as GaugeStudy,
-        VarianceRow as VarianceRow,
-        gauge_study as gauge_study,
-    )
-    from metrosep.parameters.guard import (
+    from metrosep.parameters.decision import (
         Decision as Decision,
         conformance_probability as conformance_probability,
+        decide as decide,
         guard_factor as guard_factor,
         judge as judge,
+    )
+    from metrosep.parameters.deviation import form_deviation as form_deviation
+    from metrosep.parameters.form_result import FormDeviation as FormDeviation, Support as Support
+    from metrosep.parameters.gauge import (
+        Capability as Capability,
+        ControlLimits as ControlLimits,
+        GaugeStudy as GaugeStudy,
+        VarianceRow as VarianceRow,
+        capability_of as capability_of,
+        control_limits as control_limits,
+        gauge_study as gauge_study,
     )
     from metrosep.parameters.interferometric import (
         interferometric_parameters as interferometric_parameters,
@@ -69,25 +61,32 @@ if TYPE_CHECKING:
     from metrosep.parameters.noise import (
         CorrelatedNoise as CorrelatedNoise,
         Noise as Noise,
+        NoiseEstimate as NoiseEstimate,
         NoiseFromPsd as NoiseFromPsd,
         NoiseFromRepeats as NoiseFromRepeats,
         StationaryNoise as StationaryNoise,
         WhiteNoise as WhiteNoise,
-    )
-    from metrosep.parameters.profile import (
-        ProfileParameterTable as ProfileParameterTable,
-        profile_parameters as profile_parameters,
-    )
-    from metrosep.parameters.propagation import (
-        MonteCarloResult as MonteCarloResult,
-        monte_carlo as monte_carlo,
-        shortest_interval as shortest_interval,
-    )
-    from metrosep.parameters.repeat_noise import (
-        NoiseEstimate as NoiseEstimate,
         mean_of_repeats as mean_of_repeats,
         noise_of_repeats as noise_of_repeats,
         stack_repeats as stack_repeats,
+    )
+    from metrosep.parameters.profile import (
+        SETTING_CLASSES as SETTING_CLASSES,
+        ProfileParameterTable as ProfileParameterTable,
+        SettingClass as SettingClass,
+        profile_parameters as profile_parameters,
+        setting_class as setting_class,
+        settle_cutoff as settle_cutoff,
+        suggested_cutoff as suggested_cutoff,
+    )
+    from metrosep.parameters.propagation import (
+        Effect as Effect,
+        MonteCarloResult as MonteCarloResult,
+        drift_effect as drift_effect,
+        monte_carlo as monte_carlo,
+        nonlinearity_effect as nonlinearity_effect,
+        scale_effect as scale_effect,
+        shortest_interval as shortest_interval,
     )
     from metrosep.parameters.repeats import (
         NoiseFreeRms as NoiseFreeRms,
@@ -102,13 +101,6 @@ if TYPE_CHECKING:
         TermSeries as TermSeries,
         part_series as part_series,
     )
-    from metrosep.parameters.settings import (
-        SETTING_CLASSES as SETTING_CLASSES,
-        SettingClass as SettingClass,
-        setting_class as setting_class,
-        settle_cutoff as settle_cutoff,
-        suggested_cutoff as suggested_cutoff,
-    )
     from metrosep.parameters.softgauge import verify_softgauge as verify_softgauge
     from metrosep.parameters.table import Context as Context, ParameterTable as ParameterTable
     from metrosep.parameters.uncertainty import (
@@ -121,6 +113,10 @@ if TYPE_CHECKING:
     )
 
 _HOMES = {
+    "_profile_rows": (
+        "ProfileElements",
+        "profile_elements",
+    ),
     "areal": (
         "ArealParameterTable",
         "areal_parameters",
@@ -140,38 +136,26 @@ _HOMES = {
         "repeatability_line",
         "scale_line",
     ),
-    "capability": (
-        "Capability",
-        "ControlLimits",
-        "capability_of",
-        "control_limits",
+    "decision": (
+        "Decision",
+        "conformance_probability",
+        "decide",
+        "guard_factor",
+        "judge",
     ),
-    "decision": ("decide",),
     "deviation": ("form_deviation",),
-    "effects": (
-        "Effect",
-        "drift_effect",
-        "nonlinearity_effect",
-        "scale_effect",
-    ),
-    "elements": (
-        "ProfileElements",
-        "profile_elements",
-    ),
     "form_result": (
         "FormDeviation",
         "Support",
     ),
     "gauge": (
+        "Capability",
+        "ControlLimits",
         "GaugeStudy",
         "VarianceRow",
+        "capability_of",
+        "control_limits",
         "gauge_study",
-    ),
-    "guard": (
-        "Decision",
-        "conformance_probability",
-        "guard_factor",
-        "judge",
     ),
     "interferometric": (
         "interferometric_parameters",
@@ -186,25 +170,32 @@ _HOMES = {
     "noise": (
         "CorrelatedNoise",
         "Noise",
+        "NoiseEstimate",
         "NoiseFromPsd",
         "NoiseFromRepeats",
         "StationaryNoise",
         "WhiteNoise",
-    ),
-    "profile": (
-        "ProfileParameterTable",
-        "profile_parameters",
-    ),
-    "propagation": (
-        "MonteCarloResult",
-        "monte_carlo",
-        "shortest_interval",
-    ),
-    "repeat_noise": (
-        "NoiseEstimate",
         "mean_of_repeats",
         "noise_of_repeats",
         "stack_repeats",
+    ),
+    "profile": (
+        "ProfileParameterTable",
+        "SETTING_CLASSES",
+        "SettingClass",
+        "profile_parameters",
+        "setting_class",
+        "settle_cutoff",
+        "suggested_cutoff",
+    ),
+    "propagation": (
+        "Effect",
+        "MonteCarloResult",
+        "drift_effect",
+        "monte_carlo",
+        "nonlinearity_effect",
+        "scale_effect",
+        "shortest_interval",
     ),
     "repeats": (
         "NoiseFreeRms",
@@ -218,13 +209,6 @@ _HOMES = {
         "PartSeries",
         "TermSeries",
         "part_series",
-    ),
-    "settings": (
-        "SETTING_CLASSES",
-        "SettingClass",
-        "setting_class",
-        "settle_cutoff",
-        "suggested_cutoff",
     ),
     "softgauge": ("verify_softgauge",),
     "table": (

@@ -20,7 +20,6 @@ from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
-from metrosep.parameters._rows import Row, chosen_rows, evaluated
 from metrosep.parameters.areal_heights import HeightStatistics, height_statistics
 from metrosep.parameters.autocorrelation import (
     Autocorrelation,
@@ -36,7 +35,7 @@ from metrosep.parameters.material_ratio import (
     abbott_curve,
     core_height,
 )
-from metrosep.parameters.table import Context, ParameterTable
+from metrosep.parameters.table import Context, ParameterTable, Row, chosen_rows, evaluated
 from metrosep.parameters.watershed import (
     LARGEST_HOLE,
     Peaks,
@@ -44,7 +43,7 @@ from metrosep.parameters.watershed import (
     mean_peak_curvature,
     significant_peaks,
 )
-from metrosep.spectral._checks import instance_of, real_number
+from metrosep.spectral.dft import instance_of, real_number
 
 __all__ = ["EDITION", "ArealParameterTable", "areal_parameters", "is_form_removed"]
 

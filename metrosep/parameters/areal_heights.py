@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import InvalidSamplesError
-from metrosep.parameters._range import LARGEST, check_range
+from metrosep.parameters.table import LARGEST, check_range
 
 __all__ = ["HeightStatistics", "height_statistics"]
 

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
-from metrosep.parameters._flags import true_or_false
 from metrosep.parameters.budget import Contribution
 from metrosep.parameters.repeats import TypeA
+from metrosep.parameters.table import true_or_false
 
 __all__ = [
     "alternatives_line",

@@ -16,7 +16,7 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray, IntArray
 from metrosep.core.errors import NotConvergedError
-from metrosep.parameters.minimum_zone import Mode, Optimum, chunk_extremes, optimum
+from metrosep.parameters.straightness import Mode, Optimum, chunk_extremes, optimum
 
 __all__ = ["CirclePoints", "CircleSolution", "best_circle"]
 

@@ -9,12 +9,23 @@ from __future__ import annotations
 
 import math
 import sys
+from dataclasses import dataclass
 from typing import Literal
 
 from metrosep.core.errors import DataError
-from metrosep.spectral._checks import real_number
+from metrosep.spectral.dft import real_number
 
-__all__ = ["Verdict", "decide", "limits_error", "ordered_limits", "worst"]
+__all__ = [
+    "Decision",
+    "Verdict",
+    "conformance_probability",
+    "decide",
+    "guard_factor",
+    "judge",
+    "limits_error",
+    "ordered_limits",
+    "worst",
+]
 
 _ROUNDING = 4.0 * sys.float_info.epsilon
 """Of each of the numbers, their difference and their product: 9.4 is 10 - 2 * 0.3."""
@@ -117,3 +128,323 @@ def worst(verdicts: list[Verdict]) -> Verdict | None:
         if verdict in verdicts:
             return verdict
     return None
+
+
+# ---- decision rules: how far inside a limit a value must be before conformity is claimed -------
+# `judge` gives a verdict together with the rule in words, the guard band, the margins and the
+# probability that the true value conforms. All rules take the value for the centre of a normal
+# distribution of standard uncertainty u.
+
+Rule = Literal["iso14253-1", "simple", "ilac-g8", "pfa"]
+
+
+def _between(value: float, low: float, high: float, name: str) -> float:
+    if not low < value < high:
+        raise DataError(f"{name} lies between {low:g} and {high:g}, got {value}")
+    return value
+
+
+def _standard_uncertainty(u: float) -> float:
+    if not (math.isfinite(u) and u >= 0.0):
+        raise DataError(f"a standard uncertainty must be finite and >= 0, got {u}")
+    return u
+
+
+def guard_factor(
+    probability: float = 0.95, *, coverage_factor: float = 2.0, sides: Literal[1, 2] = 1
+) -> float:
+    """Return the guard band over U that proves conformity with a given probability.
+
+    Parameters
+    ----------
+    probability : float, optional
+        Probability that a value at the end of the acceptance zone conforms, 0.5 to 1.
+    coverage_factor : float, optional
+        k in U = k u_c, > 0.
+    sides : {1, 2}, optional
+        1 where only one limit can be broken within u_c, which includes two limits far apart; 2
+        shares the risk between two limits.
+
+    Returns
+    -------
+    float
+        Factor for `decide`, 0.82 by default.
+
+    Raises
+    ------
+    DataError
+        If a number is out of range.
+
+    References
+    ----------
+    .. [1] ISO 14253-1:2017: conformity proven at 95 % one-sided, g = 1.645 u_c.
+
+    Examples
+    --------
+    >>> from metrosep.parameters.decision import decide
+    >>> g = guard_factor(0.95)
+    >>> [decide(y, upper=10.0, U=0.5, guard_factor=g) for y in (9.55, 9.60, 10.5)]
+    ['accept', 'inconclusive', 'reject']
+    """
+    from scipy.special import ndtri
+
+    _between(probability, 0.5, 1.0, "the probability of a guard band")
+    if not (math.isfinite(coverage_factor) and coverage_factor > 0.0):
+        raise DataError(f"a coverage factor must be positive, got {coverage_factor}")
+    if sides not in (1, 2):
+        raise DataError(f"sides is 1 or 2, got {sides}")
+    one_sided = probability if sides == 1 else 0.5 * (1.0 + probability)
+    return float(ndtri(one_sided)) / coverage_factor
+
+
+def conformance_probability(
+    value: float, u: float, *, lower: float | None = None, upper: float | None = None
+) -> float:
+    """Return the probability that the true value lies within its limits.
+
+    Parameters
+    ----------
+    value : float
+        Measured value, corrected for known bias.
+    u : float
+        Its standard uncertainty, >= 0.
+    lower, upper : float, optional
+        Limits, same unit.
+
+    Returns
+    -------
+    float
+        0 to 1; NaN if the value is NaN.
+
+    Raises
+    ------
+    DataError
+        If there is no limit, the limits cross, or u is negative or not finite.
+
+    Notes
+    -----
+    Normal distribution about the value, no prior knowledge of the process.
+
+    References
+    ----------
+    .. [1] JCGM 106:2012, 7.4, eqs. (7) to (9).
+
+    Examples
+    --------
+    >>> round(conformance_probability(9.5888, 0.25, upper=10.0), 3)
+    0.95
+    """
+    from scipy.special import ndtr
+
+    low, high = ordered_limits(lower, upper)
+    _standard_uncertainty(u)
+    if math.isnan(value):
+        return math.nan
+    if u == 0.0:
+        return float(low <= value <= high)
+    # The part in the upper tail is taken as a lower tail: no digits are lost far outside.
+    a, b = (low - value) / u, (high - value) / u
+    if a > 0.0:
+        a, b = -b, -a
+    return float(ndtr(b) - ndtr(a))
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """A verdict with everything it rests on.
+
+    Parameters
+    ----------
+    verdict : {"accept", "reject", "inconclusive"}
+        Outcome.
+    rule : str
+        Name of the rule.
+    sentence : str
+        The rule in words, with its numbers, for the report.
+    value, u : float
+        What was judged.
+    lower, upper : float or None
+        Limits.
+    guard : float
+        Guard band in the unit of the value; of the ``"pfa"`` rule: that of one limit alone.
+    acceptance : tuple of (float, float)
+        Values that are accepted; NaN where none is.
+    probability : float
+        That the true value conforms.
+    """
+
+    verdict: Verdict
+    rule: Rule
+    sentence: str
+    value: float
+    u: float
+    lower: float | None
+    upper: float | None
+    guard: float
+    acceptance: tuple[float, float]
+    probability: float
+
+    @property
+    def margins(self) -> tuple[float, float]:
+        """Distance from the lower and to the upper limit; negative outside, inf without limit."""
+        low = math.inf if self.lower is None else self.value - self.lower
+        high = math.inf if self.upper is None else self.upper - self.value
+        return low, high
+
+    @property
+    def margin(self) -> float:
+        """Distance to the nearer limit; negative outside."""
+        return min(self.margins)
+
+    def __str__(self) -> str:
+        return f"{self.verdict}: {self.sentence} (conforms with {100 * self.probability:.3g} %)"
+
+
+def judge(
+    value: float,
+    *,
+    u: float,
+    lower: float | None = None,
+    upper: float | None = None,
+    rule: Rule = "iso14253-1",
+    probability: float = 0.95,
+    coverage_factor: float = 2.0,
+    pfa: float = 0.025,
+    min_tur: float = 4.0,
+    tolerance: float | None = None,
+) -> Decision:
+    """Return a verdict under a named decision rule.
+
+    Parameters
+    ----------
+    value : float
+        Measured value, corrected for known bias; NaN is inconclusive.
+    u : float
+        Combined standard uncertainty u_c, same unit, >= 0.
+    lower, upper : float, optional
+        Limits, same unit.
+    rule : {"iso14253-1", "simple", "ilac-g8", "pfa"}, optional
+        See Notes.
+    probability : float, optional
+        Of ``"iso14253-1"``: conformity or nonconformity is proven at this probability.
+    coverage_factor : float, optional
+        k of U in ``"ilac-g8"`` and in the uncertainty ratio of ``"simple"``.
+    pfa : float, optional
+        Of ``"pfa"``: largest probability of a false decision for this very value, below 0.5.
+    min_tur : float, optional
+        Of ``"simple"``: smallest test uncertainty ratio, tolerance / (2 U).
+    tolerance : float, optional
+        Width of the specification for that ratio where only one limit is given.
+
+    Returns
+    -------
+    Decision
+        Verdict, sentence, guard, margins and probability.
+
+    Raises
+    ------
+    DataError
+        If there is no limit, a number is out of range, the rule is not known, or the ratio of
+        ``"simple"`` needs a tolerance.
+
+    Notes
+    -----
+    - ``"iso14253-1"``: guard g = ndtri(probability) u_c inside (accept) and outside (reject).
+      With two limits less than about 4 u_c apart g holds each risk, not their sum: see
+      `Decision.probability`, or take ``"pfa"``.
+    - ``"simple"``: accept inside the limits, reject outside, if the uncertainty ratio is
+      reached; else inconclusive.
+    - ``"ilac-g8"``: g = U, with inconclusive between the guard bands.
+    - ``"pfa"``: accept if the probability of nonconformity is at most `pfa`, reject if that of
+      conformity is; exact with two limits at any distance.
+
+    References
+    ----------
+    .. [1] ISO 14253-1:2017. [2] ILAC-G8:09/2019. [3] JCGM 106:2012, 8.3.
+
+    Examples
+    --------
+    >>> result = judge(9.60, u=0.25, upper=10.0)
+    >>> result.verdict, round(result.acceptance[1], 4), round(result.probability, 3)
+    ('inconclusive', 9.5888, 0.945)
+    """
+    low, high = ordered_limits(lower, upper)
+    _standard_uncertainty(u)
+    if not (math.isfinite(coverage_factor) and coverage_factor > 0.0):
+        raise DataError(f"a coverage factor must be positive, got {coverage_factor}")
+    chance = conformance_probability(value, u, lower=lower, upper=upper)
+    if rule == "pfa":
+        guard = _pfa_guard(pfa) * u
+        acceptance = _pfa_zone(low, high, u, pfa, guard)
+        verdict = _pfa_verdict(chance, pfa)
+        sentence = (
+            f"accepted or rejected where a false decision has a probability of at most {pfa:g}"
+        )
+    else:
+        guard, sentence = _guard_of(rule, u, probability, coverage_factor)
+        acceptance = (low + guard, high - guard)
+        verdict = decide(value, lower=lower, upper=upper, U=guard)
+        if rule == "simple":
+            ratio = _uncertainty_ratio(low, high, coverage_factor * u, tolerance)
+            _between(min_tur, 0.0, math.inf, "the smallest uncertainty ratio")
+            sentence += f"; test uncertainty ratio {ratio:.3g}, at least {min_tur:g} demanded"
+            verdict = verdict if ratio >= min_tur else "inconclusive"
+    if acceptance[0] > acceptance[1]:
+        acceptance = (math.nan, math.nan)
+        sentence += "; the uncertainty is too large for these limits, nothing can be accepted"
+    return Decision(verdict, rule, sentence, value, u, lower, upper, guard, acceptance, chance)
+
+
+def _guard_of(
+    rule: Rule, u: float, probability: float, coverage_factor: float
+) -> tuple[float, str]:
+    if rule == "iso14253-1":
+        factor = guard_factor(probability, coverage_factor=1.0)
+        text = (
+            f"ISO 14253-1, proven at {100 * probability:g} %: guard band {factor:.4g} u_c = "
+            f"{factor * u:.4g} on both sides of each limit"
+        )
+        return factor * u, text
+    if rule == "ilac-g8":
+        U = coverage_factor * u
+        return U, f"ILAC-G8, guard band U = {U:.4g} (k = {coverage_factor:g}) at each limit"
+    if rule == "simple":
+        return 0.0, "simple acceptance, no guard band"
+    raise DataError(f'rule {rule!r} is not one of "iso14253-1", "simple", "ilac-g8", "pfa"')
+
+
+def _uncertainty_ratio(low: float, high: float, U: float, tolerance: float | None) -> float:
+    width = high - low if tolerance is None else tolerance
+    if not (math.isfinite(width) and width >= 0.0):
+        raise DataError(
+            "simple acceptance compares U with the tolerance, and one limit alone has none: give "
+            f"tolerance= (the limit itself for a parameter that starts at zero), got {tolerance}"
+        )
+    return width / (2.0 * U) if U > 0.0 else math.inf
+
+
+def _pfa_guard(pfa: float) -> float:
+    return guard_factor(1.0 - _between(pfa, 0.0, 0.5, "pfa"), coverage_factor=1.0)
+
+
+def _pfa_verdict(chance: float, pfa: float) -> Verdict:
+    if chance >= 1.0 - pfa:
+        return "accept"
+    return "reject" if chance <= pfa else "inconclusive"
+
+
+def _pfa_zone(low: float, high: float, u: float, pfa: float, guard: float) -> tuple[float, float]:
+    """Return the ends of the accepted values; with two limits their risks add."""
+    if math.isinf(low) or math.isinf(high) or u == 0.0:
+        return low + guard, high - guard
+    middle = 0.5 * (low + high)
+    if conformance_probability(middle, u, lower=low, upper=high) < 1.0 - pfa:
+        return math.inf, -math.inf
+    inside, outside = 0.0, 0.5 * (high - low)
+    for _ in range(100):
+        trial = 0.5 * (inside + outside)
+        if conformance_probability(middle + trial, u, lower=low, upper=high) >= 1.0 - pfa:
+            inside = trial
+        else:
+            outside = trial
+    return middle - inside, middle + inside

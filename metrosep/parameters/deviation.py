@@ -22,11 +22,10 @@ from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
-from metrosep.parameters._flags import true_or_false
 from metrosep.parameters.circle import CirclePoints, CircleSolution, best_circle
 from metrosep.parameters.form_result import FormDeviation, Kind, Reference, Support, form_table
-from metrosep.parameters.minimum_zone import Optimum, optimum
-from metrosep.parameters.straightness import straightness_deviation
+from metrosep.parameters.straightness import Optimum, optimum, straightness_deviation
+from metrosep.parameters.table import true_or_false
 
 __all__ = ["form_deviation"]
 

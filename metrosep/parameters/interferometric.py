@@ -19,11 +19,10 @@ from numpy.typing import NDArray
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.surface import Surface
-from metrosep.parameters._rows import Row, chosen_rows, evaluated
 from metrosep.parameters.areal import is_form_removed
 from metrosep.parameters.areal_heights import HeightStatistics, height_statistics
-from metrosep.parameters.table import Context, ParameterTable
-from metrosep.spectral._checks import instance_of
+from metrosep.parameters.table import Context, ParameterTable, Row, chosen_rows, evaluated
+from metrosep.spectral.dft import instance_of
 
 __all__ = ["interferometric_parameters", "robust_peak_to_valley"]
 
@@ -192,8 +191,8 @@ class _Work:
         return float(z[-_TEN:].mean() - z[:_TEN].mean())
 
     def pv_of_fit_and_residual(self) -> float:
+        from metrosep.forms.zernike import fringe_to_nm
         from metrosep.forms.zernike_fit import fit_zernike_grid
-        from metrosep.forms.zernike_index import fringe_to_nm
 
         x0, y0, radius, share = _disc(self.surface)
         n_y, n_x = self.surface.shape
@@ -219,7 +218,7 @@ def _peak_to_valley_and_rest(
     coefficients: FloatArray,
 ) -> float:
     """Return the P-V of the fit at the valid pixels plus three times the RMS of the residual."""
-    from metrosep.forms.zernike_terms import zernike_values
+    from metrosep.forms.zernike_fit import zernike_values
 
     low, high, squares, count = math.inf, -math.inf, [], 0
     rows = max(1, _BLOCK // u.size)

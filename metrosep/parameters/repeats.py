@@ -7,7 +7,7 @@ that are valid in all repeats are used.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,17 +18,33 @@ from metrosep.core.errors import InvalidSamplesError, TooFewSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
-from metrosep.parameters._flags import true_false_or_none, true_or_false
-from metrosep.parameters._named import Evaluate, value_of, with_heights
 from metrosep.parameters.budget import coverage_factor
-from metrosep.parameters.repeat_noise import (
+from metrosep.parameters.noise import (
     NoiseEstimate,
     mean_of_repeats,
     noise_of_repeats,
     stack_repeats,
 )
+from metrosep.parameters.table import (
+    Evaluate,
+    true_false_or_none,
+    true_or_false,
+    value_of,
+    with_heights,
+)
 
-__all__ = ["NoiseFreeRms", "RepeatResult", "TypeA", "from_repeats", "noise_free_rms", "type_a"]
+__all__ = [
+    "RELATIVE_FLOOR",
+    "NoiseFreeRms",
+    "RepeatResult",
+    "TypeA",
+    "constant",
+    "floors",
+    "from_repeats",
+    "noise_free_rms",
+    "term_floors",
+    "type_a",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -322,3 +338,53 @@ def noise_free_rms(objects: Sequence[Profile | Surface], *, centre: bool = True)
         noise.sigma,
         n_repeats - 1,
     )
+
+
+# ---- whether values over parts differ at all, or by the rounding of their own computation only ----
+# What a fit takes away is zero but for rounding: the piston of a map that was levelled is 1e-24 m beside
+# heights of 1e-8 m. Rounding is deterministic, so it may well rise from part to part; a test against
+# its own scatter would call that a drift.
+
+RELATIVE_FLOOR = 1e-12
+"""Of the largest value. A float rounds to 1.1e-16 of itself; a sum of n heights one by one, or normal
+equations of condition n, lose n times that: 1e4 leaves a floor of 1e-12."""
+
+_MOST = {"m": 1e-15, "rad": 1e-15}
+"""Of a floor from other terms, in m and rad: a radius of 1 km beside roughness does not make 1 nm a
+rounding, and nothing here measures 1 fm."""
+
+
+def floors(sizes: Iterable[tuple[str, float]]) -> dict[str, float]:
+    """Return the spread up to which values of a unit are the same, by unit."""
+    largest: dict[str, float] = {}
+    for unit, value in sizes:
+        if unit in _MOST and math.isfinite(value):
+            largest[unit] = max(largest.get(unit, 0.0), abs(value))
+    return {u: min(RELATIVE_FLOOR * size, _MOST[u]) for u, size in largest.items()}
+
+
+def constant(values: Sequence[float] | FloatArray, floor: float = 0.0) -> bool:
+    """Return whether values are the same to within rounding.
+
+    Examples
+    --------
+    >>> constant([1e-24, -3e-24], 2e-20), constant([1e-9, 1.001e-9], 2e-20)
+    (True, False)
+    """
+    known = np.asarray(values, dtype=np.float64)
+    known = known[np.isfinite(known)]
+    if known.size == 0:
+        return True
+    least, most = float(known.min()), float(known.max())
+    return most - least <= max(floor, RELATIVE_FLOOR * max(abs(least), abs(most)))
+
+
+def term_floors(
+    table: Mapping[str, FloatArray], units: Mapping[str, str], sizes: Mapping[str, float] | None
+) -> dict[str, float]:
+    """Return the floor of each term of a table."""
+    of = {k: units.get(k, "m") for k in table}
+    found = floors(
+        [*((of[k], float(x)) for k, v in table.items() for x in v), *(sizes or {}).items()]
+    )
+    return {k: found.get(u, 0.0) for k, u in of.items()}

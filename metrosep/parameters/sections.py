@@ -19,8 +19,8 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.profile import Profile
 from metrosep.filters._arguments import SHORTFALL
-from metrosep.parameters._range import check_range
-from metrosep.spectral._checks import finite_number, whole_number
+from metrosep.parameters.table import check_range
+from metrosep.spectral.dft import finite_number, whole_number
 
 __all__ = [
     "MIN_VALID_SHARE",

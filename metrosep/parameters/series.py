@@ -15,11 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from metrosep.core._arrays import FloatArray, frozen_float
+from metrosep.core._arrays import FloatArray, benjamini_hochberg, frozen_float
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
-from metrosep.core.false_discovery import benjamini_hochberg
-from metrosep.parameters.capability import control_limits
-from metrosep.parameters.rounding_floor import constant, term_floors
+from metrosep.parameters.gauge import control_limits
+from metrosep.parameters.repeats import constant, term_floors
 
 __all__ = ["PartSeries", "TermSeries", "part_series"]
 
@@ -57,7 +56,7 @@ class TermSeries:
     drifts : bool
         Whether it is beyond chance among all terms (false discovery rate).
     constant : bool
-        Whether the values differ by rounding only (`metrosep.parameters.rounding_floor`): slope and
+        Whether the values differ by rounding only (`metrosep.parameters.repeats`): slope and
         drift with their u are zero then, limits and p NaN.
     """
 

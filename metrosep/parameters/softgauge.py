@@ -19,10 +19,10 @@ from metrosep.core.errors import DataError, MetrosepError, UnitError
 from metrosep.core.profile import Profile
 from metrosep.core.units import format_engineering, parse_unit
 from metrosep.filters.kind import ProfileKind
-from metrosep.parameters._flags import true_or_false
 from metrosep.parameters._profile_rows import named_edition
 from metrosep.parameters.sections import sections_that_fit
-from metrosep.spectral._checks import finite_number, instance_of, whole_number
+from metrosep.parameters.table import true_or_false
+from metrosep.spectral.dft import finite_number, instance_of, whole_number
 
 __all__ = [
     "Expectation",

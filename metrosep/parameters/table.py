@@ -8,15 +8,22 @@ it is known, a standard uncertainty.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Self
 
+import numpy as np
+from numpy.typing import NDArray
+
 from metrosep._version import __version__
-from metrosep.core.errors import DataError
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import DataError, FitError, InvalidSamplesError, TooFewSamplesError
+from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step, history_as_dicts
 from metrosep.core.quantity import Quantity
+from metrosep.core.surface import Surface
+from metrosep.spectral.dft import symbols
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -254,3 +261,190 @@ class ParameterTable(Mapping[str, Quantity]):
         rows["chain"] = self.context.chain
         rows["valid"] = f"{self.context.n_valid} of {self.context.n_total}"
         return html_table(self.context.edition, rows)
+
+
+# ---- private helpers: the rows of a parameter table, chosen by symbol and evaluated one by one ----
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One parameter of a table; `value` takes what the parameters share."""
+
+    symbol: str
+    unit: str
+    text: str
+    value: Callable[[Any], float]
+
+
+def chosen_rows(
+    rows: Sequence[Row],
+    names: Sequence[str] | None,
+    what: str,
+    aliases: Mapping[str, str] | None = None,
+) -> list[Row]:
+    """Return the rows of the wanted symbols in the order of the table; all without names."""
+    if names is None:
+        return list(rows)
+    other = aliases or {}
+    wanted = {other.get(n, n) for n in symbols(names)}
+    unknown = sorted(wanted - {r.symbol for r in rows})
+    if unknown:
+        raise DataError(
+            f"{', '.join(unknown)}: not offered as {what}; offered are "
+            + ", ".join(r.symbol for r in rows)
+        )
+    return [r for r in rows if r.symbol in wanted]
+
+
+def evaluated(rows: Iterable[Row], work: object) -> tuple[list[Quantity], dict[str, str]]:
+    """Return the parameters that can be given, and why the others cannot."""
+    quantities: list[Quantity] = []
+    unavailable: dict[str, str] = {}
+    for row in rows:
+        try:
+            value = float(row.value(work))
+        except (DataError, FitError) as reason:
+            unavailable[row.symbol] = str(reason)
+        else:
+            quantities.append(Quantity(value, row.unit, row.text, symbol=row.symbol))
+    return quantities, unavailable
+
+
+# ---- private: options that are yes or no. A text such as "no" counts as true in Python ---------
+
+
+def true_or_false(value: object, name: str) -> bool:
+    """Return a bool; a text, a number or None is none."""
+    if not isinstance(value, bool | np.bool_):
+        raise DataError(f"{name} is True or False, got {value!r}")
+    return bool(value)
+
+
+def true_false_or_none(value: object, name: str) -> bool | None:
+    """Return a bool or None, which leaves the choice to the parameter."""
+    if value is None:
+        return None
+    if not isinstance(value, bool | np.bool_):
+        raise DataError(f"{name} is True, False or None, got {value!r}")
+    return bool(value)
+
+
+# ---- parameters by name, evaluated on many drawings at once: rows of valid heights -------------
+
+Evaluate = str | Callable[[Profile | Surface], float | Quantity]
+
+PEAK_TO_VALLEY = frozenset({"PV", "Pt", "Rt", "Wt", "Sz"})
+MEAN_SQUARE = frozenset({"RMS", "Pq", "Rq", "Wq", "Sq"})
+MEAN_ABSOLUTE = frozenset({"Pa", "Ra", "Wa", "Sa"})
+PEAK = frozenset({"Sp"})
+VALLEY = frozenset({"Sv"})
+NORMALISED = frozenset({"Psk", "Rsk", "Wsk", "Ssk", "Pku", "Rku", "Wku", "Sku"})
+NAMES = PEAK_TO_VALLEY | MEAN_SQUARE | MEAN_ABSOLUTE | PEAK | VALLEY | NORMALISED | {"mean"}
+EXTREMES = PEAK_TO_VALLEY | PEAK | VALLEY
+
+
+def check_name(name: str) -> str:
+    """Return a known name."""
+    if name not in NAMES:
+        raise DataError(
+            f"{name!r} is not one of {', '.join(sorted(NAMES))}; give a function of the object "
+            "for any other parameter"
+        )
+    return name
+
+
+def is_centred(name: str, centre: bool | None) -> bool:
+    """Return whether the mean is removed: areal and RMS always, profile families on request."""
+    if centre is None:
+        return name[0] == "S" or name == "RMS"
+    return centre
+
+
+def rows(name: str, block: FloatArray, *, centred: bool) -> FloatArray:
+    """Return the parameter of each row of complete heights; the block may be overwritten."""
+    if name in PEAK_TO_VALLEY:
+        return np.asarray(block.max(axis=1) - block.min(axis=1))
+    mean: FloatArray = block.mean(axis=1)
+    if name == "mean":
+        return mean
+    if name in PEAK:
+        return np.asarray(block.max(axis=1) - (mean if centred else 0.0))
+    if name in VALLEY:
+        return np.asarray((mean if centred else 0.0) - block.min(axis=1))
+    if centred:
+        block -= mean[:, None]
+    if name in MEAN_ABSOLUTE:
+        return np.asarray(np.abs(block, out=block).mean(axis=1))
+    return _moments(name, block)
+
+
+def _moments(name: str, block: FloatArray) -> FloatArray:
+    # Heights of 1e-9 m have fourth powers of 1e-36: scaled first, nothing underflows.
+    scale = np.abs(block).max(axis=1)
+    scale[scale == 0.0] = 1.0
+    block /= scale[:, None]
+    squares = np.square(block)
+    q = np.sqrt(squares.mean(axis=1))
+    if name in MEAN_SQUARE:
+        return np.asarray(q * scale)
+    if (q == 0.0).any():
+        raise DataError(f"{name} of constant heights is not defined")
+    if name.endswith("sk"):
+        return np.asarray((squares * block).mean(axis=1) / q**3)
+    return np.asarray(np.square(squares).mean(axis=1) / q**4)
+
+
+def valid_heights(obj: Profile | Surface) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Return the valid heights in a row, and the mask."""
+    mask = ~np.isnan(obj.z)
+    if int(mask.sum()) < 2:
+        raise TooFewSamplesError(f"{int(mask.sum())} valid height(s), at least 2 are needed")
+    return obj.z[mask], mask
+
+
+def with_heights(obj: Profile | Surface, z: FloatArray) -> Profile | Surface:
+    """Return the object with other heights."""
+    if isinstance(obj, Profile):
+        return Profile(obj.x, z, metadata=obj.metadata, history=obj.history)
+    return Surface(
+        z, obj.dx, obj.dy, origin=obj.origin, metadata=obj.metadata, history=obj.history
+    )
+
+
+def value_of(evaluate: Evaluate, obj: Profile | Surface, *, centre: bool | None = None) -> float:
+    """Return the parameter of one object as a finite number."""
+    if isinstance(evaluate, str):
+        name = check_name(evaluate)
+        z, _ = valid_heights(obj)
+        value = float(rows(name, z[None, :].copy(), centred=is_centred(name, centre))[0])
+    else:
+        result = evaluate(obj)
+        value = float(result.value if isinstance(result, Quantity) else result)
+    if not np.isfinite(value):
+        raise DataError(
+            "the evaluation gave NaN or an infinite value; it needs an answer for each drawing"
+        )
+    return value
+
+
+# ---- private: refuse heights whose powers leave double precision -------------------------------
+
+LEAST, LARGEST = 1e-60, 1e60
+"""Limits in m; the fourth power of 1e-77 is 0 and that of 1e77 infinite, and heights vary."""
+
+
+def check_range(low: float, high: float) -> None:
+    """Refuse infinite heights, too large ones, and a range that is tiny but not zero."""
+    if math.isinf(low) or math.isinf(high):
+        raise InvalidSamplesError("z is infinite somewhere; write NaN where nothing was measured")
+    largest = max(abs(low), abs(high))
+    if largest > LARGEST:
+        raise DataError(
+            f"the heights reach {largest:.3g} m, beyond {LARGEST:g} m, where their powers are no "
+            "numbers any more; is the unit m, and is a code for missing samples among them?"
+        )
+    if 0.0 < high - low < LEAST:
+        raise DataError(
+            f"the range of the heights is {high - low:.3g} m, below {LEAST:g} m, where their "
+            "powers vanish; is the unit m?"
+        )

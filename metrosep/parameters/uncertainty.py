@@ -17,9 +17,14 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
-from metrosep.parameters._flags import true_false_or_none
-from metrosep.parameters._named import MEAN_ABSOLUTE, MEAN_SQUARE, is_centred, valid_heights
 from metrosep.parameters.noise import StationaryNoise, WhiteNoise, sampling_of
+from metrosep.parameters.table import (
+    MEAN_ABSOLUTE,
+    MEAN_SQUARE,
+    is_centred,
+    true_false_or_none,
+    valid_heights,
+)
 
 __all__ = [
     "NoiseInfluence",

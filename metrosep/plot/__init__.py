@@ -7,55 +7,47 @@ from typing import TYPE_CHECKING
 from metrosep.core._lazy import lazy_names
 
 if TYPE_CHECKING:
-    from metrosep.plot.charts import draw_bars as draw_bars, draw_chart as draw_chart
-    from metrosep.plot.drift import allan_plot as allan_plot, drift_chart as drift_chart
-    from metrosep.plot.error import before_after as before_after
-    from metrosep.plot.evidence_chart import evidence_plot as evidence_plot
-    from metrosep.plot.feed_chart import feed_map as feed_map
-    from metrosep.plot.flats import flat_maps as flat_maps
-    from metrosep.plot.harmonics import harmonic_bars as harmonic_bars
-    from metrosep.plot.loop_chart import closed_loop_plot as closed_loop_plot
-    from metrosep.plot.maps import separation_maps as separation_maps
-    from metrosep.plot.multipoint import (
-        probe_transfer as probe_transfer,
-        straightness_parts as straightness_parts,
+    from metrosep.plot.charts import (
+        draw_bars as draw_bars,
+        draw_chart as draw_chart,
+        plan_density as plan_density,
+        plan_sd as plan_sd,
+        positioning_chart as positioning_chart,
     )
-    from metrosep.plot.planning import plan_density as plan_density, plan_sd as plan_sd
-    from metrosep.plot.polar import polar_plot as polar_plot
-    from metrosep.plot.positioning import positioning_chart as positioning_chart
-    from metrosep.plot.probes import (
+    from metrosep.plot.evidence_chart import evidence_plot as evidence_plot, feed_map as feed_map
+    from metrosep.plot.maps import (
+        flat_maps as flat_maps,
+        overlap_mismatch as overlap_mismatch,
+        separation_maps as separation_maps,
+        stitch_layout as stitch_layout,
+        stitched_surface as stitched_surface,
+    )
+    from metrosep.plot.multipoint import (
         probe_gain_chart as probe_gain_chart,
         probe_layout as probe_layout,
         probe_residuals as probe_residuals,
+        probe_transfer as probe_transfer,
+        speed_plot as speed_plot,
+        straightness_parts as straightness_parts,
     )
+    from metrosep.plot.polar import harmonic_bars as harmonic_bars, polar_plot as polar_plot
     from metrosep.plot.sensitivity_chart import (
         sensitivity_bars as sensitivity_bars,
         sensitivity_maps as sensitivity_maps,
         sensitivity_pareto as sensitivity_pareto,
     )
-    from metrosep.plot.separation import (
-        parts_plot as parts_plot,
-        reversal_quartet as reversal_quartet,
-        separation_parts as separation_parts,
-    )
+    from metrosep.plot.series_chart import allan_plot as allan_plot, drift_chart as drift_chart
     from metrosep.plot.servo_chart import (
         before_after_chart as before_after_chart,
         calibration_chart as calibration_chart,
+        closed_loop_plot as closed_loop_plot,
         follow_up_chart as follow_up_chart,
+        setting_map as setting_map,
+        setting_profiles as setting_profiles,
         static_error_chart as static_error_chart,
         straightness_chart as straightness_chart,
     )
-    from metrosep.plot.setting_chart import (
-        setting_map as setting_map,
-        setting_profiles as setting_profiles,
-    )
     from metrosep.plot.spectra import residual_psd as residual_psd, spectrum as spectrum
-    from metrosep.plot.speed_chart import speed_plot as speed_plot
-    from metrosep.plot.stitching import (
-        overlap_mismatch as overlap_mismatch,
-        stitch_layout as stitch_layout,
-        stitched_surface as stitched_surface,
-    )
     from metrosep.plot.style import (
         COLOURS as COLOURS,
         DASHED as DASHED,
@@ -67,9 +59,13 @@ if TYPE_CHECKING:
         label_decades as label_decades,
     )
     from metrosep.plot.summary import (
+        before_after as before_after,
         charts_of as charts_of,
         drawable as drawable,
         overview as overview,
+        parts_plot as parts_plot,
+        reversal_quartet as reversal_quartet,
+        separation_parts as separation_parts,
     )
     from metrosep.plot.table import table_plot as table_plot
     from metrosep.plot.toolpath_chart import (
@@ -87,63 +83,55 @@ _HOMES = {
     "charts": (
         "draw_bars",
         "draw_chart",
-    ),
-    "drift": (
-        "allan_plot",
-        "drift_chart",
-    ),
-    "error": ("before_after",),
-    "evidence_chart": ("evidence_plot",),
-    "feed_chart": ("feed_map",),
-    "flats": ("flat_maps",),
-    "harmonics": ("harmonic_bars",),
-    "loop_chart": ("closed_loop_plot",),
-    "maps": ("separation_maps",),
-    "multipoint": (
-        "probe_transfer",
-        "straightness_parts",
-    ),
-    "planning": (
         "plan_density",
         "plan_sd",
+        "positioning_chart",
     ),
-    "polar": ("polar_plot",),
-    "positioning": ("positioning_chart",),
-    "probes": (
+    "evidence_chart": (
+        "evidence_plot",
+        "feed_map",
+    ),
+    "maps": (
+        "flat_maps",
+        "overlap_mismatch",
+        "separation_maps",
+        "stitch_layout",
+        "stitched_surface",
+    ),
+    "multipoint": (
         "probe_gain_chart",
         "probe_layout",
         "probe_residuals",
+        "probe_transfer",
+        "speed_plot",
+        "straightness_parts",
+    ),
+    "polar": (
+        "harmonic_bars",
+        "polar_plot",
     ),
     "sensitivity_chart": (
         "sensitivity_bars",
         "sensitivity_maps",
         "sensitivity_pareto",
     ),
-    "separation": (
-        "parts_plot",
-        "reversal_quartet",
-        "separation_parts",
+    "series_chart": (
+        "allan_plot",
+        "drift_chart",
     ),
     "servo_chart": (
         "before_after_chart",
         "calibration_chart",
+        "closed_loop_plot",
         "follow_up_chart",
-        "static_error_chart",
-        "straightness_chart",
-    ),
-    "setting_chart": (
         "setting_map",
         "setting_profiles",
+        "static_error_chart",
+        "straightness_chart",
     ),
     "spectra": (
         "residual_psd",
         "spectrum",
-    ),
-    "speed_chart": ("speed_plot",),
-    "stitching": (
-        "overlap_mismatch",
-        "stitch_layout",
-        "stitched_surface",
     ),
     "style": (
         "COLOURS",
@@ -156,9 +144,13 @@ _HOMES = {
         "label_decades",
     ),
     "summary": (
+        "before_after",
         "charts_of",
         "drawable",
         "overview",
+        "parts_plot",
+        "reversal_quartet",
+        "separation_parts",
     ),
     "table": ("table_plot",),
     "toolpath_chart": (

@@ -15,21 +15,35 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
-from metrosep.plot.harmonics import harmonic_bars
 from metrosep.plot.maps import separation_maps
 from metrosep.plot.placing import place_stack
-from metrosep.plot.planning import plan_sd
-from metrosep.plot.polar import polar_plot
-from metrosep.plot.positioning import positioning_chart
+from metrosep.plot.polar import harmonic_bars, polar_plot
 from metrosep.plot.series_chart import draw_part_series
-from metrosep.plot.style import BAND_FACTOR, COLOURS, DASHED, axes_or_new, house_style
+from metrosep.plot.style import (
+    BAND_FACTOR,
+    COLOURS,
+    DASHED,
+    DOTTED,
+    axes_or_new,
+    house_style,
+    shades,
+)
+from metrosep.separation.planner import FeedPlan
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["CHART_KINDS", "draw_bars", "draw_chart"]
+    from metrosep.separation.positioning_result import PositioningTest
 
+__all__ = [
+    "CHART_KINDS",
+    "draw_bars",
+    "draw_chart",
+    "plan_density",
+    "plan_sd",
+    "positioning_chart",
+]
 
 # ---- bars of a result: rankings, budgets and coefficients, from the plain values of a chart ----
 
@@ -48,7 +62,7 @@ def draw_bars(chart: Mapping[str, Any], *, ax: Axes | None = None) -> Axes:
     Parameters
     ----------
     chart : mapping
-        From `metrosep.recipe.bar_charts.bar_chart`.
+        From `metrosep.recipe.charts.bar_chart`.
     ax : matplotlib Axes, optional
         Where to draw.
 
@@ -417,3 +431,264 @@ CHART_KINDS: Mapping[str, Callable[[Chart], Figure | Axes]] = {
     "bars": draw_bars,
     "part_series": draw_part_series,
 }
+
+
+# ---- figures of a feed plan: predicted sd over wavelength, and the density with the plan's feeds ----
+
+_PLANNING_LINES = 2001
+_MOST_WAVES = 4
+
+
+def plan_sd(plan: FeedPlan, ax: Axes | None = None) -> Axes:
+    """Return axes with the predicted sd over wavelength of a plan and of naive plans.
+
+    Parameters
+    ----------
+    plan : FeedPlan
+        Of `plan_feedrates` or `predicted_sd`.
+    ax : matplotlib Axes, optional
+        Axes to draw into; new ones if omitted.
+
+    Returns
+    -------
+    matplotlib Axes
+        Wavelength in mm and sd of an amplitude coefficient in nm, both logarithmic.
+
+    Raises
+    ------
+    DataError
+        If no sd of the plan is known.
+    """
+    table = plan.columns
+    order = np.argsort(table["wavelength_mm"])
+    wave = table["wavelength_mm"][order]
+    if not np.isfinite(table["sd_nm"]).any():
+        raise DataError("no sd of this plan is known: nothing to draw")
+    marker = "o" if wave.size <= 20 else ""
+    with house_style():
+        axes = axes_or_new(ax)
+        every = np.concatenate([plan.feeds, plan.fixed])
+        middle = float(plan.audit["one_feed_mm_per_min"])
+        curves = (
+            ("sd_one_feed_nm", f"all at {middle:.0f} mm/min", COLOURS["before"], DOTTED),
+            ("sd_even_feeds_nm", "evenly spread feeds", COLOURS["after"], DASHED),
+            ("sd_nm", f"this plan: {_feeds(every)} mm/min", COLOURS["estimate"], "-"),
+        )
+        for name, label, colour, dash in curves:
+            axes.plot(
+                wave,
+                table[name][order],
+                color=colour,
+                linestyle=dash,
+                marker=marker,
+                markersize=3.5,
+                linewidth=1.8 if name == "sd_nm" else 1.2,
+                label=f"{label}",
+            )
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        _plain_ticks(axes)
+        axes.set_xlabel("wavelength / mm")
+        axes.set_ylabel("sd of an amplitude coefficient / nm")
+        axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=1, borderaxespad=0.2)
+    return axes
+
+
+def plan_density(
+    plan: FeedPlan, ax: Axes | None = None, *, wavelengths: tuple[float, ...] = ()
+) -> Axes:
+    """Return axes with the density of the disturbance and where the plan reads each wavelength.
+
+    Parameters
+    ----------
+    plan : FeedPlan
+        Of `plan_feedrates` or `predicted_sd`.
+    ax : matplotlib Axes, optional
+        Axes to draw into; new ones if omitted.
+    wavelengths : tuple of float, m, optional
+        Waves to mark, at most four; the worst known, the shortest and the longest if omitted.
+
+    Returns
+    -------
+    matplotlib Axes
+        Frequency in Hz and density in nm^2/Hz, both logarithmic; a row of marks at v / wavelength
+        for each wave, one mark a feed, the darker the faster.
+
+    Raises
+    ------
+    DataError
+        If more than four wavelengths are to be marked.
+    """
+    if len(wavelengths) > _MOST_WAVES:
+        raise DataError(f"{len(wavelengths)} wavelengths would cover each other; mark up to 4")
+    sd = plan.columns["sd_nm"]
+    worst = plan.wavelengths[int(np.argmax(np.where(np.isfinite(sd), sd, -np.inf)))]
+    chosen = wavelengths or tuple(
+        sorted({float(plan.wavelengths.min()), float(worst), float(plan.wavelengths.max())})
+    )
+    feeds = np.unique(np.concatenate([plan.feeds, plan.fixed]))
+    marks = np.array([[v / w for v in feeds] for w in chosen])
+    low, high = 0.5 * float(marks.min()), 2.0 * float(marks.max())
+    f = np.geomspace(low, min(high, plan.density.highest), _PLANNING_LINES)
+    with house_style():
+        axes = axes_or_new(ax)
+        s = plan.density(f) * 1e18
+        axes.plot(f, s, color=COLOURS["line"], linewidth=1.2, label="disturbance")
+        top = float(np.nanmax(s))
+        tones = shades(COLOURS["estimate"], feeds.size)
+        for row, (wave, at) in enumerate(zip(chosen, marks, strict=True)):
+            height = top * 3.0 * 2.6**row
+            for v, x, tone in zip(feeds, at, tones, strict=True):
+                label = f"{v * 6e4:.0f} mm/min" if row == 0 else "_"
+                axes.plot(x, height, "v", color=tone, markersize=6, label=label)
+                axes.plot([x, x], [float(np.nanmin(s)), height], color=tone, linewidth=0.5)
+            axes.annotate(
+                f"{wave * 1e3:.3g} mm",
+                (float(at.max()), height),
+                xytext=(7, 0),
+                textcoords="offset points",
+                va="center",
+                fontsize=8.0,
+            )
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        axes.set_xlim(low, high * 1.3)
+        axes.set_ylim(float(np.nanmin(s)) * 0.7, top * 3.0 * 2.6 ** len(chosen))
+        _plain_ticks(axes, which="x")
+        axes.set_xlabel("frequency / Hz")
+        axes.set_ylabel("density / (nm²/Hz)")
+        axes.legend(
+            loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=min(4, feeds.size + 1), borderaxespad=0.2
+        )  # fmt: skip
+    return axes
+
+
+def _feeds(feeds: FloatArray) -> str:
+    distinct, counts = np.unique(feeds, return_counts=True)
+    if distinct.size > 5:
+        return f"{feeds.size} runs at {distinct[0] * 6e4:.0f} to {distinct[-1] * 6e4:.0f}"
+    return ", ".join(f"{n} × {v * 6e4:.0f}" for v, n in zip(distinct, counts, strict=True))
+
+
+def _plain_ticks(axes: Axes, which: str = "both") -> None:
+    """Numbers instead of powers of ten, at 1, 2 and 5."""
+    from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
+
+    for axis, name in ((axes.xaxis, "x"), (axes.yaxis, "y")):
+        if which in ("both", name):
+            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            axis.set_major_formatter(FormatStrFormatter("%g"))
+            axis.set_minor_formatter(NullFormatter())
+
+
+# ---- chart of a positioning test after ISO 230-2: both directions with their bands, and the values ----
+
+_SYMBOLS = (
+    "A",
+    "A_fwd",
+    "A_bwd",
+    "R",
+    "R_fwd",
+    "R_bwd",
+    "E",
+    "E_fwd",
+    "E_bwd",
+    "B",
+    "B_mean",
+    "M",
+)
+
+
+def positioning_chart(test: PositioningTest, ax: Axes | None = None) -> Axes:
+    """Return axes with the chart of a positioning test.
+
+    Parameters
+    ----------
+    test : PositioningTest
+        Result of `metrosep.separation.iso230_2`.
+    ax : matplotlib Axes, optional
+        Axes to draw into; new ones if omitted.
+
+    Returns
+    -------
+    matplotlib Axes
+        Error over target. Circles and a full line: mean forward; squares and a dashed line: mean
+        backward; bands: two standard deviations; points: the single readings. Right: A, R, E, B, M
+        with their standard uncertainties.
+    """
+    rotary = test.audit.get("unit") == "rad"
+    coarse, coarse_name = (180.0 / math.pi, "°") if rotary else (1e3, "mm")
+    fine, fine_name = (648000.0 / math.pi, "arcsec") if rotary else _positioning_scale(test)
+    with house_style():
+        axes = axes_or_new(ax, size=(8.4, 4.2))
+        x = test.targets * coarse
+        ways = (
+            ("forward", test.forward, test.mean_forward, test.sd_forward, "o", "-", "estimate"),
+            (
+                "backward",
+                test.backward,
+                test.mean_backward,
+                test.sd_backward,
+                "s",
+                DASHED,
+                "after",
+            ),
+        )
+        for name, each, mean, sd, marker, dash, colour in ways:
+            if each is None:
+                continue
+            tone = COLOURS[colour]
+            label = f"{name}: mean, ± 2 s"
+            axes.fill_between(
+                x, (mean - 2 * sd) * fine, (mean + 2 * sd) * fine, color=tone, alpha=0.16, lw=0
+            )
+            for run in each.T:
+                axes.plot(x, run * fine, ".", color=tone, markersize=2.6, alpha=0.55)
+            axes.plot(
+                x,
+                mean * fine,
+                marker=marker,
+                linestyle=dash,
+                color=tone,
+                ms=4.5,
+                lw=1.5,
+                label=label,
+            )
+        axes.axhline(0.0, color=COLOURS["line"], linewidth=0.7, zorder=1.5)
+        axes.set_xlabel(f"target / {coarse_name}")
+        axes.set_ylabel(f"error (reached − target) / {fine_name}")
+        axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.2)
+        axes.text(
+            1.02,
+            1.0,
+            _box(test, fine, fine_name),
+            transform=axes.transAxes,
+            va="top",
+            family="DejaVu Sans Mono",
+            fontsize=7.8,
+            color=COLOURS["text"],
+        )
+    return axes
+
+
+def _positioning_scale(test: PositioningTest) -> tuple[float, str]:
+    drawn = [e for e in (test.forward, test.backward) if e is not None]
+    largest = max(float(np.nanmax(np.abs(e))) for e in drawn)
+    return (1e6, "µm") if largest >= 1e-6 else (1e9, "nm")
+
+
+def _box(test: PositioningTest, fine: float, unit: str) -> str:
+    lines = [f"{'ISO 230-2':<10}{unit:>7}{'u':>7}"]
+    for symbol in _SYMBOLS:
+        if symbol in test:
+            q = test[symbol]
+            u = "" if q.u is None else f"{q.u * fine:.2f}"
+            lines.append(f"{symbol:<10}{q.value * fine:>7.2f}{u:>7}")
+    low, high = test.R_interval
+    lines += [
+        "",
+        "R of many runs",
+        f"{'estimate':<10}{test.R_unbiased * fine:>7.2f}",
+        f"{100 * test.confidence:g} %: {low * fine:.2f} … {high * fine:.2f}",
+    ]
+    return "\n".join(lines)

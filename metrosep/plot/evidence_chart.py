@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,14 +10,30 @@ from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
-from metrosep.plot._bands import cell_edges
-from metrosep.plot.style import COLOURS, DASHED, axes_or_new, house_style, label_decades, values
+from metrosep.core.runset import RunSet
+from metrosep.plot._bands import (
+    BANDS_PER_OCTAVE,
+    cell_edges,
+    in_bands,
+    lines_of_residual,
+    shared_lines,
+)
+from metrosep.plot.style import (
+    COLOURS,
+    DASHED,
+    DOTTED,
+    axes_or_new,
+    house_style,
+    label_decades,
+    length_scale,
+    speed_name,
+    values,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["evidence_plot"]
-
+__all__ = ["evidence_plot", "feed_map"]
 
 _SNR_FLOOR = 1e-2
 """Smallest signal-to-noise ratio that is drawn; smaller and negative ones lie on it."""
@@ -172,3 +188,250 @@ def _hatch(
             label=label,
         )
         label = "_"
+
+
+# ---- wavelength against feedrate: geometry stays in its column, vibration slides ---------------
+# A vibration of frequency f shows at the wavelength v/f, so with logarithmic axes it lies on a
+# straight slanted line, while a geometric error is a vertical stripe.
+
+_COLOUR_MAP = "Blues"
+_DECADES = 1.7
+"""Of amplitude, below the largest, that the colours span: 2 % of it and less is white."""
+
+_MAX_WAVES = 4
+"""Wavelengths of the geometry with a vertical line."""
+
+
+def feed_map(
+    source: Any,
+    ax: Axes | None = None,
+    *,
+    lines: Sequence[float] | None = None,
+    direction: str | None = None,
+) -> Axes:
+    """Return axes with the amplitude as colour over wavelength and feedrate.
+
+    Parameters
+    ----------
+    source : RunSet, ErrorEstimate or mapping
+        Runs of one direction, what `separate` returned, or a result (schema
+        ``metrosep.result/1``).
+    ax : matplotlib Axes, optional
+        Axes to draw into; new ones if omitted.
+    lines : sequence of float, Hz, optional
+        Frequencies of the guide lines; looked for if omitted, `()` for none.
+    direction : {"forward", "reverse"}, optional
+        Which one, where the source holds both; forward if omitted.
+
+    Returns
+    -------
+    matplotlib Axes
+        Wavelength in mm and feedrate in mm/min, both logarithmic, one row for each feedrate;
+        amplitude in nm (or µm), logarithmic. Slanted and dashed: where a vibration of the stated
+        frequency falls. Dotted, with a triangle: the strongest wavelengths selected as geometry;
+        triangles alone: the others (an estimate only).
+
+    Raises
+    ------
+    DataError
+        If there are no spectra of two or more feedrates to draw, or a frequency is not positive.
+
+    Notes
+    -----
+    Colours show bands of 1/12 octave: the root of the summed squares of the amplitudes whose
+    wavelength lies in the band, or the nearest amplitude where the band is narrower than the
+    resolution. So a randomly excited mode has the weight of a sine of the same power.
+
+    Without `lines`, the vibrations are the peaks of the residual's noise model, or, of runs, the
+    peaks that the spectra of all feedrates share over frequency v/wavelength; a vibration that
+    falls onto strong geometry at one of them is found from an estimate only. A row reaches half the
+    way to its neighbours.
+
+    Examples
+    --------
+    >>> from metrosep.separation.simulate import machine_axis
+    >>> axes = feed_map(machine_axis(seed=1).runs)
+    >>> axes.get_xlabel()
+    'wavelength / mm'
+    """
+    spectra, waves, psd = _source(source, direction)
+    feeds, wavelength, amplitude = _rows(spectra)
+    bands, power = in_bands(wavelength, amplitude)
+    if lines is not None:
+        guides = _checked(lines)
+    elif psd:
+        guides = lines_of_residual(psd)
+    else:
+        guides = shared_lines(feeds, bands, power)
+    with house_style():
+        axes = axes_or_new(ax, size=(7.6, 4.3))
+        scale, unit = length_scale(power.ravel())
+        mesh = _draw_map(axes, feeds, bands, power * scale)
+        edges = cell_edges(feeds)
+        _draw_waves(axes, waves)
+        _draw_guides(axes, guides, edges)
+        axes.set_xlabel("wavelength / mm")
+        axes.set_ylabel("feedrate / (mm/min)")
+        _explain_lines(axes)
+        figure = axes.get_figure()
+        if figure is not None:
+            bar = figure.colorbar(mesh, ax=axes, pad=0.02, extend="min")
+            bar.set_label(f"amplitude in 1/{BANDS_PER_OCTAVE} octave / {unit}")
+            bar.ax.yaxis.set_major_formatter("{x:g}")
+            bar.outline.set_visible(False)
+    return axes
+
+
+def _source(
+    source: Any, direction: str | None
+) -> tuple[Mapping[str, Any], list[tuple[float, float]], Mapping[str, Any]]:
+    """Spectra by feedrate; selected wavelengths in mm with amplitude; spectrum of the residual."""
+    if direction not in (None, "forward", "reverse"):
+        raise DataError(f"direction is 'forward' or 'reverse', got {direction!r}")
+    if isinstance(source, RunSet):
+        from metrosep.separation.spectra import feed_spectra_columns
+
+        ways = {1: "forward", -1: "reverse"}
+        wanted = [d for d in source.directions if direction in (None, ways[d])]
+        if not wanted:
+            raise DataError(f"the runs do not go {direction}")
+        return feed_spectra_columns(source.select(direction=max(wanted))), [], {}
+    if isinstance(source, Mapping):
+        estimate = source.get("estimate") or {}
+        tables = [estimate.get(k) or {} for k in ("feed_spectra", "spectrum", "residual_psd")]
+    elif hasattr(source, "feed_spectra_data"):
+        tables = [source.feed_spectra_data, source.spectrum_data, source.residual_psd_data]
+    else:
+        raise DataError(
+            f"feed_map draws a RunSet, an ErrorEstimate or a result, got {type(source).__name__}"
+        )
+    spectra, spectrum, psd = (_one_way(t, direction) for t in tables)
+    columns = (spectrum.get(k) or [] for k in ("wavelength_mm", "amplitude_nm", "selected"))
+    waves = [(w, a) for w, a, chosen in zip(*columns, strict=True) if chosen]
+    return spectra, waves, psd if psd.get("frequency_hz") else {}
+
+
+def _one_way(table: Mapping[str, Any], direction: str | None) -> Mapping[str, Any]:
+    """Rows of one direction, where the table tells them apart."""
+    ways = table.get("direction")
+    if not ways:
+        return table
+    wanted = direction or ("forward" if "forward" in ways else "reverse")
+    return {k: [v for v, w in zip(c, ways, strict=True) if w == wanted] for k, c in table.items()}
+
+
+def _rows(spectra: Mapping[str, Any]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Feedrates, wavelengths (long to short) and amplitudes, one row for each feedrate."""
+    speed = values(spectra.get("feed_mm_min"))
+    feeds = np.unique(speed[~np.isnan(speed)])
+    if feeds.size < 2:
+        raise DataError(
+            f"a map over feedrates needs spectra of 2 feedrates, this has {feeds.size}; with one "
+            "feedrate nothing shows whether a line slides"
+        )
+    table = values(spectra["amplitude_nm"])
+    wavelengths = values(spectra["wavelength_mm"])
+    wavelength = wavelengths[speed == feeds[0]]
+    amplitude = np.array([table[speed == v] for v in feeds])
+    order = np.argsort(wavelength)
+    return feeds, wavelength[order], amplitude[:, order]
+
+
+def _checked(lines: Sequence[float]) -> list[float]:
+    frequencies = [float(f) for f in lines]
+    if not all(np.isfinite(f) and f > 0.0 for f in frequencies):
+        raise DataError(f"lines are frequencies in Hz, positive and finite, got {list(lines)}")
+    return frequencies
+
+
+def _draw_map(axes: Axes, feeds: FloatArray, bands: FloatArray, power: FloatArray) -> Any:
+    from matplotlib.colors import LogNorm
+    from matplotlib.ticker import NullLocator
+
+    top = float(np.nanmax(power))
+    if not top > 0.0:
+        raise DataError("all amplitudes are zero or not measured: nothing to draw")
+    norm = LogNorm(vmin=top / 10.0**_DECADES, vmax=top, clip=True)
+    edges = cell_edges(feeds)
+    mesh = axes.pcolormesh(bands, edges, power, cmap=_COLOUR_MAP, norm=norm, zorder=1)
+    axes.grid(visible=False)
+    for edge in edges[1:-1]:
+        axes.axhline(edge, color="white", linewidth=3.0, zorder=2)
+    label_decades(axes)
+    axes.set_xlim(bands[0], bands[-1])
+    axes.set_yscale("log")
+    axes.set_ylim(edges[0], edges[-1])
+    axes.yaxis.set_minor_locator(NullLocator())
+    axes.set_yticks(list(feeds), [speed_name(float(v)).split()[0] for v in feeds])
+    axes.tick_params(axis="y", length=0)
+    return mesh
+
+
+def _draw_guides(axes: Axes, frequencies: Sequence[float], edges: FloatArray) -> None:
+    """Lines wavelength = v / f; in log-log they are straight and all of one slope."""
+    low, high = axes.get_xlim()
+    feeds = np.geomspace(edges[0], edges[-1], 60)
+    label = "vibration slides: feedrate / frequency"
+    for f in frequencies:
+        wavelength = feeds / 60.0 / f
+        seen = (wavelength >= low) & (wavelength <= high)
+        if not seen.any():
+            continue
+        axes.plot(
+            wavelength[seen],
+            feeds[seen],
+            color=COLOURS["after"],
+            linestyle=DASHED,
+            linewidth=1.5,
+            label=label,
+            zorder=3,
+        )
+        label = "_"
+        _name(axes, f"{f:.3g} Hz", wavelength[seen][-1], feeds[seen][-1], COLOURS["after"])
+
+
+def _draw_waves(axes: Axes, waves: Sequence[tuple[float, float]]) -> None:
+    """Vertical lines at the strongest selected wavelengths, a triangle at each."""
+    low, high = axes.get_xlim()
+    inside = sorted(((w, a) for w, a in waves if low <= w <= high), key=lambda wave: -wave[1])
+    foot = axes.get_ylim()[0]
+    for w, _ in inside[:_MAX_WAVES]:
+        axes.axvline(w, color=COLOURS["text"], linestyle=DOTTED, linewidth=1.0, zorder=2.5)
+    if inside:
+        axes.plot(
+            [w for w, _ in inside],
+            [foot] * len(inside),
+            linestyle="none",
+            marker="^",
+            markersize=6.5,
+            markerfacecolor=COLOURS["text"],
+            markeredgecolor="white",
+            markeredgewidth=0.6,
+            clip_on=False,
+            zorder=5,
+            label="geometry stays at its wavelength",
+        )
+
+
+def _name(axes: Axes, text: str, x: float, y: float, colour: str) -> None:
+    axes.annotate(
+        text,
+        (x, y),
+        xytext=(0, 3),
+        textcoords="offset points",
+        ha="center",
+        va="bottom",
+        fontsize=8.5,
+        color=colour,
+    )
+
+
+def _explain_lines(axes: Axes) -> None:
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(
+            loc="lower left",
+            bbox_to_anchor=(0.0, 1.04, 1.0, 0.1),
+            mode="expand",
+            ncols=2,
+            borderaxespad=0.3,
+        )

@@ -2,18 +2,37 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from metrosep.core.errors import TooFewSamplesError
-from metrosep.plot.style import BAND_FACTOR, COLOURS, DASHED, axes_or_new, house_style, shades
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import DataError, TooFewSamplesError
+from metrosep.core.units import format_length
+from metrosep.forms.base import Form
+from metrosep.plot.style import (
+    BAND_FACTOR,
+    COLOURS,
+    DASHED,
+    DOTTED,
+    axes_or_new,
+    house_style,
+    length_scale,
+    shades,
+)
+from metrosep.process.setting_maps import SettingError
+from metrosep.process.tool_settings import ToolSetting
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.tri import Triangulation
 
+    from metrosep.compensation.closed_loop import LoopCut, LoopHistory, LoopResult
+    from metrosep.compensation.knots import Knots
     from metrosep.core.profile import Profile
     from metrosep.process.dual_servo import BeforeAfter
     from metrosep.process.flexure import FlexureCalibration
@@ -24,7 +43,10 @@ if TYPE_CHECKING:
 __all__ = [
     "before_after_chart",
     "calibration_chart",
+    "closed_loop_plot",
     "follow_up_chart",
+    "setting_map",
+    "setting_profiles",
     "static_error_chart",
     "straightness_chart",
 ]
@@ -248,3 +270,382 @@ def _two_axes(size: tuple[float, float]) -> tuple[Figure, tuple[Axes, Axes]]:
 def _legend_above(axes: Axes, *, columns: int = 2) -> None:
     """Place the legend outside the data, at the top right; one column leaves room for a title."""
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=columns, borderaxespad=0.1)
+
+
+# ---- what a tool setting does to the part: a profile per factor, and the map of the error ------
+
+_INVALID = "#B8B8B8"
+_COLOUR_MAP = "RdBu_r"
+_FACTORS = ("dx", "dy", "dR")
+
+
+def setting_profiles(
+    setting: ToolSetting,
+    form: Form,
+    *,
+    after: ToolSetting | None = None,
+    radius: float = 500e-6,
+    inner: float | None = None,
+    azimuth: float = 0.0,
+    exact: bool = True,
+    n: int = 2001,
+) -> Figure:
+    """Return a figure with the error along one radius: dx, dy, dR and all together, one below another.
+
+    Parameters
+    ----------
+    setting : ToolSetting
+        The errors of the tool.
+    form : Form
+        The nominal surface, with the spindle axis at its origin.
+    after : ToolSetting, optional
+        A better setting, drawn over the first.
+    radius : float, m, optional
+        Where the lines end.
+    inner : float, m, optional
+        Where they begin; a hundredth of the radius, or outside the cores of dy, if omitted.
+    azimuth : float, rad, optional
+        Of the line on the workpiece.
+    exact : bool, optional
+        Whether the exact model is drawn, not the paper's sum.
+    n : int, optional
+        Points of each line.
+
+    Returns
+    -------
+    matplotlib Figure
+        Four panels, each with its own scale and its P-V.
+
+    Raises
+    ------
+    DataError
+        If the range of radii is empty, or the surface is not defined on the line.
+    InvalidSamplesError
+        If the line begins in the uncut core.
+    NotConvergedError
+        If dR exceeds what the curvature of the surface allows.
+
+    Notes
+    -----
+    After Fig. 12 of Deterministic error compensation for slow tool servo-driven diamond turning.
+    The scales differ: dR is a fiftieth of dx there.
+
+    Examples
+    --------
+    >>> from metrosep.forms import SineGrid
+    >>> grid = SineGrid(amplitude=50e-9, wavelength=100e-6)
+    >>> len(setting_profiles(ToolSetting(-3.5e-6, -3.5e-6, 100e-6), grid).axes)
+    4
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    shown = [("before" if after is not None else "", setting)]
+    shown += [("after", after)] if after is not None else []
+    core = max(abs(tool.dy) for _, tool in shown)
+    first = max(0.01 * radius, 1.001 * core) if inner is None else float(inner)
+    if not 0.0 <= first < radius:
+        raise DataError(
+            f"the line from rho = {format_length(first)} to {format_length(radius)} is empty: "
+            "give 0 <= inner < radius in m"
+        )
+    rho = np.linspace(first, radius, n)
+    x, y = rho * math.cos(azimuth), rho * math.sin(azimuth)
+    with house_style():
+        figure = Figure(figsize=(7.2, 7.4), layout="constrained")
+        FigureCanvasAgg(figure)
+        panels = figure.subplots(4, 1, sharex=True)
+        for axes, factor in zip(panels, (*_FACTORS, None), strict=True):
+            lines = [
+                (name, tool, tool.error(form, x, y, exact=exact, factor=factor))  # type: ignore[arg-type]
+                for name, tool in shown
+            ]
+            _panel(axes, rho, lines, factor)
+        panels[-1].set_xlabel(f"radius on the part / µm, at azimuth {math.degrees(azimuth):.4g}°")
+        figure.supylabel("error = actual − nominal / nm", fontsize=9.5)
+    return figure
+
+
+def setting_map(error: SettingError, *, ax: Axes | None = None, title: str = "") -> Axes:
+    """Return axes with the map of the error that a tool setting leaves.
+
+    Parameters
+    ----------
+    error : SettingError
+        Of `ToolSetting.error_map`.
+    ax : matplotlib Axes, optional
+        Where to draw; a new figure if omitted.
+    title : str, optional
+        Above the map, before the P-V.
+
+    Returns
+    -------
+    matplotlib Axes
+        Scale symmetric about zero; grey = not cut or not defined.
+
+    Raises
+    ------
+    DataError
+        If no point of the map has an error.
+
+    Examples
+    --------
+    >>> from metrosep.forms import SineGrid
+    >>> grid = SineGrid(amplitude=50e-9, wavelength=100e-6)
+    >>> error = ToolSetting(dx=1e-6).error_map(grid, radius=500e-6, n_rho=51, n_theta=72)
+    >>> setting_map(error).get_xlabel()
+    'x / µm'
+    """
+    import matplotlib as mpl
+    from matplotlib.patches import Circle
+
+    valid = ~np.isnan(error.z)
+    if not valid.any():
+        raise DataError("no point of the map has an error: there is nothing to draw")
+    rho, theta, z = _closed(error)
+    factor, unit = length_scale(z[~np.isnan(z)] * 1e9)
+    place, name = (1e3, "mm") if float(error.rho[valid].max()) >= 2e-3 else (1e6, "µm")
+    limit = float(np.nanmax(np.abs(z))) * 1e9 * factor or 1.0
+    with house_style():
+        axes = axes_or_new(ax, size=(5.6, 4.6))
+        rim = float(error.rho[valid].max()) * place
+        axes.add_patch(Circle((0.0, 0.0), rim, facecolor=_INVALID, edgecolor="none", zorder=0))
+        image = axes.pcolormesh(
+            rho * np.cos(theta) * place,
+            rho * np.sin(theta) * place,
+            np.ma.masked_invalid(z * 1e9 * factor),
+            cmap=mpl.colormaps[_COLOUR_MAP],
+            vmin=-limit,
+            vmax=limit,
+            shading="nearest" if error.mesh == "square" else "gouraud",
+            rasterized=True,
+        )
+        axes.set_aspect("equal")
+        axes.grid(visible=False)
+        axes.set_xlim(-1.02 * rim, 1.02 * rim)
+        axes.set_ylim(-1.02 * rim, 1.02 * rim)
+        axes.set_xlabel(f"x / {name}")
+        axes.set_ylabel(f"y / {name}")
+        pv = f"P-V {format_length(error.peak_to_valley(), digits=3)}, nothing removed"
+        axes.set_title(f"{title}\n{pv}" if title else pv, fontsize=9.5)
+        figure = axes.get_figure()
+        if figure is not None:
+            bar = figure.colorbar(image, ax=axes, shrink=0.9)
+            bar.set_label(f"error = actual − nominal / {unit}")
+    return axes
+
+
+def _panel(
+    axes: Axes,
+    rho: FloatArray,
+    lines: list[tuple[str, ToolSetting, FloatArray]],
+    factor: str | None,
+) -> None:
+    styles = [("before", "-"), ("after", "-")] if len(lines) > 1 else [("estimate", "-")]
+    for (name, tool, e), (colour, style) in zip(lines, styles, strict=True):
+        value = "" if factor is None else f"{factor} = {format_length(getattr(tool, factor))}, "
+        label = (
+            f"{name + ': ' if name else ''}{value}P-V {format_length(float(np.ptp(e)), digits=3)}"
+        )
+        axes.plot(rho * 1e6, e * 1e9, color=COLOURS[colour], linestyle=style, lw=1.3, label=label)
+    axes.axhline(0.0, color=COLOURS["line"], lw=0.7, linestyle=DASHED, zorder=1)
+    axes.set_title("all three together" if factor is None else factor, fontsize=9.0, loc="left")
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.99), ncols=2, borderaxespad=0.0)
+    axes.margins(x=0.01)
+
+
+def _closed(error: SettingError) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the mesh with its first azimuth again at the end, where it goes all the way round."""
+    if error.mesh == "square":
+        return error.rho, error.theta, error.z
+    return tuple(  # type: ignore[return-value]
+        np.concatenate([a, a[:, :1]], axis=1) for a in (error.rho, error.theta, error.z)
+    )
+
+
+# ---- charts of the simulated closed loop, of its cycles, and of knots placed by error ----------
+
+_STATES = (
+    ("before", "before", "-", 1.2),
+    ("wrong_sign", "reverse", DOTTED, 1.2),
+    ("after", "after", "-", 1.6),
+)
+_NAMES = {"before": "without", "after": "with table", "wrong_sign": "sign reversed"}
+_WAYS = {1: "forward", -1: "reverse"}
+
+
+def closed_loop_plot(result: LoopResult, ax: Axes | None = None, *, direction: int = 1) -> Axes:
+    """Draw what is left on the part without, with, and with the reversed table.
+
+    Parameters
+    ----------
+    result : LoopResult
+        From `run_closed_loop` on an axis.
+    ax : matplotlib Axes, optional
+        Where to draw; a new figure by default.
+    direction : {1, -1}, optional
+        Which pass.
+
+    Returns
+    -------
+    matplotlib Axes
+        Position in mm; P-V of each state in the legend.
+
+    Raises
+    ------
+    DataError
+        If the result is of a face-turned part, or has no such pass.
+    """
+    if result.places.ndim != 1:
+        raise DataError("a face-turned part is drawn by closed_loop_maps")
+    found = [p for p in result.passes if p.direction == direction]
+    if not found:
+        raise DataError(f"there is no pass in direction {direction!r}")
+    cuts = {name: getattr(found[0], name) for name, *_ in _STATES}
+    scale, unit = length_scale(*(c.left * 1e9 for c in cuts.values()))
+    with house_style():
+        axes = axes_or_new(ax)
+        for name, colour, dashes, width in _STATES:
+            axes.plot(
+                result.places * 1e3,
+                cuts[name].left * 1e9 * scale,
+                color=COLOURS[colour],
+                ls=dashes,
+                lw=width,
+                label=_label(name, cuts[name]),
+            )
+        axes.set_xlabel("position in mm")
+        axes.set_ylabel(f"actual − nominal in {unit}")
+        axes.set_title(f"{_WAYS[direction]}, {result.removed} removed", fontsize=9.5, loc="left")
+        _legend_below(axes, 3)
+    return axes
+
+
+def closed_loop_maps(result: LoopResult) -> Figure:
+    """Return a figure with a face-turned part without, with, and with the reversed map."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    if result.places.ndim != 2:
+        raise DataError("an axis is drawn by closed_loop_plot")
+    (only,) = result.passes
+    order = ("before", "after", "wrong_sign")
+    cuts = {name: getattr(only, name) for name in order}
+    scale, unit = length_scale(*(c.left * 1e9 for c in cuts.values()))
+    largest = max(float(np.abs(c.left).max()) for c in cuts.values()) * 1e9 * scale or 1.0
+    with house_style():
+        figure = Figure(figsize=(9.0, 3.3), layout="constrained")
+        FigureCanvasAgg(figure)
+        panels = figure.subplots(1, 3, sharex=True, sharey=True)
+        mesh_of = _mesh(result.places * 1e3)
+        drawn = []
+        for axes, name in zip(panels, order, strict=True):
+            mesh = axes.tripcolor(
+                mesh_of,
+                cuts[name].left * 1e9 * scale,
+                shading="gouraud",
+                cmap=_COLOUR_MAP,
+                vmin=-largest,
+                vmax=largest,
+            )
+            drawn.append(mesh)
+            axes.set_aspect("equal")
+            axes.grid(visible=False)
+            axes.set_title(_label(name, cuts[name]), fontsize=9.0)
+            axes.set_xlabel("x in mm")
+        panels[0].set_ylabel("y in mm")
+        figure.colorbar(drawn[0], ax=list(panels), label=f"actual − nominal in {unit}", shrink=0.9)
+    return figure
+
+
+def loop_history_plot(history: LoopHistory, ax: Axes | None = None) -> Axes:
+    """Draw P-V and RMS of the part against the number of corrections."""
+    cycles = np.arange(history.rms.shape[0])
+    with house_style():
+        axes = axes_or_new(ax)
+        for i, d in enumerate(history.directions):
+            colour = COLOURS["estimate" if d > 0 else "reverse"]
+            for table, mark, name in ((history.pv, "o", "P-V"), (history.rms, "s", "RMS")):
+                column = np.where(table[:, i] > 0.0, table[:, i], np.nan) * 1e9
+                axes.plot(
+                    cycles,
+                    column,
+                    marker=mark,
+                    ms=4.5,
+                    color=colour,
+                    ls="-" if d > 0 else DASHED,
+                    label=f"{name} {_WAYS[d]}",
+                )
+        axes.set_yscale("log")
+        axes.set_xticks(cycles)
+        axes.set_xlabel("corrections made")
+        axes.set_ylabel("left on the part in nm")
+        _legend_below(axes, 4)
+    return axes
+
+
+def knots_plot(x: ArrayLike, c: ArrayLike, knots: Knots, ax: Axes | None = None) -> Axes:
+    """Draw a curve, its polyline, and the tunnel that the polyline stays in."""
+    places = np.asarray(x, dtype=np.float64) * 1e3
+    curve = np.asarray(c, dtype=np.float64) * 1e9
+    scale, unit = length_scale(curve, knots.values * 1e9)
+    rest = knots.residual * 1e9 * scale
+    with house_style():
+        axes = axes_or_new(ax)
+        axes.fill_between(
+            places,
+            curve * scale - rest,
+            curve * scale + rest,
+            color=COLOURS["zone"],
+            lw=0,
+            label=f"± {format_length(knots.residual, digits=3).replace('um', 'µm')}",
+        )
+        axes.plot(places, curve * scale, color=COLOURS["before"], lw=1.2, label="curve")
+        axes.plot(
+            knots.positions * 1e3,
+            knots.values * 1e9 * scale,
+            color=COLOURS["after"],
+            marker="o",
+            ms=4.5,
+            lw=1.4,
+            label=f"{knots.positions.size} knots, values {knots.values_are}",
+        )
+        axes.set_xlabel("position in mm")
+        axes.set_ylabel(f"correction in {unit}")
+        _legend_below(axes, 3)
+    return axes
+
+
+def _mesh(places: FloatArray) -> Triangulation:
+    """Return triangles between the turns of a spiral that goes inwards, those not cut masked."""
+    from matplotlib.path import Path
+    from matplotlib.tri import Triangulation
+
+    mesh = Triangulation(*places.T)
+    radius = np.hypot(*places.T)
+    x, y = places.T
+    steps = np.angle(np.exp(1j * np.diff(np.arctan2(y, x))))
+    angle = np.abs(np.concatenate([[0.0], np.cumsum(steps)]))
+    turn = 2.0 * np.pi * (1.0 + 1e-9)
+    first = angle <= turn
+    # at the centre itself the angle is lost; the point belongs to the last turn in any case
+    last = angle >= angle.max() - turn
+    last[-1] = True
+    centres = places[mesh.triangles].mean(axis=1)
+    masked = ~Path(places[first]).contains_points(centres)
+    masked |= np.hypot(*centres.T) < radius[-1]
+    pitch = float(radius[last][0] - radius[-1])
+    if radius[-1] > pitch:
+        masked |= Path(places[last]).contains_points(centres)
+    if not masked.all():
+        mesh.set_mask(masked)
+    return mesh
+
+
+def _label(name: str, cut: LoopCut) -> str:
+    text = f"{_NAMES[name]}: P-V {format_length(cut.pv.value, digits=3)}"
+    return text.replace("um", "µm")
+
+
+def _legend_below(axes: Axes, columns: int) -> None:
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.15), ncols=columns)

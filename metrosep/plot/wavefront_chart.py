@@ -78,7 +78,7 @@ def zernike_bars(
     DataError
         If there is no table, or their terms differ.
     """
-    from metrosep.forms.zernike_index import term_name
+    from metrosep.forms.zernike import term_name
 
     named = dict(tables) if isinstance(tables, Mapping) else {"": tables}
     if not named:

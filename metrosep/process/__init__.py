@@ -14,11 +14,6 @@ if TYPE_CHECKING:
         angle_at_length as angle_at_length,
         arc_length as arc_length,
     )
-    from metrosep.process.budget import (
-        BudgetTotal as BudgetTotal,
-        Contribution as Contribution,
-        ErrorBudget as ErrorBudget,
-    )
     from metrosep.process.chip import (
         approximate_chip_thickness as approximate_chip_thickness,
         cusp_height as cusp_height,
@@ -27,8 +22,11 @@ if TYPE_CHECKING:
     )
     from metrosep.process.drive import (
         DriveTable as DriveTable,
+        GainSweep as GainSweep,
         drive_table as drive_table,
+        stability_limits as stability_limits,
         stage_displacement as stage_displacement,
+        sweep_gains as sweep_gains,
     )
     from metrosep.process.dual_servo import (
         BeforeAfter as BeforeAfter,
@@ -51,11 +49,6 @@ if TYPE_CHECKING:
         FollowUpMap as FollowUpMap,
         TermShare as TermShare,
         follow_up as follow_up,
-    )
-    from metrosep.process.gain_sweep import (
-        GainSweep as GainSweep,
-        stability_limits as stability_limits,
-        sweep_gains as sweep_gains,
     )
     from metrosep.process.interpolation import (
         evaluate as evaluate,
@@ -87,8 +80,6 @@ if TYPE_CHECKING:
     )
     from metrosep.process.path_errors import (
         PathErrorMap as PathErrorMap,
-    )
-    from metrosep.process.path_estimates import (
         estimated_points as estimated_points,
         sine_path_error as sine_path_error,
         sine_path_step as sine_path_step,
@@ -101,7 +92,10 @@ if TYPE_CHECKING:
         points_for_tolerance as points_for_tolerance,
     )
     from metrosep.process.predictions import (
+        BudgetTotal as BudgetTotal,
+        Contribution as Contribution,
         CorrectedProgram as CorrectedProgram,
+        ErrorBudget as ErrorBudget,
         Prediction as Prediction,
     )
     from metrosep.process.servo import (
@@ -147,11 +141,6 @@ _HOMES = {
         "angle_at_length",
         "arc_length",
     ),
-    "budget": (
-        "BudgetTotal",
-        "Contribution",
-        "ErrorBudget",
-    ),
     "chip": (
         "approximate_chip_thickness",
         "cusp_height",
@@ -160,8 +149,11 @@ _HOMES = {
     ),
     "drive": (
         "DriveTable",
+        "GainSweep",
         "drive_table",
+        "stability_limits",
         "stage_displacement",
+        "sweep_gains",
     ),
     "dual_servo": (
         "BeforeAfter",
@@ -184,11 +176,6 @@ _HOMES = {
         "FollowUpMap",
         "TermShare",
         "follow_up",
-    ),
-    "gain_sweep": (
-        "GainSweep",
-        "stability_limits",
-        "sweep_gains",
     ),
     "interpolation": (
         "evaluate",
@@ -218,8 +205,8 @@ _HOMES = {
         "gouge_check",
         "window_check",
     ),
-    "path_errors": ("PathErrorMap",),
-    "path_estimates": (
+    "path_errors": (
+        "PathErrorMap",
         "estimated_points",
         "sine_path_error",
         "sine_path_step",
@@ -232,7 +219,10 @@ _HOMES = {
         "points_for_tolerance",
     ),
     "predictions": (
+        "BudgetTotal",
+        "Contribution",
         "CorrectedProgram",
+        "ErrorBudget",
         "Prediction",
     ),
     "servo": (

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from metrosep.core._arrays import FloatArray, as_float
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.units import format_length
-from metrosep.process._drawn_pv import drawn_pv, square_root
+from metrosep.process.follow_ups import drawn_pv, square_root
 
 __all__ = ["DRAWS", "LIKELY", "SEED", "Contribution", "checked_length", "spread_of"]
 

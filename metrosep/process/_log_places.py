@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.units import format_length
-from metrosep.process._follow_result import FollowUp, FollowUpMap
+from metrosep.process._motion import FollowUp, FollowUpMap
 from metrosep.process.spirals import SpiralPath
 
 __all__ = ["PlacedLog", "held_on_points", "on_spiral", "placed_log"]

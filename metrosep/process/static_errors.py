@@ -217,7 +217,7 @@ def _bootstrap(valid: FloatArray, length: int) -> FloatArray:
 
 
 def _densities(records: list[FloatArray], step: float) -> tuple[FloatArray, list[FloatArray]]:
-    from metrosep.spectral.psd import pooled_periodogram
+    from metrosep.spectral.density import pooled_periodogram
 
     size = min(*(r.size for r in records), 1024)
     try:

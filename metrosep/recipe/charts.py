@@ -15,8 +15,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray
 
-__all__ = ["curve", "curve_chart", "harmonic_chart", "map_chart", "panel", "plain", "thin"]
-
+__all__ = [
+    "bar_chart",
+    "curve",
+    "curve_chart",
+    "harmonic_chart",
+    "map_chart",
+    "panel",
+    "plain",
+    "thin",
+]
 
 _MOST_SAMPLES = 2000
 _MOST_PIXELS = 80_000
@@ -182,3 +190,68 @@ def _whole_pv(maps: Mapping[str, FloatArray]) -> dict[str, float | None]:
         if array.ndim == 2:
             found[name] = plain(np.ptp(known)) if known.size else None
     return found
+
+
+# ---- charts of bars in a result document: rankings, budgets, coefficients ----------------------
+
+
+def bar_chart(
+    title: str,
+    labels: Sequence[str],
+    series: Mapping[str, ArrayLike],
+    *,
+    unit: str,
+    quantity: str,
+    u: Mapping[str, ArrayLike] | None = None,
+    stacked: bool = False,
+    log: bool = False,
+    caption: str = "",
+) -> dict[str, Any]:
+    """Return a chart of bars, one group for each label.
+
+    Parameters
+    ----------
+    title : str
+        Of the figure.
+    labels : sequence of str
+        Below the bars.
+    series : mapping of str to array_like, shape (n_labels,)
+        Values by name, SI; NaN draws nothing.
+    unit : str
+        SI unit; ``"1"`` for shares.
+    quantity : str
+        What the bars show.
+    u : mapping of str to array_like, optional
+        Standard uncertainty of each series.
+    stacked : bool, optional
+        One series on the other; else beside one another.
+    log : bool, optional
+        Whether the scale is logarithmic.
+    caption : str, optional
+        What it shows.
+
+    Returns
+    -------
+    dict
+        Of kind ``bars``.
+
+    Raises
+    ------
+    ValueError
+        If a series is not as long as the labels.
+    """
+    for name, values in {**series, **(u or {})}.items():
+        if len(list(plain(values))) != len(labels):
+            raise ValueError(f"{name} has not one value for each of the {len(labels)} labels")
+    return {
+        "kind": "bars",
+        "title": title,
+        "caption": caption,
+        "labels": [str(v) for v in labels],
+        "series": {name: plain(values) for name, values in series.items()},
+        "u": {name: plain(values) for name, values in (u or {}).items()},
+        "unit": unit,
+        "quantity": quantity,
+        "stacked": stacked,
+        "log": log,
+    }

@@ -11,8 +11,7 @@ import numpy as np
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
-from metrosep.recipe.bar_charts import bar_chart
-from metrosep.recipe.charts import map_chart
+from metrosep.recipe.charts import bar_chart, map_chart
 from metrosep.recipe.description import Description, quantity
 from metrosep.recipe.key_values import typed_number
 

@@ -9,13 +9,25 @@ from typing import Any
 
 import numpy as np
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.quantity import Quantity
-from metrosep.recipe.charts import curve, curve_chart, harmonic_chart, panel, plain, thin
-from metrosep.recipe.description import Description, named
+from metrosep.core.surface import Surface
+from metrosep.recipe.charts import (
+    curve,
+    curve_chart,
+    harmonic_chart,
+    map_chart,
+    panel,
+    plain,
+    thin,
+)
+from metrosep.recipe.description import Description, extremes, named, quantity
+from metrosep.separation.contract import Separation, suppressed_harmonics
 
 __all__ = [
     "diagonals_of",
     "positions_of",
+    "separation_of",
     "spindle_of",
     "straightness_of",
     "zero_of",
@@ -192,3 +204,207 @@ def _diagonal(name: str, test: Any) -> dict[str, Any]:
 def zero_of(produced: Any, inputs: Any = None) -> Description:
     """Return what a document holds of a `ZeroCalibration`."""
     return Description({"zero": produced.quantity}, audit=produced.audit)
+
+
+# ---- A `Separation` in a result document: all of it where it is short, charts where it is long ----
+
+_MOST_VALUES = 20_000
+"""Of all parts: beyond, the document keeps charts, and the parts are in their files."""
+
+
+def separation_of(produced: Separation, inputs: Any = None) -> Description:
+    """Return what a document holds of a separation."""
+    found: dict[str, Quantity] = {}
+    for name, values in produced.parts.items():
+        unit, u = produced.units[name], produced.u[name]
+        if values.ndim == 0:
+            text = f"separated {name.replace('_', ' ')}"
+            found[name] = quantity(values, unit, text, u=u, symbol=name)
+        else:
+            found |= extremes(name, values, u, unit)
+    maps = _maps(produced)
+    document = produced.to_dict()
+    size = sum(v.size for v in produced.parts.values())
+    short = size <= _MOST_VALUES
+    if not short:
+        document |= {"parts": {}, "u": {}, "coordinates": {}, "units": dict(produced.units)}
+        document["not_stored"] = (
+            f"{size} values of the parts are in the files of kind parts, not in this document"
+        )
+    return Description(
+        found,
+        (*_curves(produced, short=short), *_map_charts(produced), *_harmonics(produced)),
+        _tables(produced),
+        maps,
+        document,
+        produced.audit,
+    )
+
+
+def _over(produced: Separation) -> dict[str, dict[str, FloatArray]]:
+    """Return the parts that are curves, by the coordinate that they lie over."""
+    groups: dict[str, dict[str, FloatArray]] = {}
+    for part, values in produced.parts.items():
+        for name in sorted(produced.coordinates, key=lambda c: _unlikely(part, c)):
+            if values.shape == produced.coordinates[name].shape and values.ndim == 1:
+                groups.setdefault(name, {})[part] = values
+                break
+    return groups
+
+
+def _unlikely(part: str, coordinate: str) -> bool:
+    """Whether a part would rather lie over another coordinate of the same length."""
+    if part.startswith("diameter"):
+        return coordinate != "y"
+    return part.split("_", maxsplit=1)[0] != coordinate.split("_", maxsplit=1)[0]
+
+
+def _curves(produced: Separation, *, short: bool) -> list[dict[str, Any]]:
+    """Charts of curves; one coordinate and all stored: the report draws the parts themselves."""
+    if short and len(produced.coordinates) == 1:
+        return []
+    charts = []
+    for name, parts in _over(produced).items():
+        if _unit(name) == "1":
+            continue  # numbers of terms: a table says more
+        x = produced.coordinates[name]
+        panels = [
+            panel(
+                part.replace("_", " ") + _band(produced.u[part]),
+                produced.units[part],
+                [curve("", x, values, u=produced.u[part])],
+            )
+            for part, values in parts.items()
+        ]
+        where = _WORDS.get(name, name.replace("_", " "))
+        charts.append(
+            curve_chart(
+                f"Parts over {where}",
+                (where, _unit(name)),
+                panels,
+                caption="Each part with ± 2 standard uncertainties where they are known. What the "
+                "method cannot see is listed above. Gaps were not measured.",
+            )
+        )
+    return charts
+
+
+_WORDS = {"x": "position", "y": "position along y", "carriage_x": "carriage position"}
+
+
+def _band(u: FloatArray) -> str:
+    return " ± 2 u" if np.isfinite(u).any() else " (u not known)"
+
+
+def _unit(coordinate: str) -> str:
+    if "angle" in coordinate:
+        return "rad"
+    return "m" if coordinate.rsplit("_", 1)[-1] in ("x", "y", "z") else "1"
+
+
+def _is_map(produced: Separation, values: FloatArray) -> bool:
+    if not {"x", "y"} <= set(produced.coordinates):
+        return False
+    return values.ndim == 2 or (values.ndim == 3 and values.shape[-1] == 2)
+
+
+def _layers(name: str, values: FloatArray) -> dict[str, FloatArray]:
+    if values.ndim == 2:
+        return {name: values}
+    return {f"{name}_{axis}": values[..., i] for i, axis in enumerate("xy")}
+
+
+def _steps(produced: Separation) -> tuple[float, float]:
+    x, y = produced.coordinates["x"], produced.coordinates["y"]
+    dx = float(x[1] - x[0]) if x.size > 1 else 1.0
+    return dx, float(y[1] - y[0]) if y.size > 1 else dx
+
+
+def _maps(produced: Separation) -> dict[str, Surface]:
+    """Return the parts that are maps, as surfaces."""
+    found = {}
+    for part, values in produced.parts.items():
+        if not _is_map(produced, values):
+            continue
+        dx, dy = _steps(produced)
+        x, y = produced.coordinates["x"], produced.coordinates["y"]
+        own = values.shape[:2] == (y.size, x.size)  # else in pixels of the instrument
+        corner = (float(x[0]), float(y[0])) if own else (0.0, 0.0)
+        for name, layer in _layers(part, values).items():
+            found[name] = Surface(
+                layer,
+                dx,
+                dy,
+                origin=corner,
+                metadata={"part": name},
+                history=produced.history,
+            )
+    return found
+
+
+def _map_charts(produced: Separation) -> list[dict[str, Any]]:
+    by_unit: dict[str, dict[str, FloatArray]] = {}
+    corner = (0.0, 0.0)
+    for part, values in produced.parts.items():
+        if _is_map(produced, values):
+            x, y = produced.coordinates["x"], produced.coordinates["y"]
+            if values.shape[:2] == (y.size, x.size):
+                corner = (float(x[0]), float(y[0]))
+            layers = _layers(part.replace("_", " "), values)
+            by_unit.setdefault(produced.units[part], {}).update(layers)
+    return [
+        map_chart(
+            "Maps of the parts",
+            maps,
+            dx=_steps(produced)[0],
+            dy=_steps(produced)[1],
+            unit=unit,
+            origin=corner,
+            caption="All maps on one scale about zero; grey was not measured or not determined. "
+            "Rows grow with y.",
+        )
+        for unit, maps in by_unit.items()
+    ]
+
+
+def _harmonics(produced: Separation) -> list[dict[str, Any]]:
+    turning = "angle" in produced.coordinates
+    counted = "undulations per revolution k" if turning else "harmonic k"
+    each = "undulation per revolution" if turning else "harmonic"
+    charts = []
+    for name, values in produced.harmonics.items():
+        u = produced.harmonics_u.get(name)
+        last = min(values.size, _HARMONICS + 1)
+        hidden = set(suppressed_harmonics(produced.null_space, name)) | {
+            int(k) for k in np.flatnonzero(~np.isfinite(values[:last]))
+        }
+        charts.append(
+            harmonic_chart(
+                f"Harmonics, {name.replace('_', ' ')}",
+                np.arange(1, last),
+                np.abs(values[1:last]),
+                u=None if u is None else u[1:last],
+                suppressed=sorted(hidden),
+                unit=produced.units.get(name, "m"),
+                caption=f"Amplitude of each {each} with ± 2 standard uncertainties; hatched: not "
+                "seen, or removed."
+                + (f" Drawn up to {_HARMONICS}." if values.size > last else ""),
+                k_name=counted,
+            )
+        )
+    return charts
+
+
+def _tables(produced: Separation) -> dict[str, dict[str, Any]]:
+    tables = {}
+    for i, (name, parts) in enumerate(_over(produced).items()):
+        unit = {"1": "", "m": "_m", "rad": "_rad"}[_unit(name)]
+        columns: dict[str, Any] = {f"{name}{unit}": produced.coordinates[name]}
+        if unit == "":  # numbers of terms: all that name them
+            alike = (c for c in produced.coordinates if c.split("_")[0] == name.split("_")[0])
+            columns = {c: produced.coordinates[c].astype(np.int64) for c in alike}
+        for part, values in parts.items():
+            columns[f"{part}_{produced.units[part]}"] = values
+            columns[f"u_{part}_{produced.units[part]}"] = produced.u[part]
+        tables["" if i == 0 else name] = columns
+    return tables

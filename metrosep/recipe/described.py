@@ -14,8 +14,7 @@ import numpy as np
 
 from metrosep.core.errors import DataError
 from metrosep.core.quantity import Quantity
-from metrosep.recipe.bar_charts import bar_chart
-from metrosep.recipe.charts import curve, curve_chart, map_chart, panel, plain
+from metrosep.recipe.charts import bar_chart, curve, curve_chart, map_chart, panel, plain
 from metrosep.recipe.describe_machine import identification_of, sensitivity_of, wavefront_of
 from metrosep.recipe.describe_process import (
     calibration_of,
@@ -24,10 +23,10 @@ from metrosep.recipe.describe_process import (
     prediction_of,
     setting_of,
 )
-from metrosep.recipe.describe_separation import separation_of
 from metrosep.recipe.describe_tests import (
     diagonals_of,
     positions_of,
+    separation_of,
     spindle_of,
     straightness_of,
     zero_of,

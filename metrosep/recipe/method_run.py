@@ -13,9 +13,9 @@ from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step, history_as_dicts
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
-from metrosep.forms._curvature import curvature_name
+from metrosep.forms.conic import curvature_name
 from metrosep.io.readings import Readings, read_readings
-from metrosep.io.role_columns import Role, RoleColumns, read_roles
+from metrosep.io.runs import Role, RoleColumns, read_roles
 from metrosep.parameters.decision import Verdict, decide, worst
 from metrosep.recipe.characteristics import DECISION_RULE
 from metrosep.recipe.described import describe
@@ -24,12 +24,11 @@ from metrosep.recipe.inputs_read import input_records, named_files
 from metrosep.recipe.limits import FROM_FIT, limit_problem
 from metrosep.recipe.method import Method
 from metrosep.recipe.methods import METHODS
-from metrosep.recipe.ops_results import StoredResults, load_results
-from metrosep.recipe.outputs import write_reports
+from metrosep.recipe.ops_quality import StoredResults, load_results
+from metrosep.recipe.outputs import staged, write_reports
 from metrosep.recipe.parts import write_parts
 from metrosep.recipe.preflight import RESULT_NAME
 from metrosep.recipe.result import SCHEMA, Result, clean
-from metrosep.recipe.staging import staged
 
 if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe

@@ -28,17 +28,15 @@ from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.runset import Run, RunSet
 from metrosep.io.readings import Readings
-from metrosep.io.role_columns import RoleColumns
+from metrosep.io.runs import RoleColumns
 from metrosep.recipe.key_values import typed_number
 from metrosep.recipe.method import CURVES, MAPS, OP, Method, as_rows, input_fields, toolbox
 from metrosep.recipe.ops_circle import CIRCLE, require_angles
 from metrosep.recipe.ops_lines import LINES
 from metrosep.recipe.ops_machine import MACHINES
-from metrosep.recipe.ops_maps import MAPS_OF
-from metrosep.recipe.ops_planes import PLANES
+from metrosep.recipe.ops_planes import MAPS_OF, PLANES
 from metrosep.recipe.ops_process import PROCESSES
-from metrosep.recipe.ops_quality import QUALITY
-from metrosep.recipe.ops_results import RESULTS
+from metrosep.recipe.ops_quality import QUALITY, RESULTS
 from metrosep.recipe.plan import PLANS
 from metrosep.recipe.schema import Field
 
@@ -334,7 +332,7 @@ def _calibration(rest: Mapping[str, Any]) -> tuple[Any, tuple[Step, ...]]:
 
 
 def _columns(file: Any, **roles: tuple[str, str]) -> Any:
-    from metrosep.io.role_columns import Role, read_roles
+    from metrosep.io.runs import Role, read_roles
 
     return read_roles([file], {k: Role(column, kind) for k, (column, kind) in roles.items()})
 

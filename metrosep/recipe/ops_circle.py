@@ -19,7 +19,7 @@ _TURN = {"turn": Field("integer", choices=(1, -1))}
 
 def require_angles(data: Readings) -> None:
     """Refuse readings that do not lie at equal angles over one revolution."""
-    from metrosep.separation._inputs import require_turn
+    from metrosep.separation._readings import require_turn
 
     if data.position is None:
         raise FormatMismatchError(

@@ -10,7 +10,7 @@ import numpy as np
 
 from metrosep.core.errors import DataError, FormatMismatchError, InvalidSamplesError
 from metrosep.io.readings import Readings
-from metrosep.io.role_columns import RoleColumns
+from metrosep.io.runs import RoleColumns
 from metrosep.recipe.method import OP, U_READING, Method, as_rows, toolbox
 from metrosep.recipe.schema import Field
 

@@ -14,7 +14,7 @@ from metrosep.core.provenance import Step
 from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
-from metrosep.io.role_columns import RoleColumns
+from metrosep.io.runs import RoleColumns
 from metrosep.recipe.method import OP, Method
 from metrosep.recipe.ops_machine import form_of
 from metrosep.recipe.schema import Field
@@ -276,7 +276,7 @@ def _logged(rest: Mapping[str, Any], job: Any) -> Any:
 
 def _log_columns(rest: Mapping[str, Any]) -> RoleColumns:
     """Return time, command and actual position of the log of a dry run."""
-    from metrosep.io.role_columns import Role, read_roles
+    from metrosep.io.runs import Role, read_roles
 
     roles = {
         name: Role(rest.get(f"log_{name}", usual), kind)

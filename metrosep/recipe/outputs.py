@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
+import hashlib
 import json
-from collections.abc import Callable, Iterator, Mapping
+import os
+import secrets
+import shutil
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,10 +17,13 @@ from typing import TYPE_CHECKING, Any
 from metrosep.compensation import CompensationTable, Verification
 from metrosep.compensation.folds import Folds
 from metrosep.controllers.safety import waived_names
-from metrosep.core.errors import CorruptFileError, DataError, TableError
+from metrosep.core.errors import CorruptFileError, DataError, MetrosepError, TableError, WriteError
+from metrosep.core.provenance import hash_bytes
 from metrosep.core.runset import RunSet
 from metrosep.core.units import format_length, parse_quantity
-from metrosep.recipe.preflight import machine_limits, output_name, report_formats
+from metrosep.recipe.methods import METHODS
+from metrosep.recipe.pipeline import STEPS as MEASURING, checked_step
+from metrosep.recipe.preflight import RESULT_NAME, machine_limits, output_name, report_formats
 from metrosep.recipe.result import measured_runs, stored_estimate
 from metrosep.recipe.schema import Place
 from metrosep.separation.base import ErrorEstimate
@@ -28,6 +37,8 @@ __all__ = [
     "dry_runs",
     "make_carried",
     "make_table",
+    "recipe_hash",
+    "staged",
     "write_reports",
     "write_tables",
 ]
@@ -216,3 +227,163 @@ def _tables_of(recipe: Recipe) -> Iterator[tuple[Mapping[str, Any], Place]]:
     for i, output in enumerate(recipe.outputs):
         if output["kind"] == "table":
             yield output, recipe.place("[[output]]", i)
+
+
+# ---- outputs of a run that appear together or not at all ---------------------------------------
+
+
+@contextmanager
+def staged(folder: Path, *, tables: Collection[str] = ()) -> Iterator[Path]:
+    """Give a hidden folder inside `folder`; at the end its files move into `folder`.
+
+    Notes
+    -----
+    An older result.json goes first, then the files are renamed one by one, the new result.json
+    last: where it is, all that it names is there and of the same run.
+    """
+    made = not folder.exists()
+    stage = _hidden_folder(folder)
+    try:
+        try:
+            yield stage
+        except MetrosepError as exc:
+            exc.args = (str(exc).replace(f"{stage}", f"{folder}"), *exc.args[1:])
+            raise
+        _move(stage, folder, tables)
+    finally:
+        shutil.rmtree(stage, ignore_errors=True)
+        if made:
+            with contextlib.suppress(OSError):  # not empty: the run succeeded
+                folder.rmdir()
+
+
+def _hidden_folder(folder: Path) -> Path:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as exc:
+        raise WriteError(
+            f"{folder}: the output folder cannot be made ({exc.strerror or exc}); choose another with -o"
+        ) from None
+    stage = folder / f".metrosep-{secrets.token_hex(6)}"
+    try:
+        stage.mkdir()
+    except OSError as exc:
+        raise WriteError(
+            f"{folder}: the output folder cannot be written ({exc.strerror or exc}); choose another "
+            "with -o"
+        ) from None
+    return stage
+
+
+def keep_replaced(
+    stage: Path, folder: Path, tables: Collection[str], *, overwrite: bool = True
+) -> None:
+    """Keep the tables of a folder that other ones of a stage will replace, or refuse that."""
+    from metrosep.controllers._pairs import is_written, keep_old
+    from metrosep.controllers.base import sidecar_path
+
+    for name in tables:
+        new = stage / name
+        if new.is_file():
+            pair = (new.read_bytes(), sidecar_path(new).read_bytes())
+            if not is_written(folder / name, *pair, overwrite=overwrite):
+                keep_old(folder / name)
+
+
+def _move(stage: Path, folder: Path, tables: Collection[str]) -> None:
+    keep_replaced(stage, folder, tables)
+    files = sorted(stage.iterdir(), key=lambda f: (f.name == RESULT_NAME, f.name))
+    for file in files:
+        try:
+            if file is files[0]:
+                (folder / RESULT_NAME).unlink(missing_ok=True)
+            os.replace(file, folder / file.name)  # noqa: PTH105  # replaces on every system
+        except OSError as exc:
+            raise WriteError(
+                f"{folder / file.name}: cannot be replaced ({exc.strerror or exc}); close the program "
+                "that holds it, or choose another folder with -o"
+            ) from None
+
+
+# ---- the hash of what a recipe means, whatever it looks like -----------------------------------
+
+
+def recipe_hash(recipe: Recipe) -> str:
+    """Return the SHA-256 of a recipe's canonical form.
+
+    Notes
+    -----
+    Canonical form: JSON with sorted keys of ``[input]``, the steps, checks and outputs, in SI, with
+    the defaults of steps that measure and of the guard factor filled in. Title, comments, order of
+    keys, spelling of units (1 mm, 1000 um; numbers count to 14 digits), ``[view]`` and ``[batch]`` do not count: none of them
+    changes a number of a result. Files that a step names count by their content. Steps that are
+    switched off do not count.
+
+    Examples
+    --------
+    >>> from metrosep.recipe import Recipe
+    >>> text = '''metrosep = 1
+    ... title = "one"
+    ... [input]
+    ... [[step]]
+    ... op = "filter"
+    ... cutoff = "1 mm"
+    ... '''
+    >>> other = text.replace("one", "two").replace("1 mm", "1000 um")
+    >>> recipe_hash(Recipe.parse(text)) == recipe_hash(Recipe.parse(other))
+    True
+    """
+    content = {
+        "metrosep": 1,
+        "input": recipe.input,
+        "steps": [_filled(s) for s in recipe.steps if s.get("enabled", True)],
+        "checks": [{"guard_factor": 1.0, **c} for c in recipe.checks],
+        "outputs": list(recipe.outputs),
+        "files": _files(recipe),
+    }
+    text = json.dumps(
+        _plain(content), sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False
+    )
+    return hashlib.sha256(text.encode("ascii")).hexdigest()
+
+
+def _filled(step: Mapping[str, Any]) -> dict[str, Any]:
+    op = MEASURING.get(step["op"])
+    if op is None:
+        return dict(step)
+    defaults = {k: key.default for k, key in op.keys.items() if key.default is not None}
+    given = {k: v for k, v in step.items() if k != "enabled"}
+    return {**{k: v for k, v in defaults.items() if _goes(step, k, v)}, **given}
+
+
+def _goes(step: Mapping[str, Any], key: str, value: Any) -> bool:
+    """Whether a default may be written out in this step: it goes with the other keys."""
+    from metrosep.recipe.pipeline import StepError
+
+    if key in step:
+        return False
+    try:
+        checked_step({**step, key: value})
+    except StepError:
+        return False
+    return True
+
+
+def _files(recipe: Recipe) -> list[str]:
+    """Return the hash of each file that a step names, in order."""
+    found = []
+    for step in recipe.steps:
+        method = METHODS.get(step["op"])
+        for key, field in sorted(method.fields.items()) if method is not None else ():
+            if field.kind == "file" and key in step:
+                target = recipe.folder / step[key]
+                found.append(hash_bytes(target.read_bytes()) if target.is_file() else "")
+    return found
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    return float(f"{value:.14g}") if isinstance(value, float) else value

@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any
 
 from metrosep.core.errors import RecipeError, UnitError
-from metrosep.recipe.batch_keys import BATCH
 from metrosep.recipe.extends import Layers, layers_of, texts_of, with_texts
 from metrosep.recipe.kinds import KINDS
 from metrosep.recipe.override_items import NAMED_BY, Override, near, number_of
@@ -30,8 +29,8 @@ from metrosep.recipe.override_marks import (
     toml_problem,
 )
 from metrosep.recipe.override_text import put, with_value
-from metrosep.recipe.pipeline_keys import Key
-from metrosep.recipe.schema import Field
+from metrosep.recipe.pipeline_checks import Key
+from metrosep.recipe.schema import BATCH, Field
 from metrosep.recipe.steps import (
     CHECK,
     INPUT,

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from metrosep.core._arrays import by_number
 from metrosep.core.atomic import atomic_write
 from metrosep.core.errors import DataError, UnsupportedFeatureError
+from metrosep.io.measuring_time import moment_of
 from metrosep.recipe.description import Description
 from metrosep.recipe.preflight import output_name
 from metrosep.separation.base import ErrorEstimate
@@ -21,7 +24,7 @@ if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe
     from metrosep.recipe.schema import Place
 
-__all__ = ["write_arrays", "write_parts"]
+__all__ = ["order_notes", "order_words", "parts_in_order", "write_arrays", "write_parts"]
 
 _TEXT = ("", ".csv", ".txt", ".dat")
 _HDF5 = ".h5"
@@ -134,3 +137,96 @@ def arrays_of(estimate: ErrorEstimate) -> Description:
     frames["evidence"] = estimate.evidence
     tables = {n: {k: f[k].tolist() for k in f.columns} for n, f in frames.items() if len(f)}
     return Description(tables={"": curve, **tables})
+
+
+# ---- the order of the parts of a batch in charts, drifts and correlations; one order for all of them ----
+
+Document = Mapping[str, Any]
+
+_CLOCKS = {"time": "measured_at", "file_time": "file_time"}
+_WORDS = {
+    "name": "in the order of their names, not of time",
+    "time": "in the order of measuring, as their files state it",
+    "file_time": "in the order in which their files were last changed",
+}
+
+
+def order_of(document: Document) -> str:
+    """Return what orders the parts."""
+    order = str(document.get("order") or "name")
+    if not order.isidentifier():
+        raise DataError(
+            f"the order of the parts in this index is damaged ({order[:40]!r}); write the index again"
+        )
+    return order
+
+
+def order_words(document: Document) -> str:
+    """Return the order of the parts in words."""
+    order = order_of(document)
+    return _WORDS.get(order, f"in the order of {order}, which their names state")
+
+
+def parts_in_order(document: Document) -> list[int]:
+    """Return the places of the rows of an index in the order of the parts."""
+    rows = document.get("rows") or []
+    if order_of(document) == "name":
+        return sorted(range(len(rows)), key=lambda i: by_number(str(rows[i].get("unit"))))
+    places = {i: _place(row, order_of(document)) for i, row in enumerate(rows)}
+    known = [i for i, place in places.items() if place is not None]
+    return sorted(known, key=lambda i: (places[i], by_number(str(rows[i].get("unit")))))
+
+
+def order_notes(document: Document) -> list[str]:
+    """Return what is to be known about the order: parts without a place, clocks that differ."""
+    order = order_of(document)
+    rows = [r for r in document.get("rows") or [] if r.get("characteristics")]
+    if order == "name" or not rows:
+        return []
+    notes = []
+    lost = sum(_place(r, order) is None for r in rows)
+    if lost:
+        why, cure = _MISSING.get(
+            order, (f'have no "{order}" in their names', "check the pattern of [batch]")
+        )
+        which = "all parts" if lost == len(rows) else f"{lost} of {len(rows)} parts"
+        notes.append(
+            f'[batch] order = "{order}": {which} {why} and are not in charts and drifts; {cure}'
+        )
+    zoned = {_has_offset(str(r["measured_at"])) for r in rows if r.get("measured_at")}
+    if order == "time" and len(zoned) > 1:
+        notes.append(
+            '[batch] order = "time": some files state the offset of their clock and others do not; the first '
+            "are ordered by UTC and the others as written, so that both may be hours apart"
+        )
+    return notes
+
+
+_NOT_ASKED = (
+    'name a group of the pattern, or ask for order = "file_time"; results of a metrosep that did not '
+    "look for it are made again by --fresh"
+)
+_MISSING = {
+    "time": ("state no date of measuring", _NOT_ASKED),
+    "file_time": ("have no time of their file", "run the batch to its end"),
+}
+
+
+def _place(row: Document, order: str) -> Any:
+    """Return what sorts a row, None where it does not tell it."""
+    if order in _CLOCKS:
+        text = row.get(_CLOCKS[order])
+        try:
+            return None if not text else moment_of(str(text))
+        except ValueError:
+            return None
+    groups = row.get("groups")
+    text = groups.get(order) if isinstance(groups, Mapping) else None
+    return by_number(str(text)) if text else None
+
+
+def _has_offset(text: str) -> bool:
+    try:
+        return datetime.fromisoformat(text).tzinfo is not None
+    except ValueError:
+        return False

@@ -16,9 +16,8 @@ from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
-from metrosep.recipe import pipeline_keys as keys
-from metrosep.recipe.pipeline_checks import CHECKS, StepError, normal_values
-from metrosep.recipe.pipeline_keys import Key, described_keys
+from metrosep.recipe import pipeline_checks as keys
+from metrosep.recipe.pipeline_checks import CHECKS, Key, StepError, described_keys, normal_values
 from metrosep.recipe.pipeline_mask import Measured
 from metrosep.recipe.pipeline_steps import APPLY, Done
 from metrosep.recipe.schema import Field, Place

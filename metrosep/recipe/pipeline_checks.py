@@ -4,14 +4,36 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from dataclasses import dataclass, field as new_field
+from typing import TYPE_CHECKING, Any
 
 from metrosep.core.errors import DataError
+from metrosep.core.profile import Profile
+from metrosep.core.surface import Surface
+from metrosep.core.units import format_length
 from metrosep.recipe.key_values import DIMENSIONS
 from metrosep.recipe.kinds import KINDS
-from metrosep.recipe.pipeline_keys import Key
+from metrosep.recipe.schema import Field
 
-__all__ = ["CHECKS", "StepError", "form_options", "known_unit", "makes_metric", "normal_values"]
+if TYPE_CHECKING:
+    from metrosep.core.quantity import Quantity
+    from metrosep.parameters.table import ParameterTable
+
+__all__ = [
+    "CHECKS",
+    "Evaluating",
+    "Key",
+    "StepError",
+    "described_keys",
+    "find_parameter",
+    "form_options",
+    "iso_filtered",
+    "known_unit",
+    "limit_values",
+    "makes_metric",
+    "normal_values",
+    "parameter_tables",
+]
 
 Check = Callable[[Mapping[str, Any]], None]
 
@@ -122,7 +144,7 @@ def form_options(options: Mapping[str, Any]) -> tuple[Any, dict[str, Any]]:
 
 def _form_numbers(given: Mapping[str, Any], ideal: Any, key: str) -> dict[str, float]:
     from metrosep.forms.catalogue import parameter_value
-    from metrosep.forms.freedoms import RIGID
+    from metrosep.forms.placement import RIGID
 
     units = {**RIGID, **ideal.units_of()}
     found = {}
@@ -217,7 +239,7 @@ def _check_mask(options: Mapping[str, Any]) -> None:
 
 def _check_outliers(options: Mapping[str, Any]) -> None:
     from metrosep.forms.catalogue import form_from_text
-    from metrosep.recipe.pipeline_outliers import SMOOTH
+    from metrosep.recipe.pipeline_mask import SMOOTH
 
     if options.get("threshold", 6.0) <= 0.0:
         raise StepError("threshold must be more than zero", "threshold")
@@ -320,10 +342,367 @@ def _unit_in(step: Mapping[str, Any], symbol: str) -> str | None:
 
 def _units_of_form(step: Mapping[str, Any]) -> dict[str, str]:
     """Return the unit of each value that the fit of a form finds; a radius also as a curvature."""
-    from metrosep.forms._curvature import curvature_name
-    from metrosep.forms.freedoms import RIGID
+    from metrosep.forms.conic import curvature_name
+    from metrosep.forms.placement import RIGID
 
     ideal = form_options(step)[0]
     bent = dict.fromkeys((curvature_name(n) for n in ideal.radii), "1/m")
     left = dict.fromkeys(("residual.pv", "residual.rms"), "m")
     return {**left, **RIGID, **ideal.units_of(), **bent}
+
+
+# ---- the keys of steps that measure: kind, default and plain words, from which a form can be made ----
+
+
+@dataclass(frozen=True, slots=True)
+class Key:
+    """One key of a step, with everything that a form needs."""
+
+    field: Field  # kind, choices, whether it must be there
+    help: str  # what it does, in plain words
+    # what counts where it is left out, as it is typed; None where nothing does
+    default: Any = None
+    # mapping of str to Key: keys of a table
+    inner: Mapping[str, Key] = new_field(default_factory=dict)
+
+
+def described_keys(keys: Mapping[str, Key]) -> list[dict[str, Any]]:
+    """Return keys as plain values for JSON."""
+    return [
+        {
+            "name": name,
+            "kind": key.field.kind,
+            "required": key.field.required,
+            "choices": list(key.field.choices),
+            "default": key.default,
+            "dimension": DIMENSIONS.get(key.field.kind),
+            "help": key.help,
+            "keys": described_keys(key.inner),
+        }
+        for name, key in keys.items()
+    ]
+
+
+def _text(help: str, *choices: str, default: Any = None, required: bool = False) -> Key:  # noqa: A002
+    return Key(Field("text", required=required, choices=choices), help, default)
+
+
+APERTURE: Mapping[str, Key] = {
+    "shape": _text("of the aperture", "circle", "ring", "rectangle", required=True),
+    "diameter": Key(Field("size"), "outer diameter of a circle or a ring"),
+    "inner_diameter": Key(Field("size"), "hole of a ring"),
+    "width": Key(Field("size"), "of a rectangle along x; the length of a piece of a profile"),
+    "height": Key(Field("size"), "of a rectangle along y"),
+    "centre": Key(
+        Field("any"),
+        'x and y in the coordinates of the map, ["5 mm", "5 mm"]; fit: the middle of what was '
+        "measured",
+        "fit",
+    ),
+}
+
+MASK: Mapping[str, Key] = {
+    "aperture": Key(Field("table", required=True), "what is kept", None, APERTURE),
+    "outside": Key(
+        Field("flag"), "true: what lies outside is taken out; false: what lies inside", True
+    ),
+}
+
+OUTLIERS: Mapping[str, Key] = {
+    "threshold": Key(
+        Field("number"), "largest distance from the neighbours, in robust standard deviations", 6.0
+    ),
+    "window": Key(
+        Field("integer"), "samples across the neighbourhood, odd: 5 for a map, 11 for a profile"
+    ),
+    "form": _text(
+        "taken off for judging only: smooth, a polynomial of degree 8, or a form such as sphere",
+        default="smooth",
+    ),
+}
+
+FORM: Mapping[str, Key] = {
+    "form": _text(
+        'plane, sphere, "conic: R=50 mm, k=-1", "polynomial: degree=5", "zernike: terms=36"; '
+        "what has no value is fitted",
+        required=True,
+    ),
+    "free": Key(
+        Field("texts"),
+        "what may move: piston, tilt_x, tilt_y, shift_x, shift_y, rotation_z, and parameters of "
+        "the form; piston and tilts if left out",
+    ),
+    "fix": Key(Field("table"), 'held at a value: { R = "50 mm" }'),
+    "start": Key(Field("table"), 'where the fit begins: { R = "50 mm" }'),
+    "robust": _text("weigh outliers down", "tukey", "huber"),
+    "tilt": _text("add a plane, or turn the form as a body", "plane", "rotation", default="plane"),
+    "direction": _text("of the deviation", "vertical", "normal", default="vertical"),
+    "centre": Key(
+        Field("lengths"),
+        'origin of the form in the data, ["1.5 mm", "2 mm"]; the middle of what was measured on a map without origin',
+    ),
+}
+
+FILTER: Mapping[str, Key] = {
+    "kind": _text(
+        "of the filter; closing and opening are morphological",
+        "gaussian",
+        "spline",
+        "robust",
+        "closing",
+        "opening",
+        default="gaussian",
+    ),
+    "lambda_s": Key(Field("size"), "S-filter: shorter waves go (gaussian)"),
+    "lambda_c": Key(
+        Field("size"),
+        "L-filter: longer waves go (gaussian); a profile becomes its roughness, of kind R",
+    ),
+    "profile": _text(
+        "what lambda_c leaves of a profile: R roughness, W waviness", "R", "W", default="R"
+    ),
+    "cutoff": Key(Field("size"), "one cut-off wavelength, in place of lambda_s and lambda_c"),
+    "band": _text(
+        "what stays with cutoff: waves longer, or shorter than it", "long", "short", default="long"
+    ),
+    "end": _text(
+        "at ends and gaps (gaussian; natural or closed: spline)",
+        "moment",
+        "renormalise",
+        "cut",
+        "closed",
+        "natural",
+    ),
+    "order": Key(
+        Field("integer", choices=(0, 1, 2)), "degree of the local polynomial (robust)", 2
+    ),
+    "tension": Key(Field("number"), "0 to 1 (spline)", 0.0),
+    "radius": Key(Field("size"), "of the ball or disc (closing, opening)"),
+    "length": Key(Field("size"), "of the flat element (closing, opening)"),
+    "sections": Key(
+        Field("integer"), "section lengths of lambda_c that a roughness profile keeps"
+    ),
+    "refilter": Key(Field("flag"), "filter once more what was filtered already", False),
+}
+
+PARAMETERS: Mapping[str, Key] = {
+    "names": Key(
+        Field("texts"),
+        'symbols such as "Sa", "PV", "Ra", "FLTt"; "all"; a usual set for a map or a profile if '
+        "left out",
+    ),
+    "kind": _text("which profile it is; else as the file or the filter says", "P", "W", "R"),
+    "edition": _text(
+        "whose definitions of profile parameters",
+        "ISO 21920-2:2021",
+        "ISO 4287:1997",
+        default="ISO 21920-2:2021",
+    ),
+    "intermediate": Key(
+        Field("flag"),
+        "true: later steps change the map or profile, and this is what it was before them",
+        False,
+    ),
+    "sections": Key(
+        Field("integer"), "section lengths of a profile; as many as there are cut-offs, else 5"
+    ),
+    "centre": Key(Field("flag"), "subtract the mean of a profile again", False),
+    "line": _text("core line of the Rk and Sk family", "lsq", "secant", default="lsq"),
+    "reference": _text(
+        "of straightness STRt, flatness FLTt, roundness RONt",
+        "MZ",
+        "LS",
+        "EP",
+        "MC",
+        "MI",
+        default="MZ",
+    ),
+}
+
+
+# ---- filter and parameters of one map or profile, as recipes and the command ``measure`` ask for them ----
+
+_INTERFEROMETRIC = ("PV", "RMS", "PVr", "PVq", "PV20")
+_FORM = {"STR": "straightness", "FLT": "flatness", "RON": "roundness"}
+
+
+@dataclass(frozen=True, slots=True)
+class Evaluating:
+    """Which parameters, and how they are evaluated."""
+
+    names: tuple[str, ...] = ()  # symbols wanted; empty for all
+    kind: str | None = None  # P, W or R; None takes what the file or the filter says, else P
+    edition: str | None = None  # of the profile standard; None is the present one
+    # sampling lengths; as many as there are cut-offs in a filtered profile, else 5
+    sections: int | None = None
+    centre: bool = False  # subtract means again
+    line: str = "lsq"  # core line of the Rk and Sk family
+    reference: str = "MZ"  # of form deviations
+
+
+def iso_filtered(
+    obj: Any,
+    *,
+    lambda_s: float | None,
+    lambda_c: float | None,
+    end: str = "moment",
+    kind: str | None = None,
+    sections: int | None = None,
+) -> Any:
+    """Return an object after the S-filter and the L-filter, both Gaussian."""
+    from metrosep.filters import Band, chain, gaussian
+
+    if lambda_s is not None and lambda_c is not None and not lambda_s < lambda_c:
+        raise DataError(
+            f"lambda_s = {format_length(lambda_s)} must be shorter than lambda_c = "
+            f"{format_length(lambda_c)}: the S-filter takes the short waves away, the L-filter the "
+            "long ones"
+        )
+    if lambda_s is None and lambda_c is None:
+        return obj
+    options: dict[str, Any] = {"end": end}
+    if isinstance(obj, Surface):
+        return gaussian(obj, band=Band(shortest=lambda_s, longest=lambda_c), **options)
+    if lambda_c is None:
+        assert lambda_s is not None  # noqa: S101  # one of them is given
+        return chain.primary(obj, lambda_s=lambda_s, **options)
+    if kind == "W":
+        return chain.waviness(obj, lambda_c=lambda_c, lambda_s=lambda_s, **options)
+    if sections is not None:
+        options["sections"] = sections
+    return chain.roughness(obj, lambda_c=lambda_c, lambda_s=lambda_s, **options)
+
+
+def parameter_tables(obj: Surface | Profile, how: Evaluating) -> tuple[ParameterTable, ...]:
+    """Return the parameters of an object, a table for each family."""
+    tables = []
+    for family, names in _families(obj, how.names).items():
+        if family in _FORM:
+            tables.append(_form_table(obj, family, names, how))
+        elif family == "interferometric":
+            tables.append(_interferometric(obj, names))
+        elif family == "S":
+            tables.append(_areal(obj, names, how))
+        else:
+            tables.append(_profile(obj, family, names, how))
+    return tuple(tables)
+
+
+def find_parameter(tables: Sequence[ParameterTable], symbol: str) -> Quantity:
+    """Return a parameter by its symbol or the spelling of the other edition."""
+    for table in tables:
+        if symbol in table:
+            return table[symbol]
+        if (own := table.own_symbol(symbol)) in table.unavailable:
+            raise DataError(f"no verdict on {symbol}: {table.unavailable[own]}")
+    raise DataError(f"a limit is set for {symbol}, which was not measured")
+
+
+def limit_values(given: Mapping[str, str], symbol: str, unit: str) -> float | None:
+    """Return a limit in the unit of its parameter."""
+    from metrosep.forms.catalogue import parameter_value
+
+    text = given.get(symbol)
+    return None if text is None else parameter_value(text, unit, f"the limit of {symbol}")
+
+
+def _families(obj: Surface | Profile, names: Sequence[str]) -> dict[str, list[str] | None]:
+    """Return the wanted symbols by family; None is all of them."""
+    if not names:
+        return {"interferometric": None, "S": None} if isinstance(obj, Surface) else {"": None}
+    families: dict[str, list[str] | None] = {}
+    for name in names:
+        family = _family(obj, name)
+        families.setdefault(family, [])
+        known = families[family]
+        if known is not None:
+            known.append(name)
+    return families
+
+
+def _family(obj: Surface | Profile, name: str) -> str:
+    if name in _INTERFEROMETRIC:
+        return "interferometric"
+    if name[:3] in _FORM:
+        return name[:3]
+    if isinstance(obj, Profile) and name in ("Mr1", "Mr2", "A1", "A2"):
+        return "R"
+    if isinstance(obj, Profile) and name[:1] in ("P", "W", "R"):
+        return name[0]
+    if isinstance(obj, Surface) and name[:1] in ("S", "V"):
+        return "S"
+    what = "map" if isinstance(obj, Surface) else "profile"
+    raise DataError(f"a {what} has no parameter {name!r}")
+
+
+def _only(table: ParameterTable, names: Sequence[str]) -> ParameterTable:
+    from metrosep.parameters.table import ParameterTable
+
+    missing = [n for n in names if n not in table and n not in table.unavailable]
+    if missing:
+        raise DataError(f"no parameter {', '.join(missing)} among {', '.join(table)}")
+    kept = {n: table.unavailable[n] for n in names if n in table.unavailable}
+    return ParameterTable(
+        [table[n] for n in names if n not in kept], table.context, unavailable=kept
+    )
+
+
+def _form_table(
+    obj: Surface | Profile, family: str, names: list[str] | None, how: Evaluating
+) -> ParameterTable:
+    from metrosep.parameters import form_deviation
+
+    kind: Any = _FORM[family]
+    reference: Any = how.reference
+    return _only(form_deviation(obj, kind=kind, reference=reference).table, names or ())
+
+
+def _interferometric(obj: Surface | Profile, names: list[str] | None) -> ParameterTable:
+    from metrosep.parameters import interferometric_parameters
+
+    if not isinstance(obj, Surface):
+        raise DataError("PV, RMS, PVr and PVq are parameters of a map; ask a profile for Pt, Pq")
+    return interferometric_parameters(obj, names=names)
+
+
+def _areal(obj: Surface | Profile, names: list[str] | None, how: Evaluating) -> ParameterTable:
+    from metrosep.parameters import areal_parameters
+
+    if not isinstance(obj, Surface):
+        raise DataError("S parameters belong to a map")
+    line: Any = how.line
+    return areal_parameters(obj, names=names, line=line)
+
+
+def _profile(
+    obj: Surface | Profile, family: str, names: list[str] | None, how: Evaluating
+) -> ParameterTable:
+    from metrosep.filters import profile_kind
+    from metrosep.parameters import profile_parameters
+
+    if not isinstance(obj, Profile):
+        raise DataError(f"{family} parameters belong to a profile; a map has S parameters")
+    if family and how.kind and family != how.kind:
+        raise DataError(f"kind={how.kind!r} has no parameter {', '.join(names or ())}")
+    kind: Any = family or how.kind or profile_kind(obj) or "P"
+    edition = {} if how.edition is None else {"edition": how.edition}
+    line: Any = how.line
+    return profile_parameters(
+        obj,
+        kind=kind,
+        sections=how.sections or _sections(obj),
+        centre=how.centre,
+        line=line,
+        names=names,
+        **edition,
+    )
+
+
+def _sections(profile: Profile) -> int:
+    """Return how many cut-offs fit into a profile that metrosep or its file filtered, else 5."""
+    from metrosep.parameters.sections import sections_that_fit
+
+    cutoff = profile.metadata.get("lambda_c_m")
+    if not isinstance(cutoff, float) or not profile.is_uniform:
+        return 5
+    return sections_that_fit(profile, cutoff)

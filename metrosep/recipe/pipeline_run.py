@@ -19,9 +19,9 @@ from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step, history_as_dicts
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
-from metrosep.recipe.input_options import reading_options
 from metrosep.recipe.pipeline import Stage, StepError, run_step
 from metrosep.recipe.pipeline_mask import Measured
+from metrosep.recipe.schema import reading_options
 
 if TYPE_CHECKING:
     from metrosep.recipe.description import Description
@@ -111,7 +111,7 @@ _OF_DATA = (InvalidSamplesError, NotUniformError, TooFewSamplesError)
 
 def step_error(exc: MetrosepError, recipe: Recipe, number: int) -> MetrosepError:
     """Return an error with file, line and step: what the recipe asks wrongly is of the recipe."""
-    from metrosep.recipe.step_words import step_words
+    from metrosep.recipe.step_help import step_words
 
     place, op = recipe.place("[[step]]", number), recipe.steps[number]["op"]
     words = step_words(str(exc), op)
@@ -148,11 +148,10 @@ def run_pipeline(
 ) -> Result:
     """Read one file, carry the steps out, judge and write."""
     from metrosep.recipe.describe_measure import measurement_of
-    from metrosep.recipe.outputs import write_reports
+    from metrosep.recipe.outputs import staged, write_reports
     from metrosep.recipe.parts import write_parts
     from metrosep.recipe.preflight import RESULT_NAME
     from metrosep.recipe.result import Result
-    from metrosep.recipe.staging import staged
 
     obj = _read(recipe, files, tell)
     measured = measure_object(recipe, obj, tell=tell)
@@ -204,7 +203,7 @@ def _document(recipe: Recipe, measured: Measurement, described: Description) -> 
     from metrosep.recipe.inputs_read import input_records
     from metrosep.recipe.result import SCHEMA, clean
     from metrosep.recipe.run import versions
-    from metrosep.recipe.step_words import step_words
+    from metrosep.recipe.step_help import step_words
 
     messages = [step_words(m, s.op) for s in measured.stages for m in s.messages]
     messages = list(dict.fromkeys(messages))

@@ -12,10 +12,14 @@ from metrosep.core.profile import Profile
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
-from metrosep.recipe.pipeline_checks import StepError, form_options
-from metrosep.recipe.pipeline_mask import Measured, masked
-from metrosep.recipe.pipeline_outliers import without_outliers
-from metrosep.recipe.pipeline_parameters import Evaluating, iso_filtered, parameter_tables
+from metrosep.recipe.pipeline_checks import (
+    Evaluating,
+    StepError,
+    form_options,
+    iso_filtered,
+    parameter_tables,
+)
+from metrosep.recipe.pipeline_mask import Measured, masked, without_outliers
 
 __all__ = ["APPLY", "USUAL_OF_MAPS", "USUAL_OF_PROFILES", "Done", "usual_names"]
 

@@ -12,7 +12,6 @@ from typing import Any
 from metrosep.core.errors import RecipeError, UnsupportedFeatureError
 from metrosep.core.plain_files import MACHINE_BYTES, RECIPE_BYTES, read_plain_text, require_plain
 from metrosep.core.provenance import freeze_mapping
-from metrosep.recipe.batch_keys import batch_table
 from metrosep.recipe.extends import Admits, LayeredPlace, layers_of
 from metrosep.recipe.method import Method
 from metrosep.recipe.methods import METHODS, input_fields
@@ -21,7 +20,7 @@ from metrosep.recipe.overrides import with_overrides
 from metrosep.recipe.pipeline import measuring_steps
 from metrosep.recipe.preflight import check_recipe, require_limits
 from metrosep.recipe.result import Result
-from metrosep.recipe.schema import Place, checked_table
+from metrosep.recipe.schema import Place, batch_table, checked_table
 from metrosep.recipe.steps import (
     CHECK,
     INPUT,

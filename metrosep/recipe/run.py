@@ -12,17 +12,17 @@ from typing import TYPE_CHECKING, Any
 from metrosep._version import __version__
 from metrosep.compensation import fit_polynomial
 from metrosep.compensation.folds import fold_estimates, used_runs
+from metrosep.core._arrays import by_number
 from metrosep.core.errors import MetrosepError, ReadError, RecipeError
-from metrosep.core.natural_order import by_number
 from metrosep.core.provenance import history_as_dicts
 from metrosep.core.runset import RunSet
 from metrosep.core.units import format_length
 from metrosep.recipe.characteristics import DECISION_RULE, characteristics
-from metrosep.recipe.input_options import reading_options
 from metrosep.recipe.inputs_read import input_records
 from metrosep.recipe.outputs import (
     WrittenTable,
     dry_runs,
+    staged,
     table_names,
     write_reports,
     write_tables,
@@ -30,7 +30,7 @@ from metrosep.recipe.outputs import (
 from metrosep.recipe.parts import write_arrays
 from metrosep.recipe.preflight import RESULT_NAME
 from metrosep.recipe.result import SCHEMA, Result, clean, measured_runs, plot_data, run_records
-from metrosep.recipe.staging import staged
+from metrosep.recipe.schema import reading_options
 from metrosep.separation.base import ErrorEstimate
 
 if TYPE_CHECKING:

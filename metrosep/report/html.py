@@ -7,20 +7,22 @@ bytes.
 from __future__ import annotations
 
 import base64
+import math
 import os
+import re
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from metrosep.core.atomic import atomic_write
-from metrosep.report.figures import figures_of, is_narrow
+from metrosep.report.text import span
 from metrosep.report.view import view
 
 if TYPE_CHECKING:
     from jinja2 import Template
 
-__all__ = ["render_html", "write_html"]
+__all__ = ["captions_of", "figures_of", "is_narrow", "render_html", "write_html"]
 
 
 def render_html(document: Mapping[str, Any]) -> str:
@@ -99,3 +101,98 @@ def _figures(document: Mapping[str, Any]) -> list[dict[str, Any]]:
         }
         for f in figures_of(document)
     ]
+
+
+# ---- the figures of a result with titles and captions, as every report shows them --------------
+
+_TITLES = {
+    "before_after": "Error over position",
+    "spectrum": "Amplitude over wavelength",
+    "residual_psd": "What was separated, over frequency",
+    "table_plot": "Compensation table",
+    "separation_parts": "Parts of the readings",
+}
+
+
+class Drawing(NamedTuple):
+    """One figure of a report."""
+
+    # its short name, its title, and what it shows, what was removed and how it was filtered
+    name: str
+    title: str
+    caption: str
+    svg: str  # the picture
+
+
+def figures_of(document: Mapping[str, Any]) -> list[Drawing]:
+    """Return the figures of a result."""
+    from metrosep.plot import drawable, figure_svg
+
+    words = captions_of(document)
+    return [
+        Drawing(name, *words[name], figure_svg(draw, document))
+        for name, draw in drawable(document).items()
+    ]
+
+
+def width_of(svg: str) -> float:
+    """Return the width of a figure."""
+    found = re.search(r'viewBox="0 0 ([\d.]+) [\d.]+"', svg[:4096])
+    return float(found.group(1)) if found else math.inf
+
+
+_NARROW = 300.0
+"""Points: a figure of less is not as wide as a page, but half of it."""
+
+
+def is_narrow(svg: str) -> bool:
+    """Return whether two such figures stand side by side, so that the letters of all are of one size."""
+    return width_of(svg) < _NARROW
+
+
+def captions_of(document: Mapping[str, Any]) -> dict[str, tuple[str, str]]:
+    """Return titles and captions of the figures that a result may have."""
+    from metrosep.plot.summary import charts_of
+
+    captions = _captions(document)
+    found = {name: (title, captions[name]) for name, title in _TITLES.items()}
+    for i, chart in enumerate(charts_of(document), start=1):
+        title = str(chart.get("title") or "Chart")
+        found[f"chart_{i}"] = (title, str(chart.get("caption") or ""))
+    return found
+
+
+def _captions(document: Mapping[str, Any]) -> dict[str, str]:
+    """Return what each figure shows, what was removed from it, and how it was filtered."""
+    estimate = document.get("estimate") or {}
+    start, stop = estimate.get("start_m"), estimate.get("stop_m")
+    over = "the evaluation range"
+    if start is not None and stop is not None:
+        over += f" {span(start, stop)}"
+    return {
+        "before_after": (
+            "Thick: the separated error (actual − nominal) with ± 2 standard uncertainties. Thin: "
+            "the mean of the runs at each feedrate, before, and after the separated error is "
+            f"subtracted. Removed: the least-squares line over {over}, from every curve. Filter: "
+            "none. Shaded: guard zones, which were modelled but are not evaluated."
+        ),
+        "spectrum": (
+            "Lines: the mean run of each feedrate. What keeps its wavelength at every feedrate is "
+            "geometry; what slides with the feedrate is vibration. Markers: wavelengths of the "
+            "separated error, filled where they were selected. Removed: offset and line; the runs "
+            "are tapered at their ends, so a line may read lower than its marker."
+        ),
+        "residual_psd": (
+            "One-sided power spectral density in time of the readings minus the separated error, "
+            "averaged over Hann segments without their mean; the line is the noise model where "
+            "the method has one. Filter: none. No table removes this part."
+        ),
+        "table_plot": (
+            "Correction c = −e that is added to the command, at its entries; joined as the "
+            "controller joins them and constant outside. Filter: none."
+        ),
+        "separation_parts": (
+            "Each part with ± 2 standard uncertainties. What the method cannot see is removed, and "
+            "listed above as not seen. Gaps were not measured. Filter: none."
+        ),
+    }

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from metrosep.core.atomic import atomic_write
-from metrosep.report.index_view import Series, require_index, series_of, status_stamp
+from metrosep.report.index import Series, require_index, series_of, status_stamp
 from metrosep.report.rows import one_line
 from metrosep.report.workbook import new_workbook
 

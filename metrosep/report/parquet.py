@@ -20,7 +20,7 @@ from metrosep.core.errors import DataError, UnsupportedFeatureError
 from metrosep.recipe import index_rows
 from metrosep.report import csv_long
 from metrosep.report.comparison import known_number
-from metrosep.report.index_view import require_index
+from metrosep.report.index import require_index
 
 __all__ = [
     "INDEX_SCHEMA",

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from metrosep.core.atomic import atomic_write
-from metrosep.report.figures import captions_of
+from metrosep.report.html import captions_of
 from metrosep.report.rows import one_line
 from metrosep.report.view import view
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from metrosep.recipe.step_words import step_words
+from metrosep.recipe.step_help import step_words
 from metrosep.report.text import length, readable_unit
 
 __all__ = ["SEPARATED_NOTE", "not_seen", "plan_rows", "separation_audit", "separation_rows"]

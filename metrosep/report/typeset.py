@@ -18,7 +18,7 @@ from typing import Any
 from metrosep.core.atomic import atomic_write
 from metrosep.core.errors import DataError, UnsupportedFeatureError
 from metrosep.recipe.result import clean
-from metrosep.report.figures import figures_of, is_narrow
+from metrosep.report.html import figures_of, is_narrow
 from metrosep.report.view import view
 
 __all__ = ["PDF_STANDARDS", "render_pdf", "write_pdf"]

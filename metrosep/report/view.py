@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from metrosep.recipe.result import clean
-from metrosep.recipe.step_words import keys_of_step, step_words
+from metrosep.recipe.step_help import keys_of_step, step_words
 from metrosep.report.rows import CharacteristicRow, characteristic_rows, one_line
 from metrosep.report.separation import SEPARATED_NOTE, plan_rows, separation_audit, separation_rows
 from metrosep.report.settings import in_words, settings, step_parameters, typeset

@@ -13,15 +13,10 @@ from typing import TYPE_CHECKING
 from metrosep.core._lazy import lazy_names
 
 if TYPE_CHECKING:
-    from metrosep.separation.abba_method import (
-        AbbaDrift as AbbaDrift,
-    )
     from metrosep.separation.alternation import (
+        AbbaDrift as AbbaDrift,
         DriftFreeDifference as DriftFreeDifference,
         abba as abba,
-    )
-    from metrosep.separation.average import (
-        separate_mean as separate_mean,
     )
     from metrosep.separation.averaging import (
         ThreePositions as ThreePositions,
@@ -36,49 +31,38 @@ if TYPE_CHECKING:
         CircleClosure as CircleClosure,
         closure as closure,
     )
-    from metrosep.separation.combine import (
-        combine_harmonics as combine_harmonics,
-    )
     from metrosep.separation.contract import (
         Separation as Separation,
         SeparationMethod as SeparationMethod,
+        Unobservable as Unobservable,
+        suppressed_harmonics as suppressed_harmonics,
     )
     from metrosep.separation.coupled_method import (
         CoupledGrid as CoupledGrid,
     )
     from metrosep.separation.dependence import (
         Dependence as Dependence,
+        allan_deviation as allan_deviation,
         drift_against_temperature as drift_against_temperature,
         speed_dependence as speed_dependence,
     )
-    from metrosep.separation.diagonal_method import (
-        Diagonals as Diagonals,
-    )
     from metrosep.separation.diagonals import (
+        Diagonals as Diagonals,
         DiagonalTest as DiagonalTest,
         iso230_6_diagonals as iso230_6_diagonals,
     )
     from metrosep.separation.drift import (
+        DriftFit as DriftFit,
         DriftTest as DriftTest,
         iso230_3_drift as iso230_3_drift,
     )
-    from metrosep.separation.drift_fit_method import (
-        DriftFit as DriftFit,
-    )
     from metrosep.separation.entry import (
         separate as separate,
+        separate_mean as separate_mean,
     )
     from metrosep.separation.evidence import (
         EvidenceTable as EvidenceTable,
         evidence_table as evidence_table,
-    )
-    from metrosep.separation.face import (
-        FaceReversal as FaceReversal,
-        face_reversal as face_reversal,
-    )
-    from metrosep.separation.fiducials import (
-        Registration as Registration,
-        register_points as register_points,
     )
     from metrosep.separation.flat_setup import (
         ThreeFlat as ThreeFlat,
@@ -89,32 +73,27 @@ if TYPE_CHECKING:
     from metrosep.separation.fourier import (
         separate_kono as separate_kono,
     )
-    from metrosep.separation.index_detection import (
-        index_pulses as index_pulses,
-    )
     from metrosep.separation.iso230_straightness import (
         MotionStraightness as MotionStraightness,
+        ReferenceLine as ReferenceLine,
         straightness_iso230_1 as straightness_iso230_1,
     )
     from metrosep.separation.joint import (
         separate_joint as separate_joint,
     )
-    from metrosep.separation.joint_fit import (
+    from metrosep.separation.joint_method import (
         JointDrift as JointDrift,
+        JointSeparation as JointSeparation,
         joint_drift as joint_drift,
     )
-    from metrosep.separation.joint_method import (
-        JointSeparation as JointSeparation,
-    )
     from metrosep.separation.lateral_shifts import (
+        ShiftRotation as ShiftRotation,
         shift_rotation as shift_rotation,
     )
     from metrosep.separation.lattice_calibration import (
+        GridCalibration as GridCalibration,
         GridView as GridView,
         grid_calibration as grid_calibration,
-    )
-    from metrosep.separation.lattice_method import (
-        GridCalibration as GridCalibration,
     )
     from metrosep.separation.mixed import (
         OrthogonalMixed as OrthogonalMixed,
@@ -125,14 +104,6 @@ if TYPE_CHECKING:
         MultiProbe as MultiProbe,
         multi_probe_straightness as multi_probe_straightness,
     )
-    from metrosep.separation.noise_density import (
-        TimeDensity as TimeDensity,
-        time_density as time_density,
-    )
-    from metrosep.separation.null_space import (
-        Unobservable as Unobservable,
-        suppressed_harmonics as suppressed_harmonics,
-    )
     from metrosep.separation.periodic import (
         FringeError as FringeError,
         periodic_error as periodic_error,
@@ -140,32 +111,26 @@ if TYPE_CHECKING:
     from metrosep.separation.plane_fit import (
         Interaction as Interaction,
         PlaneFit as PlaneFit,
+        PlaneModel as PlaneModel,
         fit_plane_model as fit_plane_model,
     )
     from metrosep.separation.plane_grid import (
         coupled_grid as coupled_grid,
-    )
-    from metrosep.separation.plane_method import (
-        PlaneModel as PlaneModel,
     )
     from metrosep.separation.plane_model import (
         PlaneMap as PlaneMap,
         plane_map as plane_map,
     )
     from metrosep.separation.planner import (
+        FeedPlan as FeedPlan,
         plan_feedrates as plan_feedrates,
         predicted_sd as predicted_sd,
     )
-    from metrosep.separation.planner_result import (
-        FeedPlan as FeedPlan,
-    )
     from metrosep.separation.positioning import (
+        PositioningSheet as PositioningSheet,
         iso230_2 as iso230_2,
         positions_from_columns as positions_from_columns,
         positions_from_profiles as positions_from_profiles,
-    )
-    from metrosep.separation.positioning_method import (
-        PositioningSheet as PositioningSheet,
     )
     from metrosep.separation.positioning_result import (
         PositioningTest as PositioningTest,
@@ -185,7 +150,9 @@ if TYPE_CHECKING:
         multiprobe as multiprobe,
     )
     from metrosep.separation.registration import (
+        Registration as Registration,
         register_maps as register_maps,
+        register_points as register_points,
         registration_uncertainty as registration_uncertainty,
     )
     from metrosep.separation.repeats import (
@@ -195,6 +162,7 @@ if TYPE_CHECKING:
     from metrosep.separation.resampling import (
         AngleSynchronous as AngleSynchronous,
         cubic_interpolation_error as cubic_interpolation_error,
+        index_pulses as index_pulses,
         resample_by_encoder as resample_by_encoder,
         resample_by_index as resample_by_index,
     )
@@ -208,10 +176,10 @@ if TYPE_CHECKING:
     )
     from metrosep.separation.roundness_reversal import (
         DonaldsonReversal as DonaldsonReversal,
+        FaceReversal as FaceReversal,
+        combine_harmonics as combine_harmonics,
         donaldson as donaldson,
-    )
-    from metrosep.separation.shift_setup import (
-        ShiftRotation as ShiftRotation,
+        face_reversal as face_reversal,
     )
     from metrosep.separation.simulate import (
         KONO_WAVES as KONO_WAVES,
@@ -219,11 +187,13 @@ if TYPE_CHECKING:
         machine_axis as machine_axis,
     )
     from metrosep.separation.slope_integration import (
+        SlopeIntegration as SlopeIntegration,
         integrate_slopes as integrate_slopes,
         slope_transfer as slope_transfer,
     )
-    from metrosep.separation.slope_method import (
-        SlopeIntegration as SlopeIntegration,
+    from metrosep.separation.solver import (
+        TimeDensity as TimeDensity,
+        time_density as time_density,
     )
     from metrosep.separation.spectra import (
         FeedSpectra as FeedSpectra,
@@ -233,10 +203,8 @@ if TYPE_CHECKING:
         SpeedFit as SpeedFit,
         fit_values as fit_values,
     )
-    from metrosep.separation.speed_method import (
-        SpeedGrowth as SpeedGrowth,
-    )
     from metrosep.separation.speed_sweep import (
+        SpeedGrowth as SpeedGrowth,
         SpeedSweep as SpeedSweep,
         fit_speed_sweep as fit_speed_sweep,
     )
@@ -254,9 +222,6 @@ if TYPE_CHECKING:
         Squareness as Squareness,
         squareness_from_diagonals as squareness_from_diagonals,
     )
-    from metrosep.separation.stability import (
-        allan_deviation as allan_deviation,
-    )
     from metrosep.separation.steps import (
         MultistepRoundness as MultistepRoundness,
         multistep as multistep,
@@ -265,34 +230,26 @@ if TYPE_CHECKING:
         Stitching as Stitching,
         stitch as stitch,
     )
-    from metrosep.separation.straightness_method import (
-        ReferenceLine as ReferenceLine,
-    )
     from metrosep.separation.three_points import (
         ThreePoint as ThreePoint,
+        TwoPoint as TwoPoint,
         three_point as three_point,
+        two_point as two_point,
         zero_error_sag as zero_error_sag,
     )
-    from metrosep.separation.two_points import (
-        TwoPoint as TwoPoint,
-        two_point as two_point,
-    )
     from metrosep.separation.zero_adjustment import (
+        ZeroAdjustment as ZeroAdjustment,
         ZeroCalibration as ZeroCalibration,
         zero_calibration as zero_calibration,
-    )
-    from metrosep.separation.zero_method import (
-        ZeroAdjustment as ZeroAdjustment,
     )
     from metrosep.spectral.window import kono_weights as kono_weights
 
 _HOMES = {
-    "abba_method": ("AbbaDrift",),
     "alternation": (
+        "AbbaDrift",
         "DriftFreeDifference",
         "abba",
     ),
-    "average": ("separate_mean",),
     "averaging": (
         "ThreePositions",
         "ball_average",
@@ -306,60 +263,60 @@ _HOMES = {
         "CircleClosure",
         "closure",
     ),
-    "combine": ("combine_harmonics",),
     "contract": (
         "Separation",
         "SeparationMethod",
+        "Unobservable",
+        "suppressed_harmonics",
     ),
     "coupled_method": ("CoupledGrid",),
     "dependence": (
         "Dependence",
+        "allan_deviation",
         "drift_against_temperature",
         "speed_dependence",
     ),
-    "diagonal_method": ("Diagonals",),
     "diagonals": (
         "DiagonalTest",
+        "Diagonals",
         "iso230_6_diagonals",
     ),
     "drift": (
+        "DriftFit",
         "DriftTest",
         "iso230_3_drift",
     ),
-    "drift_fit_method": ("DriftFit",),
-    "entry": ("separate",),
+    "entry": (
+        "separate",
+        "separate_mean",
+    ),
     "evidence": (
         "EvidenceTable",
         "evidence_table",
     ),
-    "face": (
-        "FaceReversal",
-        "face_reversal",
-    ),
-    "fiducials": (
-        "Registration",
-        "register_points",
-    ),
     "flat_setup": ("ThreeFlat",),
     "flats": ("three_flat",),
     "fourier": ("separate_kono",),
-    "index_detection": ("index_pulses",),
     "iso230_straightness": (
         "MotionStraightness",
+        "ReferenceLine",
         "straightness_iso230_1",
     ),
     "joint": ("separate_joint",),
-    "joint_fit": (
+    "joint_method": (
         "JointDrift",
+        "JointSeparation",
         "joint_drift",
     ),
-    "joint_method": ("JointSeparation",),
-    "lateral_shifts": ("shift_rotation",),
+    "lateral_shifts": (
+        "ShiftRotation",
+        "shift_rotation",
+    ),
     "lattice_calibration": (
+        "GridCalibration",
         "GridView",
         "grid_calibration",
     ),
-    "lattice_method": ("GridCalibration",),
     "mixed": (
         "OrthogonalMixed",
         "mixed_transfer",
@@ -369,14 +326,6 @@ _HOMES = {
         "MultiProbe",
         "multi_probe_straightness",
     ),
-    "noise_density": (
-        "TimeDensity",
-        "time_density",
-    ),
-    "null_space": (
-        "Unobservable",
-        "suppressed_harmonics",
-    ),
     "periodic": (
         "FringeError",
         "periodic_error",
@@ -384,25 +333,25 @@ _HOMES = {
     "plane_fit": (
         "Interaction",
         "PlaneFit",
+        "PlaneModel",
         "fit_plane_model",
     ),
     "plane_grid": ("coupled_grid",),
-    "plane_method": ("PlaneModel",),
     "plane_model": (
         "PlaneMap",
         "plane_map",
     ),
     "planner": (
+        "FeedPlan",
         "plan_feedrates",
         "predicted_sd",
     ),
-    "planner_result": ("FeedPlan",),
     "positioning": (
+        "PositioningSheet",
         "iso230_2",
         "positions_from_columns",
         "positions_from_profiles",
     ),
-    "positioning_method": ("PositioningSheet",),
     "positioning_result": ("PositioningTest",),
     "probe_angles": (
         "ProbeAngles",
@@ -419,7 +368,9 @@ _HOMES = {
         "multiprobe",
     ),
     "registration": (
+        "Registration",
         "register_maps",
+        "register_points",
         "registration_uncertainty",
     ),
     "repeats": (
@@ -429,6 +380,7 @@ _HOMES = {
     "resampling": (
         "AngleSynchronous",
         "cubic_interpolation_error",
+        "index_pulses",
         "resample_by_encoder",
         "resample_by_index",
     ),
@@ -442,19 +394,25 @@ _HOMES = {
     ),
     "roundness_reversal": (
         "DonaldsonReversal",
+        "FaceReversal",
+        "combine_harmonics",
         "donaldson",
+        "face_reversal",
     ),
-    "shift_setup": ("ShiftRotation",),
     "simulate": (
         "KONO_WAVES",
         "SimulatedAxis",
         "machine_axis",
     ),
     "slope_integration": (
+        "SlopeIntegration",
         "integrate_slopes",
         "slope_transfer",
     ),
-    "slope_method": ("SlopeIntegration",),
+    "solver": (
+        "TimeDensity",
+        "time_density",
+    ),
     "spectra": (
         "FeedSpectra",
         "feed_spectra",
@@ -464,8 +422,8 @@ _HOMES = {
         "SpeedFit",
         "fit_values",
     ),
-    "speed_method": ("SpeedGrowth",),
     "speed_sweep": (
+        "SpeedGrowth",
         "SpeedSweep",
         "fit_speed_sweep",
     ),
@@ -479,7 +437,6 @@ _HOMES = {
         "Squareness",
         "squareness_from_diagonals",
     ),
-    "stability": ("allan_deviation",),
     "steps": (
         "MultistepRoundness",
         "multistep",
@@ -488,21 +445,18 @@ _HOMES = {
         "Stitching",
         "stitch",
     ),
-    "straightness_method": ("ReferenceLine",),
     "three_points": (
         "ThreePoint",
+        "TwoPoint",
         "three_point",
+        "two_point",
         "zero_error_sag",
     ),
-    "two_points": (
-        "TwoPoint",
-        "two_point",
-    ),
     "zero_adjustment": (
+        "ZeroAdjustment",
         "ZeroCalibration",
         "zero_calibration",
     ),
-    "zero_method": ("ZeroAdjustment",),
 }
 
 __all__ = sorted(name for names in _HOMES.values() for name in names)  # noqa: PLE0605

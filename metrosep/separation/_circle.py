@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -19,13 +19,18 @@ from metrosep.core._arrays import ComplexArray, FloatArray
 from metrosep.core.errors import (
     DataError,
     InvalidSamplesError,
+    NotSeparableError,
     TooFewSamplesError,
     UnitError,
 )
-from metrosep.separation._readings import as_numbers
-from metrosep.separation.null_space import Unobservable
+from metrosep.core.profile import Profile
+from metrosep.core.provenance import Step
+from metrosep.core.recording import Recording
+from metrosep.separation._readings import as_numbers, curves, first_angle, require_turn
+from metrosep.separation.contract import Separation, Unobservable
 
 __all__ = [
+    "ProbeGeometry",
     "Revolutions",
     "angle_tuple",
     "centred",
@@ -37,17 +42,19 @@ __all__ = [
     "check_turn",
     "check_u_reading",
     "check_whole",
+    "circle_readings",
     "curve",
     "grid",
     "harmonics_of",
     "names_of_k",
     "numbers",
     "part_arrays",
+    "probe_geometry",
     "referred_to_zero",
     "revolutions",
     "turned",
+    "with_messages",
 ]
-
 
 _LARGEST_RADIUS = 10.0
 """m; no artefact on a spindle is larger, but 20 mm given as 20 is."""
@@ -299,3 +306,189 @@ def names_of_k(ks: Sequence[int], *, most: int = 12) -> str:
     """Return harmonics as words for a message."""
     shown = ", ".join(str(k) for k in ks[:most])
     return shown + (f", ... ({len(ks)} in all)" if len(ks) > most else "")
+
+
+# ---- readings round a circle as callers give them: arrays, profiles, a recording with its angle ----
+
+_REPEATED = 0.01
+"""Share of the power off the multiples of M below which a curve is one of M equal revolutions."""
+
+_MOST_TURNS = 64
+"""Revolutions of a recording without its angle that are looked for."""
+
+
+@dataclass(frozen=True, slots=True)
+class CircleReadings:
+    """Readings over whole revolutions."""
+
+    # shape (n, N) or (n, M, N): as a method takes them; not yet checked where the caller gave an
+    # array
+    values: Any
+    start_angle: float = 0.0  # rad: angle of the first sample
+    history: tuple[Step, ...] = ()  # what happened to them before
+    messages: tuple[str, ...] = ()  # doubts
+
+
+def circle_readings(m: Any, *, what: str, angle: ArrayLike | None = None) -> CircleReadings:
+    """Return readings with the angle at which they begin."""
+    if isinstance(m, Recording):
+        if angle is not None:
+            raise DataError(f"{what}: give the angle as a channel of the recording, not beside it")
+        return _of_recording(m, what)
+    if isinstance(m, Profile | Mapping):
+        raise InvalidSamplesError(
+            f"{what} needs several readings in a row, got one {type(m).__name__}"
+        )
+    if isinstance(m, Sequence) and any(isinstance(item, Profile) for item in m):
+        values, positions, history = curves(m, what=what, axis="angle")
+        start = first_angle(positions, angle, len(values[0]), what)
+        return CircleReadings(np.stack(values), start, history)
+    if angle is None:
+        return CircleReadings(m)
+    try:
+        n = np.shape(m)[-1]
+    except (ValueError, IndexError):
+        raise DataError(f"{what}: angle needs readings of equal length") from None
+    return CircleReadings(m, first_angle(None, angle, n, what))
+
+
+def _of_recording(m: Recording, what: str) -> CircleReadings:
+    """Return the channels of a recording, cut into revolutions where it holds its angle."""
+    names = [k for k in m.channels if m.units.get(k) == "rad" or k.lower().startswith("angle")]
+    if len(names) > 1:
+        raise DataError(f"{what}: the recording has several angles: {', '.join(names)}; keep one")
+    rows = [v for k, v in m.channels.items() if k not in names]
+    if not rows:
+        raise DataError(f"{what}: the recording holds no readings beside {names}")
+    values = np.stack(rows)
+    if not names:
+        return CircleReadings(values, 0.0, m.history, _repeats(values, what))
+    angle = m.channels[names[0]]
+    if np.isnan(angle).any() or angle.size < 3:
+        raise InvalidSamplesError(
+            f"{what}: channel {names[0]!r} must hold an angle at each sample"
+        )
+    angle = np.unwrap(angle)
+    turns = abs(float(angle[-1] - angle[0])) / (2.0 * np.pi) * angle.size / (angle.size - 1)
+    whole = max(1, round(turns))
+    if angle.size % whole:
+        raise InvalidSamplesError(
+            f"{what}: channel {names[0]!r} runs over {turns:.4g} revolutions, {angle.size} samples; "
+            "crop to whole revolutions of equal steps, or resample by angle"
+        )
+    n = angle.size // whole
+    for i, one in enumerate(angle.reshape(whole, n)):
+        require_turn(one)
+        if abs(float(one[0] - angle[0]) - 2.0 * np.pi * i) > 1e-6 * 2.0 * np.pi / n:
+            raise InvalidSamplesError(
+                f"{what}: revolution {i} of channel {names[0]!r} does not begin where the first "
+                "does; resample by angle"
+            )
+    shape = (values.shape[0], n) if whole == 1 else (values.shape[0], whole, n)
+    return CircleReadings(values.reshape(shape), float(angle[0]), m.history)
+
+
+def _repeats(values: FloatArray, what: str) -> tuple[str, ...]:
+    """Say so where a recording without its angle looks like several revolutions."""
+    n = values.shape[1]
+    if n < 6 or not np.isfinite(values).all():
+        return ()
+    power = np.sum(np.abs(np.fft.rfft(values - values.mean(axis=1, keepdims=True))) ** 2, axis=0)
+    total = float(power.sum())
+    for turns in range(min(_MOST_TURNS, n // 3), 1, -1):
+        if n % turns == 0 and float(power[::turns].sum()) > (1.0 - _REPEATED) * total > 0.0:
+            text = (
+                f"{what}: the recording is taken as one revolution, but its readings repeat "
+                f"{turns} times: if it holds {turns} revolutions, add the channel 'angle' in rad "
+                f"or give an array ({values.shape[0]}, {turns}, {n // turns})"
+            )
+            return (text,)
+    return ()
+
+
+def with_messages(found: Separation, messages: tuple[str, ...]) -> Separation:
+    """Return the result with the doubts about its readings."""
+    return replace(found, messages=(*found.messages, *messages)) if messages else found
+
+
+# ---- what an arrangement of probes sees of each harmonic: least squares, noise gain, residual ----
+# For undulation k the readings are ``M_i = R e_i + X cos(phi_i) + Y sin(phi_i)`` with
+# ``e_i = exp(j k t phi_i)``, t = +1 or -1 the turn. What cos and sin cannot explain of e is what
+# shows R: with C the covariance of the readings, V its inverse and P the projector on what V finds
+# orthogonal to cos and sin, ``R = (P e)* V M / (e* V P e)``.
+
+_COLLINEAR = 1e-6
+"""Smallest ratio of the singular values of (cos, sin): probes on a line see one direction."""
+
+_NO_COUPLING = 1e-9
+"""A motion that a hidden artefact harmonic moves by less than this is still observable."""
+
+
+@dataclass(frozen=True, slots=True)
+class ProbeGeometry:
+    """Estimators of all harmonics 0 ... kmax."""
+
+    # of complex, shape (3, kmax + 1, n): what R, X and Y are made of; NaN where not observable
+    rows: ComplexArray
+    # shape (3, kmax + 1): noise of R, X, Y over the root mean square noise of the probes; inf
+    # where not observable
+    gain: FloatArray
+    # of complex, shape (kmax + 1, n, n): whitened part of the readings that no artefact and no
+    # motion explains
+    residual: ComplexArray
+    # shape (kmax + 1,): complex degrees of freedom of that part; 0 for k = 0 and 1
+    freedom: NDArray[np.int64]
+    whitener: FloatArray  # shape (n, n): makes readings of unit root mean square noise white
+
+
+def probe_geometry(
+    angles: FloatArray, kmax: int, *, covariance: FloatArray | None, max_gain: float, turn: int
+) -> ProbeGeometry:
+    """Return the estimators of an arrangement; harmonics with a larger gain are not observable."""
+    n = angles.size
+    relative = np.eye(n) if covariance is None else covariance * (n / np.trace(covariance))
+    whitener = _whitener(relative)
+    motion = whitener @ np.column_stack([np.cos(angles), np.sin(angles)])
+    left, size, right = np.linalg.svd(motion, full_matrices=False)
+    if size[1] < _COLLINEAR * size[0]:
+        raise NotSeparableError(
+            "the probes stand on one line through the axis, so they see one direction of the "
+            "motion only; spread the angles"
+        )
+    to_motion = right.T @ (left / size).T
+    k = np.arange(kmax + 1)
+    artefact = np.exp(1j * turn * np.outer(k, angles)) @ whitener.T
+    seen = artefact - (artefact @ left) @ left.T
+    size2 = np.sum(np.abs(seen) ** 2, axis=1)
+    hidden = size2 * max_gain**2 < 1.0
+    hidden[:2] = True
+    seen[hidden] = 0.0
+    size2[hidden] = 1.0
+    row_r = seen.conj() / size2[:, np.newaxis]
+    coupling = artefact @ to_motion.T
+    rows = np.empty((3, k.size, n), dtype=np.complex128)
+    rows[0] = row_r
+    rows[0, hidden] = np.nan
+    for part in (0, 1):
+        share = coupling[:, part]
+        rows[1 + part] = to_motion[part] - share[:, np.newaxis] * row_r
+        rows[1 + part, hidden & (np.abs(share) > _NO_COUPLING)] = np.nan
+    rows[:, :2] = np.nan
+    gain = np.sqrt(np.sum(np.abs(rows) ** 2, axis=2))
+    gain = np.where(np.isnan(gain), np.inf, gain)
+    unit = seen / np.sqrt(size2)[:, np.newaxis]
+    residual = (np.eye(n) - left @ left.T) - unit[:, :, np.newaxis] * unit[:, np.newaxis].conj()
+    residual[hidden] = 0.0
+    freedom = np.where(hidden, 0, n - 3).astype(np.int64)
+    return ProbeGeometry(rows @ whitener, gain, residual, freedom, whitener)
+
+
+def _whitener(covariance: FloatArray) -> FloatArray:
+    try:
+        lower = np.linalg.cholesky(covariance)
+    except np.linalg.LinAlgError as exc:
+        raise InvalidSamplesError(
+            "cov is not positive definite; give variances > 0 in m^2, and correlations below 1"
+        ) from exc
+    out: FloatArray = np.linalg.inv(lower)
+    return out

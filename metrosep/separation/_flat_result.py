@@ -17,8 +17,8 @@ from metrosep.separation._map_input import MapGrid
 from metrosep.separation._map_orders import RIGID, coarse, mirror, without_plane
 from metrosep.separation._map_results import noise_of
 from metrosep.separation._map_whiteness import residual_doubts, smoothness
-from metrosep.separation._registration_terms import extended, map_gradient
-from metrosep.separation.null_space import Unobservable
+from metrosep.separation.contract import Unobservable
+from metrosep.separation.registration import extended, map_gradient
 
 _BETTER = 0.5
 _COARSE = 64

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, DegenerateFitError
-from metrosep.forms.zernike_index import ZernikeOrder, nm_to_ansi, term_indices, term_name, to_nm
-from metrosep.forms.zernike_terms import zernike_values
+from metrosep.forms.zernike import ZernikeOrder, nm_to_ansi, term_indices, term_name, to_nm
+from metrosep.forms.zernike_fit import zernike_values
 from metrosep.separation._flat_setups import FlatSetup, order_design
 from metrosep.separation._map_input import MapGrid
 from metrosep.separation._map_orders import solve_order

@@ -21,8 +21,7 @@ from metrosep.separation._line_probes import (
     kinds_of,
     rows_without_carriage,
 )
-from metrosep.separation._line_problem import Problem
-from metrosep.separation._line_stations import Stations
+from metrosep.separation._line_problem import Problem, Stations
 
 
 @dataclass(frozen=True, slots=True, eq=False)

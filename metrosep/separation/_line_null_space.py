@@ -6,7 +6,7 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.separation._line_probes import Row
-from metrosep.separation.null_space import Unobservable
+from metrosep.separation.contract import Unobservable
 
 LINE = (
     "offset and line are the alignment of artefact and probes to the carriage; measure them "

@@ -3,19 +3,27 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray, as_float
-from metrosep.core.errors import DataError, UnitError
+from metrosep.core.errors import DataError, InvalidSamplesError, UnitError
+from metrosep.core.profile import Profile
+from metrosep.core.provenance import Step
+from metrosep.core.units import format_length
 from metrosep.separation._line_probes import (
     MAX_POSITIONS,
     Row,
+    complement,
     grid_of,
+    positions,
+    uniform_step,
 )
-from metrosep.separation._line_stations import Stations, stations_of, with_angle
+from metrosep.separation.contract import Separation
 
 MAX_ANGLE = 0.02
 """A pitch above 20 mrad is no straightness error of a carriage: it was given in another unit."""
@@ -115,3 +123,276 @@ def check_size(n: int, what: str) -> None:
             f"{what}: {n} positions; the exact covariance takes up to {MAX_POSITIONS}: average or "
             "thin the readings, or cut the travel into parts that overlap"
         )
+
+
+# ---- passes of probes in a row, sorted so that no mean mixes the carriage of different passes ----
+# Each pass has its own straightness and pitch. A mean over passes is free of them only if all its
+# probes were read in the same passes. So the passes of each position are sorted by which probes they
+# hold: one station is a position, a set of probes, and the mean over the passes that hold this set.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stations:
+    """Means of readings that were taken together."""
+
+    # shape (n_sensors, n_stations): means; NaN where a sensor does not belong to the station
+    values: FloatArray
+    # shape (n_sensors, n_stations): their standard deviations relative to the mean of `most`
+    # readings of a probe
+    sd: FloatArray
+    at: NDArray[np.intp]  # shape (n_stations,): which position of the carriage
+    count: NDArray[np.intp]  # shape (n_stations,): how many passes
+    most: int  # passes at the position that has most of them
+    # positions at which the angle was left out because a pass misses a probe
+    n_lost_angles: int = 0
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """Which sensor belongs to which station."""
+        return ~np.isnan(self.values)
+
+    def within(self, piece: slice) -> Stations:
+        """Return the stations of a run of positions, counted from its first."""
+        inside = (self.at >= piece.start) & (self.at < piece.stop)
+        return Stations(
+            self.values[:, inside],
+            self.sd[:, inside],
+            self.at[inside] - piece.start,
+            self.count[inside],
+            self.most,
+        )
+
+    def whole(self, n_probes: int, n: int) -> NDArray[np.bool_]:
+        """Return at which of n positions all probes were read together."""
+        out = np.zeros(n, dtype=bool)
+        out[self.at[self.valid[:n_probes].all(axis=0)]] = True
+        return out
+
+
+def stations_of(readings: FloatArray) -> Stations:
+    """Return the stations of readings, shape (n_probes, R, n)."""
+    n_probes, _, n = readings.shape
+    valid = ~np.isnan(readings)
+    code = _codes(valid)
+    clean = np.where(valid, readings, 0.0)
+    patterns = [int(p) for p in np.unique(code) if p]
+    values, at, count = [np.empty((n_probes, 0))], [np.empty(0, int)], [np.empty(0, int)]
+    for pattern in patterns:
+        passes = code == pattern
+        number = passes.sum(axis=0)
+        here = np.flatnonzero(number)
+        mean = (clean * passes).sum(axis=1)[:, here] / number[here]
+        used = np.array([pattern >> s & 1 for s in range(n_probes)], dtype=bool)
+        values.append(np.where(used[:, None], mean, np.nan))
+        at.append(here)
+        count.append(number[here])
+    place, counts = np.concatenate(at), np.concatenate(count)
+    order = np.argsort(place, kind="stable")
+    most = int(np.bincount(place, counts, minlength=n).max(initial=1.0))
+    sd = np.broadcast_to(np.sqrt(most / counts[order]), (n_probes, order.size)).copy()
+    return Stations(
+        np.concatenate(values, axis=1)[:, order], sd, place[order], counts[order], most
+    )
+
+
+def with_angle(stations: Stations, angle: FloatArray, sd: float) -> Stations:
+    """Return stations with an angle sensor that reads the mean pitch of all passes of a position."""
+    shared = np.bincount(stations.at, minlength=angle.size)[stations.at] > 1
+    values = np.where(shared, np.nan, angle[stations.at])
+    lost = np.unique(stations.at[shared & ~np.isnan(angle[stations.at])]).size
+    return Stations(
+        np.vstack([stations.values, values]),
+        np.vstack([stations.sd, np.full(values.size, sd)]),
+        stations.at,
+        stations.count,
+        stations.most,
+        lost,
+    )
+
+
+def pooled_noise(readings: FloatArray, nuisance: FloatArray) -> tuple[float, float]:
+    """Return the standard deviation of one reading from passes, and its degrees of freedom.
+
+    Straightness and pitch may differ from pass to pass: only what is left without them counts,
+    among the passes that hold the same probes at a position.
+    """
+    n_probes = readings.shape[0]
+    valid = ~np.isnan(readings)
+    code = _codes(valid)
+    clean = np.where(valid, readings, 0.0)
+    squares, freedom = 0.0, 0.0
+    for pattern in (int(p) for p in np.unique(code) if p):
+        used = np.array([pattern >> s & 1 for s in range(n_probes)], dtype=bool)
+        rows = complement(nuisance, np.ones(n_probes), used)
+        passes = code == pattern
+        y = np.tensordot(rows, clean, axes=1) * passes
+        count = passes.sum(axis=0)
+        mean = y.sum(axis=1) / np.maximum(count, 1)
+        squares += float((((y - mean[:, None, :]) * passes) ** 2).sum())
+        freedom += float(rows.shape[0] * np.maximum(count - 1, 0).sum())
+    return (math.sqrt(squares / freedom), freedom) if freedom >= 1.0 else (math.nan, 0.0)
+
+
+def _codes(valid: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Return which probes each pass holds at each position as a number, shape (R, n)."""
+    weights = (1 << np.arange(valid.shape[0])).astype(np.int64)
+    return np.asarray(np.tensordot(weights, valid.astype(np.int64), axes=1))
+
+
+# ---- what is asked of probes in a row: probes, estimator, zero; numbers as callers give them ----
+
+METHODS = ("sequential", "generalised", "combined", "least_squares")
+
+_SPELLINGS = {
+    "generalized": "generalised",
+    "least-squares": "least_squares",
+    "ls": "least_squares",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Zero:
+    """A known zero difference of three probes and its standard uncertainty, m."""
+
+    value: float
+    u: float
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """What is to be evaluated and how."""
+
+    name: str  # of the method, for messages
+    row: Row  # probes
+    method: str  # estimator
+    smoothing: float  # weight of the penalty of the generalised estimator
+    zero: Zero | None = None  # known zero difference
+
+
+def number(value: Any, name: str, unit: str = "m") -> float:
+    """Return one number, or refuse what is none."""
+    try:
+        return float(value) if not isinstance(value, (str, bytes)) else float("none")
+    except (TypeError, ValueError):
+        raise DataError(f"{name} must be one number in {unit}, got {value!r}") from None
+
+
+def method_named(name: Any, known: tuple[str, ...], what: str) -> str:
+    """Return the name of an estimator, spelt in one way."""
+    word = name.lower() if isinstance(name, str) else ""
+    word = _SPELLINGS.get(word, word)
+    if word not in known:
+        raise DataError(f"{what} has no method {name!r}; it has {', '.join(known)}")
+    return word
+
+
+def checked_smoothing(value: Any, what: str) -> float:
+    """Return the weight of the penalty, or refuse it."""
+    weight = number(value, f"{what}: smoothing", "1")
+    if not 0.0 < weight < float("inf"):
+        raise DataError(f"{what}: smoothing is {value}; it must be above zero")
+    return weight
+
+
+# ---- arguments of the public functions for probes in a row, as people call them ----------------
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Given:
+    """Readings with their positions."""
+
+    readings: FloatArray  # shape (n_probes, n) or (n_probes, R, n), m: of all probes
+    x: FloatArray | None  # m: positions of the carriage
+    step: float  # m: between the samples of the artefact
+    history: tuple[Step, ...]  # of profiles
+    messages: tuple[str, ...]  # what was assumed
+
+    def told(self, result: Separation) -> Separation:
+        """Return a result that says what was assumed."""
+        if not self.messages:
+            return result
+        return replace(result, messages=(*self.messages, *result.messages))
+
+
+def split_call(m: Any, more: Sequence[Any], distance: Any, n_probes: int, what: str) -> Any:
+    """Return readings and distance of a call with one array, or with one array for each probe."""
+    if distance is None and more:
+        more, distance = more[:-1], more[-1]
+    right = f"call {what}(m, distance, step=...) with m of shape ({n_probes}, n)"
+    if distance is None or isinstance(distance, Profile) or np.ma.size(distance) > 3:
+        raise DataError(f"{what}: the distance between the probes in m is missing; {right}")
+    if not more:
+        return m, distance
+    if len(more) != n_probes - 1:
+        raise DataError(f"{what}: {1 + len(more)} readings for {n_probes} probes; {right}")
+    return [m, *more], distance
+
+
+def given_readings(
+    m: Any, x: ArrayLike | None, step: float | None, what: str, *, distance: Any = None
+) -> Given:
+    """Return readings, positions and step of arrays or profiles."""
+    history: tuple[Step, ...] = ()
+    if isinstance(m, (list, tuple)) and any(isinstance(p, Profile) for p in m):
+        m, x, history = _of_profiles(m, x, what)
+    readings = _array(m, what)
+    n = readings.shape[-1]
+    spacing = None if step is None else number(step, f"{what}: step")
+    if x is not None:
+        at = positions(as_float(x), None, n, what)
+        return Given(readings, at, spacing or uniform_step(at, what), history, ())
+    messages: tuple[str, ...] = ()
+    if spacing is None:
+        spacing = _one_distance(distance)
+        if spacing is None:
+            raise DataError(f"{what} needs the positions x or the step between them, in m")
+        text = (
+            "the step is not given and taken as the distance of the probes, "
+            f"{format_length(spacing)}: give x or step if the carriage moves otherwise"
+        )
+        messages = (text,)
+    return Given(readings, None, spacing, history, messages)
+
+
+def _one_distance(distance: Any) -> float | None:
+    """Return the one distance of the probes; None where there are two or none."""
+    try:
+        values = np.unique(np.asarray(distance, dtype=np.float64))
+    except (TypeError, ValueError):
+        return None
+    usable = values.size == 1 and np.isfinite(values[0]) and values[0] > 0.0
+    return float(values[0]) if usable else None
+
+
+def _array(m: Any, what: str) -> FloatArray:
+    try:
+        readings = as_float(m)
+    except (TypeError, ValueError) as exc:
+        raise InvalidSamplesError(
+            f"{what}: readings must be an array of numbers, one row for each probe, all of one length "
+            f"({exc})"
+        ) from None
+    if readings.ndim < 2:
+        raise InvalidSamplesError(
+            f"{what}: got one row of {readings.size} numbers; give the raw readings of all probes as "
+            "m = [m1, m2, ...], not their differences: straightness and pitch need them"
+        )
+    return readings
+
+
+def _of_profiles(
+    m: Sequence[Any], x: ArrayLike | None, what: str
+) -> tuple[FloatArray, FloatArray, tuple[Step, ...]]:
+    if not all(isinstance(p, Profile) for p in m) or x is not None:
+        raise DataError(
+            f"{what}: give all probes as profiles over the carriage positions, without x, or all as "
+            "arrays"
+        )
+    first = m[0]
+    for i, p in enumerate(m[1:], start=2):
+        if len(p) != len(first) or np.abs(p.x - first.x).max() > 1e-6 * float(np.ptp(first.x)):
+            raise DataError(
+                f"{what}: probe {i} was read at other positions than probe 1; all profiles must be "
+                "given over the position of the carriage"
+            )
+    return np.array([p.z for p in m]), first.x, tuple(s for p in m for s in p.history)

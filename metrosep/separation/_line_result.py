@@ -20,16 +20,17 @@ from metrosep.separation._line_null_space import PARABOLA, has_end_waves, null_s
 from metrosep.separation._line_probes import Row, positions
 from metrosep.separation._line_problem import (
     Problem,
+    Request,
     Sensor,
+    Zero,
     check_size,
     checked_sensor,
+    number,
+    pooled_noise,
     problem_of,
 )
-from metrosep.separation._line_request import Request, Zero, number
-from metrosep.separation._line_stations import pooled_noise
 from metrosep.separation._readings import NOISE_UNKNOWN
-from metrosep.separation.contract import Separation
-from metrosep.separation.null_space import Unobservable
+from metrosep.separation.contract import Separation, Unobservable
 
 __all__ = ["Request", "Zero", "evaluate"]
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.quantity import Quantity
-from metrosep.separation.null_space import Unobservable
+from metrosep.separation.contract import Unobservable
 
 REMOVABLE = {"piston": ("piston",), "tilt": ("tilt x", "tilt y"), "power": ("defocus",)}
 """What may be removed from each reading, and the terms that this is."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import NotSeparableError, TooFewSamplesError
 from metrosep.core.quantity import Quantity
-from metrosep.separation.planner_checks import positive
+from metrosep.separation._readings import positive
 
 __all__ = ["Interaction", "coupling", "two_way"]
 

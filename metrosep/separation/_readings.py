@@ -7,8 +7,11 @@ repeated: passes of a slide, revolutions of a spindle.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import numbers
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,9 +22,30 @@ from metrosep.core.errors import (
     InvalidSamplesError,
     NotSeparableError,
     TooFewSamplesError,
+    UnitError,
 )
+from metrosep.core.profile import Profile
+from metrosep.core.provenance import Step, history_as_dicts
 from metrosep.core.quantity import Quantity
-from metrosep.spectral._checks import real_number
+from metrosep.core.surface import Surface
+from metrosep.spectral.dft import real_number
+
+if TYPE_CHECKING:
+    from metrosep.separation.contract import SeparationMethod
+
+__all__ = [
+    "LONG_WAVE",
+    "checked_count",
+    "checked_feeds",
+    "checked_number",
+    "checked_sd",
+    "checked_seed",
+    "checked_wavelengths",
+    "plain",
+    "positive",
+    "real_numbers",
+    "reduced",
+]
 
 NOISE_UNKNOWN = (
     "the noise of a reading is not known, so no uncertainty is stated: give repeats, or u_reading"
@@ -271,3 +295,399 @@ def harmonics_u(array: FloatArray, weights: FloatArray, noise: float) -> FloatAr
 
 _ENOUGH = 4
 """Repeats from which the scatter of one harmonic is better known than that of white noise."""
+
+
+# ---- settings of the standard tests as plain numbers -------------------------------------------
+
+
+def checked_number(value: Any, name: str, what: str = "a number") -> float:
+    """Return a finite number."""
+    single = isinstance(value, numbers.Real) or (
+        isinstance(value, np.ndarray) and value.ndim == 0 and value.dtype.kind in "iuf"
+    )
+    if not single or isinstance(value, (bool, np.bool_)) or not math.isfinite(float(value)):
+        raise DataError(f"{name} must be {what}, got {value!r}")
+    return float(value)
+
+
+def checked_sd(value: Any, unit: str = "") -> float | None:
+    """Return the standard deviation of one reading, or None."""
+    if value is None:
+        return None
+    tail = f", in {unit}" if unit else ""
+    sd = checked_number(value, "sd", f"a number{tail}")
+    if sd < 0.0:
+        raise DataError(f"sd must be zero or positive{tail}, got {value}")
+    return sd
+
+
+def checked_count(value: Any, name: str, *, low: int = 0) -> int:
+    """Return a whole number."""
+    what = f"a whole number of {low} or more"
+    found = checked_number(value, name, what)
+    if found != int(found) or found < low:
+        raise DataError(f"{name} must be {what}, got {value!r}")
+    return int(found)
+
+
+def checked_seed(value: Any) -> int:
+    """Return the seed of a simulation."""
+    return checked_count(value, "seed")
+
+
+# ---- private helper: refuse complex numbers, text and rows of unequal length before they are used ----
+
+
+def real_numbers(values: Any, name: str) -> NDArray[Any]:
+    """Return an array of real numbers of any kind; what is no such array is refused by name."""
+    try:
+        array = np.asarray(values)
+        is_complex = np.iscomplexobj(array)
+        if not is_complex and array.dtype.kind not in "fiub":
+            array = array.astype(np.float64)
+    except (TypeError, ValueError) as exc:
+        raise InvalidSamplesError(
+            f"{name} must be real numbers in rows of equal length, in SI: {exc}"
+        ) from None
+    if is_complex:
+        raise InvalidSamplesError(f"{name} must be real, got complex: give X and Y as two rows")
+    return array
+
+
+# ---- parts and readings as callers give them: mappings, arrays or profiles ---------------------
+
+
+def given_parts(
+    method: str,
+    truth: Mapping[str, ArrayLike],
+    errors: Mapping[str, ArrayLike],
+    *,
+    truth_parts: Sequence[str],
+    error_parts: Sequence[str],
+) -> dict[str, FloatArray]:
+    """Return all parts of a simulation, zeros where one is missing."""
+    for given, known, kind in ((truth, truth_parts, "truth"), (errors, error_parts, "error")):
+        for name in given:
+            if name not in known:
+                raise DataError(f"{method} has no {kind} part {name!r}; it has {', '.join(known)}")
+    found = {k: np.asarray(v, dtype=np.float64) for k, v in {**truth, **errors}.items()}
+    shapes = {v.shape for v in found.values()}
+    if len(shapes) != 1:
+        problem = "none is given" if not shapes else f"the shapes are {sorted(shapes)}"
+        raise DataError(f"{method}: parts of one shape are needed to simulate, {problem}")
+    zero = np.zeros(shapes.pop())
+    return {k: found.get(k, zero) for k in (*truth_parts, *error_parts)}
+
+
+def curves(
+    items: Sequence[ArrayLike | Profile], *, what: str, axis: str
+) -> tuple[list[Any], FloatArray | None, tuple[Step, ...]]:
+    """Return readings as arrays, with the positions and the history that profiles carry."""
+    profiles = [item for item in items if isinstance(item, Profile)]
+    if not profiles:
+        return list(items), None, ()
+    if len(profiles) != len(items):
+        raise DataError(f"{what}: give all readings as profiles, or all as arrays, not mixed")
+    first = profiles[0]
+    step = abs(float(np.ptp(first.x))) / max(len(first) - 1, 1)
+    for i, other in enumerate(profiles[1:], start=2):
+        if len(other) != len(first):
+            raise DataError(
+                f"{what}: reading {i} has {len(other)} samples, the first has {len(first)}; "
+                "resample both onto the same positions"
+            )
+        shift = float(np.max(np.abs(other.x - first.x)))
+        if shift > 1e-6 * step:
+            raise DataError(
+                f"{what}: the {axis} positions of reading {i} differ from the first by up to "
+                f"{shift:.6g} {'rad' if axis == 'angle' else 'm'}; both must be given over the "
+                "positions of the artefact (a reversal turns it by half a revolution)"
+            )
+    history = tuple(step for p in profiles for step in p.history)
+    return [p.z for p in profiles], first.x, history
+
+
+def stacked(readings: Sequence[ArrayLike], what: str) -> FloatArray:
+    """Return curves, each perhaps repeated, as one array; missing repeats are NaN."""
+    arrays = [as_numbers(r, f"{what} needs readings as numbers") for r in readings]
+    shapes = [a.shape for a in arrays]
+    if any(len(s) not in (1, 2) for s in shapes) or len({s[-1] for s in shapes}) != 1:
+        raise DataError(
+            f"{what}: readings must be curves of equal length, got the shapes "
+            f"{', '.join(str(s) for s in shapes)}; resample them onto the same positions"
+        )
+    most = max(a.shape[0] if a.ndim == 2 else 1 for a in arrays)
+    out = np.full((len(arrays), most, shapes[0][-1]), np.nan)
+    for i, a in enumerate(arrays):
+        rows = np.atleast_2d(a)
+        out[i, : rows.shape[0]] = rows
+    return out
+
+
+def first_angle(positions: FloatArray | None, angle: ArrayLike | None, n: int, what: str) -> float:
+    """Return the angle of the first sample of readings over one turn."""
+    if positions is not None and angle is not None:
+        raise DataError(f"{what}: profiles bring their angles, leave out angle")
+    if positions is None and angle is None:
+        return 0.0
+    angles = positions if positions is not None else as_angles(angle, what)
+    if angles.size != n:
+        raise DataError(f"{what}: there are {angles.size} angles for {n} samples")
+    require_turn(angles)
+    return float(angles[0])
+
+
+def as_angles(angle: ArrayLike | None, what: str) -> FloatArray:
+    """Return angles as an array."""
+    try:
+        angles = np.array(angle, dtype=np.float64)
+    except (TypeError, ValueError) as exc:
+        raise InvalidSamplesError(f"{what}: the angles are no numbers ({exc})") from None
+    if angles.ndim != 1 or not np.isfinite(angles).all():
+        raise InvalidSamplesError(f"{what}: the angles must be one row of finite numbers, in rad")
+    return angles
+
+
+def require_turn(angle: FloatArray) -> None:
+    """Refuse angles that are not equally spaced over one revolution."""
+    n = angle.size
+    step = 2.0 * np.pi / n
+    apart = np.abs(angle - angle[0] - step * np.arange(n))
+    if np.max(apart) > _ROUNDED * step:
+        hint = _angle_hint(angle)
+        raise InvalidSamplesError(
+            f"the angles must be equally spaced over one revolution, {n} steps of "
+            f"{np.degrees(step):.6g} deg; {hint}"
+        )
+
+
+def _angle_hint(angle: FloatArray) -> str:
+    """Return what is probably the matter with angles that do not close one turn."""
+    n = angle.size
+    forward = float(np.median(np.diff(angle))) if n > 1 else 0.0
+    if forward < 0.0:
+        return "they fall: turn the samples round, or give the angle of the other sense"
+    if np.max(np.abs(angle - angle[0] - 360.0 / n * np.arange(n))) < _ROUNDED * 360.0 / n:
+        return "these look like degrees, rad are needed"
+    turns = round(n * forward / (2.0 * np.pi))
+    if turns > 1:
+        return (
+            f"they run through {turns} revolutions: tell them apart (repeat, a column that numbers "
+            "them), or give an array (revolutions, samples)"
+        )
+    return "resample them; the last sample is not the first one again"
+
+
+_ROUNDED = 0.01
+"""Angles may lie this share of a step beside the grid: they were rounded in a text."""
+
+
+# ---- parts of a simulation whose shapes differ from part to part; a stated uncertainty ---------
+
+
+def known_parts(
+    method: SeparationMethod, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
+) -> dict[str, FloatArray]:
+    """Return the parts that were given, as arrays."""
+    found = {}
+    for given, known, kind in (
+        (truth, method.truth_parts, "truth"),
+        (errors, method.error_parts, "error"),
+    ):
+        for name, values in given.items():
+            if name not in known:
+                has = ", ".join(known) or "none"
+                raise DataError(f"{method.name} has no {kind} part {name!r}; it has {has}")
+            try:
+                found[name] = np.array(values, dtype=np.float64)
+            except (TypeError, ValueError) as exc:
+                raise DataError(
+                    f"{method.name}: the part {name!r} is no array of numbers: {exc}"
+                ) from None
+    if not found:
+        every = ", ".join((*method.truth_parts, *method.error_parts))
+        raise DataError(f"{method.name}: no part is given to simulate; it has {every}")
+    return found
+
+
+def part_of(
+    parts: Mapping[str, FloatArray], name: str, shape: tuple[int, ...], what: str
+) -> FloatArray:
+    """Return one part of a stated shape, zeros where it was not given."""
+    if name not in parts:
+        return np.zeros(shape)
+    if parts[name].shape != shape:
+        raise DataError(
+            f"{what}: the part {name!r} must have the shape {shape}, got {parts[name].shape}"
+        )
+    return parts[name]
+
+
+def stated_u(u_reading: float | None, unit: str, name: str = "u_reading") -> float | None:
+    """Return a stated standard uncertainty of one reading, or None."""
+    if u_reading is None:
+        return None
+    value = checked_number(u_reading, name, f"a standard uncertainty >= 0 in {unit}")
+    if value < 0.0:
+        raise DataError(f"{name} is {value}; it must be a standard uncertainty >= 0 in {unit}")
+    return value
+
+
+# ---- private helpers of result classes: plain values for JSON, and copies by copy and pickle ----
+
+
+def plain(value: Any) -> Any:
+    """Return a value as lists, dicts, numbers and text; what is not finite becomes None."""
+    if value is None or isinstance(value, str | bool | int):
+        return value
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(v) for v in value]
+    if isinstance(value, Quantity):
+        return plain(value.to_dict())
+    if isinstance(value, Step):
+        return plain(history_as_dicts((value,))[0])
+    if isinstance(value, Profile):
+        return {"x": plain(value.x), "z": plain(value.z)}
+    if isinstance(value, Surface):
+        steps = {"dx": plain(value.dx), "dy": plain(value.dy), "origin": plain(value.origin)}
+        return {**steps, "z": plain(value.z)}
+    return str(value)
+
+
+def reduced(result: Any) -> tuple[Callable[..., Any], tuple[Any, ...]]:
+    """Return what ``__reduce__`` of a result with read-only mappings and arrays must return."""
+    parts = {name: _stored(getattr(result, name)) for name in _slots(type(result))}
+    return _restored, (type(result), parts)
+
+
+class _Stored:
+    """Stands for an object while it is copied; the copy is what ``make(*args)`` returns."""
+
+    def __init__(self, make: Callable[..., Any], *args: Any) -> None:
+        self.recipe = (make, args)
+
+    def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
+        return self.recipe
+
+
+def _stored(value: Any) -> Any:
+    if isinstance(value, MappingProxyType):
+        return _Stored(_read_only_view, {k: _stored(v) for k, v in value.items()})
+    if isinstance(value, dict):
+        return {k: _stored(v) for k, v in value.items()}
+    if type(value) in (tuple, list):
+        return type(value)(_stored(v) for v in value)
+    if isinstance(value, np.ndarray):
+        return value if value.flags.writeable else _Stored(_read_only, np.array(value))
+    if type(value).__module__.startswith("metrosep.") and _slots(type(value)):
+        make, args = reduced(value)
+        return _Stored(make, *args)
+    return value
+
+
+def _read_only_view(items: dict[Any, Any]) -> MappingProxyType[Any, Any]:
+    """Return a read-only view."""
+    return MappingProxyType(items)
+
+
+def _read_only(values: Any) -> Any:
+    array = np.asarray(values)
+    array.setflags(write=False)
+    return array
+
+
+def _slots(kind: type) -> list[str]:
+    own = [getattr(base, "__slots__", ()) for base in kind.__mro__]
+    return [n for names in own for n in ((names,) if isinstance(names, str) else names)]
+
+
+def _restored(kind: type, parts: Mapping[str, Any]) -> Any:
+    made: Any = object.__new__(kind)
+    for name, value in parts.items():
+        object.__setattr__(made, name, _live(value))
+    return made
+
+
+def _live(value: Any) -> Any:
+    """Return the object that a shallow copy was given the recipe of."""
+    if isinstance(value, _Stored):
+        make, args = value.recipe
+        return make(*(_live(a) for a in args))
+    if isinstance(value, dict):
+        return {k: _live(v) for k, v in value.items()}
+    if type(value) in (tuple, list):
+        return type(value)(_live(v) for v in value)
+    return value
+
+
+# ---- checks on what a user of the planner types: speeds and lengths in SI, and hints where not ----
+
+_FASTEST = 5.0
+"""m/s (300 m/min); no feed drive of a machine tool is faster."""
+
+LONG_WAVE = 2.0
+"""m; longer waves are doubted: mm typed for m look so."""
+
+_LONGEST = 100.0
+"""m; no machine axis is longer."""
+
+_N_IN_RANGE = 121
+
+
+def positive(value: Any, name: str, unit: str, *, zero: bool = False) -> float:
+    """Return a number that is positive and finite."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise DataError(f"{name} must be a number in {unit}, got {value!r}") from None
+    if not math.isfinite(number) or number < 0.0 or (number == 0.0 and not zero):
+        raise DataError(f"{name} is {number} {unit}; it must be positive and finite")
+    return number
+
+
+def checked_feeds(values: ArrayLike, name: str) -> FloatArray:
+    """Return feeds as numbers, refusing what cannot be m/s."""
+    feeds = _numbers(values, name)
+    if not (np.isfinite(feeds) & (feeds > 0.0)).all():
+        raise DataError(f"{name} must be positive and finite speeds in m/s, got {feeds.tolist()}")
+    if feeds.size and feeds.max() > _FASTEST:
+        raise UnitError(
+            f"{name}: {feeds.max():.6g} m/s is faster than any feed drive; speeds are in m/s "
+            f"({feeds.max():.6g} mm/s is {feeds.max() / 1e3:.4g} m/s, {feeds.max():.6g} mm/min is "
+            f"{feeds.max() / 6e4:.4g} m/s)"
+        )
+    return feeds
+
+
+def checked_wavelengths(
+    values: ArrayLike, *, travel_is_known: bool = False
+) -> tuple[FloatArray, bool]:
+    """Return the wavelengths, rising, and whether they came from a range."""
+    waves = _numbers(values, "wavelengths")
+    if not waves.size:
+        raise TooFewSamplesError("wavelengths is empty; give the waves that matter in m")
+    if not (np.isfinite(waves) & (waves > 0.0)).all():
+        raise DataError(f"wavelengths must be positive and finite, in m, got {waves.tolist()}")
+    if waves.max() > (_LONGEST if travel_is_known else LONG_WAVE):
+        raise UnitError(
+            f"a wavelength of {waves.max():.6g} m is longer than the travel of most machines; "
+            f"wavelengths are in m ({waves.max():.6g} mm is {waves.max() / 1e3:.4g}); give length "
+            "where the travel is that long"
+        )
+    if isinstance(values, tuple) and waves.size == 2 and waves[0] != waves[1]:
+        grid: FloatArray = np.geomspace(waves.min(), waves.max(), _N_IN_RANGE)
+        grid[0], grid[-1] = waves.min(), waves.max()
+        return grid, True
+    return waves, False
+
+
+def _numbers(values: ArrayLike, name: str) -> FloatArray:
+    return np.array(real_numbers(values, name), dtype=np.float64).ravel()

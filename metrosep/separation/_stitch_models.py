@@ -11,25 +11,24 @@ from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, NotSeparableError
-from metrosep.separation._overlaps import Overlap
-from metrosep.separation._stitch_grid import Layout
-from metrosep.separation._stitch_input import Pieces
-from metrosep.separation._stitch_iteration import ReferenceSystem
+from metrosep.separation._stitch_grid import Layout, Overlap, Pieces
 from metrosep.separation._stitch_solve import (
     Inverse,
+    PolynomialTerms,
     Problem,
+    ReferenceSystem,
     fitted_pieces,
     freedom_terms,
     half_size,
     inverse_of,
     mean_of,
+    n_of,
     noise_of,
     normal_matrix,
     right_side,
     variance_map,
 )
-from metrosep.separation._stitch_terms import PolynomialTerms, n_of
-from metrosep.separation.null_space import Unobservable
+from metrosep.separation.contract import Unobservable
 
 _ANALYSED_DEGREE = 4
 

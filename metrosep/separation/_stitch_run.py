@@ -14,7 +14,9 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, MetrosepError
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
-from metrosep.separation._overlaps import (
+from metrosep.separation._stitch_grid import (
+    Pieces,
+    layout_of,
     mirrored_piece,
     outlying_pairs,
     overlaps_of,
@@ -22,8 +24,6 @@ from metrosep.separation._overlaps import (
     require_connection,
     without_own_plane,
 )
-from metrosep.separation._stitch_grid import layout_of
-from metrosep.separation._stitch_input import Pieces
 from metrosep.separation._stitch_models import (
     Settings,
     Solution,
@@ -44,8 +44,7 @@ from metrosep.separation._stitch_solve import (
     require_rank,
     right_side,
 )
-from metrosep.separation.contract import Separation
-from metrosep.separation.null_space import Unobservable
+from metrosep.separation.contract import Separation, Unobservable
 
 _RIGID = "how the whole lies in space is arbitrary; it was removed by least squares"
 

@@ -32,8 +32,12 @@ from metrosep.core.errors import (
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.separation._circle import check_u_reading, check_whole, grid, names_of_k, numbers
-from metrosep.separation.contract import Separation, SeparationMethod
-from metrosep.separation.null_space import Unobservable, suppressed_harmonics
+from metrosep.separation.contract import (
+    Separation,
+    SeparationMethod,
+    Unobservable,
+    suppressed_harmonics,
+)
 
 __all__ = ["CircleClosure", "closure"]
 

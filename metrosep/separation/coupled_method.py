@@ -17,11 +17,9 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.provenance import Step
 from metrosep.separation._grid_solution import Repeats, Slopes, refuse_unknown
-from metrosep.separation._method_parts import known_parts
-from metrosep.separation._plane_input import plane_steps
-from metrosep.separation._real_numbers import real_numbers
-from metrosep.separation.contract import Separation, SeparationMethod
-from metrosep.separation.null_space import Unobservable
+from metrosep.separation._readings import known_parts, real_numbers
+from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
+from metrosep.separation.plane_fit import plane_steps
 from metrosep.separation.plane_grid import coupled_grid, unseen_terms
 
 __all__ = ["CoupledGrid"]

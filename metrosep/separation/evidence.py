@@ -23,10 +23,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.core._arrays import ComplexArray, FloatArray
+from metrosep.core._arrays import ComplexArray, FloatArray, benjamini_hochberg
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, NotSeparableError
-from metrosep.core.false_discovery import benjamini_hochberg
 from metrosep.core.runset import RunSet
 from metrosep.separation.design import evaluation_range
 from metrosep.separation.spectra import feed_spectra, n_wavelengths

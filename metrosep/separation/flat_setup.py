@@ -14,7 +14,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, DegenerateFitError, NotSeparableError
 from metrosep.core.provenance import Step
-from metrosep.forms.zernike_index import ZernikeOrder
+from metrosep.forms.zernike import ZernikeOrder
 from metrosep.separation._flat_pixels import FlatPixelSolver
 from metrosep.separation._flat_result import (
     ODD_REASON,
@@ -28,7 +28,6 @@ from metrosep.separation._flat_result import (
 )
 from metrosep.separation._flat_setups import FLATS, FlatSetup, facing, flat_setups
 from metrosep.separation._flat_zernike import DiscBasis, FlatZernikeSolver, zernike_terms_of
-from metrosep.separation._inputs import given_parts
 from metrosep.separation._map_input import (
     PIXELS,
     MapGrid,
@@ -41,8 +40,8 @@ from metrosep.separation._map_input import (
 from metrosep.separation._map_orders import MOST_POSITIONS, common_step, mirror, without_plane
 from metrosep.separation._map_results import REMOVABLE, noise_of, rigid_terms
 from metrosep.separation._map_whiteness import unit_doubts
-from metrosep.separation.contract import Separation, SeparationMethod
-from metrosep.separation.null_space import Unobservable
+from metrosep.separation._readings import given_parts
+from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
 
 __all__ = ["ThreeFlat"]
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from metrosep.core.errors import DataError
 from metrosep.core.surface import Surface
-from metrosep.forms.zernike_index import ZernikeOrder
+from metrosep.forms.zernike import ZernikeOrder
 from metrosep.separation._map_input import (
     checked_angles,
     map_stack,

@@ -24,8 +24,13 @@ from metrosep.core.errors import DataError, NotSeparableError, UnitError
 from metrosep.core.quantity import Quantity
 from metrosep.core.runset import RunSet
 from metrosep.core.units import format_length
-from metrosep.separation.base import DirectionEstimate, ErrorEstimate
-from metrosep.separation.curves import LINE_POINTS, FourierCurve, SampledCurve
+from metrosep.separation.base import (
+    LINE_POINTS,
+    DirectionEstimate,
+    ErrorEstimate,
+    FourierCurve,
+    SampledCurve,
+)
 from metrosep.separation.design import evaluation_range
 from metrosep.separation.spectra import (
     Averaging,

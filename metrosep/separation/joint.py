@@ -2,7 +2,7 @@
 
 Geometry repeats in position, vibration repeats in frequency; runs at several feedrates tell them
 apart. The solver is in `metrosep.separation.solver`, the learnt prior in
-`metrosep.separation.shrinkage`; this module states the question and words the answer.
+`metrosep.separation.weights`; this module states the question and words the answer.
 
 What it cannot see: anything common to all feeds and tied to position is geometry to it (the
 artefact's own form, pitch of the screw's balls synchronous with position, a temperature that
@@ -21,7 +21,7 @@ from typing import Any, Literal, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.core._arrays import FloatArray
+from metrosep.core._arrays import FloatArray, benjamini_hochberg
 from metrosep.core.errors import (
     DataError,
     InvalidSamplesError,
@@ -29,13 +29,17 @@ from metrosep.core.errors import (
     TooFewSamplesError,
     UnitError,
 )
-from metrosep.core.false_discovery import benjamini_hochberg
 from metrosep.core.quantity import Quantity
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import format_length
-from metrosep.separation._checked_numbers import checked_count, checked_number
-from metrosep.separation.base import DirectionEstimate, ErrorEstimate
-from metrosep.separation.curves import LINE_POINTS, FourierCurve, SampledCurve
+from metrosep.separation._readings import checked_count, checked_number
+from metrosep.separation.base import (
+    LINE_POINTS,
+    DirectionEstimate,
+    ErrorEstimate,
+    FourierCurve,
+    SampledCurve,
+)
 from metrosep.separation.design import PreparedRun, evaluation_range, prepare_runs
 from metrosep.separation.evidence import evidence_table
 from metrosep.separation.explain import (
@@ -49,8 +53,8 @@ from metrosep.separation.run_probes import probe_names
 from metrosep.separation.solver import Solution, solve_joint
 from metrosep.separation.spectra import feed_spectra, feed_spectra_columns
 from metrosep.separation.term_curves import check_lines, feed_curves, report_terms
+from metrosep.spectral.density import pooled_periodogram
 from metrosep.spectral.dft import fourier_basis
-from metrosep.spectral.psd import pooled_periodogram
 
 __all__ = ["benjamini_hochberg", "separate_joint"]
 

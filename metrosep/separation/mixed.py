@@ -37,17 +37,17 @@ from metrosep.separation._circle import (
     check_start,
     check_turn,
     check_u_reading,
+    circle_readings,
     curve,
     grid,
     harmonics_of,
     part_arrays,
     referred_to_zero,
     revolutions,
+    with_messages,
 )
-from metrosep.separation._circle_input import circle_readings, with_messages
 from metrosep.separation._readings import size_doubts
-from metrosep.separation.contract import Separation, SeparationMethod
-from metrosep.separation.null_space import Unobservable
+from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
 
 __all__ = ["OrthogonalMixed", "mixed_transfer", "orthogonal_mixed"]
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from metrosep.core.errors import DataError, NotSeparableError, UnitError
 from metrosep.core.units import format_length
-from metrosep.separation._checked_numbers import checked_number
+from metrosep.separation._readings import checked_number
 
 __all__ = ["Following", "JointOptions", "metres"]
 

@@ -21,12 +21,10 @@ from metrosep.core.errors import (
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import parse_unit
-from metrosep.separation._inputs import given_parts
 from metrosep.separation._map_input import checked_u
-from metrosep.separation._readings import as_numbers
-from metrosep.separation.contract import Separation, SeparationMethod
-from metrosep.separation.null_space import Unobservable
-from metrosep.spectral._checks import finite_number, real_number
+from metrosep.separation._readings import as_numbers, given_parts
+from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
+from metrosep.spectral.dft import finite_number, real_number
 
 __all__ = ["FringeError", "periodic_error"]
 

@@ -28,11 +28,9 @@ from metrosep.separation._grid_solution import (
     moved_between,
     refuse_unknown,
 )
-from metrosep.separation._plane_input import plane_steps
-from metrosep.separation._real_numbers import real_numbers
-from metrosep.separation.contract import Separation
-from metrosep.separation.null_space import Unobservable
-from metrosep.separation.planner_checks import positive
+from metrosep.separation._readings import positive, real_numbers
+from metrosep.separation.contract import Separation, Unobservable
+from metrosep.separation.plane_fit import plane_steps
 
 __all__ = ["coupled_grid"]
 

@@ -21,10 +21,9 @@ from metrosep.core.profile import Profile, html_table
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
-from metrosep.separation._plane_input import described, plane_origin, plane_steps
-from metrosep.separation._real_numbers import real_numbers
-from metrosep.separation._result_values import plain, reduced
+from metrosep.separation._readings import plain, real_numbers, reduced
 from metrosep.separation.base import ErrorEstimate
+from metrosep.separation.plane_fit import described, plane_origin, plane_steps
 
 __all__ = ["PlaneMap", "plane_map"]
 

@@ -20,7 +20,7 @@ from metrosep.core.provenance import freeze_mapping
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_engineering
 from metrosep.parameters.table import Context, ParameterTable
-from metrosep.separation._result_values import reduced
+from metrosep.separation._readings import reduced
 from metrosep.separation.repeatability import (
     SpreadEstimate,
     bidirectional_estimate,

@@ -22,8 +22,13 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.core._arrays import ComplexArray, FloatArray
 from metrosep.core.errors import DataError, NotSeparableError, UnitError
 from metrosep.core.profile import html_table
-from metrosep.separation._circle import angle_tuple, check_kmax, check_number, check_whole
-from metrosep.separation._probe_geometry import probe_geometry
+from metrosep.separation._circle import (
+    angle_tuple,
+    check_kmax,
+    check_number,
+    check_whole,
+    probe_geometry,
+)
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -19,9 +19,14 @@ from numpy.typing import ArrayLike
 from metrosep.core._arrays import ComplexArray, FloatArray
 from metrosep.core.errors import TooFewSamplesError
 from metrosep.core.profile import html_table
-from metrosep.separation._circle import check_number, harmonics_of, revolutions
-from metrosep.separation._circle_input import circle_readings
-from metrosep.separation._probe_geometry import ProbeGeometry, probe_geometry
+from metrosep.separation._circle import (
+    ProbeGeometry,
+    check_number,
+    circle_readings,
+    harmonics_of,
+    probe_geometry,
+    revolutions,
+)
 from metrosep.separation.probes import MultiprobeRoundness
 
 __all__ = ["ProbeCheck", "Suspect", "check_probes"]

@@ -30,6 +30,7 @@ from metrosep.core.errors import DataError, InvalidSamplesError, NotSeparableErr
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.separation._circle import (
+    ProbeGeometry,
     angle_tuple,
     centred,
     centring,
@@ -39,21 +40,26 @@ from metrosep.separation._circle import (
     check_start,
     check_turn,
     check_u_reading,
+    circle_readings,
     curve,
     grid,
     harmonics_of,
     names_of_k,
     numbers,
     part_arrays,
+    probe_geometry,
     referred_to_zero,
     revolutions,
     turned,
+    with_messages,
 )
-from metrosep.separation._circle_input import circle_readings, with_messages
-from metrosep.separation._probe_geometry import ProbeGeometry, probe_geometry
 from metrosep.separation._readings import size_doubts
-from metrosep.separation.contract import Separation, SeparationMethod
-from metrosep.separation.null_space import Unobservable, suppressed_harmonics
+from metrosep.separation.contract import (
+    Separation,
+    SeparationMethod,
+    Unobservable,
+    suppressed_harmonics,
+)
 
 __all__ = ["MultiprobeRoundness", "multiprobe"]
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from types import MappingProxyType
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,16 +16,14 @@ from metrosep.core.errors import (
     DataError,
     DegenerateFitError,
     NotConvergedError,
+    TooFewSamplesError,
 )
 from metrosep.core.surface import Surface
 from metrosep.separation._map_input import MapGrid, checked_u, map_stack, require_overlap
-from metrosep.separation._map_orders import coarse, without_plane
-from metrosep.separation._registration_terms import map_gradient
-from metrosep.separation.fiducials import Registration, register_points
+from metrosep.separation._map_orders import RIGID, coarse, without_plane
 from metrosep.separation.map_turning import turned
 
 __all__ = ["Registration", "register_maps", "register_points", "registration_uncertainty"]
-
 
 _ITERATIONS = 30
 _COARSE = 96
@@ -413,3 +413,238 @@ def _doubts(
     if _mirrored_left(stack, p, grid, free) < 0.5 * rms:
         return (text + _MIRRORED,)
     return (f"{text}: the maps may be of different surfaces, or start= is far from the truth",)
+
+
+# ---- registration by fiducials: shift and turn of one map against another from marked points ----
+
+
+@dataclass(frozen=True, slots=True)
+class Registration:
+    """Where a map lies against another one: turned about the centre, then shifted.
+
+    ``moved(p) = fixed(R(-angle) (p - shift))`` with p from the centre: a feature at q in the fixed
+    map is at ``R(angle) q + shift`` in the moved one.
+
+    Parameters
+    ----------
+    shift_x, shift_y : float, m
+        Shift along x and y.
+    angle : float, rad
+        Turn, counter-clockwise (from +x towards +y).
+    cov : ndarray, shape (3, 3)
+        Covariance of shift_x, shift_y, angle; NaN where it is not known.
+    rms : float, m
+        Of what is left of the difference (of the distance of points).
+    centre : tuple of (float, float), m
+        Centre of turn, from pixel [0, 0].
+    messages : tuple of str, optional
+        What the user should know.
+    audit : mapping, optional
+        Plain values.
+    """
+
+    shift_x: float
+    shift_y: float
+    angle: float
+    cov: FloatArray
+    rms: float
+    centre: tuple[float, float]
+    messages: tuple[str, ...] = ()
+    audit: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+
+    @property
+    def u_shift(self) -> tuple[float, float]:
+        """Standard uncertainty of the shift along x and y, in m."""
+        return math.sqrt(self.cov[0, 0]), math.sqrt(self.cov[1, 1])
+
+    @property
+    def u_angle(self) -> float:
+        """Standard uncertainty of the angle, in rad."""
+        return math.sqrt(self.cov[2, 2])
+
+
+def register_points(fixed: ArrayLike, moved: ArrayLike) -> Registration:
+    """Return shift and turn that bring fiducials of one map onto those of another.
+
+    Parameters
+    ----------
+    fixed, moved : array_like, shape (n, 2), m
+        Positions (x, y) of the same fiducials from the same centre, in the same order; n >= 2.
+
+    Returns
+    -------
+    Registration
+        Least squares of the distances; covariance from the residual, NaN for two points.
+
+    Raises
+    ------
+    DataError
+        If the positions are not finite, or not as many.
+    TooFewSamplesError
+        If there are fewer than two.
+    DegenerateFitError
+        If all fiducials are one point.
+
+    Notes
+    -----
+    ``angle = atan2(sum (p x q), sum (p . q))`` about the means; ``u(angle) = s / sqrt(sum r**2)``
+    with the scatter s of one coordinate and the distances r from the mean. A mirrored map is found
+    by its determinant, and said.
+
+    References
+    ----------
+    P. H. Schoenemann, Psychometrika 31 (1966) 1-10.
+
+    Examples
+    --------
+    >>> found = register_points([[0, 0], [1, 0], [0, 2]], [[1, 0], [1, 1], [-1, 0]])
+    >>> round(found.angle, 6), found.shift_x
+    (1.570796, 1.0)
+    """
+    p, q = (_points(v, name) for v, name in ((fixed, "fixed"), (moved, "moved")))
+    if p.shape != q.shape:
+        raise DataError(f"register_points: {len(p)} fixed points and {len(q)} moved points")
+    if len(p) < 2:
+        raise TooFewSamplesError("register_points needs at least two fiducials")
+    mean_p, mean_q = p.mean(axis=0), q.mean(axis=0)
+    a, b = p - mean_p, q - mean_q
+    spread = float((a**2).sum())
+    if spread == 0.0 or float((b**2).sum()) == 0.0:
+        raise DegenerateFitError("register_points: all fiducials are at one point; no angle shows")
+    angle = math.atan2(float((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum()), float((a * b).sum()))
+    rotation = _rotation(angle)
+    shift = mean_q - rotation @ mean_p
+    rest = b - a @ rotation.T
+    freedom = 2 * len(p) - 3
+    variance = float((rest**2).sum()) / freedom if freedom > 1 else math.nan
+    lever = _rotation(angle + np.pi / 2) @ mean_p  # of the shift against the angle
+    design = np.array([[1.0, 0.0, -lever[0]], [0.0, 1.0, -lever[1]], [0.0, 0.0, 1.0]])
+    own = np.diag([1.0 / len(p), 1.0 / len(p), 1.0 / spread])
+    messages = []
+    if math.isnan(variance):
+        messages.append("two fiducials leave no redundancy, so no uncertainty; give three or more")
+    if len(p) > 2 and np.linalg.det(a.T @ b) < 0.0 and _mirrored_fits(a, b, rest):
+        messages.append("the moved fiducials look mirrored: with x reversed they fit much better")
+    rms = math.sqrt(float((rest**2).sum()) / len(p))
+    audit = MappingProxyType({"n_fiducials": len(p), "rms_um": rms * 1e6})
+    cov = design @ own @ design.T * variance
+    return Registration(
+        float(shift[0]), float(shift[1]), angle, cov, rms, (0.0, 0.0), tuple(messages), audit
+    )
+
+
+def _rotation(angle: float) -> FloatArray:
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, -s], [s, c]])
+
+
+def _points(values: ArrayLike, name: str) -> FloatArray:
+    try:
+        points = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError) as exc:
+        raise DataError(f"register_points: {name} holds no numbers ({exc})") from None
+    if points.ndim != 2 or points.shape[1] != 2 or not np.isfinite(points).all():
+        raise DataError(
+            f"register_points: {name} must be finite positions (x, y), shape (n, 2), got "
+            f"{points.shape}"
+        )
+    return points
+
+
+def _mirrored_fits(a: FloatArray, b: FloatArray, rest: FloatArray) -> bool:
+    flipped = a * np.array([-1.0, 1.0])
+    angle = math.atan2(
+        float((flipped[:, 0] * b[:, 1] - flipped[:, 1] * b[:, 0]).sum()),
+        float((flipped * b).sum()),
+    )
+    other = b - flipped @ _rotation(angle).T
+    return bool((other**2).sum() < 0.25 * (rest**2).sum())
+
+
+# ---- uncertainty of maps from registration: gradient times shift, through the same linear operation ----
+
+_SMOOTHING = 1.0
+_REACH = 4
+
+
+class _Linear(Protocol):
+    def parts(self, stack: FloatArray, grid: MapGrid) -> FloatArray: ...
+
+
+def map_gradient(
+    z: FloatArray, grid: MapGrid, *, smoothing: float = _SMOOTHING
+) -> tuple[FloatArray, FloatArray]:
+    """Return the derivatives of a map by x and y: slopes of local planes over a few pixels."""
+    valid = np.isfinite(z)
+    if not valid.any():
+        return np.full(z.shape, np.nan), np.full(z.shape, np.nan)
+    mask = valid.astype(np.float64)
+    filled = np.where(valid, z - np.mean(z[valid]), 0.0)
+    m00, m10, m01 = (_moment(mask, i, j, smoothing) for i, j in ((0, 0), (1, 0), (0, 1)))
+    m20, m11, m02 = (_moment(mask, i, j, smoothing) for i, j in ((2, 0), (1, 1), (0, 2)))
+    z00, z10, z01 = (_moment(filled, i, j, smoothing) for i, j in ((0, 0), (1, 0), (0, 1)))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        a, b, c = m20 - m10**2 / m00, m11 - m10 * m01 / m00, m02 - m01**2 / m00
+        p, q = z10 - m10 * z00 / m00, z01 - m01 * z00 / m00
+        determinant = a * c - b**2
+        told = valid & (determinant > 1e-3 * smoothing**4 * m00**2)
+        gx = np.where(told, (c * p - b * q) / determinant / grid.dx, 0.0)
+        gy = np.where(told, (a * q - b * p) / determinant / grid.dy, 0.0)
+    return np.where(valid, gx, np.nan), np.where(valid, gy, np.nan)
+
+
+def _moment(values: FloatArray, power_x: int, power_y: int, smoothing: float) -> FloatArray:
+    """Return Gaussian-weighted sums of values times powers of the distance in pixels."""
+    from scipy import ndimage
+
+    reach = math.ceil(_REACH * smoothing)
+    t = np.arange(-reach, reach + 1.0)
+    weight = np.exp(-0.5 * (t / smoothing) ** 2)
+    out = ndimage.correlate1d(values, weight * t**power_x, axis=1, mode="constant")
+    return np.asarray(
+        ndimage.correlate1d(out, weight * t**power_y, axis=0, mode="constant"), dtype=np.float64
+    )
+
+
+def extended(field: FloatArray) -> FloatArray:
+    """Return a map whose missing pixels have the value of the nearest one."""
+    from scipy import ndimage
+
+    missing = np.isnan(field)
+    if not missing.any() or missing.all():
+        return field
+    nearest = ndimage.distance_transform_edt(missing, return_distances=False, return_indices=True)
+    return np.asarray(field[tuple(nearest)])
+
+
+def registration_share(
+    solver: _Linear,
+    part: FloatArray,
+    angles: FloatArray,
+    grid: MapGrid,
+    u_shift: float,
+    u_angle: float,
+    *,
+    unseparated: FloatArray | float = 0.0,
+    removed: Sequence[str] = RIGID,
+) -> FloatArray:
+    """Return the standard uncertainty of each part from centring and angles."""
+    total: FloatArray | None = None
+    known = np.isfinite(part)
+    for i, angle in enumerate(angles):
+        moved = turned(part[None], float(angle), grid)[0][0] + unseparated
+        gx, gy = (extended(g) for g in map_gradient(moved, grid))
+        fields = [(gx, u_shift), (gy, u_shift), (grid.x * gy - grid.y[:, None] * gx, u_angle)]
+        for effect, u in fields:
+            if u == 0.0:
+                continue
+            stack = np.zeros((angles.size, *grid.shape))
+            stack[i] = effect * u
+            found = solver.parts(stack, grid)
+            square = np.stack(
+                [without_plane(z, grid, removed=removed, mask=known) ** 2 for z in found]
+            )
+            total = square if total is None else total + square
+    if total is None:
+        return np.zeros((1, *grid.shape))
+    return np.sqrt(total)

@@ -22,9 +22,8 @@ from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
 from metrosep.separation._readings import as_numbers, own_shares
-from metrosep.separation.contract import Separation, SeparationMethod
-from metrosep.separation.null_space import Unobservable
-from metrosep.spectral._checks import real_number
+from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
+from metrosep.spectral.dft import real_number
 
 __all__ = ["RepeatSplit", "repeatable"]
 

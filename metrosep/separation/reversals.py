@@ -19,19 +19,20 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
-from metrosep.separation._inputs import curves, given_parts, stacked
 from metrosep.separation._readings import (
     average_repeats,
     checked_readings,
+    curves,
+    given_parts,
     left_share,
     line_basis,
     require_common,
     size_doubts,
+    stacked,
     without_basis,
 )
-from metrosep.separation.contract import Separation, SeparationMethod
-from metrosep.separation.null_space import Unobservable
-from metrosep.spectral._checks import real_number
+from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
+from metrosep.spectral.dft import real_number
 
 __all__ = ["StraightedgeReversal", "straightedge_reversal"]
 

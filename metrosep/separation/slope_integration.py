@@ -7,11 +7,14 @@ its uncertainty is exact for white noise of the slopes: a random walk along the 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from metrosep.core._arrays import FloatArray, as_float
+from metrosep.core._arrays import FloatArray, as_float, frozen_float
 from metrosep.core.errors import (
     DataError,
     InvalidSamplesError,
@@ -22,19 +25,11 @@ from metrosep.core.errors import (
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_length
-from metrosep.separation._line_request import method_named, number
-from metrosep.separation._slope_rules import (
-    LONG,
-    heights_at,
-    integral,
-    levelled,
-    unit_uncertainty,
-)
-from metrosep.separation.contract import Separation
-from metrosep.separation.null_space import Unobservable
+from metrosep.separation._line_problem import method_named, number
+from metrosep.separation._readings import as_numbers, known_parts, line_basis, stated_u
+from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
 
-__all__ = ["integrate_slopes", "slope_transfer"]
-
+__all__ = ["SlopeIntegration", "integrate_slopes", "slope_transfer"]
 
 RULES = ("trapezoid", "simpson", "spline", "fourier", "feet")
 
@@ -319,3 +314,288 @@ def _shortest_good(step: float, method: str) -> float | None:
     lengths = step * np.geomspace(2.01, 200.0, 4000)
     bad = np.abs(slope_transfer(lengths, step, method=method) - 1.0) > _GOOD
     return float(lengths[min(int(np.flatnonzero(bad)[-1]) + 1, lengths.size - 1)])
+
+
+# ---- rules that integrate slopes, all linear, and what they make of white noise ----------------
+
+LONG = 1500
+"""More slopes than this have the uncertainty of trapezoids: the rules differ by 1/n of it on
+equal steps, by some percent on uneven ones."""
+
+_BLOCK = 256
+"""Unit slopes that are integrated at a time for the uncertainty."""
+
+
+def heights_at(x: FloatArray, method: str) -> FloatArray:
+    """Return where the heights are: at the slopes, for feet also under the last front foot."""
+    if method != "feet":
+        return x
+    return np.asarray(np.append(x, x[-1] + (x[-1] - x[0]) / (x.size - 1)))
+
+
+def integral(s: FloatArray, x: FloatArray, method: str) -> FloatArray:
+    """Return heights of slopes, shape (k, n), the first one 0."""
+    zero = np.zeros((s.shape[0], 1))
+    if method == "feet":
+        step = (x[-1] - x[0]) / (x.size - 1)
+        return np.concatenate([zero, step * np.cumsum(s, axis=1)], axis=1)
+    if method == "fourier":
+        return _cosine_integral(s, x)
+    if method == "simpson":
+        from scipy.integrate import cumulative_simpson
+
+        return np.asarray(cumulative_simpson(s, x=x, axis=1, initial=0.0))
+    if method == "spline":
+        from scipy.interpolate import make_interp_spline
+
+        centre, scale = x[0], x[-1] - x[0]
+        spline = make_interp_spline((x - centre) / scale, s.T, k=3).antiderivative()
+        return np.asarray(spline((x - centre) / scale).T * scale)
+    steps = 0.5 * (s[:, 1:] + s[:, :-1]) * np.diff(x)
+    return np.concatenate([zero, np.cumsum(steps, axis=1)], axis=1)
+
+
+def _cosine_integral(s: FloatArray, x: FloatArray) -> FloatArray:
+    """Integrate a cubic exactly and what is left as a cosine series over the record."""
+    from scipy.fft import dct, dst
+
+    n = x.size
+    t = np.linspace(-1.0, 1.0, n)
+    half = (x[-1] - x[0]) / 2.0
+    basis = np.polynomial.legendre.legvander(t, 3)
+    found = np.linalg.lstsq(basis, s.T, rcond=None)[0]
+    smooth = np.polynomial.legendre.legint(found, lbnd=-1.0)
+    out = np.polynomial.legendre.legval(t, smooth) * half
+    a = dct(s - (basis @ found).T, type=1, axis=1) / (n - 1)
+    waves = np.zeros_like(out)
+    k = np.arange(1, n - 1)
+    waves[:, 1:-1] = dst(a[:, 1:-1] * (2.0 * half / (np.pi * k)), type=1, axis=1) / 2.0
+    return np.asarray(out + waves + 0.5 * a[:, :1] * half * (t + 1.0))
+
+
+def levelled(height: FloatArray, grid: FloatArray, degree: int) -> FloatArray:
+    basis = line_basis(grid)[:, : degree + 1]
+    q = np.linalg.qr(basis)[0]
+    return np.asarray(height - (height @ q) @ q.T)
+
+
+def unit_uncertainty(x: FloatArray, method: str, grid: FloatArray, degree: int) -> FloatArray:
+    """Return the uncertainty of heights for unit white noise.
+
+    Sums and trapezoids in closed form; the other rules by trying every slope alone, and as
+    trapezoids, from which they differ at the ends only, where the record is long.
+    """
+    if method in ("feet", "trapezoid") or x.size > LONG:
+        return _walk_uncertainty(x, method, grid, degree)
+    n = x.size
+    total = np.zeros(grid.size)
+    for start in range(0, n, _BLOCK):
+        rows = np.eye(min(_BLOCK, n - start), n, k=start)
+        total += (levelled(integral(rows, x, method), grid, degree) ** 2).sum(axis=0)
+    return np.sqrt(total)
+
+
+def _walk_uncertainty(x: FloatArray, method: str, grid: FloatArray, degree: int) -> FloatArray:
+    """Return the root of the diagonal of P T T' P: T sums, P removes the line."""
+    rule = "feet" if method == "feet" else "trapezoid"
+    n, step = x.size, np.diff(grid)
+    weight = step if rule == "feet" else np.concatenate([[0.0], step]) / 2.0
+    if rule == "feet":
+        own = np.concatenate([[0.0], np.cumsum(weight**2)])
+    else:
+        inner = weight + np.append(weight[1:], 0.0)
+        own = np.concatenate([[0.0], np.cumsum(inner**2)[:-1]]) + weight**2
+        own[0] = 0.0
+    q = np.linalg.qr(line_basis(grid)[:, : degree + 1])[0]
+    above = np.cumsum(q[::-1], axis=0)[::-1][1:] * step[:, None]
+    if rule == "feet":
+        back = above
+    else:
+        back = np.zeros((n, q.shape[1]))
+        back[:-1] += above / 2.0
+        back[1:] += above / 2.0
+    spread = integral(back.T, x, rule).T
+    core = q.T @ spread
+    variance = own - 2.0 * np.sum(spread * q, axis=1) + np.sum((q @ core) * q, axis=1)
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
+
+
+# ---- `SlopeIntegration`: slopes along an artefact separated into its heights and the zero of the sensor ----
+# ``slope_r(x) = dz/dx + zero_r``; for a sledge on two feet ``(z(x + step) - z(x)) / step + zero_r``.
+
+_HEIGHT = "slopes do not tell the height"
+_LINE = "; the zero of the angle sensor is a line: calibrate it, then say zero_known=True"
+_ZERO = "the zero of the sensor and the line of the artefact read alike"
+_KNOWN = "the zero is taken as known: what is wrong with it tilts the heights"
+
+
+@dataclass(frozen=True, slots=True)
+class SlopeIntegration(SeparationMethod):
+    """An angle sensor that is moved along an artefact.
+
+    Parameters
+    ----------
+    x : tuple of float, m
+        At least 4 positions of the slopes, rising; for "feet" of the rear foot.
+    method : {"spline", "trapezoid", "simpson", "fourier", "feet"}, optional
+        As for `integrate_slopes`; "feet" is exact.
+    zero_known : bool, optional
+        Whether the zero of the sensor is known. If not, the line is left out.
+
+    Raises
+    ------
+    DataError
+        If the rule is unknown.
+    InvalidSamplesError
+        If the positions are not finite and rising.
+    TooFewSamplesError
+        If there are fewer than 4.
+
+    Examples
+    --------
+    >>> method = SlopeIntegration((0.0, 0.1, 0.2, 0.3), "feet", zero_known=True)
+    >>> slopes = method.simulate({"height": [2e-6, 1e-6, -4e-6, 3e-6, -2e-6]}, {})
+    >>> (method.separate(slopes).height * 1e6).round(6).tolist()
+    [2.0, 1.0, -4.0, 3.0, -2.0]
+    """
+
+    x: tuple[float, ...]
+    method: str = "spline"
+    zero_known: bool = False
+
+    name: ClassVar[str] = "integrate_slopes"
+    truth_parts: ClassVar[tuple[str, ...]] = ("height",)
+    error_parts: ClassVar[tuple[str, ...]] = ("zero",)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "method", method_named(self.method, RULES, self.name))
+        x = frozen_float(self.x, name="x", ndim=1, min_size=4)
+        if not (np.isfinite(x).all() and (np.diff(x) > 0.0).all()):
+            raise InvalidSamplesError(f"{self.name}: positions must be finite and rising, in m")
+
+    def simulate(
+        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
+    ) -> FloatArray:
+        """Return the slopes of one pass.
+
+        Parameters
+        ----------
+        truth : mapping of str to array_like, shape (n,), m
+            ``height`` at the positions, (n + 1,) for "feet": one step beyond the last.
+        errors : mapping of str to array_like, scalar, rad
+            ``zero`` of the sensor; NaN is not known and adds nothing.
+
+        Returns
+        -------
+        ndarray, shape (1, n), rad
+            Slopes.
+
+        Raises
+        ------
+        DataError
+            If a part is unknown, none is given, or of another shape.
+
+        Notes
+        -----
+        But for "feet" the slope is that of the cubic spline through the heights: exact for cubics,
+        good for waves above some ten steps.
+        """
+        parts = known_parts(self, truth, errors)
+        x = np.array(self.x)
+        zero = parts.get("zero", np.zeros(()))
+        if zero.ndim:
+            raise DataError(f"{self.name}: the zero of the sensor is one number, got {zero.shape}")
+        slopes = np.full(x.size, float(np.nan_to_num(zero, nan=0.0)))
+        if "height" in parts:
+            at = heights_at(x, self.method)
+            height = parts["height"]
+            if height.shape != at.shape or not np.isfinite(height).all():
+                raise DataError(
+                    f"{self.name}: the height must hold {at.size} finite values, got the shape "
+                    f"{height.shape}"
+                )
+            slopes += self._slopes(at, height)
+        return slopes[np.newaxis]
+
+    def _slopes(self, at: FloatArray, height: FloatArray) -> FloatArray:
+        if self.method == "feet":
+            return np.asarray(np.diff(height) / np.diff(at))
+        from scipy.interpolate import CubicSpline
+
+        return np.asarray(CubicSpline(at, height)(at, 1))
+
+    def null_space(self) -> tuple[Unobservable, ...]:
+        """Return what slopes cannot tell.
+
+        Returns
+        -------
+        tuple of Unobservable
+            The height, with an unknown zero the line; the zero itself.
+        """
+        degrees, more = ((0,), "") if self.zero_known else ((0, 1), _LINE)
+        return (
+            Unobservable("height", "polynomial", degrees, _HEIGHT + more),
+            Unobservable("zero", "term", ("all of it",), _KNOWN if self.zero_known else _ZERO),
+        )
+
+    def separate(
+        self,
+        readings: ArrayLike,
+        *,
+        u_reading: float | None = None,
+        history: tuple[Step, ...] = (),
+    ) -> Separation:
+        """Return the heights.
+
+        Parameters
+        ----------
+        readings : array_like, shape (M, n), rad
+            Slopes of M passes, positive where the surface rises with x; NaN = not measured.
+        u_reading : float, rad, optional
+            Standard uncertainty of one slope; the scatter of the passes if omitted.
+        history : tuple of Step, optional
+            Where they came from.
+
+        Returns
+        -------
+        Separation
+            Parts ``height`` and ``zero`` (NaN: it is not seen).
+
+        Raises
+        ------
+        DataError
+            If `u_reading` is negative or no number.
+        InvalidSamplesError
+            If the slopes are no numbers, infinite or of another shape.
+        NotUniformError
+            If the rule needs equal steps.
+        TooFewSamplesError
+            If fewer than 4 slopes in a row were measured.
+        UnitError
+            If the slopes are beyond 0.5 rad.
+
+        Notes
+        -----
+        `integrate_slopes` does the work: its u is that of white noise.
+        """
+        stated = stated_u(u_reading, "rad")
+        array = as_numbers(readings, f"{self.name} needs slopes (M, n) as numbers")
+        if array.ndim != 2 or array.shape[1] != len(self.x):
+            raise InvalidSamplesError(
+                f"{self.name} needs slopes at the {len(self.x)} positions, shape (M, {len(self.x)}), "
+                f"got {array.shape}"
+            )
+        found = integrate_slopes(
+            array, self.x, method=self.method, u_slope=stated, zero_known=self.zero_known
+        )
+        unknown = np.array(np.nan)
+        cut = tuple(item for item in found.null_space if item.kind == "samples")
+        return replace(
+            found,
+            parts={**found.parts, "zero": unknown},
+            u={**found.u, "zero": unknown},
+            units={**found.units, "zero": "rad"},
+            null_space=(*self.null_space(), *cut),
+            messages=tuple(m.replace("u_slope", "u_reading") for m in found.messages),
+            history=(*history, *found.history),
+        )

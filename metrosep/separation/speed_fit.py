@@ -13,7 +13,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, DegenerateFitError, TooFewSamplesError
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_engineering
-from metrosep.separation._result_values import plain, reduced
+from metrosep.separation._readings import plain, reduced
 
 __all__ = ["SpeedFit", "fit_values"]
 

@@ -26,27 +26,26 @@ from metrosep.core.quantity import Quantity
 from metrosep.core.recording import Recording
 from metrosep.core.units import format_engineering
 from metrosep.parameters.table import Context, ParameterTable
-from metrosep.separation._spindle_input import Readings, readings_of
-from metrosep.separation._spindle_noise import (
-    NoiseEffect,
-    Spectrum,
-    noise_effect,
-    revolution_correlation,
-    spectrum_of,
-    u_of_range,
-    u_of_sd,
-    u_of_total,
-)
-from metrosep.separation._spindle_steps import (
+from metrosep.separation._spindle_input import (
     Circles,
+    NoiseEffect,
+    Readings,
+    Spectrum,
     Trend,
     centre_of,
     circles_of,
     harmonics_of,
     kept_harmonics,
     limited,
+    noise_effect,
+    readings_of,
+    revolution_correlation,
     sensed_motion,
+    spectrum_of,
     trend_of,
+    u_of_range,
+    u_of_sd,
+    u_of_total,
     width_about,
 )
 from metrosep.separation.resampling import AngleSynchronous

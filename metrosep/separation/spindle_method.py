@@ -18,13 +18,19 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
-from metrosep.separation._method_parts import known_parts, part_of, stated_u
-from metrosep.separation._readings import as_numbers, checked_readings, harmonics_of, harmonics_u
-from metrosep.separation.contract import Separation, SeparationMethod
-from metrosep.separation.null_space import Unobservable
+from metrosep.separation._readings import (
+    as_numbers,
+    checked_readings,
+    harmonics_of,
+    harmonics_u,
+    known_parts,
+    part_of,
+    stated_u,
+)
+from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
 from metrosep.separation.spindle import iso230_7
 from metrosep.separation.spindle_result import SpindleMotion
-from metrosep.spectral._checks import finite_number
+from metrosep.spectral.dft import finite_number
 
 __all__ = ["SpindleSplit"]
 

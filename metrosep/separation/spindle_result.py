@@ -13,7 +13,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.profile import html_table
 from metrosep.core.quantity import Quantity
 from metrosep.parameters.table import ParameterTable
-from metrosep.separation._result_values import plain, reduced
+from metrosep.separation._readings import plain, reduced
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -24,8 +24,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, NotSeparableError, UnitError
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.quantity import Quantity
-from metrosep.separation._checked_numbers import checked_number
-from metrosep.separation._result_values import plain, reduced
+from metrosep.separation._readings import checked_number, plain, reduced
 
 if TYPE_CHECKING:
     import pandas as pd

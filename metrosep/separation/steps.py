@@ -35,6 +35,7 @@ from metrosep.separation._circle import (
     check_turn,
     check_u_reading,
     check_whole,
+    circle_readings,
     curve,
     grid,
     harmonics_of,
@@ -43,11 +44,15 @@ from metrosep.separation._circle import (
     referred_to_zero,
     revolutions,
     turned,
+    with_messages,
 )
-from metrosep.separation._circle_input import circle_readings, with_messages
 from metrosep.separation._readings import size_doubts
-from metrosep.separation.contract import Separation, SeparationMethod
-from metrosep.separation.null_space import Unobservable, suppressed_harmonics
+from metrosep.separation.contract import (
+    Separation,
+    SeparationMethod,
+    Unobservable,
+    suppressed_harmonics,
+)
 
 __all__ = ["MultistepRoundness", "multistep"]
 

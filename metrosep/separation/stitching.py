@@ -15,26 +15,32 @@ from metrosep.core.errors import DataError, DegenerateFitError, NotConvergedErro
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
 from metrosep.separation._map_input import checked_u
-from metrosep.separation._overlaps import overlaps_of, require_connection
 from metrosep.separation._readings import as_numbers
-from metrosep.separation._stitch_grid import Layout, layout_of
-from metrosep.separation._stitch_input import Pieces, pieces_of
+from metrosep.separation._stitch_grid import (
+    Layout,
+    Pieces,
+    layout_of,
+    overlaps_of,
+    pieces_of,
+    require_connection,
+)
 from metrosep.separation._stitch_models import Settings
 from metrosep.separation._stitch_run import run
 from metrosep.separation._stitch_solve import (
+    Box,
     Problem,
+    WindowTerms,
     fitted_pieces,
     freedom_terms,
     inverse_of,
     mean_of,
+    n_of,
     noise_of,
     normal_matrix,
     right_side,
 )
-from metrosep.separation._stitch_terms import Box, WindowTerms, n_of
-from metrosep.separation.contract import Separation, SeparationMethod
-from metrosep.separation.null_space import Unobservable
-from metrosep.spectral._checks import finite_number, real_number
+from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
+from metrosep.spectral.dft import finite_number, real_number
 
 __all__ = ["Stitching", "stitch"]
 

@@ -12,7 +12,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import UnitError
 from metrosep.core.runset import RunSet
 from metrosep.separation._unknowns import Gain
-from metrosep.separation.curves import LINE_POINTS, FeedTerm, SampledCurve
+from metrosep.separation.base import LINE_POINTS, FeedTerm, SampledCurve
 from metrosep.separation.design import PreparedRun
 from metrosep.separation.options import JointOptions
 from metrosep.separation.solver import Solution

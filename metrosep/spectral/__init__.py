@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from metrosep.spectral.autoregressive import AutoregressiveModel, fit_autoregressive, whiten
-from metrosep.spectral.band import Band
 from metrosep.spectral.density import (
     amplitude_spectrum,
     areal_psd,
     band_rms,
+    pooled_periodogram,
     profile_psd,
     radial_psd,
 )
-from metrosep.spectral.dft import fourier_basis, fourier_coefficients, fourier_sum
+from metrosep.spectral.dft import Band, fourier_basis, fourier_coefficients, fourier_sum
 from metrosep.spectral.hann import coherent_gain, hann_weights, noise_bandwidth, taper_weights
-from metrosep.spectral.psd import pooled_periodogram
 from metrosep.spectral.spectra import AmplitudeSpectrum, ArealPsd, Psd, RadialPsd
 from metrosep.spectral.streaming import BinnedMean, StreamedPsd
 from metrosep.spectral.window import kono_weights, tukey_weights

@@ -8,15 +8,18 @@ Convention: ``e(x) = sum a_k cos(2 pi k (x - x0)/l) + b_k sin(...)``, eq. 4 of m
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
+from metrosep.core.numbers import count, real
+from metrosep.core.units import format_length
 
-__all__ = ["fourier_basis", "fourier_coefficients", "fourier_sum"]
-
+__all__ = ["Band", "fourier_basis", "fourier_coefficients", "fourier_sum"]
 
 _FEW_HARMONICS = 16
 """Below it each cosine is worked out by itself."""
@@ -148,3 +151,98 @@ def fourier_coefficients(
         basis = fourier_basis(xs[part], origin=origin, period=period, n_harmonics=n_harmonics)
         sums += 2.0 * (weighted[part] @ basis)
     return np.asarray(sums[:n_harmonics] + 1j * sums[n_harmonics:], dtype=np.complex128)
+
+
+# ---- `Band`: the wavelengths between two limits ------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Band:
+    """Wavelengths ``shortest <= wavelength <= longest``; an open side is None.
+
+    Parameters
+    ----------
+    shortest, longest : float or None, optional, m
+        Limits, positive and finite, in this order.
+
+    Raises
+    ------
+    DataError
+        If a limit is not positive and finite, or they are not in order.
+
+    Examples
+    --------
+    >>> Band(2.5e-6, 0.8e-3)
+    Band(2.5 um ... 800 um)
+    >>> Band(shortest=2.5e-6)
+    Band(2.5 um ... )
+    """
+
+    shortest: float | None = None
+    longest: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("shortest", "longest"):
+            value = getattr(self, name)
+            if value is None:
+                continue
+            number = real_number(value, f"the {name} wavelength of a band")
+            if not (math.isfinite(number) and number > 0.0):
+                raise DataError(
+                    f"the {name} wavelength of a band must be positive and finite, got {value} m"
+                )
+            object.__setattr__(self, name, number)
+        if (
+            self.shortest is not None
+            and self.longest is not None
+            and not self.shortest < self.longest
+        ):
+            raise DataError(
+                f"a band runs from its shortest to its longest wavelength, got "
+                f"{format_length(self.shortest)} to {format_length(self.longest)}"
+            )
+
+    def __repr__(self) -> str:
+        low, high = ("" if v is None else format_length(v) for v in (self.shortest, self.longest))
+        return f"Band({low} ... {high})"
+
+
+# ---- private helpers: arguments of the wrong type become a `DataError` that names them ---------
+
+
+def whole_number(value: object, name: str, *, minimum: int = 1) -> int:
+    """Return a whole number from `minimum`."""
+    return count(value, name, least=minimum)
+
+
+def real_number(value: object, name: str, what: str = "a number") -> float:
+    """Return a float, NaN and infinities included."""
+    return real(value, name, what=what, finite=False)
+
+
+def finite_number(value: object, name: str, what: str = "a finite number") -> float:
+    """Return a finite float."""
+    return real(value, name, what=what)
+
+
+def symbols(names: object) -> Sequence[str]:
+    """Return symbols asked for by name: a sequence of texts, not one text."""
+    if isinstance(names, str | bytes):
+        raise DataError(f"names is a sequence of symbols, got the text {names!r}")
+    try:
+        found: tuple[object, ...] = tuple(names)  # type: ignore[arg-type]
+    except TypeError:
+        raise DataError(f"names is a sequence of symbols, got {names!r}") from None
+    texts = [n for n in found if isinstance(n, str)]
+    if len(texts) < len(found):
+        wrong = next(n for n in found if not isinstance(n, str))
+        raise DataError(f"names holds symbols as text, such as 'Ra', got {wrong!r}")
+    return texts
+
+
+def instance_of(obj: object, kinds: type | tuple[type, ...], what: str) -> None:
+    """Refuse an object of another class, saying which one is needed."""
+    allowed = kinds if isinstance(kinds, tuple) else (kinds,)
+    if not isinstance(obj, allowed):
+        names = " or ".join(k.__name__ for k in allowed)
+        raise DataError(f"{what} needs a {names}, got {type(obj).__name__}")

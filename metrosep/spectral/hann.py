@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
-from metrosep.spectral._checks import real_number, whole_number
+from metrosep.spectral.dft import real_number, whole_number
 
 __all__ = ["coherent_gain", "hann_weights", "noise_bandwidth", "taper_weights"]
 

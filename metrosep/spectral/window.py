@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core.errors import DataError
-from metrosep.spectral._checks import whole_number
+from metrosep.spectral.dft import whole_number
 
 __all__ = ["kono_weights", "tukey_weights"]
 

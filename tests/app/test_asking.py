@@ -15,8 +15,7 @@ from metrosep.app.asking import (
     fewest_feeds,
     holds_columns,
 )
-from metrosep.app.documents import start_runs_text
-from metrosep.app.places import Places
+from metrosep.app.documents import Places, start_runs_text
 from metrosep.app.sessions import Session
 from metrosep.core.runset import Run, RunSet
 from metrosep.errors import DataError, FormatMismatchError, ReadError

@@ -7,8 +7,7 @@ import pytest
 
 import metrosep as ms
 from metrosep.app.compare_answers import compare, difference_of, grid_words
-from metrosep.app.documents import Edit
-from metrosep.app.places import Places
+from metrosep.app.documents import Edit, Places
 from metrosep.app.sessions import Session
 from metrosep.core.errors import DataError, MetrosepError, ReadError, TooFewSamplesError
 from metrosep.core.profile import Profile

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.app.documents import Edit
+from metrosep.app.documents import Edit, Places
 from metrosep.app.export_answers import export
 from metrosep.app.opening import autosave_path
-from metrosep.app.places import Places
 from metrosep.app.report_answers import report
 from metrosep.app.sessions import Session
 from metrosep.core.errors import DataError, WriteError

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.app.places import Places
+from metrosep.app.documents import Places
 from metrosep.app.server import Answers
 from metrosep.app.sessions import Session
 from metrosep.core.errors import DataError, ReadError, WriteError

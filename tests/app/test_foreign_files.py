@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.app.documents import Edit
-from metrosep.app.places import Places
+from metrosep.app.documents import Edit, Places
 from metrosep.app.sessions import Session
 
 FOREIGN = "a text of somebody else"

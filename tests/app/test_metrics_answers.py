@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.app.documents import Edit
+from metrosep.app.documents import Edit, Places
 from metrosep.app.evaluations import Evaluations
-from metrosep.app.places import Places
 from metrosep.app.server import Answers
 from metrosep.app.sessions import Session
 

@@ -8,9 +8,8 @@ import pytest
 
 import metrosep as ms
 from metrosep.app.asking import Ask
-from metrosep.app.documents import Edit
+from metrosep.app.documents import Edit, Places
 from metrosep.app.opening import autosave_path, open_files
-from metrosep.app.places import Places
 from metrosep.app.sessions import Session
 from metrosep.errors import DataError, MetrosepError, ReadError, RecipeError
 

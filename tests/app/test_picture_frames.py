@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import metrosep as ms
+from metrosep.app.documents import Places
+from metrosep.app.map_views import lateral_unit
 from metrosep.app.notebook import Exploration
-from metrosep.app.picture_frames import lateral_unit
-from metrosep.app.places import Places
 from metrosep.app.server import PictureAnswers
 from metrosep.app.sessions import Session
 from metrosep.app.wire import unpack

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from metrosep.app.profile_views import Extremes, profile_view, repeat_views
+from metrosep.app.view_tables import Extremes, profile_view, repeat_views
 from metrosep.core.errors import DataError
 from metrosep.core.profile import Profile
 from metrosep.core.runset import Run, RunSet

@@ -8,8 +8,7 @@ from starlette.testclient import TestClient
 
 import metrosep as ms
 from metrosep.app import full_results
-from metrosep.app.documents import Edit
-from metrosep.app.places import Places
+from metrosep.app.documents import Edit, Places
 from metrosep.app.report_answers import report
 from metrosep.app.server import make_app
 from metrosep.app.sessions import Session

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from starlette.testclient import TestClient
 
-from metrosep.app.places import Places
+from metrosep.app.documents import Places
 from metrosep.app.server import make_app
 from metrosep.app.wave_views import adjusted_p, feed_waves
 from metrosep.app.wire import unpack
-from metrosep.core.false_discovery import benjamini_hochberg
+from metrosep.core._arrays import benjamini_hochberg
 from metrosep.core.runset import Run, RunSet
 from metrosep.recipe import Recipe
 

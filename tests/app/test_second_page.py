@@ -10,8 +10,8 @@ from starlette.testclient import TestClient
 
 import metrosep as ms
 from metrosep.app import server
+from metrosep.app.documents import Places
 from metrosep.app.opening import autosave_path
-from metrosep.app.places import Places
 from metrosep.app.sessions import Keeper
 from metrosep.app.wire import unpack
 from metrosep.core.errors import WriteError
@@ -173,7 +173,7 @@ def test_an_upload_to_a_full_disk_is_told(tmp_path, monkeypatch):
     def full(*args, **options):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("metrosep.app.places.tempfile.mkdtemp", full)
+    monkeypatch.setattr("metrosep.app.documents.tempfile.mkdtemp", full)
     with client(tmp_path) as http:
         answer = drop(http, "a.csv", "1,2")
     assert answer.status_code == 400

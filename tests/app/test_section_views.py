@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from metrosep.app.section_views import section_profile, section_view
+from metrosep.app.view_tables import section_profile, section_view
 from metrosep.core.errors import DataError
 from metrosep.core.surface import Surface
 

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.app.documents import Edit
+from metrosep.app.documents import Edit, Places
 from metrosep.app.export_answers import export
 from metrosep.app.metrics_answers import metrics
-from metrosep.app.places import Places
 from metrosep.app.separations import MethodResults, Separations
 from metrosep.app.sessions import Session
 from metrosep.errors import DataError, MetrosepError, WriteError

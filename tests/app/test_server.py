@@ -9,8 +9,8 @@ from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
 import metrosep as ms
+from metrosep.app.documents import Places
 from metrosep.app.opening import autosave_path
-from metrosep.app.places import Places
 from metrosep.app.server import Answers, make_app
 from metrosep.app.sessions import Session
 from metrosep.app.wire import unpack

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from metrosep.app.sliding import Vibration, find_vibrations
+from metrosep.app.map_views import Vibration, find_vibrations
 from metrosep.core.runset import Run, RunSet
 from metrosep.separation import separate
 

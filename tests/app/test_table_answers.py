@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from metrosep import controllers as library
-from metrosep.app.controller_lists import described_controllers
-from metrosep.app.documents import Edit
-from metrosep.app.places import Places
+from metrosep.app.documents import Edit, Places
+from metrosep.app.separations import described_controllers
 from metrosep.app.server import Answers
 from metrosep.app.sessions import Session
 from metrosep.cli.main import main

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.app.places import Places
+from metrosep.app.documents import Places
 from metrosep.app.server import Answers
 from metrosep.app.sessions import Session
 from metrosep.app.view_tables import shown_view, view_of, with_view
 from metrosep.app.wire import pack
 from metrosep.core.errors import DataError
-from metrosep.recipe.hashing import recipe_hash
+from metrosep.recipe.outputs import recipe_hash
 from metrosep.recipe.recipe import Recipe
 from metrosep.recipe.view_block import without_view_block
 

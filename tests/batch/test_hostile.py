@@ -12,10 +12,9 @@ import numpy as np
 import pytest
 
 from metrosep.batch import run_batch, work
-from metrosep.batch.companions import files_read
 from metrosep.batch.failures import as_reason, exit_code_of, worth_another_try
 from metrosep.batch.loop import WorkerDiedError
-from metrosep.batch.units import Unit
+from metrosep.batch.units import Unit, files_read
 from metrosep.core.errors import RecipeError
 from metrosep.recipe import Recipe
 from metrosep.recipe.run import run_recipe
@@ -202,7 +201,7 @@ def test_an_incomplete_installation_does_not_stick(recipe_text, parts, tmp_path,
     with monkeypatch.context() as patch:
         patch.setattr(registry, "_format_folder", lambda: None)
         registry._own_descriptors.cache_clear()
-        from metrosep.batch import companions
+        from metrosep.batch import units as companions
 
         companions._family.cache_clear()
         report = run(recipe, tmp_path / "in", tmp_path / "qa")

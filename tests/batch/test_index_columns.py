@@ -12,7 +12,7 @@ from metrosep.batch.index import write_index
 from metrosep.cli.main import main
 from metrosep.core.errors import RecipeError
 from metrosep.recipe import Recipe
-from metrosep.recipe.batch_keys import COLUMNS
+from metrosep.recipe.schema import COLUMNS
 
 USAGE = 2
 """Exit code of a wrong recipe."""

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from metrosep.batch import find_units, output_folders, run_batch
+from metrosep.batch import find_units, run_batch, units as output_folders
 from metrosep.cli.batches import batch as command
 from metrosep.cli.main import main
 from metrosep.core.errors import ReadError, RecipeError

@@ -11,9 +11,8 @@ import pytest
 from metrosep.batch import run_batch
 from metrosep.core.errors import DataError, RecipeError
 from metrosep.recipe import Recipe
-from metrosep.recipe.part_order import parts_in_order
-from metrosep.report.index import batch_table, render_index, series_section
-from metrosep.report.index_view import series_of
+from metrosep.recipe.parts import parts_in_order
+from metrosep.report.index import batch_table, render_index, series_of, series_section
 
 N = 16
 STEP = 0.2e-9  # m of Sa from part to part; it rises
@@ -154,7 +153,7 @@ def test_offsets_count_and_a_mixture_is_told():
         row("c", "2026-01-03T11:45:00"),
     ]
     assert parts_in_order({"order": "time", "rows": rows}) == [1, 2, 0]
-    from metrosep.recipe.part_order import order_notes
+    from metrosep.recipe.parts import order_notes
 
     (note,) = order_notes({"order": "time", "rows": rows})
     assert "offset" in note

@@ -143,7 +143,7 @@ def test_title_and_comments_and_view_change_nothing(recipe_text, inbox, tmp_path
 
 def test_an_index_from_the_marks_alone_is_the_same(recipe, inbox, tmp_path):
     from metrosep.batch import build_index
-    from metrosep.recipe.hashing import recipe_hash
+    from metrosep.recipe.outputs import recipe_hash
 
     report = run(recipe, inbox, tmp_path / "qa")
     rebuilt = build_index(recipe, tmp_path / "qa", recipe_hash=recipe_hash(recipe))

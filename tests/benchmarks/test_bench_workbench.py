@@ -4,11 +4,10 @@ import numpy as np
 
 from metrosep import Profile, Surface
 from metrosep.app.map_views import map_view
-from metrosep.app.profile_views import Extremes, profile_view
 from metrosep.app.pyramid import build_pyramid
-from metrosep.app.section_views import section_view
 from metrosep.app.spectrum_views import profile_spectrum, spectrum_view
-from metrosep.spectral.band import Band
+from metrosep.app.view_tables import Extremes, profile_view, section_view
+from metrosep.spectral.dft import Band
 
 UM, MM, NM = 1e-6, 1e-3, 1e-9
 

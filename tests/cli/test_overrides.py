@@ -9,7 +9,7 @@ import pytest
 
 import metrosep as ms
 from metrosep.cli.main import main
-from metrosep.recipe.hashing import recipe_hash
+from metrosep.recipe.outputs import recipe_hash
 
 RECIPE = """metrosep = 1
 title = "lens"

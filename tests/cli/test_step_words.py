@@ -6,7 +6,7 @@ import pytest
 
 from metrosep.recipe.kinds import KINDS
 from metrosep.recipe.methods import METHODS
-from metrosep.recipe.step_words import step_words
+from metrosep.recipe.step_help import step_words
 
 SINGLE = ("length", "size", "uncertainty", "angle", "time", "speed", "frequency")
 KEYS = [(op, key) for op, m in METHODS.items() for key in m.fields if key != "op"]

@@ -5,7 +5,7 @@ import pytest
 
 from metrosep.cli.errors import as_options
 from metrosep.cli.main import main
-from metrosep.recipe.step_words import step_words
+from metrosep.recipe.step_help import step_words
 
 SIGN_OF_PYTHON = ("=(", "array (", "np.", "numpy.", "rad are needed")
 

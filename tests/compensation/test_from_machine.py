@@ -15,8 +15,8 @@ from metrosep.errors import (
     SignCheckFailedError,
     TableError,
 )
+from metrosep.machine.chain_files import presets
 from metrosep.machine.error_sets import ErrorSet
-from metrosep.machine.preset_chains import presets
 from metrosep.machine.terms import FourierTerm, PolynomialTerm, TableTerm
 
 PM = 1e-12

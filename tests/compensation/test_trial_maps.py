@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from metrosep.compensation import CompensationMap
-from metrosep.compensation.trial_maps import trial_map
+from metrosep.compensation.trial import trial_map
 from metrosep.errors import DataError, SignCheckFailedError, TableError
 
 

@@ -11,7 +11,7 @@ from scipy.optimize import linprog
 from metrosep import Profile, controllers
 from metrosep.compensation import CompensationTable
 from metrosep.controllers import registry
-from metrosep.controllers.fanuc_straightness import FanucStraightness
+from metrosep.controllers.fanuc import FanucStraightness
 from metrosep.controllers.options import checked_options
 from metrosep.errors import (
     CorruptFileError,
@@ -44,7 +44,7 @@ FACTS = {"detection_unit": 1e-7, "interval": 5e-3, "reference_number": 40}
 
 @pytest.fixture(autouse=True)
 def registered(monkeypatch):
-    place = "fanuc_straightness:FanucStraightness"
+    place = "fanuc:FanucStraightness"
     monkeypatch.setitem(registry._PLACES, "fanuc-straightness", place)
     registry.find.cache_clear()
 

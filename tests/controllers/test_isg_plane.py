@@ -11,7 +11,7 @@ from hypothesis import given, settings, strategies as st
 from metrosep import controllers
 from metrosep.compensation.maps import CompensationMap
 from metrosep.controllers import registry
-from metrosep.controllers.isg_plane import IsgPlane
+from metrosep.controllers.isg_cross import IsgPlane
 from metrosep.controllers.options import checked_options
 from metrosep.errors import (
     CorruptFileError,
@@ -53,7 +53,7 @@ VALUES = np.array([[1.0, 0.0, -2.0], [3.0, 0.5, 0.0]]) * 1e-6
 
 @pytest.fixture(autouse=True)
 def registered(monkeypatch):
-    monkeypatch.setitem(registry._PLACES, "isg-plane", "isg_plane:IsgPlane")
+    monkeypatch.setitem(registry._PLACES, "isg-plane", "isg_cross:IsgPlane")
     registry.find.cache_clear()
 
 

@@ -13,7 +13,7 @@ from metrosep import controllers
 from metrosep.compensation.maps import CompensationMap
 from metrosep.controllers import registry
 from metrosep.controllers.base import sidecar_path
-from metrosep.controllers.neutral_map import NeutralMap
+from metrosep.controllers.neutral import NeutralMap
 from metrosep.errors import CorruptFileError, TableError
 
 NOWHERE = Path(os.devnull)
@@ -33,7 +33,7 @@ VALUES = [[0.0, -1.5e-6, 1e-12], [2e-6, 0.0, -0.25e-6]]
 @pytest.fixture(autouse=True)
 def _registered(monkeypatch):
     if "csv-map" not in registry._PLACES:
-        monkeypatch.setitem(registry._PLACES, "csv-map", "neutral_map:NeutralMap")
+        monkeypatch.setitem(registry._PLACES, "csv-map", "neutral:NeutralMap")
         registry.find.cache_clear()
 
 

@@ -11,8 +11,8 @@ from hypothesis import given, settings, strategies as st
 from metrosep import controllers
 from metrosep.compensation import CompensationTable
 from metrosep.controllers import registry
-from metrosep.controllers.nv200 import MAX_POINTS, NV200
 from metrosep.controllers.options import checked_options
+from metrosep.controllers.pi_gcs import MAX_POINTS, NV200
 from metrosep.errors import CorruptFileError, DataError, LimitError, TableError
 
 NOWHERE = Path(os.devnull)
@@ -45,7 +45,7 @@ HAND_OPTIONS = {
 @pytest.fixture(autouse=True)
 def _registered(monkeypatch):
     if "nv200" not in registry._PLACES:
-        monkeypatch.setitem(registry._PLACES, "nv200", "nv200:NV200")
+        monkeypatch.setitem(registry._PLACES, "nv200", "pi_gcs:NV200")
         registry.find.cache_clear()
 
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings, strategies as st
 from metrosep import controllers
 from metrosep.compensation import CompensationTable
 from metrosep.controllers import registry
-from metrosep.controllers.sinumerik_enc import SinumerikEnc
+from metrosep.controllers.sinumerik_cec import SinumerikEnc
 from metrosep.errors import (
     CorruptFileError,
     DataError,
@@ -45,7 +45,7 @@ M17
 
 @pytest.fixture(autouse=True)
 def registered(monkeypatch):
-    monkeypatch.setitem(registry._PLACES, "sinumerik-enc", "sinumerik_enc:SinumerikEnc")
+    monkeypatch.setitem(registry._PLACES, "sinumerik-enc", "sinumerik_cec:SinumerikEnc")
     registry.find.cache_clear()
     yield
     registry.find.cache_clear()

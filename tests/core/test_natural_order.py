@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from metrosep.core.natural_order import by_number
+from metrosep.core._arrays import by_number
 
 
 def test_numbers_count_by_their_value():

@@ -11,7 +11,7 @@ from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesEr
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
 from metrosep.filters.gaussian import gaussian, gaussian_support
-from metrosep.spectral.band import Band
+from metrosep.spectral.dft import Band
 
 UM = 1e-6
 ROUNDING = 2e-14

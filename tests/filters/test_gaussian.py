@@ -17,7 +17,7 @@ from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
 from metrosep.filters.gaussian import gaussian, gaussian_support
 from metrosep.filters.kind import DoubleFilterError, profile_kind
-from metrosep.spectral.band import Band
+from metrosep.spectral.dft import Band
 
 UM = 1e-6
 NM = 1e-9

@@ -13,7 +13,7 @@ from metrosep.filters.gaussian import gaussian, gaussian_support
 from metrosep.filters.morphological import closing, dilation
 from metrosep.filters.robust import regression_constant, robust_gaussian
 from metrosep.filters.spline import spline
-from metrosep.spectral.band import Band
+from metrosep.spectral.dft import Band
 
 UM = 1e-6
 NM = 1e-9

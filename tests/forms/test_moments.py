@@ -10,8 +10,7 @@ from metrosep.core.errors import (
     TooFewSamplesError,
 )
 from metrosep.forms import _orthogonal
-from metrosep.forms._moment_sums import inverse_of
-from metrosep.forms.moments import evaluate_grid, fit_grid_polynomial, remove_grid
+from metrosep.forms.moments import evaluate_grid, fit_grid_polynomial, inverse_of, remove_grid
 
 EXACT = 1e-13
 """Relative to the range of the map: some hundred roundings of double precision."""

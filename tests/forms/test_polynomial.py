@@ -11,8 +11,7 @@ from metrosep.core.errors import (
     NotUniformError,
     TooFewSamplesError,
 )
-from metrosep.forms.named_polynomials import XY, Chebyshev, Legendre
-from metrosep.forms.polynomial import Polynomial
+from metrosep.forms.polynomial import XY, Chebyshev, Legendre, Polynomial
 
 CERTIFIED = 1e-12
 """Relative: Filip is certified to 15 digits; 8 are asked for."""

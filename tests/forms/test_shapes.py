@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from metrosep.core.errors import DataError
-from metrosep.forms.asphere import Asphere
-from metrosep.forms.conic import Conic
+from metrosep.forms.conic import Asphere, Conic
 from metrosep.forms.cylinder import Cylinder
 from metrosep.forms.expression import Expression
 from metrosep.forms.plane import Plane

@@ -9,8 +9,8 @@ from metrosep.core.errors import (
     InvalidSamplesError,
     NotUniformError,
 )
-from metrosep.forms.zernike import Zernike
-from metrosep.forms.zernike_index import (
+from metrosep.forms.zernike import (
+    Zernike,
     ansi_to_nm,
     fringe_to_nm,
     nm_to_ansi,

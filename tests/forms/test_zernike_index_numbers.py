@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from metrosep.errors import DataError
-from metrosep.forms.zernike_index import term_indices
+from metrosep.forms.zernike import term_indices
 
 
 @pytest.mark.parametrize("terms", [[1.5], [2.0], [True, 2], ["3"], 2.5, None])

@@ -8,7 +8,7 @@ import pytest
 
 import metrosep as ms
 from metrosep.io import codev_int
-from metrosep.io.codev_int_write import int_bytes, quantisation_step
+from metrosep.io.codev_int import int_bytes, quantisation_step
 from metrosep.io.registry import Match, identify
 from metrosep.io.source import RawFile
 

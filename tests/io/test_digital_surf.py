@@ -9,8 +9,7 @@ import pytest
 
 import metrosep as ms
 from metrosep.io import digital_surf
-from metrosep.io.digital_surf import FIELDS
-from metrosep.io.digital_surf_write import sur_bytes
+from metrosep.io.digital_surf import FIELDS, sur_bytes
 from metrosep.io.registry import Match, identify
 from metrosep.io.source import RawFile, open_file
 

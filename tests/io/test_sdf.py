@@ -9,7 +9,7 @@ import pytest
 import metrosep as ms
 from metrosep.io import sdf
 from metrosep.io.registry import Match, identify
-from metrosep.io.sdf_write import sdf_bytes
+from metrosep.io.sdf import sdf_bytes
 from metrosep.io.source import RawFile
 
 NM = 1e-9

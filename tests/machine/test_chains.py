@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from metrosep.core.errors import DataError, InvalidSamplesError
+from metrosep.machine.chain_files import presets
 from metrosep.machine.chains import Chain
 from metrosep.machine.elements import Element
 from metrosep.machine.error_sets import ErrorSet
-from metrosep.machine.preset_chains import presets
 
 MACHINE = 1e-12  # rounding of products of lengths below 1 m; spec row 36
 NANOMETRE = 1e-9

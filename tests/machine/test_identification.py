@@ -6,8 +6,8 @@ import pytest
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.surface import Surface
 from metrosep.forms import Plane, Sphere, Toric
+from metrosep.machine.chain_files import presets
 from metrosep.machine.identification import identify
-from metrosep.machine.preset_chains import presets
 
 R = 20e-3
 TORIC = Toric(Rb=0.265, Rd=0.1325)

@@ -7,8 +7,8 @@ from scipy.ndimage import gaussian_filter
 from metrosep.core.surface import Surface
 from metrosep.forms import Toric
 from metrosep.machine._map_noise import map_noise
+from metrosep.machine.chain_files import presets
 from metrosep.machine.identification import identify
-from metrosep.machine.preset_chains import presets
 
 HONEST = (0.7, 1.4)
 """RMS of z-scores. 40 maps with 6 columns, about 240 scores: known to 5 % where independent."""

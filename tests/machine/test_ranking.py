@@ -20,9 +20,9 @@ from metrosep.core.surface import Surface
 from metrosep.forms import Biconic, Conic, Expression, Plane, Sphere, Toric
 from metrosep.machine._responses import vertical_maps
 from metrosep.machine.alignment import alignment_space
+from metrosep.machine.chain_files import presets
 from metrosep.machine.error_sets import ErrorSet
 from metrosep.machine.gram import aligned_gram
-from metrosep.machine.preset_chains import presets
 from metrosep.machine.ranking import rank
 from metrosep.machine.terms import TableTerm
 

@@ -9,9 +9,9 @@ import pytest
 
 import metrosep as ms
 from metrosep.core.errors import DataError, InvalidSamplesError, LimitError
+from metrosep.machine.chain_files import presets
 from metrosep.machine.chains import Chain
 from metrosep.machine.error_sets import ErrorSet, as_error_set
-from metrosep.machine.preset_chains import presets
 from metrosep.machine.terms import (
     CallableTerm,
     ConstantTerm,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from metrosep.core.errors import DataError
-from metrosep.parameters.capability import capability_of, control_limits
+from metrosep.parameters.gauge import capability_of, control_limits
 
 ROUNDING = 1e-12
 PRINTED = 0.005  # half of the last printed digit

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from metrosep.core.errors import DataError, InvalidSamplesError
-from metrosep.parameters.elements import profile_elements
+from metrosep.parameters._profile_rows import profile_elements
 
 UM = 1e-6
 CROSSING = 1e-9  # relative; linear interpolation between symmetric neighbours is exact

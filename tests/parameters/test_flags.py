@@ -7,10 +7,9 @@ from metrosep import Profile, Surface
 from metrosep.core.errors import DataError
 from metrosep.parameters.budget_lines import repeatability_line
 from metrosep.parameters.deviation import form_deviation, roundness_deviation
-from metrosep.parameters.noise import NoiseFromRepeats, WhiteNoise
+from metrosep.parameters.noise import NoiseFromRepeats, WhiteNoise, noise_of_repeats
 from metrosep.parameters.profile import profile_parameters
 from metrosep.parameters.propagation import monte_carlo
-from metrosep.parameters.repeat_noise import noise_of_repeats
 from metrosep.parameters.repeats import from_repeats, noise_free_rms, type_a
 from metrosep.parameters.softgauge import verify_softgauge
 from metrosep.parameters.straightness import straightness_deviation

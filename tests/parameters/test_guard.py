@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from metrosep.core.errors import DataError
-from metrosep.parameters.decision import decide
-from metrosep.parameters.guard import conformance_probability, guard_factor, judge
+from metrosep.parameters.decision import conformance_probability, decide, guard_factor, judge
 
 U_C = 0.25  # of acceptance row U01: limit 10, u_c 0.25
 G95 = 1.6448536269514722 * U_C  # 95 % point of the normal distribution, printed tables

@@ -11,14 +11,15 @@ from metrosep.core.errors import DataError, NotUniformError, TooFewSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
 from metrosep.parameters.budget import Contribution
-from metrosep.parameters.effects import (
+from metrosep.parameters.noise import CorrelatedNoise, NoiseFromRepeats, WhiteNoise
+from metrosep.parameters.propagation import (
     Effect,
     drift_effect,
+    monte_carlo,
     nonlinearity_effect,
     scale_effect,
+    shortest_interval,
 )
-from metrosep.parameters.noise import CorrelatedNoise, NoiseFromRepeats, WhiteNoise
-from metrosep.parameters.propagation import monte_carlo, shortest_interval
 
 A = 50e-9
 X = np.arange(500) * 1e-6

@@ -21,8 +21,10 @@ from metrosep.parameters.noise import (
     NoiseFromRepeats,
     Sampling,
     WhiteNoise,
+    mean_of_repeats,
+    noise_of_repeats,
+    stack_repeats,
 )
-from metrosep.parameters.repeat_noise import mean_of_repeats, noise_of_repeats, stack_repeats
 from metrosep.parameters.repeats import from_repeats, noise_free_rms, type_a
 
 SIGMA = 2e-9

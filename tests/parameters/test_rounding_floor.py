@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from metrosep.parameters import part_series
-from metrosep.parameters.capability import capability_of
-from metrosep.parameters.rounding_floor import constant, floors
+from metrosep.parameters.gauge import capability_of
+from metrosep.parameters.repeats import constant, floors
 
 N = 40
 RISE = np.arange(N) / (N - 1.0)

@@ -6,7 +6,7 @@ from itertools import pairwise
 import pytest
 
 from metrosep.core.errors import DataError, NotConvergedError
-from metrosep.parameters.settings import (
+from metrosep.parameters.profile import (
     SETTING_CLASSES,
     setting_class,
     settle_cutoff,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from metrosep.errors import DataError
-from metrosep.plot.drift import allan_plot, drift_chart
+from metrosep.plot.series_chart import allan_plot, drift_chart
 from metrosep.separation.drift import allan_deviation, iso230_3_drift
 
 EXACT = 1e-9

@@ -7,8 +7,7 @@ import pytest
 
 from metrosep import Run, RunSet
 from metrosep.errors import DataError
-from metrosep.plot.evidence_chart import evidence_plot
-from metrosep.plot.feed_chart import feed_map
+from metrosep.plot.evidence_chart import evidence_plot, feed_map
 from metrosep.plot.style import COLOURS
 from metrosep.separation.base import ErrorEstimate
 from metrosep.separation.evidence import evidence_table

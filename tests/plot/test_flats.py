@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from metrosep.core.errors import DataError
-from metrosep.plot.flats import flat_maps
+from metrosep.plot.maps import flat_maps
 from metrosep.separation.flats import three_flat
 from metrosep.separation.rotations import rotation_average
 

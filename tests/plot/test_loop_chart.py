@@ -7,7 +7,7 @@ from metrosep.compensation.closed_loop import iterate_loop, run_closed_loop
 from metrosep.compensation.knots import choose_knots
 from metrosep.compensation.loop_machines import AxisMachine, FaceMachine
 from metrosep.core.errors import DataError
-from metrosep.plot.loop_chart import (
+from metrosep.plot.servo_chart import (
     closed_loop_maps,
     closed_loop_plot,
     knots_plot,

@@ -5,7 +5,7 @@ import pytest
 
 from metrosep.core.errors import DataError
 from metrosep.plot.maps import separation_maps
-from metrosep.separation.null_space import Unobservable
+from metrosep.separation.contract import Unobservable
 
 PARTS = {
     "A": np.array([[5e-9, 0.0, 0.0], [0.0, np.nan, -1e-9]]),

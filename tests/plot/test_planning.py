@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from metrosep.core.errors import DataError
-from metrosep.plot.planning import plan_density, plan_sd
+from metrosep.plot.charts import plan_density, plan_sd
 from metrosep.separation.planner import plan_feedrates, predicted_sd
 
 

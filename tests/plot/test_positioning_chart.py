@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_hex
 
-from metrosep.plot.positioning import positioning_chart
+from metrosep.plot.charts import positioning_chart
 from metrosep.plot.style import COLOURS
 from metrosep.separation.positioning import iso230_2
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from metrosep.core.errors import DataError
-from metrosep.plot.probes import probe_gain_chart, probe_layout, probe_residuals
+from metrosep.plot.multipoint import probe_gain_chart, probe_layout, probe_residuals
 from metrosep.separation.contract import Separation
 from metrosep.separation.probe_angles import ProbeAngles, probe_gain
 from metrosep.separation.probe_check import check_probes

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from metrosep.core.errors import DataError
-from metrosep.plot.separation import parts_plot, reversal_quartet
-from metrosep.separation.face import face_reversal
+from metrosep.plot.summary import parts_plot, reversal_quartet
 from metrosep.separation.reversals import straightedge_reversal
-from metrosep.separation.roundness_reversal import donaldson
+from metrosep.separation.roundness_reversal import donaldson, face_reversal
 
 N = 72
 ANGLE = 2 * np.pi * np.arange(N) / N

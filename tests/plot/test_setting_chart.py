@@ -7,7 +7,7 @@ import pytest
 
 from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.forms import SineGrid
-from metrosep.plot.setting_chart import setting_map, setting_profiles
+from metrosep.plot.servo_chart import setting_map, setting_profiles
 from metrosep.process.setting_maps import SettingError
 from metrosep.process.tool_settings import ToolSetting
 

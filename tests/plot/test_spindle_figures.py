@@ -6,9 +6,8 @@ from matplotlib.collections import LineCollection
 from matplotlib.patches import Circle
 
 from metrosep.core.errors import DataError
-from metrosep.plot.harmonics import harmonic_bars, readable_unit
-from metrosep.plot.polar import polar_plot
-from metrosep.plot.speed_chart import speed_plot
+from metrosep.plot.multipoint import speed_plot
+from metrosep.plot.polar import harmonic_bars, polar_plot, readable_unit
 from metrosep.separation.speed_sweep import fit_speed_sweep
 from metrosep.separation.spindle import iso230_7
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from metrosep.core.errors import DataError
-from metrosep.plot.stitching import overlap_mismatch, stitch_layout, stitched_surface
+from metrosep.plot.maps import overlap_mismatch, stitch_layout, stitched_surface
 from metrosep.separation.periodic import periodic_error
 from metrosep.separation.stitching import stitch
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from metrosep.core.errors import DataError
-from metrosep.plot.trends import trend_chart
+from metrosep.plot.series_chart import trend_chart
 
 
 @pytest.fixture

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from metrosep.errors import DataError, InvalidSamplesError, TooFewSamplesError
-from metrosep.process import budget as budget_module
-from metrosep.process._drawn_pv import drawn_pv
-from metrosep.process.budget import Contribution, ErrorBudget
+from metrosep.process import predictions as budget_module
+from metrosep.process.follow_ups import drawn_pv
+from metrosep.process.predictions import Contribution, ErrorBudget
 
 NM = 1e-9
 ONE = [Contribution("a", map=[0.0, 1.0])]

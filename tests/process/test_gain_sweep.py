@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from metrosep.core.errors import DataError
-from metrosep.process.gain_sweep import stability_limits, sweep_gains
+from metrosep.process.drive import stability_limits, sweep_gains
 from metrosep.process.servo import Gains, ServoModel
 
 M, KI, KD = 0.009, 1e4, 1.5

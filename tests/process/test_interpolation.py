@@ -8,7 +8,7 @@ from scipy.interpolate import CubicSpline
 
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.process.interpolation import dense_rows, evaluate, fitted_heights, knot_slopes
-from metrosep.process.path_estimates import estimated_points, sine_path_error, sine_path_step
+from metrosep.process.path_errors import estimated_points, sine_path_error, sine_path_step
 
 ROUNDING = 1e-12
 """Of numbers near one in double precision, with some ten operations."""

@@ -8,11 +8,10 @@ import pytest
 from metrosep.core.profile import Profile
 from metrosep.errors import DataError, LimitError, TooFewSamplesError, UnitError
 from metrosep.forms import Conic, Expression, SineGrid, Sphere, Toric
-from metrosep.process._follow_result import FollowUpMap
-from metrosep.process.budget import Contribution
+from metrosep.process._motion import FollowUpMap
 from metrosep.process.jobs import TurningJob
 from metrosep.process.nose import RoundNose
-from metrosep.process.predictions import pv_quantities
+from metrosep.process.predictions import Contribution, pv_quantities
 from metrosep.process.setting_fit import identify_setting
 from metrosep.process.spirals import SpiralPath
 from metrosep.process.tool_settings import ToolSetting

@@ -9,7 +9,7 @@ import pytest
 
 from metrosep.core.errors import DataError, InvalidSamplesError, LimitError
 from metrosep.forms import SineGrid
-from metrosep.process.path_estimates import estimated_points
+from metrosep.process.path_errors import estimated_points
 from metrosep.process.path_points import errors_by_count, points_for_tolerance
 from metrosep.process.spirals import SpiralPath
 

@@ -7,7 +7,7 @@ import pytest
 from metrosep.core.errors import RecipeError
 from metrosep.recipe import Recipe
 from metrosep.recipe.extends import split_record
-from metrosep.recipe.hashing import recipe_hash
+from metrosep.recipe.outputs import recipe_hash
 
 BASE = """metrosep = 1
 title = "base"

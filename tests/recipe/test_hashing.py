@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from metrosep.recipe import Recipe
-from metrosep.recipe.hashing import recipe_hash
+from metrosep.recipe.outputs import recipe_hash
 
 TEXT = """metrosep = 1
 title = "STS"

@@ -6,7 +6,7 @@ import pytest
 
 from metrosep import Recipe
 from metrosep.errors import RecipeError, TableError, WriteError
-from metrosep.recipe.staging import staged
+from metrosep.recipe.outputs import staged
 from metrosep.separation import machine_axis
 
 GOOD = """metrosep = 1

@@ -10,7 +10,7 @@ import pytest
 import metrosep as ms
 from metrosep.core.errors import RecipeError
 from metrosep.recipe.extends import split_record
-from metrosep.recipe.hashing import recipe_hash
+from metrosep.recipe.outputs import recipe_hash
 from metrosep.recipe.override_text import with_value
 from metrosep.recipe.overrides import with_overrides
 

@@ -9,8 +9,7 @@ import metrosep as ms
 from metrosep.core.errors import DataError, InvalidSamplesError, MetrosepError, TooFewSamplesError
 from metrosep.recipe import pipeline
 from metrosep.recipe.pipeline import STEPS, StepError, run_steps
-from metrosep.recipe.pipeline_mask import middle_of
-from metrosep.recipe.pipeline_outliers import neighbour_deviation
+from metrosep.recipe.pipeline_mask import middle_of, neighbour_deviation
 
 NM = 1e-9
 PITCH = 50e-6

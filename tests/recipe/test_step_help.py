@@ -13,8 +13,7 @@ from metrosep.recipe import Recipe
 from metrosep.recipe.described_steps import described_steps
 from metrosep.recipe.step_help import DEFAULTS, HELP, key_words
 from metrosep.recipe.steps import STEPS
-from metrosep.separation.average import separate_mean
-from metrosep.separation.entry import _OPTIONS, separate
+from metrosep.separation.entry import _OPTIONS, separate, separate_mean
 from metrosep.separation.fourier import SelectionRule, separate_kono
 from metrosep.separation.joint import separate_joint
 from metrosep.separation.planner import plan_feedrates

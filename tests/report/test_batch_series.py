@@ -7,8 +7,13 @@ import numpy as np
 import pytest
 
 from metrosep.core.errors import DataError
-from metrosep.report.index import batch_series, batch_table, render_index, series_section
-from metrosep.report.index_view import series_of
+from metrosep.report.index import (
+    batch_series,
+    batch_table,
+    render_index,
+    series_of,
+    series_section,
+)
 
 EXACT = 1e-15
 """Values are passed on as they are."""

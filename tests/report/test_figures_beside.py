@@ -7,7 +7,7 @@ import numpy as np
 import metrosep as ms
 from metrosep.recipe import Recipe
 from metrosep.report import render_html
-from metrosep.report.figures import figures_of, width_of
+from metrosep.report.html import figures_of, width_of
 
 RECIPE = """metrosep = 1
 [input]

@@ -12,8 +12,7 @@ import openpyxl
 import pytest
 
 from metrosep.core.errors import DataError
-from metrosep.report.index import render_index, write_index
-from metrosep.report.index_view import link_of, series_of, spark_points
+from metrosep.report.index import link_of, render_index, series_of, spark_points, write_index
 from metrosep.report.index_workbook import render_index_workbook, write_index_workbook
 
 HOSTILE = "<script>alert('x')</script>\n\"=1+1\" ü 量 " + "x" * 500

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from metrosep.core.errors import DataError, TooFewSamplesError
-from metrosep.separation.combine import combine_harmonics
 from metrosep.separation.probes import multiprobe
-from metrosep.separation.roundness_reversal import donaldson
+from metrosep.separation.roundness_reversal import combine_harmonics, donaldson
 from metrosep.separation.steps import multistep
 
 N, KMAX, S = 180, 26, 1e-9

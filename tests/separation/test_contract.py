@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from metrosep.core.errors import DataError
-from metrosep.separation.contract import Separation
-from metrosep.separation.null_space import Unobservable, suppressed_harmonics
+from metrosep.separation.contract import Separation, Unobservable, suppressed_harmonics
 
 
 @pytest.fixture

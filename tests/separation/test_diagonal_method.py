@@ -5,7 +5,7 @@ import pytest
 from contracts.separation import SeparationContract
 
 from metrosep.core.errors import MetrosepError
-from metrosep.separation.diagonal_method import Diagonals
+from metrosep.separation.diagonals import Diagonals
 from metrosep.separation.squareness import squareness_from_diagonals
 
 BODY = ("ppp", "npp", "pnp", "nnp")

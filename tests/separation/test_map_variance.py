@@ -8,9 +8,8 @@ import pytest
 from metrosep.separation._map_input import MapGrid
 from metrosep.separation._map_orders import combined
 from metrosep.separation._map_variance import TurnedNoise, overlap
-from metrosep.separation._rotation_solution import RotationSolver
 from metrosep.separation.flats import three_flat
-from metrosep.separation.rotations import rotation_average
+from metrosep.separation.rotations import RotationSolver, rotation_average
 
 ROUNDING = 1e-12
 

@@ -9,9 +9,9 @@ from metrosep.core.errors import (
     TooFewSamplesError,
     UnitError,
 )
-from metrosep.separation.index_detection import index_pulses
 from metrosep.separation.resampling import (
     cubic_interpolation_error,
+    index_pulses,
     resample_by_encoder,
     resample_by_index,
 )

@@ -5,13 +5,14 @@ import math
 import numpy as np
 import pytest
 
-from metrosep.separation._overlaps import overlaps_of, without_own_plane
-from metrosep.separation._stitch_grid import layout_of
-from metrosep.separation._stitch_input import pieces_of
-from metrosep.separation._stitch_iteration import ReferenceSystem
+from metrosep.separation._stitch_grid import layout_of, overlaps_of, pieces_of, without_own_plane
 from metrosep.separation._stitch_models import plain_problem, with_polynomials
-from metrosep.separation._stitch_solve import inverse_of, normal_matrix
-from metrosep.separation._stitch_terms import WindowTerms
+from metrosep.separation._stitch_solve import (
+    ReferenceSystem,
+    WindowTerms,
+    inverse_of,
+    normal_matrix,
+)
 from metrosep.separation.stitching import stitch
 
 ROUNDING = 1e-11

@@ -14,7 +14,6 @@ from metrosep.core.errors import (
 )
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
-from metrosep.spectral.band import Band
 from metrosep.spectral.density import (
     amplitude_spectrum,
     areal_psd,
@@ -22,6 +21,7 @@ from metrosep.spectral.density import (
     profile_psd,
     radial_psd,
 )
+from metrosep.spectral.dft import Band
 from metrosep.spectral.hann import coherent_gain, hann_weights, noise_bandwidth, taper_weights
 
 UM, NM = 1e-6, 1e-9
